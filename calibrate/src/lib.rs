@@ -1,0 +1,1 @@
+//! Registers every viewpoint in one frame, and makes the initial point cloud.

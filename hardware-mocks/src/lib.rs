@@ -1,0 +1,1 @@
+//! Emulated devices, and the stage that they film.

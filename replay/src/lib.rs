@@ -1,0 +1,1 @@
+//! Recorded sessions as live streams, the event simulator, and the dataset variants.

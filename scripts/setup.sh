@@ -1,0 +1,70 @@
+#!/usr/bin/env bash
+# Installs what erfgs needs on Debian 12 and what is missing only: a Vulkan driver that computes correctly without a
+# GPU, COLMAP, ffmpeg and, with --oracles, the Python environment that the cross-checks run in. Safe to run again.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+oracles=no
+for argument in "$@"; do
+  case "$argument" in
+    --oracles) oracles=yes ;;
+    -h|--help) sed -n '2,3p' "$0"; echo "usage: scripts/setup.sh [--oracles]"; exit 0 ;;
+    *) echo "setup.sh: unknown option $argument (see --help)" >&2; exit 2 ;;
+  esac
+done
+
+as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
+have() { dpkg-query -W -f='${Status}' "$1" 2>/dev/null | grep -q 'ok installed'; }
+
+updated=no
+update_once() {
+  if [ "$updated" = no ]; then as_root apt-get update -qq; updated=yes; fi
+}
+install() { # install PACKAGE...: the ones that are missing
+  local missing=()
+  for package in "$@"; do have "$package" || missing+=("$package"); done
+  [ ${#missing[@]} -eq 0 ] && return
+  update_once
+  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}"
+}
+
+if ! command -v apt-get >/dev/null; then
+  echo "setup.sh: this script knows Debian and Ubuntu. Elsewhere install a Vulkan driver, COLMAP (3.8 or 4.x) and" >&2
+  echo "          ffmpeg by hand, then run 'erfgs doctor' to see what is still missing." >&2
+  exit 1
+fi
+
+install build-essential pkg-config ca-certificates colmap ffmpeg
+
+if ! command -v cargo >/dev/null && [ ! -x "$HOME/.cargo/bin/cargo" ]; then
+  echo "setup.sh: Rust is missing. Install it from https://rustup.rs and run this again." >&2
+  exit 1
+fi
+
+# Debian 12's own lavapipe (22.3) ends every loop after 65,535 iterations without a word. Take Mesa 25 from backports.
+mesa=$(dpkg-query -W -f='${Version}' mesa-vulkan-drivers 2>/dev/null || echo 0)
+if dpkg --compare-versions "$mesa" lt 25; then
+  . /etc/os-release
+  if [ "${VERSION_CODENAME:-}" = bookworm ] && ! grep -rqs 'bookworm-backports' /etc/apt/sources.list /etc/apt/sources.list.d; then
+    uri=$(sed -n 's/^URIs: *//p' /etc/apt/sources.list.d/debian.sources 2>/dev/null | head -1)
+    printf 'Types: deb\nURIs: %s\nSuites: bookworm-backports\nComponents: main\nSigned-By: /usr/share/keyrings/debian-archive-keyring.gpg\n' \
+      "${uri:-http://deb.debian.org/debian}" | as_root tee /etc/apt/sources.list.d/bookworm-backports.sources >/dev/null
+    updated=no
+  fi
+  update_once
+  release=()
+  [ "${VERSION_CODENAME:-}" = bookworm ] && release=(-t bookworm-backports)
+  as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${release[@]}" mesa-vulkan-drivers libvulkan1
+fi
+
+if [ "$oracles" = yes ]; then
+  install python3 python3-venv
+  venv=target/oracles
+  stamp="$venv/requirements.stamp"
+  if ! cmp -s tests/oracles/requirements.txt "$stamp"; then
+    rm -rf "$venv"
+    python3 -m venv "$venv"
+    "$venv/bin/pip" install --quiet --disable-pip-version-check -r tests/oracles/requirements.txt
+    cp tests/oracles/requirements.txt "$stamp"
+  fi
+fi

@@ -1,0 +1,15 @@
+//! Datasets: a manifest, image files and event files in one folder. This is what `train` reads.
+//!
+//! ```text
+//! ds/dataset.json                 the manifest (see [`Manifest`])
+//! ds/images/<camera>/<index>.png  frames
+//! ds/events/<camera>.npz          events: t (i64, µs), x (u16), y (u16), p (u8, 1 = ON)
+//! ds/masks/<camera>/<index>.png   moving pixels (white), where given
+//! ds/points.ply                   the initial point cloud, where made
+//! ```
+
+mod manifest;
+
+pub use manifest::{
+    Camera, Dataset, EventFile, Frame, Manifest, Modality, PointCloudFile, Provenance, Split, VariantStep,
+};

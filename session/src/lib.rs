@@ -1,0 +1,14 @@
+//! The ground floor of erfgs: what was recorded.
+//!
+//! Times are `i64` nanoseconds on the session clock. Poses are world-to-camera, in metres, with OpenCV axes (x right,
+//! y down, z forward). Pixel centres lie at half-integers: the centre of the top-left pixel is (0.5, 0.5).
+
+pub mod camera;
+pub mod dataset;
+pub mod event;
+pub mod pose;
+
+pub use camera::{Distortion, Intrinsics};
+pub use dataset::{Camera, Dataset, EventFile, Frame, Manifest, Modality, Split};
+pub use event::{Event, Events};
+pub use pose::Pose;

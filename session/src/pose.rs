@@ -1,0 +1,102 @@
+//! Rigid world-to-camera transforms.
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// A rigid transform that takes world points (metres) to camera points: `x_camera = R x_world + t`.
+///
+/// In files it is written as `{"rotation_wxyz": [w, x, y, z], "translation_m": [x, y, z]}`, COLMAP's parametrisation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "PoseFile", into = "PoseFile")]
+pub struct Pose {
+    /// Unit quaternion of the world-to-camera rotation.
+    pub rotation: DQuat,
+    /// World-to-camera translation, metres.
+    pub translation: DVec3,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct PoseFile {
+    rotation_wxyz: [f64; 4],
+    translation_m: [f64; 3],
+}
+
+impl From<PoseFile> for Pose {
+    fn from(file: PoseFile) -> Self {
+        let [w, x, y, z] = file.rotation_wxyz;
+        Self { rotation: DQuat::from_xyzw(x, y, z, w).normalize(), translation: file.translation_m.into() }
+    }
+}
+
+impl From<Pose> for PoseFile {
+    fn from(pose: Pose) -> Self {
+        let q = pose.rotation;
+        Self { rotation_wxyz: [q.w, q.x, q.y, q.z], translation_m: pose.translation.to_array() }
+    }
+}
+
+impl Pose {
+    /// The transform that leaves points where they are.
+    pub const IDENTITY: Self = Self { rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+
+    /// From a rotation matrix and a translation; the matrix is projected onto the nearest rotation by normalisation.
+    #[must_use]
+    pub fn from_matrix(rotation: DMat3, translation: DVec3) -> Self {
+        Self { rotation: DQuat::from_mat3(&rotation).normalize(), translation }
+    }
+
+    /// The camera that stands at `eye` and looks at `target`; `down` is the world direction that points down the image.
+    #[must_use]
+    pub fn look_at(eye: DVec3, target: DVec3, down: DVec3) -> Self {
+        let forward = (target - eye).normalize();
+        let right = down.cross(forward).normalize();
+        let image_down = forward.cross(right);
+        let rotation = DMat3::from_cols(right, image_down, forward).transpose();
+        Self::from_matrix(rotation, -(rotation * eye))
+    }
+
+    /// A world point in camera coordinates, metres.
+    #[must_use]
+    pub fn transform(&self, world: DVec3) -> DVec3 {
+        self.rotation * world + self.translation
+    }
+
+    /// The camera-to-world transform.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let rotation = self.rotation.conjugate();
+        Self { rotation, translation: -(rotation * self.translation) }
+    }
+
+    /// The camera centre in world coordinates, metres.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        self.inverse().translation
+    }
+
+    /// The transform as a 4x4 matrix.
+    #[must_use]
+    pub fn matrix(&self) -> DMat4 {
+        DMat4::from_rotation_translation(self.rotation, self.translation)
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.rotation.is_finite() && self.translation.is_finite()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn look_at_puts_the_target_on_the_optical_axis() {
+        let pose = Pose::look_at(DVec3::new(1.0, -2.0, 3.0), DVec3::new(0.5, 0.0, 0.0), DVec3::Y);
+        let seen = pose.transform(DVec3::new(0.5, 0.0, 0.0));
+        assert!(seen.x.abs() < 1e-12 && seen.y.abs() < 1e-12 && seen.z > 0.0, "{seen}");
+        assert!(pose.transform(DVec3::new(0.5, 1.0, 0.0)).y > seen.y, "down in the world is down in the image");
+        assert!((pose.centre() - DVec3::new(1.0, -2.0, 3.0)).length() < 1e-12);
+    }
+}

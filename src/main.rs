@@ -1,0 +1,3 @@
+//! The command line of erfgs.
+
+fn main() {}

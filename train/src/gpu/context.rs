@@ -1,0 +1,283 @@
+//! Adapter choice, device and buffers.
+
+use std::sync::{Arc, Mutex};
+
+use bytemuck::Pod;
+use wgpu::util::DeviceExt;
+
+/// What can go wrong on the device.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// No adapter was found.
+    #[error(
+        "no Vulkan, Metal or DirectX 12 adapter was found{}; install a driver (on Debian 12: scripts/setup.sh brings Mesa's lavapipe 25 from backports) and see `erfgs doctor`",
+        filter.as_ref().map(|f| format!(" whose name contains '{f}'")).unwrap_or_default()
+    )]
+    NoAdapter {
+        /// The name that was asked for.
+        filter: Option<String>,
+    },
+    /// The adapter refused a device.
+    #[error("adapter '{adapter}' refused a device: {message}")]
+    Device {
+        /// Name of the adapter.
+        adapter: String,
+        /// What it said.
+        message: String,
+    },
+    /// The driver computes wrong results.
+    #[error(
+        "adapter '{adapter}' ({driver}) computes wrong results: {finding}; use another driver (Mesa 25 or later) or set VK_DRIVER_FILES to one"
+    )]
+    BrokenDriver {
+        /// Name of the adapter.
+        adapter: String,
+        /// Its driver.
+        driver: String,
+        /// What the canary found.
+        finding: String,
+    },
+    /// A buffer is larger than the adapter can bind.
+    #[error(
+        "'{label}' needs {needed} bytes, but adapter '{adapter}' binds at most {limit} at a time; use fewer Gaussians, a lower SH degree or a smaller image"
+    )]
+    TooLarge {
+        /// What the buffer holds.
+        label: String,
+        /// Name of the adapter.
+        adapter: String,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes that can be bound.
+        limit: u64,
+    },
+    /// The device reported an error after the fact.
+    #[error("the device failed while {doing}: {message}")]
+    Failed {
+        /// What was being done.
+        doing: String,
+        /// What the device said.
+        message: String,
+    },
+}
+
+/// Which form of the kernels runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// Workgroups of 256 threads, shared memory, everything stays on the device.
+    Gpu,
+    /// Several pixels a thread, no barriers, matrix products and sorting on the host.
+    Cpu,
+}
+
+/// Which adapter to open.
+#[derive(Clone, Debug, Default)]
+pub struct AdapterChoice {
+    /// Take the first adapter whose name contains this (ignoring case).
+    pub name: Option<String>,
+    /// Use this kernel shape whatever the adapter's type.
+    pub shape: Option<Shape>,
+}
+
+/// An open device.
+#[derive(Debug)]
+pub struct Gpu {
+    /// The wgpu device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// What the adapter says of itself.
+    pub info: wgpu::AdapterInfo,
+    /// The limits of the device.
+    pub limits: wgpu::Limits,
+    /// Which form of the kernels runs here.
+    pub shape: Shape,
+    /// Whether storage buffers can be mapped in place.
+    pub mappable: bool,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the adapter of `choice`; without a name a discrete or integrated GPU is preferred to a software adapter.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] and [`GpuError::Device`].
+    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        if let Some(filter) = &choice.name {
+            let filter = filter.to_lowercase();
+            adapters.retain(|adapter| adapter.get_info().name.to_lowercase().contains(&filter));
+        }
+        let rank = |adapter: &wgpu::Adapter| match adapter.get_info().device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu | wgpu::DeviceType::Other => 2,
+            wgpu::DeviceType::Cpu => 3,
+        };
+        let adapter =
+            adapters.into_iter().min_by_key(rank).ok_or_else(|| GpuError::NoAdapter { filter: choice.name.clone() })?;
+        let info = adapter.get_info();
+        let features = adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
+        let shape = choice.shape.unwrap_or(match info.device_type {
+            wgpu::DeviceType::Cpu => Shape::Cpu,
+            _ => Shape::Gpu,
+        });
+        let limits = adapter.limits();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("erfgs"),
+            required_features: features,
+            required_limits: limits.clone(),
+            ..Default::default()
+        }))
+        .map_err(|error| GpuError::Device { adapter: info.name.clone(), message: error.to_string() })?;
+        let failure = Arc::new(Mutex::new(None));
+        let record = Arc::clone(&failure);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            if let Ok(mut slot) = record.lock() {
+                slot.get_or_insert_with(|| error.to_string());
+            }
+        }));
+        let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
+        Ok(Self { device, queue, info, limits, shape, mappable, failure })
+    }
+
+    /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] where the adapter cannot bind it.
+    pub fn storage(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+        let size = bytes.max(16).next_multiple_of(16);
+        let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
+        if size > limit {
+            return Err(GpuError::TooLarge {
+                label: label.into(),
+                adapter: self.info.name.clone(),
+                needed: size,
+                limit,
+            });
+        }
+        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage: self.storage_usage(),
+            mapped_at_creation: false,
+        }))
+    }
+
+    /// A storage buffer that holds `data`.
+    ///
+    /// # Errors
+    /// As [`Gpu::storage`].
+    pub fn storage_from<T: Pod>(&self, label: &str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
+        let buffer = self.storage(label, size_of_val(data) as u64)?;
+        self.upload(&buffer, 0, data);
+        Ok(buffer)
+    }
+
+    /// A uniform buffer that holds `value`.
+    pub fn uniform<T: Pod>(&self, label: &str, value: &T) -> wgpu::Buffer {
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some(label),
+            contents: bytemuck::bytes_of(value),
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        })
+    }
+
+    /// Writes `data` into `buffer` from byte `offset` on. Takes effect before the next submission.
+    pub fn upload<T: Pod>(&self, buffer: &wgpu::Buffer, offset: u64, data: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        if bytes.is_empty() {
+            return;
+        }
+        self.queue.write_buffer(buffer, offset, bytes);
+    }
+
+    /// Waits for the device, then lends the first `counts[i]` elements of each buffer to `read`. On a mappable adapter
+    /// nothing is copied.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn read<T: Pod, R>(
+        &self,
+        buffers: &[(&wgpu::Buffer, usize)],
+        read: impl FnOnce(&[&[T]]) -> R,
+    ) -> Result<R, GpuError> {
+        let bytes_of = |count: usize| ((count * size_of::<T>()) as u64).next_multiple_of(8).max(8);
+        let mapped: Vec<wgpu::Buffer> = if self.mappable {
+            buffers.iter().map(|(buffer, _)| (*buffer).clone()).collect()
+        } else {
+            let mut encoder = self.device.create_command_encoder(&Default::default());
+            let copies = buffers
+                .iter()
+                .map(|(buffer, count)| {
+                    let size = bytes_of(*count);
+                    let copy = self.device.create_buffer(&wgpu::BufferDescriptor {
+                        label: Some("read back"),
+                        size,
+                        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                        mapped_at_creation: false,
+                    });
+                    encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, size);
+                    copy
+                })
+                .collect();
+            self.queue.submit([encoder.finish()]);
+            copies
+        };
+        for (buffer, (_, count)) in mapped.iter().zip(buffers) {
+            buffer.slice(..bytes_of(*count)).map_async(wgpu::MapMode::Read, |_| {});
+        }
+        self.wait("reading results back")?;
+        let failed = |error: wgpu::MapRangeError| GpuError::Failed {
+            doing: "mapping a buffer".into(),
+            message: error.to_string(),
+        };
+        let result = {
+            let views = mapped
+                .iter()
+                .zip(buffers)
+                .map(|(buffer, (_, count))| buffer.slice(..bytes_of(*count)).get_mapped_range())
+                .collect::<Result<Vec<_>, _>>()
+                .map_err(failed)?;
+            let slices: Vec<&[T]> = views
+                .iter()
+                .zip(buffers)
+                .map(|(view, (_, count))| bytemuck::cast_slice(&view[..count * size_of::<T>()]))
+                .collect();
+            read(&slices)
+        };
+        for buffer in &mapped {
+            buffer.unmap();
+        }
+        Ok(result)
+    }
+
+    /// A copy of the first `count` elements of `buffer`.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn download<T: Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
+        self.read(&[(buffer, count)], |slices| slices[0].to_vec())
+    }
+
+    /// Waits until everything submitted is done, and reports what failed meanwhile.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn wait(&self, doing: &str) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        let failure = self.failure.lock().ok().and_then(|mut slot| slot.take());
+        match (polled, failure) {
+            (_, Some(message)) => Err(GpuError::Failed { doing: doing.into(), message }),
+            (Err(error), None) => Err(GpuError::Failed { doing: doing.into(), message: error.to_string() }),
+            (Ok(_), None) => Ok(()),
+        }
+    }
+
+    fn storage_usage(&self) -> wgpu::BufferUsages {
+        use wgpu::BufferUsages as Usage;
+        let base = Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST | Usage::INDIRECT;
+        if self.mappable { base | Usage::MAP_READ } else { base }
+    }
+}

@@ -1,0 +1,41 @@
+//! Compute kernels: WGSL text with its shared parts, one entry point `main`, one bind group.
+
+use super::Gpu;
+
+/// A buffer as a kernel sees it, in the order of its `@binding` numbers.
+pub type Binding<'a> = &'a wgpu::Buffer;
+
+/// A compiled compute kernel.
+#[derive(Debug)]
+pub struct Kernel {
+    pub(super) label: String,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) layout: wgpu::BindGroupLayout,
+}
+
+impl Gpu {
+    /// Compiles a kernel. `parts` are joined in order: constants first, then shared WGSL, then the stage itself, whose
+    /// entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
+    ///
+    /// A WGSL error surfaces at the next [`Gpu::wait`].
+    pub fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
+        let source = parts.join("\n");
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(label),
+            layout: None,
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        });
+        let layout = pipeline.get_bind_group_layout(0);
+        Kernel { label: label.into(), pipeline, layout }
+    }
+}

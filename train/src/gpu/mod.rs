@@ -1,0 +1,15 @@
+//! The device that every kernel runs on: adapter choice, buffers, kernels, command recording.
+//!
+//! Kernels have two shapes (see [`Shape`]). The GPU shape uses workgroups of 256 threads and shared memory. The CPU
+//! shape, for software adapters such as lavapipe, gives each thread several pixels and uses no barriers; on such
+//! adapters matrix products and sorting run on the host, on buffers that are mapped in place.
+
+mod canary;
+mod commands;
+mod context;
+mod kernel;
+
+pub use canary::{Canary, run_canary};
+pub use commands::Commands;
+pub use context::{AdapterChoice, Gpu, GpuError, Shape};
+pub use kernel::{Binding, Kernel};

@@ -1,0 +1,3 @@
+//! The ERF-GS trainer on wgpu.
+
+pub mod gpu;
