@@ -1,1 +1,11 @@
 //! Registers every viewpoint in one frame, and makes the initial point cloud.
+//!
+//! [`cloud`] turns the frames of a dataset with known poses into coloured 3D points: through COLMAP with matching that
+//! uses the poses, through a dense plane sweep, or at random.
+
+pub mod cloud;
+
+pub use cloud::{
+    Cloud, CloudError, CloudOptions, CloudPoint, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions, Method,
+    Progress, Stage, SweepOptions, attach, initial_cloud,
+};

@@ -1,0 +1,141 @@
+//! What can go wrong while the initial point cloud is made.
+
+use std::{io, path::PathBuf};
+
+/// What can go wrong while the initial point cloud is made.
+#[derive(Debug, thiserror::Error)]
+pub enum CloudError {
+    /// Three views are needed to tell a right point from a wrong one.
+    #[error(
+        "the initial point cloud needs at least 3 training cameras with frames, and the dataset has {found}; \
+         give more cameras frames, or use --init random"
+    )]
+    TooFewCameras {
+        /// How many there are.
+        found: usize,
+    },
+    /// No time at which three cameras have a frame.
+    #[error(
+        "there is no time at which 3 training cameras have a frame (frames count as simultaneous within \
+         {tolerance_ns} ns); check the frame times in dataset.json"
+    )]
+    NoCommonInstant {
+        /// How far apart simultaneous frames may be labelled.
+        tolerance_ns: i64,
+    },
+    /// A frame that was asked for by name is missing.
+    #[error("no frame called '{name}' is shared by 3 training cameras; image files are named without their extension")]
+    UnknownFrame {
+        /// The name.
+        name: String,
+    },
+    /// A pose or intrinsics that no image can be projected with.
+    #[error("camera {camera}: {why}; correct its entry in dataset.json")]
+    DegenerateCamera {
+        /// Name of the camera.
+        camera: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// All cameras stand at one place.
+    #[error(
+        "all {cameras} training cameras stand within {spread_m:e} m of each other: without a baseline there is no depth; check the poses"
+    )]
+    NoBaseline {
+        /// How many cameras.
+        cameras: usize,
+        /// Their greatest distance.
+        spread_m: f64,
+    },
+    /// An option that makes no sense.
+    #[error("option {option}: {why}")]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// An image cannot be read or does not fit its camera.
+    #[error("camera {camera}, image {}: {why}", file.display())]
+    Image {
+        /// Name of the camera.
+        camera: String,
+        /// The image.
+        file: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// A file cannot be read or written.
+    #[error("while {doing} {}: {source}", path.display())]
+    Io {
+        /// What was being done.
+        doing: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's answer.
+        source: io::Error,
+    },
+    /// Neither a program nor pycolmap.
+    #[error(
+        "COLMAP was not found ({tried}); install it (Debian, Ubuntu: apt install colmap; any system: pip install \
+         pycolmap), or name it with --colmap PATH or --colmap pycolmap:PYTHON, or do without: --init sweep, --init random"
+    )]
+    ColmapMissing {
+        /// What was tried.
+        tried: String,
+    },
+    /// COLMAP ended with an error.
+    #[error("COLMAP's {step} failed ({status}) running '{command}'; its last words were:\n{log}")]
+    ColmapFailed {
+        /// `feature_extractor` or `point_triangulator`.
+        step: &'static str,
+        /// How the program ended.
+        status: String,
+        /// The command line.
+        command: String,
+        /// The end of what it printed.
+        log: String,
+    },
+    /// The database is not as expected.
+    #[error("while {doing} in COLMAP's database {}: {why}", path.display())]
+    Database {
+        /// What was being done.
+        doing: &'static str,
+        /// The database.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
+    /// COLMAP's model cannot be read or written.
+    #[error("COLMAP's model in {}: {why}", path.display())]
+    Model {
+        /// The folder of the model.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
+    /// Nothing to match.
+    #[error(
+        "COLMAP found only {found} features in {images} images; the images may be black, tiny or blurred: try other \
+         frames, or a lower peak threshold, or --init sweep or random"
+    )]
+    TooFewFeatures {
+        /// How many features.
+        found: usize,
+        /// In how many images.
+        images: usize,
+    },
+    /// Next to nothing was found.
+    #[error(
+        "the {method} cloud has only {found} points (at least {needed} are needed); check that poses and intrinsics \
+         belong to the images, widen the depth range, or use --init random"
+    )]
+    TooFewPoints {
+        /// The method.
+        method: &'static str,
+        /// How many points it found.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+}
