@@ -1,0 +1,74 @@
+//! `run.json`: what ran.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// Something that the trainer did not do because the scene does not need it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// What was left out, for instance `deformation of static Gaussians`.
+    pub what: String,
+    /// Why the scene does not need it.
+    pub why: String,
+    /// What that saved, with units, for instance `61 % of field time`.
+    pub saves: String,
+}
+
+/// What `run.json` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunInfo {
+    /// Always `erfgs-run`.
+    pub format: String,
+    /// Version of the run folder's format; this program writes and reads [`RunInfo::FORMAT_VERSION`].
+    pub format_version: u32,
+    /// `4dgs` or `erf-gs`.
+    pub method: String,
+    /// The preset that the configuration started from: `paper`, `released-code`, `default`.
+    pub preset: String,
+    /// The dataset's folder, as it was opened.
+    pub dataset: PathBuf,
+    /// The dataset's name.
+    #[serde(default)]
+    pub dataset_name: String,
+    /// SHA-256 (hexadecimal) of the dataset's manifest: runs with the same value saw the same data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dataset_sha256: Option<String>,
+    /// Name of the graphics adapter.
+    pub adapter: String,
+    /// Its driver, with version.
+    pub driver: String,
+    /// Version of erfgs.
+    pub version: String,
+    /// Seed of everything random in the run.
+    pub seed: u64,
+    /// What was left out, why, and what that saved.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
+}
+
+impl RunInfo {
+    /// The value of [`RunInfo::format`].
+    pub const FORMAT: &str = "erfgs-run";
+    /// The version of the format.
+    pub const FORMAT_VERSION: u32 = 1;
+}
+
+impl Default for RunInfo {
+    fn default() -> Self {
+        Self {
+            format: Self::FORMAT.into(),
+            format_version: Self::FORMAT_VERSION,
+            method: String::new(),
+            preset: String::new(),
+            dataset: PathBuf::new(),
+            dataset_name: String::new(),
+            dataset_sha256: None,
+            adapter: String::new(),
+            driver: String::new(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            seed: 0,
+            left_out: Vec::new(),
+        }
+    }
+}
