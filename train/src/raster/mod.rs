@@ -1,0 +1,5 @@
+//! The tile rasteriser, forward and backward.
+
+mod buffers;
+
+pub use buffers::Deltas;

@@ -1,0 +1,1 @@
+//! Plain `f64` twins of the kernels: the definitions that those are tested against.
