@@ -3,12 +3,24 @@
 //! Times are `i64` nanoseconds on the session clock. Poses are world-to-camera, in metres, with OpenCV axes (x right,
 //! y down, z forward). Pixel centres lie at half-integers: the centre of the top-left pixel is (0.5, 0.5).
 
+pub mod atomic;
 pub mod camera;
+pub mod colmap;
 pub mod dataset;
 pub mod event;
+pub mod image;
+pub mod import;
+pub mod npz;
+pub mod ply;
 pub mod pose;
+pub mod progress;
+pub mod random;
+pub mod undistort;
 
 pub use camera::{Distortion, Intrinsics};
 pub use dataset::{Camera, Dataset, EventFile, Frame, Manifest, Modality, Split};
 pub use event::{Event, Events};
+pub use image::{ImageGrey8, ImageRgb8};
+pub use ply::PointCloud;
 pub use pose::Pose;
+pub use progress::Progress;

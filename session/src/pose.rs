@@ -24,7 +24,7 @@ struct PoseFile {
 impl From<PoseFile> for Pose {
     fn from(file: PoseFile) -> Self {
         let [w, x, y, z] = file.rotation_wxyz;
-        Self { rotation: DQuat::from_xyzw(x, y, z, w).normalize(), translation: file.translation_m.into() }
+        Self { rotation: DQuat::from_xyzw(x, y, z, w), translation: file.translation_m.into() }
     }
 }
 

@@ -8,8 +8,13 @@
 //! ds/points.ply                   the initial point cloud, where made
 //! ```
 
+mod error;
+mod files;
+mod hashes;
 mod manifest;
+mod validate;
 
+pub use error::DatasetError;
 pub use manifest::{
     Camera, Dataset, EventFile, Frame, Manifest, Modality, PointCloudFile, Provenance, Split, VariantStep,
 };

@@ -1,0 +1,315 @@
+//! 8-bit images in memory and in PNG and JPEG files.
+
+use std::{
+    fs::File,
+    io::{BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use image::{
+    ExtendedColorType, ImageBuffer, ImageEncoder, Luma, Rgb,
+    codecs::png::{CompressionType, FilterType, PngEncoder},
+    imageops,
+};
+
+/// What can go wrong with an image file.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// The file cannot be opened or written.
+    #[error("cannot {doing} image {}: {source}", path.display())]
+    Io {
+        /// `read` or `write`.
+        doing: &'static str,
+        /// The image file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is no image that can be decoded.
+    #[error("cannot decode image {}: {source}; check that it is a complete PNG or JPEG file", path.display())]
+    Decode {
+        /// The image file.
+        path: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+    /// The image cannot be encoded.
+    #[error("cannot encode image {}: {source}", path.display())]
+    Encode {
+        /// The image file.
+        path: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+}
+
+/// How an image is resized.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Resample {
+    /// The mean over the source area that a target pixel covers (OpenCV's `INTER_AREA` when shrinking). Keeps masks and
+    /// event counts meaningful and never rings; what v2e does.
+    #[default]
+    Area,
+    /// Lanczos with three lobes, widened when shrinking. Sharper, may ring at edges; what 4DGS uses for Neu3D.
+    Lanczos,
+}
+
+/// A colour image: `data` holds `height` rows of `width` pixels of red, green, blue, sRGB-encoded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageRgb8 {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `width * height * 3` bytes.
+    pub data: Vec<u8>,
+}
+
+/// A grey image: `data` holds `height` rows of `width` values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageGrey8 {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `width * height` bytes.
+    pub data: Vec<u8>,
+}
+
+impl ImageRgb8 {
+    /// A black image.
+    #[must_use]
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, data: vec![0; width as usize * height as usize * 3] }
+    }
+
+    /// Reads a PNG or JPEG file. Grey images are spread to three channels, 16-bit ones reduced to 8, alpha dropped.
+    ///
+    /// # Errors
+    /// If the file is missing, cut short or no image.
+    pub fn read(path: &Path) -> Result<Self, ImageError> {
+        let image = decode(path)?.into_rgb8();
+        Ok(Self { width: image.width(), height: image.height(), data: image.into_raw() })
+    }
+
+    /// Writes a PNG file (fast compression; the same image gives the same bytes), making its folder where needed.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or `data` has the wrong length.
+    pub fn write_png(&self, path: &Path) -> Result<(), ImageError> {
+        encode(path, &self.data, self.width, self.height, ExtendedColorType::Rgb8)
+    }
+
+    /// The red, green and blue value of the pixel in column `x` and row `y`.
+    ///
+    /// # Panics
+    /// If the pixel lies outside the image.
+    #[must_use]
+    pub fn pixel(&self, x: u32, y: u32) -> [u8; 3] {
+        let at = (y as usize * self.width as usize + x as usize) * 3;
+        [self.data[at], self.data[at + 1], self.data[at + 2]]
+    }
+
+    /// The image resized to `width` x `height` pixels.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32, how: Resample) -> Self {
+        Self { width, height, data: resize::<Rgb<u8>, 3>(&self.data, [self.width, self.height], [width, height], how) }
+    }
+
+    /// Luma of every pixel, 0..=255: 0.299 R + 0.587 G + 0.114 B of the encoded values, not rounded.
+    #[must_use]
+    pub fn luma(&self) -> Vec<f32> {
+        self.data
+            .chunks_exact(3)
+            .map(|p| 0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2]))
+            .collect()
+    }
+}
+
+impl ImageGrey8 {
+    /// A black image.
+    #[must_use]
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, data: vec![0; width as usize * height as usize] }
+    }
+
+    /// Reads a PNG or JPEG file. Colour is reduced to luma, 1-bit values become 0 and 255.
+    ///
+    /// # Errors
+    /// If the file is missing, cut short or no image.
+    pub fn read(path: &Path) -> Result<Self, ImageError> {
+        let image = decode(path)?.into_luma8();
+        Ok(Self { width: image.width(), height: image.height(), data: image.into_raw() })
+    }
+
+    /// Writes a PNG file, making its folder where needed.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or `data` has the wrong length.
+    pub fn write_png(&self, path: &Path) -> Result<(), ImageError> {
+        encode(path, &self.data, self.width, self.height, ExtendedColorType::L8)
+    }
+
+    /// The image resized to `width` x `height` pixels.
+    #[must_use]
+    pub fn resized(&self, width: u32, height: u32, how: Resample) -> Self {
+        Self { width, height, data: resize::<Luma<u8>, 1>(&self.data, [self.width, self.height], [width, height], how) }
+    }
+
+    /// Every value made 0 or 255: 255 where it is at least 128.
+    #[must_use]
+    pub fn binarised(mut self) -> Self {
+        self.data.iter_mut().for_each(|value| *value = if *value >= 128 { 255 } else { 0 });
+        self
+    }
+}
+
+fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
+    let io = |source| ImageError::Io { doing: "read", path: path.to_owned(), source };
+    // The content decides what the format is: folders of frames with a wrong extension are common.
+    let reader = image::ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?;
+    reader.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source })
+}
+
+fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {
+    let io = |source| ImageError::Io { doing: "write", path: path.to_owned(), source };
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(io)?;
+    }
+    let channels = if colour == ExtendedColorType::L8 { 1 } else { 3 };
+    if data.len() != width as usize * height as usize * channels {
+        let what = format!("{} bytes do not make {width} x {height} pixels", data.len());
+        return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)));
+    }
+    let mut file = BufWriter::new(File::create(path).map_err(io)?);
+    PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(data, width, height, colour)
+        .map_err(|source| ImageError::Encode { path: path.to_owned(), source })?;
+    file.flush().map_err(io)
+}
+
+fn resize<P, const C: usize>(data: &[u8], from: [u32; 2], to: [u32; 2], how: Resample) -> Vec<u8>
+where
+    P: image::Pixel<Subpixel = u8> + 'static,
+{
+    if from == to {
+        return data.to_vec();
+    }
+    match how {
+        Resample::Area => area::<C>(data, from, to),
+        Resample::Lanczos => match ImageBuffer::<P, &[u8]>::from_raw(from[0], from[1], data) {
+            Some(image) => imageops::resize(&image, to[0], to[1], imageops::FilterType::Lanczos3).into_raw(),
+            None => vec![0; to[0] as usize * to[1] as usize * C],
+        },
+    }
+}
+
+/// The overlap of target pixel `index` of `to` with the source pixels of a line of `from`: first pixel and weights.
+fn overlap(index: u32, from: u32, to: u32) -> (usize, Vec<f32>) {
+    let scale = f64::from(from) / f64::from(to);
+    let (start, end) = (f64::from(index) * scale, (f64::from(index) + 1.0) * scale);
+    let first = (start.floor() as usize).min(from.saturating_sub(1) as usize);
+    let last = (end.ceil() as usize).clamp(first + 1, (from as usize).max(first + 1));
+    let cover = |pixel: usize| (end.min(pixel as f64 + 1.0) - start.max(pixel as f64)).max(0.0);
+    let total: f64 = (first..last).map(cover).sum();
+    (first, (first..last).map(|pixel| (cover(pixel) / total.max(f64::MIN_POSITIVE)) as f32).collect())
+}
+
+fn area<const C: usize>(data: &[u8], from: [u32; 2], to: [u32; 2]) -> Vec<u8> {
+    if from.contains(&0) || data.len() < from[0] as usize * from[1] as usize * C {
+        return vec![0; to[0] as usize * to[1] as usize * C];
+    }
+    let columns: Vec<_> = (0..to[0]).map(|x| overlap(x, from[0], to[0])).collect();
+    let (stride, mut out) = (from[0] as usize * C, Vec::with_capacity(to[0] as usize * to[1] as usize * C));
+    let mut line = vec![0.0_f32; stride];
+    for y in 0..to[1] {
+        let (top, weights) = overlap(y, from[1], to[1]);
+        line.fill(0.0);
+        for (row, weight) in data.chunks_exact(stride).skip(top).zip(&weights) {
+            line.iter_mut().zip(row).for_each(|(sum, &value)| *sum += weight * f32::from(value));
+        }
+        for (left, weights) in &columns {
+            for channel in 0..C {
+                let sum: f32 = line[left * C + channel..].iter().step_by(C).zip(weights).map(|(v, w)| v * w).sum();
+                out.push((sum + 0.5) as u8);
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gradient(width: u32, height: u32) -> ImageRgb8 {
+        let mut image = ImageRgb8::new(width, height);
+        for (index, pixel) in image.data.chunks_exact_mut(3).enumerate() {
+            let (x, y) = (index as u32 % width, index as u32 / width);
+            pixel.copy_from_slice(&[(x * 7) as u8, (y * 11) as u8, (x * y) as u8]);
+        }
+        image
+    }
+
+    #[test]
+    fn png_keeps_every_byte() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/er/0000.png");
+        let image = gradient(37, 21);
+        image.write_png(&path).unwrap();
+        assert_eq!(ImageRgb8::read(&path).unwrap(), image);
+        let grey = ImageGrey8 { width: 3, height: 2, data: vec![0, 255, 7, 9, 128, 127] };
+        grey.write_png(&path).unwrap();
+        assert_eq!(ImageGrey8::read(&path).unwrap(), grey);
+        assert_eq!(grey.binarised().data, [0, 255, 0, 0, 255, 0]);
+    }
+
+    #[test]
+    fn a_png_cut_short_anywhere_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        gradient(5, 4).write_png(&path).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        // The last chunk (IEND, 12 bytes) carries nothing, and decoders may do without it.
+        for length in 0..whole.len() - 12 {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert!(ImageRgb8::read(&path).is_err(), "{length} of {} bytes", whole.len());
+        }
+    }
+
+    #[test]
+    fn halving_by_area_is_the_mean_of_four_pixels() {
+        let image = gradient(8, 6);
+        let half = image.resized(4, 3, Resample::Area);
+        for y in 0..3 {
+            for x in 0..4 {
+                for channel in 0..3 {
+                    let sum: u32 = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                        .iter()
+                        .map(|(dx, dy)| u32::from(image.pixel(2 * x + dx, 2 * y + dy)[channel]))
+                        .sum();
+                    assert_eq!(u32::from(half.pixel(x, y)[channel]), (sum + 2) / 4);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn both_filters_keep_a_flat_image_flat_at_any_size() {
+        let mut image = ImageRgb8::new(13, 9);
+        image.data.fill(201);
+        for how in [Resample::Area, Resample::Lanczos] {
+            for (width, height) in [(1, 1), (4, 3), (13, 9), (29, 40)] {
+                let resized = image.resized(width, height, how);
+                assert_eq!(resized.data, vec![201; (width * height * 3) as usize], "{how:?} {width}x{height}");
+            }
+        }
+    }
+
+    #[test]
+    fn luma_weighs_channels_as_opencv_does() {
+        let image = ImageRgb8 { width: 2, height: 1, data: vec![255, 0, 0, 10, 20, 30] };
+        let luma = image.luma();
+        assert!((luma[0] - 76.245).abs() < 1e-4 && (luma[1] - (2.99 + 11.74 + 3.42)).abs() < 1e-5);
+    }
+}
