@@ -1,5 +1,11 @@
-//! The tile rasteriser, forward and backward.
+//! The differentiable Gaussian rasteriser (Kerbl et al. 2023, with exact tile intersections).
 
 mod buffers;
+mod frame;
+mod rasteriser;
+mod types;
 
 pub use buffers::Deltas;
+pub use frame::Frame;
+pub use rasteriser::Rasteriser;
+pub use types::{CORE_STRIDE, GaussianBuffers, Gradients, RasterError, RenderOptions, View, sh_stride};
