@@ -16,7 +16,13 @@ impl Gpu {
     }
 }
 
-impl Commands<'_> {
+impl<'a> Commands<'a> {
+    /// The device that is recorded for.
+    #[must_use]
+    pub fn gpu(&self) -> &'a Gpu {
+        self.gpu
+    }
+
     /// Runs `groups` workgroups of `kernel`. Beyond 65,535 they are laid out in two dimensions: the kernel computes its
     /// linear workgroup index as `group.y * num_workgroups.x + group.x` and returns where it passes its count.
     pub fn dispatch(&mut self, kernel: &Kernel, bindings: &[Binding<'_>], groups: u32) {

@@ -1,1 +1,3 @@
 //! Plain `f64` twins of the kernels: the definitions that those are tested against.
+
+pub mod adam;
