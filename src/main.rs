@@ -1,3 +1,69 @@
-//! The command line of erfgs.
+//! `erfgs`: from synchronized RGB and event cameras to a sharp 4D reconstruction.
+//!
+//! One file per subcommand. What a command does lies in the library of its stage; here are arguments, progress, output
+//! and exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by the user.
 
-fn main() {}
+mod dataset;
+mod doctor;
+mod errors;
+mod info;
+mod interrupt;
+mod parse;
+mod progress;
+mod terminal;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::terminal::Terminal;
+
+/// From synchronized RGB and event cameras to a sharp 4D reconstruction.
+#[derive(Debug, Parser)]
+#[command(
+    name = "erfgs",
+    version,
+    arg_required_else_help = true,
+    subcommand_required = true,
+    after_help = "\
+Examples: from a multi-view recording to a report
+  erfgs dataset import panoptic DIR --frames 40..84 --scale 0.5 --out ds
+  erfgs dataset variant ds --subsample 4 --blur 3 --event-only 4 --out ds-dv
+  erfgs dataset points ds-dv
+  erfgs train ds-dv --method erf-gs --iterations 3000+14000 --out run
+  erfgs eval run
+  erfgs report run --out report.html
+
+`erfgs COMMAND --help` explains a command and gives examples; `erfgs doctor` says what this machine lacks."
+)]
+struct Cli {
+    #[command(flatten)]
+    terminal: Terminal,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Import, vary, check and complete datasets.
+    #[command(subcommand)]
+    Dataset(dataset::Command),
+    /// Say what a dataset, a run, a point cloud or an event file holds.
+    Info(info::Arguments),
+    /// Check this machine: adapter, driver, COLMAP, ffmpeg, and what to install.
+    Doctor(doctor::Arguments),
+}
+
+fn main() -> ExitCode {
+    let Cli { terminal, command } = Cli::parse();
+    terminal.start_log();
+    let done = match command {
+        Command::Dataset(command) => dataset::run(&command, &terminal),
+        Command::Info(arguments) => info::run(&arguments, &terminal),
+        Command::Doctor(arguments) => doctor::run(&arguments, &terminal),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => errors::report(&error),
+    }
+}

@@ -97,26 +97,42 @@ pub struct Gpu {
     failure: Arc<Mutex<Option<String>>>,
 }
 
+/// The adapters of this machine that kernels could run on, the preferred one first.
+pub fn adapters() -> Vec<wgpu::AdapterInfo> {
+    let mut found: Vec<_> = enumerate().iter().map(wgpu::Adapter::get_info).collect();
+    found.sort_by_key(rank);
+    found
+}
+
+fn enumerate() -> Vec<wgpu::Adapter> {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY))
+}
+
+fn rank(info: &wgpu::AdapterInfo) -> u32 {
+    match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu | wgpu::DeviceType::Other => 2,
+        wgpu::DeviceType::Cpu => 3,
+    }
+}
+
 impl Gpu {
     /// Opens the adapter of `choice`; without a name a discrete or integrated GPU is preferred to a software adapter.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::Device`].
     pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        let mut adapters = enumerate();
         if let Some(filter) = &choice.name {
             let filter = filter.to_lowercase();
             adapters.retain(|adapter| adapter.get_info().name.to_lowercase().contains(&filter));
         }
-        let rank = |adapter: &wgpu::Adapter| match adapter.get_info().device_type {
-            wgpu::DeviceType::DiscreteGpu => 0,
-            wgpu::DeviceType::IntegratedGpu => 1,
-            wgpu::DeviceType::VirtualGpu | wgpu::DeviceType::Other => 2,
-            wgpu::DeviceType::Cpu => 3,
-        };
-        let adapter =
-            adapters.into_iter().min_by_key(rank).ok_or_else(|| GpuError::NoAdapter { filter: choice.name.clone() })?;
+        let adapter = adapters
+            .into_iter()
+            .min_by_key(|adapter| rank(&adapter.get_info()))
+            .ok_or_else(|| GpuError::NoAdapter { filter: choice.name.clone() })?;
         let info = adapter.get_info();
         let features = adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
         let shape = choice.shape.unwrap_or(match info.device_type {

@@ -11,5 +11,5 @@ mod kernel;
 
 pub use canary::{Canary, run_canary};
 pub use commands::Commands;
-pub use context::{AdapterChoice, Gpu, GpuError, Shape};
+pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
 pub use kernel::{Binding, Kernel};

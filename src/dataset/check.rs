@@ -1,0 +1,38 @@
+//! `erfgs dataset check`: every file read, every number of the manifest checked.
+
+use std::path::PathBuf;
+
+use erfgs_session::Dataset;
+
+use crate::{info, terminal::Terminal};
+
+/// Read every file of a dataset and check it against the manifest.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  erfgs dataset check ds
+  erfgs dataset check ds --json | jq .cameras")]
+pub struct Arguments {
+    /// The dataset.
+    dataset: PathBuf,
+}
+
+/// Checks and says what the dataset holds.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let dataset = Dataset::load(&arguments.dataset)?;
+    dataset.verify()?;
+    let progress = terminal.progress("reading");
+    let total = dataset.manifest.cameras.len() as u64;
+    for (done, camera) in dataset.manifest.cameras.iter().enumerate() {
+        progress.update(done as u64, total, &format!("camera {}", camera.name));
+        for frame in &camera.frames {
+            dataset.read_image(camera, frame)?;
+            dataset.read_mask(camera, frame)?;
+        }
+        dataset.read_events(camera)?;
+    }
+    dataset.read_points()?;
+    drop(progress);
+    terminal.note("every file is as the manifest says");
+    info::dataset(&dataset, terminal)
+}

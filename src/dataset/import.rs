@@ -1,0 +1,111 @@
+//! `erfgs dataset import`: a recording in another tool's layout becomes a dataset.
+
+use std::path::PathBuf;
+
+use erfgs_session::{
+    Dataset,
+    image::Resample,
+    import::{ImportOptions, Layout, import},
+};
+
+use crate::{info, parse::FrameRange, terminal::Terminal};
+
+/// Make a dataset from a recording in another tool's layout.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Layouts:
+  panoptic    PanopticSports: train_meta.json, test_meta.json, ims/, seg/
+  neu3d       Neural 3D Video: cam00.mp4 ... (or folders of images) and poses_bounds.npy
+  nvidia      Nvidia dynamic scenes, multi-view packaging: mv_images/ and poses_bounds.npy
+  nerfstudio  transforms.json and what it names
+  colmap      a COLMAP model and folders of images
+
+Examples:
+  erfgs dataset import panoptic basketball --frames 40..84 --scale 0.5 --out ds
+  erfgs dataset import neu3d flame_steak --frames 0..299 --scale 0.5 --out ds
+  erfgs dataset import colmap scene --test cam00,cam07 --fps 60 --out ds")]
+pub struct Arguments {
+    /// How the recording is laid out.
+    layout: LayoutName,
+    /// The folder of the recording.
+    #[arg(value_name = "DIR")]
+    source: PathBuf,
+    /// The folder of the new dataset.
+    #[arg(long, value_name = "DATASET")]
+    out: PathBuf,
+    /// First and last frame, both included; numbered as in the source's file names (panoptic), else from 0.
+    #[arg(long, value_name = "FIRST..LAST")]
+    frames: Option<FrameRange>,
+    /// Size of the imported images as a fraction of the source's.
+    #[arg(long, value_name = "FACTOR", value_parser = scale)]
+    scale: Option<f64>,
+    /// How images are resized.
+    #[arg(long, value_enum, default_value_t = ResampleName::Area)]
+    resample: ResampleName,
+    /// Frames a second, where the source does not say or is wrong.
+    #[arg(long, value_name = "FPS")]
+    fps: Option<f64>,
+    /// Names of the held-out cameras, separated by commas; the layout's own choice without it.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    test: Option<Vec<String>>,
+    /// Threads; one for each core without it.
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum LayoutName {
+    Panoptic,
+    Neu3d,
+    Nvidia,
+    Nerfstudio,
+    Colmap,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum ResampleName {
+    /// Mean over the area of a new pixel.
+    Area,
+    /// Windowed sinc with three lobes.
+    Lanczos,
+}
+
+impl From<LayoutName> for Layout {
+    fn from(name: LayoutName) -> Self {
+        match name {
+            LayoutName::Panoptic => Self::Panoptic,
+            LayoutName::Neu3d => Self::Neu3d,
+            LayoutName::Nvidia => Self::Nvidia,
+            LayoutName::Nerfstudio => Self::Nerfstudio,
+            LayoutName::Colmap => Self::Colmap,
+        }
+    }
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(scale) if scale > 0.0 && scale <= 16.0 => Ok(scale),
+        _ => Err("a factor above 0 and at most 16 is needed, for example 0.5".into()),
+    }
+}
+
+/// Imports and says what came of it.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let options = ImportOptions {
+        frames: arguments.frames.map(|range| (range.first, range.last)),
+        scale: arguments.scale,
+        resample: match arguments.resample {
+            ResampleName::Area => Resample::Area,
+            ResampleName::Lanczos => Resample::Lanczos,
+        },
+        fps: arguments.fps,
+        test_cameras: arguments.test.clone(),
+        jobs: arguments.jobs,
+    };
+    let progress = terminal.progress("importing");
+    let dataset: Dataset = import(arguments.layout.into(), &arguments.source, &options, &arguments.out, &mut |step| {
+        progress.update(step.done, step.total, step.what);
+    })?;
+    drop(progress);
+    info::dataset(&dataset, terminal)
+}

@@ -1,0 +1,33 @@
+//! `erfgs dataset`: make, vary, complete and check datasets.
+
+mod check;
+mod import;
+pub mod points;
+mod undistort;
+
+use clap::Subcommand;
+
+use crate::terminal::Terminal;
+
+/// Import, vary, check and complete datasets.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Make a dataset from a recording in another tool's layout.
+    Import(import::Arguments),
+    /// Make the initial point cloud of a dataset.
+    Points(points::Arguments),
+    /// Read every file of a dataset and check it against the manifest.
+    Check(check::Arguments),
+    /// Make a dataset of ideal pinhole cameras.
+    Undistort(undistort::Arguments),
+}
+
+/// Runs the command.
+pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
+    match command {
+        Command::Import(arguments) => import::run(arguments, terminal),
+        Command::Points(arguments) => points::run(arguments, terminal),
+        Command::Check(arguments) => check::run(arguments, terminal),
+        Command::Undistort(arguments) => undistort::run(arguments, terminal),
+    }
+}

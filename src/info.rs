@@ -1,0 +1,285 @@
+//! `erfgs info`: what a dataset, a run, a point cloud or an event file holds.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_session::{Dataset, Modality, PointCloud, Split, npz};
+use erfgs_train::run::{Metrics, RunFolder, RunInfo};
+use serde::Serialize;
+
+use crate::{
+    errors::Usage,
+    progress::duration,
+    terminal::{Terminal, bytes, table, thousands},
+};
+
+/// Say what a dataset, a run, a point cloud or an event file holds.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  erfgs info ds-dv
+  erfgs info run --json | jq .metrics.psnr
+  erfgs info ds-dv/events/03.npz")]
+pub struct Arguments {
+    /// A dataset or run folder, a .ply point cloud, or .npz events.
+    path: PathBuf,
+}
+
+/// Looks at what `path` is and describes it.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let path = &arguments.path;
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+    let folder = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
+    let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    match (path.is_dir(), extension) {
+        (false, "ply") => points(path, terminal),
+        (false, "npz") => events(path, terminal),
+        // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
+        (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),
+        (true, _) => dataset(&Dataset::load(folder)?, terminal),
+        (false, _) if file_name == "run.json" => run_folder(folder, terminal),
+        (false, _) if file_name == Dataset::MANIFEST => dataset(&Dataset::load(folder)?, terminal),
+        (false, _) if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
+        (false, _) => Err(Usage(format!(
+            "'{}' is nothing that erfgs writes: give a dataset or run folder, a .ply or an .npz file",
+            path.display()
+        ))
+        .into()),
+    }
+}
+
+#[derive(Serialize)]
+struct DatasetSummary<'a> {
+    kind: &'static str,
+    folder: &'a Path,
+    name: &'a str,
+    importer: &'a str,
+    cameras: usize,
+    train_rgb: usize,
+    train_event: usize,
+    train_both: usize,
+    test: usize,
+    frames: usize,
+    width: u32,
+    height: u32,
+    distorted_cameras: usize,
+    span_seconds: f64,
+    events: u64,
+    masks: usize,
+    points: Option<u64>,
+    steps: Vec<String>,
+}
+
+/// Describes a dataset.
+pub fn dataset(dataset: &Dataset, terminal: &Terminal) -> anyhow::Result<()> {
+    let manifest = &dataset.manifest;
+    let frames = || manifest.cameras.iter().flat_map(|camera| &camera.frames);
+    let train = |modality| dataset.cameras(Split::Train).filter(|camera| camera.modality == modality).count();
+    let size = manifest.cameras.first().map_or((0, 0), |camera| (camera.intrinsics.width, camera.intrinsics.height));
+    let summary = DatasetSummary {
+        kind: "dataset",
+        folder: &dataset.root,
+        name: &manifest.name,
+        importer: &manifest.provenance.importer,
+        cameras: manifest.cameras.len(),
+        train_rgb: train(Modality::Rgb),
+        train_event: train(Modality::Event),
+        train_both: train(Modality::Both),
+        test: dataset.cameras(Split::Test).count(),
+        frames: frames().count(),
+        width: size.0,
+        height: size.1,
+        distorted_cameras: manifest
+            .cameras
+            .iter()
+            .filter(|camera| camera.intrinsics.distortion != erfgs_session::Distortion::None)
+            .count(),
+        span_seconds: (manifest.span_ns[1] - manifest.span_ns[0]) as f64 * 1e-9,
+        events: manifest.cameras.iter().filter_map(|camera| camera.events.as_ref()).map(|events| events.count).sum(),
+        masks: frames().filter(|frame| frame.mask.is_some()).count(),
+        points: manifest.points.as_ref().map(|points| points.count),
+        steps: manifest.variant.iter().map(|step| step.step.clone()).collect(),
+    };
+    terminal.result(&summary, || describe_dataset(&summary))
+}
+
+fn describe_dataset(summary: &DatasetSummary<'_>) -> String {
+    let steps = if summary.steps.is_empty() { "none".to_owned() } else { summary.steps.join(", ") };
+    let mut rows = vec![
+        ("dataset", format!("{} ({}), imported from {}", summary.name, summary.folder.display(), summary.importer)),
+        (
+            "cameras",
+            format!(
+                "{}: train on {} RGB, {} event, {} with both; {} held out",
+                summary.cameras, summary.train_rgb, summary.train_event, summary.train_both, summary.test
+            ),
+        ),
+        ("images", format!("{} of {} x {}", thousands(summary.frames as u64), summary.width, summary.height)),
+        ("time", format!("{:.3} s", summary.span_seconds)),
+        ("events", thousands(summary.events)),
+        ("masks", summary.masks.to_string()),
+        ("steps", steps),
+        ("points", summary.points.map_or("none; `erfgs dataset points` makes them".into(), thousands)),
+    ];
+    if summary.distorted_cameras > 0 {
+        let text =
+            format!("{} cameras; `erfgs dataset undistort` removes it before training", summary.distorted_cameras);
+        rows.push(("distortion", text));
+    }
+    key_value(rows)
+}
+
+fn key_value(rows: Vec<(&str, String)>) -> String {
+    table(&rows.into_iter().map(|(key, value)| vec![key.to_owned(), value]).collect::<Vec<_>>())
+}
+
+#[derive(Serialize)]
+struct RunSummary<'a> {
+    kind: &'static str,
+    folder: &'a Path,
+    run: RunInfo,
+    metrics: Option<Metrics>,
+    iterations: u64,
+    train_seconds: f64,
+    gaussians: u64,
+    checkpoint_bytes: Option<u64>,
+}
+
+fn run_folder(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
+    let folder = RunFolder::open(path)?;
+    let last = folder.read_curve().ok().and_then(|curve| curve.rows.last().cloned()).unwrap_or_default();
+    let metrics = if folder.metrics_file().is_file() { Some(folder.read_metrics()?) } else { None };
+    let summary = RunSummary {
+        kind: "run",
+        folder: path,
+        run: folder.read_info()?,
+        metrics,
+        iterations: last.iteration,
+        train_seconds: last.wall_seconds,
+        gaussians: last.gaussians,
+        checkpoint_bytes: folder.checkpoint_file().metadata().ok().map(|metadata| metadata.len()),
+    };
+    terminal.result(&summary, || describe_run(&summary))
+}
+
+fn describe_run(summary: &RunSummary<'_>) -> String {
+    let run = &summary.run;
+    let mut rows = vec![
+        ("run", format!("{}: {}, preset {}, seed {}", summary.folder.display(), run.method, run.preset, run.seed)),
+        ("dataset", format!("{} ({})", run.dataset_name, run.dataset.display())),
+        ("adapter", format!("{}, {}", run.adapter, run.driver)),
+        ("trained", format!("{} iterations in {}", thousands(summary.iterations), duration(summary.train_seconds))),
+        ("gaussians", thousands(summary.gaussians)),
+        (
+            "checkpoint",
+            summary
+                .checkpoint_bytes
+                .map_or("none".into(), |size| format!("{}; `erfgs train --resume` continues", bytes(size))),
+        ),
+    ];
+    match &summary.metrics {
+        Some(metrics) => {
+            let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2} dB"));
+            rows.push((
+                "held out",
+                format!(
+                    "PSNR {}, DPSNR {} (masks: {}), SSIM {:.3}",
+                    decibels(Some(metrics.psnr)),
+                    decibels(metrics.dpsnr),
+                    metrics.dpsnr_mask,
+                    metrics.ssim
+                ),
+            ));
+        }
+        None => rows.push(("held out", "not measured; `erfgs eval` does".into())),
+    }
+    for left_out in &run.left_out {
+        rows.push(("left out", format!("{}: {} (saves {})", left_out.what, left_out.why, left_out.saves)));
+    }
+    key_value(rows)
+}
+
+#[derive(Serialize)]
+struct PointSummary<'a> {
+    kind: &'static str,
+    file: &'a Path,
+    points: usize,
+    lower_m: [f32; 3],
+    upper_m: [f32; 3],
+}
+
+fn points(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
+    let cloud = PointCloud::read(path)?;
+    let bound = |pick: fn(f32, f32) -> f32| {
+        cloud
+            .positions
+            .iter()
+            .copied()
+            .reduce(|a, b| std::array::from_fn(|axis| pick(a[axis], b[axis])))
+            .unwrap_or_default()
+    };
+    let summary = PointSummary {
+        kind: "points",
+        file: path,
+        points: cloud.len(),
+        lower_m: bound(f32::min),
+        upper_m: bound(f32::max),
+    };
+    terminal.result(&summary, || {
+        let corner = |corner: [f32; 3]| corner.map(|value| format!("{value:.3}")).join(", ");
+        key_value(vec![
+            ("points", thousands(summary.points as u64)),
+            ("lower corner", format!("{} m", corner(summary.lower_m))),
+            ("upper corner", format!("{} m", corner(summary.upper_m))),
+        ])
+    })
+}
+
+#[derive(Serialize)]
+struct EventSummary<'a> {
+    kind: &'static str,
+    file: &'a Path,
+    events: usize,
+    on: usize,
+    off: usize,
+    width: u32,
+    height: u32,
+    first_us: Option<i64>,
+    last_us: Option<i64>,
+    /// Events a second, all pixels together.
+    rate_hz: Option<f64>,
+}
+
+fn events(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
+    let events = npz::read_events(path, None)?;
+    let on = events.on.iter().filter(|&&on| on).count();
+    let (first, last) = (events.t_us.first().copied(), events.t_us.last().copied());
+    let seconds = first.zip(last).map(|(first, last)| (last - first) as f64 * 1e-6).filter(|&seconds| seconds > 0.0);
+    let summary = EventSummary {
+        kind: "events",
+        file: path,
+        events: events.len(),
+        on,
+        off: events.len() - on,
+        width: events.width,
+        height: events.height,
+        first_us: first,
+        last_us: last,
+        rate_hz: seconds.map(|seconds| events.len() as f64 / seconds),
+    };
+    terminal.result(&summary, || {
+        key_value(vec![
+            (
+                "events",
+                format!(
+                    "{} ({} ON, {} OFF)",
+                    thousands(summary.events as u64),
+                    thousands(on as u64),
+                    thousands(summary.off as u64)
+                ),
+            ),
+            ("sensor", format!("{} x {}", summary.width, summary.height)),
+            ("time", first.zip(last).map_or("-".into(), |(first, last)| format!("{first} to {last} us"))),
+            ("rate", summary.rate_hz.map_or("-".into(), |rate| format!("{} events a second", thousands(rate as u64)))),
+        ])
+    })
+}

@@ -1,0 +1,156 @@
+//! Values of options that clap has no type for.
+
+use std::str::FromStr;
+
+/// Iterations of the coarse and the fine stage: `3000+14000`. One number alone means that many fine iterations.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Iterations {
+    /// Of the coarse stage; `None` leaves the preset's.
+    pub coarse: Option<u32>,
+    /// Of the fine stage.
+    pub fine: u32,
+}
+
+impl FromStr for Iterations {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |part: &str| {
+            part.trim()
+                .parse::<u32>()
+                .map_err(|_| format!("'{text}' is not COARSE+FINE iterations; write for example 3000+14000"))
+        };
+        match text.split_once('+') {
+            Some((coarse, fine)) => Ok(Self { coarse: Some(number(coarse)?), fine: number(fine)? }),
+            None => Ok(Self { coarse: None, fine: number(text)? }),
+        }
+    }
+}
+
+/// An inclusive range of frame indices: `40..84` are 45 frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRange {
+    /// First frame.
+    pub first: u64,
+    /// Last frame, included.
+    pub last: u64,
+}
+
+impl FromStr for FrameRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("'{text}' is not a range of frames; write for example 40..84 (both included)");
+        let (first, last) = text.split_once("..").ok_or_else(wrong)?;
+        let bound = |part: &str| part.strip_prefix('=').unwrap_or(part).parse::<u64>().map_err(|_| wrong());
+        let range = Self { first: bound(first)?, last: bound(last)? };
+        if range.first > range.last {
+            return Err(format!("'{text}' ends before it starts; write the lower frame first"));
+        }
+        Ok(range)
+    }
+}
+
+/// Cameras by number (a count that is spread evenly) or by name, separated by commas.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CameraChoice {
+    /// So many.
+    Count(usize),
+    /// These.
+    Names(Vec<String>),
+}
+
+impl FromStr for CameraChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Ok(count) = text.parse() {
+            return Ok(Self::Count(count));
+        }
+        let names: Vec<String> = text.split(',').map(|name| name.trim().to_owned()).collect();
+        if names.iter().any(String::is_empty) {
+            return Err(format!("'{text}' is neither a count nor a list of camera names such as 03,07,12"));
+        }
+        Ok(Self::Names(names))
+    }
+}
+
+/// Applies `key.path=value` to a TOML table. The value is read as TOML, and as a string where it is none.
+///
+/// The key must exist already, so that a misspelt one is an error and not a silent default.
+pub fn set(table: &mut toml::Table, assignment: &str) -> Result<(), String> {
+    let (path, value) = assignment
+        .split_once('=')
+        .ok_or_else(|| format!("'{assignment}' is not KEY=VALUE; write for example --set optimiser.sh_degree=2"))?;
+    let path: Vec<&str> = path.trim().split('.').collect();
+    let value = value.trim();
+    let parsed = toml::from_str::<toml::Table>(&format!("value = {value}"))
+        .ok()
+        .and_then(|mut parsed| parsed.remove("value"))
+        .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+    let (last, parents) = path.split_last().ok_or("an empty key")?;
+    let mut here = table;
+    for (depth, part) in parents.iter().enumerate() {
+        let known = known_keys(here);
+        here = here
+            .get_mut(*part)
+            .and_then(toml::Value::as_table_mut)
+            .ok_or_else(|| format!("there is no section '{}'; the keys there are {known}", path[..=depth].join(".")))?;
+    }
+    let known = known_keys(here);
+    let slot =
+        here.get_mut(*last).ok_or_else(|| format!("there is no '{}'; the keys there are {known}", path.join(".")))?;
+    // A whole number where a fraction is meant.
+    *slot = match (&*slot, parsed) {
+        (toml::Value::Float(_), toml::Value::Integer(whole)) => toml::Value::Float(whole as f64),
+        (_, other) => other,
+    };
+    Ok(())
+}
+
+fn known_keys(table: &toml::Table) -> String {
+    table.keys().map(String::as_str).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn iterations_are_coarse_plus_fine() {
+        assert_eq!("3000+14000".parse(), Ok(Iterations { coarse: Some(3000), fine: 14_000 }));
+        assert_eq!("500".parse(), Ok(Iterations { coarse: None, fine: 500 }));
+        for wrong in ["", "+", "3000+", "-1+5", "a+b"] {
+            assert!(wrong.parse::<Iterations>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn frame_ranges_include_both_ends() {
+        assert_eq!("40..84".parse(), Ok(FrameRange { first: 40, last: 84 }));
+        assert_eq!("40..=84".parse(), Ok(FrameRange { first: 40, last: 84 }));
+        for wrong in ["", "40", "40..", "84..40", "a..b", "1..2..3"] {
+            assert!(wrong.parse::<FrameRange>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn cameras_are_a_count_or_names() {
+        assert_eq!("4".parse(), Ok(CameraChoice::Count(4)));
+        assert_eq!("03, cam7".parse(), Ok(CameraChoice::Names(vec!["03".into(), "cam7".into()])));
+        assert!("a,,b".parse::<CameraChoice>().is_err());
+    }
+
+    #[test]
+    fn a_setting_replaces_a_known_key_and_names_the_others_otherwise() {
+        let mut table: toml::Table = toml::from_str("seed = 1\n[rates]\nmean = 0.1\nname = 'a'").expect("TOML");
+        for assignment in ["seed=7", "rates.mean=2", "rates.name=plain words"] {
+            set(&mut table, assignment).expect(assignment);
+        }
+        let expected = "seed = 7\n[rates]\nmean = 2.0\nname = 'plain words'";
+        assert_eq!(table, toml::from_str::<toml::Table>(expected).expect("TOML"));
+        let error = set(&mut table, "rates.sigma=1").expect_err("an unknown key");
+        assert!(error.contains("mean, name"), "{error}");
+        assert!(set(&mut table, "nowhere.mean=1").is_err() && set(&mut table, "seed").is_err());
+    }
+}
