@@ -1,7 +1,10 @@
 //! The ERF-GS trainer on wgpu.
 
+pub mod config;
 pub mod field;
+pub mod gaussians;
 pub mod gpu;
+pub mod losses;
 pub mod metrics;
 pub mod optimiser;
 pub mod raster;

@@ -1,3 +1,4 @@
 //! Plain `f64` twins of the kernels: the definitions that those are tested against.
 
 pub mod adam;
+pub mod losses;

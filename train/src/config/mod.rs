@@ -1,0 +1,356 @@
+//! The configuration of a training run. One TOML file, every field documented; the effective one is written into the
+//! run folder. Where the paper and the released code of ERF-GS disagree, the field says so and [`Preset`] picks.
+
+mod overrides;
+mod presets;
+
+use serde::{Deserialize, Serialize};
+
+pub use overrides::ConfigError;
+
+/// What is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// 4D Gaussian splatting from frames alone (the baseline).
+    #[serde(rename = "4dgs")]
+    FourDgs,
+    /// Event-RGB fusion: the same backbone with EARL and EDS.
+    ErfGs,
+}
+
+/// Where the defaults come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// ERF-GS as the paper writes it.
+    Paper,
+    /// ERF-GS as its released code does it.
+    ReleasedCode,
+    /// Ours: what gives the best moving pixels per second.
+    #[default]
+    Default,
+}
+
+/// A switch that the program may decide from the data.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Switch {
+    /// On where the data needs it.
+    #[default]
+    Auto,
+    /// Always on.
+    On,
+    /// Always off.
+    Off,
+}
+
+/// Everything that decides a training run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// What is trained.
+    pub method: Method,
+    /// Where the defaults came from.
+    pub preset: Preset,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Iterations of the coarse stage (no deformation, all times mixed).
+    pub coarse_iterations: u32,
+    /// Iterations of the fine stage.
+    pub fine_iterations: u32,
+    /// Samples an iteration.
+    pub batch: u32,
+    /// Colour behind everything, RGB in [0, 1].
+    pub background: [f32; 3],
+    /// Gaussians nearer than this are culled, metres.
+    pub near_m: f32,
+    /// Initialisation.
+    pub init: InitConfig,
+    /// Spherical harmonics.
+    pub sh: ShConfig,
+    /// Learning rates.
+    pub learning_rate: LearningRates,
+    /// The deformation field.
+    pub field: FieldOptions,
+    /// Adaptive density control.
+    pub density: DensityConfig,
+    /// Event-assisted regularised loss.
+    pub earl: EarlConfig,
+    /// Event-guided densification.
+    pub eds: EdsConfig,
+    /// Motion blur.
+    pub blur: BlurConfig,
+    /// Static Gaussians.
+    pub dynamic: DynamicConfig,
+    /// When to look at held-out cameras, and when to save.
+    pub evaluation: EvaluationConfig,
+}
+
+/// Initialisation of the Gaussians.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitConfig {
+    /// Points beyond this many are thinned out by a voxel grid.
+    pub max_points: u32,
+    /// Points to draw at random where the dataset has no point cloud and `random` is asked for.
+    pub random_points: u32,
+    /// Opacity at the start.
+    pub opacity: f32,
+}
+
+/// Spherical harmonics.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ShConfig {
+    /// Highest degree, 0 to 3.
+    pub max_degree: u32,
+    /// One degree more every this many iterations of the coarse stage and, where it is not at its highest by then, of
+    /// the fine stage.
+    pub raise_every: u32,
+}
+
+/// Learning rates. Those of positions, planes and the network are multiplied by the scene's extent and fall
+/// exponentially from the first to the last value over `decay_steps` iterations of a stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearningRates {
+    /// Positions: first, last.
+    pub position: [f32; 2],
+    /// The network of the field: first, last.
+    pub network: [f32; 2],
+    /// The planes of the field: first, last.
+    pub planes: [f32; 2],
+    /// SH coefficients of degree 0.
+    pub sh_dc: f32,
+    /// The other SH coefficients.
+    pub sh_rest: f32,
+    /// Opacity.
+    pub opacity: f32,
+    /// Log-scales.
+    pub scale: f32,
+    /// Quaternions.
+    pub rotation: f32,
+    /// Steps of the decay; 0 means the iterations of the stage.
+    pub decay_steps: u32,
+    /// Epsilon of Adam.
+    pub adam_epsilon: f32,
+}
+
+/// The deformation field (HexPlane and heads).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldOptions {
+    /// Multipliers of the spatial resolution, one level each.
+    pub levels: Vec<u32>,
+    /// Features a plane.
+    pub features: u32,
+    /// Cells along x, y and z at multiplier 1.
+    pub spatial_resolution: u32,
+    /// Rows along time. 0 means two for each RGB frame time.
+    pub time_resolution: u32,
+    /// Whether only the upper half of the time axis is used, as 4DGS does.
+    pub upper_half_time: bool,
+    /// Width of the network.
+    pub width: u32,
+    /// Depth of the trunk (0 and 1 are the same).
+    pub depth: u32,
+    /// Whether the last layer of every head starts at zero, so that the fine stage starts where the coarse one ended.
+    pub zero_heads: bool,
+    /// Whether the opacity is deformed.
+    pub opacity_head: bool,
+    /// Whether log-scales are deformed.
+    pub scale_head: bool,
+    /// Whether rotations are deformed.
+    pub rotation_head: bool,
+    /// Whether SH coefficients are deformed.
+    pub sh_head: bool,
+    /// Weight of the spatial smoothness of the planes.
+    pub weight_spatial: f32,
+    /// Weight of the smoothness along time.
+    pub weight_time: f32,
+    /// Weight of |1 - p| on the time planes.
+    pub weight_l1_time: f32,
+    /// Apply the plane regularisers every this many iterations, times as strong.
+    pub regularise_every: u32,
+    /// Whether the box of the planes encloses the moving Gaussians alone (so that no cell is spent on the background)
+    /// instead of the whole cloud.
+    pub box_of_moving: bool,
+}
+
+/// Clone, split and prune.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DensityConfig {
+    /// First iteration (of each stage) that may densify.
+    pub from: u32,
+    /// Densify every this many iterations.
+    pub every: u32,
+    /// Last iteration, as a share of the stage's iterations.
+    pub until: f32,
+    /// Mean screen-space gradient (NDC units) beyond which a Gaussian grows.
+    pub gradient_threshold: f32,
+    /// Gaussians larger than this share of the extent split, smaller ones are cloned.
+    pub split_extent: f32,
+    /// Above this many Gaussians nothing is added.
+    pub max_gaussians: u32,
+    /// Prune only above this many Gaussians (0: always).
+    pub prune_above: u32,
+    /// Gaussians less opaque than this are pruned.
+    pub min_opacity: f32,
+    /// Gaussians larger than this share of the extent are pruned (0: never).
+    pub max_extent: f32,
+    /// Gaussians wider than this share of the image are pruned (0: never).
+    pub max_screen: f32,
+    /// Reset opacities to at most 0.01 every this many iterations (0: never).
+    pub opacity_reset_every: u32,
+}
+
+/// How a rendered brightness change is compared with an event count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantise {
+    /// Truncate towards zero with a straight-through gradient (paper and code).
+    TruncateSte,
+    /// No loss while the change is within one threshold of the count, since the sensor's reference level at the start
+    /// of the window is unknown by that much.
+    DeadZone,
+    /// Compare the change itself.
+    None,
+}
+
+/// How the two times of an event sample are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pairing {
+    /// t is an RGB frame time, t' the end of a random bin before the next one (paper and code).
+    FrameAnchored,
+    /// t is any bin boundary, t' any later one up to an RGB interval away.
+    Any,
+}
+
+/// The norm of the event loss.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Norm {
+    /// Mean absolute difference (released code).
+    L1,
+    /// Mean squared difference (the paper's formula).
+    L2,
+}
+
+/// Event-assisted regularised loss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EarlConfig {
+    /// Whether events are used in the loss.
+    pub enabled: bool,
+    /// Weight of the event loss.
+    pub weight: f32,
+    /// Weight of the trajectory regulariser.
+    pub weight_trajectory: f32,
+    /// Weight of the colour regulariser.
+    pub weight_colour: f32,
+    /// Share of the samples that are event samples; 0 means their natural share among all samples.
+    pub share: f32,
+    /// First iteration of the fine stage with events.
+    pub from: u32,
+    /// How a change is compared with a count.
+    pub quantise: Quantise,
+    /// The norm.
+    pub norm: Norm,
+    /// Whether pixels are weighted by 1 / max(|E|, 1).
+    pub confidence: bool,
+    /// How the two times are drawn.
+    pub pairing: Pairing,
+    /// Bins an RGB interval; 0 means the subsampling factor of the dataset, or 8.
+    pub bins: u32,
+    /// Drop events without a neighbour in their bin (3 x 3 mean of the count at most 0.2).
+    pub denoise: bool,
+}
+
+/// Which candidates EDS keeps by their distance from the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Coherence {
+    /// The nearest (paper).
+    Smallest,
+    /// The farthest (released code).
+    Largest,
+}
+
+/// Event-guided densification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EdsConfig {
+    /// Whether events add Gaussians.
+    pub enabled: bool,
+    /// First iteration of the fine stage.
+    pub from: u32,
+    /// Every this many iterations.
+    pub every: u32,
+    /// Last iteration, as a share of the fine stage.
+    pub until: f32,
+    /// Nothing is added above this many Gaussians.
+    pub max_gaussians: u32,
+    /// Depths tried along a ray.
+    pub depths: u32,
+    /// Every how many pixels (along each axis) a ray starts.
+    pub stride: u32,
+    /// Source views a call, where there are more than this many event views; else one.
+    pub sources: u32,
+    /// Events (signed count) that a pixel needs.
+    pub min_events: f32,
+    /// Gaussians added a call.
+    pub count: u32,
+    /// Neighbours asked.
+    pub neighbours: u32,
+    /// Which candidates are coherent.
+    pub coherence: Coherence,
+    /// A candidate moves with its neighbours if they stay within this distance, as a share of the extent.
+    pub max_distance: f32,
+    /// Opacity logit of a new Gaussian.
+    pub opacity_logit: f32,
+}
+
+/// Motion blur of the frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BlurConfig {
+    /// Whether a frame is compared with the mean of renderings over its exposure. `auto`: in the fine stage, where the
+    /// manifest says that an exposure is longer than an instant.
+    pub model: Switch,
+    /// Renderings an exposure, spread evenly with both ends included.
+    pub samples: u32,
+    /// Where the blur model is off: the instant that a frame stands for, as a share of its exposure. `null` means the
+    /// label in the manifest.
+    pub instant: Option<f32>,
+}
+
+/// Which Gaussians the field deforms.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DynamicConfig {
+    /// Whether Gaussians in parts of the scene where nothing moves skip the field.
+    pub skip_static: bool,
+    /// A pixel moves if its colour leaves its median over time by more than this (of 1).
+    pub motion_threshold: f32,
+    /// Moving pixels are grown by this many pixels.
+    pub grow_px: u32,
+    /// A Gaussian moves if it projects onto moving pixels in at least this share of the cameras that have it in view.
+    pub share: f32,
+}
+
+/// Evaluation and checkpoints during training.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Evaluate on the held-out cameras every this many iterations (0: only at the end).
+    pub every: u32,
+    /// Use each n-th held-out frame during training; the final evaluation uses all of them.
+    pub frame_stride: u32,
+    /// Save a checkpoint every this many iterations.
+    pub checkpoint_every: u32,
+    /// Write a row of the curve every this many iterations.
+    pub log_every: u32,
+}

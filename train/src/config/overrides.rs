@@ -1,0 +1,168 @@
+//! Reading, writing and overriding a configuration.
+
+use super::Config;
+
+/// Why a configuration was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The text is not a configuration.
+    #[error("the configuration could not be read: {0}")]
+    Parse(#[from] toml::de::Error),
+    /// The configuration could not be written.
+    #[error("the configuration could not be written: {0}")]
+    Write(#[from] toml::ser::Error),
+    /// An override is not `key=value`.
+    #[error("'{0}' is not of the form key=value (for example density.every=200)")]
+    NotAnAssignment(String),
+    /// No such field.
+    #[error("there is no field '{key}' in the configuration; its fields are listed in config.toml of any run")]
+    UnknownKey {
+        /// The key that was asked for.
+        key: String,
+    },
+    /// A value makes no sense.
+    #[error("{key} = {value} is out of range: {reason}")]
+    OutOfRange {
+        /// The field.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        reason: &'static str,
+    },
+}
+
+impl Config {
+    /// The configuration as TOML.
+    ///
+    /// # Errors
+    /// [`ConfigError::Write`].
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        Ok(toml::to_string_pretty(self)?)
+    }
+
+    /// A configuration from TOML; every field must be there.
+    ///
+    /// # Errors
+    /// [`ConfigError::Parse`], [`ConfigError::OutOfRange`].
+    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
+        let config: Self = toml::from_str(text)?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Sets one field by its dotted name, as in `density.every=200`.
+    ///
+    /// # Errors
+    /// [`ConfigError::NotAnAssignment`], [`ConfigError::UnknownKey`], [`ConfigError::Parse`].
+    pub fn set(&mut self, assignment: &str) -> Result<(), ConfigError> {
+        let (key, value) = assignment.split_once('=').ok_or_else(|| ConfigError::NotAnAssignment(assignment.into()))?;
+        let (key, value) = (key.trim(), value.trim());
+        let mut root = toml::Table::try_from(&*self)?;
+        // A bare word is a string, so that `earl.norm=l2` needs no quotes.
+        let parse = |text: &str| toml::from_str::<toml::Table>(&format!("v = {text}")).ok();
+        let parsed = parse(value).or_else(|| parse(&format!("{value:?}")));
+        let mut value = parsed
+            .and_then(|mut table| table.remove("v"))
+            .ok_or_else(|| ConfigError::NotAnAssignment(assignment.into()))?;
+        let unknown = || ConfigError::UnknownKey { key: key.into() };
+        let (path, field) = key.rsplit_once('.').map_or((None, key), |(path, field)| (Some(path), field));
+        let mut table = &mut root;
+        for part in path.into_iter().flat_map(|path| path.split('.')) {
+            table = table.get_mut(part).and_then(toml::Value::as_table_mut).ok_or_else(unknown)?;
+        }
+        match table.get(field) {
+            Some(toml::Value::Float(_)) => {
+                if let toml::Value::Integer(whole) = value {
+                    value = toml::Value::Float(whole as f64);
+                }
+            }
+            Some(_) => {}
+            // The one field that may be absent.
+            None if key == "blur.instant" => {}
+            None => return Err(unknown()),
+        }
+        table.insert(field.into(), value);
+        let config: Self = root.try_into()?;
+        config.validate()?;
+        *self = config;
+        Ok(())
+    }
+
+    /// Whether every number makes sense.
+    ///
+    /// # Errors
+    /// [`ConfigError::OutOfRange`] names the first that does not.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let check = |good: bool, key: &'static str, value: String, reason: &'static str| {
+            if good { Ok(()) } else { Err(ConfigError::OutOfRange { key, value, reason }) }
+        };
+        check(self.batch >= 1 && self.batch <= 64, "batch", self.batch.to_string(), "1 to 64")?;
+        check(self.sh.max_degree <= 3, "sh.max_degree", self.sh.max_degree.to_string(), "0 to 3")?;
+        check(self.sh.raise_every >= 1, "sh.raise_every", self.sh.raise_every.to_string(), "at least 1")?;
+        check(self.near_m > 0.0, "near_m", self.near_m.to_string(), "above 0")?;
+        check(
+            self.init.opacity > 0.0 && self.init.opacity < 1.0,
+            "init.opacity",
+            self.init.opacity.to_string(),
+            "between 0 and 1",
+        )?;
+        check(self.density.every >= 1, "density.every", self.density.every.to_string(), "at least 1")?;
+        check(self.eds.every >= 1, "eds.every", self.eds.every.to_string(), "at least 1")?;
+        check(self.eds.stride >= 1, "eds.stride", self.eds.stride.to_string(), "at least 1")?;
+        check(self.eds.depths >= 2, "eds.depths", self.eds.depths.to_string(), "at least 2")?;
+        check(self.eds.neighbours >= 1, "eds.neighbours", self.eds.neighbours.to_string(), "at least 1")?;
+        check((1..=16).contains(&self.blur.samples), "blur.samples", self.blur.samples.to_string(), "1 to 16")?;
+        check(
+            (0.0..1.0).contains(&self.earl.share),
+            "earl.share",
+            self.earl.share.to_string(),
+            "at least 0 and below 1",
+        )?;
+        check(
+            !self.field.levels.is_empty() && self.field.levels.iter().all(|&level| (1..=16).contains(&level)),
+            "field.levels",
+            format!("{:?}", self.field.levels),
+            "one or more, each 1 to 16",
+        )?;
+        check(
+            (1..=64).contains(&self.field.features) && self.field.features.is_multiple_of(4),
+            "field.features",
+            self.field.features.to_string(),
+            "a multiple of 4 up to 64",
+        )?;
+        check(self.field.regularise_every >= 1, "field.regularise_every", "0".into(), "at least 1")?;
+        check(self.evaluation.log_every >= 1, "evaluation.log_every", "0".into(), "at least 1")?;
+        check(self.evaluation.frame_stride >= 1, "evaluation.frame_stride", "0".into(), "at least 1")?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Norm;
+
+    #[test]
+    fn a_field_is_set_by_its_dotted_name() {
+        let mut config = Config::default();
+        config.set("density.every=250").expect("a number");
+        config.set("earl.norm=l2").expect("a bare word");
+        config.set("earl.weight=1").expect("a whole number for a float");
+        config.set("field.levels=[1, 2, 4]").expect("a list");
+        config.set("blur.instant=0.5").expect("an optional field");
+        assert_eq!((config.density.every, config.earl.norm, config.earl.weight), (250, Norm::L2, 1.0));
+        assert_eq!((config.field.levels, config.blur.instant), (vec![1, 2, 4], Some(0.5)));
+    }
+
+    #[test]
+    fn a_wrong_name_or_value_is_refused_and_changes_nothing() {
+        let mut config = Config::default();
+        let before = config.clone();
+        assert!(matches!(config.set("density.evry=1"), Err(ConfigError::UnknownKey { .. })));
+        assert!(matches!(config.set("nothing"), Err(ConfigError::NotAnAssignment(_))));
+        assert!(matches!(config.set("batch=0"), Err(ConfigError::OutOfRange { .. })));
+        assert!(config.set("earl.norm=l7").is_err());
+        assert_eq!(config, before);
+    }
+}

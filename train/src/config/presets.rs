@@ -1,0 +1,191 @@
+//! The presets: the paper, its released code, and ours.
+
+use super::{
+    BlurConfig, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions,
+    InitConfig, LearningRates, Method, Norm, Pairing, Preset, Quantise, ShConfig, Switch,
+};
+
+impl Config {
+    /// The configuration of `preset` for `method`.
+    #[must_use]
+    pub fn preset(method: Method, preset: Preset) -> Self {
+        let mut config = match preset {
+            Preset::ReleasedCode => Self::released_code(),
+            Preset::Paper => Self::paper(),
+            Preset::Default => Self::ours(),
+        };
+        config.method = method;
+        config.preset = preset;
+        if method == Method::FourDgs {
+            config.earl.enabled = false;
+            config.eds.enabled = false;
+            // The baseline is 4DGS as published: it knows neither events nor a model of the exposure.
+            config.blur.model = Switch::Off;
+        }
+        config
+    }
+
+    /// ERF-GS as released, with the sizes of its Neu3D configuration.
+    fn released_code() -> Self {
+        Self {
+            method: Method::ErfGs,
+            preset: Preset::ReleasedCode,
+            seed: 0,
+            coarse_iterations: 3000,
+            fine_iterations: 14_000,
+            batch: 2,
+            background: [1.0; 3],
+            near_m: 0.2,
+            init: InitConfig { max_points: 40_000, random_points: 10_000, opacity: 0.1 },
+            sh: ShConfig { max_degree: 3, raise_every: 1000 },
+            learning_rate: LearningRates {
+                position: [1.6e-4, 1.6e-6],
+                network: [1.6e-4, 1.6e-5],
+                planes: [1.6e-3, 1.6e-4],
+                sh_dc: 2.5e-3,
+                sh_rest: 2.5e-3 / 20.0,
+                opacity: 0.05,
+                scale: 5e-3,
+                rotation: 1e-3,
+                decay_steps: 25_000,
+                adam_epsilon: 1e-8,
+            },
+            field: FieldOptions {
+                levels: vec![1, 2],
+                features: 16,
+                spatial_resolution: 64,
+                time_resolution: 150,
+                upper_half_time: true,
+                width: 128,
+                depth: 0,
+                zero_heads: false,
+                opacity_head: true,
+                scale_head: true,
+                rotation_head: true,
+                sh_head: true,
+                weight_spatial: 2e-4,
+                weight_time: 1e-3,
+                weight_l1_time: 1e-4,
+                regularise_every: 1,
+                box_of_moving: false,
+            },
+            density: DensityConfig {
+                from: 500,
+                every: 200,
+                until: 10_000.0 / 14_000.0,
+                gradient_threshold: 2e-4,
+                split_extent: 0.01,
+                max_gaussians: 200_000,
+                prune_above: 150_000,
+                min_opacity: 0.005,
+                max_extent: 0.0,
+                max_screen: 0.0,
+                opacity_reset_every: 0,
+            },
+            earl: EarlConfig {
+                enabled: true,
+                weight: 0.1,
+                weight_trajectory: 0.01,
+                weight_colour: 0.01,
+                share: 0.0,
+                from: 0,
+                quantise: Quantise::TruncateSte,
+                norm: Norm::L1,
+                confidence: true,
+                pairing: Pairing::FrameAnchored,
+                bins: 0,
+                denoise: true,
+            },
+            eds: EdsConfig {
+                enabled: true,
+                from: 500,
+                every: 200,
+                until: 10_000.0 / 14_000.0,
+                max_gaussians: 250_000,
+                depths: 200,
+                stride: 2,
+                sources: 3,
+                min_events: 1.0,
+                count: 1000,
+                neighbours: 3,
+                coherence: Coherence::Largest,
+                max_distance: 1.0,
+                opacity_logit: 1.0,
+            },
+            blur: BlurConfig { model: Switch::Off, samples: 3, instant: None },
+            dynamic: DynamicConfig { skip_static: false, motion_threshold: 0.06, grow_px: 2, share: 0.5 },
+            evaluation: EvaluationConfig { every: 1000, frame_stride: 4, checkpoint_every: 1000, log_every: 50 },
+        }
+    }
+
+    /// ERF-GS as the paper writes it: where the text differs from the released code.
+    fn paper() -> Self {
+        let mut config = Self::released_code();
+        config.preset = Preset::Paper;
+        config.eds.depths = 100;
+        config.eds.count = 500;
+        config.eds.coherence = Coherence::Smallest;
+        config
+    }
+
+    /// Ours.
+    fn ours() -> Self {
+        let mut config = Self::paper();
+        config.preset = Preset::Default;
+        config.batch = 1;
+        config.near_m = 0.05;
+        config.background = [0.0; 3];
+        config.sh.max_degree = 1;
+        config.learning_rate.decay_steps = 0;
+        config.learning_rate.adam_epsilon = 1e-15;
+        config.field.time_resolution = 0;
+        config.field.upper_half_time = false;
+        config.field.zero_heads = true;
+        config.field.sh_head = false;
+        config.field.regularise_every = 4;
+        config.field.box_of_moving = true;
+        config.density.every = 100;
+        config.density.until = 0.6;
+        config.density.max_gaussians = 60_000;
+        config.density.prune_above = 0;
+        config.density.max_extent = 0.5;
+        config.earl.share = 0.3;
+        config.earl.quantise = Quantise::DeadZone;
+        config.earl.pairing = Pairing::Any;
+        config.earl.denoise = false;
+        config.eds.max_gaussians = 60_000;
+        config.eds.count = 200;
+        config.eds.max_distance = 0.05;
+        config.blur = BlurConfig { model: Switch::Auto, samples: 3, instant: None };
+        config.dynamic.skip_static = true;
+        config
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::preset(Method::ErfGs, Preset::Default)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_baseline_knows_neither_events_nor_exposures() {
+        for preset in [Preset::Paper, Preset::ReleasedCode, Preset::Default] {
+            let config = Config::preset(Method::FourDgs, preset);
+            assert!(!config.earl.enabled && !config.eds.enabled && config.blur.model == Switch::Off);
+        }
+    }
+
+    #[test]
+    fn every_preset_survives_a_round_trip_through_toml() {
+        for preset in [Preset::Paper, Preset::ReleasedCode, Preset::Default] {
+            let config = Config::preset(Method::ErfGs, preset);
+            let text = config.to_toml().expect("serialises");
+            assert_eq!(Config::from_toml(&text).expect("parses"), config);
+        }
+    }
+}

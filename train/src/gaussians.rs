@@ -1,0 +1,208 @@
+//! Gaussian parameters on the host, in the rows that the device uses.
+
+use std::num::NonZero;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+
+/// Floats of a core row: mean (3), log-scale (3), quaternion wxyz (4), opacity logit, padding.
+pub const CORE: usize = 12;
+
+/// The zeroth SH basis function.
+pub const SH_C0: f32 = 0.282_094_79;
+
+/// Floats of a row of SH coefficients of `degree`: (degree + 1)² coefficients of three channels, coefficient by
+/// coefficient, rounded up to a multiple of four.
+#[must_use]
+pub const fn sh_stride(degree: u32) -> usize {
+    let coefficients = (degree as usize + 1) * (degree as usize + 1);
+    (coefficients * 3).next_multiple_of(4)
+}
+
+/// Gaussians, a row each. The first [`Gaussians::dynamic`] rows are deformed by the field; the others never move.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    /// SH degree that the rows of `sh` have room for.
+    pub sh_degree: u32,
+    /// How many rows, from the first, are dynamic.
+    pub dynamic: usize,
+    /// Core rows of [`CORE`] floats.
+    pub core: Vec<f32>,
+    /// SH rows of [`sh_stride`] floats.
+    pub sh: Vec<f32>,
+}
+
+impl Gaussians {
+    /// How many there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.core.len() / CORE
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.core.is_empty()
+    }
+
+    /// Isotropic Gaussians at `points`, of the size of the mean distance to the three nearest others, with the points'
+    /// colours and the same opacity (3DGS's initialisation). All are dynamic.
+    #[must_use]
+    pub fn from_points(points: &[([f32; 3], [u8; 3])], sh_degree: u32, opacity: f32) -> Self {
+        let positions: Vec<[f32; 3]> = points.iter().map(|(position, _)| *position).collect();
+        let distances = mean_squared_distance(&positions, 3);
+        let stride = sh_stride(sh_degree);
+        let logit = (opacity / (1.0 - opacity)).ln();
+        let mut gaussians =
+            Self { sh_degree, dynamic: points.len(), core: Vec::new(), sh: vec![0.0; points.len() * stride] };
+        for (index, ((position, colour), distance)) in points.iter().zip(&distances).enumerate() {
+            let scale = distance.max(1e-7).sqrt().ln();
+            gaussians.core.extend_from_slice(position);
+            gaussians.core.extend_from_slice(&[scale, scale, scale, 1.0, 0.0, 0.0, 0.0, logit, 0.0]);
+            for (channel, &value) in colour.iter().enumerate() {
+                gaussians.sh[index * stride + channel] = (f32::from(value) / 255.0 - 0.5) / SH_C0;
+            }
+        }
+        gaussians
+    }
+
+    /// The mean of row `index`, metres.
+    #[must_use]
+    pub fn mean(&self, index: usize) -> [f32; 3] {
+        let row = &self.core[index * CORE..];
+        [row[0], row[1], row[2]]
+    }
+
+    /// The standard deviations of row `index` along its axes, metres.
+    #[must_use]
+    pub fn scale(&self, index: usize) -> [f32; 3] {
+        let row = &self.core[index * CORE..];
+        [row[3].exp(), row[4].exp(), row[5].exp()]
+    }
+
+    /// The opacity of row `index`, 0 to 1.
+    #[must_use]
+    pub fn opacity(&self, index: usize) -> f32 {
+        sigmoid(self.core[index * CORE + 10])
+    }
+
+    /// The same Gaussians with room for SH of `degree`; coefficients that both have are kept.
+    #[must_use]
+    pub fn with_sh_degree(&self, degree: u32) -> Self {
+        let (from, to) = (sh_stride(self.sh_degree), sh_stride(degree));
+        let shared = 3 * ((self.sh_degree.min(degree) + 1) * (self.sh_degree.min(degree) + 1)) as usize;
+        let mut sh = vec![0.0; self.len() * to];
+        for (new, old) in sh.chunks_exact_mut(to).zip(self.sh.chunks_exact(from)) {
+            new[..shared].copy_from_slice(&old[..shared]);
+        }
+        Self { sh_degree: degree, dynamic: self.dynamic, core: self.core.clone(), sh }
+    }
+
+    /// The rows `order` names, in that order, of which the first `dynamic` are dynamic.
+    #[must_use]
+    pub fn select(&self, order: &[usize], dynamic: usize) -> Self {
+        Self {
+            sh_degree: self.sh_degree,
+            dynamic,
+            core: select_rows(&self.core, CORE, order),
+            sh: select_rows(&self.sh, sh_stride(self.sh_degree), order),
+        }
+    }
+}
+
+/// `1 / (1 + exp(-x))`.
+#[must_use]
+pub fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// The rows of `stride` floats that `order` names.
+#[must_use]
+pub fn select_rows(rows: &[f32], stride: usize, order: &[usize]) -> Vec<f32> {
+    order.iter().flat_map(|&index| &rows[index * stride..(index + 1) * stride]).copied().collect()
+}
+
+/// For each point the mean of the squared distances to its `count` nearest others; 0 for a lone point.
+#[must_use]
+pub fn mean_squared_distance(points: &[[f32; 3]], count: usize) -> Vec<f32> {
+    if points.len() < 2 {
+        return vec![0.0; points.len()];
+    }
+    let tree = Neighbours::new(points);
+    points
+        .iter()
+        .map(|point| {
+            let found = tree.nearest(point, count + 1);
+            // The nearest is the point itself.
+            let others = &found[1..];
+            others.iter().map(|(_, distance)| distance).sum::<f32>() / others.len() as f32
+        })
+        .collect()
+}
+
+/// A search tree over points.
+pub struct Neighbours {
+    tree: Option<ImmutableKdTree<f32, 3>>,
+    count: usize,
+}
+
+impl std::fmt::Debug for Neighbours {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Neighbours").field("count", &self.count).finish_non_exhaustive()
+    }
+}
+
+impl Neighbours {
+    /// A tree over `points`; points that are not finite are never found.
+    #[must_use]
+    pub fn new(points: &[[f32; 3]]) -> Self {
+        // The tree wants finite numbers; these are farther than any that matter.
+        let finite = |value: f32| if value.is_finite() { value.clamp(-1e15, 1e15) } else { 1e15 };
+        let points: Vec<[f32; 3]> = points.iter().map(|point| point.map(finite)).collect();
+        Self { tree: ImmutableKdTree::new_from_slice(&points).ok(), count: points.len() }
+    }
+
+    /// Index and squared distance of the `count` nearest points (fewer where there are fewer), nearest first.
+    #[must_use]
+    pub fn nearest(&self, point: &[f32; 3], count: usize) -> Vec<(usize, f32)> {
+        let (Some(tree), Some(count)) = (&self.tree, NonZero::new(count.min(self.count))) else {
+            return Vec::new();
+        };
+        let found = tree.query(point).nearest_n::<SquaredEuclidean<f32>>(count).execute();
+        found.into_iter().map(|found| (found.item as usize, found.distance)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_points_come_first() {
+        let points = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
+        let found = Neighbours::new(&points).nearest(&[0.9, 0.0, 0.0], 2);
+        assert_eq!(found.iter().map(|(index, _)| *index).collect::<Vec<_>>(), [2, 0]);
+    }
+
+    #[test]
+    fn many_equal_points_and_odd_ones_are_searched_without_failing() {
+        let mut points = vec![[1.0, 2.0, 3.0]; 1000];
+        points.push([f32::NAN, 0.0, 0.0]);
+        assert_eq!(Neighbours::new(&points).nearest(&[1.0, 2.0, 3.0], 4).len(), 4);
+        assert!(Neighbours::new(&[]).nearest(&[0.0; 3], 4).is_empty());
+        assert_eq!(mean_squared_distance(&[[0.0; 3]], 3), [0.0]);
+    }
+
+    #[test]
+    fn points_become_gaussians_of_their_colour_and_spacing() {
+        let points: Vec<_> = (0..8).map(|i| ([i as f32 * 0.5, 0.0, 0.0], [255, 0, 128])).collect();
+        let gaussians = Gaussians::from_points(&points, 1, 0.1);
+        assert_eq!((gaussians.len(), gaussians.sh.len()), (8, 8 * 12));
+        assert!((gaussians.opacity(3) - 0.1).abs() < 1e-6);
+        let red = 0.5 + SH_C0 * gaussians.sh[0];
+        assert!((red - 1.0).abs() < 1e-6);
+        // Nearest three of an inner point: 0.5, 0.5, 1.0 away.
+        assert!((gaussians.scale(3)[0] - 0.5f32.sqrt()).abs() < 1e-6);
+        let higher = gaussians.with_sh_degree(3);
+        assert_eq!((higher.sh_degree, higher.sh.len(), higher.sh[48]), (3, 8 * 48, gaussians.sh[12]));
+    }
+}

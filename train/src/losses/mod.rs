@@ -1,0 +1,228 @@
+//! Losses of rendered pixels, and their gradients: photometric (with the model of an exposure) and event.
+//!
+//! Each thread adds to a sum of its own, which the host adds up when it wants the value, so that results do not depend
+//! on the order of the threads.
+
+use bytemuck::{Pod, Zeroable};
+use wgpu::Buffer;
+
+use crate::{
+    config::{EarlConfig, Norm, Quantise},
+    gpu::{Commands, Gpu, GpuError, Kernel},
+};
+
+const ACCUMULATE: &str = include_str!("accumulate.wgsl");
+const EVENT: &str = include_str!("event.wgsl");
+const PHOTOMETRIC: &str = include_str!("photometric.wgsl");
+const SPREAD: &str = include_str!("spread.wgsl");
+const TRANSFER: &str = include_str!("transfer.wgsl");
+
+/// Pixels that a thread of a summing kernel looks at.
+const PIXELS_A_THREAD: u32 = 16;
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct AccumulateParameters {
+    pixels: u32,
+    first: u32,
+    linear_light: u32,
+    weight: f32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct PhotometricParameters {
+    pixels: u32,
+    threads: u32,
+    linear_light: u32,
+    scale: f32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct SpreadParameters {
+    pixels: u32,
+    weight: f32,
+    unused: [u32; 2],
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct EventParameters {
+    pixels: u32,
+    threads: u32,
+    quantise: u32,
+    norm: u32,
+    confidence: u32,
+    linear_light: u32,
+    lin_log: f32,
+    inverse_threshold: f32,
+    scale: f32,
+    unused: [u32; 3],
+}
+
+/// How a sensor turns light into events.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// Contrast threshold, natural-log intensity.
+    pub threshold: f32,
+    /// Grey level (of 255) below which the response is linear.
+    pub lin_log: f32,
+    /// Whether intensity is linearised before the logarithm.
+    pub linear_light: bool,
+}
+
+/// The kernels of the losses.
+#[derive(Debug)]
+pub struct Losses {
+    accumulate: Kernel,
+    photometric: Kernel,
+    spread: Kernel,
+    event: Kernel,
+}
+
+/// A sum that threads add to.
+#[derive(Debug)]
+pub struct LossSum {
+    partial: Buffer,
+    threads: u32,
+}
+
+impl LossSum {
+    /// Zero, for images of `pixels` pixels.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn new(gpu: &Gpu, pixels: u32) -> Result<Self, GpuError> {
+        let threads = pixels.div_ceil(PIXELS_A_THREAD).max(1);
+        Ok(Self { partial: gpu.storage("loss", u64::from(threads) * 4)?, threads })
+    }
+
+    /// The sum so far, which starts again at zero.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn take(&self, gpu: &Gpu) -> Result<f64, GpuError> {
+        let sum = gpu.read(&[(&self.partial, self.threads as usize)], |slices: &[&[f32]]| {
+            slices[0].iter().map(|&value| f64::from(value)).sum()
+        })?;
+        let mut commands = gpu.commands();
+        commands.clear(&self.partial);
+        commands.submit();
+        Ok(sum)
+    }
+}
+
+impl Losses {
+    /// Compiles the kernels.
+    pub fn new(gpu: &Gpu) -> Self {
+        Self {
+            accumulate: gpu.kernel("accumulate", &[TRANSFER, ACCUMULATE]),
+            photometric: gpu.kernel("photometric", &[TRANSFER, PHOTOMETRIC]),
+            spread: gpu.kernel("spread", &[TRANSFER, SPREAD]),
+            event: gpu.kernel("event", &[TRANSFER, EVENT]),
+        }
+    }
+
+    /// Adds `weight` times `image` to the exposure `mean`, or starts it anew.
+    #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
+    pub fn accumulate(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands<'_>,
+        pixels: u32,
+        image: &Buffer,
+        mean: &Buffer,
+        first: bool,
+        weight: f32,
+        linear_light: bool,
+    ) {
+        let parameters =
+            AccumulateParameters { pixels, first: first.into(), linear_light: linear_light.into(), weight };
+        let parameters = gpu.uniform("accumulate", &parameters);
+        commands.dispatch(&self.accumulate, &[&parameters, image, mean], pixels.div_ceil(64));
+    }
+
+    /// Writes `scale * sum |mean - frame|`'s gradient to `d_mean` and adds `sum |mean - frame|` to `loss`. `mean` is in
+    /// linear light if `linear_light`, the frame (packed RGBA8) never is.
+    #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
+    pub fn photometric(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands<'_>,
+        pixels: u32,
+        mean: &Buffer,
+        frame: &Buffer,
+        d_mean: &Buffer,
+        loss: &LossSum,
+        scale: f32,
+        linear_light: bool,
+    ) {
+        let threads = pixels.div_ceil(PIXELS_A_THREAD).min(loss.threads);
+        let parameters = PhotometricParameters { pixels, threads, linear_light: linear_light.into(), scale };
+        let parameters = gpu.uniform("photometric", &parameters);
+        let bindings = [&parameters, mean, frame, d_mean, &loss.partial];
+        commands.dispatch(&self.photometric, &bindings, threads.div_ceil(64));
+    }
+
+    /// The gradient of one rendering from that of the exposure in linear light, of which it is the share `weight`.
+    #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
+    pub fn spread(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands<'_>,
+        pixels: u32,
+        image: &Buffer,
+        d_mean: &Buffer,
+        d_image: &Buffer,
+        weight: f32,
+    ) {
+        let parameters = gpu.uniform("spread", &SpreadParameters { pixels, weight, unused: [0; 2] });
+        commands.dispatch(&self.spread, &[&parameters, image, d_mean, d_image], pixels.div_ceil(64));
+    }
+
+    /// The event loss between renderings `before` and `after`; see `event.wgsl`. Gradients are of `scale` times the sum.
+    #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
+    pub fn event(
+        &self,
+        gpu: &Gpu,
+        commands: &mut Commands<'_>,
+        pixels: u32,
+        before: &Buffer,
+        after: &Buffer,
+        count: &Buffer,
+        d_before: &Buffer,
+        d_after: &Buffer,
+        loss: &LossSum,
+        scale: f32,
+        sensor: &Sensor,
+        config: &EarlConfig,
+    ) {
+        let threads = pixels.div_ceil(PIXELS_A_THREAD).min(loss.threads);
+        let parameters = EventParameters {
+            pixels,
+            threads,
+            quantise: match config.quantise {
+                Quantise::TruncateSte => 0,
+                Quantise::DeadZone => 1,
+                Quantise::None => 2,
+            },
+            norm: match config.norm {
+                Norm::L1 => 0,
+                Norm::L2 => 1,
+            },
+            confidence: config.confidence.into(),
+            linear_light: sensor.linear_light.into(),
+            lin_log: sensor.lin_log,
+            inverse_threshold: 1.0 / sensor.threshold,
+            scale,
+            unused: [0; 3],
+        };
+        let parameters = gpu.uniform("event", &parameters);
+        let bindings = [&parameters, before, after, count, d_before, d_after, &loss.partial];
+        commands.dispatch(&self.event, &bindings, threads.div_ceil(64));
+    }
+}
+
+#[cfg(test)]
+mod tests;

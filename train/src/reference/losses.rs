@@ -1,0 +1,76 @@
+//! `f64` twins of the loss kernels.
+
+use crate::{
+    config::{EarlConfig, Norm, Quantise},
+    losses::Sensor,
+};
+
+/// The luma weights of v2e, OpenCV and ITU-R BT.601.
+pub const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
+
+/// sRGB to linear light.
+#[must_use]
+pub fn to_linear(x: f64) -> f64 {
+    if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Linear light to sRGB.
+#[must_use]
+pub fn to_display(x: f64) -> f64 {
+    if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The rendered exposure: the mean of renderings, in display or in linear light, as a display colour.
+#[must_use]
+pub fn exposure(images: &[Vec<[f64; 3]>], linear_light: bool) -> Vec<[f64; 3]> {
+    let weight = 1.0 / images.len() as f64;
+    let pixels = images.first().map_or(0, Vec::len);
+    (0..pixels)
+        .map(|pixel| {
+            std::array::from_fn(|channel| {
+                let values = images.iter().map(|image| image[pixel][channel]);
+                if linear_light {
+                    to_display(values.map(|x| weight * to_linear(x)).sum())
+                } else {
+                    values.map(|x| weight * x).sum()
+                }
+            })
+        })
+        .collect()
+}
+
+/// `sum |exposure - frame|` over pixels and channels.
+#[must_use]
+pub fn photometric(images: &[Vec<[f64; 3]>], frame: &[[f64; 3]], linear_light: bool) -> f64 {
+    let exposure = exposure(images, linear_light);
+    exposure.iter().zip(frame).flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs())).sum()
+}
+
+/// Lin-log intensity of a display colour.
+#[must_use]
+pub fn lin_log(colour: &[f64; 3], sensor: &Sensor) -> f64 {
+    let luma: f64 = colour.iter().zip(LUMA).map(|(value, weight)| value * weight).sum();
+    let x = 255.0 * if sensor.linear_light { to_linear(luma) } else { luma };
+    let threshold = f64::from(sensor.lin_log);
+    if x <= threshold { x * threshold.ln() / threshold } else { x.ln() }
+}
+
+/// The sum of the event loss over pixels.
+#[must_use]
+pub fn event(before: &[[f64; 3]], after: &[[f64; 3]], count: &[f64], sensor: &Sensor, config: &EarlConfig) -> f64 {
+    let each = before.iter().zip(after).zip(count).map(|((before, after), &events)| {
+        let change = (lin_log(after, sensor) - lin_log(before, sensor)) / f64::from(sensor.threshold);
+        let error = match config.quantise {
+            Quantise::TruncateSte => change.trunc() - events,
+            Quantise::DeadZone => ((change - events).abs() - 1.0).max(0.0),
+            Quantise::None => change - events,
+        };
+        let weight = if config.confidence { 1.0 / events.abs().max(1.0) } else { 1.0 };
+        weight
+            * match config.norm {
+                Norm::L1 => error.abs(),
+                Norm::L2 => error * error,
+            }
+    });
+    each.sum()
+}
