@@ -54,10 +54,10 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     if (thread >= p.threads) { return; }
     var sum = 0.0;
     for (var pixel = thread; pixel < p.pixels; pixel += p.threads) {
-        let from = lin_log(dot(LUMA, before[pixel].rgb));
-        let to = lin_log(dot(LUMA, after[pixel].rgb));
+        let start = lin_log(dot(LUMA, before[pixel].rgb));
+        let end = lin_log(dot(LUMA, after[pixel].rgb));
         let events = count[pixel];
-        let change = (to.x - from.x) * p.inverse_threshold;
+        let change = (end.x - start.x) * p.inverse_threshold;
         var error = change - events;
         if (p.quantise == 0u) {
             error = trunc(change) - events;
@@ -73,8 +73,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             sum += weight * abs(error);
         }
         slope *= p.scale * p.inverse_threshold;
-        d_before[pixel] = vec4f(-slope * from.y * LUMA, 0.0);
-        d_after[pixel] = vec4f(slope * to.y * LUMA, 0.0);
+        d_before[pixel] = vec4f(-slope * start.y * LUMA, 0.0);
+        d_after[pixel] = vec4f(slope * end.y * LUMA, 0.0);
     }
     loss[thread] += sum;
 }
