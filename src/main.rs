@@ -3,6 +3,7 @@
 //! One file per subcommand. What a command does lies in the library of its stage; here are arguments, progress, output
 //! and exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by the user.
 
+mod bench;
 mod dataset;
 mod doctor;
 mod errors;
@@ -10,6 +11,7 @@ mod info;
 mod interrupt;
 mod parse;
 mod progress;
+mod simulate;
 mod terminal;
 
 use std::process::ExitCode;
@@ -48,10 +50,15 @@ enum Command {
     /// Import, vary, check and complete datasets.
     #[command(subcommand)]
     Dataset(dataset::Command),
+    /// Simulate an event camera on a grey-level video.
+    Simulate(simulate::Arguments),
     /// Say what a dataset, a run, a point cloud or an event file holds.
     Info(info::Arguments),
     /// Check this machine: adapter, driver, COLMAP, ffmpeg, and what to install.
     Doctor(doctor::Arguments),
+    /// Measure the stages on this machine.
+    #[command(subcommand)]
+    Bench(bench::Command),
 }
 
 fn main() -> ExitCode {
@@ -59,11 +66,23 @@ fn main() -> ExitCode {
     terminal.start_log();
     let done = match command {
         Command::Dataset(command) => dataset::run(&command, &terminal),
+        Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
         Command::Info(arguments) => info::run(&arguments, &terminal),
         Command::Doctor(arguments) => doctor::run(&arguments, &terminal),
+        Command::Bench(command) => bench::run(&command, &terminal),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => errors::report(&error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        super::Cli::command().debug_assert();
     }
 }

@@ -55,7 +55,7 @@ impl FromStr for FrameRange {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CameraChoice {
     /// So many.
-    Count(usize),
+    Count(u32),
     /// These.
     Names(Vec<String>),
 }
@@ -73,43 +73,6 @@ impl FromStr for CameraChoice {
         }
         Ok(Self::Names(names))
     }
-}
-
-/// Applies `key.path=value` to a TOML table. The value is read as TOML, and as a string where it is none.
-///
-/// The key must exist already, so that a misspelt one is an error and not a silent default.
-pub fn set(table: &mut toml::Table, assignment: &str) -> Result<(), String> {
-    let (path, value) = assignment
-        .split_once('=')
-        .ok_or_else(|| format!("'{assignment}' is not KEY=VALUE; write for example --set optimiser.sh_degree=2"))?;
-    let path: Vec<&str> = path.trim().split('.').collect();
-    let value = value.trim();
-    let parsed = toml::from_str::<toml::Table>(&format!("value = {value}"))
-        .ok()
-        .and_then(|mut parsed| parsed.remove("value"))
-        .unwrap_or_else(|| toml::Value::String(value.to_owned()));
-    let (last, parents) = path.split_last().ok_or("an empty key")?;
-    let mut here = table;
-    for (depth, part) in parents.iter().enumerate() {
-        let known = known_keys(here);
-        here = here
-            .get_mut(*part)
-            .and_then(toml::Value::as_table_mut)
-            .ok_or_else(|| format!("there is no section '{}'; the keys there are {known}", path[..=depth].join(".")))?;
-    }
-    let known = known_keys(here);
-    let slot =
-        here.get_mut(*last).ok_or_else(|| format!("there is no '{}'; the keys there are {known}", path.join(".")))?;
-    // A whole number where a fraction is meant.
-    *slot = match (&*slot, parsed) {
-        (toml::Value::Float(_), toml::Value::Integer(whole)) => toml::Value::Float(whole as f64),
-        (_, other) => other,
-    };
-    Ok(())
-}
-
-fn known_keys(table: &toml::Table) -> String {
-    table.keys().map(String::as_str).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -139,18 +102,5 @@ mod tests {
         assert_eq!("4".parse(), Ok(CameraChoice::Count(4)));
         assert_eq!("03, cam7".parse(), Ok(CameraChoice::Names(vec!["03".into(), "cam7".into()])));
         assert!("a,,b".parse::<CameraChoice>().is_err());
-    }
-
-    #[test]
-    fn a_setting_replaces_a_known_key_and_names_the_others_otherwise() {
-        let mut table: toml::Table = toml::from_str("seed = 1\n[rates]\nmean = 0.1\nname = 'a'").expect("TOML");
-        for assignment in ["seed=7", "rates.mean=2", "rates.name=plain words"] {
-            set(&mut table, assignment).expect(assignment);
-        }
-        let expected = "seed = 7\n[rates]\nmean = 2.0\nname = 'plain words'";
-        assert_eq!(table, toml::from_str::<toml::Table>(expected).expect("TOML"));
-        let error = set(&mut table, "rates.sigma=1").expect_err("an unknown key");
-        assert!(error.contains("mean, name"), "{error}");
-        assert!(set(&mut table, "nowhere.mean=1").is_err() && set(&mut table, "seed").is_err());
     }
 }

@@ -4,6 +4,7 @@ mod check;
 mod import;
 pub mod points;
 mod undistort;
+mod variant;
 
 use clap::Subcommand;
 
@@ -14,6 +15,8 @@ use crate::terminal::Terminal;
 pub enum Command {
     /// Make a dataset from a recording in another tool's layout.
     Import(import::Arguments),
+    /// Make a dataset harder: fewer frames, motion blur, event-only viewpoints.
+    Variant(variant::Arguments),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
     /// Read every file of a dataset and check it against the manifest.
@@ -26,6 +29,7 @@ pub enum Command {
 pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
     match command {
         Command::Import(arguments) => import::run(arguments, terminal),
+        Command::Variant(arguments) => variant::run(arguments, terminal),
         Command::Points(arguments) => points::run(arguments, terminal),
         Command::Check(arguments) => check::run(arguments, terminal),
         Command::Undistort(arguments) => undistort::run(arguments, terminal),

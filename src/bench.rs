@@ -1,0 +1,83 @@
+//! `erfgs bench`: how fast the stages are on this machine.
+
+use std::path::PathBuf;
+
+use clap::Subcommand;
+use erfgs_replay::bench::{Figures, moving_disc, simulate};
+use erfgs_session::npz;
+
+use crate::{
+    simulate::Sensor,
+    terminal::{Terminal, table, thousands},
+};
+
+/// Measure the stages on this machine.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The event simulator: pixels a second on each thread.
+    Simulate(SimulateArguments),
+}
+
+/// Measure the event simulator.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  erfgs bench simulate
+  erfgs bench simulate luma.npz --fps 30 --threads 1")]
+pub struct SimulateArguments {
+    /// A video with `luma[T, H, W]`; a textured disc that moves, without it.
+    luma: Option<PathBuf>,
+    /// Frames a second.
+    #[arg(long, default_value_t = 30.0)]
+    fps: f64,
+    /// Threads; measured with one and with all without it.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// The fastest of so many runs counts.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    runs: u32,
+    #[command(flatten)]
+    sensor: Sensor,
+}
+
+/// Runs the command.
+pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
+    match command {
+        Command::Simulate(arguments) => bench_simulate(arguments, terminal),
+    }
+}
+
+fn bench_simulate(arguments: &SimulateArguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let config = arguments.sensor.config(0)?;
+    let (data, width, height) = match &arguments.luma {
+        Some(path) => {
+            let luma = npz::read_luma(path)?;
+            (luma.data, luma.width, luma.height)
+        }
+        None => (moving_disc(640, 360, 45), 640, 360),
+    };
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    let counts = match arguments.threads {
+        Some(threads) => vec![threads as usize],
+        None if all > 1 => vec![1, all],
+        None => vec![1],
+    };
+    let figures = counts
+        .into_iter()
+        .map(|threads| simulate(&data, width, height, arguments.fps, &config, threads, arguments.runs))
+        .collect::<Result<Vec<Figures>, _>>()?;
+    terminal.result(&figures, || {
+        let mut rows = vec![["threads", "pixels", "events", "ms", "Mpix/s/core", "Mev/s"].map(String::from).to_vec()];
+        rows.extend(figures.iter().map(|row| {
+            vec![
+                row.threads.to_string(),
+                thousands(row.pixels),
+                thousands(row.events),
+                format!("{:.1}", row.seconds * 1e3),
+                format!("{:.1}", row.mpix_per_s_per_core),
+                format!("{:.1}", row.mevents_per_s),
+            ]
+        }));
+        table(&rows)
+    })
+}
