@@ -4,18 +4,18 @@ use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
+use crate::raster;
+
 /// Floats of a core row: mean (3), log-scale (3), quaternion wxyz (4), opacity logit, padding.
-pub const CORE: usize = 12;
+pub const CORE: usize = raster::CORE_STRIDE as usize;
 
 /// The zeroth SH basis function.
 pub const SH_C0: f32 = 0.282_094_79;
 
-/// Floats of a row of SH coefficients of `degree`: (degree + 1)² coefficients of three channels, coefficient by
-/// coefficient, rounded up to a multiple of four.
+/// Floats of a row of SH coefficients of `degree`; see [`raster::sh_stride`].
 #[must_use]
 pub const fn sh_stride(degree: u32) -> usize {
-    let coefficients = (degree as usize + 1) * (degree as usize + 1);
-    (coefficients * 3).next_multiple_of(4)
+    raster::sh_stride(degree) as usize
 }
 
 /// Gaussians, a row each. The first [`Gaussians::dynamic`] rows are deformed by the field; the others never move.

@@ -10,3 +10,4 @@ pub mod optimiser;
 pub mod raster;
 pub mod reference;
 pub mod run;
+pub mod scene;

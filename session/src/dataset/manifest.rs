@@ -156,6 +156,10 @@ pub struct Manifest {
     /// The steps that made it from the import, in order.
     #[serde(default)]
     pub variant: Vec<VariantStep>,
+    /// Whether a frame's exposure gathered linear light, as a camera's does (true), or is a mean of display values, as
+    /// blur simulated from video usually is (false).
+    #[serde(default)]
+    pub linear_exposure: bool,
     /// The initial point cloud, where made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub points: Option<PointCloudFile>,

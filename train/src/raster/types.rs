@@ -144,6 +144,13 @@ impl View {
         let (r, t) = (&self.rotation, &self.translation);
         std::array::from_fn(|k| -(r[0][k] * t[0] + r[1][k] * t[1] + r[2][k] * t[2]))
     }
+
+    /// A world point in camera coordinates, metres.
+    #[must_use]
+    pub fn to_camera(&self, world: &[f32; 3]) -> [f32; 3] {
+        let (r, t) = (&self.rotation, &self.translation);
+        std::array::from_fn(|k| r[k][0] * world[0] + r[k][1] * world[1] + r[k][2] * world[2] + t[k])
+    }
 }
 
 impl TryFrom<(&Intrinsics, &Pose)> for View {

@@ -1,0 +1,231 @@
+//! Events counted in bins of time, one map a bin edge, so that the count between any two edges is one subtraction.
+
+use erfgs_session::{Camera, Events};
+
+use crate::losses::Sensor;
+
+/// Edges of the bins, microseconds, ascending. Bin `k` holds the events with `edges[k] < t <= edges[k + 1]`: an event
+/// that a simulator stamps with a frame's time belongs to the change up to that frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Bins {
+    /// The edges, µs.
+    pub edges_us: Vec<i64>,
+    /// The edges, in [0, 1].
+    pub edges: Vec<f64>,
+    /// Bins an RGB interval.
+    pub per_interval: usize,
+    /// Indices into `edges` that are RGB frame times.
+    pub anchors: Vec<usize>,
+}
+
+impl Bins {
+    /// Splits every interval between consecutive `frame_times_ns` into `per_interval` bins, and goes on with bins of the
+    /// last width up to `end_ns`.
+    #[must_use]
+    pub fn new(frame_times_ns: &[i64], per_interval: usize, span_ns: [i64; 2], end_ns: i64) -> Self {
+        let mut edges_ns = Vec::new();
+        let mut anchors = Vec::new();
+        for pair in frame_times_ns.windows(2) {
+            anchors.push(edges_ns.len());
+            let width = pair[1] - pair[0];
+            edges_ns.extend((0..per_interval as i64).map(|k| pair[0] + width * k / per_interval as i64));
+        }
+        if let Some(&last) = frame_times_ns.last() {
+            anchors.push(edges_ns.len());
+            edges_ns.push(last);
+            let interval = match frame_times_ns {
+                [.., before, last] => last - before,
+                _ => end_ns - last,
+            };
+            let width = (interval / per_interval.max(1) as i64).max(1_000);
+            // A remainder of less than half a bin is left out rather than made a bin of its own.
+            let mut edge = last + width;
+            while edge <= end_ns + width / 2 && edges_ns.len() < 1_000_000 {
+                edges_ns.push(edge.min(end_ns));
+                edge += width;
+            }
+        }
+        let length = (span_ns[1] - span_ns[0]).max(1) as f64;
+        let edges = edges_ns.iter().map(|&t| ((t - span_ns[0]) as f64 / length).clamp(0.0, 1.0)).collect();
+        let edges_us = edges_ns.iter().map(|t| t.div_euclid(1000)).collect();
+        Self { edges_us, edges, per_interval, anchors }
+    }
+
+    /// How many bins there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.edges.len().saturating_sub(1)
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// An event camera.
+#[derive(Debug)]
+pub struct EventView {
+    /// Index into the scene's views.
+    pub view: usize,
+    /// How its sensor turns light into events.
+    pub sensor: Sensor,
+    /// How many events it saw.
+    pub count: u64,
+    width: usize,
+    /// Signed counts from the first edge up to each edge, in units of the mean threshold.
+    cumulative: Vec<Vec<f32>>,
+}
+
+impl EventView {
+    /// Counts the events of `camera` (view `view` of the scene) in `bins`.
+    #[must_use]
+    pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, denoise: bool) -> Option<Self> {
+        let file = camera.events.as_ref()?;
+        let threshold = 0.5 * (file.threshold_on + file.threshold_off);
+        let sensor = Sensor {
+            threshold: threshold as f32,
+            lin_log: file.lin_log_threshold as f32,
+            linear_light: file.linear_light,
+        };
+        let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
+        let step = [(file.threshold_off / threshold) as f32, (file.threshold_on / threshold) as f32];
+        let mut sum = vec![0.0f32; width * height];
+        let mut cumulative = Vec::with_capacity(bins.edges.len());
+        if !bins.edges_us.is_empty() {
+            cumulative.push(sum.clone());
+        }
+        let mut total = vec![0u32; if denoise { width * height } else { 0 }];
+        for edges in bins.edges_us.windows(2) {
+            let range = events.between(edges[0] + 1, edges[1] + 1);
+            total.fill(0);
+            if denoise {
+                for index in range.clone() {
+                    total[usize::from(events.y[index]) * width + usize::from(events.x[index])] += 1;
+                }
+            }
+            for index in range {
+                let (x, y) = (usize::from(events.x[index]), usize::from(events.y[index]));
+                if !denoise || neighbourhood(&total, width, height, x, y) >= 2 {
+                    let on = events.on[index];
+                    sum[y * width + x] += if on { step[1] } else { -step[0] };
+                }
+            }
+            cumulative.push(sum.clone());
+        }
+        Some(Self { view, sensor, count: events.len() as u64, width, cumulative })
+    }
+
+    /// The signed count of every pixel between two edges.
+    #[must_use]
+    pub fn between(&self, from: usize, to: usize) -> Vec<f32> {
+        self.cumulative[to].iter().zip(&self.cumulative[from]).map(|(to, from)| to - from).collect()
+    }
+
+    /// The absolute signed count between two edges, averaged over 3 x 3 pixels where `smooth`.
+    #[must_use]
+    pub fn activity(&self, from: usize, to: usize, smooth: bool) -> Vec<f32> {
+        let mut activity = self.between(from, to);
+        for value in &mut activity {
+            *value = value.abs();
+        }
+        if !smooth {
+            return activity;
+        }
+        let (width, height) = (self.width, activity.len() / self.width.max(1));
+        let mut lone = activity.clone();
+        for y in 0..height {
+            for x in 0..width {
+                let sum: f32 = around(width, height, x, y).map(|index| activity[index]).sum();
+                if sum / 9.0 <= 0.2 {
+                    lone[y * width + x] = 0.0;
+                }
+            }
+        }
+        lone
+    }
+}
+
+/// Events in the 3 x 3 pixels around (and with) a pixel. The released code keeps a pixel whose mean over the nine exceeds
+/// 0.2, which is two events or more.
+fn neighbourhood(total: &[u32], width: usize, height: usize, x: usize, y: usize) -> u32 {
+    around(width, height, x, y).map(|index| total[index]).sum()
+}
+
+fn around(width: usize, height: usize, x: usize, y: usize) -> impl Iterator<Item = usize> {
+    let (x0, x1) = (x.saturating_sub(1), (x + 2).min(width));
+    let (y0, y1) = (y.saturating_sub(1), (y + 2).min(height));
+    (y0..y1).flat_map(move |y| (x0..x1).map(move |x| y * width + x))
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_session::{Distortion, Event, EventFile, Intrinsics, Modality, Pose, Split};
+
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera {
+            name: "e".into(),
+            modality: Modality::Event,
+            split: Split::Train,
+            intrinsics: Intrinsics {
+                width: 4,
+                height: 2,
+                fx: 4.0,
+                fy: 4.0,
+                cx: 2.0,
+                cy: 1.0,
+                distortion: Distortion::None,
+            },
+            world_to_camera: Pose::IDENTITY,
+            frames: Vec::new(),
+            events: Some(EventFile {
+                file: "e.npz".into(),
+                count: 0,
+                threshold_on: 0.2,
+                threshold_off: 0.2,
+                lin_log_threshold: 20.0,
+                linear_light: false,
+                covers_ns: [0, 40_000_000],
+                simulator: None,
+            }),
+        }
+    }
+
+    fn bins() -> Bins {
+        Bins::new(&[0, 20_000_000, 40_000_000], 2, [0, 50_000_000], 50_000_000)
+    }
+
+    #[test]
+    fn bins_split_frame_intervals_and_go_on_to_the_end() {
+        let bins = bins();
+        assert_eq!(bins.edges_us, [0, 10_000, 20_000, 30_000, 40_000, 50_000]);
+        assert_eq!(bins.anchors, [0, 2, 4]);
+        assert!((bins.edges[1] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_event_on_an_edge_belongs_to_the_bin_before_it() {
+        let mut events = Events::new(4, 2);
+        for (t_us, on) in [(10_000, true), (10_001, true), (20_000, false), (45_000, true)] {
+            events.push(Event { t_us, x: 1, y: 1, on });
+        }
+        let view = EventView::new(0, &camera(), &events, &bins(), false).expect("an event camera");
+        assert_eq!(view.between(0, 1)[5], 1.0);
+        assert_eq!(view.between(1, 2)[5], 0.0);
+        assert_eq!(view.between(0, 5)[5], 2.0);
+    }
+
+    #[test]
+    fn a_lone_event_is_noise_and_a_pair_is_not() {
+        let mut events = Events::new(4, 2);
+        events.push(Event { t_us: 5_000, x: 3, y: 0, on: true });
+        events.push(Event { t_us: 15_000, x: 0, y: 0, on: true });
+        events.push(Event { t_us: 16_000, x: 1, y: 1, on: true });
+        let view = EventView::new(0, &camera(), &events, &bins(), true).expect("an event camera");
+        assert_eq!(view.between(0, 2).iter().sum::<f32>(), 2.0);
+        assert_eq!(view.activity(0, 1, false).iter().sum::<f32>(), 0.0);
+    }
+}

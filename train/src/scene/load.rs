@@ -1,0 +1,169 @@
+//! Reading a dataset into memory.
+
+use erfgs_session::{Camera, Dataset, Split, random};
+use rayon::prelude::*;
+
+use super::{Bins, EventView, HeldOutFrame, Scene, SceneError, SceneView, TrainFrame};
+use crate::{config::Config, raster::View};
+
+const RANDOM_POINTS: u64 = 0x706f_696e_7473;
+
+impl Scene {
+    /// Reads what training needs. With `random_init` the dataset's point cloud is not asked for: points are drawn in the
+    /// box that the cameras look into.
+    ///
+    /// # Errors
+    /// [`SceneError`].
+    pub fn load(dataset: Dataset, config: &Config, random_init: bool) -> Result<Self, SceneError> {
+        let views = dataset
+            .manifest
+            .cameras
+            .iter()
+            .map(|camera| {
+                let view = View::try_from((&camera.intrinsics, &camera.world_to_camera))
+                    .map_err(|source| SceneError::Camera { camera: camera.name.clone(), source })?;
+                Ok(SceneView { name: camera.name.clone(), split: camera.split, view })
+            })
+            .collect::<Result<Vec<_>, SceneError>>()?;
+        let span_ns = dataset.manifest.span_ns;
+        let extent = extent(&dataset);
+        let mut scene = Self {
+            views,
+            frames: Vec::new(),
+            events: Vec::new(),
+            bins: Bins::default(),
+            held_out: Vec::new(),
+            points: Vec::new(),
+            frame_times: Vec::new(),
+            extent,
+            linear_exposure: dataset.manifest.linear_exposure,
+            dataset,
+        };
+        let mut times_ns = Vec::new();
+        let mut jobs = Vec::new();
+        for (view, camera) in scene.dataset.manifest.cameras.iter().enumerate() {
+            for (index, frame) in camera.frames.iter().enumerate() {
+                if camera.split == Split::Test {
+                    let t01 = scene.to_unit(frame.t_ns);
+                    scene.held_out.push(HeldOutFrame { view, index, t_ns: frame.t_ns, t01 });
+                } else {
+                    times_ns.push(frame.t_ns);
+                    jobs.push((view, index));
+                }
+            }
+        }
+        if jobs.is_empty() {
+            return Err(SceneError::NoFrames { path: scene.dataset.root.clone() });
+        }
+        scene.frames = jobs
+            .into_par_iter()
+            .map(|(view, index)| scene.read_frame(view, index))
+            .collect::<Result<Vec<_>, SceneError>>()?;
+        times_ns.sort_unstable();
+        times_ns.dedup();
+        scene.frame_times = times_ns.iter().map(|&t| scene.to_unit(t)).collect();
+        if config.earl.enabled || config.eds.enabled {
+            scene.bins = Bins::new(&times_ns, scene.bins_per_interval(config), span_ns, scene.events_end());
+            scene.events = scene.read_events(config.earl.denoise)?;
+        }
+        scene.points = match (random_init, scene.dataset.read_points()?) {
+            (false, Some(cloud)) => cloud.positions.into_iter().zip(cloud.colours).collect(),
+            (false, None) => return Err(SceneError::NoPoints { path: scene.dataset.root.clone() }),
+            (true, _) => scene.random_points(config)?,
+        };
+        Ok(scene)
+    }
+
+    fn read_frame(&self, view: usize, index: usize) -> Result<TrainFrame, SceneError> {
+        let camera = &self.dataset.manifest.cameras[view];
+        let frame = &camera.frames[index];
+        let image = self.dataset.read_image(camera, frame)?;
+        let pixels = image.data.chunks_exact(3).map(|rgb| u32::from_le_bytes([rgb[0], rgb[1], rgb[2], 255])).collect();
+        let exposure = frame.exposure_ns.map(|t| self.to_unit(t));
+        Ok(TrainFrame { view, index, t01: self.to_unit(frame.t_ns), exposure, pixels })
+    }
+
+    fn read_events(&self, denoise: bool) -> Result<Vec<EventView>, SceneError> {
+        let cameras: Vec<(usize, &Camera)> = self
+            .dataset
+            .manifest
+            .cameras
+            .iter()
+            .enumerate()
+            .filter(|(_, camera)| camera.split == Split::Train && camera.events.is_some())
+            .collect();
+        let views = cameras
+            .into_par_iter()
+            .map(|(view, camera)| {
+                let events = self.dataset.read_events(camera)?;
+                Ok(events.and_then(|events| EventView::new(view, camera, &events, &self.bins, denoise)))
+            })
+            .collect::<Result<Vec<_>, SceneError>>()?;
+        Ok(views.into_iter().flatten().collect())
+    }
+
+    /// The configured bins an interval, or as many as frames were dropped between two, or 8.
+    fn bins_per_interval(&self, config: &Config) -> usize {
+        let dropped = self.dataset.manifest.variant.iter().filter(|step| step.step == "subsample").filter_map(|step| {
+            let factor = step.parameters.get("factor")?;
+            factor.as_u64()
+        });
+        match (config.earl.bins, dropped.product::<u64>()) {
+            (0, 0 | 1) => 8,
+            (0, factor) => factor.min(64) as usize,
+            (bins, _) => bins as usize,
+        }
+    }
+
+    fn events_end(&self) -> i64 {
+        let ends = self.dataset.manifest.cameras.iter().filter_map(|camera| Some(camera.events.as_ref()?.covers_ns[1]));
+        ends.max().unwrap_or(self.dataset.manifest.span_ns[1])
+    }
+
+    /// Points spread evenly in the cube around the point that the training cameras look at, half as wide as the cameras
+    /// are far from it, in the mean colour of the frames.
+    fn random_points(&self, config: &Config) -> Result<Vec<([f32; 3], [u8; 3])>, SceneError> {
+        if !(self.extent.is_finite() && self.extent > 0.0) {
+            return Err(SceneError::NoExtent { path: self.dataset.root.clone() });
+        }
+        let centre = self.looked_at();
+        let half = f64::from(self.extent);
+        let points = (0..u64::from(config.init.random_points)).map(|index| {
+            let position = std::array::from_fn(|axis| {
+                let key = random::key(config.seed, &[RANDOM_POINTS, index, axis as u64]);
+                random::range(key, centre[axis] - half, centre[axis] + half) as f32
+            });
+            (position, [128, 128, 128])
+        });
+        Ok(points.collect())
+    }
+
+    /// The point nearest to the optical axes of the training cameras, in the least squares sense, metres.
+    #[must_use]
+    pub fn looked_at(&self) -> [f64; 3] {
+        use glam::{DMat3, DVec3};
+        let mut normal = DMat3::ZERO;
+        let mut right = DVec3::ZERO;
+        let mut mean = DVec3::ZERO;
+        let mut count = 0.0;
+        for camera in self.dataset.cameras(Split::Train) {
+            let axis = camera.world_to_camera.inverse().rotation * DVec3::Z;
+            let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+            let centre = camera.world_to_camera.centre();
+            normal += across;
+            right += across * centre;
+            mean += centre + axis;
+            count += 1.0;
+        }
+        let well_posed = normal.determinant() > 1e-9 * count * count * count;
+        if well_posed { (normal.inverse() * right).to_array() } else { (mean / f64::max(count, 1.0)).to_array() }
+    }
+}
+
+/// 1.1 times the largest distance of a training camera from the mean of their centres, metres (3DGS).
+fn extent(dataset: &Dataset) -> f32 {
+    let centres: Vec<_> = dataset.cameras(Split::Train).map(|camera| camera.world_to_camera.centre()).collect();
+    let mean = centres.iter().sum::<glam::DVec3>() / centres.len().max(1) as f64;
+    let largest = centres.iter().map(|centre| centre.distance(mean)).fold(0.0, f64::max);
+    (1.1 * largest) as f32
+}
