@@ -1,6 +1,7 @@
 //! The ERF-GS trainer on wgpu.
 
 pub mod config;
+pub mod export;
 pub mod field;
 pub mod gaussians;
 pub mod gpu;

@@ -2,7 +2,7 @@
 
 use std::{
     fs::{self, File},
-    io::{self, Write},
+    io::{self, BufWriter, Write},
     path::Path,
 };
 
@@ -16,10 +16,11 @@ use super::RunError;
 /// # Errors
 /// [`RunError::Write`].
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
-    replace(path, bytes).map_err(|source| RunError::Write { path: path.to_owned(), source })
+    replace(path, |file| file.write_all(bytes)).map_err(|source| RunError::Write { path: path.to_owned(), source })
 }
 
-fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+/// Puts what `write` writes in the place of `path`, in one step.
+pub(crate) fn replace(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?;
     fs::create_dir_all(folder)?;
@@ -28,9 +29,9 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     hidden.push(format!(".{}.part", std::process::id()));
     let beside = folder.join(hidden);
     let written = (|| {
-        let mut file = File::create(&beside)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
+        let mut file = BufWriter::new(File::create(&beside)?);
+        write(&mut file)?;
+        file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         fs::rename(&beside, path)
     })();
     if written.is_err() {

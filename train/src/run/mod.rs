@@ -23,6 +23,7 @@ mod figures;
 mod folder;
 mod info;
 
+pub(crate) use atomic::replace;
 pub use atomic::write_atomically;
 pub use curve::{Curve, CurveRow, CurveWriter};
 pub use error::RunError;
