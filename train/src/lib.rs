@@ -1,6 +1,10 @@
 //! The ERF-GS trainer on wgpu.
 
+pub mod checkpoint;
 pub mod config;
+pub mod density;
+pub mod eds;
+pub mod evaluate;
 pub mod export;
 pub mod field;
 pub mod gaussians;
@@ -10,5 +14,8 @@ pub mod metrics;
 pub mod optimiser;
 pub mod raster;
 pub mod reference;
+pub mod report;
 pub mod run;
 pub mod scene;
+pub mod schedule;
+pub mod trainer;

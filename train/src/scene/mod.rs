@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use erfgs_session::{Dataset, Split, dataset::DatasetError};
 
 pub use events::{Bins, EventView};
-pub use motion::{MotionMasks, classify};
+pub use motion::{MotionMasks, classify, project};
 
 use crate::raster::{RasterError, View};
 

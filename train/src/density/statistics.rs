@@ -1,0 +1,73 @@
+//! The running statistics of density control, on the device.
+
+use wgpu::Buffer;
+
+use super::Seen;
+use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+
+/// Running statistics of every Gaussian.
+#[derive(Debug)]
+pub struct Statistics {
+    kernel: Kernel,
+    seen: Buffer,
+    rows: u32,
+}
+
+impl Statistics {
+    /// Nothing seen yet of `rows` Gaussians.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn new(gpu: &Gpu, rows: u32) -> Result<Self, GpuError> {
+        let kernel = gpu.kernel("statistics", &[include_str!("statistics.wgsl")]);
+        Ok(Self { kernel, seen: gpu.storage("statistics", u64::from(rows) * 16)?, rows })
+    }
+
+    /// Adds the screen statistics of an iteration (rows of vec4; see [`crate::raster::Gradients`]).
+    pub fn add(&self, gpu: &Gpu, commands: &mut Commands<'_>, screen: &Buffer) {
+        let rows = gpu.uniform("rows", &[self.rows, 0, 0, 0]);
+        commands.dispatch(&self.kernel, &[&rows, screen, &self.seen], self.rows.div_ceil(64));
+    }
+
+    /// What was seen so far.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn read(&self, gpu: &Gpu) -> Result<Vec<Seen>, GpuError> {
+        let rows: Vec<[f32; 4]> = gpu.download(&self.seen, self.rows as usize)?;
+        Ok(rows.iter().map(|row| Seen { gradient: row[0], iterations: row[1], radius_px: row[2] }).collect())
+    }
+
+    /// Starts anew with `seen` (of other rows, perhaps).
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn replace(&mut self, gpu: &Gpu, seen: &[Seen]) -> Result<(), GpuError> {
+        let rows: Vec<[f32; 4]> =
+            seen.iter().map(|seen| [seen.gradient, seen.iterations, seen.radius_px, 0.0]).collect();
+        self.seen = gpu.storage_from("statistics", &rows)?;
+        self.rows = seen.len() as u32;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::AdapterChoice;
+
+    #[test]
+    fn gradients_add_up_over_the_iterations_that_saw_a_gaussian() {
+        let gpu = Gpu::open(&AdapterChoice::default()).expect("an adapter");
+        let statistics = Statistics::new(&gpu, 2).expect("a buffer");
+        for screen in [[[3.0f32, 4.0, 2.0, 1.0], [9.0, 9.0, 9.0, 0.0]], [[0.0, 1.0, 5.0, 2.0], [0.0; 4]]] {
+            let screen = gpu.storage_from("screen", &screen).expect("a buffer");
+            let mut commands = gpu.commands();
+            statistics.add(&gpu, &mut commands, &screen);
+            commands.submit();
+        }
+        let seen = statistics.read(&gpu).expect("statistics");
+        assert_eq!(seen[0], Seen { gradient: 6.0, iterations: 2.0, radius_px: 5.0 });
+        assert_eq!(seen[1], Seen::default());
+    }
+}
