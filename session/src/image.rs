@@ -164,11 +164,24 @@ impl ImageGrey8 {
     }
 }
 
+/// Width and height of an image file, pixels; reads no more than its header.
+///
+/// # Errors
+/// If the file is missing or no image.
+pub fn size(path: &Path) -> Result<[u32; 2], ImageError> {
+    let (width, height) =
+        open(path)?.into_dimensions().map_err(|source| ImageError::Decode { path: path.to_owned(), source })?;
+    Ok([width, height])
+}
+
 fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
+    open(path)?.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source })
+}
+
+fn open(path: &Path) -> Result<image::ImageReader<std::io::BufReader<File>>, ImageError> {
     let io = |source| ImageError::Io { doing: "read", path: path.to_owned(), source };
     // The content decides what the format is: folders of frames with a wrong extension are common.
-    let reader = image::ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)?;
-    reader.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source })
+    image::ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)
 }
 
 fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {

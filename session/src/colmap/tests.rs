@@ -31,8 +31,8 @@ fn model() -> impl Strategy<Value = Model> {
     let point = (prop::array::uniform3(number()), any::<[u8; 3]>(), number());
     (prop::collection::vec(camera(), 1..4), images, prop::collection::vec(point, 0..5)).prop_map(
         |(cameras, images, points)| {
-            let mut model = Model::default();
-            model.cameras = cameras.into_iter().enumerate().map(|(i, camera)| (i as u32 * 3 + 1, camera)).collect();
+            let cameras = cameras.into_iter().enumerate().map(|(i, camera)| (i as u32 * 3 + 1, camera)).collect();
+            let mut model = Model { cameras, ..Model::default() };
             let points = points.into_iter().enumerate().map(|(i, (position, colour, error))| {
                 (i as u64 * 1000, Point3d { position: position.into(), colour, error, track: Vec::new() })
             });

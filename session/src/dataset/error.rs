@@ -110,13 +110,123 @@ pub enum DatasetError {
         named: u64,
     },
     /// The manifest contradicts itself or the files.
-    #[error("{}: {what}; {remedy}", path.display())]
-    Invalid {
-        /// The manifest or the file in question.
+    #[error("{}: {problem}", path.display())]
+    Manifest {
+        /// The manifest.
         path: PathBuf,
-        /// What is wrong, with the camera's name.
-        what: String,
-        /// What to do.
-        remedy: &'static str,
+        /// What is wrong.
+        problem: Problem,
     },
+    /// The manifest contradicts itself or the files in one camera.
+    #[error("{}: camera {camera}: {problem}", path.display())]
+    Camera {
+        /// The manifest.
+        path: PathBuf,
+        /// The camera's name.
+        camera: String,
+        /// What is wrong.
+        problem: Problem,
+    },
+    /// A file is not the one that the manifest was written for.
+    #[error("{} has changed since the dataset was made; copy it again or make the dataset anew", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The manifest has no hash of a file.
+    #[error("the manifest has no SHA-256 of {}; make the dataset anew", path.display())]
+    NoHash {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// What is wrong with a manifest, and what to do about it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Problem {
+    /// No cameras.
+    #[error("it names no camera; import the recording again")]
+    NoCameras,
+    /// A span without length.
+    #[error("the span {0:?} ns does not run forwards; set `span_ns` to the first and last instant of the recording")]
+    Span([i64; 2]),
+    /// A name that cannot be a folder's.
+    #[error("the name cannot be that of a folder; use letters, digits, `-`, `_` and `.`")]
+    Name,
+    /// Two cameras of one name.
+    #[error("the name comes twice; give each camera its own")]
+    NameTwice,
+    /// A pose with NaN or infinity.
+    #[error("the pose holds a number that is not finite; calibrate or import it again")]
+    PoseNotFinite,
+    /// A quaternion that is no rotation.
+    #[error("the rotation's quaternion has the length {0} instead of 1; calibrate or import it again")]
+    PoseNotUnit(f64),
+    /// An image without pixels.
+    #[error("the intrinsics give no image size; set `width` and `height`")]
+    NoSize,
+    /// A focal length that no lens has.
+    #[error("the focal lengths {0} and {1} must be positive; calibrate or import it again")]
+    Focal(f64, f64),
+    /// Other intrinsics with NaN or infinity.
+    #[error("the principal point or a distortion coefficient is not finite; calibrate or import it again")]
+    IntrinsicsNotFinite,
+    /// Frames or events do not fit the modality.
+    #[error("the modality `{modality}` does not fit {frames} frames and {} event file; correct `modality`", if *events { "an" } else { "no" })]
+    Modality {
+        /// The modality's name.
+        modality: &'static str,
+        /// How many frames there are.
+        frames: usize,
+        /// Whether there is an event file.
+        events: bool,
+    },
+    /// Frames out of order.
+    #[error("frame {index} ({}) at {t_ns} ns does not come after the one before it; sort the frames by time", file.display())]
+    Order {
+        /// Number of the frame in the camera.
+        index: usize,
+        /// Its image.
+        file: PathBuf,
+        /// Its time.
+        t_ns: i64,
+    },
+    /// A frame outside the span.
+    #[error("frame {index} ({}) at {t_ns} ns lies outside the span {span_ns:?} ns; correct `t_ns` or `span_ns`", file.display())]
+    OutsideSpan {
+        /// Number of the frame in the camera.
+        index: usize,
+        /// Its image.
+        file: PathBuf,
+        /// Its time.
+        t_ns: i64,
+        /// The recording's span.
+        span_ns: [i64; 2],
+    },
+    /// An exposure that ends before it starts, or elsewhere.
+    #[error("frame {index} ({}) at {t_ns} ns lies outside its exposure {exposure_ns:?} ns; correct `exposure_ns`", file.display())]
+    Exposure {
+        /// Number of the frame in the camera.
+        index: usize,
+        /// Its image.
+        file: PathBuf,
+        /// Its time.
+        t_ns: i64,
+        /// Its exposure.
+        exposure_ns: [i64; 2],
+    },
+    /// Event parameters that make no sense.
+    #[error("the event file {}: {what}; simulate or import the events again", file.display())]
+    EventFile {
+        /// The event file.
+        file: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A file named for two purposes.
+    #[error("the file {} is named twice; give each frame and each camera its own", .0.display())]
+    FileTwice(PathBuf),
+    /// A file that does not exist.
+    #[error("the file {} does not exist; copy it there or import the recording again", .0.display())]
+    MissingFile(PathBuf),
 }

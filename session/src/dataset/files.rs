@@ -124,7 +124,7 @@ impl Dataset {
     }
 }
 
-fn check_size(camera: &Camera, path: &Path, found: [u32; 2]) -> Result<(), DatasetError> {
+pub(super) fn check_size(camera: &Camera, path: &Path, found: [u32; 2]) -> Result<(), DatasetError> {
     let named = [camera.intrinsics.width, camera.intrinsics.height];
     if found == named {
         return Ok(());

@@ -1,22 +1,72 @@
-//! Hashes of the files that a manifest names.
+//! The files that a manifest names, and their hashes.
+
+use std::{
+    collections::BTreeSet,
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 
 use super::{Dataset, DatasetError};
 
 impl Dataset {
-    /// Computes the SHA-256 of every file that the manifest names into [`super::Manifest::sha256`]. Call before
-    /// [`Dataset::save`].
+    /// Every file that the manifest names, relative to the folder: frames, masks, events, points.
+    #[must_use]
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let mut files: BTreeSet<PathBuf> = self.manifest.points.iter().map(|points| points.file.clone()).collect();
+        for camera in &self.manifest.cameras {
+            files.extend(camera.frames.iter().map(|frame| frame.file.clone()));
+            files.extend(camera.frames.iter().filter_map(|frame| frame.mask.clone()));
+            files.extend(camera.events.iter().map(|events| events.file.clone()));
+        }
+        files
+    }
+
+    /// Computes the SHA-256 of every file that the manifest names into [`super::Manifest::sha256`], replacing what is
+    /// there. Call it before [`Dataset::save`].
     ///
     /// # Errors
     /// If a file cannot be read.
     pub fn hash_files(&mut self) -> Result<(), DatasetError> {
-        todo!()
+        self.manifest.sha256 = self.hashes()?.into_iter().collect();
+        Ok(())
     }
 
     /// Recomputes the hashes and compares them with those of the manifest.
     ///
     /// # Errors
-    /// The first file that is missing, changed, or has no hash.
+    /// The first file that is missing, has changed, or has no hash.
     pub fn verify(&self) -> Result<(), DatasetError> {
-        todo!()
+        for (file, hash) in self.hashes()? {
+            match self.manifest.sha256.get(&file) {
+                None => return Err(DatasetError::NoHash { path: self.root.join(file) }),
+                Some(stored) if *stored != hash => return Err(DatasetError::Changed { path: self.root.join(file) }),
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn hashes(&self) -> Result<Vec<(PathBuf, String)>, DatasetError> {
+        let files: Vec<PathBuf> = self.files().into_iter().collect();
+        let hashes: Vec<_> = files.par_iter().map(|file| sha256(&self.path(file)?)).collect();
+        // The first error in the order of the files, whatever thread met one first.
+        files.into_iter().zip(hashes).map(|(file, hash)| Ok((file, hash?))).collect()
+    }
+}
+
+fn sha256(path: &Path) -> Result<String, DatasetError> {
+    let io = |source| DatasetError::Io { doing: "read", path: path.to_owned(), source };
+    let (mut file, mut hasher, mut buffer) = (File::open(path).map_err(io)?, Sha256::new(), vec![0; 1 << 16]);
+    loop {
+        match file.read(&mut buffer) {
+            Ok(0) => return Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            Ok(length) => hasher.update(&buffer[..length]),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(io(error)),
+        }
     }
 }

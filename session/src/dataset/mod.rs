@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! ds/dataset.json                 the manifest (see [`Manifest`])
-//! ds/images/<camera>/<index>.png  frames
+//! ds/images/<camera>/<index>.png  frames (five digits, from 00000; see [`layout`])
 //! ds/events/<camera>.npz          events: t (i64, µs), x (u16), y (u16), p (u8, 1 = ON)
 //! ds/masks/<camera>/<index>.png   moving pixels (white), where given
 //! ds/points.ply                   the initial point cloud, where made
@@ -11,10 +11,14 @@
 mod error;
 mod files;
 mod hashes;
+pub mod layout;
 mod manifest;
 mod validate;
 
-pub use error::DatasetError;
+pub use error::{DatasetError, Problem};
 pub use manifest::{
     Camera, Dataset, EventFile, Frame, Manifest, Modality, PointCloudFile, Provenance, Split, VariantStep,
 };
+
+#[cfg(test)]
+mod tests;
