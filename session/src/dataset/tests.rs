@@ -53,6 +53,7 @@ fn some_manifest() -> Manifest {
         provenance: Provenance { importer: "stage".to_owned(), ..Provenance::default() },
         span_ns: [0, 66_666_666],
         seed: 7,
+        linear_exposure: false,
         variant: vec![VariantStep { step: "subsample".to_owned(), parameters: [("f".to_owned(), 4.into())].into() }],
         points: Some(PointCloudFile {
             file: layout::POINTS.into(),
