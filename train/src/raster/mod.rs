@@ -1,9 +1,12 @@
 //! The differentiable Gaussian rasteriser (Kerbl et al. 2023, with exact tile intersections).
 
+mod bins;
 mod buffers;
 mod frame;
+mod kernels;
 mod rasteriser;
 mod types;
+mod uniform;
 
 pub use buffers::Deltas;
 pub use frame::Frame;

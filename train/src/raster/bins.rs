@@ -1,0 +1,197 @@
+//! Which splats touch which tiles, sorted by tile, then depth: the host's side of the CPU shape.
+//!
+//! Splats are sorted by depth first; walking them in that order and appending each to the lists of its tiles leaves
+//! every list sorted. Ties keep the order of the Gaussians.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::uniform::PARITY_TILE;
+
+/// `Splat` in WGSL.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Splat {
+    pub(super) mean: [f32; 2],
+    pub(super) conic: [f32; 3],
+    pub(super) opacity: f32,
+    pub(super) extent: [f32; 2],
+    pub(super) colour: [f32; 3],
+    pub(super) depth: f32,
+}
+
+/// The tiles of an image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid {
+    /// Image width and height, pixels.
+    pub(super) image: [u32; 2],
+    /// Side of a tile, pixels.
+    pub(super) tile: u32,
+    /// Columns and rows.
+    pub(super) tiles: [u32; 2],
+    /// Whether splats are bounded by the squares that the 3DGS code uses.
+    pub(super) three_sigma: bool,
+}
+
+/// The lists of all tiles.
+#[derive(Debug, Default)]
+pub(super) struct Bins {
+    /// Splat and emission index, sorted by tile, then depth.
+    pub(super) entries: Vec<[u32; 2]>,
+    /// Tile, first entry, end of entries, 0; longest first.
+    pub(super) lists: Vec<[u32; 4]>,
+    /// First emission index and number of entries of each Gaussian.
+    pub(super) ranges: Vec<[u32; 2]>,
+}
+
+/// Neighbouring tiles of one row that a splat touches.
+#[derive(Clone, Copy, Debug, Default)]
+struct Span {
+    row: u32,
+    first: u32,
+    end: u32,
+    splat: u32,
+    emission: u32,
+}
+
+/// Sorts splats into tiles.
+pub(super) fn bin(splats: &[Splat], grid: &Grid) -> Bins {
+    let mut order: Vec<(u32, u32)> = splats
+        .iter()
+        .zip(0..)
+        .filter(|(splat, _)| splat.extent[0] > 0.0)
+        .map(|(splat, index)| (splat.depth.to_bits(), index))
+        .collect();
+    radsort::sort_by_key(&mut order, |entry| entry.0);
+
+    let chunk = order.len().div_ceil(4 * rayon::current_num_threads()).max(1024);
+    let mut chunks: Vec<Vec<Span>> = order
+        .par_chunks(chunk)
+        .map(|part| {
+            let mut spans = Vec::with_capacity(4 * part.len());
+            for &(_, index) in part {
+                spans_of(&splats[index as usize], index, grid, &mut spans);
+            }
+            spans
+        })
+        .collect();
+
+    let mut ranges = vec![[0u32; 2]; splats.len()];
+    let mut starts = vec![0u32; (grid.tiles[0] * grid.tiles[1]) as usize + 1];
+    let mut emission = 0;
+    for span in chunks.iter_mut().flatten() {
+        span.emission = emission;
+        let range = &mut ranges[span.splat as usize];
+        if range[1] == 0 {
+            range[0] = emission;
+        }
+        range[1] += span.end - span.first;
+        emission += span.end - span.first;
+        let row = (span.row * grid.tiles[0]) as usize;
+        for tile in span.first..span.end {
+            starts[row + tile as usize + 1] += 1;
+        }
+    }
+    for tile in 1..starts.len() {
+        starts[tile] += starts[tile - 1];
+    }
+    let entries = scatter(&chunks, &starts, grid, emission as usize);
+    Bins { entries, lists: schedule(&starts), ranges }
+}
+
+/// Writes the lists. Each worker owns some rows of tiles and reads all spans.
+fn scatter(chunks: &[Vec<Span>], starts: &[u32], grid: &Grid, count: usize) -> Vec<[u32; 2]> {
+    let mut entries = vec![[0u32; 2]; count];
+    let columns = grid.tiles[0] as usize;
+    let workers = rayon::current_num_threads().clamp(1, 8);
+    let mut bands = Vec::with_capacity(workers);
+    let mut rest = entries.as_mut_slice();
+    let mut row = 0;
+    for worker in 0..workers {
+        let goal = count * (worker + 1) / workers;
+        let first_row = row;
+        while row < grid.tiles[1] as usize && (worker + 1 == workers || (starts[row * columns] as usize) < goal) {
+            row += 1;
+        }
+        let length = (starts[row * columns] - starts[first_row * columns]) as usize;
+        let (band, remaining) = rest.split_at_mut(length);
+        rest = remaining;
+        bands.push((first_row, row, band));
+    }
+    bands.into_par_iter().for_each(|(first_row, end_row, band)| {
+        let first_tile = first_row * columns;
+        let mut cursors: Vec<u32> =
+            starts[first_tile..end_row * columns].iter().map(|start| start - starts[first_tile]).collect();
+        for span in chunks.iter().flatten() {
+            let row = span.row as usize;
+            if !(first_row..end_row).contains(&row) {
+                continue;
+            }
+            let first = row * columns - first_tile;
+            for (cursor, emission) in
+                cursors[first + span.first as usize..first + span.end as usize].iter_mut().zip(span.emission..)
+            {
+                band[*cursor as usize] = [span.splat, emission];
+                *cursor += 1;
+            }
+        }
+    });
+    entries
+}
+
+/// The tiles' lists, longest first; equally long ones in the order of the tiles.
+fn schedule(starts: &[u32]) -> Vec<[u32; 4]> {
+    let mut lists: Vec<[u32; 4]> = starts.windows(2).zip(0..).map(|(pair, tile)| [tile, pair[0], pair[1], 0]).collect();
+    radsort::sort_by_key(&mut lists, |list| u32::MAX - (list[2] - list[1]));
+    lists
+}
+
+/// Pixels whose centre lies within `low..=high`, as first and end index within `0..size`.
+fn pixels_between(low: f32, high: f32, size: u32) -> (u32, u32) {
+    let first = (low - 0.5).ceil().clamp(0.0, size as f32);
+    let end = ((high - 0.5).floor() + 1.0).clamp(0.0, size as f32);
+    (first as u32, end as u32)
+}
+
+fn spans_of(splat: &Splat, index: u32, grid: &Grid, spans: &mut Vec<Span>) {
+    let [mx, my] = splat.mean;
+    let [ex, ey] = splat.extent;
+    let side = grid.tile;
+    let mut push = |row: u32, pixels: (u32, u32)| {
+        if pixels.0 < pixels.1 {
+            let end = (pixels.1 - 1) / side + 1;
+            spans.push(Span { row, first: pixels.0 / side, end, splat: index, emission: 0 });
+        }
+    };
+    let (top, bottom) = pixels_between(my - ey, my + ey, grid.image[1]);
+    if grid.three_sigma {
+        // Whole tiles of 16 pixels, whatever the side of the tiles here.
+        let snap = |first: u32, end: u32, size: u32| {
+            (first / PARITY_TILE * PARITY_TILE, end.next_multiple_of(PARITY_TILE).min(size))
+        };
+        let (left, right) = pixels_between(mx - ex, mx + ex, grid.image[0]);
+        if top < bottom && left < right {
+            let (top, bottom) = snap(top, bottom, grid.image[1]);
+            for row in top / side..bottom.div_ceil(side) {
+                push(row, snap(left, right, grid.image[0]));
+            }
+        }
+        return;
+    }
+    if top >= bottom {
+        return;
+    }
+    let [a, b, c] = splat.conic;
+    let half_widest = (2.0 * (255.0 * splat.opacity).ln() * 1.0001 + 1e-4).max(0.0) / a;
+    let rightmost_y = -b / c * ex;
+    let inverse_ey = 1.0 / ey;
+    // Largest x (relative to the mean) of the ellipse at y, mirrored for the smallest.
+    let edge = |y: f32, sign: f32| -b / a * y + sign * (half_widest * (1.0 - (y * inverse_ey).powi(2)).max(0.0)).sqrt();
+    for row in top / side..(bottom - 1) / side + 1 {
+        let low = (row * side).max(top) as f32 + 0.5 - my;
+        let high = ((row + 1) * side).min(bottom) as f32 - 0.5 - my;
+        let right = if (low..=high).contains(&rightmost_y) { ex } else { edge(rightmost_y.clamp(low, high), 1.0) };
+        let left = if (low..=high).contains(&-rightmost_y) { -ex } else { edge((-rightmost_y).clamp(low, high), -1.0) };
+        push(row, pixels_between(mx + left, mx + right, grid.image[0]));
+    }
+}

@@ -1,0 +1,204 @@
+// From the gradient of each splat to the gradient of its Gaussian's parameters. One thread a Gaussian.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> core: array<vec4f>;
+@group(0) @binding(2) var<storage, read> sh: array<f32>;
+@group(0) @binding(3) var<storage, read> delta_core: array<vec4f>;
+@group(0) @binding(4) var<storage, read> delta_sh: array<f32>;
+@group(0) @binding(5) var<storage, read> d_splats: array<SplatGradient>;
+@group(0) @binding(6) var<storage, read_write> d_core: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
+@group(0) @binding(8) var<storage, read_write> d_delta_core: array<vec4f>;
+@group(0) @binding(9) var<storage, read_write> d_delta_sh: array<f32>;
+@group(0) @binding(10) var<storage, read_write> screen: array<vec4f>;
+
+// Whether the gradient of the deltas is wanted, and that of their SH.
+fn wants_delta(index: u32) -> bool {
+    return index < view.counts.y && view.outputs.x != 0u;
+}
+
+fn wants_delta_sh(index: u32) -> bool {
+    return index < view.counts.y && view.outputs.y != 0u;
+}
+
+// Adds the gradient of coefficient k, whose harmonic has `value` and `gradient` in the view's direction; returns what
+// it contributes to the gradient of the direction.
+fn term(index: u32, k: u32, d_colour: vec3f, value: f32, gradient: vec3f) -> vec3f {
+    let at = index * view.counts.w + 3u * k;
+    let d = value * d_colour;
+    d_sh[at] += d.x;
+    d_sh[at + 1u] += d.y;
+    d_sh[at + 2u] += d.z;
+    if wants_delta_sh(index) {
+        d_delta_sh[at] = d.x;
+        d_delta_sh[at + 1u] = d.y;
+        d_delta_sh[at + 2u] = d.z;
+    }
+    return dot(sh_coefficient(index, k), d_colour) * gradient;
+}
+
+// The gradient of the direction; adds the gradient of the coefficients on the way.
+fn harmonics_backward(index: u32, d: vec3f, d_colour: vec3f) -> vec3f {
+    let degree = view.counts.z;
+    var g = term(index, 0u, d_colour, SH0, vec3f(0.0));
+    if degree == 0u {
+        return g;
+    }
+    let x = d.x;
+    let y = d.y;
+    let z = d.z;
+    g += term(index, 1u, d_colour, -SH1 * y, vec3f(0.0, -SH1, 0.0));
+    g += term(index, 2u, d_colour, SH1 * z, vec3f(0.0, 0.0, SH1));
+    g += term(index, 3u, d_colour, -SH1 * x, vec3f(-SH1, 0.0, 0.0));
+    if degree == 1u {
+        return g;
+    }
+    let xx = x * x;
+    let yy = y * y;
+    let zz = z * z;
+    g += term(index, 4u, d_colour, SH2A * x * y, SH2A * vec3f(y, x, 0.0));
+    g += term(index, 5u, d_colour, -SH2A * y * z, -SH2A * vec3f(0.0, z, y));
+    g += term(index, 6u, d_colour, SH2B * (2.0 * zz - xx - yy), SH2B * vec3f(-2.0 * x, -2.0 * y, 4.0 * z));
+    g += term(index, 7u, d_colour, -SH2A * x * z, -SH2A * vec3f(z, 0.0, x));
+    g += term(index, 8u, d_colour, SH2C * (xx - yy), SH2C * vec3f(2.0 * x, -2.0 * y, 0.0));
+    if degree == 2u {
+        return g;
+    }
+    let far = 4.0 * zz - xx - yy;
+    g += term(index, 9u, d_colour, -SH3A * y * (3.0 * xx - yy), -SH3A * vec3f(6.0 * x * y, 3.0 * (xx - yy), 0.0));
+    g += term(index, 10u, d_colour, SH3B * x * y * z, SH3B * vec3f(y * z, x * z, x * y));
+    g += term(index, 11u, d_colour, -SH3C * y * far, -SH3C * vec3f(-2.0 * x * y, far - 2.0 * yy, 8.0 * y * z));
+    g += term(
+        index, 12u, d_colour,
+        SH3D * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        SH3D * vec3f(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy),
+    );
+    g += term(index, 13u, d_colour, -SH3C * x * far, -SH3C * vec3f(far - 2.0 * xx, -2.0 * x * y, 8.0 * x * z));
+    g += term(index, 14u, d_colour, SH3E * z * (xx - yy), SH3E * vec3f(2.0 * x * z, -2.0 * y * z, xx - yy));
+    g += term(index, 15u, d_colour, -SH3A * x * (xx - 3.0 * yy), -SH3A * vec3f(3.0 * (xx - yy), -6.0 * x * y, 0.0));
+    return g;
+}
+
+// The gradient of the unit quaternion, from that of the columns of its rotation.
+fn rotation_backward(q: vec4f, d0: vec3f, d1: vec3f, d2: vec3f) -> vec4f {
+    let w = q.x;
+    let x = q.y;
+    let y = q.z;
+    let z = q.w;
+    return 2.0 * vec4f(
+        z * (d0.y - d1.x) + y * (d2.x - d0.z) + x * (d1.z - d2.y),
+        y * (d1.x + d0.y) + z * (d2.x + d0.z) + w * (d1.z - d2.y) - 2.0 * x * (d1.y + d2.z),
+        x * (d1.x + d0.y) + z * (d2.y + d1.z) + w * (d2.x - d0.z) - 2.0 * y * (d0.x + d2.z),
+        x * (d2.x + d0.z) + y * (d2.y + d1.z) + w * (d0.y - d1.x) - 2.0 * z * (d0.x + d1.y),
+    );
+}
+
+fn clear_deltas(index: u32) {
+    if wants_delta(index) {
+        for (var i = 0u; i < 3u; i++) {
+            d_delta_core[3u * index + i] = vec4f(0.0);
+        }
+    }
+    if wants_delta_sh(index) {
+        for (var i = 0u; i < view.counts.w; i++) {
+            d_delta_sh[index * view.counts.w + i] = 0.0;
+        }
+    }
+}
+
+@compute @workgroup_size(THREADS)
+fn main(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let index = (group.y * groups.x + group.x) * THREADS + thread;
+    if index >= view.counts.x {
+        return;
+    }
+    clear_deltas(index);
+    let d_splat = d_splats[index];
+    if d_splat.blue_entries.y == 0.0 {
+        return;
+    }
+    var row0 = core[index * 3u];
+    var row1 = core[index * 3u + 1u];
+    var row2 = core[index * 3u + 2u];
+    if index < view.counts.y {
+        row0 += delta_core[index * 3u];
+        row1 += delta_core[index * 3u + 1u];
+        row2 += delta_core[index * 3u + 2u];
+    }
+    let p = project_gaussian(row0, row1, row2);
+
+    // Colour.
+    let offset = row0.xyz - view.centre_near.xyz;
+    let inverse_distance = inverseSqrt(dot(offset, offset));
+    let direction = offset * inverse_distance;
+    let colour = colour_of(index, direction);
+    let d_clamped = vec3f(d_splat.moments_colour.zw, d_splat.blue_entries.x);
+    let d_colour = select(vec3f(0.0), d_clamped, colour > vec3f(0.0));
+    let d_direction = harmonics_backward(index, direction, d_colour);
+    var d_mean = inverse_distance * (d_direction - direction * dot(direction, d_direction));
+
+    // Power = -1/2 (a dx^2 + 2 b dx dy + c dy^2), (dx, dy) = pixel - mean.
+    let v = d_splat.moments.x;
+    let v_d = d_splat.moments.yz;
+    let a = p.conic.x;
+    let b = p.conic.y;
+    let c = p.conic.z;
+    let d_pixel = vec2f(a * v_d.x + b * v_d.y, b * v_d.x + c * v_d.y);
+    let conic = mat2x2f(a, b, b, c);
+    let half_xy = -0.5 * d_splat.moments_colour.x;
+    let d_conic = mat2x2f(-0.5 * d_splat.moments.w, half_xy, half_xy, -0.5 * d_splat.moments_colour.y);
+    let d_covariance = conic * d_conic * conic;
+    let xx = -d_covariance[0][0];
+    let xy = -0.5 * (d_covariance[0][1] + d_covariance[1][0]);
+    let yy = -d_covariance[1][1];
+
+    // covariance = root root^T, root = jacobian rotation scale.
+    let d_root_x = 2.0 * (xx * p.root_x + xy * p.root_y);
+    let d_root_y = 2.0 * (xy * p.root_x + yy * p.root_y);
+    var d_log_scale = d_root_x * p.root_x + d_root_y * p.root_y;
+    d_log_scale = select(d_log_scale, vec3f(0.0), vec3f(row0.w, row1.xy) > vec3f(LARGEST_LOG_SCALE));
+    let scaled_x = d_root_x * p.scale;
+    let scaled_y = d_root_y * p.scale;
+    let d_jacobian_x = p.rotation * scaled_x;
+    let d_jacobian_y = p.rotation * scaled_y;
+    let d_unit = rotation_backward(
+        p.quaternion,
+        scaled_x.x * p.jacobian_x + scaled_y.x * p.jacobian_y,
+        scaled_x.y * p.jacobian_x + scaled_y.y * p.jacobian_y,
+        scaled_x.z * p.jacobian_x + scaled_y.z * p.jacobian_y,
+    );
+    let d_quaternion = p.inverse_length * (d_unit - p.quaternion * dot(p.quaternion, d_unit));
+
+    // jacobian_x = fx/z (w0 - slope.x w2), mean = f slope + c; likewise y.
+    let inverse_z = 1.0 / p.camera.z;
+    let focal = view.pinhole.xy * inverse_z;
+    let w2 = view.world_to_camera[2].xyz;
+    let d_slope = -focal * vec2f(dot(w2, d_jacobian_x), dot(w2, d_jacobian_y));
+    let d_free_slope = select(d_slope, vec2f(0.0), p.bounded);
+    let d_camera_xy = d_free_slope * inverse_z + focal * d_pixel;
+    let along = dot(p.jacobian_x, d_jacobian_x) + dot(p.jacobian_y, d_jacobian_y);
+    let d_camera_z = -inverse_z * (along + dot(p.camera.xy, d_camera_xy));
+    d_mean += view.world_to_camera[0].xyz * d_camera_xy.x + view.world_to_camera[1].xyz * d_camera_xy.y + w2 * d_camera_z;
+
+    let d_logit = v * (1.0 - p.opacity);
+    let d0 = vec4f(d_mean, d_log_scale.x);
+    let d1 = vec4f(d_log_scale.yz, d_quaternion.xy);
+    let d2 = vec4f(d_quaternion.zw, d_logit, 0.0);
+    d_core[3u * index] += d0;
+    d_core[3u * index + 1u] += d1;
+    d_core[3u * index + 2u] += d2;
+    if wants_delta(index) {
+        d_delta_core[3u * index] = d0;
+        d_delta_core[3u * index + 1u] = d1;
+        d_delta_core[3u * index + 2u] = d2;
+    }
+    if view.switches.z != 0u {
+        let before = screen[index];
+        let moved = 0.5 * vec2f(view.size.xy) * d_pixel;
+        screen[index] = vec4f(before.xy + moved, max(before.z, ceil(radius_of(p.covariance))), before.w + 1.0);
+    }
+}

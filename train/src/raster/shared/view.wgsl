@@ -1,0 +1,33 @@
+// The camera and the settings of one render; the Rust side is `view_uniform.rs`.
+
+struct View {
+    // Rows of the world-to-camera rotation; w: the translation, metres.
+    world_to_camera: array<vec4f, 3>,
+    // xyz: camera centre in the world, w: near plane.
+    centre_near: vec4f,
+    // fx, fy, cx, cy in pixels.
+    pinhole: vec4f,
+    // Bounds of x/z (xy) and of y/z (zw) in the Jacobian of the projection.
+    slope_bounds: vec4f,
+    // rgb: background.
+    background: vec4f,
+    // Image width, image height (pixels), tile columns, tile rows.
+    size: vec4u,
+    // Gaussians, rows of the deltas, active SH degree, floats in a row of SH.
+    counts: vec4u,
+    // Whether the deltas have SH; whether the 3 sigma square bounds a splat; whether statistics are kept; room for
+    // intersections.
+    switches: vec4u,
+    // Whether gradients of the deltas are wanted, and of their SH.
+    outputs: vec4u,
+}
+
+const CORE_STRIDE = 12u;
+const NEGLIGIBLE_ALPHA = 1.0 / 255.0;
+const LARGEST_ALPHA = 0.99;
+const LEAST_TRANSMITTANCE = 1e-4;
+
+// A test that holds whatever a compiler assumes about NaN.
+fn is_finite(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u;
+}
