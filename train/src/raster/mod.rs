@@ -1,5 +1,6 @@
 //! The differentiable Gaussian rasteriser (Kerbl et al. 2023, with exact tile intersections).
 
+mod bench;
 mod bins;
 mod buffers;
 mod frame;
@@ -8,6 +9,7 @@ mod rasteriser;
 mod types;
 mod uniform;
 
+pub use bench::{BenchResult, BenchScene, bench};
 pub use buffers::Deltas;
 pub use frame::Frame;
 pub use rasteriser::Rasteriser;

@@ -1,6 +1,9 @@
 //! The forward and the backward pass.
 
-use std::sync::{Mutex, PoisonError};
+use std::{
+    sync::{Mutex, PoisonError},
+    time::Instant,
+};
 
 use wgpu::Buffer;
 
@@ -11,7 +14,7 @@ use super::{
     kernels::{Kernels, THREADS, TILES_TOGETHER},
     uniform::ViewUniform,
 };
-use crate::gpu::Gpu;
+use crate::gpu::{Commands, Gpu};
 
 /// The compiled kernels of the rasteriser and the buffers that its passes share.
 #[derive(Debug)]
@@ -29,6 +32,17 @@ struct Scratch {
     moments_colour: Buffer,
     d_blue: Buffer,
     d_splats: Buffer,
+}
+
+impl Scratch {
+    fn make_room(&mut self, gpu: &Gpu, intersections: u32, gaussians: u32) -> Result<(), RasterError> {
+        let entries = u64::from(intersections);
+        grow(gpu, &mut self.moments, "moments", 16 * entries)?;
+        grow(gpu, &mut self.moments_colour, "moments colour", 16 * entries)?;
+        grow(gpu, &mut self.d_blue, "d_blue", 4 * entries)?;
+        grow(gpu, &mut self.d_splats, "d_splats", 48 * u64::from(gaussians))?;
+        Ok(())
+    }
 }
 
 /// What all stages of one render need to know.
@@ -182,20 +196,30 @@ impl Rasteriser {
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
         let uniform = gpu.uniform("view", &values);
-
         let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        let scratch = &mut *scratch;
-        let entries = u64::from(frame.intersections);
-        grow(gpu, &mut scratch.moments, "moments", 16 * entries)?;
-        grow(gpu, &mut scratch.moments_colour, "moments colour", 16 * entries)?;
-        grow(gpu, &mut scratch.d_blue, "d_blue", 4 * entries)?;
-        grow(gpu, &mut scratch.d_splats, "d_splats", 48 * u64::from(gaussians.count))?;
-
+        scratch.make_room(gpu, frame.intersections, gaussians.count)?;
         let mut commands = gpu.commands();
+        let tiles = values.size[2] * values.size[3];
+        self.blend_backward(&mut commands, &uniform, tiles, frame, d_image, &scratch);
+        self.gather(&mut commands, &uniform, gaussians.count, frame, &scratch);
+        self.project_backward(&mut commands, &uniform, gaussians, deltas, &scratch, gradients, delta_gradients);
+        commands.submit();
+        Ok(())
+    }
+
+    fn blend_backward(
+        &self,
+        commands: &mut Commands<'_>,
+        uniform: &Buffer,
+        tiles: u32,
+        frame: &Frame,
+        d_image: &Buffer,
+        scratch: &Scratch,
+    ) {
         commands.dispatch(
             &self.kernels.blend_backward,
             &[
-                &uniform,
+                uniform,
                 &frame.splats,
                 &frame.entries,
                 &frame.lists,
@@ -206,19 +230,34 @@ impl Rasteriser {
                 &scratch.moments_colour,
                 &scratch.d_blue,
             ],
-            (values.size[2] * values.size[3]).div_ceil(TILES_TOGETHER),
+            tiles.div_ceil(TILES_TOGETHER),
         );
-        let groups = gaussians.count.div_ceil(THREADS);
+    }
+
+    fn gather(&self, commands: &mut Commands<'_>, uniform: &Buffer, count: u32, frame: &Frame, scratch: &Scratch) {
         commands.dispatch(
             &self.kernels.gather,
-            &[&uniform, &frame.ranges, &scratch.moments, &scratch.moments_colour, &scratch.d_blue, &scratch.d_splats],
-            groups,
+            &[uniform, &frame.ranges, &scratch.moments, &scratch.moments_colour, &scratch.d_blue, &scratch.d_splats],
+            count.div_ceil(THREADS),
         );
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn project_backward(
+        &self,
+        commands: &mut Commands<'_>,
+        uniform: &Buffer,
+        gaussians: &GaussianBuffers,
+        deltas: Option<&Deltas>,
+        scratch: &Scratch,
+        gradients: &Gradients,
+        delta_gradients: Option<&Deltas>,
+    ) {
         let [delta_core, delta_sh] = self.delta_bindings(deltas);
         commands.dispatch(
             &self.kernels.project_backward,
             &[
-                &uniform,
+                uniform,
                 &gaussians.core,
                 &gaussians.sh,
                 delta_core,
@@ -230,10 +269,57 @@ impl Rasteriser {
                 delta_gradients.and_then(|d| d.sh.as_ref()).unwrap_or(&self.unused[2]),
                 &gradients.screen,
             ],
-            groups,
+            gaussians.count.div_ceil(THREADS),
         );
+    }
+
+    /// Runs both passes with a wait after each stage, and appends the milliseconds that each took.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn by_stage(
+        &self,
+        gpu: &Gpu,
+        gaussians: &GaussianBuffers,
+        view: &View,
+        options: &RenderOptions,
+        frame: &mut Frame,
+        d_image: &Buffer,
+        gradients: &Gradients,
+        timed: &mut Vec<(&'static str, f64)>,
+    ) -> Result<(), RasterError> {
+        let mut start = Instant::now();
+        let mut lap = |name| -> Result<(), RasterError> {
+            gpu.wait("timing a stage")?;
+            timed.push((name, start.elapsed().as_secs_f64() * 1e3));
+            start = Instant::now();
+            Ok(())
+        };
+        let render = Render::new(gpu, gaussians, None, view, options)?;
+        self.prepare(gpu, gaussians, view, options, frame)?;
+        lap("prepare")?;
+        self.project(gpu, gaussians, None, &render, frame);
+        lap("project")?;
+        let bins = self.bin(gpu, gaussians, &render, frame)?;
+        lap("bin")?;
+        self.upload_bins(gpu, &bins, frame)?;
+        gpu.queue.submit([]);
+        lap("upload bins")?;
+        self.blend(gpu, &render, frame);
+        lap("blend")?;
+        let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
+        scratch.make_room(gpu, frame.intersections, gaussians.count)?;
+        let tiles = render.grid.tiles[0] * render.grid.tiles[1];
+        let mut commands = gpu.commands();
+        self.blend_backward(&mut commands, &render.uniform, tiles, frame, d_image, &scratch);
         commands.submit();
-        Ok(())
+        lap("blend backward")?;
+        let mut commands = gpu.commands();
+        self.gather(&mut commands, &render.uniform, gaussians.count, frame, &scratch);
+        commands.submit();
+        lap("gather")?;
+        let mut commands = gpu.commands();
+        self.project_backward(&mut commands, &render.uniform, gaussians, None, &scratch, gradients, None);
+        commands.submit();
+        lap("project backward")
     }
 
     fn delta_bindings<'a>(&'a self, deltas: Option<&'a Deltas>) -> [&'a Buffer; 2] {
