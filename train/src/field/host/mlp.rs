@@ -1,0 +1,179 @@
+//! The MLP on a block of rows, small enough that its activations stay in the cache.
+
+use super::product::{Matrix, multiply};
+use crate::field::{
+    Layout, Linear, Outputs,
+    layout::{Head, Target},
+};
+
+/// Rows of a block.
+pub const BLOCK: usize = 128;
+
+/// Scratch and private gradient of one worker.
+#[derive(Debug, Default)]
+pub struct Lane {
+    /// Outputs of the trunk layers after their ReLU, `[row, width]` each.
+    trunk: Vec<Vec<f32>>,
+    /// Hidden layers of the heads after their ReLU, `[row, head, width]`.
+    hidden: Vec<f32>,
+    d_hidden: Vec<f32>,
+    /// Gradient of the features, `[row, feature]`, after [`Lane::backward`].
+    pub d_features: Vec<f32>,
+    d_trunk: [Vec<f32>; 2],
+    /// Gradient of the MLP's parameters, summed over the blocks of this lane.
+    pub gradient: Vec<f32>,
+}
+
+/// The outputs of a block, or their gradient.
+pub struct Rows<'a> {
+    /// `[row, 12]`.
+    pub core: &'a [f32],
+    /// `[row, sh_stride]`; empty without SH.
+    pub sh: &'a [f32],
+}
+
+impl Lane {
+    /// Scratch for fields of this layout.
+    pub fn new(layout: &Layout) -> Self {
+        let width = layout.config.width as usize;
+        let block = || vec![0.0; BLOCK * width];
+        Self {
+            trunk: layout.trunk.iter().map(|_| block()).collect(),
+            hidden: vec![0.0; BLOCK * width * layout.heads.len()],
+            d_hidden: vec![0.0; BLOCK * width * layout.heads.len()],
+            d_features: vec![0.0; BLOCK * layout.point_features()],
+            d_trunk: [block(), block()],
+            gradient: vec![0.0; layout.total - layout.grid],
+        }
+    }
+
+    /// Evaluates the MLP at rows of `features` and writes the columns of the heads of `what`, for as many rows as `core`
+    /// has.
+    pub fn forward(
+        &mut self,
+        layout: &Layout,
+        parameters: &[f32],
+        features: &[f32],
+        what: Outputs,
+        core: &mut [f32],
+        sh: &mut [f32],
+    ) {
+        let rows = core.len() / 12;
+        let heads = layout.heads_of(what);
+        self.activate(layout, parameters, features, rows, heads);
+        let width = layout.config.width as usize;
+        for (slot, head) in heads.iter().enumerate() {
+            let input = Matrix::new(&self.hidden[slot * width..], rows, width, heads.len() * width);
+            match head.target {
+                Target::Core(column) => apply(&mut core[column..], 12, parameters, &head.out, input),
+                Target::Sh => apply(sh, layout.config.sh_stride as usize, parameters, &head.out, input),
+            }
+        }
+    }
+
+    /// Evaluates the hidden layers again, adds the gradient of the weights and biases to `self.gradient` and leaves that
+    /// of the features in `self.d_features`.
+    pub fn backward(
+        &mut self,
+        layout: &Layout,
+        parameters: &[f32],
+        features: &[f32],
+        rows: usize,
+        what: Outputs,
+        d_out: &Rows<'_>,
+    ) {
+        let heads = layout.heads_of(what);
+        self.activate(layout, parameters, features, rows, heads);
+        let width = layout.config.width as usize;
+        let stride = heads.len() * width;
+        let mlp = layout.grid;
+        for (slot, head) in heads.iter().enumerate() {
+            let (d, d_stride) = match head.target {
+                Target::Core(column) => (&d_out.core[column..], 12),
+                Target::Sh => (d_out.sh, layout.config.sh_stride as usize),
+            };
+            let d = Matrix::new(d, rows, head.out.outputs, d_stride);
+            let hidden = Matrix::new(&self.hidden[slot * width..], rows, width, stride);
+            pull_weights(&mut self.gradient, mlp, &head.out, d, hidden);
+            let weights = weights(parameters, &head.out);
+            multiply(&mut self.d_hidden[slot * width..], stride, d, weights, false);
+        }
+        mask(&mut self.d_hidden[..rows * stride], &self.hidden);
+        let [d_top, d_next] = &mut self.d_trunk;
+        let top = &self.trunk[layout.trunk.len() - 1];
+        if let Some(all) = fused(heads) {
+            let d_hidden = Matrix::new(&self.d_hidden, rows, stride, stride);
+            pull_weights(&mut self.gradient, mlp, &all, d_hidden, Matrix::new(top, rows, width, width));
+            multiply(d_top, width, d_hidden, weights(parameters, &all), false);
+            mask(&mut d_top[..rows * width], top);
+        }
+        for (layer, linear) in layout.trunk.iter().enumerate().rev() {
+            let d = Matrix::new(d_top, rows, width, width);
+            if layer == 0 {
+                let inputs = linear.inputs;
+                pull_weights(&mut self.gradient, mlp, linear, d, Matrix::new(features, rows, inputs, inputs));
+                multiply(&mut self.d_features, inputs, d, weights(parameters, linear), false);
+            } else {
+                let input = &self.trunk[layer - 1];
+                pull_weights(&mut self.gradient, mlp, linear, d, Matrix::new(input, rows, width, width));
+                multiply(d_next, width, d, weights(parameters, linear), false);
+                mask(&mut d_next[..rows * width], input);
+                std::mem::swap(d_top, d_next);
+            }
+        }
+    }
+
+    /// Fills the activations of trunk and hidden layers.
+    fn activate(&mut self, layout: &Layout, parameters: &[f32], features: &[f32], rows: usize, heads: &[Head]) {
+        let width = layout.config.width as usize;
+        for (layer, linear) in layout.trunk.iter().enumerate() {
+            let (done, rest) = self.trunk.split_at_mut(layer);
+            let input = done.last().map_or(features, Vec::as_slice);
+            let input = Matrix::new(input, rows, linear.inputs, linear.inputs);
+            apply(&mut rest[0], width, parameters, linear, input);
+            relu(&mut rest[0][..rows * width]);
+        }
+        if let Some(all) = fused(heads) {
+            let top = Matrix::new(&self.trunk[layout.trunk.len() - 1], rows, width, width);
+            apply(&mut self.hidden, all.outputs, parameters, &all, top);
+            relu(&mut self.hidden[..rows * all.outputs]);
+        }
+    }
+}
+
+/// The hidden layers of all heads as one layer.
+fn fused(heads: &[Head]) -> Option<Linear> {
+    let first = &heads.first()?.hidden;
+    Some(Linear { outputs: first.outputs * heads.len(), ..first.clone() })
+}
+
+fn weights<'a>(parameters: &'a [f32], linear: &Linear) -> Matrix<'a> {
+    Matrix::new(&parameters[linear.weight..], linear.outputs, linear.inputs, linear.inputs)
+}
+
+/// `out = input weights^T + bias`.
+fn apply(out: &mut [f32], stride: usize, parameters: &[f32], linear: &Linear, input: Matrix<'_>) {
+    let bias = &parameters[linear.bias..][..linear.outputs];
+    for row in out.chunks_mut(stride).take(input.rows()) {
+        row[..linear.outputs].copy_from_slice(bias);
+    }
+    multiply(out, stride, input, weights(parameters, linear).transposed(), true);
+}
+
+/// Adds the gradients of weights and biases; `gradient` starts at parameter `base`.
+fn pull_weights(gradient: &mut [f32], base: usize, linear: &Linear, d_out: Matrix<'_>, input: Matrix<'_>) {
+    multiply(&mut gradient[linear.weight - base..], linear.inputs, d_out.transposed(), input, true);
+    let bias = &mut gradient[linear.bias - base..][..linear.outputs];
+    for row in d_out.each_row() {
+        bias.iter_mut().zip(row).for_each(|(sum, d)| *sum += d);
+    }
+}
+
+fn relu(values: &mut [f32]) {
+    values.iter_mut().for_each(|value| *value = if *value > 0.0 || value.is_nan() { *value } else { 0.0 });
+}
+
+/// Zeroes the gradient where the ReLU gave zero.
+fn mask(gradient: &mut [f32], activation: &[f32]) {
+    gradient.iter_mut().zip(activation).for_each(|(d, value)| *d = if *value == 0.0 { 0.0 } else { *d });
+}
