@@ -1,1 +1,250 @@
-//! Checkpoints: everything that a run needs to go on.
+//! Checkpoints: everything that a run needs to go on as if it had not stopped.
+//!
+//! A file holds the magic `ERFGSCKP`, the length of a JSON header (u64, little-endian), the header, vectors of
+//! little-endian f32 in the order that the header lists, and the SHA-256 of all that. It is written beside its name and
+//! moved there, so that a file under that name is always whole.
+
+use std::{io, path::Path, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::{
+    config::Config,
+    density::{Moments, Population, Seen},
+    field::{FieldState, NamedVector},
+    gaussians::{CORE, Gaussians, sh_stride},
+    run::{LeftOut, RunError, write_atomically},
+    schedule::Clock,
+};
+
+const MAGIC: &[u8; 8] = b"ERFGSCKP";
+const VERSION: u32 = 1;
+
+/// Why a checkpoint could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The file could not be read.
+    #[error("could not read checkpoint '{path}': {source}; check the path, or train anew without --resume")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is damaged or of another kind.
+    #[error("'{path}' is not a whole checkpoint: {reason}; train anew without --resume")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The file could not be written.
+    #[error(transparent)]
+    Write(#[from] RunError),
+    /// The header could not be written.
+    #[error("could not write a checkpoint's header: {0}")]
+    Header(#[from] serde_json::Error),
+}
+
+/// The state of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// Its configuration.
+    pub config: Config,
+    /// Where it stands.
+    pub clock: Clock,
+    /// Adam steps since the moments were zero.
+    pub step: u32,
+    /// Gaussians and moments.
+    pub population: Population,
+    /// The field's box, metres.
+    pub field_box: [[f32; 3]; 2],
+    /// The field, in the fine stage.
+    pub field: Option<FieldState>,
+    /// Statistics of density control.
+    pub seen: Vec<Seen>,
+    /// What the run leaves out.
+    pub left_out: Vec<LeftOut>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    version: u32,
+    config: Config,
+    clock: Clock,
+    step: u32,
+    sh_degree: u32,
+    dynamic: usize,
+    field_box: [[f32; 3]; 2],
+    field_step: Option<u32>,
+    left_out: Vec<LeftOut>,
+    vectors: Vec<(String, usize)>,
+}
+
+impl Checkpoint {
+    /// Writes the checkpoint.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Write`].
+    pub fn save(&self, path: &Path) -> Result<(), CheckpointError> {
+        Ok(write_atomically(path, &self.to_bytes()?)?)
+    }
+
+    /// Reads a checkpoint.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Read`] and [`CheckpointError::Damaged`].
+    pub fn load(path: &Path) -> Result<Self, CheckpointError> {
+        let bytes = std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.into(), source })?;
+        Self::from_bytes(&bytes).map_err(|reason| CheckpointError::Damaged { path: path.into(), reason })
+    }
+
+    fn to_bytes(&self) -> Result<Vec<u8>, CheckpointError> {
+        let Population { gaussians, moments } = &self.population;
+        let seen: Vec<f32> =
+            self.seen.iter().flat_map(|seen| [seen.gradient, seen.iterations, seen.radius_px]).collect();
+        let mut vectors: Vec<(String, &[f32])> = vec![
+            ("core".into(), &gaussians.core),
+            ("sh".into(), &gaussians.sh),
+            ("core.m".into(), &moments.core_first),
+            ("core.v".into(), &moments.core_second),
+            ("sh.m".into(), &moments.sh_first),
+            ("sh.v".into(), &moments.sh_second),
+            ("seen".into(), &seen),
+        ];
+        if let Some(field) = &self.field {
+            vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
+        }
+        let header = serde_json::to_vec(&Header {
+            version: VERSION,
+            config: self.config.clone(),
+            clock: self.clock,
+            step: self.step,
+            sh_degree: gaussians.sh_degree,
+            dynamic: gaussians.dynamic,
+            field_box: self.field_box,
+            field_step: self.field.as_ref().map(|field| field.step),
+            left_out: self.left_out.clone(),
+            vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
+        })?;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend((header.len() as u64).to_le_bytes());
+        bytes.extend(header);
+        for (_, values) in vectors {
+            bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        let hash = Sha256::digest(&bytes);
+        bytes.extend_from_slice(&hash);
+        Ok(bytes)
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
+        let (content, hash) = bytes.split_last_chunk::<32>().ok_or("it is too short")?;
+        let rest = content.strip_prefix(MAGIC).ok_or("it does not begin like one")?;
+        if Sha256::digest(content).as_slice() != hash {
+            return Err("its checksum does not match; it was cut short or changed".into());
+        }
+        let (length, rest) = rest.split_first_chunk::<8>().ok_or("it is too short")?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| "its header is too long")?;
+        let (header, mut rest) = rest.split_at_checked(length).ok_or("its header is cut short")?;
+        let header: Header = serde_json::from_slice(header).map_err(|error| format!("its header: {error}"))?;
+        if header.version != VERSION {
+            return Err(format!("it is of version {}, this program reads version {VERSION}", header.version));
+        }
+        header.config.validate().map_err(|error| error.to_string())?;
+        let mut vectors = Vec::with_capacity(header.vectors.len());
+        for (name, count) in header.vectors {
+            let size = count.checked_mul(4).ok_or("a vector is too long")?;
+            let (values, after) = rest.split_at_checked(size).ok_or("a vector is cut short")?;
+            rest = after;
+            let values = values.as_chunks::<4>().0.iter().map(|value| f32::from_le_bytes(*value)).collect();
+            vectors.push(NamedVector { name, values });
+        }
+        let mut vectors = vectors.into_iter();
+        let mut next = |name: &str| match vectors.next() {
+            Some(vector) if vector.name == name => Ok(vector.values),
+            _ => Err(format!("'{name}' is missing")),
+        };
+        let gaussians =
+            Gaussians { sh_degree: header.sh_degree, dynamic: header.dynamic, core: next("core")?, sh: next("sh")? };
+        let moments = Moments {
+            core_first: next("core.m")?,
+            core_second: next("core.v")?,
+            sh_first: next("sh.m")?,
+            sh_second: next("sh.v")?,
+        };
+        let seen: Vec<Seen> = next("seen")?
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .map(|row| Seen { gradient: row[0], iterations: row[1], radius_px: row[2] })
+            .collect();
+        let count = gaussians.len();
+        let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
+        let core = count * CORE;
+        let fits = [&gaussians.core, &moments.core_first, &moments.core_second].iter().all(|v| v.len() == core)
+            && [&gaussians.sh, &moments.sh_first, &moments.sh_second].iter().all(|v| v.len() == sh)
+            && seen.len() == count
+            && header.dynamic <= count;
+        if !fits {
+            return Err("its vectors are of different lengths".into());
+        }
+        let field = header.field_step.map(|step| FieldState { step, vectors: vectors.collect() });
+        Ok(Self {
+            config: header.config,
+            clock: header.clock,
+            step: header.step,
+            population: Population { gaussians, moments },
+            field_box: header.field_box,
+            field,
+            seen,
+            left_out: header.left_out,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checkpoint() -> Checkpoint {
+        let gaussians = Gaussians::from_points(&[([0.5, 1.0, 2.0], [9, 8, 7]), ([1.5, 1.0, 2.0], [1, 2, 3])], 1, 0.1);
+        let moments = Moments::zero(&gaussians);
+        Checkpoint {
+            config: Config::default(),
+            clock: Clock { iteration: 7, seconds: 1.25, ..Clock::default() },
+            step: 7,
+            population: Population { gaussians, moments },
+            field_box: [[-1.0; 3], [1.0; 3]],
+            field: Some(FieldState {
+                step: 3,
+                vectors: vec![NamedVector { name: "grid".into(), values: vec![0.1, -0.0, f32::MIN_POSITIVE] }],
+            }),
+            seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
+            left_out: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_comes_back_to_the_bit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("checkpoint.bin");
+        checkpoint().save(&path).expect("saved");
+        assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
+    }
+
+    #[test]
+    fn a_checkpoint_cut_or_changed_anywhere_is_refused() {
+        let bytes = checkpoint().to_bytes().expect("bytes");
+        for length in 0..bytes.len() {
+            assert!(Checkpoint::from_bytes(&bytes[..length]).is_err(), "cut at {length}");
+        }
+        for at in (0..bytes.len()).step_by(13) {
+            let mut changed = bytes.clone();
+            changed[at] ^= 0x10;
+            assert!(Checkpoint::from_bytes(&changed).is_err(), "changed at {at}");
+        }
+    }
+}

@@ -1,5 +1,5 @@
 //! Plain `f64` twins of the kernels: the definitions that those are tested against.
 
 pub mod adam;
-pub mod losses;
 pub mod field;
+pub mod losses;

@@ -1,0 +1,61 @@
+//! The moving pixels of held-out frames: masks from the dataset, or made from the motion in the frames.
+
+use std::collections::BTreeMap;
+
+use super::read;
+use crate::{
+    metrics::{MotionMaskOptions, motion_masks},
+    run::MaskKind,
+    scene::{HeldOutFrame, Scene, SceneError},
+    trainer::TrainError,
+};
+
+/// A mask for each held-out frame.
+#[derive(Debug)]
+pub struct HeldOutMasks {
+    /// Where they came from.
+    pub kind: MaskKind,
+    masks: BTreeMap<(usize, usize), Vec<bool>>,
+}
+
+impl HeldOutMasks {
+    /// The dataset's masks if every held-out frame has one, else masks made from motion.
+    ///
+    /// # Errors
+    /// [`TrainError`] where a frame or a mask cannot be read.
+    pub fn new(scene: &Scene) -> Result<Self, TrainError> {
+        let mut masks = BTreeMap::new();
+        for frame in &scene.held_out {
+            let camera = &scene.dataset.manifest.cameras[frame.view];
+            let given = scene.dataset.read_mask(camera, &camera.frames[frame.index]).map_err(SceneError::from)?;
+            let Some(mask) = given else { return Self::from_motion(scene) };
+            masks.insert((frame.view, frame.index), mask.data.iter().map(|&value| value > 0).collect());
+        }
+        Ok(Self { kind: MaskKind::Given, masks })
+    }
+
+    fn from_motion(scene: &Scene) -> Result<Self, TrainError> {
+        let mut by_view: BTreeMap<usize, Vec<&HeldOutFrame>> = BTreeMap::new();
+        for frame in &scene.held_out {
+            by_view.entry(frame.view).or_default().push(frame);
+        }
+        let mut masks = BTreeMap::new();
+        for (view, frames) in by_view {
+            let images = frames
+                .iter()
+                .map(|frame| Ok(read(&scene.dataset, frame)?.data))
+                .collect::<Result<Vec<_>, TrainError>>()?;
+            let size = scene.views[view].view;
+            let bytes: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
+            let made = motion_masks(size.width, size.height, &bytes, &MotionMaskOptions::default())?;
+            masks.extend(frames.iter().zip(made).map(|(frame, mask)| ((view, frame.index), mask)));
+        }
+        Ok(Self { kind: MaskKind::Motion, masks })
+    }
+
+    /// The mask of a frame, row-major; true where it moves.
+    #[must_use]
+    pub fn of(&self, frame: &HeldOutFrame) -> &[bool] {
+        self.masks.get(&(frame.view, frame.index)).map_or(&[], Vec::as_slice)
+    }
+}

@@ -1,0 +1,176 @@
+//! Evaluation on held-out cameras: metrics, pictures, event frames.
+
+mod masks;
+mod pictures;
+
+use std::time::Instant;
+
+use erfgs_session::{Dataset, image::ImageRgb8};
+
+pub use masks::HeldOutMasks;
+
+use crate::{
+    metrics::{Dpsnr, Lpips, LpipsKind, LpipsScaling, MaskedError, Picture, masked_error, psnr, ssim, to_unit},
+    run::{Metrics, PerView, RunFolder},
+    scene::{HeldOutFrame, SceneError},
+    trainer::{TrainError, Trainer},
+};
+
+/// What an evaluation does besides figures.
+#[derive(Debug, Default)]
+pub struct EvaluateOptions<'a> {
+    /// LPIPS with the weights that the user supplies.
+    pub lpips: Option<(&'a Lpips, LpipsScaling)>,
+    /// Write every n-th held-out frame of a camera as pictures (0: none).
+    pub picture_stride: u32,
+}
+
+impl Trainer<'_> {
+    /// Renders `view` (an index into the scene's views) at `t01`; RGB in [0, 1], row-major.
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device fails.
+    pub fn render_view(&mut self, view: usize, t01: f64) -> Result<Vec<f32>, TrainError> {
+        let view = self.scene.views[view].view;
+        Ok(self.render(&view, t01)?.rgb)
+    }
+
+    /// Evaluates on all held-out frames, and writes metrics and pictures into the run folder.
+    ///
+    /// # Errors
+    /// [`TrainError`] where a frame cannot be read, a file not be written, or the device fails.
+    pub fn evaluate(
+        &mut self,
+        run: &RunFolder,
+        options: &EvaluateOptions<'_>,
+        on_progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Metrics, TrainError> {
+        let masks = HeldOutMasks::new(&self.scene)?;
+        let held_out = self.scene.held_out.clone();
+        let mut views = Vec::with_capacity(held_out.len());
+        let mut dpsnr = Dpsnr::default();
+        let mut seconds = 0.0;
+        for (done, frame) in held_out.iter().enumerate() {
+            on_progress(done, held_out.len());
+            let started = Instant::now();
+            let rendered = self.render_view(frame.view, frame.t01)?;
+            seconds += started.elapsed().as_secs_f64();
+            let truth = read(&self.scene.dataset, frame)?;
+            let mask = masks.of(frame);
+            let (view, error) = self.compare(frame, &rendered, &truth, mask, options)?;
+            dpsnr.add(error);
+            let index = frame.index as u32;
+            if options.picture_stride > 0 && index.is_multiple_of(options.picture_stride) {
+                pictures::write_frame(run, &view, &rendered, &truth, mask)?;
+            }
+            views.push(view);
+        }
+        on_progress(held_out.len(), held_out.len());
+        if options.picture_stride > 0 {
+            self.write_event_frames(run)?;
+        }
+        let mean = |value: &dyn Fn(&PerView) -> f64| views.iter().map(value).sum::<f64>() / views.len().max(1) as f64;
+        let lpips = views.iter().map(|view| view.lpips).sum::<Option<f64>>().map(|sum| sum / views.len().max(1) as f64);
+        let metrics = Metrics {
+            psnr: mean(&|view| view.psnr),
+            dpsnr: dpsnr.mean(),
+            dpsnr_pooled: dpsnr.pooled(),
+            dpsnr_mask: masks.kind,
+            ssim: mean(&|view| view.ssim),
+            lpips: if options.lpips.is_some() { lpips } else { None },
+            lpips_kind: options.lpips.map(|(lpips, scaling)| LpipsKind { net: lpips.net(), scaling }),
+            train_psnr: self.train_psnr()?,
+            iterations: self.iterations_done(),
+            train_seconds: self.clock.seconds,
+            gaussians: u64::from(self.model.gaussians.count),
+            bytes: self.model.bytes(),
+            render_fps: if seconds > 0.0 { held_out.len() as f64 / seconds } else { 0.0 },
+        };
+        run.write_metrics(&metrics)?;
+        run.write_per_view(&views)?;
+        Ok(metrics)
+    }
+
+    /// PSNR and DPSNR over each n-th held-out frame.
+    pub(crate) fn evaluate_quickly(&mut self) -> Result<(f64, Option<f64>), TrainError> {
+        if self.held_out_masks.is_none() {
+            self.held_out_masks = Some(HeldOutMasks::new(&self.scene)?);
+        }
+        let stride = self.config.evaluation.frame_stride as usize;
+        let frames: Vec<HeldOutFrame> =
+            self.scene.held_out.iter().filter(|frame| frame.index % stride == 0).cloned().collect();
+        let (mut sum, mut dpsnr) = (0.0, Dpsnr::default());
+        for frame in &frames {
+            let rendered = self.render_view(frame.view, frame.t01)?;
+            let truth = read(&self.scene.dataset, frame)?;
+            let unit = to_unit(&truth.data);
+            let (a, b) = (clamped(&rendered), Picture::new(truth.width, truth.height, &unit)?);
+            let a = Picture::new(truth.width, truth.height, &a)?;
+            sum += psnr(a, b)?;
+            if let Some(masks) = &self.held_out_masks {
+                dpsnr.add(masked_error(a, b, masks.of(frame))?);
+            }
+        }
+        Ok((sum / frames.len().max(1) as f64, dpsnr.mean()))
+    }
+
+    fn compare(
+        &self,
+        frame: &HeldOutFrame,
+        rendered: &[f32],
+        truth: &ImageRgb8,
+        mask: &[bool],
+        options: &EvaluateOptions<'_>,
+    ) -> Result<(PerView, MaskedError), TrainError> {
+        let (rendered, unit) = (clamped(rendered), to_unit(&truth.data));
+        let a = Picture::new(truth.width, truth.height, &rendered)?;
+        let b = Picture::new(truth.width, truth.height, &unit)?;
+        let error = masked_error(a, b, mask)?;
+        let lpips = options.lpips.map(|(lpips, scaling)| lpips.distance(a, b, scaling)).transpose()?;
+        let view = PerView {
+            camera: self.scene.views[frame.view].name.clone(),
+            index: frame.index as u32,
+            t_ns: frame.t_ns,
+            psnr: psnr(a, b)?,
+            dpsnr: error.psnr(),
+            ssim: ssim(a, b)?,
+            lpips,
+            moving_pixels: error.pixels,
+        };
+        Ok((view, error))
+    }
+
+    /// PSNR over one frame of every training camera, each at another time, without the model of the exposure.
+    fn train_psnr(&mut self) -> Result<Option<f64>, TrainError> {
+        let mut chosen = Vec::new();
+        for view in 0..self.scene.views.len() {
+            let of_view: Vec<usize> =
+                (0..self.scene.frames.len()).filter(|&index| self.scene.frames[index].view == view).collect();
+            if !of_view.is_empty() {
+                chosen.push(of_view[view % of_view.len()]);
+            }
+        }
+        let mut sum = 0.0;
+        for &index in &chosen {
+            let (view, t01) = (self.scene.frames[index].view, self.scene.frames[index].t01);
+            let rendered = clamped(&self.render_view(view, t01)?);
+            let bytes =
+                self.scene.frames[index].pixels.iter().flat_map(|pixel| pixel.to_le_bytes().into_iter().take(3));
+            let truth = to_unit(&bytes.collect::<Vec<u8>>());
+            let size = self.scene.views[view].view;
+            let a = Picture::new(size.width, size.height, &rendered)?;
+            sum += psnr(a, Picture::new(size.width, size.height, &truth)?)?;
+        }
+        Ok((!chosen.is_empty()).then(|| sum / chosen.len() as f64))
+    }
+}
+
+/// As an 8-bit picture would hold it, since that is what the method's own evaluation reads.
+fn clamped(rgb: &[f32]) -> Vec<f32> {
+    to_unit(&crate::metrics::to_bytes(rgb))
+}
+
+fn read(dataset: &Dataset, frame: &HeldOutFrame) -> Result<ImageRgb8, TrainError> {
+    let camera = &dataset.manifest.cameras[frame.view];
+    Ok(dataset.read_image(camera, &camera.frames[frame.index]).map_err(SceneError::from)?)
+}

@@ -1,0 +1,243 @@
+//! How the population changes: thinning at the start, the step from the coarse to the fine stage, density control, EDS.
+
+use std::collections::HashMap;
+
+use erfgs_session::random;
+
+use super::{Model, TrainError, Trainer};
+use crate::{
+    config::Switch,
+    density::{Measures, Moments, densify},
+    eds,
+    gaussians::Gaussians,
+    run::LeftOut,
+    scene::{MotionMasks, classify},
+    schedule::Stage,
+};
+
+const BIN: u64 = 0x0062_696e;
+
+impl Trainer<'_> {
+    /// Finds what can move, puts it first, and starts the field. Moments start anew, as in 4DGS.
+    pub(super) fn begin_fine(&mut self) -> Result<(), TrainError> {
+        let gpu = self.gpu;
+        let mut population = self.model.population(gpu)?;
+        population.moments = Moments::zero(&population.gaussians);
+        let count = population.gaussians.len();
+        let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
+        if self.config.dynamic.skip_static {
+            let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
+            let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
+            population = population.partition(&moves);
+        } else {
+            population.gaussians.dynamic = count;
+        }
+        self.note_left_out(&population.gaussians);
+        let enclosed = if self.config.field.box_of_moving { population.gaussians.dynamic } else { count };
+        let field_box = if self.config.field.box_of_moving {
+            let moving: Vec<[f32; 3]> = (0..enclosed).map(|index| population.gaussians.mean(index)).collect();
+            enclosing(&moving, 0.005, 0.1)
+        } else {
+            let initial: Vec<[f32; 3]> = self.scene.points.iter().map(|(position, _)| *position).collect();
+            enclosing(&initial, 0.0, 0.0)
+        };
+        self.model.replace(gpu, &population)?;
+        self.model.step = 0;
+        self.model.start_field(gpu, &self.config, self.scene.frame_times.len(), field_box)?;
+        self.statistics.replace(gpu, &vec![Default::default(); count])?;
+        self.clock.stage = Stage::Fine;
+        self.clock.iteration = 0;
+        self.clock.stage_start = self.clock.seconds;
+        Ok(())
+    }
+
+    /// Densifies, prunes, resets and adds what events ask for, where it is due.
+    pub(super) fn control_density(&mut self) -> Result<(), TrainError> {
+        let iteration = self.clock.iteration;
+        let progress = self.schedule.progress(&self.clock);
+        let density = self.config.density.clone();
+        let due = |from: u32, every: u32, until: f32| {
+            iteration >= from && iteration.is_multiple_of(every) && progress <= f64::from(until)
+        };
+        let densifies = due(density.from, density.every, density.until);
+        let resets = density.opacity_reset_every > 0
+            && iteration.is_multiple_of(density.opacity_reset_every)
+            && progress <= f64::from(density.until);
+        let eds = &self.config.eds;
+        let guided = eds.enabled
+            && self.clock.stage == Stage::Fine
+            && due(eds.from, eds.every, eds.until)
+            && self.model.gaussians.count <= eds.max_gaussians
+            && !self.scene.events.is_empty();
+        if !(densifies || resets || guided) {
+            return Ok(());
+        }
+        let gpu = self.gpu;
+        let mut population = self.model.population(gpu)?;
+        let mut seen = self.statistics.read(gpu)?;
+        if guided {
+            let rows = self.guided(&population.gaussians)?;
+            let at = population.gaussians.dynamic;
+            population = population.with_dynamic(&rows);
+            seen.splice(at..at, vec![Default::default(); rows.len()]);
+        }
+        if densifies {
+            let measures = Measures {
+                extent: self.scene.extent,
+                width_px: self.scene.views.iter().map(|view| view.view.width).max().unwrap_or(0) as f32,
+                seed: self.config.seed,
+                iteration: self.schedule.done(&self.clock),
+            };
+            let grow = population.gaussians.len() < density.max_gaussians as usize;
+            let (next, change) = densify(&population, &seen, &density, grow, &measures);
+            tracing::debug!(?change, gaussians = next.gaussians.len(), "densified");
+            seen = vec![Default::default(); next.gaussians.len()];
+            population = next;
+        }
+        if resets {
+            population.reset_opacity(0.01);
+        }
+        self.model.replace(gpu, &population)?;
+        self.statistics.replace(gpu, &seen)?;
+        Ok(())
+    }
+
+    fn guided(&mut self, gaussians: &Gaussians) -> Result<Gaussians, TrainError> {
+        let done = self.schedule.done(&self.clock);
+        let bins = self.scene.bins.len();
+        let drawn = random::uniform(random::key(self.config.seed, &[BIN, done]));
+        let bin = ((drawn * bins as f64) as usize).min(bins.saturating_sub(1));
+        let edges = [self.scene.bins.edges[bin], self.scene.bins.edges[bin + 1]];
+        let model: &mut Model = &mut self.model;
+        let start = model.means_at(self.gpu, gaussians, edges[0])?;
+        let end = model.means_at(self.gpu, gaussians, edges[1])?;
+        let moving = eds::Moving { start: &start, end: &end };
+        let (denoise, seed) = (self.config.earl.denoise, self.config.seed);
+        let (rows, report) = eds::propose(&self.scene, gaussians, moving, bin, &self.config.eds, denoise, seed, done);
+        tracing::debug!(?report, bin, "event-guided densification");
+        Ok(rows)
+    }
+
+    fn note_left_out(&mut self, gaussians: &Gaussians) {
+        let mut note = |what: &str, why: String, saves: String| {
+            self.left_out.push(LeftOut { what: what.into(), why, saves });
+        };
+        let (count, dynamic) = (gaussians.len(), gaussians.dynamic);
+        if self.config.dynamic.skip_static {
+            note(
+                "the deformation field for static Gaussians",
+                format!("{} of {count} Gaussians project onto pixels where nothing moves", count - dynamic),
+                format!("{:.0} % of the field's evaluations", 100.0 * (count - dynamic) as f64 / count.max(1) as f64),
+            );
+        }
+        if !self.config.field.sh_head {
+            note(
+                "the head that deforms colour",
+                "colours are taken to travel with their Gaussians".into(),
+                format!(
+                    "{} of {} outputs of the field",
+                    3 * (gaussians.sh_degree + 1).pow(2),
+                    3 * (gaussians.sh_degree + 1).pow(2) + 11
+                ),
+            );
+        }
+        if self.scene.events.is_empty() {
+            note(
+                "the event loss and event-guided densification",
+                if self.config.earl.enabled { "the dataset has no events" } else { "the method does not use events" }
+                    .into(),
+                "two renderings an event sample".into(),
+            );
+        }
+        let blur_off = self.config.blur.model == Switch::Off;
+        if blur_off || !self.scene.has_blur() {
+            note(
+                "the model of the exposure",
+                if blur_off { "switched off in the configuration" } else { "every frame is an instant" }.into(),
+                format!("{} renderings a frame", self.config.blur.samples.saturating_sub(1)),
+            );
+        }
+        if self.config.sh.max_degree < 3 {
+            note(
+                "higher bands of colour",
+                format!("spherical harmonics stop at degree {}", self.config.sh.max_degree),
+                format!("{} of 48 colour parameters a Gaussian", 48 - 3 * (self.config.sh.max_degree + 1).pow(2)),
+            );
+        }
+    }
+}
+
+/// The box around `points` without the share `outside` of them at either end of each axis, grown by `margin` of its size.
+fn enclosing(points: &[[f32; 3]], outside: f64, margin: f32) -> [[f32; 3]; 2] {
+    let mut lower = [-1.0; 3];
+    let mut upper = [1.0; 3];
+    if points.is_empty() {
+        return [lower, upper];
+    }
+    for axis in 0..3 {
+        let mut values: Vec<f32> = points.iter().map(|point| point[axis]).filter(|value| value.is_finite()).collect();
+        if values.is_empty() {
+            continue;
+        }
+        values.sort_unstable_by(f32::total_cmp);
+        let cut = ((values.len() - 1) as f64 * outside) as usize;
+        let (low, high) = (values[cut], values[values.len() - 1 - cut]);
+        let grow = margin * (high - low) + 1e-3;
+        (lower[axis], upper[axis]) = (low - grow, high + grow);
+    }
+    [lower, upper]
+}
+
+/// At most `limit` points: the first of every cell of the finest grid that leaves so few.
+pub(super) fn thin(points: &[([f32; 3], [u8; 3])], limit: usize) -> Vec<([f32; 3], [u8; 3])> {
+    let points: Vec<_> =
+        points.iter().filter(|(position, _)| position.iter().all(|p| p.is_finite())).copied().collect();
+    if points.len() <= limit || limit == 0 {
+        return points;
+    }
+    let positions: Vec<[f32; 3]> = points.iter().map(|(position, _)| *position).collect();
+    let [lower, upper] = enclosing(&positions, 0.0, 0.0);
+    let longest = (0..3).map(|axis| upper[axis] - lower[axis]).fold(0.0, f32::max);
+    let voxels = |size: f32| {
+        let mut cells: HashMap<[i64; 3], usize> = HashMap::new();
+        let mut kept = Vec::new();
+        for (index, position) in positions.iter().enumerate() {
+            let cell = std::array::from_fn(|axis| ((position[axis] - lower[axis]) / size).floor() as i64);
+            cells.entry(cell).or_insert_with(|| {
+                kept.push(index);
+                index
+            });
+        }
+        kept
+    };
+    let (mut fine, mut coarse) = (longest * 1e-5, longest);
+    for _ in 0..30 {
+        let middle = (fine * coarse).sqrt();
+        if voxels(middle).len() > limit { fine = middle } else { coarse = middle }
+    }
+    voxels(coarse).into_iter().map(|index| points[index]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thinning_keeps_points_everywhere() {
+        let points: Vec<_> =
+            (0..1000).map(|i| ([(i % 10) as f32, (i / 10 % 10) as f32, (i / 100) as f32], [i as u8; 3])).collect();
+        let kept = thin(&points, 200);
+        assert!(kept.len() <= 200 && kept.len() > 50, "{}", kept.len());
+        assert!(kept.iter().any(|(p, _)| p[0] > 6.0) && kept.iter().any(|(p, _)| p[2] > 6.0));
+        assert_eq!(thin(&points, 1000).len(), 1000);
+    }
+
+    #[test]
+    fn the_box_leaves_out_stragglers() {
+        let mut points = vec![[0.0; 3]; 500];
+        points.extend(vec![[1.0; 3]; 500]);
+        points.push([1000.0; 3]);
+        let [lower, upper] = enclosing(&points, 0.005, 0.1);
+        assert!(lower[0] < 0.0 && upper[0] > 1.0 && upper[0] < 2.0);
+    }
+}

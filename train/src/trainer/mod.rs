@@ -1,0 +1,325 @@
+//! The training loop.
+
+mod grow;
+mod model;
+mod progress;
+mod render;
+mod samples;
+mod step;
+
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+pub use self::{
+    model::Model,
+    progress::{Outcome, Progress, TrainError, TrainOptions},
+    render::Rendered,
+};
+use self::{model::Rendering, step::Workspace};
+use crate::{
+    checkpoint::Checkpoint,
+    config::Config,
+    density::{Moments, Population, Statistics},
+    evaluate::HeldOutMasks,
+    gaussians::Gaussians,
+    gpu::Gpu,
+    optimiser::FiniteCheck,
+    run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo},
+    scene::Scene,
+    schedule::{Clock, Schedule, Stage},
+};
+
+/// A training run.
+#[derive(Debug)]
+pub struct Trainer<'a> {
+    gpu: &'a Gpu,
+    /// What it trains on.
+    pub scene: Scene,
+    /// The configuration.
+    pub config: Config,
+    /// What it learned so far.
+    pub model: Model,
+    /// Where it stands.
+    pub clock: Clock,
+    schedule: Schedule,
+    statistics: Statistics,
+    finite: FiniteCheck,
+    work: Workspace,
+    left_out: Vec<LeftOut>,
+    viewer: Option<Rendering>,
+    pub(crate) held_out_masks: Option<HeldOutMasks>,
+}
+
+impl<'a> Trainer<'a> {
+    /// A run that starts from the scene's points.
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device has no room.
+    pub fn new(gpu: &'a Gpu, scene: Scene, config: Config, options: &TrainOptions) -> Result<Self, TrainError> {
+        config.validate()?;
+        let points = grow::thin(&scene.points, config.init.max_points as usize);
+        let gaussians = Gaussians::from_points(&points, config.sh.max_degree, config.init.opacity);
+        let moments = Moments::zero(&gaussians);
+        let population = Population { gaussians, moments };
+        Self::assemble(gpu, scene, config, options, &population, Clock::default())
+    }
+
+    /// A run that goes on from a checkpoint.
+    ///
+    /// # Errors
+    /// [`TrainError::Field`] where the checkpoint's field does not fit the configuration.
+    pub fn resume(
+        gpu: &'a Gpu,
+        scene: Scene,
+        checkpoint: Checkpoint,
+        options: &TrainOptions,
+    ) -> Result<Self, TrainError> {
+        let Checkpoint { config, clock, step, population, field_box, field, seen, left_out } = checkpoint;
+        let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
+        if clock.stage == Stage::Fine {
+            trainer.model.start_field(gpu, &trainer.config, trainer.scene.frame_times.len(), field_box)?;
+            if let (Some(live), Some(saved)) = (&mut trainer.model.field, &field) {
+                live.restore(gpu, saved)?;
+            }
+        }
+        trainer.model.step = step;
+        trainer.statistics.replace(gpu, &seen)?;
+        trainer.left_out = left_out;
+        Ok(trainer)
+    }
+
+    fn assemble(
+        gpu: &'a Gpu,
+        scene: Scene,
+        config: Config,
+        options: &TrainOptions,
+        population: &Population,
+        clock: Clock,
+    ) -> Result<Self, TrainError> {
+        let work = Workspace::new(gpu, scene.max_pixels())?;
+        Ok(Self {
+            gpu,
+            model: Model::new(gpu, population)?,
+            schedule: Schedule::new(&config, options.budget_seconds),
+            statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
+            finite: FiniteCheck::new(gpu)?,
+            work,
+            left_out: Vec::new(),
+            viewer: None,
+            held_out_masks: None,
+            scene,
+            config,
+            clock,
+        })
+    }
+
+    /// Trains until the schedule is over or `stop` is set, writing `run` as it goes.
+    ///
+    /// # Errors
+    /// [`TrainError::Diverged`] names the quantity; the last checkpoint is then still there.
+    pub fn run(
+        &mut self,
+        run: &RunFolder,
+        options: &TrainOptions,
+        stop: &AtomicBool,
+        on_progress: &mut dyn FnMut(&Progress),
+    ) -> Result<Outcome, TrainError> {
+        run.write_config(&self.config.to_toml()?)?;
+        run.write_dataset(&self.scene.dataset.manifest)?;
+        let mut curve = match self.schedule.done(&self.clock) {
+            0 => run.create_curve()?,
+            done => run.resume_curve(done)?,
+        };
+        let mut started = Instant::now();
+        let mut before = self.clock.seconds;
+        loop {
+            while self.schedule.is_over(&self.clock) {
+                match self.clock.stage {
+                    Stage::Coarse => {
+                        self.begin_fine()?;
+                        self.write_info(run)?;
+                    }
+                    Stage::Fine => {
+                        self.gpu.wait("training")?;
+                        self.checkpoint()?.save(&run.checkpoint_file())?;
+                        self.write_info(run)?;
+                        return Ok(Outcome::Finished);
+                    }
+                }
+            }
+            self.iterate()?;
+            self.control_density()?;
+            let done = self.schedule.done(&self.clock);
+            let (log, evaluate, save) = {
+                let evaluation = &self.config.evaluation;
+                let due = |every: u32| every > 0 && done.is_multiple_of(u64::from(every));
+                (due(evaluation.log_every), due(evaluation.every), due(evaluation.checkpoint_every))
+            };
+            let stopping = stop.load(Ordering::Relaxed);
+            if log || evaluate || save || stopping {
+                self.gpu.wait("training")?;
+            }
+            self.clock.seconds = before + started.elapsed().as_secs_f64();
+            if log || evaluate {
+                self.check_finite()?;
+                self.log(run, &mut curve, evaluate && options.evaluate, on_progress)?;
+            } else {
+                on_progress(&self.progress(None, None));
+            }
+            if save || stopping {
+                self.checkpoint()?.save(&run.checkpoint_file())?;
+            }
+            if stopping {
+                self.write_info(run)?;
+                return Ok(Outcome::Stopped);
+            }
+            if log || evaluate || save {
+                // Evaluation and saving are not training.
+                started = Instant::now();
+                before = self.clock.seconds;
+            }
+        }
+    }
+
+    fn log(
+        &mut self,
+        run: &RunFolder,
+        curve: &mut CurveWriter,
+        evaluate: bool,
+        on_progress: &mut dyn FnMut(&Progress),
+    ) -> Result<(), TrainError> {
+        let sums = &mut self.work.sums;
+        let mean = |sum: f64, count: f64| (count > 0.0).then(|| sum / count);
+        let rgb = mean(sums.rgb.take(self.gpu)?, std::mem::take(&mut sums.rgb_values));
+        let event = mean(sums.event.take(self.gpu)?, std::mem::take(&mut sums.event_values));
+        let trajectory = mean(std::mem::take(&mut sums.trajectory), std::mem::take(&mut sums.trajectory_samples));
+        let plane = mean(std::mem::take(&mut sums.plane), std::mem::take(&mut sums.plane_samples));
+        let iteration = self.schedule.done(&self.clock);
+        for (what, value) in [("photometric loss", rgb), ("event loss", event), ("trajectory loss", trajectory)] {
+            if value.is_some_and(|value| !value.is_finite()) {
+                return Err(self.diverged(what));
+            }
+        }
+        let quality = if evaluate { Some(self.evaluate_quickly()?) } else { None };
+        let (psnr, dpsnr) = quality.map_or((None, None), |(psnr, dpsnr)| (Some(psnr), dpsnr));
+        curve.append(&CurveRow {
+            iteration,
+            stage: self.clock.stage.name().into(),
+            wall_seconds: self.clock.seconds,
+            loss_rgb: rgb,
+            loss_event: event,
+            loss_trajectory: trajectory,
+            loss_colour: None,
+            loss_plane: plane,
+            gaussians: u64::from(self.model.gaussians.count),
+            dynamic: self.dynamic_count(),
+            psnr,
+            dpsnr,
+        })?;
+        on_progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
+        if iteration == u64::from(self.config.evaluation.log_every) {
+            self.write_info(run)?;
+        }
+        Ok(())
+    }
+
+    fn dynamic_count(&self) -> u64 {
+        if self.clock.stage == Stage::Fine { u64::from(self.model.dynamic) } else { 0 }
+    }
+
+    fn progress(&self, psnr: Option<f64>, dpsnr: Option<f64>) -> Progress {
+        Progress {
+            stage: self.clock.stage,
+            iteration: self.schedule.done(&self.clock),
+            iterations: self.schedule.iterations.iter().map(|&n| u64::from(n)).sum(),
+            share: self.share(),
+            seconds: self.clock.seconds,
+            gaussians: self.model.gaussians.count,
+            dynamic: self.dynamic_count() as u32,
+            loss_rgb: None,
+            loss_event: None,
+            psnr,
+            dpsnr,
+        }
+    }
+
+    /// How much of the whole run is done, 0 to 1.
+    fn share(&self) -> f64 {
+        let [coarse, fine] = self.schedule.iterations.map(f64::from);
+        let total = (coarse + fine).max(1.0);
+        let progress = self.schedule.progress(&self.clock);
+        match self.clock.stage {
+            Stage::Coarse => progress * coarse / total,
+            Stage::Fine => (coarse + progress * fine) / total,
+        }
+    }
+
+    fn check_finite(&self) -> Result<(), TrainError> {
+        let gaussians = &self.model.gaussians;
+        for (what, buffer, stride) in [
+            ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, 12),
+            ("colours of the Gaussians", &gaussians.sh, crate::raster::sh_stride(gaussians.sh_degree)),
+        ] {
+            let mut commands = self.gpu.commands();
+            self.finite.scan(&mut commands, buffer, gaussians.count * stride);
+            commands.submit();
+            if self.finite.take(self.gpu)? > 0 {
+                return Err(self.diverged(what));
+            }
+        }
+        Ok(())
+    }
+
+    fn diverged(&self, what: &str) -> TrainError {
+        TrainError::Diverged { what: what.into(), iteration: self.schedule.done(&self.clock) }
+    }
+
+    /// Iterations done, over both stages.
+    #[must_use]
+    pub fn iterations_done(&self) -> u64 {
+        self.schedule.done(&self.clock)
+    }
+
+    /// Everything that the run needs to go on.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`] where the device fails.
+    pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
+        Ok(Checkpoint {
+            config: self.config.clone(),
+            clock: self.clock,
+            step: self.model.step,
+            population: self.model.population(self.gpu)?,
+            field_box: self.model.field_box,
+            field: self.model.field.as_ref().map(|field| field.state(self.gpu)).transpose()?,
+            seen: self.statistics.read(self.gpu)?,
+            left_out: self.left_out.clone(),
+        })
+    }
+
+    fn write_info(&self, run: &RunFolder) -> Result<(), TrainError> {
+        Ok(run.write_info(&RunInfo {
+            format: RunInfo::FORMAT.into(),
+            format_version: RunInfo::FORMAT_VERSION,
+            method: match self.config.method {
+                crate::config::Method::FourDgs => "4dgs".into(),
+                crate::config::Method::ErfGs => "erf-gs".into(),
+            },
+            preset: match self.config.preset {
+                crate::config::Preset::Paper => "paper".into(),
+                crate::config::Preset::ReleasedCode => "released-code".into(),
+                crate::config::Preset::Default => "default".into(),
+            },
+            dataset: self.scene.dataset.root.clone(),
+            dataset_name: self.scene.dataset.manifest.name.clone(),
+            dataset_sha256: None,
+            adapter: self.gpu.info.name.clone(),
+            driver: format!("{} {}", self.gpu.info.driver, self.gpu.info.driver_info),
+            version: env!("CARGO_PKG_VERSION").into(),
+            seed: self.config.seed,
+            left_out: self.left_out.clone(),
+        })?)
+    }
+}

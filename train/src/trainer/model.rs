@@ -1,0 +1,338 @@
+//! The Gaussians, the field and their optimisers on the device.
+
+use wgpu::Buffer;
+
+use super::TrainError;
+use crate::{
+    config::{Config, FieldOptions},
+    density::{Moments, Population},
+    field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
+    gaussians::{CORE, Gaussians, sh_stride},
+    gpu::{Gpu, GpuError},
+    optimiser::{Adam, AdamBuffers, AdamConfig},
+    raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View},
+    schedule::decayed,
+};
+
+/// A rendering and what its backward pass needs.
+#[derive(Debug)]
+pub(super) struct Rendering {
+    /// The image.
+    pub frame: Frame,
+    /// The deformation.
+    pub tape: Tape,
+}
+
+impl Rendering {
+    /// Room for a rendering.
+    pub fn new(gpu: &Gpu) -> Result<Self, TrainError> {
+        Ok(Self { frame: Frame::new(gpu)?, tape: Tape::new(gpu)? })
+    }
+}
+
+/// Everything that learns.
+#[derive(Debug)]
+pub struct Model {
+    /// The Gaussians' parameters.
+    pub gaussians: GaussianBuffers,
+    /// How many of them, from the first, the field deforms.
+    pub dynamic: u32,
+    /// The field, in the fine stage.
+    pub field: Option<Field>,
+    /// The box of the field, metres.
+    pub field_box: [[f32; 3]; 2],
+    /// Adam steps since the moments were zero.
+    pub step: u32,
+    sh_head: bool,
+    pub(super) gradients: Gradients,
+    pub(super) d_deltas: Option<Deltas>,
+    rasteriser: Rasteriser,
+    adam: Adam,
+    moments: [Buffer; 4],
+}
+
+impl Model {
+    /// Puts a population on the device.
+    ///
+    /// # Errors
+    /// [`TrainError::Raster`] and [`TrainError::Gpu`] where it does not fit.
+    pub fn new(gpu: &Gpu, population: &Population) -> Result<Self, TrainError> {
+        let gaussians = upload(gpu, &population.gaussians)?;
+        Ok(Self {
+            dynamic: population.gaussians.dynamic as u32,
+            field: None,
+            field_box: [[0.0; 3]; 2],
+            step: 0,
+            sh_head: false,
+            gradients: Gradients::new(gpu, &gaussians)?,
+            d_deltas: None,
+            rasteriser: Rasteriser::new(gpu)?,
+            adam: Adam::new(gpu),
+            moments: upload_moments(gpu, &population.moments)?,
+            gaussians,
+        })
+    }
+
+    /// Replaces the population; the field stays.
+    pub(super) fn replace(&mut self, gpu: &Gpu, population: &Population) -> Result<(), TrainError> {
+        self.gaussians = upload(gpu, &population.gaussians)?;
+        self.dynamic = population.gaussians.dynamic as u32;
+        self.gradients = Gradients::new(gpu, &self.gaussians)?;
+        self.moments = upload_moments(gpu, &population.moments)?;
+        self.size_deltas(gpu)
+    }
+
+    /// Starts the fine stage's field in `field_box`.
+    pub(super) fn start_field(
+        &mut self,
+        gpu: &Gpu,
+        config: &Config,
+        frame_times: usize,
+        field_box: [[f32; 3]; 2],
+    ) -> Result<(), TrainError> {
+        let field_config = field_config(&config.field, self.gaussians.sh_degree, frame_times);
+        self.field = Some(Field::new(gpu, &field_config, field_box, config.seed)?);
+        self.field_box = field_box;
+        self.sh_head = config.field.sh_head;
+        self.size_deltas(gpu)
+    }
+
+    fn size_deltas(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
+        self.d_deltas = match &self.field {
+            Some(_) if self.dynamic > 0 => {
+                let stride = self.sh_head.then(|| sh_stride(self.gaussians.sh_degree) as u32);
+                Some(Deltas::new(gpu, "gradient of the deltas", self.dynamic, stride)?)
+            }
+            _ => None,
+        };
+        Ok(())
+    }
+
+    /// The Gaussians and their moments, copied to the host.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`].
+    pub fn population(&self, gpu: &Gpu) -> Result<Population, TrainError> {
+        let count = self.gaussians.count as usize;
+        let (core, sh) = (count * CORE, count * sh_stride(self.gaussians.sh_degree));
+        let read = |buffer: &Buffer, floats: usize| gpu.download::<f32>(buffer, floats);
+        let [core_first, core_second, sh_first, sh_second] = &self.moments;
+        Ok(Population {
+            gaussians: Gaussians {
+                sh_degree: self.gaussians.sh_degree,
+                dynamic: self.dynamic as usize,
+                core: read(&self.gaussians.core, core)?,
+                sh: read(&self.gaussians.sh, sh)?,
+            },
+            moments: Moments {
+                core_first: read(core_first, core)?,
+                core_second: read(core_second, core)?,
+                sh_first: read(sh_first, sh)?,
+                sh_second: read(sh_second, sh)?,
+            },
+        })
+    }
+
+    /// The means as they stand at `t01`, metres.
+    pub(super) fn means_at(&mut self, gpu: &Gpu, gaussians: &Gaussians, t01: f64) -> Result<Vec<[f32; 3]>, TrainError> {
+        let mut means: Vec<[f32; 3]> = (0..gaussians.len()).map(|index| gaussians.mean(index)).collect();
+        if let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) {
+            let mut tape = Tape::new(gpu)?;
+            field.forward(gpu, &self.gaussians.core, self.dynamic, t01 as f32, &mut tape, Outputs::PositionOnly)?;
+            let deltas: Vec<f32> = gpu.download(&tape.deltas.core, self.dynamic as usize * CORE)?;
+            for (mean, delta) in means.iter_mut().zip(deltas.chunks_exact(CORE)) {
+                for axis in 0..3 {
+                    mean[axis] += delta[axis];
+                }
+            }
+        }
+        Ok(means)
+    }
+
+    /// The Gaussians as they stand at `t01`, for export.
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device fails.
+    pub fn gaussians_at(&mut self, gpu: &Gpu, t01: f64) -> Result<Gaussians, TrainError> {
+        let mut gaussians = self.population(gpu)?.gaussians;
+        let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) else { return Ok(gaussians) };
+        let mut tape = Tape::new(gpu)?;
+        field.forward(gpu, &self.gaussians.core, self.dynamic, t01 as f32, &mut tape, Outputs::All)?;
+        let rows = self.dynamic as usize;
+        let add = |to: &mut [f32], deltas: Vec<f32>| to.iter_mut().zip(deltas).for_each(|(to, delta)| *to += delta);
+        add(&mut gaussians.core, gpu.download(&tape.deltas.core, rows * CORE)?);
+        if let Some(sh) = &tape.deltas.sh {
+            add(&mut gaussians.sh, gpu.download(sh, rows * sh_stride(self.gaussians.sh_degree))?);
+        }
+        Ok(gaussians)
+    }
+
+    /// Renders `view` at `t01`.
+    pub(super) fn forward(
+        &mut self,
+        gpu: &Gpu,
+        view: &View,
+        t01: f64,
+        options: &RenderOptions,
+        rendering: &mut Rendering,
+    ) -> Result<(), TrainError> {
+        let deltas = match self.field.as_mut().filter(|_| self.dynamic > 0) {
+            Some(field) => {
+                let (core, rows) = (&self.gaussians.core, self.dynamic);
+                field.forward(gpu, core, rows, t01 as f32, &mut rendering.tape, Outputs::All)?;
+                Some(&rendering.tape.deltas)
+            }
+            None => None,
+        };
+        self.rasteriser.forward(gpu, &self.gaussians, deltas, view, options, &mut rendering.frame)?;
+        Ok(())
+    }
+
+    /// The gradients of a rendering from those of its pixels, as far as the deltas.
+    pub(super) fn backward_raster(
+        &self,
+        gpu: &Gpu,
+        view: &View,
+        options: &RenderOptions,
+        rendering: &Rendering,
+        d_image: &Buffer,
+        statistics: bool,
+    ) -> Result<(), TrainError> {
+        let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
+        self.rasteriser.backward(
+            gpu,
+            &self.gaussians,
+            deltas,
+            view,
+            options,
+            &rendering.frame,
+            d_image,
+            &self.gradients,
+            self.d_deltas.as_ref(),
+            statistics,
+        )?;
+        Ok(())
+    }
+
+    /// Passes the gradients of the deltas on to the field.
+    pub(super) fn backward_field(&mut self, gpu: &Gpu, rendering: &Rendering) -> Result<(), TrainError> {
+        if let (Some(field), Some(d_deltas)) = (&mut self.field, &self.d_deltas) {
+            field.backward(gpu, &rendering.tape, d_deltas, &self.gradients.core)?;
+        }
+        Ok(())
+    }
+
+    /// Sets the gradients of an iteration to zero.
+    pub(super) fn clear_gradients(&self, gpu: &Gpu) {
+        let mut commands = gpu.commands();
+        commands.clear(&self.gradients.core);
+        commands.clear(&self.gradients.sh);
+        commands.clear(&self.gradients.screen);
+        commands.submit();
+    }
+
+    /// One step of Adam over everything; `progress` says how far the decay of the learning rates is.
+    pub(super) fn step(&mut self, gpu: &Gpu, config: &Config, extent: f32, progress: f64) -> Result<(), TrainError> {
+        self.step += 1;
+        let rates = &config.learning_rate;
+        let adam = AdamConfig { epsilon: rates.adam_epsilon, ..AdamConfig::default() };
+        let position = extent * decayed(rates.position, progress);
+        let (scale, rotation) = (rates.scale, rates.rotation);
+        let core_rates: [f32; CORE] = [
+            position,
+            position,
+            position,
+            scale,
+            scale,
+            scale,
+            rotation,
+            rotation,
+            rotation,
+            rotation,
+            rates.opacity,
+            0.0,
+        ];
+        let mut sh_rates = vec![rates.sh_rest; sh_stride(self.gaussians.sh_degree)];
+        sh_rates[..3].fill(rates.sh_dc);
+        let [core_first, core_second, sh_first, sh_second] = &self.moments;
+        let mut commands = gpu.commands();
+        for (parameters, gradients, first_moment, second_moment, rates) in [
+            (&self.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..]),
+            (&self.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..]),
+        ] {
+            let buffers = AdamBuffers {
+                parameters,
+                gradients,
+                first_moment,
+                second_moment,
+                rows: self.gaussians.count,
+                stride: rates.len() as u32,
+                mask: None,
+            };
+            self.adam.step(&mut commands, &buffers, rates, &adam, self.step)?;
+        }
+        commands.submit();
+        if let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) {
+            let planes = extent * decayed(rates.planes, progress);
+            let network = extent * decayed(rates.network, progress);
+            field.step(gpu, planes, network, &adam)?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of the parameters, as a checkpoint without moments would hold them.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let row = CORE + sh_stride(self.gaussians.sh_degree);
+        let (planes, network) = self.field.as_ref().map_or((0, 0), Field::parameters);
+        4 * (u64::from(self.gaussians.count) * row as u64 + planes as u64 + network as u64)
+    }
+}
+
+/// The regularisers of the planes, as strong as `times` iterations.
+pub(super) fn plane_weights(options: &FieldOptions, times: f32) -> PlaneWeights {
+    PlaneWeights {
+        space: times * options.weight_spatial,
+        time: times * options.weight_time,
+        time_l1: times * options.weight_l1_time,
+        form: SpatialSmoothness::SecondDifference,
+    }
+}
+
+fn field_config(options: &FieldOptions, sh_degree: u32, frame_times: usize) -> FieldConfig {
+    let rows = match options.time_resolution {
+        0 => (2 * frame_times as u32).clamp(8, 300),
+        rows => rows,
+    };
+    FieldConfig {
+        levels: options.levels.clone(),
+        features: options.features,
+        spatial_resolution: [options.spatial_resolution; 3],
+        time_resolution: rows,
+        width: options.width,
+        depth: options.depth,
+        heads: Heads {
+            position: true,
+            scale: options.scale_head,
+            rotation: options.rotation_head,
+            opacity: options.opacity_head,
+            sh: options.sh_head,
+        },
+        sh_stride: sh_stride(sh_degree) as u32,
+        time_axis: if options.upper_half_time { TimeAxis::UpperHalf } else { TimeAxis::Full },
+        head_init: if options.zero_heads { HeadInit::ZeroLast } else { HeadInit::Xavier },
+    }
+}
+
+fn upload(gpu: &Gpu, gaussians: &Gaussians) -> Result<GaussianBuffers, TrainError> {
+    Ok(GaussianBuffers::from_slices(gpu, gaussians.sh_degree, &gaussians.core, &gaussians.sh)?)
+}
+
+fn upload_moments(gpu: &Gpu, moments: &Moments) -> Result<[Buffer; 4], GpuError> {
+    Ok([
+        gpu.storage_from("first moment of core", &moments.core_first)?,
+        gpu.storage_from("second moment of core", &moments.core_second)?,
+        gpu.storage_from("first moment of sh", &moments.sh_first)?,
+        gpu.storage_from("second moment of sh", &moments.sh_second)?,
+    ])
+}

@@ -1,0 +1,96 @@
+//! What a run tells its caller.
+
+use crate::{
+    checkpoint::CheckpointError, config::ConfigError, field::FieldError, gpu::GpuError, metrics::MetricError,
+    raster::RasterError, run::RunError, scene::SceneError, schedule::Stage,
+};
+
+/// How a run is driven.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TrainOptions {
+    /// Seconds of training after which the run ends; its schedule then follows the clock.
+    pub budget_seconds: Option<f64>,
+    /// Whether to look at held-out cameras during training.
+    pub evaluate: bool,
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The schedule is over.
+    Finished,
+    /// It was asked to stop; its checkpoint resumes it.
+    Stopped,
+}
+
+/// Where a run stands.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// The stage.
+    pub stage: Stage,
+    /// Iterations done, over both stages.
+    pub iteration: u64,
+    /// Iterations of both stages.
+    pub iterations: u64,
+    /// How much is done, 0 to 1, by iterations or by the clock.
+    pub share: f64,
+    /// Seconds of training so far, without evaluation.
+    pub seconds: f64,
+    /// Gaussians.
+    pub gaussians: u32,
+    /// Gaussians that the field deforms.
+    pub dynamic: u32,
+    /// Mean photometric loss since the last row of the curve, at such a row.
+    pub loss_rgb: Option<f64>,
+    /// Mean event loss, likewise.
+    pub loss_event: Option<f64>,
+    /// PSNR on held-out cameras, at an evaluation.
+    pub psnr: Option<f64>,
+    /// PSNR on moving pixels of held-out cameras, at an evaluation.
+    pub dpsnr: Option<f64>,
+}
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A number stopped being one.
+    #[error(
+        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --set learning_rate.position=[8e-5,8e-7]`"
+    )]
+    Diverged {
+        /// Which quantity.
+        what: String,
+        /// When.
+        iteration: u64,
+    },
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The dataset.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The rasteriser.
+    #[error(transparent)]
+    Raster(#[from] RasterError),
+    /// The field.
+    #[error(transparent)]
+    Field(#[from] FieldError),
+    /// The run folder.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// A checkpoint.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
+    /// A metric.
+    #[error(transparent)]
+    Metric(#[from] MetricError),
+    /// An exported file.
+    #[error(transparent)]
+    Export(#[from] crate::export::ExportError),
+    /// A picture.
+    #[error(transparent)]
+    Image(#[from] erfgs_session::image::ImageError),
+}

@@ -1,0 +1,43 @@
+//! Rendering of the learned scene.
+
+use super::{TrainError, Trainer, model::Rendering};
+use crate::raster::View;
+
+/// A rendering, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendered {
+    /// Red, green and blue of every pixel over the background; display values, not clamped.
+    pub rgb: Vec<f32>,
+    /// Light that passes every pixel, 0 to 1.
+    pub transmittance: Vec<f32>,
+    /// Mean depth of every pixel by opacity, metres; 0 where nothing is.
+    pub depth: Vec<f32>,
+}
+
+impl Trainer<'_> {
+    /// Renders the scene from `view` at `t01` (0 is the start of the recording, 1 its end).
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device fails.
+    pub fn render(&mut self, view: &View, t01: f64) -> Result<Rendered, TrainError> {
+        let options = crate::raster::RenderOptions { depth: true, ..self.options() };
+        let rendering = match &mut self.viewer {
+            Some(rendering) => rendering,
+            empty => empty.insert(Rendering::new(self.gpu)?),
+        };
+        self.model.forward(self.gpu, view, t01, &options, rendering)?;
+        let frame = &rendering.frame;
+        let pixels = (view.width * view.height) as usize;
+        let image: Vec<[f32; 4]> = self.gpu.download(&frame.image, pixels)?;
+        let depth: Vec<f32> = match &frame.depth {
+            Some(depth) => self.gpu.download(depth, pixels)?,
+            None => vec![0.0; pixels],
+        };
+        let seen = |(depth, pixel): (f32, &[f32; 4])| if pixel[3] < 0.999 { depth / (1.0 - pixel[3]) } else { 0.0 };
+        Ok(Rendered {
+            rgb: image.iter().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect(),
+            transmittance: image.iter().map(|pixel| pixel[3]).collect(),
+            depth: depth.into_iter().zip(&image).map(seen).collect(),
+        })
+    }
+}

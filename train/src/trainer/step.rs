@@ -1,0 +1,275 @@
+//! One iteration: render the batch, compare, go back, step.
+
+use wgpu::Buffer;
+
+use super::{
+    Model, TrainError, Trainer,
+    model::{Rendering, plane_weights},
+    samples::{self, Sample},
+};
+use crate::{
+    config::{Pairing, Switch},
+    field::{Blend, Outputs, Tape},
+    gpu::Gpu,
+    losses::{LossSum, Losses},
+    raster::{RenderOptions, View},
+    scene::TrainFrame,
+    schedule::Stage,
+};
+
+/// Buffers and kernels of an iteration.
+#[derive(Debug)]
+pub(super) struct Workspace {
+    losses: Losses,
+    renderings: Vec<Rendering>,
+    mean: Buffer,
+    frame: Buffer,
+    count: Buffer,
+    gradients: [Buffer; 2],
+    before: Tape,
+    after: Tape,
+    /// Sums of the losses since the last row of the curve.
+    pub sums: Sums,
+}
+
+/// Sums of the losses, and of how many samples.
+#[derive(Debug)]
+pub(super) struct Sums {
+    pub rgb: LossSum,
+    pub rgb_values: f64,
+    pub event: LossSum,
+    pub event_values: f64,
+    pub trajectory: f64,
+    pub trajectory_samples: f64,
+    pub plane: f64,
+    pub plane_samples: f64,
+}
+
+impl Workspace {
+    pub fn new(gpu: &Gpu, pixels: u32) -> Result<Self, TrainError> {
+        let image = |label: &str| gpu.storage(label, u64::from(pixels) * 16);
+        Ok(Self {
+            losses: Losses::new(gpu),
+            renderings: Vec::new(),
+            mean: image("mean of an exposure")?,
+            frame: gpu.storage("frame", u64::from(pixels) * 4)?,
+            count: gpu.storage("event counts", u64::from(pixels) * 4)?,
+            gradients: [image("gradient of an image")?, image("gradient of a later image")?],
+            before: Tape::new(gpu)?,
+            after: Tape::new(gpu)?,
+            sums: Sums {
+                rgb: LossSum::new(gpu, pixels)?,
+                rgb_values: 0.0,
+                event: LossSum::new(gpu, pixels)?,
+                event_values: 0.0,
+                trajectory: 0.0,
+                trajectory_samples: 0.0,
+                plane: 0.0,
+                plane_samples: 0.0,
+            },
+        })
+    }
+
+    fn renderings(&mut self, gpu: &Gpu, count: usize) -> Result<(), TrainError> {
+        while self.renderings.len() < count {
+            self.renderings.push(Rendering::new(gpu)?);
+        }
+        Ok(())
+    }
+}
+
+impl Trainer<'_> {
+    /// Runs the next iteration of the stage.
+    pub(super) fn iterate(&mut self) -> Result<(), TrainError> {
+        self.model.clear_gradients(self.gpu);
+        let (stage, iteration) = (self.clock.stage, self.clock.iteration);
+        for slot in 0..self.config.batch {
+            match samples::draw(&self.scene, &self.config, stage, iteration, slot) {
+                Sample::Frame(index) => self.learn_frame(index)?,
+                Sample::Event { view, from, to } => self.learn_events(view, from, to)?,
+            }
+        }
+        let every = self.config.field.regularise_every;
+        if iteration.is_multiple_of(every)
+            && let Some(field) = self.model.field.as_mut().filter(|_| self.model.dynamic > 0)
+        {
+            let weights = plane_weights(&self.config.field, every as f32);
+            let losses = field.regularise(self.gpu, &weights)?;
+            let one = plane_weights(&self.config.field, 1.0);
+            self.work.sums.plane += f64::from(one.space) * losses.space
+                + f64::from(one.time) * losses.time
+                + f64::from(one.time_l1) * losses.time_l1;
+            self.work.sums.plane_samples += 1.0;
+        }
+        let mut commands = self.gpu.commands();
+        self.statistics.add(self.gpu, &mut commands, &self.model.gradients.screen);
+        commands.submit();
+        let decay = match (self.config.learning_rate.decay_steps, self.schedule.budget_seconds) {
+            (0, _) | (_, Some(_)) => self.schedule.progress(&self.clock),
+            (steps, None) => f64::from(iteration) / f64::from(steps),
+        };
+        self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
+        self.clock.iteration += 1;
+        Ok(())
+    }
+
+    pub(super) fn options(&self) -> RenderOptions {
+        let raised = self.schedule.done(&self.clock) / u64::from(self.config.sh.raise_every);
+        RenderOptions {
+            background: self.config.background,
+            sh_degree: self.model.gaussians.sh_degree.min(raised.min(3) as u32),
+            near: self.config.near_m,
+            ..RenderOptions::default()
+        }
+    }
+
+    fn learn_frame(&mut self, index: usize) -> Result<(), TrainError> {
+        let frame = &self.scene.frames[index];
+        let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame);
+        let view = self.scene.views[frame.view].view;
+        let options = self.options();
+        let pixels = view.width * view.height;
+        let linear = self.scene.linear_exposure && times.len() > 1;
+        let weight = 1.0 / times.len() as f32;
+        let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
+        let gpu = self.gpu;
+        self.work.renderings(gpu, times.len())?;
+        gpu.upload(&self.work.frame, 0, &frame.pixels);
+        for (slot, &time) in times.iter().enumerate() {
+            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot])?;
+        }
+        let work = &mut self.work;
+        let mut commands = gpu.commands();
+        let [d_mean, d_linear] = &work.gradients;
+        let mean = match &work.renderings[..times.len()] {
+            [only] => &only.frame.image,
+            several => {
+                for (slot, rendering) in several.iter().enumerate() {
+                    let image = &rendering.frame.image;
+                    let first = slot == 0;
+                    work.losses.accumulate(gpu, &mut commands, pixels, image, &work.mean, first, weight, linear);
+                }
+                &work.mean
+            }
+        };
+        // In display light the gradient of every rendering is the same share of that of the mean.
+        let share = if linear { 1.0 } else { weight };
+        let (target, sum) = (&work.frame, &work.sums.rgb);
+        work.losses.photometric(gpu, &mut commands, pixels, mean, target, d_mean, sum, scale * share, linear);
+        commands.submit();
+        work.sums.rgb_values += 3.0 * f64::from(pixels);
+        for slot in 0..times.len() {
+            let rendering = &work.renderings[slot];
+            let d_image = if linear {
+                let mut commands = gpu.commands();
+                let image = &rendering.frame.image;
+                work.losses.spread(gpu, &mut commands, pixels, image, d_mean, d_linear, weight);
+                commands.submit();
+                d_linear
+            } else {
+                d_mean
+            };
+            self.model.backward_raster(gpu, &view, &options, rendering, d_image, true)?;
+            self.model.backward_field(gpu, rendering)?;
+        }
+        Ok(())
+    }
+
+    fn learn_events(&mut self, index: usize, from: usize, to: usize) -> Result<(), TrainError> {
+        let gpu = self.gpu;
+        let events = &self.scene.events[index];
+        let view: View = self.scene.views[events.view].view;
+        let options = self.options();
+        let pixels = view.width * view.height;
+        let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
+        gpu.upload(&self.work.count, 0, &events.between(from, to));
+        self.work.renderings(gpu, 2)?;
+        for (slot, &time) in times.iter().enumerate() {
+            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot])?;
+        }
+        let sensor = events.sensor;
+        let scale = self.config.earl.weight / (pixels as f32 * self.config.batch as f32);
+        let work = &mut self.work;
+        let [before, after] = [&work.renderings[0].frame.image, &work.renderings[1].frame.image];
+        let [d_before, d_after] = &work.gradients;
+        let (count, sum) = (&work.count, &work.sums.event);
+        let mut commands = gpu.commands();
+        work.losses.event(
+            gpu,
+            &mut commands,
+            pixels,
+            before,
+            after,
+            count,
+            d_before,
+            d_after,
+            sum,
+            scale,
+            &sensor,
+            &self.config.earl,
+        );
+        commands.submit();
+        work.sums.event_values += f64::from(pixels);
+        // The released code counts the render at t for density control, not the one at t'.
+        for (slot, statistics) in [(0, true), (1, false)] {
+            let rendering = &self.work.renderings[slot];
+            let d_image = &self.work.gradients[slot];
+            self.model.backward_raster(gpu, &view, &options, rendering, d_image, statistics)?;
+            if slot == 1 {
+                self.regularise_trajectory(times)?;
+            }
+            self.model.backward_field(gpu, &self.work.renderings[slot])?;
+        }
+        Ok(())
+    }
+
+    /// Pulls the means at t' towards the straight line between their places at the frame times around it.
+    fn regularise_trajectory(&mut self, times: [f64; 2]) -> Result<(), TrainError> {
+        let weight = self.config.earl.weight_trajectory / self.config.batch as f32;
+        let frame_times = &self.scene.frame_times;
+        let next = frame_times.partition_point(|&time| time < times[1] - 1e-9);
+        if weight == 0.0 || next == 0 || next >= frame_times.len() || self.model.dynamic == 0 {
+            return Ok(());
+        }
+        let (start, end) = (frame_times[next - 1], frame_times[next]);
+        if (end - times[1]).abs() < 1e-9 || end <= start {
+            return Ok(());
+        }
+        let gpu = self.gpu;
+        let Model { field, gaussians, dynamic, d_deltas, .. } = &mut self.model;
+        let (Some(field), Some(d_deltas)) = (field, d_deltas) else { return Ok(()) };
+        let anchored = self.config.earl.pairing == Pairing::FrameAnchored && (start - times[0]).abs() < 1e-9;
+        if !anchored {
+            field.forward(
+                gpu,
+                &gaussians.core,
+                *dynamic,
+                start as f32,
+                &mut self.work.before,
+                Outputs::PositionOnly,
+            )?;
+        }
+        field.forward(gpu, &gaussians.core, *dynamic, end as f32, &mut self.work.after, Outputs::PositionOnly)?;
+        let before = if anchored { &self.work.renderings[0].tape.deltas } else { &self.work.before.deltas };
+        let blend = ((times[1] - start) / (end - start)) as f32;
+        let reference = Blend { before, after: &self.work.after.deltas, blend };
+        let loss = field.trajectory_loss(gpu, &self.work.renderings[1].tape, reference, weight, d_deltas)?;
+        self.work.sums.trajectory += loss;
+        self.work.sums.trajectory_samples += 1.0;
+        Ok(())
+    }
+}
+
+/// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant.
+fn exposure_times(config: &crate::config::Config, stage: Stage, dynamic: u32, frame: &TrainFrame) -> Vec<f64> {
+    let [start, end] = frame.exposure;
+    let on = match config.blur.model {
+        Switch::Off => false,
+        Switch::On | Switch::Auto => stage == Stage::Fine && end > start && dynamic > 0,
+    };
+    let samples = config.blur.samples;
+    if on && samples > 1 {
+        return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
+    }
+    vec![config.blur.instant.map_or(frame.t01, |share| start + (end - start) * f64::from(share))]
+}
