@@ -17,6 +17,7 @@ pub mod pose;
 pub mod progress;
 pub mod random;
 pub mod undistort;
+pub mod video;
 
 pub use camera::{Distortion, Intrinsics};
 pub use dataset::{Camera, Dataset, EventFile, Frame, Manifest, Modality, Split};

@@ -1,14 +1,28 @@
 //! Importers: recordings in the layouts of other tools, made into datasets.
+//!
+//! Every importer does the same in its own layout: it lists viewpoints with intrinsics, pose and frames, checks them
+//! (counts, missing files, rotations, sizes), and hands them to one writer, which resizes, writes PNG files in parallel,
+//! hashes them and puts the whole dataset in place in one step: `out` appears complete or not at all.
+//!
+//! The first imported frame lies at time 0 of the session clock, and so does its exposure: a recording does not tell
+//! how long its shutters were open.
 
 use std::path::Path;
 
 use crate::{Dataset, image::Resample, progress::Progress};
 
 pub mod colmap;
+mod common;
+mod error;
+mod json;
+mod llff;
 pub mod nerfstudio;
 pub mod neu3d;
 pub mod nvidia;
 pub mod panoptic;
+mod write;
+
+pub use error::ImportError;
 
 /// How a recording is imported. The defaults import all of it, unscaled.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,18 +35,10 @@ pub struct ImportOptions {
     pub resample: Resample,
     /// Frames a second, where the source does not say or is to be overruled.
     pub fps: Option<f64>,
-    /// Names of the test cameras; the layout's own choice where absent.
+    /// Names of the test cameras (as imported, or their numbers); the layout's own choice where absent.
     pub test_cameras: Option<Vec<String>>,
     /// Threads to work with; one for each core where absent.
     pub jobs: Option<usize>,
-}
-
-/// What can go wrong with an import.
-#[derive(Debug, thiserror::Error)]
-pub enum ImportError {
-    /// The dataset cannot be written.
-    #[error(transparent)]
-    Dataset(#[from] crate::dataset::DatasetError),
 }
 
 /// The layouts that can be imported.

@@ -1,0 +1,76 @@
+//! JSON as Python writes it.
+
+use std::path::Path;
+
+use serde::{Deserialize, Deserializer, de::DeserializeOwned};
+
+use super::ImportError;
+
+/// A number; NaN and infinities, which Python writes as bare words, come out as NaN, so that the camera that they
+/// belong to can be named.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Number(pub(super) f64);
+
+impl<'de> Deserialize<'de> for Number {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Ok(Self(Option::deserialize(deserializer)?.unwrap_or(f64::NAN)))
+    }
+}
+
+/// Reads and parses a file.
+pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ImportError> {
+    let text = std::fs::read_to_string(path).map_err(|source| ImportError::Io {
+        doing: "read",
+        path: path.to_owned(),
+        source,
+    })?;
+    serde_json::from_str(&without_nan(&text)).map_err(|error| ImportError::Malformed {
+        path: path.to_owned(),
+        what: format!("{error}; the file is cut short or of another layout"),
+    })
+}
+
+/// `NaN`, `Infinity` and `-Infinity` outside strings replaced by `null`.
+fn without_nan(text: &str) -> String {
+    let (mut out, mut rest, mut quoted) = (String::with_capacity(text.len()), text, false);
+    while let Some(at) = rest.find(['"', '\\', 'N', 'I', '-']) {
+        out.push_str(&rest[..at]);
+        rest = &rest[at..];
+        let word = ["NaN", "Infinity", "-Infinity"].into_iter().find(|word| !quoted && rest.starts_with(word));
+        let taken = match (word, rest.as_bytes()) {
+            (Some(word), _) => {
+                out.push_str("null");
+                word.len()
+            }
+            // An escaped character within a string; it may be a quote.
+            (None, [b'\\', ..]) => {
+                let length = 1 + rest.chars().nth(1).map_or(0, char::len_utf8);
+                out.push_str(&rest[..length]);
+                length
+            }
+            (None, first) => {
+                quoted ^= first.first() == Some(&b'"');
+                out.push_str(&rest[..1]);
+                1
+            }
+        };
+        rest = &rest[taken..];
+    }
+    out.push_str(rest);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pythons_words_become_null_outside_strings_only() {
+        let text = r#"{"NaN": [NaN, -Infinity, Infinity, -1.5], "a\"NaN\\": "-Infinity é"}"#;
+        let expected = r#"{"NaN": [null, null, null, -1.5], "a\"NaN\\": "-Infinity é"}"#;
+        assert_eq!(without_nan(text), expected);
+        let numbers: Vec<Number> = serde_json::from_str(&without_nan("[1, NaN, -2.5e3]")).unwrap();
+        assert!(numbers[0] == Number(1.0) && numbers[1].0.is_nan() && numbers[2] == Number(-2500.0));
+        assert_eq!(without_nan("\\"), "\\");
+    }
+}

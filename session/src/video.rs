@@ -1,0 +1,208 @@
+//! Frames of a video file, decoded by ffmpeg.
+//!
+//! ffmpeg is called as a program and not linked. It decodes whatever cameras write and is kept up to date against
+//! damaged and hostile files by others; as a separate process it cannot bring this one down, its licence (LGPL or GPL,
+//! depending on how it was built) stays apart, and nobody needs its headers to build erfgs. The price is one pipe:
+//! frames arrive as PPM images, which cost less to parse than to decode.
+
+use std::{
+    ffi::OsStr,
+    fs::File,
+    io::{self, BufRead, BufReader, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdout, Command, Stdio},
+};
+
+use crate::ImageRgb8;
+
+/// What can go wrong with a video.
+#[derive(Debug, thiserror::Error)]
+pub enum VideoError {
+    /// There is no such file.
+    #[error("the video {} does not exist", path.display())]
+    Missing {
+        /// The video.
+        path: PathBuf,
+    },
+    /// ffmpeg cannot be started.
+    #[error("cannot run ffmpeg to decode {}: {source}; install ffmpeg, or give the frames as folders of images", path.display())]
+    NoFfmpeg {
+        /// The video.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// ffmpeg gave up.
+    #[error("ffmpeg cannot decode {}: {message}; check that the video is complete", path.display())]
+    Decode {
+        /// The video.
+        path: PathBuf,
+        /// What ffmpeg said.
+        message: String,
+    },
+    /// What ffmpeg sent is no PPM image.
+    #[error("cannot read the frames that ffmpeg decodes from {}: {source}", path.display())]
+    Pipe {
+        /// The video.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// A video that is being decoded.
+#[derive(Debug)]
+pub struct Video {
+    path: PathBuf,
+    child: Child,
+    frames: BufReader<ChildStdout>,
+    messages: File,
+}
+
+impl Video {
+    /// Begins to decode the first video stream of `path`, frame by frame as stored, without making up or dropping any.
+    ///
+    /// # Errors
+    /// If there is no such file or ffmpeg cannot be started.
+    pub fn open(path: &Path) -> Result<Self, VideoError> {
+        Self::open_with(OsStr::new("ffmpeg"), path)
+    }
+
+    fn open_with(ffmpeg: &OsStr, path: &Path) -> Result<Self, VideoError> {
+        if !path.is_file() {
+            return Err(VideoError::Missing { path: path.to_owned() });
+        }
+        let failed = |source| VideoError::NoFfmpeg { path: path.to_owned(), source };
+        // Messages go to a file: a pipe that nobody reads would fill up and stop the decoder.
+        let messages = tempfile::tempfile().map_err(failed)?;
+        let mut input = std::ffi::OsString::from("file:");
+        input.push(path);
+        let mut child = Command::new(ffmpeg)
+            .args(["-nostdin", "-v", "error", "-xerror", "-threads", "1", "-i"])
+            .arg(input)
+            .args(["-map", "0:v:0", "-vsync", "passthrough", "-f", "image2pipe", "-c:v", "ppm", "-"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(messages.try_clone().map_err(failed)?)
+            .spawn()
+            .map_err(failed)?;
+        let Some(frames) = child.stdout.take() else {
+            return Err(failed(io::Error::other("its output is not connected")));
+        };
+        let frames = BufReader::with_capacity(1 << 18, frames);
+        Ok(Self { path: path.to_owned(), child, frames, messages })
+    }
+
+    /// The next frame, or `None` after the last one.
+    ///
+    /// # Errors
+    /// If the video is damaged or cut short.
+    pub fn next_frame(&mut self) -> Result<Option<ImageRgb8>, VideoError> {
+        match read_ppm(&mut self.frames) {
+            Ok(Some(frame)) => Ok(Some(frame)),
+            Ok(None) => self.finish().map(|()| None),
+            Err(source) => {
+                // Where the decoder failed, its own words say more than the broken pipe.
+                self.finish()?;
+                Err(VideoError::Pipe { path: self.path.clone(), source })
+            }
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), VideoError> {
+        let status = self.child.wait().map_err(|source| VideoError::Pipe { path: self.path.clone(), source })?;
+        if status.success() {
+            return Ok(());
+        }
+        let mut message = Vec::new();
+        let read = self.messages.seek(SeekFrom::Start(0)).and_then(|_| {
+            let mut start = (&self.messages).take(2000);
+            start.read_to_end(&mut message)
+        });
+        let message = match (read, String::from_utf8_lossy(&message).trim()) {
+            (Ok(_), text) if !text.is_empty() => text.replace('\n', "; "),
+            _ => status.to_string(),
+        };
+        Err(VideoError::Decode { path: self.path.clone(), message })
+    }
+}
+
+impl Drop for Video {
+    fn drop(&mut self) {
+        // Frames after the last one that was wanted are never decoded. Both calls fail only if the decoder has ended.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// One binary PPM image with 8 bits per channel, or `None` at the end of the stream.
+fn read_ppm(stream: &mut impl BufRead) -> io::Result<Option<ImageRgb8>> {
+    if stream.fill_buf()?.is_empty() {
+        return Ok(None);
+    }
+    let invalid = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
+    let mut word = || {
+        let mut text = String::new();
+        loop {
+            let mut byte = [0];
+            stream.read_exact(&mut byte)?;
+            match byte[0] {
+                b' ' | b'\n' | b'\r' | b'\t' if text.is_empty() => {}
+                b' ' | b'\n' | b'\r' | b'\t' => return Ok(text),
+                _ if text.len() == 8 => return Err(invalid("no PPM header")),
+                other => text.push(other.into()),
+            }
+        }
+    };
+    let header = [word()?, word()?, word()?, word()?];
+    let ["P6", width, height, "255"] = header.each_ref().map(String::as_str) else {
+        return Err(invalid("no 8-bit PPM image"));
+    };
+    let (Ok(width @ 1..), Ok(height @ 1..)) = (width.parse::<u16>(), height.parse::<u16>()) else {
+        return Err(invalid("a PPM image of an impossible size"));
+    };
+    let mut image = ImageRgb8::new(width.into(), height.into());
+    stream.read_exact(&mut image.data)?;
+    Ok(Some(image))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ppm_images_follow_each_other_and_cuts_are_errors() {
+        let stream = b"P6\n2 1\n255\nabcdefP6 1 1 255\n\n\n\n";
+        let mut rest = &stream[..];
+        let first = read_ppm(&mut rest).unwrap().unwrap();
+        assert_eq!((first.width, first.height, first.data.as_slice()), (2, 1, &b"abcdef"[..]));
+        assert_eq!(read_ppm(&mut rest).unwrap().unwrap().data, b"\n\n\n");
+        assert_eq!(read_ppm(&mut rest).unwrap(), None);
+        for length in 1..17 {
+            assert!(read_ppm(&mut &stream[..length]).is_err(), "{length}");
+        }
+        for bad in ["P5\n2 1\n255\n", "P6\n0 1\n255\n", "P6\n2 1\n65535\n", "P6\n99999 99999\n255\n"] {
+            assert!(read_ppm(&mut [bad.as_bytes(), &[0; 64]].concat().as_slice()).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn without_ffmpeg_the_error_says_what_to_install() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let error = Video::open_with(OsStr::new("no-such-ffmpeg"), file.path()).unwrap_err();
+        assert!(
+            matches!(error, VideoError::NoFfmpeg { .. }) && error.to_string().contains("install ffmpeg"),
+            "{error}"
+        );
+        let error = Video::open(Path::new("no/such/video.mp4")).unwrap_err();
+        assert!(matches!(error, VideoError::Missing { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_file_that_is_no_video_is_an_error_in_ffmpegs_words() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), b"this is no video").unwrap();
+        let error = Video::open(file.path()).unwrap().next_frame().unwrap_err();
+        assert!(matches!(&error, VideoError::Decode { message, .. } if message.contains("Invalid data")), "{error}");
+    }
+}
