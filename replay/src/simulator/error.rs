@@ -64,13 +64,18 @@ pub enum SimulatorError {
         /// The time of the frame before it, nanoseconds.
         previous_ns: i64,
     },
-    /// A frame further from the first one than the arithmetic allows.
-    #[error("frame {frame} is at {t_ns} ns, more than 100 days after the first; check the unit of the times")]
+    /// A frame further from the others than the arithmetic allows.
+    #[error(
+        "frame {frame} is at {t_ns} ns, the one before it at {previous_ns} ns: more than an hour apart, or more than 100 \
+         days after the first; check the unit of the times"
+    )]
     TimeTooFar {
         /// Index of the frame, from 0.
         frame: u64,
         /// Its time, nanoseconds.
         t_ns: i64,
+        /// The time of the frame before it, nanoseconds.
+        previous_ns: i64,
     },
     /// The output is for another sensor.
     #[error(
@@ -83,7 +88,7 @@ pub enum SimulatorError {
         expected: [u32; 2],
     },
     /// More events than memory can be expected to hold.
-    #[error("frame {frame} makes {events} events, above the limit of {limit}; raise the contrast thresholds")]
+    #[error("frame {frame} makes at least {events} events, above the limit of {limit}; raise the contrast thresholds")]
     TooManyEvents {
         /// Index of the frame, from 0.
         frame: u64,
