@@ -1,1 +1,84 @@
-//! The report of one or more runs: one self-contained HTML file.
+//! The report: one HTML page that compares runs.
+//!
+//! The page is a single file without scripts and without anything to fetch: style sheet, plots (SVG) and pictures are
+//! inside it. The same runs give the same bytes. Each section is a file of this module.
+
+mod configuration;
+mod curves;
+mod html;
+mod load;
+mod picture_io;
+mod pictures;
+mod plot;
+mod rig;
+mod setting;
+mod summary;
+mod time;
+mod views;
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use crate::run::{RunError, RunFolder, replace};
+
+/// What can go wrong with a report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// There is nothing to report.
+    #[error("a report needs at least one run folder; give those that `erfgs train --out` wrote")]
+    NoRuns,
+    /// A run could not be read.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The page could not be written.
+    #[error("could not write the report '{}': {source}; check the free space and the permissions", path.display())]
+    Write {
+        /// The page.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// A report that was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// Bytes of the page.
+    pub bytes: u64,
+    /// What is missing or not comparable, as the page says it.
+    pub notes: Vec<String>,
+}
+
+/// Compares `runs` in one page at `out`. Differences are against the first run.
+///
+/// What a run lacks (it was stopped, or not evaluated) is noted in the page; what is broken is an error.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportError> {
+    if runs.is_empty() {
+        return Err(ReportError::NoRuns);
+    }
+    let mut page = load::load(runs)?;
+    // Pictures come first: what cannot be read becomes a note at the head of the page.
+    let side_by_side = pictures::views(&mut page);
+    let events = pictures::events(&mut page);
+    let sections = [
+        summary::section(&page),
+        curves::quality(&page),
+        time::section(&page),
+        side_by_side,
+        events,
+        views::section(&page),
+        setting::left_out(&page),
+        curves::losses(&page),
+        configuration::section(&page),
+        setting::dataset(&page),
+    ];
+    let text = html::page(&summary::title(&page), &summary::head(&page), &sections.concat());
+    replace(out, |file| file.write_all(text.as_bytes()))
+        .map_err(|source| ReportError::Write { path: out.to_owned(), source })?;
+    Ok(Report { bytes: text.len() as u64, notes: page.notes })
+}
