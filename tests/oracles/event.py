@@ -20,24 +20,36 @@ def lin_log(rgb, question):
     return jnp.where(grey <= threshold, grey * jnp.log(threshold) / threshold, jnp.log(jnp.maximum(grey, threshold)))
 
 
-def loss(before, after, question):
+def error(before, after, question):
+    """Of each pixel: by how many thresholds the change misses the count."""
     events = jnp.array(question["count"])
     change = (lin_log(after, question) - lin_log(before, question)) / question["threshold"]
     if question["quantise"] == "truncate":
         # Straight-through: truncated forward, identity backward.
-        change = change + lax.stop_gradient(jnp.trunc(change) - change)
-        error = change - events
-    elif question["quantise"] == "dead-zone":
-        error = change - events
-        error = jnp.sign(error) * jnp.maximum(jnp.abs(error) - 1.0, 0.0)
-    else:
-        error = change - events
-    value = error**2 if question["norm"] == "l2" else jnp.abs(error)
-    weight = 1.0 / jnp.maximum(jnp.abs(events), 1.0) if question["confidence"] else 1.0
-    return jnp.sum(weight * value)
+        truncated = lax.stop_gradient(jnp.trunc(change)) + (change - lax.stop_gradient(change))
+        return truncated - events, jnp.abs(change - jnp.round(change))
+    missed = change - events
+    if question["quantise"] == "dead-zone":
+        beyond = jnp.abs(missed) - 1.0
+        return jnp.sign(missed) * jnp.maximum(beyond, 0.0), jnp.abs(beyond)
+    return missed, jnp.abs(missed)
+
+
+def each(before, after, question):
+    """The loss of each pixel, and how near it is to a kink."""
+    missed, margin = error(before, after, question)
+    # |x| with slope 0 at 0, where jax.numpy.abs has slope 1.
+    value = missed**2 if question["norm"] == "l2" else missed * lax.stop_gradient(jnp.sign(missed))
+    events = jnp.abs(jnp.array(question["count"]))
+    weight = 1.0 / jnp.maximum(events, 1.0) if question["confidence"] else 1.0
+    return weight * value, margin
 
 
 def run(question):
+    """Answers with the loss of each pixel, `clear` (0 where it is next to a kink, so that precisions may decide
+    differently) and the gradients of the sum."""
     before, after = jnp.array(question["before"]), jnp.array(question["after"])
-    value, gradients = jax.value_and_grad(loss, argnums=(0, 1))(before, after, question)
-    return {"loss": value, "d_before": gradients[0], "d_after": gradients[1]}
+    value, margin = each(before, after, question)
+    gradients = jax.grad(lambda b, a: jnp.sum(each(b, a, question)[0]), argnums=(0, 1))(before, after)
+    clear = (margin > question["margin"]).astype(jnp.float64)
+    return {"each": value, "clear": clear, "d_before": gradients[0], "d_after": gradients[1]}

@@ -1,0 +1,73 @@
+#!/usr/bin/env bash
+# Films a small scene with RGB and event cameras at different viewpoints, trains 4DGS and ERF-GS for equal time, and
+# writes a report that compares them. With the folder of a PanopticSports recording, does the same with that recording.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--out FOLDER] [--minutes M]
+
+  PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball; without it, the stage is filmed
+  --out FOLDER     where everything goes (default: demo, or demo-panoptic); what is there already is not made again
+  --minutes M      training time of each method (default: 3, or 18 for a recording)"
+recording= out= minutes=
+while [ $# -gt 0 ]; do
+  case "$1" in
+    -h|--help) sed -n '2,3p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
+    --out) out=${2:?$usage}; shift 2 ;;
+    --minutes) minutes=${2:?$usage}; shift 2 ;;
+    -*) echo "demo.sh: unknown option $1" >&2; echo "$usage" >&2; exit 2 ;;
+    *) recording=$1; shift ;;
+  esac
+done
+if [ -n "$recording" ] && [ ! -e "$recording/train_meta.json" ]; then
+  echo "demo.sh: $recording holds no train_meta.json, so it is no PanopticSports recording" >&2
+  exit 2
+fi
+
+scripts/setup.sh
+. scripts/driver.sh
+[ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
+cargo build --release --locked --workspace --bins
+PATH=$PWD/target/release:$PATH
+erfgs doctor
+
+say() { printf '\n== %s\n' "$*"; }
+started=$SECONDS
+if [ -n "$recording" ]; then
+  out=${out:-demo-panoptic} minutes=${minutes:-18}
+  mkdir -p "$out"
+  if [ ! -e "$out/full/dataset.json" ]; then
+    say "importing the recording at half size"
+    erfgs dataset import panoptic "$recording" --scale 0.5 --out "$out/full"
+  fi
+  if [ ! -e "$out/ds/dataset.json" ]; then
+    say "keeping each fourth frame, blurred over three; four cameras keep their events alone"
+    erfgs dataset variant "$out/full" --subsample 4 --blur 3 --event-only 4 --out "$out/ds"
+  fi
+else
+  out=${out:-demo} minutes=${minutes:-3}
+  mkdir -p "$out"
+  if [ ! -e "$out/ds/dataset.json" ]; then
+    say "filming the stage"
+    erfgs-stage film --out "$out/ds"
+  fi
+fi
+if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
+  say "finding the initial points"
+  erfgs dataset points "$out/ds"
+fi
+for method in 4dgs erf-gs; do
+  run=$out/run-$method
+  if [ ! -e "$run/metrics.json" ]; then
+    say "training $method for $minutes minutes"
+    resume=()
+    [ -e "$run/checkpoint.bin" ] && resume=(--resume)
+    erfgs train "$out/ds" --method "$method" --minutes "$minutes" --seed 1 --out "$run" "${resume[@]}"
+    say "evaluating $method on the held-out cameras"
+    erfgs eval "$run"
+  fi
+done
+say "comparing"
+erfgs report "$out/run-4dgs" "$out/run-erf-gs" --out "$out/report.html"
+echo
+echo "report: $out/report.html (everything after the build took $(((SECONDS - started) / 60)) min $(((SECONDS - started) % 60)) s)"
