@@ -6,6 +6,6 @@
 pub mod cloud;
 
 pub use cloud::{
-    Cloud, CloudError, CloudOptions, CloudPoint, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions, Method,
-    Progress, Stage, SweepOptions, attach, initial_cloud,
+    Cloud, CloudError, CloudOptions, CloudPoint, Colmap, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions,
+    Method, Progress, Stage, SweepOptions, attach, initial_cloud,
 };

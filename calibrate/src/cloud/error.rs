@@ -55,16 +55,9 @@ pub enum CloudError {
         /// What is wrong with it.
         why: String,
     },
-    /// An image cannot be read or does not fit its camera.
-    #[error("camera {camera}, image {}: {why}", file.display())]
-    Image {
-        /// Name of the camera.
-        camera: String,
-        /// The image.
-        file: PathBuf,
-        /// What is wrong with it.
-        why: String,
-    },
+    /// An image cannot be read or does not fit its camera, or the dataset cannot be written.
+    #[error(transparent)]
+    Dataset(#[from] erfgs_session::dataset::DatasetError),
     /// A file cannot be read or written.
     #[error("while {doing} {}: {source}", path.display())]
     Io {
@@ -107,13 +100,17 @@ pub enum CloudError {
         why: String,
     },
     /// COLMAP's model cannot be read or written.
-    #[error("COLMAP's model in {}: {why}", path.display())]
-    Model {
-        /// The folder of the model.
-        path: PathBuf,
+    #[error(transparent)]
+    Model(#[from] erfgs_session::colmap::ColmapError),
+    /// COLMAP's model does not fit the database it was made from.
+    #[error("COLMAP's triangulated model does not fit its database: {why}; try another version of COLMAP")]
+    ModelMismatch {
         /// What is wrong.
         why: String,
     },
+    /// The point cloud cannot be written.
+    #[error(transparent)]
+    Ply(#[from] erfgs_session::ply::PlyError),
     /// Nothing to match.
     #[error(
         "COLMAP found only {found} features in {images} images; the images may be black, tiny or blurred: try other \

@@ -2,13 +2,22 @@
 //!
 //! Training cameras with frames take part; held-out and event-only cameras do not.
 
+mod colmap;
 mod error;
 mod options;
+mod photo;
+mod random;
+mod rig;
+mod sweep;
+mod thin;
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
-use erfgs_session::{Dataset, dataset::PointCloudFile};
+use erfgs_session::{Dataset, dataset::PointCloudFile, ply::PointCloud};
 use glam::DVec3;
+use serde_json::{Value, json};
+
+pub use colmap::Colmap;
 
 pub use error::CloudError;
 pub use options::{CloudOptions, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions, Method, SweepOptions};
@@ -89,8 +98,75 @@ pub fn initial_cloud(
     work_dir: &Path,
     progress: Progress<'_>,
 ) -> Result<Cloud, CloudError> {
-    let _ = (dataset, options, work_dir, progress);
-    todo!()
+    let rig = rig::Rig::new(dataset, &options.frames)?;
+    let bounds = random::check_bounds(options.bounds_m)?;
+    let reach = rig::reach(&rig.stations, options.depth_m, bounds)?;
+    let mut parameters = describe(&rig, options, &reach);
+    let photos = (0..rig.instants.len()).map(|instant| rig.photos(instant)).collect::<Result<Vec<_>, _>>()?;
+    let colmap = |parameters: &mut Counts| -> Result<Vec<CloudPoint>, CloudError> {
+        let found = colmap::points(&rig, &photos, options, &reach, work_dir, progress, parameters)?;
+        let found = inside(found, bounds);
+        parameters.insert("points_before_merging".into(), found.len().into());
+        Ok(thin::merge_instants(found, options.colmap.merge_m))
+    };
+    let sweep = |parameters: &mut Counts| -> Result<Vec<CloudPoint>, CloudError> {
+        Ok(inside(sweep::points(&rig, &photos, options, &reach, progress, parameters)?, bounds))
+    };
+    let (mut points, first) = match options.method {
+        Method::Colmap => (colmap(&mut parameters)?, 0),
+        Method::Sweep => (sweep(&mut parameters)?, 0),
+        Method::ColmapSweep => {
+            let mut points = colmap(&mut parameters)?;
+            let first = points.len();
+            points.extend(sweep(&mut parameters)?);
+            (points, first)
+        }
+        Method::Random => {
+            let middle = rig.instants.len() / 2;
+            (random::points(&rig, middle, &photos[middle], &reach, bounds, options.random_points, options.seed), 0)
+        }
+    };
+    if points.len() < FEWEST_POINTS {
+        let (method, found) = (options.method.name(), points.len());
+        return Err(CloudError::TooFewPoints { method, found, needed: FEWEST_POINTS });
+    }
+    if let Some(most) = options.max_points {
+        points = thin::limit(points, first, most);
+    }
+    Ok(Cloud { points, method: options.method, parameters })
+}
+
+/// What is counted on the way, and the parameters, as they go into the manifest.
+type Counts = BTreeMap<String, Value>;
+
+/// Fewer points cannot start a reconstruction.
+const FEWEST_POINTS: usize = 10;
+
+fn describe(rig: &rig::Rig<'_>, options: &CloudOptions, reach: &rig::Reach) -> Counts {
+    let mut parameters = Counts::from([
+        ("cameras".into(), json!(rig.stations.iter().map(|station| &station.camera.name).collect::<Vec<_>>())),
+        ("instants_ns".into(), json!(rig.instants.iter().map(|instant| instant.t_ns).collect::<Vec<_>>())),
+        ("depth_m".into(), json!(reach.depth_m)),
+        ("bounds_m".into(), json!(options.bounds_m)),
+        ("max_points".into(), json!(options.max_points)),
+    ]);
+    if matches!(options.method, Method::Colmap | Method::ColmapSweep) {
+        parameters.insert("colmap".into(), json!(options.colmap));
+    }
+    if matches!(options.method, Method::Sweep | Method::ColmapSweep) {
+        parameters.insert("sweep".into(), json!(options.sweep));
+    }
+    if options.method == Method::Random {
+        parameters.insert("seed".into(), json!(options.seed));
+    }
+    parameters
+}
+
+fn inside(mut points: Vec<CloudPoint>, bounds: Option<[DVec3; 2]>) -> Vec<CloudPoint> {
+    if let Some([low, high]) = bounds {
+        points.retain(|point| point.position.cmpge(low).all() && point.position.cmple(high).all());
+    }
+    points
 }
 
 /// Writes `points.ply` into the dataset's folder and names it, with the method and its parameters, in the manifest,
@@ -99,6 +175,22 @@ pub fn initial_cloud(
 /// # Errors
 /// When a file cannot be written.
 pub fn attach(dataset: &mut Dataset, cloud: &Cloud) -> Result<PointCloudFile, CloudError> {
-    let _ = (dataset, cloud);
-    todo!()
+    let ply = PointCloud {
+        positions: cloud.points.iter().map(|point| point.position.as_vec3().to_array()).collect(),
+        colours: cloud.points.iter().map(|point| point.colour).collect(),
+    };
+    let name = Path::new("points.ply");
+    ply.write(&dataset.root.join(name))?;
+    let file = PointCloudFile {
+        file: name.to_owned(),
+        count: cloud.points.len() as u64,
+        method: cloud.method.name().into(),
+        parameters: cloud.parameters.clone(),
+    };
+    dataset.manifest.points = Some(file.clone());
+    if !dataset.manifest.sha256.is_empty() {
+        dataset.hash_files()?;
+    }
+    dataset.save()?;
+    Ok(file)
 }

@@ -184,8 +184,11 @@ impl Default for ColmapOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SweepOptions {
-    /// Depth planes, evenly spaced in inverse depth.
-    pub planes: u32,
+    /// Images are shrunk by a whole factor until they are at most this wide, pixels.
+    pub max_width: u32,
+    /// Distance of the depth planes, which are evenly spaced in inverse depth: how far a point moves in the middle one of
+    /// the neighbours from plane to plane, pixels of the shrunk images.
+    pub plane_step_px: f64,
     /// How many cameras each depth map is compared with.
     pub neighbours: u32,
     /// Side of the correlation window, pixels; odd.
@@ -205,7 +208,8 @@ pub struct SweepOptions {
 impl Default for SweepOptions {
     fn default() -> Self {
         Self {
-            planes: 96,
+            max_width: 480,
+            plane_step_px: 1.5,
             neighbours: 6,
             window: 9,
             min_score: 0.8,
