@@ -14,3 +14,6 @@ pub use buffers::Deltas;
 pub use frame::Frame;
 pub use rasteriser::Rasteriser;
 pub use types::{CORE_STRIDE, GaussianBuffers, Gradients, RasterError, RenderOptions, View, sh_stride};
+
+#[cfg(test)]
+mod tests;

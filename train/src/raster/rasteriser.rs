@@ -40,7 +40,7 @@ impl Scratch {
         grow(gpu, &mut self.moments, "moments", 16 * entries)?;
         grow(gpu, &mut self.moments_colour, "moments colour", 16 * entries)?;
         grow(gpu, &mut self.d_blue, "d_blue", 4 * entries)?;
-        grow(gpu, &mut self.d_splats, "d_splats", 48 * u64::from(gaussians))?;
+        grow(gpu, &mut self.d_splats, "d_splats", 48 * u64::from(gaussians.max(1)))?;
         Ok(())
     }
 }
@@ -345,7 +345,7 @@ impl Rasteriser {
         grow(gpu, &mut frame.image, "frame.image", 16 * pixels)?;
         grow(gpu, &mut frame.stops, "frame.stops", 4 * pixels)?;
         grow(gpu, &mut frame.lists, "frame.lists", 16 * tiles)?;
-        grow(gpu, &mut frame.splats, "frame.splats", 48 * u64::from(gaussians.count))?;
+        grow(gpu, &mut frame.splats, "frame.splats", 48 * u64::from(gaussians.count.max(1)))?;
         grow(gpu, &mut frame.ranges, "frame.ranges", 8 * u64::from(gaussians.count))?;
         if !options.depth {
             frame.depth = None;

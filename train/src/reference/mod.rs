@@ -3,3 +3,4 @@
 pub mod adam;
 pub mod field;
 pub mod losses;
+pub mod raster;
