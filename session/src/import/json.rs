@@ -13,9 +13,22 @@ pub(super) struct Number(pub(super) f64);
 
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(Self(Option::deserialize(deserializer)?.unwrap_or(f64::NAN)))
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Either {
+            Number(f64),
+            Word(String),
+        }
+        match Either::deserialize(deserializer) {
+            Ok(Either::Number(number)) => Ok(Self(number)),
+            Ok(Either::Word(word)) if word == NOT_A_NUMBER => Ok(Self(f64::NAN)),
+            _ => Err(serde::de::Error::custom("a number is expected")),
+        }
     }
 }
+
+/// What stands for NaN once the text is JSON.
+const NOT_A_NUMBER: &str = "NaN";
 
 /// Reads and parses a file.
 pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ImportError> {
@@ -30,7 +43,7 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ImportError> {
     })
 }
 
-/// `NaN`, `Infinity` and `-Infinity` outside strings replaced by `null`.
+/// `NaN`, `Infinity` and `-Infinity` outside strings replaced by the string `"NaN"`.
 fn without_nan(text: &str) -> String {
     let (mut out, mut rest, mut quoted) = (String::with_capacity(text.len()), text, false);
     while let Some(at) = rest.find(['"', '\\', 'N', 'I', '-']) {
@@ -39,7 +52,7 @@ fn without_nan(text: &str) -> String {
         let word = ["NaN", "Infinity", "-Infinity"].into_iter().find(|word| !quoted && rest.starts_with(word));
         let taken = match (word, rest.as_bytes()) {
             (Some(word), _) => {
-                out.push_str("null");
+                out.extend(["\"", NOT_A_NUMBER, "\""]);
                 word.len()
             }
             // An escaped character within a string; it may be a quote.
@@ -65,12 +78,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pythons_words_become_null_outside_strings_only() {
+    fn pythons_words_become_strings_outside_strings_only() {
         let text = r#"{"NaN": [NaN, -Infinity, Infinity, -1.5], "a\"NaN\\": "-Infinity é"}"#;
-        let expected = r#"{"NaN": [null, null, null, -1.5], "a\"NaN\\": "-Infinity é"}"#;
+        let expected = r#"{"NaN": ["NaN", "NaN", "NaN", -1.5], "a\"NaN\\": "-Infinity é"}"#;
         assert_eq!(without_nan(text), expected);
         let numbers: Vec<Number> = serde_json::from_str(&without_nan("[1, NaN, -2.5e3]")).unwrap();
         assert!(numbers[0] == Number(1.0) && numbers[1].0.is_nan() && numbers[2] == Number(-2500.0));
+        assert!(serde_json::from_str::<Number>("null").is_err() && serde_json::from_str::<Number>("\"1\"").is_err());
         assert_eq!(without_nan("\\"), "\\");
     }
 }

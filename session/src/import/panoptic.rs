@@ -10,7 +10,7 @@
 //! in these recordings; a person who stands still is included.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -72,12 +72,12 @@ pub fn import(
         }
         gather(&path, split, range, &mut tracks)?;
     }
-    let first = tracks.values().flat_map(|track| track.frames.keys()).min().copied().unwrap_or(0);
-    let numbers: Option<Vec<u64>> = tracks.values().next().map(|track| track.frames.keys().copied().collect());
+    let numbers: BTreeSet<u64> = tracks.values().flat_map(|track| track.frames.keys().copied()).collect();
+    let first = numbers.first().copied().unwrap_or(0);
     let mut views = Vec::new();
     for (id, track) in &tracks {
-        if numbers.as_ref().is_none_or(|numbers| !numbers.iter().eq(track.frames.keys())) {
-            let what = format!("the camera has {} frames, other cameras have others", track.frames.len());
+        if let Some(number) = numbers.iter().find(|number| !track.frames.contains_key(number)) {
+            let what = format!("frame {number} is missing, which other cameras have");
             return Err(ImportError::Camera { camera: camera_name(*id), path: track.meta.clone(), what });
         }
         views.push(view(source, *id, track, first, fps)?);
@@ -186,7 +186,7 @@ fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<V
     for (&number, file) in &track.frames {
         let image = source.join("ims").join(file);
         let mask = masks.then(|| source.join("seg").join(file).with_extension("png"));
-        for path in std::iter::once(&image).chain(&mask).filter(|path| !path.is_file()) {
+        if let Some(path) = std::iter::once(&image).chain(&mask).find(|path| !path.is_file()) {
             let what = format!("frame {number} is missing{}", present(path));
             return Err(ImportError::Camera { camera: name, path: path.clone(), what });
         }
