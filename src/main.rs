@@ -5,14 +5,20 @@
 
 mod bench;
 mod dataset;
+mod device;
 mod doctor;
 mod errors;
+mod eval;
+mod export;
 mod info;
 mod interrupt;
 mod parse;
 mod progress;
+mod render;
+mod report;
 mod simulate;
 mod terminal;
+mod train;
 
 use std::process::ExitCode;
 
@@ -52,8 +58,18 @@ enum Command {
     Dataset(dataset::Command),
     /// Simulate an event camera on a grey-level video.
     Simulate(simulate::Arguments),
+    /// Train a dynamic scene from a dataset.
+    Train(train::Arguments),
+    /// Measure a run on the held-out cameras.
+    Eval(eval::Arguments),
+    /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
+    Render(render::Arguments),
+    /// Write the Gaussians of a run as PLY files.
+    Export(export::Arguments),
     /// Say what a dataset, a run, a point cloud or an event file holds.
     Info(info::Arguments),
+    /// Compare runs in one self-contained HTML file.
+    Report(report::Arguments),
     /// Check this machine: adapter, driver, COLMAP, ffmpeg, and what to install.
     Doctor(doctor::Arguments),
     /// Measure the stages on this machine.
@@ -67,7 +83,12 @@ fn main() -> ExitCode {
     let done = match command {
         Command::Dataset(command) => dataset::run(&command, &terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
+        Command::Train(arguments) => train::run(&arguments, &terminal),
+        Command::Eval(arguments) => eval::run(&arguments, &terminal),
+        Command::Render(arguments) => render::run(&arguments, &terminal),
+        Command::Export(arguments) => export::run(&arguments, &terminal),
         Command::Info(arguments) => info::run(&arguments, &terminal),
+        Command::Report(arguments) => report::run(&arguments, &terminal),
         Command::Doctor(arguments) => doctor::run(&arguments, &terminal),
         Command::Bench(command) => bench::run(&command, &terminal),
     };

@@ -2,7 +2,7 @@
 
 use std::{
     io::IsTerminal,
-    sync::Mutex,
+    sync::{Mutex, OnceLock},
     time::{Duration, Instant},
 };
 
@@ -12,13 +12,16 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 const QUIET_AT_FIRST: Duration = Duration::from_secs(2);
 /// How often a line is printed where stderr is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(30);
+/// Parts that the bar is divided into.
+const PARTS: u64 = 10_000;
 
 /// The progress of one piece of work. May be updated from any thread; the display goes when it is dropped.
 pub struct Progress {
     label: String,
     bar: ProgressBar,
     style: Style,
-    started: Instant,
+    /// Share that was done, and when, at the first update.
+    first: OnceLock<(f64, Instant)>,
     last_line: Mutex<Instant>,
 }
 
@@ -38,39 +41,42 @@ impl Progress {
             (false, false) => Style::Lines,
         };
         let bar = ProgressBar::hidden();
-        let template = "{prefix} [{bar:30}] {pos}/{len} {percent}%, {eta} left {msg}";
-        if let Ok(looks) = ProgressStyle::with_template(template) {
+        bar.set_length(PARTS);
+        if let Ok(looks) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent}%, {eta} left, {msg}") {
             bar.set_style(looks.progress_chars("=> "));
         }
         bar.set_prefix(label.to_owned());
-        let now = Instant::now();
-        Self { label: label.to_owned(), bar, style, started: now, last_line: Mutex::new(now) }
+        Self { label: label.to_owned(), bar, style, first: OnceLock::new(), last_line: Mutex::new(Instant::now()) }
     }
 
-    /// `done` of `total` steps are finished; `message` says what else is worth knowing.
-    pub fn update(&self, done: u64, total: u64, message: &str) {
-        if self.style == Style::Silent {
-            return;
-        }
-        self.bar.set_length(total);
-        self.bar.set_position(done);
-        if self.bar.message() != message {
-            self.bar.set_message(message.to_owned());
-        }
-        let elapsed = self.started.elapsed();
-        if elapsed < QUIET_AT_FIRST {
+    /// `done` of `total` things called `what` are finished.
+    pub fn update(&self, done: u64, total: u64, what: &str) {
+        let share = if total > 0 { done as f64 / total as f64 } else { 0.0 };
+        self.share(share, || format!("{done} of {total} {what}"));
+    }
+
+    /// `share` of the work (0 to 1) is finished; `message` says what else is worth knowing.
+    pub fn share(&self, share: f64, message: impl FnOnce() -> String) {
+        let &(first, since) = self.first.get_or_init(|| {
+            self.bar.set_position((share * PARTS as f64) as u64);
+            self.bar.reset_eta();
+            (share, Instant::now())
+        });
+        if self.style == Style::Silent || since.elapsed() < QUIET_AT_FIRST {
             return;
         }
         if self.style == Style::Bar {
             if self.bar.is_hidden() {
                 self.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(5));
             }
+            self.bar.set_position((share * PARTS as f64) as u64);
+            self.bar.set_message(message());
             return;
         }
         let Ok(mut last) = self.last_line.lock() else { return };
         if last.elapsed() >= LINE_EVERY {
             *last = Instant::now();
-            eprintln!("{}", line(&self.label, done, total, elapsed, message));
+            eprintln!("{}", line(&self.label, share, share - first, since.elapsed(), &message()));
         }
     }
 }
@@ -81,21 +87,13 @@ impl Drop for Progress {
     }
 }
 
-/// `training: 300 of 1000 (30 %), 2 min 20 s left, PSNR 21.3 dB`
-fn line(label: &str, done: u64, total: u64, elapsed: Duration, message: &str) -> String {
-    let mut text = format!("{label}: {done} of {total}");
-    if total > 0 {
-        text.push_str(&format!(" ({} %)", done * 100 / total));
+/// `training: 30 %, 2 min 20 s left, PSNR 21.3 dB`, where `gained` of the work took `elapsed`.
+fn line(label: &str, share: f64, gained: f64, elapsed: Duration, message: &str) -> String {
+    let mut text = format!("{label}: {:.0} %", 100.0 * share);
+    if gained > 0.0 && share < 1.0 {
+        text.push_str(&format!(", {} left", duration(elapsed.as_secs_f64() * (1.0 - share) / gained)));
     }
-    if done > 0 && total > done {
-        let left = elapsed.as_secs_f64() * (total - done) as f64 / done as f64;
-        text.push_str(&format!(", {} left", duration(left)));
-    }
-    if !message.is_empty() {
-        text.push_str(", ");
-        text.push_str(message);
-    }
-    text
+    format!("{text}, {message}")
 }
 
 /// Seconds for humans: `8.2 s`, `3 min 20 s`, `2 h 05 min`.
@@ -116,10 +114,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_gives_the_time_left_from_the_pace_so_far() {
-        let text = line("training", 300, 1000, Duration::from_secs(60), "PSNR 21.3 dB");
-        assert_eq!(text, "training: 300 of 1000 (30 %), 2 min 20 s left, PSNR 21.3 dB");
-        assert_eq!(line("reading", 0, 0, Duration::ZERO, ""), "reading: 0 of 0");
+    fn a_line_gives_the_time_left_from_the_pace_since_the_start() {
+        // Resumed at 20 %: a tenth took a minute, so that seven more take seven.
+        let text = line("training", 0.3, 0.1, Duration::from_secs(60), "PSNR 21.3 dB");
+        assert_eq!(text, "training: 30 %, 7 min 00 s left, PSNR 21.3 dB");
+        assert_eq!(line("reading", 0.0, 0.0, Duration::ZERO, "0 of 0 files"), "reading: 0 %, 0 of 0 files");
     }
 
     #[test]

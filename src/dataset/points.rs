@@ -118,7 +118,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     })
 }
 
-fn make(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<PointCloudFile> {
+/// Makes the cloud, writes it and names it in the manifest.
+pub fn make(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<PointCloudFile> {
     let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("initial point cloud");
     let cloud = initial_cloud(dataset, options, work.path(), &|stage, done, total| {

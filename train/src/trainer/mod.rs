@@ -48,6 +48,7 @@ pub struct Trainer<'a> {
     finite: FiniteCheck,
     work: Workspace,
     left_out: Vec<LeftOut>,
+    deterministic: bool,
     viewer: Option<Rendering>,
     pub(crate) held_out_masks: Option<HeldOutMasks>,
 }
@@ -107,6 +108,7 @@ impl<'a> Trainer<'a> {
             finite: FiniteCheck::new(gpu)?,
             work,
             left_out: Vec::new(),
+            deterministic: options.deterministic,
             viewer: None,
             held_out_masks: None,
             scene,
@@ -287,9 +289,10 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
+        let timeless = Clock { seconds: 0.0, stage_start: 0.0, ..self.clock };
         Ok(Checkpoint {
             config: self.config.clone(),
-            clock: self.clock,
+            clock: if self.deterministic { timeless } else { self.clock },
             step: self.model.step,
             population: self.model.population(self.gpu)?,
             field_box: self.model.field_box,

@@ -12,6 +12,8 @@ pub struct TrainOptions {
     pub budget_seconds: Option<f64>,
     /// Whether to look at held-out cameras during training.
     pub evaluate: bool,
+    /// Whether checkpoints leave out how long training took, so that the same run writes the same bytes.
+    pub deterministic: bool,
 }
 
 /// How a run ended.

@@ -1,0 +1,68 @@
+//! Opening the device and a run.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use erfgs_session::Dataset;
+use erfgs_train::{
+    checkpoint::Checkpoint,
+    gpu::{AdapterChoice, Gpu, run_canary},
+    run::RunFolder,
+    scene::Scene,
+    trainer::{TrainOptions, Trainer},
+};
+
+/// Which adapter; every command that computes on the device takes it.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Adapter {
+    /// Use the first graphics adapter whose name contains this (ignoring case); see `erfgs doctor`.
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
+}
+
+impl Adapter {
+    /// Opens the adapter and makes sure that it computes right.
+    pub fn open(&self) -> anyhow::Result<Gpu> {
+        let gpu = Gpu::open(&AdapterChoice { name: self.adapter.clone(), shape: None })?;
+        run_canary(&gpu)?;
+        Ok(gpu)
+    }
+}
+
+/// A run that was trained, and what to open it with.
+#[derive(Clone, Debug, clap::Args)]
+pub struct TrainedRun {
+    /// The run folder, as `erfgs train --out` wrote it.
+    pub run: PathBuf,
+    /// The dataset, where it is no longer where the run was trained on it.
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+impl TrainedRun {
+    /// The run folder.
+    pub fn folder(&self) -> anyhow::Result<RunFolder> {
+        Ok(RunFolder::open(&self.run)?)
+    }
+
+    /// The device, for [`Self::trainer`].
+    pub fn device(&self) -> anyhow::Result<Gpu> {
+        self.adapter.open()
+    }
+
+    /// The run's scene and what it learned.
+    pub fn trainer<'a>(&self, gpu: &'a Gpu, folder: &RunFolder) -> anyhow::Result<Trainer<'a>> {
+        let trained_on = folder.read_info()?.dataset;
+        let path: &Path = self.dataset.as_deref().unwrap_or(&trained_on);
+        let dataset = Dataset::load(path).with_context(|| {
+            format!("cannot open the dataset of run {}; if it has moved, name it with --dataset", self.run.display())
+        })?;
+        let checkpoint = Checkpoint::load(&folder.checkpoint_file())?;
+        // The initial points play no part any more.
+        let without_points = dataset.manifest.points.is_none();
+        let scene = Scene::load(dataset, &checkpoint.config, without_points)?;
+        Ok(Trainer::resume(gpu, scene, checkpoint, &TrainOptions::default())?)
+    }
+}

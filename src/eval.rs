@@ -1,0 +1,78 @@
+//! `erfgs eval`: a run measured on the held-out cameras.
+
+use std::path::PathBuf;
+
+use erfgs_train::{
+    evaluate::EvaluateOptions,
+    metrics::{Lpips, LpipsScaling, LpipsWeights},
+    run::Metrics,
+};
+
+use crate::{
+    device::TrainedRun,
+    progress::duration,
+    terminal::{Terminal, bytes, table, thousands},
+};
+
+/// Measure a run on the held-out cameras.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Writes metrics.json, per_view.json and pictures into the run folder. DPSNR is the PSNR over moving pixels: with the masks
+of the dataset, or with masks made from the motion of the ground truth, which metrics.json says.
+
+LPIPS needs network weights, which are not part of erfgs; docs/run.md says how to make the file. It is null without.
+
+Examples:
+  erfgs eval run
+  erfgs eval run --lpips vgg.safetensors --pictures 0 --json | jq .lpips")]
+pub struct Arguments {
+    #[command(flatten)]
+    run: TrainedRun,
+    /// Write every n-th held-out frame of a camera as pictures; 0 writes none.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pictures: u32,
+    /// Weights of LPIPS.
+    #[arg(long, value_name = "WEIGHTS.safetensors")]
+    lpips: Option<PathBuf>,
+    /// Hand pictures to LPIPS in [-1, 1], as it intends, and not in [0, 1], as the 4DGS evaluation does.
+    #[arg(long, requires = "lpips")]
+    lpips_centred: bool,
+}
+
+/// Evaluates and prints the figures.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let folder = arguments.run.folder()?;
+    let network = arguments
+        .lpips
+        .as_ref()
+        .map(|path| LpipsWeights::read(path).and_then(|weights| Lpips::new(&weights)))
+        .transpose()?;
+    let scaling = if arguments.lpips_centred { LpipsScaling::MinusOneToOne } else { LpipsScaling::ZeroToOne };
+    let gpu = arguments.run.device()?;
+    let mut trainer = arguments.run.trainer(&gpu, &folder)?;
+    let options = EvaluateOptions {
+        lpips: network.as_ref().map(|network| (network, scaling)),
+        picture_stride: arguments.pictures,
+    };
+    let progress = terminal.progress("evaluating");
+    let metrics = trainer.evaluate(&folder, &options, &mut |done, total| {
+        progress.update(done as u64, total as u64, "frames");
+    })?;
+    drop(progress);
+    terminal.result(&metrics, || describe(&metrics))
+}
+
+fn describe(metrics: &Metrics) -> String {
+    let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2} dB"));
+    let rows = [
+        ("PSNR", decibels(Some(metrics.psnr))),
+        ("DPSNR", format!("{} (masks: {})", decibels(metrics.dpsnr), metrics.dpsnr_mask)),
+        ("SSIM", format!("{:.4}", metrics.ssim)),
+        ("LPIPS", metrics.lpips.map_or("- (no weights; see --lpips)".into(), |value| format!("{value:.4}"))),
+        ("training PSNR", decibels(metrics.train_psnr)),
+        ("iterations", format!("{} in {}", thousands(metrics.iterations), duration(metrics.train_seconds))),
+        ("Gaussians", format!("{}, {}", thousands(metrics.gaussians), bytes(metrics.bytes))),
+        ("rendering", format!("{:.1} frames a second", metrics.render_fps)),
+    ];
+    table(&rows.map(|(name, value)| vec![name.to_owned(), value]))
+}

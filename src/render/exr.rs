@@ -1,0 +1,68 @@
+//! OpenEXR files: linear colour, alpha and depth.
+
+use std::path::Path;
+
+use anyhow::Context;
+use erfgs_train::trainer::Rendered;
+use exr::prelude::{Image, SpecificChannels, WritableImage, f16};
+
+/// Writes `R`, `G`, `B` (half, linear light, over the background), `A` (half) and `Z` (float, metres along the optical
+/// axis: the mean over what the pixel shows, infinite where it shows nothing).
+pub fn write(path: &Path, width: u32, height: u32, rendered: &Rendered) -> anyhow::Result<()> {
+    let [width, height] = [width as usize, height as usize];
+    let channels = SpecificChannels::build()
+        .with_channel("R")
+        .with_channel("G")
+        .with_channel("B")
+        .with_channel("A")
+        .with_channel("Z")
+        .with_pixel_fn(|position| {
+            let index = position.y() * width + position.x();
+            let [r, g, b] = [0, 1, 2].map(|channel| f16::from_f32(to_linear(rendered.rgb[3 * index + channel])));
+            let depth = rendered.depth[index];
+            let depth = if depth > 0.0 { depth } else { f32::INFINITY };
+            (r, g, b, f16::from_f32(1.0 - rendered.transmittance[index]), depth)
+        });
+    Image::from_channels((width, height), channels)
+        .write()
+        .to_file(path)
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// The inverse of sRGB's transfer function.
+fn to_linear(encoded: f32) -> f32 {
+    let encoded = encoded.max(0.0);
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use exr::prelude::{ReadChannels, ReadLayers, read};
+
+    use super::*;
+
+    #[test]
+    fn a_picture_reads_back_as_linear_light_with_depth_in_metres() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("view.exr");
+        let rendered =
+            Rendered { rgb: vec![0.5, 0.0, 1.0, 0.2, 0.2, 0.2], transmittance: vec![0.5, 1.0], depth: vec![3.0, 0.0] };
+        write(&path, 2, 1, &rendered).expect("written");
+        let image = read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes()
+            .from_file(&path)
+            .expect("an EXR file");
+        let channel = |name: &str| -> Vec<f32> {
+            let list = &image.layer_data.channel_data.list;
+            let found = list.iter().find(|channel| channel.name.eq(name)).expect("the channel");
+            found.sample_data.values_as_f32().collect()
+        };
+        assert!((channel("R")[0] - 0.2140).abs() < 2e-4 && channel("B")[0] == 1.0, "linear light");
+        assert_eq!(channel("A"), [0.5, 0.0]);
+        assert_eq!(channel("Z"), [3.0, f32::INFINITY]);
+    }
+}

@@ -1,0 +1,238 @@
+//! `erfgs render`: pictures and videos of a run.
+
+mod exr;
+mod path;
+mod video;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use erfgs_session::{ImageRgb8, Intrinsics};
+use erfgs_train::{
+    metrics::to_bytes,
+    raster::View,
+    trainer::{Rendered, Trainer},
+};
+use serde::Serialize;
+
+use self::{path::Choice, video::Video};
+use crate::{
+    device::TrainedRun,
+    errors::Usage,
+    terminal::{Terminal, table},
+};
+
+/// Render a run.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Paths:
+  orbit        a full turn about what the cameras look at
+  camera NAME  a camera of the dataset, standing still while the scene moves
+  FILE         a JSON file of poses, interpolated to the number of frames:
+               {\"intrinsics\": {...} (optional, as in dataset.json),
+                \"world_to_camera\": [{\"rotation_wxyz\": [1, 0, 0, 0], \"translation_m\": [0, 0, 0]}, ...]}
+
+Formats:
+  png  8 bits, display-referred
+  exr  linear colour R, G, B, opacity A, depth Z in metres along the optical axis
+  mp4  H.264, by ffmpeg
+
+Examples:
+  erfgs render run --path orbit --out orbit.mp4
+  erfgs render run --path camera 10 --times 0.4..0.9 --frames 200 --out slow.mp4
+  erfgs render run --path keys.json --times 0.5 --format exr --out frozen")]
+pub struct Arguments {
+    #[command(flatten)]
+    run: TrainedRun,
+    /// Where the camera goes: orbit, camera NAME, or a file.
+    #[arg(long, num_args = 1..=2, value_names = ["orbit|camera|FILE", "NAME"], default_value = "orbit")]
+    path: Vec<String>,
+    /// Which time of the recording, seconds from its start; one instant alone freezes the scene. All of it without it.
+    #[arg(long, value_name = "FROM..TO")]
+    times: Option<Times>,
+    /// Number of frames; as long as the time rendered at --fps without it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// Frames a second of the video.
+    #[arg(long, default_value_t = 30.0, value_parser = rate)]
+    fps: f64,
+    /// Size of the pictures as a fraction of the camera's.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = scale)]
+    scale: f64,
+    /// What is written; from the extension of --out without it, else png.
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// A folder for pictures, or an .mp4 file.
+    #[arg(long, value_name = "FOLDER|FILE.mp4")]
+    out: PathBuf,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Format {
+    Png,
+    Exr,
+    Mp4,
+}
+
+/// Seconds from the start of the recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Times {
+    from: f64,
+    to: f64,
+}
+
+impl std::str::FromStr for Times {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (from, to) = text.split_once("..").unwrap_or((text, text));
+        let second = |part: &str| part.trim().parse::<f64>().ok().filter(|second| second.is_finite() && *second >= 0.0);
+        second(from)
+            .zip(second(to))
+            .filter(|(from, to)| from <= to)
+            .map(|(from, to)| Self { from, to })
+            .ok_or_else(|| format!("'{text}' is no time or range of times in seconds; write 0.5 or 0.2..1.4"))
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|fps| (0.1..=1000.0).contains(fps)).ok_or("a rate from 0.1 to 1000 is needed".into())
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|scale| (0.01..=16.0).contains(scale)).ok_or("a factor from 0.01 to 16 is needed".into())
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    out: &'a Path,
+    format: Format,
+    frames: usize,
+    width: u32,
+    height: u32,
+    render_fps: f64,
+}
+
+/// Renders and says what was written.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let choice = Choice::from_words(&arguments.path)?;
+    let is_video = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mp4"));
+    let format = arguments.format.unwrap_or(if is_video { Format::Mp4 } else { Format::Png });
+    if is_video != (format == Format::Mp4) {
+        return Err(Usage("MP4 goes to a file that ends in .mp4, PNG and EXR go to a folder".into()).into());
+    }
+    let folder = arguments.run.folder()?;
+    let gpu = arguments.run.device()?;
+    let mut trainer = arguments.run.trainer(&gpu, &folder)?;
+    let [start, end] = trainer.scene.dataset.manifest.span_ns;
+    let span = (end - start) as f64 * 1e-9;
+    let times = arguments.times.unwrap_or(Times { from: 0.0, to: span });
+    if times.to > span + 1e-6 {
+        return Err(Usage(format!("--times ends at {} s, but the recording is {span:.3} s long", times.to)).into());
+    }
+    let still = times.to == times.from;
+    let frames = arguments.frames.map_or_else(
+        || match (still, &choice) {
+            (true, Choice::Camera(_)) => 1,
+            // A full turn round a frozen scene takes four seconds.
+            (true, _) => (4.0 * arguments.fps) as usize,
+            (false, _) => ((times.to - times.from) * arguments.fps).round() as usize + 1,
+        },
+        |frames| frames as usize,
+    );
+    let stations = choice.stations(&trainer.scene.dataset, frames)?;
+    let size = resized(&stations[0].intrinsics, arguments.scale);
+    let mut writer = Writer::create(&arguments.out, format, size.width, size.height, arguments.fps)?;
+    let progress = terminal.progress("rendering");
+    let mut seconds = 0.0;
+    for (index, station) in stations.iter().enumerate() {
+        progress.update(index as u64, frames as u64, "frames");
+        let along = index as f64 / (frames.max(2) - 1) as f64;
+        let t01 = if span > 0.0 { (times.from + along * (times.to - times.from)) / span } else { 0.0 };
+        let view = View::try_from((&resized(&station.intrinsics, arguments.scale), &station.world_to_camera))?;
+        let started = std::time::Instant::now();
+        let rendered = render(&mut trainer, &view, t01)?;
+        seconds += started.elapsed().as_secs_f64();
+        writer.push(index, &view, &rendered)?;
+    }
+    writer.finish()?;
+    drop(progress);
+    let summary = Summary {
+        out: &arguments.out,
+        format,
+        frames,
+        width: size.width,
+        height: size.height,
+        render_fps: frames as f64 / seconds.max(1e-9),
+    };
+    terminal.result(&summary, || {
+        table(&[
+            vec!["written".into(), summary.out.display().to_string()],
+            vec!["frames".into(), format!("{} of {} x {}", summary.frames, summary.width, summary.height)],
+            vec!["rendering".into(), format!("{:.1} frames a second", summary.render_fps)],
+        ])
+    })
+}
+
+fn resized(intrinsics: &Intrinsics, scale: f64) -> Intrinsics {
+    let pixels = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+    intrinsics.resized(pixels(intrinsics.width), pixels(intrinsics.height))
+}
+
+fn render(trainer: &mut Trainer<'_>, view: &View, t01: f64) -> anyhow::Result<Rendered> {
+    trainer.render(view, t01.clamp(0.0, 1.0)).context("cannot render")
+}
+
+/// Where the pictures go.
+enum Writer<'a> {
+    Png(&'a Path),
+    Exr(&'a Path),
+    Mp4(Video),
+}
+
+impl<'a> Writer<'a> {
+    fn create(out: &'a Path, format: Format, width: u32, height: u32, fps: f64) -> anyhow::Result<Self> {
+        if format != Format::Mp4 {
+            std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        }
+        Ok(match format {
+            Format::Png => Self::Png(out),
+            Format::Exr => Self::Exr(out),
+            Format::Mp4 => Self::Mp4(Video::create(out, width, height, fps)?),
+        })
+    }
+
+    fn push(&mut self, index: usize, view: &View, rendered: &Rendered) -> anyhow::Result<()> {
+        let (width, height) = (view.width, view.height);
+        match self {
+            Self::Png(folder) => {
+                let image = ImageRgb8 { width, height, data: to_bytes(&rendered.rgb) };
+                Ok(image.write_png(&folder.join(format!("{index:05}.png")))?)
+            }
+            Self::Exr(folder) => exr::write(&folder.join(format!("{index:05}.exr")), width, height, rendered),
+            Self::Mp4(video) => video.push(&to_bytes(&rendered.rgb)),
+        }
+    }
+
+    fn finish(self) -> anyhow::Result<()> {
+        match self {
+            Self::Png(_) | Self::Exr(_) => Ok(()),
+            Self::Mp4(video) => video.finish(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_an_instant_or_a_range_of_seconds() {
+        assert_eq!("0.5".parse(), Ok(Times { from: 0.5, to: 0.5 }));
+        assert_eq!("0.2..1.4".parse(), Ok(Times { from: 0.2, to: 1.4 }));
+        for wrong in ["", "a", "1..0", "-1..2", "nan", "0..inf"] {
+            assert!(wrong.parse::<Times>().is_err(), "{wrong}");
+        }
+    }
+}

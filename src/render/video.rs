@@ -1,0 +1,100 @@
+//! MP4 files by way of ffmpeg: an existing, well-kept encoder, found on every system that handles video.
+
+use std::{
+    io::{Read, Write},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+};
+
+use anyhow::{Context, bail};
+
+/// A video that is being written.
+pub struct Video {
+    ffmpeg: Child,
+    path: PathBuf,
+    frame_bytes: usize,
+}
+
+impl Video {
+    /// Starts a video of `width` x `height` pixels at `fps` frames a second. Odd sizes lose a row or column, which H.264
+    /// in 4:2:0 does not have.
+    pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> anyhow::Result<Self> {
+        let size = format!("{width}x{height}");
+        let ffmpeg = Command::new("ffmpeg")
+            .args(["-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
+            .args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "pipe:0"])
+            .args(["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-c:v", "libx264", "-crf", "16", "-pix_fmt", "yuv420p"])
+            .args(["-movflags", "+faststart"])
+            .arg(path)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .context(
+                "cannot start ffmpeg, which writes MP4; install it (Debian, Ubuntu: apt install ffmpeg), or write PNG \
+                 with --format png",
+            )?;
+        Ok(Self { ffmpeg, path: path.to_owned(), frame_bytes: width as usize * height as usize * 3 })
+    }
+
+    /// Adds a frame: RGB, 8 bits a channel, row-major.
+    pub fn push(&mut self, rgb: &[u8]) -> anyhow::Result<()> {
+        if rgb.len() != self.frame_bytes {
+            bail!("a frame of {} bytes in a video whose frames have {}", rgb.len(), self.frame_bytes);
+        }
+        let written = self.ffmpeg.stdin.as_mut().map(|pipe| pipe.write_all(rgb));
+        if matches!(written, Some(Ok(()))) { Ok(()) } else { self.end() }
+    }
+
+    /// Ends the video.
+    pub fn finish(mut self) -> anyhow::Result<()> {
+        self.end()
+    }
+
+    fn end(&mut self) -> anyhow::Result<()> {
+        drop(self.ffmpeg.stdin.take());
+        let mut said = String::new();
+        if let Some(mut stderr) = self.ffmpeg.stderr.take() {
+            stderr.read_to_string(&mut said).context("cannot read what ffmpeg says")?;
+        }
+        let status = self.ffmpeg.wait().context("cannot wait for ffmpeg")?;
+        if !status.success() {
+            bail!("ffmpeg did not write {} ({status}): {}", self.path.display(), said.trim());
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Video {
+    fn drop(&mut self) {
+        // Ended already, or abandoned after an error elsewhere: no process stays behind.
+        drop(self.ffmpeg.stdin.take());
+        let _ = self.ffmpeg.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_video_of_odd_size_is_written_and_a_wrong_frame_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("x.mp4");
+        let mut video = Video::create(&path, 33, 17, 30.0).expect("ffmpeg");
+        for level in 0..4 {
+            video.push(&[level * 60; 33 * 17 * 3]).expect("a frame");
+        }
+        assert!(video.push(&[0; 5]).is_err());
+        video.finish().expect("a video");
+        assert!(std::fs::metadata(&path).expect("the file").len() > 500);
+    }
+
+    #[test]
+    fn a_path_that_cannot_be_written_is_named() {
+        let mut video = Video::create(Path::new("/nowhere/at/all.mp4"), 16, 16, 30.0).expect("ffmpeg");
+        let frame = vec![0; 16 * 16 * 3];
+        let error = (0..1000).find_map(|_| video.push(&frame).err()).unwrap_or_else(|| video.finish().expect_err("no"));
+        assert!(error.to_string().contains("/nowhere/at/all.mp4"), "{error}");
+    }
+}

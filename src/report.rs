@@ -1,0 +1,86 @@
+//! `erfgs report`: runs compared in one HTML file.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_train::{
+    report::write_report,
+    run::{Metrics, RunFolder},
+};
+use serde::Serialize;
+
+use crate::terminal::{Terminal, bytes, table, thousands};
+
+/// Compare runs in one self-contained HTML file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The page needs no other file and no network: error against run time of all runs in one plot, error against time between
+frames, tables per scene and per view, pictures side by side, what was left out and why, settings that differ. Differences
+are against the first run.
+
+Examples:
+  erfgs report run-4dgs run-erf --out report.html
+  erfgs report run --out report.html --json | jq '.runs[0].metrics.dpsnr'")]
+pub struct Arguments {
+    /// Run folders.
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// The page to write.
+    #[arg(long, value_name = "REPORT.html")]
+    out: PathBuf,
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    out: &'a Path,
+    bytes: u64,
+    notes: Vec<String>,
+    runs: Vec<RunRow>,
+}
+
+#[derive(Serialize)]
+struct RunRow {
+    run: String,
+    method: String,
+    metrics: Option<Metrics>,
+}
+
+/// Writes the page and prints the table of runs.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let folders = arguments.runs.iter().map(RunFolder::open).collect::<Result<Vec<_>, _>>()?;
+    let report = write_report(&folders, &arguments.out)?;
+    let runs = folders
+        .iter()
+        .map(|folder| {
+            let metrics = if folder.metrics_file().is_file() { Some(folder.read_metrics()?) } else { None };
+            Ok(RunRow { run: folder.name(), method: folder.read_info()?.method, metrics })
+        })
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let summary = Summary { out: &arguments.out, bytes: report.bytes, notes: report.notes, runs };
+    terminal.result(&summary, || describe(&summary))
+}
+
+fn describe(summary: &Summary<'_>) -> String {
+    let heading = ["run", "method", "PSNR", "DPSNR", "SSIM", "iterations", "seconds", "Gaussians", "frames/s"];
+    let mut rows = vec![heading.map(String::from).to_vec()];
+    for row in &summary.runs {
+        let figures = match &row.metrics {
+            Some(metrics) => vec![
+                format!("{:.2}", metrics.psnr),
+                metrics.dpsnr.map_or("-".into(), |value| format!("{value:.2}")),
+                format!("{:.4}", metrics.ssim),
+                thousands(metrics.iterations),
+                format!("{:.0}", metrics.train_seconds),
+                thousands(metrics.gaussians),
+                format!("{:.1}", metrics.render_fps),
+            ],
+            None => vec!["-".to_owned(); heading.len() - 2],
+        };
+        rows.push([row.run.clone(), row.method.clone()].into_iter().chain(figures).collect());
+    }
+    let mut text = table(&rows);
+    for note in &summary.notes {
+        text.push_str(&format!("note: {note}\n"));
+    }
+    text.push_str(&format!("\n{} ({})\n", summary.out.display(), bytes(summary.bytes)));
+    text
+}

@@ -1,0 +1,316 @@
+//! `erfgs train`: from a dataset to a run.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use erfgs_calibrate::{CloudOptions, Method as CloudMethod};
+use erfgs_session::{Dataset, Modality, Split};
+use erfgs_train::{
+    checkpoint::Checkpoint,
+    config::{Config, Method, Preset},
+    export::write_ply,
+    gpu::Gpu,
+    run::RunFolder,
+    scene::Scene,
+    trainer::{Outcome, Progress, TrainOptions, Trainer},
+};
+use serde::Serialize;
+
+use crate::{
+    dataset::points,
+    device::Adapter,
+    errors::{Stopped, Usage},
+    interrupt::stop_flag,
+    parse::Iterations,
+    progress::duration,
+    terminal::{Terminal, table, thousands},
+};
+
+/// Train a dynamic scene from a dataset.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Methods:
+  erf-gs  event-RGB fusion: 4DGS with the event loss (EARL) and event-guided densification (EDS)
+  4dgs    the baseline: frames alone
+
+Presets (config.toml of a run lists every field, and --set changes any):
+  paper          ERF-GS as the paper writes it, with the sizes of its Neu3D configuration
+  released-code  ERF-GS as its released code does it
+  default        what gives the best moving pixels per second here
+
+A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command
+with --resume goes on from there.
+
+Examples:
+  erfgs train ds-dv --method erf-gs --preset paper --iterations 3000+14000 --seed 1 --out run
+  erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
+  erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
+  erfgs train ds-dv --out run --resume")]
+pub struct Arguments {
+    /// The dataset.
+    dataset: PathBuf,
+    /// The run folder to write.
+    #[arg(long, value_name = "RUN")]
+    out: PathBuf,
+    /// What is trained.
+    #[arg(long, value_enum, default_value_t = MethodName::ErfGs)]
+    method: MethodName,
+    /// Where the settings start from.
+    #[arg(long, value_enum, default_value_t = PresetName::Default)]
+    preset: PresetName,
+    /// Settings from a file (config.toml of another run); --method, --preset and what they imply are then taken from it.
+    #[arg(long, value_name = "CONFIG.toml", conflicts_with_all = ["method", "preset"])]
+    config: Option<PathBuf>,
+    /// Iterations of the coarse and the fine stage; one number alone is of the fine stage.
+    #[arg(long, value_name = "COARSE+FINE")]
+    iterations: Option<Iterations>,
+    /// Minutes of training; learning rates and densification then follow the clock where it is ahead of the iterations.
+    #[arg(long, value_name = "M", value_parser = minutes)]
+    minutes: Option<f64>,
+    /// Seed of everything random.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Change a setting; may be given again.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Go on from the checkpoint of the run folder.
+    #[arg(long)]
+    resume: bool,
+    /// The same bytes from the same command on the same adapter: wall time has no influence.
+    #[arg(long, conflicts_with = "minutes")]
+    deterministic: bool,
+    /// Do not look at held-out cameras during training.
+    #[arg(long)]
+    no_evaluation: bool,
+    /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
+    #[arg(long, value_name = "METHOD")]
+    init: Option<CloudMethod>,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum MethodName {
+    #[value(name = "4dgs")]
+    FourDgs,
+    ErfGs,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum PresetName {
+    Paper,
+    ReleasedCode,
+    Default,
+}
+
+fn minutes(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(minutes) if minutes > 0.0 && minutes <= 1e6 => Ok(minutes),
+        _ => Err("a positive number of minutes is needed".into()),
+    }
+}
+
+impl Arguments {
+    /// The settings of a new run.
+    fn settings(&self) -> anyhow::Result<Config> {
+        let config = match &self.config {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+                Config::from_toml(&text).with_context(|| format!("{} cannot be used", path.display()))?
+            }
+            None => {
+                let method = match self.method {
+                    MethodName::FourDgs => Method::FourDgs,
+                    MethodName::ErfGs => Method::ErfGs,
+                };
+                let preset = match self.preset {
+                    PresetName::Paper => Preset::Paper,
+                    PresetName::ReleasedCode => Preset::ReleasedCode,
+                    PresetName::Default => Preset::Default,
+                };
+                Config::preset(method, preset)
+            }
+        };
+        self.changed(config)
+    }
+
+    /// `config` with what the command line says of single settings.
+    fn changed(&self, mut config: Config) -> anyhow::Result<Config> {
+        if let Some(iterations) = self.iterations {
+            config.coarse_iterations = iterations.coarse.unwrap_or(config.coarse_iterations);
+            config.fine_iterations = iterations.fine;
+        }
+        if let Some(seed) = self.seed {
+            config.seed = seed;
+        }
+        for assignment in &self.set {
+            config.set(assignment).map_err(|error| Usage(error.to_string()))?;
+        }
+        Ok(config)
+    }
+
+    fn options(&self) -> TrainOptions {
+        TrainOptions {
+            budget_seconds: self.minutes.map(|minutes| minutes * 60.0),
+            evaluate: !self.no_evaluation,
+            deterministic: self.deterministic,
+        }
+    }
+
+    /// The command that goes on where this one stopped.
+    fn resume_command(&self) -> String {
+        let mut words = vec!["erfgs".into(), "train".into(), shell_word(&self.dataset)];
+        words.extend(["--out".into(), shell_word(&self.out), "--resume".into()]);
+        words.extend(self.minutes.map(|minutes| format!("--minutes {minutes}")));
+        words.extend(self.deterministic.then(|| "--deterministic".into()));
+        words.extend(self.no_evaluation.then(|| "--no-evaluation".into()));
+        words.extend(self.adapter.adapter.as_ref().map(|name| format!("--adapter {}", shell_word(Path::new(name)))));
+        words.join(" ")
+    }
+}
+
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=:".contains(c);
+    if text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    run: &'a Path,
+    finished: bool,
+    iterations: u64,
+    train_seconds: f64,
+    gaussians: u32,
+    dynamic: u32,
+    psnr: Option<f64>,
+    dpsnr: Option<f64>,
+}
+
+/// Trains.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let folder = RunFolder::new(&arguments.out);
+    let checkpoint = match (arguments.resume, folder.checkpoint_file().is_file()) {
+        (true, true) => Some(Checkpoint::load(&folder.checkpoint_file())?),
+        (true, false) => {
+            return Err(Usage(format!(
+                "{} has no checkpoint to resume from; train without --resume",
+                folder.root().display()
+            ))
+            .into());
+        }
+        (false, true) => {
+            return Err(Usage(format!(
+                "{} holds a run already; add --resume to continue it, or give another --out",
+                folder.root().display()
+            ))
+            .into());
+        }
+        (false, false) => None,
+    };
+    let config = match &checkpoint {
+        Some(checkpoint) => arguments.changed(checkpoint.config.clone())?,
+        None => arguments.settings()?,
+    };
+    let mut dataset = Dataset::load(&arguments.dataset)?;
+    let random = arguments.init == Some(CloudMethod::Random);
+    if dataset.manifest.points.is_none() && !random && checkpoint.is_none() {
+        terminal.note("the dataset has no initial points yet: making them");
+        let method = arguments.init.unwrap_or_default();
+        points::make(&mut dataset, &CloudOptions { method, ..CloudOptions::default() }, terminal)?;
+    }
+    let has_events = dataset.cameras(Split::Train).any(|camera| camera.modality != Modality::Rgb);
+    if config.method == Method::ErfGs && !has_events {
+        terminal.note("no training camera has events: ERF-GS trains on the frames alone");
+    }
+    let without_points = random || dataset.manifest.points.is_none();
+    let scene = Scene::load(dataset, &config, without_points)?;
+    let gpu = arguments.adapter.open()?;
+    let options = arguments.options();
+    let trainer = match checkpoint {
+        Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
+        None => Trainer::new(&gpu, scene, config, &options)?,
+    };
+    drive(arguments, terminal, &gpu, trainer, &folder, &options)
+}
+
+fn drive(
+    arguments: &Arguments,
+    terminal: &Terminal,
+    gpu: &Gpu,
+    mut trainer: Trainer<'_>,
+    folder: &RunFolder,
+    options: &TrainOptions,
+) -> anyhow::Result<()> {
+    let stop = stop_flag("the iteration ends, then a checkpoint is saved")?;
+    let bar = terminal.progress("training");
+    let mut first = None;
+    let mut last: Option<Progress> = None;
+    let mut quality = (None, None);
+    let outcome = trainer.run(folder, options, stop, &mut |now| {
+        let &mut (iteration, seconds) = first.get_or_insert((now.iteration, now.seconds));
+        quality = (now.psnr.or(quality.0), now.dpsnr.or(quality.1));
+        bar.share(now.share, || {
+            let pace = (now.iteration - iteration) as f64 / (now.seconds - seconds).max(1e-9);
+            let mut text = format!(
+                "{} iteration {}, {pace:.1} a second, {} Gaussians",
+                now.stage.name(),
+                thousands(now.iteration),
+                thousands(now.gaussians.into())
+            );
+            for (name, value) in [("PSNR", quality.0), ("DPSNR", quality.1)] {
+                text.extend(value.map(|value| format!(", {name} {value:.2} dB")));
+            }
+            text
+        });
+        last = Some(*now);
+    })?;
+    drop(bar);
+    let gaussians = trainer.model.population(gpu)?.gaussians;
+    write_ply(&folder.point_cloud_file(), &gaussians)?;
+    let done = trainer.iterations_done();
+    let summary = Summary {
+        run: folder.root(),
+        finished: outcome == Outcome::Finished,
+        iterations: done,
+        train_seconds: trainer.clock.seconds,
+        gaussians: trainer.model.gaussians.count,
+        dynamic: last.map_or(0, |last| last.dynamic),
+        psnr: quality.0,
+        dpsnr: quality.1,
+    };
+    terminal.result(&summary, || describe(&summary))?;
+    if outcome == Outcome::Stopped {
+        let command = arguments.resume_command();
+        return Err(Stopped(format!("stopped after {done} iterations; go on with: {command}")).into());
+    }
+    terminal.note(format!("measure it with: erfgs eval {}", shell_word(folder.root())));
+    Ok(())
+}
+
+fn describe(summary: &Summary<'_>) -> String {
+    let mut rows = vec![
+        ("run", summary.run.display().to_string()),
+        ("iterations", thousands(summary.iterations)),
+        ("time", duration(summary.train_seconds)),
+        (
+            "Gaussians",
+            format!("{}, of which {} move", thousands(summary.gaussians.into()), thousands(summary.dynamic.into())),
+        ),
+    ];
+    for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
+        rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));
+    }
+    table(&rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_with_blanks_and_quotes_are_quoted_for_the_shell() {
+        let words = ["runs/a-1", "my runs", "it's"].map(|word| shell_word(Path::new(word)));
+        assert_eq!(words, ["runs/a-1", "'my runs'", r"'it'\''s'"]);
+    }
+}
