@@ -31,7 +31,7 @@ pub enum ImageError {
         /// The image file.
         path: PathBuf,
         /// Why.
-        source: image::ImageError,
+        source: Box<image::ImageError>,
     },
     /// The image cannot be encoded.
     #[error("cannot encode image {}: {source}", path.display())]
@@ -39,7 +39,7 @@ pub enum ImageError {
         /// The image file.
         path: PathBuf,
         /// Why.
-        source: image::ImageError,
+        source: Box<image::ImageError>,
     },
 }
 
@@ -169,13 +169,14 @@ impl ImageGrey8 {
 /// # Errors
 /// If the file is missing or no image.
 pub fn size(path: &Path) -> Result<[u32; 2], ImageError> {
-    let (width, height) =
-        open(path)?.into_dimensions().map_err(|source| ImageError::Decode { path: path.to_owned(), source })?;
+    let (width, height) = open(path)?
+        .into_dimensions()
+        .map_err(|source| ImageError::Decode { path: path.to_owned(), source: Box::new(source) })?;
     Ok([width, height])
 }
 
 fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
-    open(path)?.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source })
+    open(path)?.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source: Box::new(source) })
 }
 
 fn open(path: &Path) -> Result<image::ImageReader<std::io::BufReader<File>>, ImageError> {
@@ -197,7 +198,7 @@ fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedCol
     let mut file = BufWriter::new(File::create(path).map_err(io)?);
     PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
         .write_image(data, width, height, colour)
-        .map_err(|source| ImageError::Encode { path: path.to_owned(), source })?;
+        .map_err(|source| ImageError::Encode { path: path.to_owned(), source: Box::new(source) })?;
     file.flush().map_err(io)
 }
 

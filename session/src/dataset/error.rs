@@ -115,7 +115,7 @@ pub enum DatasetError {
         /// The manifest.
         path: PathBuf,
         /// What is wrong.
-        problem: Problem,
+        problem: Box<Problem>,
     },
     /// The manifest contradicts itself or the files in one camera.
     #[error("{}: camera {camera}: {problem}", path.display())]
@@ -125,7 +125,7 @@ pub enum DatasetError {
         /// The camera's name.
         camera: String,
         /// What is wrong.
-        problem: Problem,
+        problem: Box<Problem>,
     },
     /// A file is not the one that the manifest was written for.
     #[error("{} has changed since the dataset was made; copy it again or make the dataset anew", path.display())]

@@ -135,10 +135,10 @@ fn problem(spoil: impl FnOnce(&mut Manifest)) -> Problem {
     let error = dataset.validate().unwrap_err();
     assert!(error.to_string().contains("dataset.json"), "{error}");
     match error {
-        DatasetError::Manifest { problem, .. } => problem,
+        DatasetError::Manifest { problem, .. } => *problem,
         DatasetError::Camera { ref problem, ref camera, .. } => {
             assert!(error.to_string().contains(&format!("camera {camera}: ")), "{error}");
-            problem.clone()
+            (**problem).clone()
         }
         other => panic!("{other}"),
     }

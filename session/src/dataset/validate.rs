@@ -15,7 +15,8 @@ impl Dataset {
     /// The first thing that is wrong, with file, camera and remedy.
     pub fn validate(&self) -> Result<(), DatasetError> {
         let manifest = &self.manifest;
-        let wrong = |problem| DatasetError::Manifest { path: self.root.join(Self::MANIFEST), problem };
+        let wrong =
+            |problem| DatasetError::Manifest { path: self.root.join(Self::MANIFEST), problem: Box::new(problem) };
         if manifest.cameras.is_empty() {
             return Err(wrong(Problem::NoCameras));
         }
@@ -42,7 +43,11 @@ impl Dataset {
     }
 
     fn in_camera(&self, camera: &Camera, problem: Problem) -> DatasetError {
-        DatasetError::Camera { path: self.root.join(Self::MANIFEST), camera: camera.name.clone(), problem }
+        DatasetError::Camera {
+            path: self.root.join(Self::MANIFEST),
+            camera: camera.name.clone(),
+            problem: Box::new(problem),
+        }
     }
 
     fn check_files(&self, camera: &Camera) -> Result<(), DatasetError> {
