@@ -1,1 +1,3 @@
 //! Emulated devices, and the stage that they film.
+
+pub mod stage;
