@@ -1,8 +1,8 @@
-//! Files that appear whole or not at all.
+//! Files and folders that appear whole or not at all.
 
 use std::{
     io::{self, Write},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 /// Writes `bytes` to `path` through a temporary file in the same folder, which is renamed once it is on disk. Makes the
@@ -43,4 +43,95 @@ pub fn write_with(
     temporary.as_file().sync_all()?;
     temporary.persist(path).map_err(|error| error.error)?;
     Ok(())
+}
+
+/// A folder that is being filled beside the place where it will appear whole. Dropped before that, it is removed.
+#[derive(Debug)]
+pub struct NewFolder {
+    building: tempfile::TempDir,
+    place: PathBuf,
+}
+
+impl NewFolder {
+    /// Begins the folder that will be `place`, which must not exist yet or be an empty folder.
+    ///
+    /// # Errors
+    /// Of kind [`io::ErrorKind::AlreadyExists`] if `place` is something else; others if nothing can be written there.
+    pub fn begin(place: &Path) -> io::Result<Self> {
+        if place.exists() && std::fs::read_dir(place).map_or(true, |mut entries| entries.next().is_some()) {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        let place = std::path::absolute(place)?;
+        let parent = place.parent().unwrap_or(Path::new("/"));
+        std::fs::create_dir_all(parent)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".writing-");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As any new folder, and not the 0700 of a temporary one.
+            builder.permissions(std::fs::Permissions::from_mode(0o777));
+        }
+        Ok(Self { building: builder.tempdir_in(parent)?, place })
+    }
+
+    /// Where to write until then.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.building.path()
+    }
+
+    /// Puts the folder in its place.
+    ///
+    /// # Errors
+    /// If the place is taken by now or cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        if self.place.exists() {
+            std::fs::remove_dir(&self.place)?;
+        }
+        std::fs::rename(self.building.path(), &self.place)?;
+        // The folder has another name now, so that there is nothing left to remove.
+        let _ = self.building.keep();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_whose_writer_fails_keeps_its_old_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b.txt");
+        write(&path, b"old").unwrap();
+        let failed = write_with(&path, |file| {
+            file.write_all(b"half")?;
+            Err(io::Error::other("no more"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "no temporary file is left");
+        write(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_folder_appears_when_it_is_finished_and_not_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("deep/ds");
+        let begun = NewFolder::begin(&place).unwrap();
+        std::fs::write(begun.path().join("a"), b"1").unwrap();
+        assert!(!place.exists());
+        drop(begun);
+        assert_eq!(std::fs::read_dir(folder.path().join("deep")).unwrap().count(), 0);
+
+        std::fs::create_dir(&place).unwrap();
+        let begun = NewFolder::begin(&place).unwrap();
+        std::fs::write(begun.path().join("a"), b"1").unwrap();
+        begun.finish().unwrap();
+        assert_eq!(std::fs::read(place.join("a")).unwrap(), b"1");
+        assert_eq!(NewFolder::begin(&place).unwrap_err().kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(NewFolder::begin(&place.join("a")).unwrap_err().kind(), io::ErrorKind::AlreadyExists);
+    }
 }

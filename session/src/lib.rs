@@ -10,6 +10,7 @@ pub mod dataset;
 pub mod event;
 pub mod image;
 pub mod import;
+pub mod lens;
 pub mod npy;
 pub mod npz;
 pub mod ply;

@@ -9,6 +9,7 @@ use std::{
 use erfgs_session::{
     Camera, Dataset, Distortion, ImageGrey8, ImageRgb8, Intrinsics, Pose, Split,
     colmap::{ColmapCamera, ColmapImage, Model},
+    dataset::DatasetError,
     image::Resample,
     import::{ImportError, ImportOptions, Layout, import},
     npy,
@@ -164,7 +165,7 @@ mod panoptic {
         let folder = tempfile::tempdir().unwrap();
         recording(folder.path());
         let error = run(Layout::Panoptic, folder.path(), &ImportOptions::default(), folder.path()).unwrap_err();
-        assert!(matches!(error, ImportError::OutputExists { .. }), "{error}");
+        assert!(matches!(error, ImportError::Dataset(DatasetError::OutputExists { .. })), "{error}");
         let empty = folder.path().join("empty");
         std::fs::create_dir(&empty).unwrap();
         run(Layout::Panoptic, folder.path(), &ImportOptions::default(), &empty).unwrap();

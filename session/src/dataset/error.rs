@@ -1,8 +1,11 @@
 //! What can be wrong with a dataset.
 
-use std::path::PathBuf;
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
-use crate::{image::ImageError, npz::NpzError, ply::PlyError};
+use crate::{atomic::NewFolder, image::ImageError, npz::NpzError, ply::PlyError};
 
 /// What can go wrong with a dataset. Each message names the file or camera and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -10,6 +13,12 @@ pub enum DatasetError {
     /// There is no manifest.
     #[error("{} holds no dataset.json; make a dataset with `erfgs dataset import`", path.display())]
     NotADataset {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The folder of a new dataset is not empty.
+    #[error("{} already exists and is not an empty folder; name another one with --out or remove it", path.display())]
+    OutputExists {
         /// The folder.
         path: PathBuf,
     },
@@ -141,6 +150,16 @@ pub enum DatasetError {
     },
 }
 
+impl DatasetError {
+    /// Begins the folder of a new dataset.
+    pub(crate) fn new_folder(path: &Path) -> Result<NewFolder, Self> {
+        NewFolder::begin(path).map_err(|source| match source.kind() {
+            io::ErrorKind::AlreadyExists => Self::OutputExists { path: path.to_owned() },
+            _ => Self::Io { doing: "write", path: path.to_owned(), source },
+        })
+    }
+}
+
 /// What is wrong with a manifest, and what to do about it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
@@ -171,6 +190,9 @@ pub enum Problem {
     /// Other intrinsics with NaN or infinity.
     #[error("the principal point or a distortion coefficient is not finite; calibrate or import it again")]
     IntrinsicsNotFinite,
+    /// A lens that no pinhole can replace.
+    #[error("the lens model does not hold over the image, so that it cannot be undistorted; calibrate the lens again")]
+    Lens,
     /// Frames or events do not fit the modality.
     #[error("the modality `{modality}` does not fit {frames} frames and {} event file; correct `modality`", if *events { "an" } else { "no" })]
     Modality {

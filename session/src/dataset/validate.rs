@@ -42,7 +42,7 @@ impl Dataset {
         checks.into_iter().collect()
     }
 
-    fn in_camera(&self, camera: &Camera, problem: Problem) -> DatasetError {
+    pub(crate) fn in_camera(&self, camera: &Camera, problem: Problem) -> DatasetError {
         DatasetError::Camera {
             path: self.root.join(Self::MANIFEST),
             camera: camera.name.clone(),

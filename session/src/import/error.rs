@@ -10,12 +10,6 @@ pub enum ImportError {
     /// An option makes no sense for this recording.
     #[error("{0}")]
     Options(String),
-    /// The dataset's folder is not empty.
-    #[error("{} already exists and is not an empty folder; name another one with --out or remove it", path.display())]
-    OutputExists {
-        /// The folder.
-        path: PathBuf,
-    },
     /// A file cannot be read or written.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {

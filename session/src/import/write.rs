@@ -1,15 +1,7 @@
 //! The one writer of all importers.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-    sync::{
-        atomic::{AtomicBool, Ordering},
-        mpsc,
-    },
-};
+use std::{collections::BTreeMap, path::Path};
 
-use rayon::prelude::*;
 use serde_json::json;
 
 use super::{
@@ -18,9 +10,9 @@ use super::{
 };
 use crate::{
     Camera, Dataset, Frame, ImageGrey8, ImageRgb8, Intrinsics, Manifest, Modality,
-    dataset::{Provenance, layout},
+    dataset::{DatasetError, Provenance, layout},
     image::{self, Resample},
-    progress::Progress,
+    progress::{Progress, in_parallel},
     video::Video,
 };
 
@@ -49,25 +41,11 @@ pub(super) fn write(
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Dataset, ImportError> {
-    let io = |source| ImportError::Io { doing: "write", path: out.to_owned(), source };
-    if out.exists() && std::fs::read_dir(out).map_err(io)?.next().is_some() {
-        return Err(ImportError::OutputExists { path: out.to_owned() });
-    }
     let scale = options.scale.unwrap_or(1.0);
     if !(scale > 0.0 && scale <= 16.0) {
         return Err(ImportError::Options(format!("--scale {scale} makes no image; give a fraction such as 0.5")));
     }
-    let parent = std::path::absolute(out).map_err(io)?.parent().map_or_else(PathBuf::new, Path::to_path_buf);
-    std::fs::create_dir_all(&parent).map_err(io)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".importing-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // As any new folder, and not the 0700 of a temporary one.
-        builder.permissions(std::fs::Permissions::from_mode(0o777));
-    }
-    let building = builder.tempdir_in(&parent).map_err(io)?;
+    let building = DatasetError::new_folder(out)?;
 
     let targets: Vec<Target> =
         recording.views.iter().map(|view| Target::of(view, recording.any_size, scale)).collect::<Result<_, _>>()?;
@@ -87,7 +65,8 @@ pub(super) fn write(
             write_video(&recording.views[view], &targets[view], building.path(), options.resample, tick)
         }
     };
-    let counts = in_parallel(options.jobs, &tasks.collect::<Vec<_>>(), &recording.views, write, progress)?;
+    let total = total(&recording.views);
+    let counts = in_parallel(options.jobs, &tasks.collect::<Vec<_>>(), ("frames", total), write, progress)?;
 
     let mut cameras = Vec::new();
     let mut counts = counts.into_iter();
@@ -121,12 +100,7 @@ pub(super) fn write(
     dataset.hash_files()?;
     dataset.save()?;
     dataset.validate()?;
-    if out.exists() {
-        std::fs::remove_dir(out).map_err(io)?;
-    }
-    std::fs::rename(building.path(), out).map_err(io)?;
-    // The folder has another name now, so that there is nothing left to remove.
-    let _ = building.keep();
+    building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
     dataset.root = out.to_owned();
     Ok(dataset)
 }
@@ -260,46 +234,13 @@ fn write_video(
     }
 }
 
-/// Works on all tasks in parallel. Progress is reported on the calling thread; after an error no new task is begun, and
-/// the first error in the order of the tasks is returned.
-fn in_parallel(
-    jobs: Option<usize>,
-    tasks: &[Task],
-    views: &[View],
-    work: impl Fn(&Task, &dyn Fn()) -> Result<usize, ImportError> + Sync,
-    progress: &mut dyn FnMut(Progress),
-) -> Result<Vec<usize>, ImportError> {
+/// How many frames there will be. A video's length is known once it has been read; until then the total is 0.
+fn total(views: &[View]) -> u64 {
     let known = views.iter().map(|view| match &view.frames {
         Frames::Files(files) => Some(files.len() as u64),
         Frames::Video { first, last, .. } => last.map(|last| (last - first).saturating_add(1)),
     });
-    // A video's length is known once it has been read; until then the total is unknown, which is 0.
-    let total = known.sum::<Option<u64>>().unwrap_or(0);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs.unwrap_or(0))
-        .build()
-        .map_err(|error| ImportError::Options(format!("cannot start {jobs:?} threads: {error}; lower --jobs")))?;
-    let (sender, receiver) = mpsc::channel();
-    let stop = AtomicBool::new(false);
-    let one = |sender: &mut mpsc::Sender<()>, task: &Task| {
-        if stop.load(Ordering::Relaxed) {
-            return None;
-        }
-        // The receiver lives until all senders are gone, so that sending succeeds.
-        let result = work(task, &|| {
-            let _ = sender.send(());
-        });
-        stop.fetch_or(result.is_err(), Ordering::Relaxed);
-        Some(result)
-    };
-    let results: Vec<_> = std::thread::scope(|scope| {
-        let worker = scope.spawn(move || pool.install(|| tasks.par_iter().map_with(sender, one).collect()));
-        for (done, ()) in receiver.iter().enumerate() {
-            progress(Progress { what: "frames", done: done as u64 + 1, total });
-        }
-        worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-    });
-    results.into_iter().flatten().collect()
+    known.sum::<Option<u64>>().unwrap_or(0)
 }
 
 /// Cameras of one recording film together, so that all have as many frames as the first, where times are shared.
