@@ -18,4 +18,5 @@ pub mod report;
 pub mod run;
 pub mod scene;
 pub mod schedule;
+pub mod sort;
 pub mod trainer;

@@ -62,9 +62,9 @@ impl<'a> Commands<'a> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
-    /// Hands the recording to the device.
-    pub fn submit(self) {
-        self.gpu.queue.submit([self.encoder.finish()]);
+    /// Hands the recording to the device. The index says what to wait for.
+    pub fn submit(self) -> wgpu::SubmissionIndex {
+        self.gpu.queue.submit([self.encoder.finish()])
     }
 
     fn bind_group(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> wgpu::BindGroup {

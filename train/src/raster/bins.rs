@@ -33,6 +33,13 @@ pub(super) struct Grid {
     pub(super) three_sigma: bool,
 }
 
+impl Grid {
+    /// Number of tiles.
+    pub(super) fn count(&self) -> u32 {
+        self.tiles[0] * self.tiles[1]
+    }
+}
+
 /// The lists of all tiles.
 #[derive(Debug, Default)]
 pub(super) struct Bins {
@@ -77,7 +84,7 @@ pub(super) fn bin(splats: &[Splat], grid: &Grid) -> Bins {
         .collect();
 
     let mut ranges = vec![[0u32; 2]; splats.len()];
-    let mut starts = vec![0u32; (grid.tiles[0] * grid.tiles[1]) as usize + 1];
+    let mut starts = vec![0u32; grid.count() as usize + 1];
     let mut emission = 0;
     for span in chunks.iter_mut().flatten() {
         span.emission = emission;

@@ -3,7 +3,10 @@
 use wgpu::Buffer;
 
 use super::RasterError;
-use crate::gpu::{Gpu, GpuError};
+use crate::{
+    gpu::{Gpu, GpuError, Shape},
+    sort::Plan,
+};
 
 /// A rendered image and what the backward pass needs. Grows as needed; reusable; several can be alive at once.
 #[derive(Debug)]
@@ -20,12 +23,22 @@ pub struct Frame {
     /// Twelve floats a Gaussian, as the last render saw it: mean x, y (pixels) | conic a, b, c | opacity | half width
     /// and height (pixels; 0 where it is not visible) | r, g, b | depth (metres).
     pub splats: Buffer,
+    /// CPU shape: splat and emission index; GPU shape: emission index. Sorted by tile, then depth.
     pub(super) entries: Buffer,
+    /// GPU shape: splat of each emission index.
+    pub(super) owners: Buffer,
+    /// vec4u: tile, first entry, end of entries.
     pub(super) lists: Buffer,
+    /// First emission index and number of entries of each Gaussian.
     pub(super) ranges: Buffer,
+    /// Entry at which each pixel had become opaque.
     pub(super) stops: Buffer,
-    /// Intersections of the last render where the host counted them.
-    pub(super) intersections: u32,
+    /// Entries that there is room for; on the CPU shape, that there are.
+    pub(super) room: u32,
+    /// GPU shape: the plan with the number of entries, for the host.
+    pub(super) counter: Buffer,
+    /// GPU shape: the submission that fills `counter`.
+    pub(super) pending: Option<wgpu::SubmissionIndex>,
 }
 
 impl Frame {
@@ -34,28 +47,63 @@ impl Frame {
     /// # Errors
     /// [`RasterError::Gpu`].
     pub fn new(gpu: &Gpu) -> Result<Self, RasterError> {
+        let small = |label| gpu.storage(label, 16);
         Ok(Self {
             width: 0,
             height: 0,
-            image: gpu.storage("frame.image", 16)?,
+            image: small("frame.image")?,
             depth: None,
-            splats: gpu.storage("frame.splats", 16)?,
-            entries: gpu.storage("frame.entries", 16)?,
-            lists: gpu.storage("frame.lists", 16)?,
-            ranges: gpu.storage("frame.ranges", 16)?,
-            stops: gpu.storage("frame.stops", 16)?,
-            intersections: 0,
+            splats: small("frame.splats")?,
+            entries: small("frame.entries")?,
+            owners: small("frame.owners")?,
+            lists: small("frame.lists")?,
+            ranges: small("frame.ranges")?,
+            stops: small("frame.stops")?,
+            room: 0,
+            counter: gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("frame.counter"),
+                size: size_of::<Plan>() as u64,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            pending: None,
         })
     }
 
     /// Waits for the last render and says whether it is complete. Where it had more tile intersections than the frame
     /// had room for (only possible on the GPU shape, which does not wait), the frame grows and an error is returned:
-    /// render again.
+    /// render again. Until then the farthest Gaussians are missing.
     ///
     /// # Errors
     /// [`RasterError::Overflow`], [`RasterError::Gpu`].
     pub fn check(&mut self, gpu: &Gpu) -> Result<(), RasterError> {
-        Ok(gpu.wait("rendering")?)
+        let (room, needed) = (self.room, self.settle(gpu)?);
+        gpu.wait("rendering")?;
+        if gpu.shape == Shape::Gpu && needed.is_some_and(|needed| needed > room) {
+            return Err(RasterError::Overflow { needed: u64::from(needed.unwrap_or(room)), capacity: u64::from(room) });
+        }
+        Ok(())
+    }
+
+    /// Tile intersections of the last render, where it has not been asked before. Makes room for them.
+    pub(super) fn settle(&mut self, gpu: &Gpu) -> Result<Option<u32>, RasterError> {
+        let Some(submission) = self.pending.take() else { return Ok(None) };
+        let failed = |message: String| GpuError::Failed { doing: "counting tile intersections".into(), message };
+        let slice = self.counter.slice(..);
+        slice.map_async(wgpu::MapMode::Read, |_| {});
+        // Only what was submitted up to that render is waited for, which by the next render has usually been done.
+        gpu.device
+            .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+            .map_err(|error| failed(error.to_string()))?;
+        let needed = {
+            let view = slice.get_mapped_range().map_err(|error| failed(error.to_string()))?;
+            bytemuck::from_bytes::<Plan>(&view).total[0]
+        };
+        self.counter.unmap();
+        if needed > self.room {
+            self.room = needed.saturating_add(needed / 4);
+        }
+        Ok(Some(needed))
     }
 }
 

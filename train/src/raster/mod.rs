@@ -3,7 +3,9 @@
 mod bench;
 mod bins;
 mod buffers;
+mod device_lists;
 mod frame;
+mod host_lists;
 mod kernels;
 mod rasteriser;
 mod types;

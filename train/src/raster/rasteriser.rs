@@ -9,34 +9,44 @@ use wgpu::Buffer;
 
 use super::{
     Deltas, Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, View,
-    bins::{Bins, Grid, Splat, bin},
+    bins::Grid,
+    device_lists::{self, DeviceLists},
     frame::grow,
-    kernels::{Kernels, THREADS, TILES_TOGETHER},
+    host_lists::{self, HostLists},
+    kernels::{GaussianStages, THREADS},
     uniform::ViewUniform,
 };
-use crate::gpu::{Commands, Gpu};
+use crate::gpu::{Commands, Gpu, Shape};
 
 /// The compiled kernels of the rasteriser and the buffers that its passes share.
 #[derive(Debug)]
 pub struct Rasteriser {
-    kernels: Kernels,
+    stages: GaussianStages,
+    lists: Lists,
     // Bound where a kernel has a binding that a render does not need. They differ, because a kernel may write two.
     unused: [Buffer; 3],
-    scratch: Mutex<Scratch>,
+    sums: Mutex<Sums>,
 }
 
-/// Buffers that live no longer than one pass.
+/// From splats to the image, by shape.
 #[derive(Debug)]
-struct Scratch {
-    moments: Buffer,
-    moments_colour: Buffer,
-    d_blue: Buffer,
+enum Lists {
+    Host(HostLists),
+    Device(Box<DeviceLists>),
+}
+
+/// What a backward pass keeps between its stages.
+#[derive(Debug)]
+pub(super) struct Sums {
+    pub(super) moments: Buffer,
+    pub(super) moments_colour: Buffer,
+    pub(super) d_blue: Buffer,
     d_splats: Buffer,
 }
 
-impl Scratch {
-    fn make_room(&mut self, gpu: &Gpu, intersections: u32, gaussians: u32) -> Result<(), RasterError> {
-        let entries = u64::from(intersections);
+impl Sums {
+    fn make_room(&mut self, gpu: &Gpu, entries: u32, gaussians: u32) -> Result<(), RasterError> {
+        let entries = u64::from(entries);
         grow(gpu, &mut self.moments, "moments", 16 * entries)?;
         grow(gpu, &mut self.moments_colour, "moments colour", 16 * entries)?;
         grow(gpu, &mut self.d_blue, "d_blue", 4 * entries)?;
@@ -48,27 +58,33 @@ impl Scratch {
 /// What all stages of one render need to know.
 #[derive(Debug)]
 pub(super) struct Render {
-    uniform: Buffer,
-    grid: Grid,
+    values: ViewUniform,
+    pub(super) uniform: Buffer,
+    pub(super) grid: Grid,
 }
 
 impl Render {
-    pub(super) fn new(
-        gpu: &Gpu,
-        gaussians: &GaussianBuffers,
-        deltas: Option<&Deltas>,
-        view: &View,
-        options: &RenderOptions,
-    ) -> Result<Self, RasterError> {
-        let tile = Kernels::tile(gpu.shape);
-        let values = ViewUniform::new(gaussians, deltas, view, options, tile)?;
+    fn new(gpu: &Gpu, values: ViewUniform, options: &RenderOptions) -> Self {
+        let [width, height, columns, rows] = values.size;
         let grid = Grid {
-            image: [view.width, view.height],
-            tile,
-            tiles: [values.size[2], values.size[3]],
+            image: [width, height],
+            tile: tile_side(gpu.shape),
+            tiles: [columns, rows],
             three_sigma: options.three_sigma,
         };
-        Ok(Self { uniform: gpu.uniform("view", &values), grid })
+        Self { values, uniform: gpu.uniform("view", &values), grid }
+    }
+
+    pub(super) fn gaussians(&self) -> u32 {
+        self.values.counts[0]
+    }
+}
+
+/// Side of a tile, pixels.
+fn tile_side(shape: Shape) -> u32 {
+    match shape {
+        Shape::Cpu => host_lists::TILE,
+        Shape::Gpu => device_lists::TILE,
     }
 }
 
@@ -78,13 +94,18 @@ impl Rasteriser {
     /// # Errors
     /// [`RasterError::Gpu`].
     pub fn new(gpu: &Gpu) -> Result<Self, RasterError> {
-        let kernels = Kernels::new(gpu);
+        let stages = GaussianStages::new(gpu);
+        let lists = match gpu.shape {
+            Shape::Cpu => Lists::Host(HostLists::new(gpu)?),
+            Shape::Gpu => Lists::Device(Box::new(DeviceLists::new(gpu)?)),
+        };
         gpu.wait("compiling the rasteriser")?;
         let small = |label| gpu.storage(label, 16);
         Ok(Self {
-            kernels,
+            stages,
+            lists,
             unused: [small("unused 0")?, small("unused 1")?, small("unused 2")?],
-            scratch: Mutex::new(Scratch {
+            sums: Mutex::new(Sums {
                 moments: small("moments")?,
                 moments_colour: small("moments colour")?,
                 d_blue: small("d_blue")?,
@@ -94,6 +115,9 @@ impl Rasteriser {
     }
 
     /// Renders `gaussians` (with `deltas` added to the raw values of the first rows) as seen by `view` into `frame`.
+    ///
+    /// On the GPU shape nothing is waited for, so that a render that needs more room than `frame` has is found later:
+    /// by [`Frame::check`], or else by the next render into the same frame, which makes room.
     ///
     /// # Errors
     /// [`RasterError`].
@@ -106,68 +130,11 @@ impl Rasteriser {
         options: &RenderOptions,
         frame: &mut Frame,
     ) -> Result<(), RasterError> {
-        let render = Render::new(gpu, gaussians, deltas, view, options)?;
-        self.prepare(gpu, gaussians, view, options, frame)?;
+        let render = self.prepare(gpu, gaussians, deltas, view, options, frame)?;
         self.project(gpu, gaussians, deltas, &render, frame);
-        let bins = self.bin(gpu, gaussians, &render, frame)?;
-        self.upload_bins(gpu, &bins, frame)?;
+        self.make_lists(gpu, &render, frame)?;
         self.blend(gpu, &render, frame);
         Ok(())
-    }
-
-    /// Splats of all Gaussians.
-    pub(super) fn project(
-        &self,
-        gpu: &Gpu,
-        gaussians: &GaussianBuffers,
-        deltas: Option<&Deltas>,
-        render: &Render,
-        frame: &Frame,
-    ) {
-        let [delta_core, delta_sh] = self.delta_bindings(deltas);
-        let mut commands = gpu.commands();
-        commands.dispatch(
-            &self.kernels.project,
-            &[&render.uniform, &gaussians.core, &gaussians.sh, delta_core, delta_sh, &frame.splats],
-            gaussians.count.div_ceil(THREADS),
-        );
-        commands.submit();
-    }
-
-    /// Tile lists, made on the host.
-    pub(super) fn bin(
-        &self,
-        gpu: &Gpu,
-        gaussians: &GaussianBuffers,
-        render: &Render,
-        frame: &Frame,
-    ) -> Result<Bins, RasterError> {
-        let count = gaussians.count as usize;
-        Ok(gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], &render.grid))?)
-    }
-
-    pub(super) fn upload_bins(&self, gpu: &Gpu, bins: &Bins, frame: &mut Frame) -> Result<(), RasterError> {
-        grow(gpu, &mut frame.entries, "frame.entries", 8 * bins.entries.len() as u64)?;
-        gpu.upload(&frame.entries, 0, &bins.entries);
-        gpu.upload(&frame.lists, 0, &bins.lists);
-        gpu.upload(&frame.ranges, 0, &bins.ranges);
-        frame.intersections = bins.entries.len() as u32;
-        Ok(())
-    }
-
-    /// The image, from splats and lists.
-    pub(super) fn blend(&self, gpu: &Gpu, render: &Render, frame: &Frame) {
-        let (kernel, depth) = match &frame.depth {
-            Some(depth) => (&self.kernels.blend_with_depth, depth),
-            None => (&self.kernels.blend, &self.unused[0]),
-        };
-        let mut commands = gpu.commands();
-        commands.dispatch(
-            kernel,
-            &[&render.uniform, &frame.splats, &frame.entries, &frame.lists, &frame.image, depth, &frame.stops],
-            (render.grid.tiles[0] * render.grid.tiles[1]).div_ceil(TILES_TOGETHER),
-        );
-        commands.submit();
     }
 
     /// The gradients of a loss, given `d_image` (vec4f a pixel: dL/dr, dL/dg, dL/db, dL/d final transmittance), for the
@@ -190,55 +157,102 @@ impl Rasteriser {
         delta_gradients: Option<&Deltas>,
         statistics: bool,
     ) -> Result<(), RasterError> {
-        let mut values = ViewUniform::new(gaussians, deltas, view, options, Kernels::tile(gpu.shape))?;
-        check_backward(&values, gaussians, view, frame, d_image, gradients, delta_gradients)?;
+        let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
+        check_backward(&values, frame, d_image, gradients, delta_gradients)?;
         values.switches[2] = u32::from(statistics);
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
-        let uniform = gpu.uniform("view", &values);
-        let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        scratch.make_room(gpu, frame.intersections, gaussians.count)?;
+        let render = Render::new(gpu, values, options);
+        let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
+        sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();
-        let tiles = values.size[2] * values.size[3];
-        self.blend_backward(&mut commands, &uniform, tiles, frame, d_image, &scratch);
-        self.gather(&mut commands, &uniform, gaussians.count, frame, &scratch);
-        self.project_backward(&mut commands, &uniform, gaussians, deltas, &scratch, gradients, delta_gradients);
+        self.blend_backward(&mut commands, &render, frame, d_image, &sums);
+        self.gather(&mut commands, &render, frame, &sums);
+        self.project_backward(&mut commands, &render, gaussians, deltas, &sums, gradients, delta_gradients);
         commands.submit();
         Ok(())
+    }
+
+    /// Checks the arguments and makes room in `frame`.
+    fn prepare(
+        &self,
+        gpu: &Gpu,
+        gaussians: &GaussianBuffers,
+        deltas: Option<&Deltas>,
+        view: &View,
+        options: &RenderOptions,
+        frame: &mut Frame,
+    ) -> Result<Render, RasterError> {
+        let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        let tiles = values.size[2] * values.size[3];
+        frame.settle(gpu)?;
+        (frame.width, frame.height) = (view.width, view.height);
+        grow(gpu, &mut frame.image, "frame.image", 16 * pixels)?;
+        grow(gpu, &mut frame.stops, "frame.stops", 4 * pixels)?;
+        grow(gpu, &mut frame.lists, "frame.lists", 16 * u64::from(tiles))?;
+        grow(gpu, &mut frame.splats, "frame.splats", 48 * u64::from(gaussians.count.max(1)))?;
+        grow(gpu, &mut frame.ranges, "frame.ranges", 8 * u64::from(gaussians.count))?;
+        if gpu.shape == Shape::Gpu {
+            let most = (gpu.limits.max_storage_buffer_binding_size / 16).min(u64::from(u32::MAX)) as u32;
+            let guess = gaussians.count.saturating_mul(4).saturating_add(64 * tiles).min(most);
+            frame.room = frame.room.max(options.first_room.unwrap_or(guess));
+            values.switches[3] = frame.room;
+        }
+        if !options.depth {
+            frame.depth = None;
+        } else if frame.depth.as_ref().is_none_or(|depth| depth.size() < 4 * pixels) {
+            frame.depth = Some(gpu.storage("frame.depth", 4 * pixels)?);
+        }
+        Ok(Render::new(gpu, values, options))
+    }
+
+    fn project(&self, gpu: &Gpu, gaussians: &GaussianBuffers, deltas: Option<&Deltas>, render: &Render, frame: &Frame) {
+        let [delta_core, delta_sh] = self.delta_bindings(deltas);
+        let mut commands = gpu.commands();
+        commands.dispatch(
+            &self.stages.project,
+            &[&render.uniform, &gaussians.core, &gaussians.sh, delta_core, delta_sh, &frame.splats],
+            gaussians.count.div_ceil(THREADS),
+        );
+        commands.submit();
+    }
+
+    fn make_lists(&self, gpu: &Gpu, render: &Render, frame: &mut Frame) -> Result<(), RasterError> {
+        match &self.lists {
+            Lists::Host(lists) => lists.make(gpu, render, frame),
+            Lists::Device(lists) => lists.make(gpu, render, frame),
+        }
+    }
+
+    fn blend(&self, gpu: &Gpu, render: &Render, frame: &Frame) {
+        let mut commands = gpu.commands();
+        match &self.lists {
+            Lists::Host(lists) => lists.blend(&mut commands, render, frame),
+            Lists::Device(lists) => lists.blend(&mut commands, render, frame),
+        }
+        commands.submit();
     }
 
     fn blend_backward(
         &self,
         commands: &mut Commands<'_>,
-        uniform: &Buffer,
-        tiles: u32,
+        render: &Render,
         frame: &Frame,
         d_image: &Buffer,
-        scratch: &Scratch,
+        sums: &Sums,
     ) {
-        commands.dispatch(
-            &self.kernels.blend_backward,
-            &[
-                uniform,
-                &frame.splats,
-                &frame.entries,
-                &frame.lists,
-                &frame.image,
-                &frame.stops,
-                d_image,
-                &scratch.moments,
-                &scratch.moments_colour,
-                &scratch.d_blue,
-            ],
-            tiles.div_ceil(TILES_TOGETHER),
-        );
+        match &self.lists {
+            Lists::Host(lists) => lists.blend_backward(commands, render, frame, d_image, sums),
+            Lists::Device(lists) => lists.blend_backward(commands, render, frame, d_image, sums),
+        }
     }
 
-    fn gather(&self, commands: &mut Commands<'_>, uniform: &Buffer, count: u32, frame: &Frame, scratch: &Scratch) {
+    fn gather(&self, commands: &mut Commands<'_>, render: &Render, frame: &Frame, sums: &Sums) {
         commands.dispatch(
-            &self.kernels.gather,
-            &[uniform, &frame.ranges, &scratch.moments, &scratch.moments_colour, &scratch.d_blue, &scratch.d_splats],
-            count.div_ceil(THREADS),
+            &self.stages.gather,
+            &[&render.uniform, &frame.ranges, &sums.moments, &sums.moments_colour, &sums.d_blue, &sums.d_splats],
+            render.gaussians().div_ceil(THREADS),
         );
     }
 
@@ -246,23 +260,23 @@ impl Rasteriser {
     fn project_backward(
         &self,
         commands: &mut Commands<'_>,
-        uniform: &Buffer,
+        render: &Render,
         gaussians: &GaussianBuffers,
         deltas: Option<&Deltas>,
-        scratch: &Scratch,
+        sums: &Sums,
         gradients: &Gradients,
         delta_gradients: Option<&Deltas>,
     ) {
         let [delta_core, delta_sh] = self.delta_bindings(deltas);
         commands.dispatch(
-            &self.kernels.project_backward,
+            &self.stages.project_backward,
             &[
-                uniform,
+                &render.uniform,
                 &gaussians.core,
                 &gaussians.sh,
                 delta_core,
                 delta_sh,
-                &scratch.d_splats,
+                &sums.d_splats,
                 &gradients.core,
                 &gradients.sh,
                 delta_gradients.map_or(&self.unused[1], |d| &d.core),
@@ -273,7 +287,14 @@ impl Rasteriser {
         );
     }
 
-    /// Runs both passes with a wait after each stage, and appends the milliseconds that each took.
+    fn delta_bindings<'a>(&'a self, deltas: Option<&'a Deltas>) -> [&'a Buffer; 2] {
+        [
+            deltas.map_or(&self.unused[0], |deltas| &deltas.core),
+            deltas.and_then(|deltas| deltas.sh.as_ref()).unwrap_or(&self.unused[0]),
+        ]
+    }
+
+    /// Runs both passes with a wait after each stage; the milliseconds that each took.
     #[allow(clippy::too_many_arguments)]
     pub(super) fn by_stage(
         &self,
@@ -284,8 +305,8 @@ impl Rasteriser {
         frame: &mut Frame,
         d_image: &Buffer,
         gradients: &Gradients,
-        timed: &mut Vec<(&'static str, f64)>,
-    ) -> Result<(), RasterError> {
+    ) -> Result<Vec<(&'static str, f64)>, RasterError> {
+        let mut timed = Vec::new();
         let mut start = Instant::now();
         let mut lap = |name| -> Result<(), RasterError> {
             gpu.wait("timing a stage")?;
@@ -293,84 +314,45 @@ impl Rasteriser {
             start = Instant::now();
             Ok(())
         };
-        let render = Render::new(gpu, gaussians, None, view, options)?;
-        self.prepare(gpu, gaussians, view, options, frame)?;
+        let render = self.prepare(gpu, gaussians, None, view, options, frame)?;
         lap("prepare")?;
         self.project(gpu, gaussians, None, &render, frame);
         lap("project")?;
-        let bins = self.bin(gpu, gaussians, &render, frame)?;
-        lap("bin")?;
-        self.upload_bins(gpu, &bins, frame)?;
+        self.make_lists(gpu, &render, frame)?;
         gpu.queue.submit([]);
-        lap("upload bins")?;
+        lap("lists")?;
         self.blend(gpu, &render, frame);
         lap("blend")?;
-        let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
-        scratch.make_room(gpu, frame.intersections, gaussians.count)?;
-        let tiles = render.grid.tiles[0] * render.grid.tiles[1];
+        let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
+        sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();
-        self.blend_backward(&mut commands, &render.uniform, tiles, frame, d_image, &scratch);
+        self.blend_backward(&mut commands, &render, frame, d_image, &sums);
         commands.submit();
         lap("blend backward")?;
         let mut commands = gpu.commands();
-        self.gather(&mut commands, &render.uniform, gaussians.count, frame, &scratch);
+        self.gather(&mut commands, &render, frame, &sums);
         commands.submit();
         lap("gather")?;
         let mut commands = gpu.commands();
-        self.project_backward(&mut commands, &render.uniform, gaussians, None, &scratch, gradients, None);
+        self.project_backward(&mut commands, &render, gaussians, None, &sums, gradients, None);
         commands.submit();
-        lap("project backward")
-    }
-
-    fn delta_bindings<'a>(&'a self, deltas: Option<&'a Deltas>) -> [&'a Buffer; 2] {
-        [
-            deltas.map_or(&self.unused[0], |deltas| &deltas.core),
-            deltas.and_then(|deltas| deltas.sh.as_ref()).unwrap_or(&self.unused[0]),
-        ]
-    }
-
-    /// Makes room in `frame`.
-    fn prepare(
-        &self,
-        gpu: &Gpu,
-        gaussians: &GaussianBuffers,
-        view: &View,
-        options: &RenderOptions,
-        frame: &mut Frame,
-    ) -> Result<(), RasterError> {
-        let pixels = u64::from(view.width) * u64::from(view.height);
-        let tile = Kernels::tile(gpu.shape);
-        let tiles = u64::from(view.width.div_ceil(tile)) * u64::from(view.height.div_ceil(tile));
-        (frame.width, frame.height) = (view.width, view.height);
-        grow(gpu, &mut frame.image, "frame.image", 16 * pixels)?;
-        grow(gpu, &mut frame.stops, "frame.stops", 4 * pixels)?;
-        grow(gpu, &mut frame.lists, "frame.lists", 16 * tiles)?;
-        grow(gpu, &mut frame.splats, "frame.splats", 48 * u64::from(gaussians.count.max(1)))?;
-        grow(gpu, &mut frame.ranges, "frame.ranges", 8 * u64::from(gaussians.count))?;
-        if !options.depth {
-            frame.depth = None;
-        } else if frame.depth.as_ref().is_none_or(|depth| depth.size() < 4 * pixels) {
-            frame.depth = Some(gpu.storage("frame.depth", 4 * pixels)?);
-        }
-        Ok(())
+        lap("project backward")?;
+        Ok(timed)
     }
 }
 
 fn check_backward(
     values: &ViewUniform,
-    gaussians: &GaussianBuffers,
-    view: &View,
     frame: &Frame,
     d_image: &Buffer,
     gradients: &Gradients,
     delta_gradients: Option<&Deltas>,
 ) -> Result<(), RasterError> {
-    let rows = u64::from(gaussians.count);
-    let stride = u64::from(values.counts[3]);
-    let delta_rows = u64::from(values.counts[1]);
-    let reason = if (frame.width, frame.height) != (view.width, view.height)
+    let [rows, delta_rows, _, stride] = values.counts.map(u64::from);
+    let [width, height, ..] = values.size;
+    let reason = if (frame.width, frame.height) != (width, height)
         || frame.ranges.size() < 8 * rows
-        || d_image.size() < 16 * u64::from(view.width) * u64::from(view.height)
+        || d_image.size() < 16 * u64::from(width) * u64::from(height)
     {
         "the frame or the gradient of the image is not of this view"
     } else if gradients.core.size() < 48 * rows

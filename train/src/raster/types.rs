@@ -194,10 +194,12 @@ pub struct RenderOptions {
     /// Cut Gaussians at the 16 x 16 tiles that their 3 sigma square touches, as the 3DGS code does. Otherwise they
     /// reach as far as their alpha is at least 1/255.
     pub three_sigma: bool,
+    /// On the GPU shape: tile intersections that a new frame has room for; a guess by default.
+    pub first_room: Option<u32>,
 }
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { background: [0.0; 3], sh_degree: 3, near: 0.01, depth: false, three_sigma: false }
+        Self { background: [0.0; 3], sh_degree: 3, near: 0.01, depth: false, three_sigma: false, first_room: None }
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     reference::raster::Gaussians,
 };
 
-pub(super) const SHAPES: [Shape; 1] = [Shape::Cpu];
+pub(super) const SHAPES: [Shape; 2] = [Shape::Cpu, Shape::Gpu];
 
 /// A device with compiled kernels, shared by all tests.
 pub(super) fn device(shape: Shape) -> &'static (Gpu, Rasteriser) {

@@ -1,0 +1,115 @@
+// Walks each tile's list back to front and leaves, for every entry, the sums over the tile's pixels that the gradient
+// of its splat is made of, at the entry's emission index (GPU shape: a workgroup a tile).
+//
+// Each thread owns a splat and visits the pixels one after the other, one step behind the thread before it, which owns
+// the splat behind. The state of a pixel lies in shared memory and passes from thread to thread; the sums stay in
+// registers, so that nothing is added up across threads. A thread that has seen all pixels goes on with the splat 256
+// entries further, without a gap.
+
+@group(0) @binding(0) var<uniform> view: View;
+@group(0) @binding(1) var<storage, read> splats: array<Splat>;
+@group(0) @binding(2) var<storage, read> entries: array<u32>;
+@group(0) @binding(3) var<storage, read> owners: array<u32>;
+@group(0) @binding(4) var<storage, read> lists: array<vec4u>;
+@group(0) @binding(5) var<storage, read> image: array<vec4f>;
+@group(0) @binding(6) var<storage, read> stops: array<u32>;
+@group(0) @binding(7) var<storage, read> d_image: array<vec4f>;
+@group(0) @binding(8) var<storage, read_write> moments: array<vec4f>;
+@group(0) @binding(9) var<storage, read_write> moments_colour: array<vec4f>;
+@group(0) @binding(10) var<storage, read_write> d_blue: array<f32>;
+
+const PIXELS = 256u;
+
+// Per pixel: transmittance in front of what has been walked; what lies behind, weighted by dL/d image; dL/d image;
+// the entry at which the pixel had become opaque.
+var<workgroup> transmittance: array<f32, PIXELS>;
+var<workgroup> behind: array<f32, PIXELS>;
+var<workgroup> d_pixel: array<vec4f, PIXELS>;
+var<workgroup> stop: array<u32, PIXELS>;
+var<workgroup> list: vec2u;
+var<workgroup> furthest: atomic<u32>;
+
+@compute @workgroup_size(PIXELS)
+fn main(
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let tile = group.y * groups.x + group.x;
+    if thread == 0u {
+        list = vec2u(0u);
+        if tile < view.size.z * view.size.w {
+            list = lists[tile].yz;
+        }
+        atomicStore(&furthest, 0u);
+    }
+    let entry_range = workgroupUniformLoad(&list);
+    let corner = TILE * vec2u(tile % view.size.z, tile / view.size.z);
+    let own = corner + vec2u(thread % TILE, thread / TILE);
+    transmittance[thread] = 1.0;
+    behind[thread] = 0.0;
+    d_pixel[thread] = vec4f(0.0);
+    stop[thread] = entry_range.x;
+    if own.x < view.size.x && own.y < view.size.y {
+        let at = own.y * view.size.x + own.x;
+        let d = d_image[at];
+        transmittance[thread] = image[at].w;
+        behind[thread] = dot(d.rgb, view.background.rgb) + d.w;
+        d_pixel[thread] = d;
+        stop[thread] = stops[at];
+    }
+    atomicMax(&furthest, stop[thread]);
+    let last = workgroupUniformLoad(&furthest);
+
+    for (var entry = max(last, entry_range.x) + thread; entry < entry_range.y; entry += PIXELS) {
+        let emission = entries[entry];
+        moments[emission] = vec4f(0.0);
+        moments_colour[emission] = vec4f(0.0);
+        d_blue[emission] = 0.0;
+    }
+
+    let count = select(0u, last - entry_range.x, last > entry_range.x);
+    let steps = select(0u, count + PIXELS - 1u, count > 0u);
+    var splat: Splat;
+    var emission = 0u;
+    var v_sums = vec4f(0.0);
+    var v_more = vec2f(0.0);
+    var colour_sums = vec3f(0.0);
+    for (var step = 0u; step < steps; step++) {
+        let turn = step - thread;
+        let walked = (turn / PIXELS) * PIXELS + thread;
+        if step >= thread && walked < count {
+            let pixel = turn % PIXELS;
+            let entry = last - 1u - walked;
+            if pixel == 0u {
+                emission = entries[entry];
+                splat = splats[owners[emission]];
+                v_sums = vec4f(0.0);
+                v_more = vec2f(0.0);
+                colour_sums = vec3f(0.0);
+            }
+            let position = vec2f(corner + vec2u(pixel % TILE, pixel / TILE)) + 0.5;
+            let d = position - splat.mean_conic.xy;
+            let power = -0.5 * (splat.mean_conic.z * d.x * d.x + splat.shape.x * d.y * d.y) - splat.mean_conic.w * d.x * d.y;
+            let unbounded = splat.shape.y * exp(min(power, 0.0));
+            let alpha = min(LARGEST_ALPHA, unbounded);
+            if alpha >= NEGLIGIBLE_ALPHA && entry < stop[pixel] {
+                let d_colour = d_pixel[pixel].rgb;
+                let t = transmittance[pixel] / (1.0 - alpha);
+                let contrast = dot(d_colour, splat.colour_depth.rgb) - behind[pixel];
+                transmittance[pixel] = t;
+                behind[pixel] += alpha * contrast;
+                colour_sums += alpha * t * d_colour;
+                let v = unbounded * t * contrast;
+                v_sums += v * vec4f(1.0, d.x, d.y, d.x * d.x);
+                v_more += v * d.y * d;
+            }
+            if pixel == PIXELS - 1u {
+                moments[emission] = v_sums;
+                moments_colour[emission] = vec4f(v_more, colour_sums.rg);
+                d_blue[emission] = colour_sums.b;
+            }
+        }
+        workgroupBarrier();
+    }
+}

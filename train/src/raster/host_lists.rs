@@ -1,0 +1,95 @@
+//! The CPU shape between splats and image: tile lists made on the host, one thread a tile.
+
+use wgpu::Buffer;
+
+use super::{
+    Frame, RasterError,
+    bins::{Bins, Splat, bin},
+    frame::grow,
+    kernels::stage,
+    rasteriser::{Render, Sums},
+};
+use crate::gpu::{Commands, Gpu, Kernel};
+
+/// Side of a tile, pixels.
+pub(super) const TILE: u32 = 4;
+/// Threads of a workgroup: as many tiles are walked together.
+const TOGETHER: u32 = 8;
+const SHARED: &str = include_str!("shared/blend_cpu.wgsl");
+
+/// The kernels.
+#[derive(Debug)]
+pub(super) struct HostLists {
+    blend: Kernel,
+    blend_with_depth: Kernel,
+    blend_backward: Kernel,
+    no_depth: Buffer,
+}
+
+impl HostLists {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, RasterError> {
+        let blend = |label, with_depth: bool| {
+            let constants = format!("const THREADS = {TOGETHER}u; const WITH_DEPTH = {with_depth};");
+            stage(gpu, label, &constants, &[SHARED, include_str!("blend_cpu.wgsl")])
+        };
+        let constants = format!("const THREADS = {TOGETHER}u;");
+        let parts = [SHARED, include_str!("blend_backward_cpu.wgsl")];
+        Ok(Self {
+            blend: blend("blend", false),
+            blend_with_depth: blend("blend with depth", true),
+            blend_backward: stage(gpu, "blend backward", &constants, &parts),
+            no_depth: gpu.storage("no depth", 16)?,
+        })
+    }
+
+    /// Waits for the splats and makes the tile lists.
+    pub(super) fn make(&self, gpu: &Gpu, render: &Render, frame: &mut Frame) -> Result<(), RasterError> {
+        let count = render.gaussians() as usize;
+        let bins: Bins = gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], &render.grid))?;
+        let entries = bins.entries.len();
+        grow(gpu, &mut frame.entries, "frame.entries", 8 * entries as u64)?;
+        gpu.upload(&frame.entries, 0, &bins.entries);
+        gpu.upload(&frame.lists, 0, &bins.lists);
+        gpu.upload(&frame.ranges, 0, &bins.ranges);
+        frame.room = entries as u32;
+        Ok(())
+    }
+
+    pub(super) fn blend(&self, commands: &mut Commands<'_>, render: &Render, frame: &Frame) {
+        let (kernel, depth) = match &frame.depth {
+            Some(depth) => (&self.blend_with_depth, depth),
+            None => (&self.blend, &self.no_depth),
+        };
+        commands.dispatch(
+            kernel,
+            &[&render.uniform, &frame.splats, &frame.entries, &frame.lists, &frame.image, depth, &frame.stops],
+            render.grid.count().div_ceil(TOGETHER),
+        );
+    }
+
+    pub(super) fn blend_backward(
+        &self,
+        commands: &mut Commands<'_>,
+        render: &Render,
+        frame: &Frame,
+        d_image: &Buffer,
+        sums: &Sums,
+    ) {
+        commands.dispatch(
+            &self.blend_backward,
+            &[
+                &render.uniform,
+                &frame.splats,
+                &frame.entries,
+                &frame.lists,
+                &frame.image,
+                &frame.stops,
+                d_image,
+                &sums.moments,
+                &sums.moments_colour,
+                &sums.d_blue,
+            ],
+            render.grid.count().div_ceil(TOGETHER),
+        );
+    }
+}

@@ -1,0 +1,51 @@
+//! Exclusive prefix sums (reduce, scan, apply).
+
+use wgpu::Buffer;
+
+use super::{BLOCK, Plan, SHARED};
+use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+
+const SCAN_SHARED: &str = include_str!("scan_shared.wgsl");
+
+/// The kernels of a prefix sum.
+#[derive(Debug)]
+pub struct PrefixSum {
+    reduce: Kernel,
+    sums: Kernel,
+    apply: Kernel,
+}
+
+/// What a prefix sum works with.
+#[derive(Debug)]
+pub struct ScanBuffers {
+    sums: Buffer,
+}
+
+impl ScanBuffers {
+    /// Room for a prefix sum of `count` numbers.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn new(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
+        Ok(Self { sums: gpu.storage("prefix sum", 4 * u64::from(count.div_ceil(BLOCK)))? })
+    }
+}
+
+impl PrefixSum {
+    /// Compiles the kernels.
+    pub fn new(gpu: &Gpu) -> Self {
+        Self {
+            reduce: gpu.kernel("scan reduce", &[SHARED, SCAN_SHARED, include_str!("scan_reduce.wgsl")]),
+            sums: gpu.kernel("scan sums", &[SHARED, SCAN_SHARED, include_str!("scan_sums.wgsl")]),
+            apply: gpu.kernel("scan apply", &[SHARED, SCAN_SHARED, include_str!("scan_apply.wgsl")]),
+        }
+    }
+
+    /// Replaces each of the first `plan.scanned` numbers by the sum of those before it, and leaves the sum of all in
+    /// `plan.total`. Sums saturate at 2^32 - 1. `plan` holds a [`Plan`].
+    pub fn record(&self, commands: &mut Commands<'_>, plan: &Buffer, numbers: &Buffer, buffers: &ScanBuffers) {
+        commands.dispatch_indirect(&self.reduce, &[plan, numbers, &buffers.sums], plan, Plan::SCAN_GROUPS);
+        commands.dispatch(&self.sums, &[plan, &buffers.sums], 1);
+        commands.dispatch_indirect(&self.apply, &[plan, &buffers.sums, numbers], plan, Plan::SCAN_GROUPS);
+    }
+}
