@@ -77,6 +77,8 @@ fn a_film_is_a_valid_dataset_with_disjoint_modalities() {
     assert!(points.len() > 400);
 
     assert!(matches!(film(&out, &small(), &|_| {}), Err(StageError::NotEmpty { .. })));
+    std::fs::remove_file(out.join(Dataset::MANIFEST)).unwrap();
+    film(&out, &small(), &|_| {}).expect("a film without a manifest was interrupted: it is made again");
 }
 
 #[test]

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     StageError,
     actors::{Actors, Moment},
-    colour::{encode, lin_log, luma},
+    colour::{decode, encode, lin_log, luma},
     pixel::{Pixel, Signal},
     view::View,
 };
@@ -42,7 +42,8 @@ pub struct EventOptions {
     pub hot_hz: f64,
     /// Below this grey level (of 255) the response is linear, above it logarithmic: v2e's "lin-log".
     pub lin_log_threshold: f64,
-    /// Whether the logarithm is taken of linear light instead of display (sRGB-encoded) luma.
+    /// Whether the logarithm is taken of linearised luma instead of display (sRGB-encoded) luma. Luma itself is of
+    /// display values either way, as in the simulator and in the trainer's event loss.
     pub linear_light: bool,
 }
 
@@ -96,8 +97,9 @@ impl EventOptions {
     /// The sensor's response to linear light: log intensity, from 0 to ln 255.
     #[must_use]
     pub fn response(&self, linear: [f64; 3]) -> f64 {
-        let light = if self.linear_light { linear.map(|v| v.clamp(0.0, 1.0)) } else { linear.map(encode) };
-        lin_log(255.0 * luma(DVec3::from(light)), self.lin_log_threshold)
+        let display = luma(DVec3::from(linear.map(encode)));
+        let light = if self.linear_light { decode(display) } else { display };
+        lin_log(255.0 * light, self.lin_log_threshold)
     }
 }
 

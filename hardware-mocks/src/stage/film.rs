@@ -138,7 +138,7 @@ pub struct FilmReport {
     pub total_time: Duration,
 }
 
-/// Films a dataset into the folder `out`, which must be empty or absent.
+/// Films a dataset into the folder `out`, which must be absent, empty, or left by a film that was interrupted.
 ///
 /// # Errors
 /// If an option is out of its range, `out` is in use, or a file cannot be written.
@@ -146,7 +146,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
     let begun = Instant::now();
     options.check()?;
     let (stage, rig) = options.set_up()?;
-    if std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
+    if in_use(out) {
         return Err(StageError::NotEmpty { path: out.to_owned() });
     }
     let (rgb_times, test_times) = (options.times(options.rgb_fps), options.times(options.test_fps));
@@ -161,7 +161,11 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
     let gate = Mutex::new(());
     let advance = |parts: u64| {
         let _held = gate.lock().unwrap_or_else(PoisonError::into_inner);
-        progress(Progress { what: "frames", done: done.fetch_add(parts, Ordering::Relaxed) + parts, total });
+        progress(Progress {
+            what: "frames and slices of events",
+            done: done.fetch_add(parts, Ordering::Relaxed) + parts,
+            total,
+        });
     };
     let mut report = FilmReport {
         dataset: Dataset::new(out, empty_manifest(options)),
@@ -224,6 +228,13 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
     report.dataset.save().map_err(failed)?;
     report.total_time = begun.elapsed();
     Ok(report)
+}
+
+/// Whether a folder holds anything but what an interrupted film leaves: the manifest comes last.
+fn in_use(out: &Path) -> bool {
+    let ours = ["images", "masks", "events", "truth_points.ply"];
+    let Ok(entries) = std::fs::read_dir(out) else { return false };
+    entries.flatten().any(|entry| !ours.iter().any(|name| entry.file_name() == *name))
 }
 
 fn empty_manifest(options: &FilmOptions) -> Manifest {
