@@ -109,7 +109,17 @@ fn the_union_keeps_colmaps_points_and_its_limit() {
     let union = CloudOptions { max_points: Some(limit), ..options(Method::ColmapSweep) };
     let union = cloud(&dataset, &union).unwrap();
     assert!(union.points.len() <= limit && union.points.len() > limit - 300, "{}", union.points.len());
-    assert_eq!(union.points[..colmap.points.len()], colmap.points);
+    assert!(colmap.points.iter().all(|point| union.points.contains(point)));
+    let runs = union.parameters["runs"].as_array().unwrap();
+    let mut index = 0;
+    for run in runs {
+        for _ in 0..run["count"].as_u64().unwrap() {
+            assert_eq!(union.points[index].t_ns, run["t_ns"].as_i64().unwrap());
+            assert_eq!(union.points[index].instants > 1, run["found_again"].as_bool().unwrap());
+            index += 1;
+        }
+    }
+    assert_eq!(index, union.points.len(), "the manifest tells the time of every point");
 }
 
 #[test]

@@ -42,11 +42,12 @@ pub struct CloudPoint {
 /// The initial point cloud and how it was made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
-    /// The points.
+    /// The points, ordered by time; of one time, those first that were found again at others.
     pub points: Vec<CloudPoint>,
     /// The method.
     pub method: Method,
-    /// The method's parameters and what it counted on the way (images, features, matches, points before merging).
+    /// The method's parameters and what it counted on the way: images, features, matches, points before merging, and as
+    /// `runs` how many points in a row share `t_ns` and whether they were `found_again` at another instant.
     pub parameters: BTreeMap<String, serde_json::Value>,
 }
 
@@ -133,7 +134,19 @@ pub fn initial_cloud(
     if let Some(most) = options.max_points {
         points = thin::limit(points, first, most);
     }
+    points.sort_by_key(|point| (point.t_ns, point.instants == 1));
+    parameters.insert("runs".into(), runs(&points));
     Ok(Cloud { points, method: options.method, parameters })
+}
+
+/// How many points in a row were first seen at the same instant, and whether they were found again at others. With it
+/// the time of each point in `points.ply` is known.
+fn runs(points: &[CloudPoint]) -> Value {
+    let same = |a: &CloudPoint, b: &CloudPoint| a.t_ns == b.t_ns && (a.instants == 1) == (b.instants == 1);
+    points
+        .chunk_by(same)
+        .map(|run| json!({"t_ns": run[0].t_ns, "found_again": run[0].instants > 1, "count": run.len()}))
+        .collect()
 }
 
 /// What is counted on the way, and the parameters, as they go into the manifest.
