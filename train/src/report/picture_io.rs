@@ -74,7 +74,8 @@ pub(super) fn gradient() -> String {
     format!("linear-gradient(to right, {})", stops.join(", "))
 }
 
-/// Where a window of `width` x `height` pixels sees the largest sum of `weights` (of a picture of `size`).
+/// Where a window of `width` x `height` pixels sees the largest sum of `weights` (of a picture of `size`), with what it
+/// sees in its middle where the border allows.
 pub(super) fn densest_window(weights: &[f64], size: (u32, u32), width: u32, height: u32) -> (u32, u32) {
     let (w, h) = (size.0 as usize, size.1 as usize);
     // Sums over the rectangle above and left of each corner.
@@ -97,10 +98,30 @@ pub(super) fn densest_window(weights: &[f64], size: (u32, u32), width: u32, heig
             }
         }
     }
-    best.1
+    centred(weights, size, best.1, (width as u32, height as u32))
 }
 
-/// A part of a picture, enlarged so that its pixels show.
+/// The window moved so that the centre of weight of what it sees lies in its middle.
+fn centred(weights: &[f64], size: (u32, u32), at: (u32, u32), window: (u32, u32)) -> (u32, u32) {
+    let (mut sum, mut sum_x, mut sum_y) = (0.0, 0.0, 0.0);
+    for y in at.1..at.1 + window.1 {
+        for x in at.0..at.0 + window.0 {
+            let weight = weights.get((y * size.0 + x) as usize).copied().unwrap_or(0.0);
+            sum += weight;
+            sum_x += weight * (f64::from(x) + 0.5);
+            sum_y += weight * (f64::from(y) + 0.5);
+        }
+    }
+    if sum <= 0.0 {
+        return at;
+    }
+    let corner = |centre: f64, window: u32, size: u32| {
+        (centre - f64::from(window) / 2.0).round().clamp(0.0, f64::from(size - window)) as u32
+    };
+    (corner(sum_x / sum, window.0, size.0), corner(sum_y / sum, window.1, size.1))
+}
+
+/// A part of a picture.
 pub(super) fn detail(picture: &RgbImage, at: (u32, u32), width: u32, height: u32) -> RgbImage {
     imageops::crop_imm(picture, at.0, at.1, width, height).to_image()
 }
@@ -168,7 +189,7 @@ mod tests {
         weights[7 * 20 + 15] = 3.0;
         weights[20 + 2] = 1.0;
         let (x, y) = densest_window(&weights, (20, 10), 5, 4);
-        assert!((x..x + 5).contains(&15) && (y..y + 4).contains(&7), "{x},{y}");
+        assert_eq!((x, y), (13, 6), "the largest error in the middle");
         assert_eq!(densest_window(&weights, (20, 10), 50, 50), (0, 0), "a window larger than the picture");
     }
 

@@ -8,9 +8,9 @@ use super::{
     html::{self, Escaped, number},
     load::{Page, Run},
     picture_io::{self, FULL_ERROR},
-    plot::stroke,
+    plot::swatch,
 };
-use crate::run::{PerView, RunFolder};
+use crate::run::{PerView, RunError, RunFolder};
 
 /// A detail shows this share of the width and height.
 const DETAIL: u32 = 5;
@@ -78,7 +78,7 @@ struct Shown<'a> {
 
 fn view(page: &Page, what: &str, camera: &str, index: u32) -> Result<String, String> {
     let evaluated: Vec<(usize, &Run)> = page.runs.iter().enumerate().filter(|(_, run)| !run.views.is_empty()).collect();
-    let path = |file: fn(&RunFolder, &str, u32) -> Result<PathBuf, crate::run::RunError>, run: &Run| {
+    let path = |file: fn(&RunFolder, &str, u32) -> Result<PathBuf, RunError>, run: &Run| {
         file(&run.folder, camera, index).map_err(|error| error.to_string())
     };
     let Some(&(_, first)) = evaluated.first() else { return Ok(String::new()) };
@@ -149,9 +149,7 @@ impl Frame {
     ) -> String {
         let ((width, height), (x, y), (w, h)) = (self.size, self.place, self.detail);
         let name = Escaped(name);
-        let swatch = run.map_or(String::new(), |run| {
-            format!("<svg class=\"swatch\" viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>", stroke(run))
-        });
+        let swatch = swatch(run);
         let mut html = format!(
             "<figure><figcaption>{swatch}<b>{name}</b> <small>{figures}</small></figcaption>\
              <div class=\"framed\"><img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{name}\">\
@@ -168,14 +166,12 @@ impl Frame {
         } else {
             let _ = writeln!(html, "<div class=\"gap\" style=\"aspect-ratio:{width}/{height}\"></div>");
         }
-        for source in std::iter::once(picture).chain(below.filter(|_| run.is_some())) {
-            let detail = picture_io::detail(source, self.place, w, h);
-            let _ = writeln!(
-                html,
-                "<img class=\"detail\" src=\"{}\" width=\"{w}\" height=\"{h}\" alt=\"detail of {name}\">",
-                picture_io::exact(&detail)
-            );
-        }
+        let detail = picture_io::detail(picture, self.place, w, h);
+        let _ = writeln!(
+            html,
+            "<img class=\"detail\" src=\"{}\" width=\"{w}\" height=\"{h}\" alt=\"detail of {name}\">",
+            picture_io::exact(&detail)
+        );
         html + "</figure>\n"
     }
 }
@@ -188,7 +184,7 @@ pub(super) fn events(page: &mut Page) -> String {
     let mut notes = Vec::new();
     if let Some((_, first)) = runs.first() {
         for (camera, index) in busiest(&first.folder) {
-            match event_row(&runs, &camera, index) {
+            match event_figures(&runs, &camera, index) {
                 Ok(html) => body += &html,
                 Err(note) => notes.push(note),
             }
@@ -198,9 +194,12 @@ pub(super) fn events(page: &mut Page) -> String {
     if body.is_empty() {
         return String::new();
     }
-    body.push_str(
-        "<p class=\"caption\">Of each event camera the frame with most events, as measured and as predicted from the \
-         rendered brightness.</p>\n",
+    // Whole groups of a camera stand in a row.
+    let group = runs.len() + 1;
+    let columns = (4 / group).max(1) * group;
+    let body = format!(
+        "<div class=\"pictures events\" style=\"--columns:{columns}\">\n{body}</div>\n<p class=\"caption\">Of each event camera \
+         the frame with most events, as measured and as predicted from the rendered brightness.</p>\n"
     );
     html::section("events", "Event frames", &body)
 }
@@ -241,36 +240,31 @@ fn activity(picture: &RgbImage) -> usize {
     pixels.len() - most_frequent
 }
 
-fn event_row(runs: &[(usize, &Run)], camera: &str, index: u32) -> Result<String, String> {
-    let mut html = format!(
-        "<h3>Camera {}, interval {index}</h3>\n<div class=\"pictures\" style=\"--columns:{}\">\n",
-        Escaped(camera),
-        runs.len() + 1
-    );
+fn event_figures(runs: &[(usize, &Run)], camera: &str, index: u32) -> Result<String, String> {
+    let file = |path: Result<PathBuf, RunError>| path.map_err(|error| error.to_string());
+    let mut html = String::new();
     for (at, (run_index, run)) in runs.iter().enumerate() {
-        let file = |path: Result<PathBuf, crate::run::RunError>| path.map_err(|error| error.to_string());
-        let rendered = file(run.folder.rendered_events_file(camera, index))?;
         if at == 0 {
             let measured = picture_io::read(&file(run.folder.measured_events_file(camera, index))?)?;
-            html += &event_figure("measured", None, &measured);
+            html += &event_figure("measured", &format!("{camera}, interval {index}"), None, Some(&measured));
         }
-        // A run of another configuration may have no such frame.
-        if rendered.is_file() {
-            html += &event_figure(&run.label, Some(*run_index), &picture_io::read(&rendered)?);
-        }
+        // A run of another configuration may have no such frame: a gap keeps the columns.
+        let rendered = file(run.folder.rendered_events_file(camera, index))?;
+        let rendered = if rendered.is_file() { Some(picture_io::read(&rendered)?) } else { None };
+        html += &event_figure(&run.label, "rendered", Some(*run_index), rendered.as_ref());
     }
-    Ok(html + "</div>\n")
+    Ok(html)
 }
 
-fn event_figure(name: &str, run: Option<usize>, picture: &RgbImage) -> String {
-    let swatch = run.map_or(String::new(), |run| {
-        format!("<svg class=\"swatch\" viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>", stroke(run))
-    });
+fn event_figure(name: &str, what: &str, run: Option<usize>, picture: Option<&RgbImage>) -> String {
+    let caption =
+        format!("<figcaption>{}<b>{}</b> <small>{}</small></figcaption>", swatch(run), Escaped(name), Escaped(what));
+    let Some(picture) = picture else { return format!("<figure>{caption}</figure>\n") };
     format!(
-        "<figure><figcaption>{swatch}<b>{0}</b></figcaption><img src=\"{1}\" width=\"{2}\" height=\"{3}\" alt=\"events, {0}\"></figure>\n",
-        Escaped(name),
+        "<figure>{caption}<img src=\"{}\" width=\"{}\" height=\"{}\" alt=\"events, {}\"></figure>\n",
         picture_io::exact(picture),
         picture.width(),
-        picture.height()
+        picture.height(),
+        Escaped(name)
     )
 }

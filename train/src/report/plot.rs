@@ -10,8 +10,8 @@ const DASHES: [&str; 4] = ["", "7 3", "2 3", "9 3 2 3"];
 
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 290.0;
-const LEFT: f64 = 58.0;
-const RIGHT: f64 = 14.0;
+const LEFT: f64 = 70.0;
+const RIGHT: f64 = 20.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 44.0;
 
@@ -29,6 +29,8 @@ pub(super) struct Plot {
     /// Written above the y axis, with its unit.
     pub y_label: String,
     pub x_label: String,
+    /// Whether the x axis begins at zero.
+    pub from_zero: bool,
     pub log_y: bool,
     pub series: Vec<Series>,
     /// Vertical lines: position and what it is.
@@ -38,21 +40,26 @@ pub(super) struct Plot {
 }
 
 /// The style of a run's line.
-pub(super) fn stroke(run: usize) -> String {
+fn stroke(run: usize) -> String {
     let dash = DASHES[(run / COLOURS + run) % DASHES.len()];
     format!("stroke=\"var(--run-{})\" stroke-dasharray=\"{dash}\"", run % COLOURS)
+}
+
+/// A piece of a run's line, to stand before its name; nothing for what is no run.
+pub(super) fn swatch(run: Option<usize>) -> String {
+    run.map_or(String::new(), |run| {
+        format!(
+            "<svg class=\"swatch\" viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>",
+            stroke(run)
+        )
+    })
 }
 
 /// The legend: a line and a name for each run.
 pub(super) fn legend<'a>(runs: impl Iterator<Item = (usize, &'a str)>) -> String {
     let mut html = String::from("<p class=\"legend\">");
     for (run, name) in runs {
-        let _ = write!(
-            html,
-            "<span><svg viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>{}</span>",
-            stroke(run),
-            Escaped(name)
-        );
+        let _ = write!(html, "<span>{}{}</span>", swatch(Some(run)), Escaped(name));
     }
     html + "</p>\n"
 }
@@ -66,7 +73,8 @@ impl Plot {
             .map(|series| (series, series.points.iter().copied().filter(|point| self.drawable(*point)).collect()))
             .filter(|(_, points): &(_, Vec<_>)| !points.is_empty())
             .collect();
-        let xs = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.0));
+        let zero = self.from_zero.then_some(0.0);
+        let xs = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.0)).chain(zero);
         let ys = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.1));
         let Some(x) = Scale::linear(xs, WIDTH - LEFT - RIGHT, 6, false) else { return String::new() };
         let height = HEIGHT - TOP - BOTTOM;
@@ -102,6 +110,9 @@ impl Plot {
         }
         for (value, text) in &x.ticks {
             let at = LEFT + x.place(*value);
+            if self.marks.len() <= 1 && at > LEFT + 1.0 {
+                let _ = write!(svg, "<path class=\"grid\" d=\"M{at:.1} {TOP}V{bottom}\"/>");
+            }
             let _ = write!(
                 svg,
                 "<path class=\"axis\" d=\"M{at:.1} {bottom}v5\"/>\
@@ -191,36 +202,34 @@ impl Scale {
         let step = nice_step((high - low) / count as f64);
         if widen {
             let margin = 0.04 * (high - low);
-            (low, high) = (((low - margin) / step).floor() * step, ((high + margin) / step).ceil() * step);
+            // What cannot be negative keeps an axis that is not.
+            let floor = if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY };
+            low = (((low - margin) / step).floor() * step).max(floor);
+            high = ((high + margin) / step).ceil() * step;
         }
-        let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
-        let first = (low / step - 1e-9).ceil() as i64;
-        let last = (high / step + 1e-9).floor() as i64;
-        let ticks = (first..=last.min(first.saturating_add(100)))
-            .map(|tick| tick as f64 * step)
-            .map(|value| (value, number(value, decimals)))
-            .collect();
-        Some(Self { low, high, length, logarithmic: false, ticks })
+        Some(Self { low, high, length, logarithmic: false, ticks: multiples(low, high, step) })
     }
 
-    /// Around positive `values`, ticks at powers of ten or, where the range is short, at 1, 2 and 5.
+    /// Around positive `values`, ticks at powers of ten, with those at 2 and 5 times them where the range is short, or at
+    /// equal steps where it is shorter still.
     fn logarithmic(values: impl Iterator<Item = f64>, length: f64) -> Option<Self> {
         let (low, high) = range(values.map(f64::log10))?;
         let margin = 0.04 * (high - low).max(0.5);
         let (low, high) = (low - margin, high + margin);
-        let mut multiples: &[f64] = if high - low > 3.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
-        if high - low < 0.4 {
-            multiples = &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0];
-        }
+        let factors: &[f64] = if high - low > 3.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
         let stride = (((high - low) / 7.0).ceil() as usize).max(1);
         let mut ticks = Vec::new();
         for exponent in (low.floor() as i32..=high.ceil() as i32).step_by(stride) {
-            for multiple in multiples {
-                let value = multiple * 10f64.powi(exponent);
+            for factor in factors {
+                let value = factor * 10f64.powi(exponent);
                 if (low..=high).contains(&value.log10()) {
-                    ticks.push((value, scientific(*multiple, exponent)));
+                    ticks.push((value, scientific(*factor, exponent)));
                 }
             }
+        }
+        if ticks.len() < 3 {
+            let (from, to) = (10f64.powf(low), 10f64.powf(high));
+            ticks = multiples(from, to, nice_step((to - from) / 4.0));
         }
         Some(Self { low, high, length, logarithmic: true, ticks })
     }
@@ -245,12 +254,35 @@ fn nice_step(raw: f64) -> f64 {
     nice.into_iter().find(|step| *step >= raw * (1.0 - 1e-9)).unwrap_or(10.0 * magnitude)
 }
 
-fn scientific(multiple: f64, exponent: i32) -> String {
+/// The multiples of `step` from `low` to `high`, with their texts.
+fn multiples(low: f64, high: f64, step: f64) -> Vec<(f64, String)> {
+    let first = (low / step - 1e-9).ceil() as i64;
+    let last = (high / step + 1e-9).floor() as i64;
+    let exponent = high.abs().max(low.abs()).log10().floor() as i32;
+    // Small and huge numbers share a power of ten, so that their digits stay few.
+    let shared = if (-3..7).contains(&exponent) { 0 } else { exponent };
+    let unit = 10f64.powi(shared);
+    let decimals = (-(step / unit).log10().floor()).clamp(0.0, 12.0) as usize;
+    let text = |value: f64| match shared {
+        _ if value == 0.0 => "0".into(),
+        0 => number(value, decimals),
+        _ => format!("{}·{}", number(value / unit, decimals), power_of_ten(shared)),
+    };
+    (first..=last.min(first.saturating_add(100)))
+        .map(|tick| tick as f64 * step)
+        .map(|value| (value, text(value)))
+        .collect()
+}
+
+fn scientific(factor: f64, exponent: i32) -> String {
     if (-2..4).contains(&exponent) {
-        return number(multiple * 10f64.powi(exponent), (-exponent).max(0) as usize + usize::from(multiple == 1.5));
+        return number(factor * 10f64.powi(exponent), (-exponent).max(0) as usize);
     }
-    let digits: String = exponent.to_string().chars().map(superscript).collect();
-    if multiple == 1.0 { format!("10{digits}") } else { format!("{multiple}·10{digits}") }
+    if factor == 1.0 { power_of_ten(exponent) } else { format!("{factor}·{}", power_of_ten(exponent)) }
+}
+
+fn power_of_ten(exponent: i32) -> String {
+    format!("10{}", exponent.to_string().chars().map(superscript).collect::<String>())
 }
 
 fn superscript(character: char) -> char {
@@ -280,6 +312,11 @@ mod tests {
         let scale = Scale::logarithmic([2e-4, 0.3].into_iter(), 100.0).unwrap();
         let texts: Vec<&str> = scale.ticks.iter().map(|(_, text)| text.as_str()).collect();
         assert_eq!(texts, ["10⁻³", "0.01", "0.1"]);
+        let scale = Scale::logarithmic([3.6e-4, 4.3e-4].into_iter(), 100.0).unwrap();
+        let texts: Vec<&str> = scale.ticks.iter().map(|(_, text)| text.as_str()).collect();
+        assert_eq!(texts, ["3.5·10⁻⁴", "4.0·10⁻⁴", "4.5·10⁻⁴"]);
+        let scale = Scale::linear([0.0, 13_000.0].into_iter(), 100.0, 5, true).unwrap();
+        assert_eq!(scale.low, 0.0, "a number of things is not negative");
     }
 
     #[test]

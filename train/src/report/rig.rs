@@ -44,7 +44,7 @@ pub(super) fn figure(dataset: &Manifest) -> String {
             ),
             _ => format!("<circle class=\"rgb\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\"/>", eye.x, eye.y),
         };
-        let away = (eye - map.middle).try_normalize().unwrap_or(DVec2::X) * 15.0;
+        let away = (eye - map.middle).try_normalize().unwrap_or(DVec2::X) * DVec2::new(26.0, 15.0);
         let _ = write!(
             svg,
             "<g><title>{0}: {1}</title><path class=\"wedge {class}\" d=\"M{2:.1} {3:.1}L{4:.1} {5:.1}L{6:.1} {7:.1}Z\"/>{dot}\

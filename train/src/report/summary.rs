@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::{
     html::{self, Escaped, bytes, count, difference, duration, number},
     load::{Page, Run, dataset_name},
-    plot::stroke,
+    plot::swatch,
 };
 use crate::run::Metrics;
 
@@ -130,9 +130,8 @@ pub(super) fn section(page: &Page) -> String {
 
 fn row(page: &Page, columns: &[Column], at: usize, run: &Run) -> String {
     let mut html = format!(
-        "<tr><th><svg class=\"swatch\" viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>{}</th>\
-         <td>{}</td><td>{}</td>",
-        stroke(at),
+        "<tr><th>{}{}</th><td>{}</td><td>{}</td>",
+        swatch(Some(at)),
         Escaped(&run.label),
         Escaped(&run.info.method),
         Escaped(&run.info.preset)

@@ -95,7 +95,7 @@ fn table(page: &Page, rgb_ns: &[i64]) -> String {
         let _ = write!(
             head,
             "<th class=\"n\">{name} at RGB frames <small>dB</small></th><th class=\"n\">{name} between <small>dB</small></th>\
-             <th class=\"n\">loss between <small>dB</small></th>"
+             <th class=\"n\">between − at <small>dB</small></th>"
         );
     }
     head.push_str("</tr>");

@@ -68,8 +68,8 @@ fn two_runs_make_one_page_with_every_section() {
         assert!(text.contains(expected), "{expected}");
     }
     assert!(!text.contains("<aside"), "nothing to beware of");
-    // 3 views, each: truth with mask and detail, two runs with render, map and two details; 2 x 2 event frames.
-    assert_eq!(text.matches("<img ").count(), 3 * (3 + 2 * 4) + 2 * 2);
+    // 3 views of truth, mask and detail, and of render, error map and detail of two runs; 2 x 2 event frames.
+    assert_eq!(text.matches("<img ").count(), 3 * 3 * 3 + 2 * 2);
     assert_eq!(text, page(&runs, &folder), "the same runs give the same bytes");
 }
 
