@@ -5,6 +5,7 @@ mod model;
 mod progress;
 mod render;
 mod samples;
+mod stages;
 mod step;
 
 use std::{
@@ -16,6 +17,7 @@ pub use self::{
     model::Model,
     progress::{Outcome, Progress, TrainError, TrainOptions},
     render::Rendered,
+    stages::StageTimes,
 };
 use self::{model::Rendering, step::Workspace};
 use crate::{
@@ -43,6 +45,8 @@ pub struct Trainer<'a> {
     pub model: Model,
     /// Where it stands.
     pub clock: Clock,
+    /// Where the time goes, if it is measured.
+    pub times: StageTimes,
     schedule: Schedule,
     statistics: Statistics,
     finite: FiniteCheck,
@@ -109,6 +113,7 @@ impl<'a> Trainer<'a> {
             work,
             left_out: Vec::new(),
             deterministic: options.deterministic,
+            times: StageTimes::default(),
             viewer: None,
             held_out_masks: None,
             scene,

@@ -2,7 +2,7 @@
 
 use wgpu::Buffer;
 
-use super::TrainError;
+use super::{StageTimes, TrainError};
 use crate::{
     config::{Config, FieldOptions},
     density::{Moments, Population},
@@ -175,17 +175,19 @@ impl Model {
         t01: f64,
         options: &RenderOptions,
         rendering: &mut Rendering,
+        times: &mut StageTimes,
     ) -> Result<(), TrainError> {
         let deltas = match self.field.as_mut().filter(|_| self.dynamic > 0) {
             Some(field) => {
                 let (core, rows) = (&self.gaussians.core, self.dynamic);
                 field.forward(gpu, core, rows, t01 as f32, &mut rendering.tape, Outputs::All)?;
+                times.lap(gpu, "field forward")?;
                 Some(&rendering.tape.deltas)
             }
             None => None,
         };
         self.rasteriser.forward(gpu, &self.gaussians, deltas, view, options, &mut rendering.frame)?;
-        Ok(())
+        Ok(times.lap(gpu, "raster forward")?)
     }
 
     /// The gradients of a rendering from those of its pixels, as far as the deltas.

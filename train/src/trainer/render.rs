@@ -25,7 +25,7 @@ impl Trainer<'_> {
             Some(rendering) => rendering,
             empty => empty.insert(Rendering::new(self.gpu)?),
         };
-        self.model.forward(self.gpu, view, t01, &options, rendering)?;
+        self.model.forward(self.gpu, view, t01, &options, rendering, &mut self.times)?;
         let frame = &rendering.frame;
         let pixels = (view.width * view.height) as usize;
         let image: Vec<[f32; 4]> = self.gpu.download(&frame.image, pixels)?;

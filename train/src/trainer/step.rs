@@ -104,11 +104,13 @@ impl Trainer<'_> {
         let mut commands = self.gpu.commands();
         self.statistics.add(self.gpu, &mut commands, &self.model.gradients.screen);
         commands.submit();
+        self.times.lap(self.gpu, "plane regularisers and statistics")?;
         let decay = match (self.config.learning_rate.decay_steps, self.schedule.budget_seconds) {
             (0, _) | (_, Some(_)) => self.schedule.progress(&self.clock),
             (steps, None) => f64::from(iteration) / f64::from(steps),
         };
         self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
+        self.times.lap(self.gpu, "Adam")?;
         self.clock.iteration += 1;
         Ok(())
     }
@@ -136,7 +138,7 @@ impl Trainer<'_> {
         self.work.renderings(gpu, times.len())?;
         gpu.upload(&self.work.frame, 0, &frame.pixels);
         for (slot, &time) in times.iter().enumerate() {
-            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot])?;
+            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let work = &mut self.work;
         let mut commands = gpu.commands();
@@ -157,6 +159,7 @@ impl Trainer<'_> {
         let (target, sum) = (&work.frame, &work.sums.rgb);
         work.losses.photometric(gpu, &mut commands, pixels, mean, target, d_mean, sum, scale * share, linear);
         commands.submit();
+        self.times.lap(gpu, "photometric loss")?;
         work.sums.rgb_values += 3.0 * f64::from(pixels);
         for slot in 0..times.len() {
             let rendering = &work.renderings[slot];
@@ -170,7 +173,9 @@ impl Trainer<'_> {
                 d_mean
             };
             self.model.backward_raster(gpu, &view, &options, rendering, d_image, true)?;
+            self.times.lap(gpu, "raster backward")?;
             self.model.backward_field(gpu, rendering)?;
+            self.times.lap(gpu, "field backward")?;
         }
         Ok(())
     }
@@ -185,7 +190,7 @@ impl Trainer<'_> {
         gpu.upload(&self.work.count, 0, &events.between(from, to));
         self.work.renderings(gpu, 2)?;
         for (slot, &time) in times.iter().enumerate() {
-            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot])?;
+            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let sensor = events.sensor;
         let scale = self.config.earl.weight / (pixels as f32 * self.config.batch as f32);
@@ -209,16 +214,20 @@ impl Trainer<'_> {
             &self.config.earl,
         );
         commands.submit();
+        self.times.lap(gpu, "event loss")?;
         work.sums.event_values += f64::from(pixels);
         // The released code counts the render at t for density control, not the one at t'.
         for (slot, statistics) in [(0, true), (1, false)] {
             let rendering = &self.work.renderings[slot];
             let d_image = &self.work.gradients[slot];
             self.model.backward_raster(gpu, &view, &options, rendering, d_image, statistics)?;
+            self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
                 self.regularise_trajectory(times)?;
+                self.times.lap(gpu, "trajectory regulariser")?;
             }
             self.model.backward_field(gpu, &self.work.renderings[slot])?;
+            self.times.lap(gpu, "field backward")?;
         }
         Ok(())
     }

@@ -1,0 +1,40 @@
+//! Where the time of an iteration goes.
+
+use std::{collections::BTreeMap, time::Instant};
+
+use crate::gpu::{Gpu, GpuError};
+
+/// Seconds and calls of every stage, if they are asked for. Measuring waits for the device after every stage, which the
+/// training loop does not do otherwise.
+#[derive(Debug, Default)]
+pub struct StageTimes {
+    last: Option<Instant>,
+    stages: BTreeMap<&'static str, (f64, u64)>,
+}
+
+impl StageTimes {
+    /// Starts to measure.
+    pub fn start(&mut self) {
+        self.last = Some(Instant::now());
+    }
+
+    /// Ends the stage `name`, which began where the one before ended.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn lap(&mut self, gpu: &Gpu, name: &'static str) -> Result<(), GpuError> {
+        let Some(last) = self.last else { return Ok(()) };
+        gpu.wait(name)?;
+        let now = Instant::now();
+        let stage = self.stages.entry(name).or_default();
+        stage.0 += (now - last).as_secs_f64();
+        stage.1 += 1;
+        self.last = Some(now);
+        Ok(())
+    }
+
+    /// Name, seconds and calls of every stage.
+    pub fn stages(&self) -> impl Iterator<Item = (&'static str, f64, u64)> + '_ {
+        self.stages.iter().map(|(name, (seconds, calls))| (*name, *seconds, *calls))
+    }
+}
