@@ -279,3 +279,18 @@ proptest! {
         prop_assert_eq!(serde_json::from_str::<Manifest>(&text).unwrap(), manifest);
     }
 }
+
+#[test]
+fn the_documented_example_is_a_manifest() {
+    let page = include_str!("../../../docs/dataset.md");
+    let example = page.split("```json\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+    let manifest: Manifest = serde_json::from_str(example).unwrap();
+    assert_eq!((manifest.format.as_str(), manifest.version), (Manifest::FORMAT, Manifest::VERSION));
+    // Nothing in the example is misspelt: each of its fields is one that is written.
+    let (documented, written): (serde_json::Value, _) =
+        (serde_json::from_str(example).unwrap(), serde_json::to_value(&manifest).unwrap());
+    assert_eq!(documented, written);
+    for lens in [r#"{"brown_conrady": [1, 2, 3, 4, 5, 6, 7, 8]}"#, r#"{"kannala_brandt": [1, 2, 3, 4]}"#] {
+        assert!(serde_json::from_str::<Distortion>(lens).is_ok(), "{lens}");
+    }
+}
