@@ -322,6 +322,9 @@ pub struct BlurConfig {
     pub model: Switch,
     /// Renderings an exposure, spread evenly with both ends included.
     pub samples: u32,
+    /// Whether only one of the renderings, drawn at random, is gone back through, with the weight of all of them: the
+    /// same gradient on average at a third of the cost.
+    pub one_gradient: bool,
     /// Where the blur model is off: the instant that a frame stands for, as a share of its exposure. `null` means the
     /// label in the manifest.
     pub instant: Option<f32>,
@@ -339,6 +342,12 @@ pub struct DynamicConfig {
     pub grow_px: u32,
     /// A Gaussian moves if it projects onto moving pixels in at least this share of the cameras that have it in view.
     pub share: f32,
+    /// Only each n-th frame sample of the fine stage looks at the whole image, the others (and all event samples) at the
+    /// parts where something moves. 1 means always the whole image.
+    pub whole_image_every: u32,
+    /// Whether the coarse stage, which knows no time, looks past the parts where something moves, so that what moves is
+    /// not averaged away before the fine stage begins.
+    pub coarse_without_moving: bool,
 }
 
 /// Evaluation and checkpoints during training.

@@ -131,6 +131,7 @@ impl Config {
             self.field.features.to_string(),
             "a multiple of 4 up to 64",
         )?;
+        check(self.dynamic.whole_image_every >= 1, "dynamic.whole_image_every", "0".into(), "at least 1")?;
         check(self.field.regularise_every >= 1, "field.regularise_every", "0".into(), "at least 1")?;
         check(self.evaluation.log_every >= 1, "evaluation.log_every", "0".into(), "at least 1")?;
         check(self.evaluation.frame_stride >= 1, "evaluation.frame_stride", "0".into(), "at least 1")?;

@@ -112,8 +112,15 @@ impl Config {
                 max_distance: 1.0,
                 opacity_logit: 1.0,
             },
-            blur: BlurConfig { model: Switch::Off, samples: 3, instant: None },
-            dynamic: DynamicConfig { skip_static: false, motion_threshold: 0.06, grow_px: 2, share: 0.5 },
+            blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
+            dynamic: DynamicConfig {
+                skip_static: false,
+                motion_threshold: 0.06,
+                grow_px: 2,
+                share: 0.5,
+                whole_image_every: 1,
+                coarse_without_moving: false,
+            },
             evaluation: EvaluationConfig { every: 1000, frame_stride: 4, checkpoint_every: 1000, log_every: 50 },
         }
     }
@@ -133,7 +140,7 @@ impl Config {
         let mut config = Self::paper();
         config.preset = Preset::Default;
         config.batch = 1;
-        config.near_m = 0.05;
+        config.near_m = 0.2;
         config.background = [0.0; 3];
         config.sh.max_degree = 1;
         config.learning_rate.decay_steps = 0;
@@ -141,6 +148,7 @@ impl Config {
         config.field.time_resolution = 0;
         config.field.upper_half_time = false;
         config.field.zero_heads = true;
+        config.field.width = 64;
         config.field.sh_head = false;
         config.field.regularise_every = 4;
         config.field.box_of_moving = true;
@@ -156,8 +164,9 @@ impl Config {
         config.eds.max_gaussians = 60_000;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;
-        config.blur = BlurConfig { model: Switch::Auto, samples: 3, instant: None };
+        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
+        config.dynamic.whole_image_every = 4;
         config
     }
 }

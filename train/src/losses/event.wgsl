@@ -24,7 +24,7 @@ struct Parameters {
 @group(0) @binding(0) var<uniform> p: Parameters;
 @group(0) @binding(1) var<storage, read> before: array<vec4f>;
 @group(0) @binding(2) var<storage, read> after: array<vec4f>;
-// Signed event count E of each pixel.
+// Signed event count E of each pixel; beyond 1e30 the pixel is left out.
 @group(0) @binding(3) var<storage, read> count: array<f32>;
 @group(0) @binding(4) var<storage, read_write> d_before: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> d_after: array<vec4f>;
@@ -54,6 +54,11 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
     if (thread >= p.threads) { return; }
     var sum = 0.0;
     for (var pixel = thread; pixel < p.pixels; pixel += p.threads) {
+        if (count[pixel] > 1e30) {
+            d_before[pixel] = vec4f(0.0);
+            d_after[pixel] = vec4f(0.0);
+            continue;
+        }
         let start = lin_log(dot(LUMA, before[pixel].rgb));
         let end = lin_log(dot(LUMA, after[pixel].rgb));
         let events = count[pixel];

@@ -61,6 +61,9 @@ struct EventParameters {
     unused: [u32; 3],
 }
 
+/// The event count that leaves a pixel out of the event loss.
+pub const LEFT_OUT: f32 = f32::MAX;
+
 /// How a sensor turns light into events.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {

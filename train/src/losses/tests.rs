@@ -166,3 +166,14 @@ fn black_pixels_and_empty_event_frames_stay_finite() {
     assert!(loss.is_finite());
     assert!(d_before.iter().chain(&d_after).flatten().all(|value| value.is_finite()));
 }
+
+#[test]
+fn pixels_that_are_left_out_cost_nothing_and_pull_at_nothing() {
+    let [gpu, _] = gpus();
+    let sensor = Sensor { threshold: 0.2, lin_log: 20.0, linear_light: false };
+    let (before, after) = (image(1), image(2));
+    let count = vec![LEFT_OUT; PIXELS as usize];
+    let (loss, d_before, d_after) = event_loss(&gpu, &before, &after, &count, &sensor, &Config::default().earl);
+    assert_eq!(loss, 0.0);
+    assert!(d_before.iter().chain(&d_after).flatten().all(|&value| value == 0.0));
+}

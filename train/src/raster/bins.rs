@@ -61,8 +61,8 @@ struct Span {
     emission: u32,
 }
 
-/// Sorts splats into tiles.
-pub(super) fn bin(splats: &[Splat], grid: &Grid) -> Bins {
+/// Sorts splats into tiles; into the `needed` ones alone, where that is given.
+pub(super) fn bin(splats: &[Splat], grid: &Grid, needed: Option<&[bool]>) -> Bins {
     let mut order: Vec<(u32, u32)> = splats
         .iter()
         .zip(0..)
@@ -78,6 +78,9 @@ pub(super) fn bin(splats: &[Splat], grid: &Grid) -> Bins {
             let mut spans = Vec::with_capacity(4 * part.len());
             for &(_, index) in part {
                 spans_of(&splats[index as usize], index, grid, &mut spans);
+            }
+            if let Some(needed) = needed {
+                spans = spans.into_iter().flat_map(|span| runs(span, needed, grid)).collect();
             }
             spans
         })
@@ -104,6 +107,18 @@ pub(super) fn bin(splats: &[Splat], grid: &Grid) -> Bins {
     }
     let entries = scatter(&chunks, &starts, grid, emission as usize);
     Bins { entries, lists: schedule(&starts), ranges }
+}
+
+/// The parts of a span that lie on needed tiles.
+fn runs(span: Span, needed: &[bool], grid: &Grid) -> impl Iterator<Item = Span> {
+    let row = &needed[(span.row * grid.tiles[0]) as usize..][..grid.tiles[0] as usize];
+    let mut next = span.first;
+    std::iter::from_fn(move || {
+        let first = (next..span.end).find(|&tile| row[tile as usize])?;
+        let end = (first..span.end).find(|&tile| !row[tile as usize]).unwrap_or(span.end);
+        next = end;
+        Some(Span { first, end, ..span })
+    })
 }
 
 /// Writes the lists. Each worker owns some rows of tiles and reads all spans.

@@ -1,8 +1,10 @@
 //! What a render leaves behind for its user and for the backward pass.
 
+use std::sync::Arc;
+
 use wgpu::Buffer;
 
-use super::RasterError;
+use super::{RasterError, Region};
 use crate::{
     gpu::{Gpu, GpuError, Shape},
     sort::Plan,
@@ -23,6 +25,8 @@ pub struct Frame {
     /// Twelve floats a Gaussian, as the last render saw it: mean x, y (pixels) | conic a, b, c | opacity | half width
     /// and height (pixels; 0 where it is not visible) | r, g, b | depth (metres).
     pub splats: Buffer,
+    /// The part of the image that is needed; everything where there is none. Set it before the forward pass.
+    pub region: Option<Arc<Region>>,
     /// CPU shape: splat and emission index; GPU shape: emission index. Sorted by tile, then depth.
     pub(super) entries: Buffer,
     /// GPU shape: splat of each emission index.
@@ -54,6 +58,7 @@ impl Frame {
             image: small("frame.image")?,
             depth: None,
             splats: small("frame.splats")?,
+            region: None,
             entries: small("frame.entries")?,
             owners: small("frame.owners")?,
             lists: small("frame.lists")?,

@@ -45,7 +45,10 @@ impl HostLists {
     /// Waits for the splats and makes the tile lists.
     pub(super) fn make(&self, gpu: &Gpu, render: &Render, frame: &mut Frame) -> Result<(), RasterError> {
         let count = render.gaussians() as usize;
-        let bins: Bins = gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], &render.grid))?;
+        let grid = &render.grid;
+        let needed = frame.region.as_ref().map(|region| region.tiles(grid.tile, grid.tiles));
+        let bins: Bins =
+            gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], grid, needed.as_deref()))?;
         let entries = bins.entries.len();
         grow(gpu, &mut frame.entries, "frame.entries", 8 * entries as u64)?;
         gpu.upload(&frame.entries, 0, &bins.entries);

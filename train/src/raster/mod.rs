@@ -8,6 +8,7 @@ mod frame;
 mod host_lists;
 mod kernels;
 mod rasteriser;
+mod region;
 mod types;
 mod uniform;
 
@@ -15,6 +16,7 @@ pub use bench::{BenchResult, BenchScene, bench};
 pub use buffers::Deltas;
 pub use frame::Frame;
 pub use rasteriser::Rasteriser;
+pub use region::Region;
 pub use types::{CORE_STRIDE, GaussianBuffers, Gradients, RasterError, RenderOptions, View, sh_stride};
 
 #[cfg(test)]

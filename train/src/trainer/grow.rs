@@ -1,6 +1,6 @@
 //! How the population changes: thinning at the start, the step from the coarse to the fine stage, density control, EDS.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 use erfgs_session::random;
 
@@ -10,6 +10,7 @@ use crate::{
     density::{Measures, Moments, densify},
     eds,
     gaussians::Gaussians,
+    raster::Region,
     run::LeftOut,
     scene::{MotionMasks, classify},
     schedule::Stage,
@@ -25,8 +26,8 @@ impl Trainer<'_> {
         population.moments = Moments::zero(&population.gaussians);
         let count = population.gaussians.len();
         let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
+        let masks = self.find_regions();
         if self.config.dynamic.skip_static {
-            let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
             let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
             population = population.partition(&moves);
         } else {
@@ -49,6 +50,19 @@ impl Trainer<'_> {
         self.clock.iteration = 0;
         self.clock.stage_start = self.clock.seconds;
         Ok(())
+    }
+
+    /// Finds where things move, and keeps it for the views whose samples look there alone.
+    pub(super) fn find_regions(&mut self) -> MotionMasks {
+        let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
+        self.regions = vec![None; self.scene.views.len()];
+        if self.config.dynamic.whole_image_every > 1 || self.config.dynamic.coarse_without_moving {
+            for (view, mask) in &masks.masks {
+                let size = self.scene.views[*view].view;
+                self.regions[*view] = Some(Arc::new(Region::new(mask, size.width, size.height)));
+            }
+        }
+        masks
     }
 
     /// Densifies, prunes, resets and adds what events ask for, where it is due.
@@ -128,6 +142,19 @@ impl Trainer<'_> {
                 "the deformation field for static Gaussians",
                 format!("{} of {count} Gaussians project onto pixels where nothing moves", count - dynamic),
                 format!("{:.0} % of the field's evaluations", 100.0 * (count - dynamic) as f64 / count.max(1) as f64),
+            );
+        }
+        if self.config.dynamic.whole_image_every > 1 {
+            let shares: Vec<f64> = self.regions.iter().flatten().map(|region| region.share()).collect();
+            let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+            let every = self.config.dynamic.whole_image_every;
+            note(
+                "parts of the images where nothing moves",
+                format!(
+                    "in the fine stage {} of {every} frame samples and all event samples look past them",
+                    every - 1
+                ),
+                format!("{:.0} % of the pixels of those samples", 100.0 * (1.0 - share)),
             );
         }
         if !self.config.field.sh_head {

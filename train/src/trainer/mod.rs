@@ -9,7 +9,10 @@ mod stages;
 mod step;
 
 use std::{
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
@@ -28,6 +31,7 @@ use crate::{
     gaussians::Gaussians,
     gpu::Gpu,
     optimiser::FiniteCheck,
+    raster::Region,
     run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo},
     scene::Scene,
     schedule::{Clock, Schedule, Stage},
@@ -54,6 +58,8 @@ pub struct Trainer<'a> {
     left_out: Vec<LeftOut>,
     deterministic: bool,
     viewer: Option<Rendering>,
+    /// Where things move in every view, in the fine stage.
+    regions: Vec<Option<Arc<Region>>>,
     pub(crate) held_out_masks: Option<HeldOutMasks>,
 }
 
@@ -68,7 +74,9 @@ impl<'a> Trainer<'a> {
         let gaussians = Gaussians::from_points(&points, config.sh.max_degree, config.init.opacity);
         let moments = Moments::zero(&gaussians);
         let population = Population { gaussians, moments };
-        Self::assemble(gpu, scene, config, options, &population, Clock::default())
+        let mut trainer = Self::assemble(gpu, scene, config, options, &population, Clock::default())?;
+        trainer.find_regions();
+        Ok(trainer)
     }
 
     /// A run that goes on from a checkpoint.
@@ -83,6 +91,7 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, TrainError> {
         let Checkpoint { config, clock, step, population, field_box, field, seen, left_out } = checkpoint;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
+        trainer.find_regions();
         if clock.stage == Stage::Fine {
             trainer.model.start_field(gpu, &trainer.config, trainer.scene.frame_times.len(), field_box)?;
             if let (Some(live), Some(saved)) = (&mut trainer.model.field, &field) {
@@ -115,6 +124,7 @@ impl<'a> Trainer<'a> {
             deterministic: options.deterministic,
             times: StageTimes::default(),
             viewer: None,
+            regions: Vec::new(),
             held_out_masks: None,
             scene,
             config,

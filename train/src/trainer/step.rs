@@ -1,5 +1,6 @@
 //! One iteration: render the batch, compare, go back, step.
 
+use erfgs_session::random;
 use wgpu::Buffer;
 
 use super::{
@@ -11,11 +12,13 @@ use crate::{
     config::{Pairing, Switch},
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
-    losses::{LossSum, Losses},
+    losses::{LEFT_OUT, LossSum, Losses},
     raster::{RenderOptions, View},
     scene::TrainFrame,
     schedule::Stage,
 };
+
+const EXPOSURE: u64 = 0x6578_706f;
 
 /// Buffers and kernels of an iteration.
 #[derive(Debug)]
@@ -85,7 +88,7 @@ impl Trainer<'_> {
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
         for slot in 0..self.config.batch {
             match samples::draw(&self.scene, &self.config, stage, iteration, slot) {
-                Sample::Frame(index) => self.learn_frame(index)?,
+                Sample::Frame(index) => self.learn_frame(index, slot)?,
                 Sample::Event { view, from, to } => self.learn_events(view, from, to)?,
             }
         }
@@ -125,7 +128,7 @@ impl Trainer<'_> {
         }
     }
 
-    fn learn_frame(&mut self, index: usize) -> Result<(), TrainError> {
+    fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame);
         let view = self.scene.views[frame.view].view;
@@ -136,8 +139,24 @@ impl Trainer<'_> {
         let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
         let gpu = self.gpu;
         self.work.renderings(gpu, times.len())?;
-        gpu.upload(&self.work.frame, 0, &frame.pixels);
+        let coarse = self.clock.stage == Stage::Coarse;
+        let whole = match self.clock.stage {
+            Stage::Coarse => !self.config.dynamic.coarse_without_moving,
+            Stage::Fine => self.clock.iteration.is_multiple_of(self.config.dynamic.whole_image_every),
+        };
+        let moving = if whole { None } else { self.regions.get(frame.view).cloned().flatten() };
+        match &moving {
+            None => gpu.upload(&self.work.frame, 0, &frame.pixels),
+            Some(moving) => {
+                let keep = |(index, &pixel): (u32, &u32)| {
+                    let moves = moving.contains(index % view.width, index / view.width);
+                    if moves == coarse { pixel & 0x00ff_ffff } else { pixel }
+                };
+                gpu.upload(&self.work.frame, 0, &(0..).zip(&frame.pixels).map(keep).collect::<Vec<u32>>());
+            }
+        }
         for (slot, &time) in times.iter().enumerate() {
+            self.work.renderings[slot].frame.region = moving.clone().filter(|_| !coarse);
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let work = &mut self.work;
@@ -155,6 +174,12 @@ impl Trainer<'_> {
             }
         };
         // In display light the gradient of every rendering is the same share of that of the mean.
+        let only = (self.config.blur.one_gradient && times.len() > 1).then(|| {
+            let key = [EXPOSURE, self.clock.iteration.into(), batch_slot.into()];
+            let drawn = random::uniform(random::key(self.config.seed, &key)) * times.len() as f64;
+            (drawn as usize).min(times.len() - 1)
+        });
+        let scale = if only.is_some() { scale * times.len() as f32 } else { scale };
         let share = if linear { 1.0 } else { weight };
         let (target, sum) = (&work.frame, &work.sums.rgb);
         work.losses.photometric(gpu, &mut commands, pixels, mean, target, d_mean, sum, scale * share, linear);
@@ -162,6 +187,9 @@ impl Trainer<'_> {
         self.times.lap(gpu, "photometric loss")?;
         work.sums.rgb_values += 3.0 * f64::from(pixels);
         for slot in 0..times.len() {
+            if only.is_some_and(|only| only != slot) {
+                continue;
+            }
             let rendering = &work.renderings[slot];
             let d_image = if linear {
                 let mut commands = gpu.commands();
@@ -187,9 +215,19 @@ impl Trainer<'_> {
         let options = self.options();
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
-        gpu.upload(&self.work.count, 0, &events.between(from, to));
+        let region = self.regions.get(events.view).cloned().flatten();
+        let mut counts = events.between(from, to);
+        if let Some(region) = &region {
+            for (count, index) in counts.iter_mut().zip(0..) {
+                if !region.contains(index % view.width, index / view.width) {
+                    *count = LEFT_OUT;
+                }
+            }
+        }
+        gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 2)?;
         for (slot, &time) in times.iter().enumerate() {
+            self.work.renderings[slot].frame.region.clone_from(&region);
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let sensor = events.sensor;

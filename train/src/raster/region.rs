@@ -1,0 +1,69 @@
+//! The part of an image that is needed.
+
+/// Side of the blocks that a region is made of, pixels. The sides of all tiles are multiples of it.
+const BLOCK: u32 = 4;
+
+/// The part of an image that is needed. Outside it a rendering may hold the background alone (the CPU shape leaves those
+/// tiles out, the GPU shape draws them), so that losses must not look there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Region {
+    columns: u32,
+    rows: u32,
+    needed: Vec<bool>,
+}
+
+impl Region {
+    /// The blocks with a pixel of `mask` (row-major, of an image of `width` x `height` pixels).
+    #[must_use]
+    pub fn new(mask: &[bool], width: u32, height: u32) -> Self {
+        let (columns, rows) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
+        let mut needed = vec![false; (columns * rows) as usize];
+        for (row, y) in mask.chunks_exact(width.max(1) as usize).zip(0..height) {
+            for (&needs, x) in row.iter().zip(0..width) {
+                needed[(y / BLOCK * columns + x / BLOCK) as usize] |= needs;
+            }
+        }
+        Self { columns, rows, needed }
+    }
+
+    /// Whether a pixel lies in a needed block.
+    #[must_use]
+    pub fn contains(&self, x: u32, y: u32) -> bool {
+        let (column, row) = (x / BLOCK, y / BLOCK);
+        column < self.columns && row < self.rows && self.needed[(row * self.columns + column) as usize]
+    }
+
+    /// Share of the blocks that are needed.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.needed.iter().filter(|&&needs| needs).count() as f64 / self.needed.len().max(1) as f64
+    }
+
+    /// Which tiles of side `tile` are needed, row by row.
+    pub(super) fn tiles(&self, tile: u32, [columns, rows]: [u32; 2]) -> Vec<bool> {
+        let blocks = tile / BLOCK;
+        let any = |column: u32, row: u32| {
+            (row * blocks..((row + 1) * blocks).min(self.rows)).any(|y| {
+                (column * blocks..((column + 1) * blocks).min(self.columns))
+                    .any(|x| self.needed[(y * self.columns + x) as usize])
+            })
+        };
+        (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row))).map(|(x, y)| any(x, y)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_region_is_made_of_the_blocks_that_a_mask_touches() {
+        let mut mask = vec![false; 20 * 10];
+        mask[9 * 20 + 19] = true;
+        let region = Region::new(&mask, 20, 10);
+        assert!(region.contains(16, 8) && region.contains(19, 9) && !region.contains(15, 9));
+        assert_eq!(region.tiles(4, [5, 3]).iter().filter(|&&needs| needs).count(), 1);
+        assert_eq!(region.tiles(16, [2, 1]), [false, true]);
+        assert!((region.share() - 1.0 / 15.0).abs() < 1e-12);
+    }
+}
