@@ -65,6 +65,8 @@ pub struct Config {
     pub background: [f32; 3],
     /// Gaussians nearer than this are culled, metres.
     pub near_m: f32,
+    /// Gaussians that reach nearer than that with this many standard deviations are culled too (0: their centre counts).
+    pub near_sigmas: f32,
     /// Initialisation.
     pub init: InitConfig,
     /// Spherical harmonics.
@@ -251,7 +253,8 @@ pub struct EarlConfig {
     pub weight_trajectory: f32,
     /// Weight of the colour regulariser.
     pub weight_colour: f32,
-    /// Share of the samples that are event samples; 0 means their natural share among all samples.
+    /// Share of the iterations that have an event sample besides their frames; 0 means that event samples are drawn from
+    /// one pool with the frames, in their place (released code).
     pub share: f32,
     /// First iteration of the fine stage with events.
     pub from: u32,

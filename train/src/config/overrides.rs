@@ -113,12 +113,7 @@ impl Config {
         check(self.eds.depths >= 2, "eds.depths", self.eds.depths.to_string(), "at least 2")?;
         check(self.eds.neighbours >= 1, "eds.neighbours", self.eds.neighbours.to_string(), "at least 1")?;
         check((1..=16).contains(&self.blur.samples), "blur.samples", self.blur.samples.to_string(), "1 to 16")?;
-        check(
-            (0.0..1.0).contains(&self.earl.share),
-            "earl.share",
-            self.earl.share.to_string(),
-            "at least 0 and below 1",
-        )?;
+        check((0.0..=1.0).contains(&self.earl.share), "earl.share", self.earl.share.to_string(), "0 to 1")?;
         check(
             !self.field.levels.is_empty() && self.field.levels.iter().all(|&level| (1..=16).contains(&level)),
             "field.levels",

@@ -36,6 +36,7 @@ impl Config {
             batch: 2,
             background: [1.0; 3],
             near_m: 0.2,
+            near_sigmas: 0.0,
             init: InitConfig { max_points: 40_000, random_points: 10_000, opacity: 0.1 },
             sh: ShConfig { max_degree: 3, raise_every: 1000 },
             learning_rate: LearningRates {
@@ -140,7 +141,8 @@ impl Config {
         let mut config = Self::paper();
         config.preset = Preset::Default;
         config.batch = 1;
-        config.near_m = 0.2;
+        config.near_sigmas = 3.0;
+        config.dynamic.coarse_without_moving = true;
         config.background = [0.0; 3];
         config.sh.max_degree = 1;
         config.learning_rate.decay_steps = 0;
@@ -149,7 +151,6 @@ impl Config {
         config.field.upper_half_time = false;
         config.field.zero_heads = true;
         config.field.width = 64;
-        config.field.sh_head = false;
         config.field.regularise_every = 4;
         config.field.box_of_moving = true;
         config.density.every = 100;
@@ -157,14 +158,14 @@ impl Config {
         config.density.max_gaussians = 60_000;
         config.density.prune_above = 0;
         config.density.max_extent = 0.5;
-        config.earl.share = 0.3;
+        config.earl.share = 0.5;
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Any;
         config.earl.denoise = false;
         config.eds.max_gaussians = 60_000;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;
-        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: true, instant: None };
+        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: false, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;
         config

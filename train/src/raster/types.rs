@@ -189,6 +189,9 @@ pub struct RenderOptions {
     pub sh_degree: u32,
     /// Gaussians whose mean is nearer than this along the optical axis are left out, metres (the 3DGS code has 0.2).
     pub near: f32,
+    /// Standard deviations of a Gaussian, along the viewing direction, that must lie beyond the near plane, or it is
+    /// culled: 0 looks at its centre alone (3DGS). A large Gaussian beside a camera would otherwise veil its whole image.
+    pub near_sigmas: f32,
     /// Also render the alpha-weighted depth.
     pub depth: bool,
     /// Cut Gaussians at the 16 x 16 tiles that their 3 sigma square touches, as the 3DGS code does. Otherwise they
@@ -200,6 +203,14 @@ pub struct RenderOptions {
 
 impl Default for RenderOptions {
     fn default() -> Self {
-        Self { background: [0.0; 3], sh_degree: 3, near: 0.01, depth: false, three_sigma: false, first_room: None }
+        Self {
+            background: [0.0; 3],
+            sh_degree: 3,
+            near: 0.01,
+            near_sigmas: 0.0,
+            depth: false,
+            three_sigma: false,
+            first_room: None,
+        }
     }
 }

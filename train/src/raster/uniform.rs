@@ -50,7 +50,7 @@ impl ViewUniform {
                 (-0.15 * h - view.cy) / view.fy,
                 (1.15 * h - view.cy) / view.fy,
             ],
-            background: [options.background[0], options.background[1], options.background[2], 0.0],
+            background: [options.background[0], options.background[1], options.background[2], options.near_sigmas],
             size: [view.width, view.height, view.width.div_ceil(tile), view.height.div_ceil(tile)],
             counts: [
                 gaussians.count,

@@ -10,6 +10,7 @@ use crate::{
 };
 
 const KIND: u64 = 0x6b69_6e64;
+const PAIR: u64 = 0x7061_6972;
 const FRAME: u64 = 0x0066_7261_6d65;
 const EVENT: u64 = 0x0065_7665_6e74;
 
@@ -44,20 +45,28 @@ pub(super) fn draw(scene: &Scene, config: &Config, stage: Stage, iteration: u32,
     if pairs == 0 {
         return Sample::Frame(shuffled(FRAME, frames));
     }
-    if config.earl.share == 0.0 {
-        // One pool of frames and event anchors, as in the released code.
-        let drawn = shuffled(FRAME, frames + pairs);
-        return match drawn.checked_sub(frames) {
-            None => Sample::Frame(drawn),
-            Some(pair) => event(scene, config, stage_word, at, pair),
-        };
+    if config.earl.share > 0.0 {
+        return Sample::Frame(shuffled(FRAME, frames));
     }
-    let kind = random::uniform(random::key(config.seed, &[KIND, stage_word, at]));
-    if kind < f64::from(config.earl.share) {
-        event(scene, config, stage_word, at, shuffled(EVENT, pairs))
-    } else {
-        Sample::Frame(shuffled(FRAME, frames))
+    // One pool of frames and event anchors, as in the released code.
+    let drawn = shuffled(FRAME, frames + pairs);
+    match drawn.checked_sub(frames) {
+        None => Sample::Frame(drawn),
+        Some(pair) => event(scene, config, stage_word, at, pair),
     }
+}
+
+/// The event sample that an iteration has besides its frames, where `earl.share` asks for one.
+pub(super) fn draw_besides(scene: &Scene, config: &Config, stage: Stage, iteration: u32) -> Option<Sample> {
+    let (at, stage_word) = (u64::from(iteration), stage as u64);
+    let on = stage == Stage::Fine && config.earl.enabled && iteration >= config.earl.from;
+    let pairs = if on { scene.events.len() * event_pairs(scene, config) } else { 0 };
+    let drawn = random::uniform(random::key(config.seed, &[KIND, stage_word, at]));
+    if pairs == 0 || drawn >= f64::from(config.earl.share) {
+        return None;
+    }
+    let pair = random::uniform(random::key(config.seed, &[PAIR, stage_word, at])) * pairs as f64;
+    Some(event(scene, config, stage_word, at, (pair as usize).min(pairs - 1)))
 }
 
 /// First times that an event pair can have.

@@ -92,6 +92,11 @@ impl Trainer<'_> {
                 Sample::Event { view, from, to } => self.learn_events(view, from, to)?,
             }
         }
+        if let Some(Sample::Event { view, from, to }) =
+            samples::draw_besides(&self.scene, &self.config, stage, iteration)
+        {
+            self.learn_events(view, from, to)?;
+        }
         let every = self.config.field.regularise_every;
         if iteration.is_multiple_of(every)
             && let Some(field) = self.model.field.as_mut().filter(|_| self.model.dynamic > 0)
@@ -124,6 +129,7 @@ impl Trainer<'_> {
             background: self.config.background,
             sh_degree: self.model.gaussians.sh_degree.min(raised.min(3) as u32),
             near: self.config.near_m,
+            near_sigmas: self.config.near_sigmas,
             ..RenderOptions::default()
         }
     }
@@ -208,6 +214,11 @@ impl Trainer<'_> {
         Ok(())
     }
 
+    /// How many samples share the weight of an event sample.
+    fn event_batch(&self) -> f32 {
+        if self.config.earl.share > 0.0 { 1.0 } else { self.config.batch as f32 }
+    }
+
     fn learn_events(&mut self, index: usize, from: usize, to: usize) -> Result<(), TrainError> {
         let gpu = self.gpu;
         let events = &self.scene.events[index];
@@ -231,7 +242,7 @@ impl Trainer<'_> {
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let sensor = events.sensor;
-        let scale = self.config.earl.weight / (pixels as f32 * self.config.batch as f32);
+        let scale = self.config.earl.weight / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
         let [before, after] = [&work.renderings[0].frame.image, &work.renderings[1].frame.image];
         let [d_before, d_after] = &work.gradients;
@@ -272,7 +283,7 @@ impl Trainer<'_> {
 
     /// Pulls the means at t' towards the straight line between their places at the frame times around it.
     fn regularise_trajectory(&mut self, times: [f64; 2]) -> Result<(), TrainError> {
-        let weight = self.config.earl.weight_trajectory / self.config.batch as f32;
+        let weight = self.config.earl.weight_trajectory / self.event_batch();
         let frame_times = &self.scene.frame_times;
         let next = frame_times.partition_point(|&time| time < times[1] - 1e-9);
         if weight == 0.0 || next == 0 || next >= frame_times.len() || self.model.dynamic == 0 {

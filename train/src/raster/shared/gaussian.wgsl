@@ -61,7 +61,9 @@ fn project_gaussian(row0: vec4f, row1: vec4f, row2: vec4f) -> Projection {
     p.opacity = 1.0 / (1.0 + exp(-row2.z));
 
     let z = p.camera.z;
-    let in_front = z > view.centre_near.w;
+    // A Gaussian that reaches the camera would be a veil over the whole image; see RenderOptions::near_sigmas.
+    let reach = view.background.w * length((w2.xyz * p.rotation) * p.scale);
+    let in_front = z - reach > view.centre_near.w;
     let inverse_z = 1.0 / select(1.0, z, in_front);
     let slope = p.camera.xy * inverse_z;
     let lower = view.slope_bounds.xz;

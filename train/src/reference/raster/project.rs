@@ -35,7 +35,13 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     let scale = DVec3::from_slice(&core[3..6]).min(DVec3::splat(20.0)).exp();
     let raw = DQuat::from_xyzw(core[7], core[8], core[9], core[6]);
     let opacity = 1.0 / (1.0 + (-core[10]).exp());
-    if camera.z.is_nan() || camera.z <= f64::from(options.near) || raw.length_squared() < 1e-12 {
+    if raw.length_squared() < 1e-12 {
+        return None;
+    }
+    let axes = world_to_camera * DMat3::from_quat(raw.normalize()) * DMat3::from_diagonal(scale);
+    let axes = axes.transpose();
+    let nearest = camera.z - f64::from(options.near_sigmas) * axes.z_axis.length();
+    if nearest.is_nan() || nearest <= f64::from(options.near) {
         return None;
     }
     let (fx, fy) = (f64::from(view.fx), f64::from(view.fy));
@@ -43,8 +49,6 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     let (width, height) = (f64::from(view.width), f64::from(view.height));
     let x = (camera.x / camera.z).clamp((-0.15 * width - cx) / fx, (1.15 * width - cx) / fx);
     let y = (camera.y / camera.z).clamp((-0.15 * height - cy) / fy, (1.15 * height - cy) / fy);
-    let axes = world_to_camera * DMat3::from_quat(raw.normalize()) * DMat3::from_diagonal(scale);
-    let axes = axes.transpose();
     let row_x = fx / camera.z * DVec3::new(1.0, 0.0, -x);
     let row_y = fy / camera.z * DVec3::new(0.0, 1.0, -y);
     let (root_x, root_y) = (axes * row_x, axes * row_y);
