@@ -14,7 +14,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
-/// As [`write`], for content that `fill` produces.
+/// As [`write()`], for content that `fill` produces.
 ///
 /// # Errors
 /// If the folder or the file cannot be written, or `fill` fails.
