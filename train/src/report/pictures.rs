@@ -39,10 +39,19 @@ pub(super) fn views(page: &mut Page) -> String {
     html::section("pictures", "Side by side", &(legend + &body))
 }
 
-/// Views by their mean DPSNR over the runs (PSNR where nothing moves): what each is, camera, index.
+/// The pictures that all evaluated runs have, by their mean DPSNR over the runs (PSNR where nothing moves): what each
+/// is, camera, index.
 fn chosen(page: &Page) -> Vec<(String, String, u32)> {
     let mut ranked: Vec<(f64, &str, u32)> = Vec::new();
-    let common = page.common_views();
+    let mut common = page.common_views();
+    common.retain(|(camera, index, _)| {
+        let written = |run: &Run| {
+            let files = [run.folder.render_file(camera, *index), run.folder.truth_file(camera, *index)];
+            // A name that cannot be a path is reported when the picture is read.
+            files.iter().all(|file| file.as_ref().map_or(true, |file| file.is_file()))
+        };
+        page.runs.iter().filter(|run| !run.views.is_empty()).all(written)
+    });
     let moves = |(camera, index, _): &(&str, u32, i64)| {
         page.runs.iter().filter_map(|run| run.view(camera, *index)).all(|view| view.dpsnr.is_some())
     };
@@ -246,7 +255,7 @@ fn event_figures(runs: &[(usize, &Run)], camera: &str, index: u32) -> Result<Str
     for (at, (run_index, run)) in runs.iter().enumerate() {
         if at == 0 {
             let measured = picture_io::read(&file(run.folder.measured_events_file(camera, index))?)?;
-            html += &event_figure("measured", &format!("{camera}, interval {index}"), None, Some(&measured));
+            html += &event_figure("measured", &format!("{camera}, from bin {index}"), None, Some(&measured));
         }
         // A run of another configuration may have no such frame: a gap keeps the columns.
         let rendered = file(run.folder.rendered_events_file(camera, index))?;

@@ -119,7 +119,7 @@ impl RunFolder {
         self.picture("masks", camera, index, "")
     }
 
-    /// The event frame that a camera measured; `index` counts RGB intervals.
+    /// The event frame that a camera measured; `index` is the time bin at which it begins.
     ///
     /// # Errors
     /// [`RunError::CameraName`].
@@ -127,7 +127,7 @@ impl RunFolder {
         self.picture("events", camera, index, "-measured")
     }
 
-    /// The event frame that the model predicts for the same camera and interval.
+    /// The event frame that the model predicts for the same camera and bin.
     ///
     /// # Errors
     /// [`RunError::CameraName`].

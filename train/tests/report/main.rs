@@ -83,12 +83,29 @@ fn what_a_stopped_run_lacks_is_noted_and_the_rest_is_shown() {
     }
     let curve = fs::read(stopped.curve_file()).unwrap();
     fs::write(stopped.curve_file(), &curve[..curve.len() - 9]).unwrap();
-    fs::write(runs[1].render_file("cam00", 0).unwrap(), b"not a picture").unwrap();
+    for index in 0..25 {
+        fs::write(runs[1].render_file("cam00", index).unwrap(), b"not a picture").unwrap();
+    }
     runs.push(stopped);
     let text = page(&runs, folder.path());
-    for expected in ["stopped: not evaluated yet", "curve.csv was cut off", "dataset.json", "Worst DPSNR"] {
+    for expected in
+        ["stopped: not evaluated yet", "curve.csv was cut off", "dataset.json", "could not be shown", "Best DPSNR"]
+    {
         assert!(text.contains(expected), "{expected}");
     }
+}
+
+#[test]
+fn pictures_are_chosen_among_those_that_were_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let (runs, _) = compared(folder.path());
+    for view in runs[0].read_per_view().unwrap().iter().filter(|view| view.index != 6) {
+        fs::remove_file(runs[0].render_file(&view.camera, view.index).unwrap()).unwrap();
+    }
+    let text = page(&runs, folder.path());
+    // Two cameras at one time are left: worst and best.
+    assert_eq!(text.matches(", frame 6 <small>").count(), 2);
+    assert!(!text.contains("<aside"));
 }
 
 #[test]
