@@ -1,7 +1,10 @@
 //! The deformation field: a HexPlane and an MLP that say how every dynamic Gaussian differs from its canonical self at
 //! a time (4DGS, Wu et al. 2024).
 
+mod backend;
+mod bench;
 mod config;
+mod device;
 mod host;
 pub mod layout;
 #[cfg(test)]
@@ -10,13 +13,17 @@ mod tests;
 use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
+pub use backend::Tape;
+pub use bench::{BenchField, FieldStage, bench};
 pub use config::{FieldConfig, FieldError, HeadInit, Heads, TimeAxis};
 pub use layout::{Layout, Linear};
 
-use host::{Host, HostTape, Rows};
+use backend::{Backend, Domain, Pass, PassGradients};
+use device::Device;
+use host::Host;
 
 use crate::{
-    gpu::{Gpu, Kernel},
+    gpu::{Gpu, Kernel, Shape},
     optimiser::AdamConfig,
     raster::Deltas,
 };
@@ -82,35 +89,6 @@ pub struct FieldState {
     pub vectors: Vec<NamedVector>,
 }
 
-/// What one forward pass leaves for its backward pass. Several may be alive at once; one may be used again and again.
-///
-/// It holds the coordinates and the grid features of the rows, and no activations of the MLP: the backward pass
-/// evaluates the hidden layers again, block by block, which costs less than to write and read them.
-#[derive(Debug)]
-pub struct Tape {
-    /// The outputs of the pass.
-    pub deltas: Deltas,
-    host: HostTape,
-}
-
-impl Tape {
-    /// An empty tape; a forward pass sizes it.
-    ///
-    /// # Errors
-    /// [`FieldError::Gpu`].
-    pub fn new(gpu: &Gpu) -> Result<Self, FieldError> {
-        Ok(Self { deltas: Deltas::new(gpu, "deltas", 0, None)?, host: HostTape::default() })
-    }
-
-    /// Replaces the buffers of the deltas where they do not fit.
-    fn fit(&mut self, gpu: &Gpu, rows: u32, sh_stride: Option<u32>) -> Result<(), FieldError> {
-        if self.deltas.rows != rows || self.deltas.sh.is_some() != sh_stride.is_some() {
-            self.deltas = Deltas::new(gpu, "deltas", rows, sh_stride)?;
-        }
-        Ok(())
-    }
-}
-
 /// A reference between two sets of deltas.
 #[derive(Clone, Copy, Debug)]
 pub struct Blend<'a> {
@@ -125,14 +103,10 @@ pub struct Blend<'a> {
 /// The deformation field with its gradients and optimiser state.
 #[derive(Debug)]
 pub struct Field {
-    layout: Layout,
-    /// Lower corner of the box, and 1 / its extent (0 along an axis where it is flat).
-    origin: [f32; 3],
-    scale: [f32; 3],
+    domain: Domain,
     /// Adam steps taken.
     steps: u32,
-    host: Host,
-    add_means: Kernel,
+    backend: Box<dyn Backend>,
     trajectory: Kernel,
 }
 
@@ -148,21 +122,23 @@ impl Field {
             return Err(FieldError::Config { reason: format!("its box {aabb:?} is not a box") });
         }
         let parameters = layout.initial(seed);
+        let backend: Box<dyn Backend> = match gpu.shape {
+            Shape::Cpu => Box::new(Host::new(gpu, &layout, parameters)),
+            Shape::Gpu => Box::new(Device::new(gpu, &layout, &parameters)?),
+        };
+        let scale = extent.map(|extent| if extent > 0.0 { 1.0 / extent } else { 0.0 });
         Ok(Self {
-            origin: aabb[0],
-            scale: extent.map(|extent| if extent > 0.0 { 1.0 / extent } else { 0.0 }),
+            domain: Domain { layout, origin: aabb[0], scale },
             steps: 0,
-            host: Host::new(&layout, parameters),
-            add_means: gpu.kernel("add the gradient of the means", &[include_str!("add_means.wgsl")]),
+            backend,
             trajectory: gpu.kernel("trajectory regulariser", &[include_str!("trajectory.wgsl")]),
-            layout,
         })
     }
 
     /// Where every parameter lies.
     #[must_use]
     pub fn layout(&self) -> &Layout {
-        &self.layout
+        &self.domain.layout
     }
 
     /// Evaluates the field at rows `0..rows` of `core` (12 floats a row) and time `t01`, clamped to [0, 1]. Fills
@@ -180,30 +156,18 @@ impl Field {
         tape: &mut Tape,
         what: Outputs,
     ) -> Result<(), FieldError> {
-        let with_sh = self.layout.config.heads.sh && what == Outputs::All;
-        let stride = self.layout.config.sh_stride;
-        tape.fit(gpu, rows, with_sh.then_some(stride))?;
-        let count = rows as usize;
-        let on = !self.layout.heads_of(what).is_empty();
-        let host = &mut tape.host;
-        host.what = on.then_some(what);
-        host.time = self.layout.time_row(t01);
-        host.points.resize(count, [0.0; 3]);
-        if count > 0 {
-            gpu.read(&[(core, count * 12)], |slices: &[&[f32]]| {
-                for (point, row) in host.points.iter_mut().zip(slices[0].chunks_exact(12)) {
-                    *point = std::array::from_fn(|axis| (row[axis] - self.origin[axis]) * self.scale[axis]);
-                }
-            })?;
+        let layout = &self.domain.layout;
+        let with_sh = layout.config.heads.sh && what == Outputs::All;
+        tape.fit(gpu, rows, with_sh.then_some(layout.config.sh_stride))?;
+        if rows == 0 || layout.heads_of(what).is_empty() {
+            tape.pass = None;
+            let mut commands = gpu.commands();
+            commands.clear(&tape.deltas.core);
+            commands.submit();
+            return Ok(());
         }
-        let mut core = vec![0.0; count * 12];
-        let mut sh = vec![0.0; if with_sh { count * stride as usize } else { 0 }];
-        self.host.forward(&self.layout, host, &mut core, &mut sh);
-        gpu.upload(&tape.deltas.core, 0, &core);
-        if let Some(buffer) = &tape.deltas.sh {
-            gpu.upload(buffer, 0, &sh);
-        }
-        Ok(())
+        tape.pass = Some(Pass { what, time: layout.time_row(t01) });
+        self.backend.forward(gpu, &self.domain, core, tape)
     }
 
     /// Adds the gradients of planes, weights and biases for the pass on `tape` to the field, and those of the means to
@@ -212,35 +176,16 @@ impl Field {
     /// # Errors
     /// [`FieldError::Gpu`], [`FieldError::Mismatch`] where `d_deltas` does not have the shape of the tape's deltas.
     pub fn backward(&mut self, gpu: &Gpu, tape: &Tape, d_deltas: &Deltas, d_core: &Buffer) -> Result<(), FieldError> {
-        let rows = tape.deltas.rows as usize;
         let mismatch = |reason: String| FieldError::Mismatch { doing: "going backward".into(), reason };
-        if d_deltas.rows as usize != rows {
-            return Err(mismatch(format!("{} rows of gradients for {rows} of deltas", d_deltas.rows)));
+        if d_deltas.rows != tape.deltas.rows {
+            return Err(mismatch(format!("{} rows of gradients for {} of deltas", d_deltas.rows, tape.deltas.rows)));
         }
-        let mut buffers = vec![(&d_deltas.core, rows * 12)];
-        if tape.deltas.sh.is_some() {
-            let sh = d_deltas.sh.as_ref().ok_or_else(|| mismatch("the gradient of the SH deltas is missing".into()))?;
-            buffers.push((sh, rows * self.layout.config.sh_stride as usize));
+        if tape.deltas.sh.is_some() && d_deltas.sh.is_none() {
+            return Err(mismatch("the gradient of the SH deltas is missing".into()));
         }
-        if rows == 0 || tape.host.what.is_none() {
-            return Ok(());
-        }
-        let (layout, host) = (&self.layout, &mut self.host);
-        let mut d_points = gpu.read(&buffers, |slices: &[&[f32]]| {
-            let d_out = Rows { core: slices[0], sh: slices.get(1).copied().unwrap_or_default() };
-            host.backward(layout, &tape.host, &d_out)
-        })?;
-        for d_point in &mut d_points {
-            for (d, scale) in d_point.iter_mut().zip(self.scale) {
-                *d *= scale;
-            }
-        }
-        let count = gpu.uniform("rows", &[rows as u32, 0, 0, 0]);
-        let d_means = gpu.storage_from("gradient of the means", &d_points)?;
-        let mut commands = gpu.commands();
-        commands.dispatch(&self.add_means, &[&count, &d_means, d_core], (rows as u32).div_ceil(256));
-        commands.submit();
-        Ok(())
+        let sh = d_deltas.sh.as_ref().filter(|_| tape.deltas.sh.is_some());
+        let gradients = PassGradients { core: &d_deltas.core, sh, d_core };
+        self.backend.backward(gpu, &self.domain, tape, &gradients)
     }
 
     /// The trajectory regulariser: the mean over rows and axes of |x' - r|, where x' are the position deltas of `tape`
@@ -300,28 +245,28 @@ impl Field {
     ///
     /// # Errors
     /// [`FieldError::Gpu`].
-    pub fn regularise(&mut self, _gpu: &Gpu, weights: &PlaneWeights) -> Result<PlaneLosses, FieldError> {
-        Ok(self.host.regularise(&self.layout, weights))
+    pub fn regularise(&mut self, gpu: &Gpu, weights: &PlaneWeights) -> Result<PlaneLosses, FieldError> {
+        self.backend.regularise(gpu, &self.domain.layout, weights)
     }
 
     /// One step of Adam over planes and MLP; the gradients are zero afterwards.
     ///
     /// # Errors
     /// [`FieldError::Gpu`], [`FieldError::Diverged`] where a gradient is not finite: the parameters are then unchanged.
-    pub fn step(&mut self, _gpu: &Gpu, lr_grid: f32, lr_mlp: f32, config: &AdamConfig) -> Result<(), FieldError> {
-        let count = host::not_finite(&self.host.gradients);
+    pub fn step(&mut self, gpu: &Gpu, lr_grid: f32, lr_mlp: f32, config: &AdamConfig) -> Result<(), FieldError> {
+        let count = self.backend.bad_gradients(gpu)?;
         if count > 0 {
             return Err(FieldError::Diverged { what: "gradients".into(), count });
         }
         self.steps += 1;
-        self.host.step(&self.layout, [lr_grid, lr_mlp], config, self.steps);
-        Ok(())
+        self.backend.step(gpu, &self.domain.layout, [lr_grid, lr_mlp], config, self.steps)
     }
 
     /// Number of parameters: of the planes, of the MLP.
     #[must_use]
     pub fn parameters(&self) -> (usize, usize) {
-        (self.layout.grid, self.layout.total - self.layout.grid)
+        let layout = &self.domain.layout;
+        (layout.grid, layout.total - layout.grid)
     }
 
     /// Everything that a checkpoint needs. Planes are `[row, column, feature]` (rows along the later axis of the name,
@@ -329,35 +274,32 @@ impl Field {
     ///
     /// # Errors
     /// [`FieldError::Gpu`].
-    pub fn state(&self, _gpu: &Gpu) -> Result<FieldState, FieldError> {
-        let [first, second] = &self.host.moments;
-        let sources = [("", &self.host.parameters), (".m", first), (".v", second)];
-        let vectors = self
-            .layout
-            .vectors()
-            .into_iter()
-            .flat_map(|(name, offset, length)| {
-                sources.map(|(suffix, values)| NamedVector {
-                    name: format!("{name}{suffix}"),
-                    values: values[offset..offset + length].to_vec(),
-                })
-            })
-            .collect();
-        Ok(FieldState { step: self.steps, vectors })
+    pub fn state(&self, gpu: &Gpu) -> Result<FieldState, FieldError> {
+        let [parameters, first, second] = self.backend.vectors(gpu)?;
+        let sources = [("", parameters), (".m", first), (".v", second)];
+        let places = self.domain.layout.vectors();
+        let vectors = places.into_iter().flat_map(|(name, offset, length)| {
+            let of = |(suffix, values): &(&str, Vec<f32>)| NamedVector {
+                name: format!("{name}{suffix}"),
+                values: values[offset..offset + length].to_vec(),
+            };
+            sources.each_ref().map(of)
+        });
+        Ok(FieldState { step: self.steps, vectors: vectors.collect() })
     }
 
     /// Takes over a saved state; gradients are zero afterwards.
     ///
     /// # Errors
     /// [`FieldError::State`] where it does not fit, [`FieldError::Gpu`].
-    pub fn restore(&mut self, _gpu: &Gpu, state: &FieldState) -> Result<(), FieldError> {
+    pub fn restore(&mut self, gpu: &Gpu, state: &FieldState) -> Result<(), FieldError> {
         let fail = |reason: String| Err(FieldError::State { reason });
-        let places = self.layout.vectors();
+        let layout = &self.domain.layout;
+        let places = layout.vectors();
         if state.vectors.len() != 3 * places.len() {
             return fail(format!("it has {} vectors, not {}", state.vectors.len(), 3 * places.len()));
         }
-        let mut flat = [const { Vec::new() }; 3];
-        flat.iter_mut().for_each(|flat| flat.resize(self.layout.total, 0.0_f32));
+        let mut flat = [0; 3].map(|_| vec![0.0_f32; layout.total]);
         for ((name, offset, length), vectors) in places.into_iter().zip(state.vectors.chunks_exact(3)) {
             for ((suffix, vector), flat) in ["", ".m", ".v"].into_iter().zip(vectors).zip(&mut flat) {
                 if vector.name != format!("{name}{suffix}") || vector.values.len() != length {
@@ -369,17 +311,14 @@ impl Field {
                 flat[offset..offset + length].copy_from_slice(&vector.values);
             }
         }
-        let [parameters, first, second] = flat;
+        self.backend.replace(gpu, layout, flat)?;
         self.steps = state.step;
-        self.host.parameters = parameters;
-        self.host.moments = [first, second];
-        self.host.gradients.fill(0.0);
         Ok(())
     }
 
     /// The gradients of all parameters.
     #[cfg(test)]
-    fn gradients(&self, _gpu: &Gpu) -> Result<Vec<f32>, FieldError> {
-        Ok(self.host.gradients.clone())
+    fn gradients(&self, gpu: &Gpu) -> Result<Vec<f32>, FieldError> {
+        self.backend.gradients(gpu)
     }
 }

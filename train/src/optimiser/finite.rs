@@ -29,6 +29,12 @@ impl FiniteCheck {
         commands.dispatch(&self.kernel, &[&count, buffer, &self.found], floats.div_ceil(256 * 16).min(1024));
     }
 
+    /// The counter (one `u32`), for kernels that find bad values themselves.
+    #[must_use]
+    pub fn counter(&self) -> &Buffer {
+        &self.found
+    }
+
     /// Waits, returns how many values of all scans since the last call were not finite, and starts again at 0.
     ///
     /// # Errors

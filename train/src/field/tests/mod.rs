@@ -60,12 +60,12 @@ fn means(core: &[f32]) -> Vec<[f64; 3]> {
 fn twin_of(gpu: &Gpu, field: &Field) -> FieldTwin {
     let state = field.state(gpu).unwrap();
     let parameters = state.vectors.iter().step_by(3).flat_map(|vector| &vector.values).copied().map(f64::from);
-    let mut flat = vec![0.0; field.layout.total];
+    let mut flat = vec![0.0; field.layout().total];
     let mut parameters = parameters;
-    for (_, offset, length) in field.layout.vectors() {
+    for (_, offset, length) in field.layout().vectors() {
         flat[offset..offset + length].iter_mut().for_each(|value| *value = parameters.next().unwrap());
     }
-    FieldTwin::new(&field.layout.config, BOX.map(|corner| corner.map(f64::from)), flat).unwrap()
+    FieldTwin::new(&field.layout().config, BOX.map(|corner| corner.map(f64::from)), flat).unwrap()
 }
 
 /// A field whose parameters have moved away from their special initial values.
@@ -95,7 +95,7 @@ fn pass(gpu: &Gpu, field: &mut Field, core: &[f32], t01: f32, what: Outputs) -> 
     let buffer = gpu.storage_from("core", core).unwrap();
     let mut tape = Tape::new(gpu).unwrap();
     field.forward(gpu, &buffer, rows as u32, t01, &mut tape, what).unwrap();
-    let stride = field.layout.config.sh_stride as usize;
+    let stride = field.layout().config.sh_stride as usize;
     let d_deltas = Deltas {
         rows: rows as u32,
         core: gpu.storage_from("d core", &noise(21, rows * 12)).unwrap(),

@@ -57,7 +57,7 @@ fn each_tensor_of_the_gradient_follows_the_twin_on_its_own_scale() {
         let found = pass(&gpu, &mut field, &core, 0.4, Outputs::All);
         let gradients =
             twin_of(&gpu, &field).backward(&means(&core), f64::from(0.4_f32), Outputs::All, &twin_d_deltas(200, 12));
-        for (name, offset, length) in field.layout.vectors() {
+        for (name, offset, length) in field.layout().vectors() {
             let range = offset..offset + length;
             assert_close(
                 &format!("{shape:?} {name}"),
@@ -100,7 +100,7 @@ fn a_step_is_adam_with_a_rate_for_planes_and_one_for_the_mlp() {
             field.step(&gpu, 0.01, 0.002, &config).unwrap();
             let gradients: Vec<f64> = found.gradients.iter().copied().map(f64::from).collect();
             let rates: Vec<f64> =
-                (0..twin.parameters.len()).map(|i| if i < field.layout.grid { 0.01 } else { 0.002 }).collect();
+                (0..twin.parameters.len()).map(|i| if i < field.layout().grid { 0.01 } else { 0.002 }).collect();
             crate::reference::adam::step(
                 &mut twin.parameters,
                 &gradients,

@@ -1,0 +1,245 @@
+//! Matrix products on the device.
+
+use bytemuck::{Pod, Zeroable};
+use wgpu::Buffer;
+
+use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+
+/// A matrix in a buffer of f32: where it starts, and how far apart neighbours along its rows and columns lie.
+#[derive(Clone, Copy)]
+pub struct Place<'a> {
+    pub buffer: &'a Buffer,
+    pub offset: usize,
+    /// Floats from one row to the next.
+    pub row: usize,
+    /// Floats from one column to the next.
+    pub col: usize,
+}
+
+impl<'a> Place<'a> {
+    /// A matrix whose rows lie `stride` floats apart.
+    pub fn new(buffer: &'a Buffer, offset: usize, stride: usize) -> Self {
+        Self { buffer, offset, row: stride, col: 1 }
+    }
+
+    fn transposed(self) -> Self {
+        Self { row: self.col, col: self.row, ..self }
+    }
+}
+
+/// A linear layer on the device: its sizes, and where its weights and biases start in the buffers of the MLP.
+#[derive(Clone, Copy)]
+pub struct Layer {
+    pub inputs: usize,
+    pub outputs: usize,
+    pub weight: usize,
+    pub bias: usize,
+}
+
+/// What happens to a product before it is stored.
+#[derive(Clone, Copy)]
+enum Finish<'a> {
+    /// A bias, from the buffer of the right operand.
+    Bias(usize),
+    /// Zeros where the mask is zero.
+    Mask(Option<Place<'a>>),
+    /// Slabs of this many of the inner dimension, each stored behind the one before.
+    Slabs(usize),
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct ProductUniform {
+    sizes: [u32; 4],
+    a: [u32; 4],
+    b: [u32; 4],
+    c: [u32; 4],
+    more: [u32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct ColumnsUniform {
+    rows: u32,
+    columns: u32,
+    slab: u32,
+    slabs: u32,
+    offset: u32,
+    stride: u32,
+    padding: [u32; 2],
+}
+
+/// Kernels of one tile shape.
+#[derive(Debug)]
+struct Tiles {
+    m: usize,
+    n: usize,
+    /// `x W^T + b`, without and with a ReLU.
+    layer: [Kernel; 2],
+    /// `d W`, without and with a mask.
+    input: [Kernel; 2],
+    /// `x^T d`, in slabs.
+    weight: Kernel,
+}
+
+/// The kernels of the layers.
+#[derive(Debug)]
+pub struct Products {
+    square: Tiles,
+    /// Tall tiles for products of few columns.
+    tall: Tiles,
+    columns: Kernel,
+    reduce: Kernel,
+    /// Slabs of gradients before they are summed.
+    slabs: Buffer,
+}
+
+/// Floats of the buffer for slabs, unless a layer alone has more.
+const SLAB_FLOATS: usize = 1 << 22;
+/// Rows of a slab at least.
+const SLAB_ROWS: usize = 512;
+
+impl Products {
+    /// Compiles the kernels; `largest` is the number of weights of the largest layer.
+    pub fn new(gpu: &Gpu, largest: usize) -> Result<Self, GpuError> {
+        Ok(Self {
+            square: Tiles::new(gpu, 64, 64),
+            tall: Tiles::new(gpu, 128, 16),
+            columns: gpu.kernel("sums of columns", &[include_str!("columns.wgsl")]),
+            reduce: gpu.kernel("sum of slabs", &[include_str!("reduce.wgsl")]),
+            slabs: gpu.storage("slabs of gradients", 4 * largest.max(SLAB_FLOATS) as u64)?,
+        })
+    }
+
+    fn tiles(&self, columns: usize) -> &Tiles {
+        if columns <= 16 { &self.tall } else { &self.square }
+    }
+
+    /// `out = x W^T + b`, then a ReLU if so, for `rows` rows.
+    pub fn layer(
+        &self,
+        commands: &mut Commands<'_>,
+        (layer, parameters): (Layer, &Buffer),
+        rows: usize,
+        x: Place<'_>,
+        out: Place<'_>,
+        relu: bool,
+    ) {
+        let tiles = self.tiles(layer.outputs);
+        let weights = Place::new(parameters, layer.weight, layer.inputs).transposed();
+        let kernel = &tiles.layer[usize::from(relu)];
+        let size = [rows, layer.outputs, layer.inputs];
+        tiles.dispatch(commands, kernel, size, [x, weights, out], Finish::Bias(layer.bias));
+    }
+
+    /// `d_x = d W`, zero where `mask` is, for `rows` rows.
+    pub fn input_gradient(
+        &self,
+        commands: &mut Commands<'_>,
+        (layer, parameters): (Layer, &Buffer),
+        rows: usize,
+        d: Place<'_>,
+        d_x: Place<'_>,
+        mask: Option<Place<'_>>,
+    ) {
+        let tiles = self.tiles(layer.inputs);
+        let weights = Place::new(parameters, layer.weight, layer.inputs);
+        let kernel = &tiles.input[usize::from(mask.is_some())];
+        let size = [rows, layer.inputs, layer.outputs];
+        tiles.dispatch(commands, kernel, size, [d, weights, d_x], Finish::Mask(mask));
+    }
+
+    /// Adds `d^T x` and the column sums of `d` to the gradients of weights and biases.
+    pub fn weight_gradient(
+        &self,
+        commands: &mut Commands<'_>,
+        (layer, gradients): (Layer, &Buffer),
+        rows: usize,
+        d: Place<'_>,
+        x: Place<'_>,
+    ) {
+        let length = layer.inputs * layer.outputs;
+        let most = (SLAB_FLOATS / length).max(1);
+        let slab = rows.div_ceil(most).max(SLAB_ROWS);
+        let slabs = rows.div_ceil(slab);
+        let tiles = self.tiles(layer.outputs);
+        let out = Place::new(&self.slabs, 0, layer.inputs).transposed();
+        let size = [layer.inputs, layer.outputs, rows];
+        tiles.dispatch(commands, &tiles.weight, size, [x.transposed(), d, out], Finish::Slabs(slab));
+        self.reduce(commands, gradients, length, slabs, layer.weight);
+
+        let uniform = ColumnsUniform {
+            rows: rows as u32,
+            columns: layer.outputs as u32,
+            slab: slab as u32,
+            slabs: slabs as u32,
+            offset: d.offset as u32,
+            stride: d.row as u32,
+            padding: [0; 2],
+        };
+        let uniform = commands.gpu().uniform("sums of columns", &uniform);
+        let groups = (layer.outputs * slabs).div_ceil(64) as u32;
+        commands.dispatch(&self.columns, &[&uniform, d.buffer, &self.slabs], groups);
+        self.reduce(commands, gradients, layer.outputs, slabs, layer.bias);
+    }
+
+    fn reduce(&self, commands: &mut Commands<'_>, gradients: &Buffer, length: usize, slabs: usize, to: usize) {
+        let uniform = commands.gpu().uniform("sum of slabs", &[length as u32, slabs as u32, to as u32, 0]);
+        commands.dispatch(&self.reduce, &[&uniform, &self.slabs, gradients], length.div_ceil(256) as u32);
+    }
+}
+
+impl Tiles {
+    fn new(gpu: &Gpu, m: usize, n: usize) -> Self {
+        let kernel = |label: &str, a_along_k: bool, b_along_n: bool, bias: bool, relu: bool, mask: bool| {
+            let constants = format!(
+                "const TILE_M = {m}u;\nconst TILE_N = {n}u;\nconst ROWS = {}u;\nconst A_ALONG_K = {a_along_k};\n\
+                 const B_ALONG_N = {b_along_n};\nconst BIAS = {bias};\nconst RELU = {relu};",
+                m * n / 1024
+            );
+            let source = include_str!("product.wgsl");
+            let source = if mask { source.replace("// MASK ", "") } else { source.into() };
+            gpu.kernel(label, &[&constants, &source])
+        };
+        Self {
+            m,
+            n,
+            layer: [false, true].map(|relu| kernel("linear layer", true, false, true, relu, false)),
+            input: [false, true].map(|mask| kernel("gradient of a layer's input", true, true, false, false, mask)),
+            weight: kernel("gradient of a layer's weights", false, true, false, false, false),
+        }
+    }
+
+    /// `out = a b` for sizes m, n, k.
+    fn dispatch(
+        &self,
+        commands: &mut Commands<'_>,
+        kernel: &Kernel,
+        [m, n, k]: [usize; 3],
+        [a, b, out]: [Place<'_>; 3],
+        finish: Finish<'_>,
+    ) {
+        let (mut slab, mut slab_stride, mut more, mut mask) = (k, 0, [0; 3], None);
+        match finish {
+            Finish::Bias(offset) => more[0] = offset,
+            Finish::Mask(place) => {
+                mask = place.map(|place| place.buffer);
+                more = place.map_or(more, |place| [0, place.offset, place.row]);
+            }
+            Finish::Slabs(rows) => (slab, slab_stride) = (rows, m * n),
+        }
+        let words = |values: [usize; 4]| values.map(|value| value as u32);
+        let uniform = ProductUniform {
+            sizes: words([m, n, k, slab]),
+            a: words([a.offset, a.row, a.col, 0]),
+            b: words([b.offset, b.row, b.col, 0]),
+            c: words([out.offset, out.row, out.col, slab_stride]),
+            more: words([more[0], more[1], more[2], 0]),
+        };
+        let uniform = commands.gpu().uniform("matrix product", &uniform);
+        let mut bindings = vec![&uniform, a.buffer, b.buffer, out.buffer];
+        bindings.extend(mask);
+        let tiles = m.div_ceil(self.m) * n.div_ceil(self.n) * k.div_ceil(slab.max(1));
+        commands.dispatch(kernel, &bindings, tiles as u32);
+    }
+}
