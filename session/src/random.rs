@@ -21,6 +21,7 @@
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// SplitMix64's finaliser, a bijection of the 64-bit words.
+#[inline]
 #[must_use]
 pub const fn mix(word: u64) -> u64 {
     let word = (word ^ (word >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -42,6 +43,7 @@ pub const fn purpose(name: &str) -> u64 {
 }
 
 /// The key of `seed` and `words` (purpose, camera, frame, pixel, ...). The order and the number of words matter.
+#[inline]
 #[must_use]
 pub const fn key(seed: u64, words: &[u64]) -> u64 {
     let mut state = mix(seed.wrapping_add(GOLDEN));
@@ -56,12 +58,14 @@ pub const fn key(seed: u64, words: &[u64]) -> u64 {
 /// The key of one word more: `key(seed, &[a, b]) == extend(key(seed, &[a]), b)`.
 ///
 /// An inner loop computes the common part once and extends it for each index.
+#[inline]
 #[must_use]
 pub const fn extend(key: u64, word: u64) -> u64 {
     mix(key.wrapping_add(GOLDEN) ^ mix(word.wrapping_mul(GOLDEN).wrapping_add(GOLDEN)))
 }
 
 /// A uniform number in [0, 1), a multiple of 2^-53.
+#[inline]
 #[must_use]
 pub const fn uniform(key: u64) -> f64 {
     (key >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)

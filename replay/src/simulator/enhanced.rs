@@ -17,6 +17,7 @@ use super::{
     collect::{self, Raw},
     lin_log::Response,
     noise::{self, Noise, QuickNormal, SHOT_AT_WHITE},
+    set,
 };
 
 /// Some rows of the sensor.
@@ -33,8 +34,10 @@ struct Block {
     /// The thresholds of the pixel's next event, ON and OFF: its own, or redrawn around them.
     next_on: Vec<f32>,
     next_off: Vec<f32>,
-    /// Leak rate over the mean one; empty where there is no leak.
+    /// Mean fall of the reference by leakage, natural-log intensity a second; empty where there is no leak.
     leak: Vec<f32>,
+    /// Nominal over own thresholds, ON plus OFF; empty where there is no shot noise.
+    shot_ratio: Vec<f32>,
     /// Rate of noise events beyond shot noise, Hz; empty where no pixel is hot.
     hot: Vec<f32>,
     /// When the refractory period ends, nanoseconds since the first frame; empty where there is none.
@@ -59,6 +62,7 @@ impl Enhanced {
             .map(|rows| {
                 let pixels = rows.start * width..rows.end * width;
                 let indices = || pixels.clone().map(|pixel| pixel as u64);
+                let some = |wanted: bool| if wanted { pixels.len() } else { 0 };
                 let own: Vec<[f32; 2]> = indices().map(|pixel| noise.thresholds(config, pixel).into()).collect();
                 Block {
                     first_row: rows.start,
@@ -67,18 +71,23 @@ impl Enhanced {
                     base: vec![0.0; pixels.len()],
                     next_on: own.iter().map(|own| own[0]).collect(),
                     next_off: own.iter().map(|own| own[1]).collect(),
+                    leak: own
+                        .iter()
+                        .zip(indices())
+                        .take(some(config.leak_hz > 0.0))
+                        .map(|(own, pixel)| config.leak_hz as f32 * noise.leak_factor(config, pixel) * own[0])
+                        .collect(),
+                    shot_ratio: own
+                        .iter()
+                        .take(some(config.shot_hz > 0.0))
+                        .map(|own| config.threshold_on as f32 / own[0] + config.threshold_off as f32 / own[1])
+                        .collect(),
                     own,
-                    leak: if config.leak_hz > 0.0 {
-                        indices().map(|pixel| noise.leak_factor(config, pixel)).collect()
-                    } else {
-                        Vec::new()
-                    },
-                    hot: if config.hot_fraction > 0.0 && config.hot_hz > 0.0 {
-                        indices().map(|pixel| noise.hot_hz(config, pixel)).collect()
-                    } else {
-                        Vec::new()
-                    },
-                    ready_ns: if config.refractory_s > 0.0 { vec![f64::MIN; pixels.len()] } else { Vec::new() },
+                    hot: indices()
+                        .take(some(config.hot_fraction > 0.0 && config.hot_hz > 0.0))
+                        .map(|pixel| noise.hot_hz(config, pixel))
+                        .collect(),
+                    ready_ns: vec![f64::MIN; some(config.refractory_s > 0.0)],
                     raws: Vec::new(),
                 }
             })
@@ -104,7 +113,7 @@ impl Enhanced {
 
     pub(super) fn step(&mut self, luma: Luma<'_>, interval: &Interval, out: &mut Events) -> Result<(), SimulatorError> {
         let Self { config, width, blocks, noise, quick_normal, response, scratch } = self;
-        let pass = Pass {
+        let mut pass = Pass {
             config,
             width: *width,
             response,
@@ -115,7 +124,9 @@ impl Enhanced {
             previous_ns: (interval.previous_ns - interval.first_ns) as f64,
             rest_ns: interval.previous_ns.rem_euclid(1000) as f64,
             expected: AtomicU64::new(0),
+            gains: [0.0; 256],
         };
+        pass.gains = response.tabulate(|intensity| pass.gain(intensity));
         blocks.par_iter_mut().for_each(|block| pass.block(block, luma));
         interval.check_count(pass.expected.load(Ordering::Relaxed))?;
         let previous_us = interval.previous_ns.div_euclid(1000);
@@ -140,6 +151,8 @@ struct Pass<'a> {
     rest_ns: f64,
     /// Events that all blocks expect so far, so that what memory cannot hold is given up before it is made.
     expected: AtomicU64,
+    /// [`Self::gain`] of each whole grey level.
+    gains: [f32; 256],
 }
 
 /// A pixel's line through an interval.
@@ -175,82 +188,94 @@ impl Arrivals {
     }
 }
 
+/// Shot noise at an intensity over that in the dark.
+fn shot_factor(intensity: f32) -> f32 {
+    (1.0 + (SHOT_AT_WHITE - 1.0) * intensity).max(0.0)
+}
+
 impl Pass<'_> {
     fn block(&self, block: &mut Block, luma: Luma<'_>) {
         let config = self.config;
-        let (low_pass, leaky, noisy) = (config.cutoff_hz > 0.0, !block.leak.is_empty(), self.noisy(block));
-        let bandwidth = self.delta_s * std::f64::consts::TAU * config.cutoff_hz;
+        let (low_pass, leaky, shot) = (config.cutoff_hz > 0.0, !block.leak.is_empty(), !block.shot_ratio.is_empty());
+        let noisy = shot || !block.hot.is_empty();
         let (mut log, mut intensity, mut bits) = ([0.0_f32; CHUNK], [0.0; CHUNK], [0; CHUNK]);
-        let (mut leak, mut flags) = ([0.0_f32; CHUNK], [false; CHUNK]);
+        let (mut gain, mut leak, mut mean) = ([0.0_f32; CHUNK], [0.0_f32; CHUNK], [0.0_f32; CHUNK]);
+        let mut flags = [false; CHUNK];
         block.raws.clear();
         for start in (0..block.base.len()).step_by(CHUNK) {
             let len = CHUNK.min(block.base.len() - start);
             let range = start..start + len;
             let first = block.first_pixel as usize + start;
             self.response.log(luma, first, &mut log[..len]);
-            if low_pass || config.shot_hz > 0.0 {
+            if low_pass || shot {
                 self.response.intensity(luma, first, &mut intensity[..len]);
             }
             if leaky || noisy || config.event_sigma > 0.0 {
-                for (index, bits) in bits[..len].iter_mut().enumerate() {
-                    *bits = random::extend(self.frame_key, (first + index) as u64);
-                }
+                noise::bits(self.frame_key, first as u64, &mut bits[..len]);
             }
             if low_pass {
-                for ((log, &output), &intensity) in log.iter_mut().zip(&block.output[range.clone()]).zip(&intensity) {
-                    *log = output + (*log - output) * -(-intensity * bandwidth).exp_m1() as f32;
+                match luma {
+                    Luma::U8(levels) => {
+                        gain.iter_mut().zip(&levels[first..]).for_each(|(gain, &x)| *gain = self.gains[usize::from(x)]);
+                    }
+                    Luma::F32(_) => {
+                        gain[..len].iter_mut().zip(&intensity).for_each(|(gain, &x)| *gain = self.gain(x));
+                    }
+                }
+                for ((log, &output), &gain) in log.iter_mut().zip(&block.output[range.clone()]).zip(&gain) {
+                    *log = output + (*log - output) * gain;
                 }
             }
             if leaky {
-                let (rate, jitter) = ((self.delta_s * config.leak_hz) as f32, config.leak_jitter as f32);
-                for index in 0..len {
-                    let factor = block.leak[start + index] * (1.0 - jitter * self.quick_normal.get(bits[index]));
-                    leak[index] = rate * factor * block.own[start + index][0];
+                let (delta_s, jitter) = (self.delta_s as f32, config.leak_jitter as f32);
+                for ((leak, &rate), &bits) in leak.iter_mut().zip(&block.leak[range.clone()]).zip(&bits) {
+                    *leak = delta_s * rate * (1.0 - jitter * self.quick_normal.get(bits));
                 }
             }
             // Between two events the line is inside both thresholds if its end is: its start is, since the last interval.
-            let mut any = false;
             let pixels =
                 block.base[range.clone()].iter().zip(&block.next_on[range.clone()]).zip(&block.next_off[range.clone()]);
             for (index, ((&base, &on), &off)) in pixels.enumerate() {
                 let difference = log[index] + leak[index] - base;
                 flags[index] = (difference >= on) | (-difference >= off);
-                any |= flags[index];
+            }
+            if shot {
+                let half = (config.shot_hz / 2.0 * self.delta_s) as f32;
+                for ((mean, &ratio), &intensity) in
+                    mean.iter_mut().zip(&block.shot_ratio[range.clone()]).zip(&intensity)
+                {
+                    *mean = half * shot_factor(intensity as f32) * ratio;
+                }
             }
             if noisy {
-                for index in 0..len {
-                    // 1 - exp(-mean) is the probability of any event, and below the mean.
-                    let mean = self.noise_mean(block, start + index, intensity[index]).0;
-                    flags[index] |= noise::uniform(bits[index]) < mean;
-                    any |= flags[index];
+                for (mean, &hot_hz) in mean.iter_mut().zip(block.hot.iter().skip(start)).take(len) {
+                    *mean = if shot { *mean } else { 0.0 } + hot_hz * self.delta_s as f32;
+                }
+                // 1 - exp(-mean) is the probability of any event, and below the mean.
+                for ((flag, &bits), &mean) in flags[..len].iter_mut().zip(&bits).zip(&mean) {
+                    *flag |= noise::uniform(bits) < f64::from(mean);
                 }
             }
             for (flag, &ready_ns) in flags.iter_mut().zip(block.ready_ns.iter().skip(start)).take(len) {
                 *flag |= ready_ns > self.previous_ns;
-                any |= *flag;
             }
             let mut expected = 0;
-            for index in 0..if any { len } else { 0 } {
-                if flags[index] {
-                    let line = Line {
-                        start: f64::from(block.output[start + index]),
-                        rise: f64::from(log[index]) - f64::from(block.output[start + index]) + f64::from(leak[index]),
-                    };
-                    let mut arrivals = Arrivals { next: f64::INFINITY, mean: 0.0, share_on: 0.5, key: bits[index] };
-                    if noisy {
-                        (arrivals.mean, arrivals.share_on) = self.noise_mean(block, start + index, intensity[index]);
-                    }
-                    if arrivals.mean > 0.0 {
-                        // The first gap of the Poisson process, from the draw that raised the flag.
-                        arrivals.next = -(-noise::uniform(bits[index])).ln_1p() / arrivals.mean;
-                    }
-                    expected += self.expect(block, start + index, &line, arrivals.mean);
-                    if expected + self.expected.load(Ordering::Relaxed) > Interval::MOST_EVENTS {
-                        self.expected.fetch_add(expected, Ordering::Relaxed);
-                        return;
-                    }
-                    self.pixel(block, start + index, &line, arrivals);
+            for index in set(&flags[..len]) {
+                let line = Line {
+                    start: f64::from(block.output[start + index]),
+                    rise: f64::from(log[index]) - f64::from(block.output[start + index]) + f64::from(leak[index]),
+                };
+                let arrivals = if noisy {
+                    self.arrivals(block, start + index, mean[index], intensity[index], bits[index])
+                } else {
+                    Arrivals { next: f64::INFINITY, mean: 0.0, share_on: 0.5, key: bits[index] }
+                };
+                expected += self.expect(block, start + index, &line, arrivals.mean);
+                if expected + self.expected.load(Ordering::Relaxed) > Interval::MOST_EVENTS {
+                    self.expected.fetch_add(expected, Ordering::Relaxed);
+                    return;
                 }
+                self.pixel(block, start + index, &line, arrivals);
             }
             self.expected.fetch_add(expected, Ordering::Relaxed);
             for (base, &leak) in block.base[range.clone()].iter_mut().zip(&leak) {
@@ -260,20 +285,23 @@ impl Pass<'_> {
         }
     }
 
-    fn noisy(&self, block: &Block) -> bool {
-        self.config.shot_hz > 0.0 || !block.hot.is_empty()
+    /// The fraction of a step of log intensity that has passed the low-pass at the end of the interval: the exact step
+    /// response of first order.
+    fn gain(&self, intensity: f64) -> f32 {
+        -(-intensity * self.delta_s * std::f64::consts::TAU * self.config.cutoff_hz).exp_m1() as f32
     }
 
-    /// Mean number of noise events of a pixel in the interval, and the share of ON events among them.
-    fn noise_mean(&self, block: &Block, pixel: usize, intensity: f64) -> (f64, f64) {
+    /// The noise events of a pixel that makes `mean` of them in the interval.
+    fn arrivals(&self, block: &Block, pixel: usize, mean: f32, intensity: f64, bits: u64) -> Arrivals {
         let config = self.config;
-        let half = config.shot_hz / 2.0 * (1.0 + (f64::from(SHOT_AT_WHITE) - 1.0) * intensity).max(0.0);
-        let hot = block.hot.get(pixel).map_or(0.0, |&hot| f64::from(hot) / 2.0);
-        // A pixel with a lower threshold makes more noise (v2e).
-        let [own_on, own_off] = block.own[pixel].map(f64::from);
-        let (on, off) = (half * config.threshold_on / own_on + hot, half * config.threshold_off / own_off + hot);
-        let share_on = if on + off > 0.0 { on / (on + off) } else { 0.5 };
-        ((on + off) * self.delta_s, share_on)
+        let mean = f64::from(mean);
+        // A pixel with a lower threshold makes more noise (v2e); a hot one makes both polarities alike.
+        let half = config.shot_hz / 2.0 * self.delta_s * f64::from(shot_factor(intensity as f32));
+        let hot = block.hot.get(pixel).map_or(0.0, |&hot_hz| f64::from(hot_hz) / 2.0 * self.delta_s);
+        let on = half * config.threshold_on / f64::from(block.own[pixel][0]) + hot;
+        // The first gap of the Poisson process comes from the draw that raised the flag.
+        let next = if mean > 0.0 { -(-noise::uniform(bits)).ln_1p() / mean } else { f64::INFINITY };
+        Arrivals { next, mean, share_on: on / mean, key: bits }
     }
 
     /// About how many events a pixel makes in the interval.

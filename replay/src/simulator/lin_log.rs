@@ -55,6 +55,11 @@ impl Response {
         }
     }
 
+    /// `of` the intensity of each grey level.
+    pub(super) fn tabulate(&self, of: impl Fn(f64) -> f32) -> [f32; 256] {
+        self.intensity.map(of)
+    }
+
     /// v2e's `inten01` of the pixels from `start` on: intensity with an offset that keeps a black pixel's bandwidth above
     /// zero, 0.073 to 1.
     pub(super) fn intensity(&self, luma: Luma<'_>, start: usize, out: &mut [f64]) {

@@ -148,6 +148,16 @@ impl Simulator {
 /// Pixels that are worked on at once: few enough for registers and the first cache, enough to vectorise.
 const CHUNK: usize = 64;
 
+/// The indices of the flags that are set; at most [`CHUNK`] flags.
+fn set(flags: &[bool]) -> impl Iterator<Item = usize> {
+    let mut mask = flags.iter().enumerate().fold(0_u64, |mask, (index, &flag)| mask | u64::from(flag) << index);
+    std::iter::from_fn(move || {
+        let index = mask.trailing_zeros() as usize;
+        mask &= mask.wrapping_sub(1);
+        (index < CHUNK).then_some(index)
+    })
+}
+
 /// The rows of each block of a sensor.
 fn blocks(width: usize, height: usize) -> impl Iterator<Item = Range<usize>> {
     const PIXELS: usize = 8192;

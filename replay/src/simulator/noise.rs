@@ -6,8 +6,7 @@ use erfgs_session::random;
 
 use super::SimulatorConfig;
 
-const THRESHOLD_ON: u64 = random::purpose("simulator threshold on");
-const THRESHOLD_OFF: u64 = random::purpose("simulator threshold off");
+const THRESHOLD: u64 = random::purpose("simulator threshold");
 const LEAK: u64 = random::purpose("simulator leak");
 const HOT: u64 = random::purpose("simulator hot");
 const FRAME: u64 = random::purpose("simulator frame");
@@ -34,11 +33,12 @@ impl Noise {
         if config.sigma == 0.0 {
             return (config.threshold_on as f32, config.threshold_off as f32);
         }
-        let draw = |nominal: f64, purpose| {
-            let normal = random::normal(random::key(self.key, &[purpose, pixel]));
-            (nominal + config.sigma * normal).max(SMALLEST_DRAWN) as f32
-        };
-        (draw(config.threshold_on, THRESHOLD_ON), draw(config.threshold_off, THRESHOLD_OFF))
+        // Both normals of a Box-Muller pair.
+        let key = random::key(self.key, &[THRESHOLD, pixel]);
+        let radius = (2.0 * random::exponential(key)).sqrt();
+        let (sin, cos) = (std::f64::consts::TAU * random::uniform(random::extend(key, 0))).sin_cos();
+        let drawn = |nominal: f64, normal: f64| (nominal + config.sigma * normal).max(SMALLEST_DRAWN) as f32;
+        (drawn(config.threshold_on, radius * cos), drawn(config.threshold_off, radius * sin))
     }
 
     /// The pixel's leak rate over the mean one.
@@ -52,9 +52,20 @@ impl Noise {
         if hot { config.hot_hz as f32 } else { 0.0 }
     }
 
-    /// The key of a frame; extended by a pixel's index, it gives the pixel's bits for the interval before that frame.
+    /// The key of a frame, for [`bits`].
     pub(super) fn frame(self, frame: u64) -> u64 {
         random::key(self.key, &[FRAME, frame])
+    }
+}
+
+/// The random bits of some pixels, from the one with the index `first` in the image on, for the interval before the frame
+/// with this key: the splitmix64 stream that starts at the key.
+pub(super) fn bits(frame_key: u64, first: u64, out: &mut [u64]) {
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    let mut state = frame_key.wrapping_add(GOLDEN.wrapping_mul(first));
+    for bits in out {
+        state = state.wrapping_add(GOLDEN);
+        *bits = random::mix(state);
     }
 }
 

@@ -14,7 +14,7 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use erfgs_session::{Events, random};
+use erfgs_session::Events;
 use rayon::prelude::*;
 
 use super::{
@@ -91,8 +91,10 @@ struct Block<T> {
     /// The low-pass; empty where it is off.
     low_passed: Vec<T>,
     thresholds: Thresholds<T>,
-    /// Leak rate over the mean one; empty where there is no leak.
+    /// Mean fall of the reference by leakage, natural-log intensity a second; empty where there is no leak.
     leak: Vec<f32>,
+    /// Nominal over own thresholds, ON and OFF; empty where there is no shot noise.
+    shot_ratio: [Vec<f32>; 2],
     /// Time of the last event that the refractory period looked at, `f32` seconds; empty where there is none.
     last_event: Vec<f32>,
     candidates: Vec<Candidate<T>>,
@@ -126,17 +128,27 @@ impl<T: Real> Parity<T> {
                     Thresholds::Each(on, off)
                 };
                 let some = |wanted: bool| if wanted { pixels.len() } else { 0 };
+                let own = |pixel: usize| {
+                    let (on, off) = thresholds.get(pixel);
+                    [on, off].map(|threshold| threshold.into() as f32)
+                };
+                let leak = indices()
+                    .take(some(config.leak_hz > 0.0))
+                    .enumerate()
+                    .map(|(index, pixel)| config.leak_hz as f32 * noise.leak_factor(config, pixel) * own(index)[0])
+                    .collect();
+                let nominal = [config.threshold_on as f32, config.threshold_off as f32];
+                let shot_ratio = [0, 1].map(|polarity| {
+                    (0..some(config.shot_hz > 0.0)).map(|pixel| nominal[polarity] / own(pixel)[polarity]).collect()
+                });
                 Block {
                     first_row: rows.start,
                     first_pixel: pixels.start as u64,
                     base: vec![T::default(); pixels.len()],
                     low_passed: vec![T::default(); some(config.cutoff_hz > 0.0)],
                     thresholds,
-                    leak: if config.leak_hz > 0.0 {
-                        indices().map(|pixel| noise.leak_factor(config, pixel)).collect()
-                    } else {
-                        Vec::new()
-                    },
+                    leak,
+                    shot_ratio,
                     last_event: vec![-config.refractory_s as f32; some(config.refractory_s > 0.0)],
                     candidates: Vec::new(),
                     raws: Vec::new(),
@@ -264,24 +276,23 @@ impl Scan<'_> {
         let bandwidth = self.delta_s * std::f64::consts::TAU * config.cutoff_hz;
         let (mut log, mut intensity, mut bits) = ([0.0; CHUNK], [0.0; CHUNK], [0; CHUNK]);
         let mut output = [T::default(); CHUNK];
-        let (mut shot_on, mut shot_off) = ([false; CHUNK], [false; CHUNK]);
+        let (mut flags, mut shot_on, mut shot_off) = ([false; CHUNK], [false; CHUNK], [false; CHUNK]);
         let (mut most, mut total) = (0, 0);
         block.candidates.clear();
         for start in (0..block.base.len()).step_by(CHUNK) {
             let len = CHUNK.min(block.base.len() - start);
+            let range = start..start + len;
             let first = block.first_pixel as usize + start;
             self.response.log(luma, first, &mut log[..len]);
             if low_pass || shot {
                 self.response.intensity(luma, first, &mut intensity[..len]);
             }
             if leaky || shot {
-                for (index, bits) in bits[..len].iter_mut().enumerate() {
-                    *bits = random::extend(self.frame_key, (first + index) as u64);
-                }
+                noise::bits(self.frame_key, first as u64, &mut bits[..len]);
             }
             if low_pass {
                 for ((state, out), (&log, &intensity)) in
-                    block.low_passed[start..start + len].iter_mut().zip(&mut output).zip(log.iter().zip(&intensity))
+                    block.low_passed[range.clone()].iter_mut().zip(&mut output).zip(log.iter().zip(&intensity))
                 {
                     let eps = (intensity * bandwidth).min(1.0);
                     *state = T::of(1.0 - eps) * *state + T::of(eps) * T::from(log);
@@ -291,28 +302,33 @@ impl Scan<'_> {
                 output.iter_mut().zip(&log).for_each(|(output, &log)| *output = T::from(log));
             }
             if leaky {
-                self.leak(block, start, &bits[..len]);
-            }
-            let mut any = false;
-            if shot {
-                for index in 0..len {
-                    let (on, off) = self.shot(&block.thresholds, start + index, intensity[index] as f32, bits[index]);
-                    (shot_on[index], shot_off[index]) = (on, off);
-                    any |= on | off;
+                let (delta_s, jitter) = (self.delta_s as f32, config.leak_jitter as f32);
+                for ((base, &leak), &bits) in
+                    block.base[range.clone()].iter_mut().zip(&block.leak[range.clone()]).zip(&bits)
+                {
+                    *base = *base - T::from(delta_s * leak * (1.0 - jitter * self.quick_normal.get(bits)));
                 }
             }
-            let base = &block.base[start..start + len];
-            any |= match &block.thresholds {
-                Thresholds::Same(on, off) => crosses(&output, base, |_| *on, |_| *off),
+            let base = &block.base[range.clone()];
+            match &block.thresholds {
+                Thresholds::Same(on, off) => crosses(&output, base, |_| *on, |_| *off, &mut flags),
                 Thresholds::Each(on, off) => {
-                    let (on, off) = (&on[start..start + len], &off[start..start + len]);
-                    crosses(&output, base, |index| on[index], |index| off[index])
+                    let (on, off) = (&on[range.clone()], &off[range.clone()]);
+                    crosses(&output, base, |index| on[index], |index| off[index], &mut flags);
                 }
-            };
-            if !any {
-                continue;
             }
-            for index in 0..len {
+            if shot {
+                let half = (config.shot_hz / 2.0 * self.delta_s) as f32;
+                let ratio = block.shot_ratio[0][range.clone()].iter().zip(&block.shot_ratio[1][range]);
+                for (index, (on, off)) in ratio.enumerate() {
+                    let half = half * ((SHOT_AT_WHITE - 1.0) * intensity[index] as f32 + 1.0);
+                    let draw = noise::uniform(bits[index]) as f32;
+                    shot_on[index] = draw > 1.0 - half * on;
+                    shot_off[index] = draw < half * off;
+                    flags[index] |= shot_on[index] | shot_off[index];
+                }
+            }
+            for index in super::set(&flags[..len]) {
                 let difference = output[index] - base[index];
                 let (on, off) = block.thresholds.get(start + index);
                 let signal = if difference >= on {
@@ -323,49 +339,29 @@ impl Scan<'_> {
                     0
                 };
                 let (shot_on, shot_off) = (shot_on[index], shot_off[index]);
-                if signal != 0 || shot_on || shot_off {
-                    most = most.max(signal.unsigned_abs());
-                    total += u64::from(signal.unsigned_abs()) + u64::from(shot_on) + u64::from(shot_off);
-                    let pixel = (start + index) as u32;
-                    block.candidates.push(Candidate { pixel, signal, shot_on, shot_off, output: output[index] });
-                }
+                most = most.max(signal.unsigned_abs());
+                total += u64::from(signal.unsigned_abs()) + u64::from(shot_on) + u64::from(shot_off);
+                let pixel = (start + index) as u32;
+                block.candidates.push(Candidate { pixel, signal, shot_on, shot_off, output: output[index] });
             }
         }
         (most, total)
     }
-
-    fn leak<T: Real>(&self, block: &mut Block<T>, start: usize, bits: &[u64]) {
-        let config = self.config;
-        let (rate, jitter, delta_s) = (config.leak_hz as f32, config.leak_jitter as f32, self.delta_s as f32);
-        for (index, &bits) in bits.iter().enumerate() {
-            let pixel = start + index;
-            let rate = rate * block.leak[pixel] * (1.0 - jitter * self.quick_normal.get(bits));
-            let threshold: f64 = block.thresholds.get(pixel).0.into();
-            block.base[pixel] = block.base[pixel] - T::from(delta_s * rate * threshold as f32);
-        }
-    }
-
-    /// Whether the pixel makes an ON and an OFF event of shot noise.
-    fn shot<T: Real>(&self, thresholds: &Thresholds<T>, pixel: usize, intensity: f32, bits: u64) -> (bool, bool) {
-        let config = self.config;
-        let half = (config.shot_hz / 2.0 * self.delta_s) as f32 * ((SHOT_AT_WHITE - 1.0) * intensity + 1.0);
-        let (on, off) = thresholds.get(pixel);
-        let (on, off): (f64, f64) = (on.into(), off.into());
-        let draw = noise::uniform(bits) as f32;
-        let share = |nominal: f64, threshold: f64| half * (nominal as f32 / threshold as f32);
-        (draw > 1.0 - share(config.threshold_on, on), draw < share(config.threshold_off, off))
-    }
 }
 
-/// Whether any pixel's difference from its reference reaches a threshold.
+/// Flags the pixels whose difference from their reference reaches a threshold.
 #[inline]
-fn crosses<T: Real>(output: &[T; CHUNK], base: &[T], on: impl Fn(usize) -> T, off: impl Fn(usize) -> T) -> bool {
-    let mut any = false;
-    for (index, (&output, &base)) in output.iter().zip(base).enumerate() {
+fn crosses<T: Real>(
+    output: &[T; CHUNK],
+    base: &[T],
+    on: impl Fn(usize) -> T,
+    off: impl Fn(usize) -> T,
+    flags: &mut [bool; CHUNK],
+) {
+    for (index, ((&output, &base), flag)) in output.iter().zip(base).zip(flags).enumerate() {
         let difference = output - base;
-        any |= (difference >= on(index)) | (-difference >= off(index));
+        *flag = (difference >= on(index)) | (-difference >= off(index));
     }
-    any
 }
 
 /// The largest integer not above the exact quotient of `a` and `b`, both positive.
