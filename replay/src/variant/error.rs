@@ -54,6 +54,12 @@ pub enum VariantError {
         /// Frames in the source.
         frames: usize,
     },
+    /// Two files of the variant would have the same name.
+    #[error("the variant would need two different files called {}; rename one of the source's frames", file.display())]
+    SameFile {
+        /// The file, relative to the dataset's folder.
+        file: PathBuf,
+    },
     /// The new dataset's folder holds something.
     #[error("{} exists and is not empty; name a new folder for the variant", path.display())]
     NotEmpty {
