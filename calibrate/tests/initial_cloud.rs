@@ -20,8 +20,11 @@ fn cloud(dataset: &Dataset, options: &CloudOptions) -> Result<Cloud, CloudError>
     cloud
 }
 
+/// All points, and depth maps of a quarter of the pixels, which are much sooner made.
 fn options(method: Method) -> CloudOptions {
-    CloudOptions { method, max_points: None, ..CloudOptions::default() }
+    let mut options = CloudOptions { method, max_points: None, ..CloudOptions::default() };
+    options.sweep.max_width = 160;
+    options
 }
 
 /// The share of points within `tolerance` metres of a surface.
@@ -79,10 +82,10 @@ fn the_sweep_covers_floor_and_walls_the_same_on_any_number_of_threads() {
     };
     let found = on(1);
     assert_eq!(found, on(3));
-    assert!(found.points.len() > 3000, "{} points", found.points.len());
+    assert!(found.points.len() > 1500, "{} points", found.points.len());
     assert!(share_right(&found, 0.06) > 0.93, "{}", share_right(&found, 0.06));
     let on_floor = found.points.iter().filter(|p| p.position.y.abs() < 0.05).count();
-    assert!(on_floor > 500, "{on_floor} points on the floor");
+    assert!(on_floor > 250, "{on_floor} points on the floor");
     assert!(found.points.iter().all(|point| point.track >= 3));
 }
 

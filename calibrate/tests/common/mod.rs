@@ -1,7 +1,5 @@
 //! A small textured room filmed by cameras around it, with a ball that has moved between two instants.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
-
 use std::path::Path;
 
 use erfgs_session::{
