@@ -3,7 +3,7 @@
 //! - [`simulator`]: events from frames, by v2e's pixel model (`parity`) or a finer one (`enhanced`).
 //! - [`variant`]: temporal subsampling, motion blur and disjoint viewpoints made from a dataset, with simulated events.
 //! - [`picture`]: events as pictures, for reports.
-//! - [`bench`]: the simulator's speed.
+//! - [`mod@bench`]: the simulator's speed.
 
 pub mod bench;
 pub mod picture;
