@@ -4,13 +4,13 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use super::{
     html::{self, Escaped},
-    load::{Page, Run},
+    load::{Run, Scene},
 };
 
 /// What differs between the runs, and everything below.
-pub(super) fn section(page: &Page) -> String {
+pub(super) fn section(scene: &Scene) -> String {
     let runs: Vec<(&Run, &toml::Table)> =
-        page.runs.iter().filter_map(|run| Some((run, run.config.as_ref()?))).collect();
+        scene.runs.iter().filter_map(|run| Some((run, run.config.as_ref()?))).collect();
     let mut keys: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
     for (at, (_, config)) in runs.iter().enumerate() {
         flatten("", config, &mut |key, value| {
@@ -59,7 +59,7 @@ pub(super) fn section(page: &Page) -> String {
         keys.len(),
         html::table("configuration", &head, &all)
     );
-    html::section("configuration", "Configuration", &body)
+    html::section(scene, "configuration", "Configuration", &body)
 }
 
 fn flatten(prefix: &str, table: &toml::Table, found: &mut impl FnMut(String, String)) {

@@ -2,7 +2,7 @@
 
 use super::{
     html,
-    load::{Page, Run},
+    load::{Run, Scene},
     plot::{Plot, Series, legend},
 };
 use crate::run::CurveRow;
@@ -13,18 +13,18 @@ const MAX_POINTS: usize = 150;
 type Pick = fn(&CurveRow) -> Option<f64>;
 
 /// PSNR and DPSNR of the held-out views over wall time and over iterations.
-pub(super) fn quality(page: &Page) -> String {
-    let longest = rows(page).map(|row| row.wall_seconds).fold(0.0, f64::max);
+pub(super) fn quality(scene: &Scene) -> String {
+    let longest = rows(scene).map(|row| row.wall_seconds).fold(0.0, f64::max);
     let (unit, name) = if longest > 300.0 { (60.0, "min") } else { (1.0, "s") };
-    let dpsnr = format!("{}, dB", page.dpsnr_name());
-    let marks = stage_marks(page);
+    let dpsnr = format!("{}, dB", scene.dpsnr_name());
+    let marks = stage_marks(scene);
     let mut plots = String::new();
     for (label, pick) in [("PSNR, dB", (|row| row.psnr) as Pick), (dpsnr.as_str(), |row| row.dpsnr)] {
         plots += &Plot {
             y_label: label.into(),
             from_zero: true,
             x_label: format!("training time, {name}"),
-            series: series(page, |row| Some((row.wall_seconds / unit, pick(row)?))),
+            series: series(scene, |row| Some((row.wall_seconds / unit, pick(row)?))),
             ..Plot::default()
         }
         .svg();
@@ -32,7 +32,7 @@ pub(super) fn quality(page: &Page) -> String {
             y_label: label.into(),
             from_zero: true,
             x_label: "iterations".into(),
-            series: series(page, |row| Some((row.iteration as f64, pick(row)?))),
+            series: series(scene, |row| Some((row.iteration as f64, pick(row)?))),
             marks: marks.clone(),
             ..Plot::default()
         }
@@ -46,13 +46,13 @@ pub(super) fn quality(page: &Page) -> String {
         "{}<div class=\"plots\">\n{plots}</div>\n<p class=\"caption\">Held-out views at the evaluations during training, \
          which may look at a part of the frames (<code>evaluation.frame_stride</code>); the summary looks at all of \
          them.{note}</p>\n",
-        names(page)
+        names(scene)
     );
-    html::section("curves", "Error against run time", &body)
+    html::section(scene, "curves", "Error against run time", &body)
 }
 
 /// Losses and numbers of Gaussians over iterations.
-pub(super) fn losses(page: &Page) -> String {
+pub(super) fn losses(scene: &Scene) -> String {
     let quantities: [(&str, bool, Pick); 7] = [
         ("photometric loss", true, |row| row.loss_rgb),
         ("event loss", true, |row| row.loss_event),
@@ -70,8 +70,8 @@ pub(super) fn losses(page: &Page) -> String {
                 from_zero: true,
                 x_label: "iterations".into(),
                 log_y,
-                series: series(page, |row| Some((row.iteration as f64, pick(row)?))),
-                marks: stage_marks(page),
+                series: series(scene, |row| Some((row.iteration as f64, pick(row)?))),
+                marks: stage_marks(scene),
                 ..Plot::default()
             }
             .svg()
@@ -81,22 +81,23 @@ pub(super) fn losses(page: &Page) -> String {
         return String::new();
     }
     html::section(
+        scene,
         "losses",
         "Losses and Gaussians",
-        &format!("{}<div class=\"plots small\">\n{plots}</div>\n", names(page)),
+        &format!("{}<div class=\"plots small\">\n{plots}</div>\n", names(scene)),
     )
 }
 
-fn rows(page: &Page) -> impl Iterator<Item = &CurveRow> {
-    page.runs.iter().flat_map(|run| &run.curve.rows)
+fn rows(scene: &Scene) -> impl Iterator<Item = &CurveRow> {
+    scene.runs.iter().flat_map(|run| &run.curve.rows)
 }
 
-fn names(page: &Page) -> String {
-    legend(page.runs.iter().enumerate().map(|(at, run)| (at, run.label.as_str())))
+fn names(scene: &Scene) -> String {
+    legend(scene.runs.iter().enumerate().map(|(at, run)| (at, run.label.as_str())))
 }
 
 /// Where the stage changes, where that is the same in all runs.
-fn stage_marks(page: &Page) -> Vec<(f64, String)> {
+fn stage_marks(scene: &Scene) -> Vec<(f64, String)> {
     let change = |run: &Run| {
         let mut pairs = run.curve.rows.windows(2);
         pairs.find_map(|pair| match pair {
@@ -104,7 +105,7 @@ fn stage_marks(page: &Page) -> Vec<(f64, String)> {
             _ => None,
         })
     };
-    let mut changes = page.runs.iter().filter(|run| !run.curve.rows.is_empty()).map(change);
+    let mut changes = scene.runs.iter().filter(|run| !run.curve.rows.is_empty()).map(change);
     match changes.next().flatten() {
         Some(first) if changes.all(|other| other.is_some_and(|other| other == first)) => {
             vec![(first.0 as f64, format!("the {} stage begins", first.1))]
@@ -113,12 +114,12 @@ fn stage_marks(page: &Page) -> Vec<(f64, String)> {
     }
 }
 
-fn series(page: &Page, point: impl Fn(&CurveRow) -> Option<(f64, f64)>) -> Vec<Series> {
+fn series(scene: &Scene, point: impl Fn(&CurveRow) -> Option<(f64, f64)>) -> Vec<Series> {
     let of_run = |(run, of): (usize, &Run)| {
         let points: Vec<(f64, f64)> = of.curve.rows.iter().filter_map(&point).collect();
         Series { name: of.label.clone(), run, points: thin(&points) }
     };
-    page.runs.iter().enumerate().map(of_run).collect()
+    scene.runs.iter().enumerate().map(of_run).collect()
 }
 
 /// Means of groups of neighbours, so that no more than [`MAX_POINTS`] are left.

@@ -2,6 +2,8 @@
 
 use std::fmt::{self, Display, Write as _};
 
+use super::load::Scene;
+
 /// Text with what means something in HTML escaped. Every name and value from a file goes through it.
 pub(super) struct Escaped<'a>(pub &'a str);
 
@@ -95,11 +97,11 @@ pub(super) fn bytes(value: u64) -> String {
 }
 
 /// A section with a heading. Nothing where the body is empty.
-pub(super) fn section(id: &str, heading: &str, body: &str) -> String {
+pub(super) fn section(scene: &Scene, id: &str, heading: &str, body: &str) -> String {
     if body.is_empty() {
         return String::new();
     }
-    format!("<section id=\"{id}\">\n<h2>{}</h2>\n{body}</section>\n", Escaped(heading))
+    format!("<section id=\"{}{id}\">\n<h2>{}</h2>\n{body}</section>\n", scene.prefix, Escaped(heading))
 }
 
 /// A table in a box that scrolls where the page is narrow. `head` and `rows` are HTML.

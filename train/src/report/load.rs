@@ -26,13 +26,17 @@ impl Run {
     }
 }
 
-/// The runs, and what is to be said about them.
-pub(super) struct Page {
+/// The runs over one dataset, and what is to be said about them.
+pub(super) struct Scene {
+    /// Name of the dataset; unique.
+    pub name: String,
+    /// Stands before the names of sections, so that they are unique on the page.
+    pub prefix: String,
     pub runs: Vec<Run>,
     pub notes: Vec<String>,
 }
 
-impl Page {
+impl Scene {
     /// The views that all evaluated runs share: camera, index, time.
     pub fn common_views(&self) -> Vec<(&str, u32, i64)> {
         let mut evaluated = self.runs.iter().filter(|run| !run.views.is_empty());
@@ -68,32 +72,71 @@ impl Page {
     }
 }
 
-/// Reads the runs. What is missing becomes a note.
-pub(super) fn load(folders: &[RunFolder]) -> Result<Page, RunError> {
-    let mut notes = Vec::new();
-    let mut runs = Vec::new();
+/// Reads the runs and groups them by dataset, in the order in which the datasets come. What is missing becomes a note.
+pub(super) fn load(folders: &[RunFolder]) -> Result<Vec<Scene>, RunError> {
+    let mut scenes: Vec<Scene> = Vec::new();
     for (folder, label) in folders.iter().zip(labels(folders)) {
-        let folder = RunFolder::open(folder.root())?;
-        let info = folder.read_info()?;
-        let config = present(folder.read_config())?;
-        let metrics = present(folder.read_metrics())?;
-        let views = present(folder.read_per_view())?.unwrap_or_default();
-        if metrics.is_none() || views.is_empty() {
-            notes.push(format!("{label}: not evaluated yet; `erfgs eval` fills in what is missing here."));
+        let (run, notes) = load_run(folder, label)?;
+        let found = scenes.iter_mut().find(|scene| scene.runs.first().is_some_and(|first| same_dataset(first, &run)));
+        if let Some(scene) = found {
+            scene.notes.extend(notes);
+            scene.runs.push(run);
+            continue;
         }
-        let curve = present(folder.read_curve())?;
-        match &curve {
-            None => notes.push(format!("{label}: has no curve.csv, so that its training cannot be plotted.")),
-            Some(Curve { cut: Some(cut), .. }) => notes
-                .push(format!("{label}: curve.csv was cut off while it was written ({cut}); that line is left out.")),
-            Some(_) => {}
-        }
-        let dataset = dataset(&folder, &info, &label, &mut notes)?;
-        runs.push(Run { folder, label, info, config, curve: curve.unwrap_or_default(), metrics, views, dataset });
+        let same_name =
+            scenes.iter().filter(|scene| dataset_name(&scene.runs[0].info) == dataset_name(&run.info)).count();
+        let name = match same_name {
+            0 => dataset_name(&run.info),
+            others => format!("{} ({})", dataset_name(&run.info), others + 1),
+        };
+        scenes.push(Scene { name, prefix: String::new(), runs: vec![run], notes });
     }
-    let mut page = Page { runs, notes };
-    compare(&mut page);
-    Ok(page)
+    for scene in &mut scenes {
+        compare(scene);
+    }
+    if scenes.len() > 1 {
+        let names: Vec<String> = scenes.iter().map(|scene| scene.name.clone()).collect();
+        scenes[0].notes.insert(
+            0,
+            format!(
+                "The runs are over different datasets ({}): they are compared within a dataset alone.",
+                names.join(", ")
+            ),
+        );
+        for (at, scene) in scenes.iter_mut().enumerate() {
+            scene.prefix = format!("scene-{}-", at + 1);
+        }
+    }
+    Ok(scenes)
+}
+
+fn load_run(folder: &RunFolder, label: String) -> Result<(Run, Vec<String>), RunError> {
+    let mut notes = Vec::new();
+    let folder = RunFolder::open(folder.root())?;
+    let info = folder.read_info()?;
+    let config = present(folder.read_config())?;
+    let metrics = present(folder.read_metrics())?;
+    let views = present(folder.read_per_view())?.unwrap_or_default();
+    if metrics.is_none() || views.is_empty() {
+        notes.push(format!("{label}: not evaluated yet; `erfgs eval` fills in what is missing here."));
+    }
+    let curve = present(folder.read_curve())?;
+    match &curve {
+        None => notes.push(format!("{label}: has no curve.csv, so that its training cannot be plotted.")),
+        Some(Curve { cut: Some(cut), .. }) => {
+            notes.push(format!("{label}: curve.csv was cut off while it was written ({cut}); that line is left out."))
+        }
+        Some(_) => {}
+    }
+    let dataset = dataset(&folder, &info, &label, &mut notes)?;
+    Ok((Run { folder, label, info, config, curve: curve.unwrap_or_default(), metrics, views, dataset }, notes))
+}
+
+fn same_dataset(a: &Run, b: &Run) -> bool {
+    match (&a.info.dataset_sha256, &b.info.dataset_sha256) {
+        (Some(a), Some(b)) => a == b,
+        _ => (&a.info.dataset_name, &a.info.dataset) == (&b.info.dataset_name, &b.info.dataset),
+    }
 }
 
 fn present<T>(read: Result<T, RunError>) -> Result<Option<T>, RunError> {
@@ -140,23 +183,10 @@ fn labels(folders: &[RunFolder]) -> Vec<String> {
 }
 
 /// Notes what makes runs hard to compare.
-fn compare(page: &mut Page) {
-    let [first, others @ ..] = page.runs.as_slice() else { return };
+fn compare(scene: &mut Scene) {
+    let [first, others @ ..] = scene.runs.as_slice() else { return };
     let mut notes = Vec::new();
     for other in others {
-        let same = match (&first.info.dataset_sha256, &other.info.dataset_sha256) {
-            (Some(a), Some(b)) => a == b,
-            _ => (&first.info.dataset_name, &first.info.dataset) == (&other.info.dataset_name, &other.info.dataset),
-        };
-        if !same {
-            notes.push(format!(
-                "{} and {} were trained on different datasets ('{}' and '{}'): their figures are not comparable.",
-                first.label,
-                other.label,
-                dataset_name(&first.info),
-                dataset_name(&other.info)
-            ));
-        }
         if let (Some(a), Some(b)) = (&first.metrics, &other.metrics) {
             if a.dpsnr_mask != b.dpsnr_mask {
                 notes.push(format!(
@@ -181,11 +211,11 @@ fn compare(page: &mut Page) {
             ));
         }
     }
-    page.notes.extend(notes);
+    scene.notes.extend(notes);
 }
 
 /// The dataset's name or, without one, the last component of its folder.
-pub(super) fn dataset_name(info: &RunInfo) -> String {
+fn dataset_name(info: &RunInfo) -> String {
     if !info.dataset_name.is_empty() {
         return info.dataset_name.clone();
     }

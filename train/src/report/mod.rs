@@ -11,6 +11,7 @@ mod picture_io;
 mod pictures;
 mod plot;
 mod rig;
+mod scenes;
 mod setting;
 mod summary;
 mod time;
@@ -51,7 +52,8 @@ pub struct Report {
     pub notes: Vec<String>,
 }
 
-/// Compares `runs` in one page at `out`. Differences are against the first run.
+/// Compares `runs` in one page at `out`. Differences are against the first run over the same dataset; runs over several
+/// datasets give a table by scene, and a part of the page for each.
 ///
 /// What a run lacks (it was stopped, or not evaluated) is noted in the page; what is broken is an error.
 ///
@@ -61,24 +63,33 @@ pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportErro
     if runs.is_empty() {
         return Err(ReportError::NoRuns);
     }
-    let mut page = load::load(runs)?;
-    // Pictures come first: what cannot be read becomes a note at the head of the page.
-    let side_by_side = pictures::views(&mut page);
-    let events = pictures::events(&mut page);
-    let sections = [
-        summary::section(&page),
-        curves::quality(&page),
-        time::section(&page),
-        side_by_side,
-        events,
-        views::section(&page),
-        setting::left_out(&page),
-        curves::losses(&page),
-        configuration::section(&page),
-        setting::dataset(&page),
-    ];
-    let text = html::page(&summary::title(&page), &summary::head(&page), &sections.concat());
+    let mut scenes = load::load(runs)?;
+    let several = scenes.len() > 1;
+    let mut body = if several { scenes::table(&scenes) } else { String::new() };
+    for scene in &mut scenes {
+        if several {
+            body += &scenes::heading(scene);
+        }
+        // Pictures come first: what cannot be read becomes a note at the head of the page.
+        let side_by_side = pictures::views(scene);
+        let events = pictures::events(scene);
+        let sections = [
+            summary::section(scene),
+            curves::quality(scene),
+            time::section(scene),
+            side_by_side,
+            events,
+            views::section(scene),
+            setting::left_out(scene),
+            curves::losses(scene),
+            configuration::section(scene),
+            setting::dataset(scene),
+        ];
+        body += &sections.concat();
+    }
+    let text = html::page(&scenes::title(&scenes), &scenes::head(&scenes), &body);
     replace(out, |file| file.write_all(text.as_bytes()))
         .map_err(|source| ReportError::Write { path: out.to_owned(), source })?;
-    Ok(Report { bytes: text.len() as u64, notes: page.notes })
+    let notes = scenes.into_iter().flat_map(|scene| scene.notes).collect();
+    Ok(Report { bytes: text.len() as u64, notes })
 }

@@ -6,7 +6,7 @@ use image::RgbImage;
 
 use super::{
     html::{self, Escaped, number},
-    load::{Page, Run},
+    load::{Run, Scene},
     picture_io::{self, FULL_ERROR},
     plot::swatch,
 };
@@ -18,16 +18,16 @@ const DETAIL: u32 = 5;
 const EVENT_CAMERAS: usize = 4;
 
 /// The worst, median and best shared view.
-pub(super) fn views(page: &mut Page) -> String {
+pub(super) fn views(scene: &mut Scene) -> String {
     let mut body = String::new();
     let mut notes = Vec::new();
-    for (what, camera, index) in chosen(page) {
-        match view(page, &what, &camera, index) {
+    for (what, camera, index) in chosen(scene) {
+        match view(scene, &what, &camera, index) {
             Ok(html) => body += &html,
             Err(note) => notes.push(note),
         }
     }
-    page.notes.extend(notes);
+    scene.notes.extend(notes);
     if body.is_empty() {
         return String::new();
     }
@@ -36,24 +36,24 @@ pub(super) fn views(page: &mut Page) -> String {
          channel. Details show, for all runs, the place where they err most together; their pixels are enlarged.</p>\n",
         picture_io::gradient()
     );
-    html::section("pictures", "Side by side", &(legend + &body))
+    html::section(scene, "pictures", "Side by side", &(legend + &body))
 }
 
 /// The pictures that all evaluated runs have, by their mean DPSNR over the runs (PSNR where nothing moves): what each
 /// is, camera, index.
-fn chosen(page: &Page) -> Vec<(String, String, u32)> {
+fn chosen(scene: &Scene) -> Vec<(String, String, u32)> {
     let mut ranked: Vec<(f64, &str, u32)> = Vec::new();
-    let mut common = page.common_views();
+    let mut common = scene.common_views();
     common.retain(|(camera, index, _)| {
         let written = |run: &Run| {
             let files = [run.folder.render_file(camera, *index), run.folder.truth_file(camera, *index)];
             // A name that cannot be a path is reported when the picture is read.
             files.iter().all(|file| file.as_ref().map_or(true, |file| file.is_file()))
         };
-        page.runs.iter().filter(|run| !run.views.is_empty()).all(written)
+        scene.runs.iter().filter(|run| !run.views.is_empty()).all(written)
     });
     let moves = |(camera, index, _): &(&str, u32, i64)| {
-        page.runs.iter().filter_map(|run| run.view(camera, *index)).all(|view| view.dpsnr.is_some())
+        scene.runs.iter().filter_map(|run| run.view(camera, *index)).all(|view| view.dpsnr.is_some())
     };
     let by_dpsnr = common.iter().any(moves);
     for (camera, index, t_ns) in common {
@@ -61,7 +61,7 @@ fn chosen(page: &Page) -> Vec<(String, String, u32)> {
             continue;
         }
         let value = |view: &PerView| if by_dpsnr { view.dpsnr.unwrap_or(view.psnr) } else { view.psnr };
-        let values: Vec<f64> = page.runs.iter().filter_map(|run| run.view(camera, index)).map(value).collect();
+        let values: Vec<f64> = scene.runs.iter().filter_map(|run| run.view(camera, index)).map(value).collect();
         ranked.push((values.iter().sum::<f64>() / values.len().max(1) as f64, camera, index));
     }
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -85,8 +85,9 @@ struct Shown<'a> {
     errors: Vec<u8>,
 }
 
-fn view(page: &Page, what: &str, camera: &str, index: u32) -> Result<String, String> {
-    let evaluated: Vec<(usize, &Run)> = page.runs.iter().enumerate().filter(|(_, run)| !run.views.is_empty()).collect();
+fn view(scene: &Scene, what: &str, camera: &str, index: u32) -> Result<String, String> {
+    let evaluated: Vec<(usize, &Run)> =
+        scene.runs.iter().enumerate().filter(|(_, run)| !run.views.is_empty()).collect();
     let path = |file: fn(&RunFolder, &str, u32) -> Result<PathBuf, RunError>, run: &Run| {
         file(&run.folder, camera, index).map_err(|error| error.to_string())
     };
@@ -186,9 +187,9 @@ impl Frame {
 }
 
 /// Event frames, measured and rendered: for each event camera the one with most events.
-pub(super) fn events(page: &mut Page) -> String {
+pub(super) fn events(scene: &mut Scene) -> String {
     let runs: Vec<(usize, &Run)> =
-        page.runs.iter().enumerate().filter(|(_, run)| run.folder.root().join("events").is_dir()).collect();
+        scene.runs.iter().enumerate().filter(|(_, run)| run.folder.root().join("events").is_dir()).collect();
     let mut body = String::new();
     let mut notes = Vec::new();
     if let Some((_, first)) = runs.first() {
@@ -199,7 +200,7 @@ pub(super) fn events(page: &mut Page) -> String {
             }
         }
     }
-    page.notes.extend(notes);
+    scene.notes.extend(notes);
     if body.is_empty() {
         return String::new();
     }
@@ -210,7 +211,7 @@ pub(super) fn events(page: &mut Page) -> String {
         "<div class=\"pictures events\" style=\"--columns:{columns}\">\n{body}</div>\n<p class=\"caption\">Of each event camera \
          the frame with most events, as measured and as predicted from the rendered brightness.</p>\n"
     );
-    html::section("events", "Event frames", &body)
+    html::section(scene, "events", "Event frames", &body)
 }
 
 /// Of each camera (the first few by name) the frame whose picture has most pixels unlike its background.

@@ -6,14 +6,14 @@ use erfgs_session::{Camera, Manifest, Modality, Split};
 
 use super::{
     html::{self, Escaped, count, number},
-    load::Page,
+    load::Scene,
     rig,
 };
 
 /// What each run left out.
-pub(super) fn left_out(page: &Page) -> String {
+pub(super) fn left_out(scene: &Scene) -> String {
     let mut rows = String::new();
-    for run in &page.runs {
+    for run in &scene.runs {
         for (at, item) in run.info.left_out.iter().enumerate() {
             rows.push_str("<tr>");
             if at == 0 {
@@ -27,7 +27,7 @@ pub(super) fn left_out(page: &Page) -> String {
         return String::new();
     }
     let head = "<tr><th>Run</th><th>Left out</th><th>Why</th><th>Saved</th></tr>";
-    html::section("left-out", "What was left out", &html::table("prose", head, &rows))
+    html::section(scene, "left-out", "What was left out", &html::table("prose", head, &rows))
 }
 
 /// What a camera is for, in a word or two.
@@ -41,8 +41,8 @@ pub(super) fn role(camera: &Camera) -> &'static str {
 }
 
 /// The dataset of the first run that has one.
-pub(super) fn dataset(page: &Page) -> String {
-    let Some(dataset) = page.dataset() else { return String::new() };
+pub(super) fn dataset(scene: &Scene) -> String {
+    let Some(dataset) = scene.dataset() else { return String::new() };
     let cameras = |wanted: &str| dataset.cameras.iter().filter(|camera| role(camera) == wanted).count();
     let roles = ["RGB", "events", "RGB and events", "held out"];
     let numbers: Vec<String> = roles
@@ -66,7 +66,7 @@ pub(super) fn dataset(page: &Page) -> String {
     body.push_str("</p>\n");
     body += &steps(dataset);
     let _ = write!(body, "<div class=\"beside\">\n{}{}</div>\n", rig::figure(dataset), table(dataset));
-    html::section("dataset", "Dataset", &body)
+    html::section(scene, "dataset", "Dataset", &body)
 }
 
 fn steps(dataset: &Manifest) -> String {

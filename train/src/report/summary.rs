@@ -1,57 +1,13 @@
-//! The head of the page and the table of runs.
+//! The table of runs.
 
 use std::fmt::Write as _;
 
 use super::{
-    html::{self, Escaped, bytes, count, difference, duration, number},
-    load::{Page, Run, dataset_name},
+    html::{self, Escaped, bytes, difference, duration, number},
+    load::{Run, Scene},
     plot::swatch,
 };
 use crate::run::Metrics;
-
-/// The title of the page.
-pub(super) fn title(page: &Page) -> String {
-    let dataset = page.runs.first().map(|run| dataset_name(&run.info)).unwrap_or_default();
-    match page.runs.as_slice() {
-        [run] => format!("{dataset}: {}", run.label),
-        runs => format!("{dataset}: {} runs compared", runs.len()),
-    }
-}
-
-/// What was found, in sentences, and what to beware of.
-pub(super) fn head(page: &Page) -> String {
-    let mut html = String::new();
-    if let [first, others @ ..] = page.runs.as_slice() {
-        let findings: String = others.iter().filter_map(|other| finding(first, other)).collect();
-        if !findings.is_empty() {
-            let _ = write!(html, "<ul class=\"findings\">\n{findings}</ul>\n");
-        }
-    }
-    if !page.notes.is_empty() {
-        html.push_str("<aside class=\"notes\"><h2>To beware of</h2><ul>\n");
-        for note in &page.notes {
-            let _ = writeln!(html, "<li>{}</li>", Escaped(note));
-        }
-        html.push_str("</ul></aside>\n");
-    }
-    html
-}
-
-fn finding(first: &Run, other: &Run) -> Option<String> {
-    let (a, b) = (first.metrics.as_ref()?, other.metrics.as_ref()?);
-    let mut text = format!("<li><b>{}</b> against <b>{}</b>: ", Escaped(&other.label), Escaped(&first.label));
-    if let (Some(a), Some(b)) = (a.dpsnr, b.dpsnr) {
-        let _ = write!(text, "DPSNR <b>{}&nbsp;dB</b>, ", difference(b - a, 2));
-    }
-    let _ = write!(text, "PSNR <b>{}&nbsp;dB</b>; ", difference(b.psnr - a.psnr, 2));
-    if a.iterations == b.iterations {
-        let _ = write!(text, "{} iterations each, ", count(a.iterations));
-    } else {
-        let _ = write!(text, "{} iterations against {}, ", count(b.iterations), count(a.iterations));
-    }
-    let _ = writeln!(text, "{} against {}.</li>", duration(b.train_seconds), duration(a.train_seconds));
-    Some(text)
-}
 
 /// A column of figures: its heading, the value, digits after the point, which way is better, and how it differs.
 struct Column {
@@ -77,7 +33,7 @@ enum Against {
     Nothing,
 }
 
-fn columns(page: &Page) -> Vec<Column> {
+fn columns(scene: &Scene) -> Vec<Column> {
     let column = |heading: &str, unit, value, text, better, against| Column {
         heading: heading.into(),
         unit,
@@ -88,7 +44,7 @@ fn columns(page: &Page) -> Vec<Column> {
     };
     let two = |value| number(value, 2);
     let four = |value| number(value, 4);
-    let kinds = page.runs.iter().filter_map(|run| run.metrics.as_ref()?.lpips_kind).collect::<Vec<_>>();
+    let kinds = scene.runs.iter().filter_map(|run| run.metrics.as_ref()?.lpips_kind).collect::<Vec<_>>();
     let lpips = match kinds.first() {
         Some(kind) if kinds.iter().all(|other| other == kind) => format!("LPIPS ({kind})"),
         _ => "LPIPS".into(),
@@ -97,7 +53,7 @@ fn columns(page: &Page) -> Vec<Column> {
         column("Iterations", "", |m| Some(m.iterations as f64), |v| number(v, 0), Better::Neither, Against::Nothing),
         column("Training", "", |m| Some(m.train_seconds), duration, Better::Neither, Against::Ratio),
         column("PSNR", "dB", |m| Some(m.psnr), two, Better::Higher, Against::Difference(2)),
-        column(&page.dpsnr_name(), "dB", |m| m.dpsnr, two, Better::Higher, Against::Difference(2)),
+        column(&scene.dpsnr_name(), "dB", |m| m.dpsnr, two, Better::Higher, Against::Difference(2)),
         column("DPSNR, pooled", "dB", |m| m.dpsnr_pooled, two, Better::Higher, Against::Difference(2)),
         column("SSIM", "", |m| Some(m.ssim), four, Better::Higher, Against::Difference(4)),
         column(&lpips, "", |m| m.lpips, four, Better::Lower, Against::Difference(4)),
@@ -109,26 +65,26 @@ fn columns(page: &Page) -> Vec<Column> {
 }
 
 /// The table of runs.
-pub(super) fn section(page: &Page) -> String {
-    let columns = columns(page);
+pub(super) fn section(scene: &Scene) -> String {
+    let columns = columns(scene);
     let mut head = String::from("<tr><th>Run</th><th>Method</th><th>Preset</th>");
     for column in &columns {
         let unit = if column.unit.is_empty() { String::new() } else { format!("<small>{}</small>", column.unit) };
         let _ = write!(head, "<th class=\"n\">{} {unit}</th>", Escaped(&column.heading));
     }
     head.push_str("</tr>");
-    let rows: String = page.runs.iter().enumerate().map(|(at, run)| row(page, &columns, at, run)).collect();
+    let rows: String = scene.runs.iter().enumerate().map(|(at, run)| row(scene, &columns, at, run)).collect();
     let mut body = html::table("runs", &head, &rows);
     body.push_str("<p class=\"caption\">Means over all frames of the held-out cameras. ");
-    if page.runs.len() > 1 {
+    if scene.runs.len() > 1 {
         body.push_str("Small figures: difference from, or ratio to, the first run. Bold: the best. ");
     }
     body.push_str("Training time is without evaluation and without writing files.</p>\n");
-    body.push_str(&machines(page));
-    html::section("summary", "Summary", &body)
+    body.push_str(&machines(scene));
+    html::section(scene, "summary", "Summary", &body)
 }
 
-fn row(page: &Page, columns: &[Column], at: usize, run: &Run) -> String {
+fn row(scene: &Scene, columns: &[Column], at: usize, run: &Run) -> String {
     let mut html = format!(
         "<tr><th>{}{}</th><td>{}</td><td>{}</td>",
         swatch(Some(at)),
@@ -137,19 +93,19 @@ fn row(page: &Page, columns: &[Column], at: usize, run: &Run) -> String {
         Escaped(&run.info.preset)
     );
     for column in columns {
-        html.push_str(&cell(page, column, at, run));
+        html.push_str(&cell(scene, column, at, run));
     }
     html + "</tr>\n"
 }
 
-fn cell(page: &Page, column: &Column, at: usize, run: &Run) -> String {
+fn cell(scene: &Scene, column: &Column, at: usize, run: &Run) -> String {
     let Some(metrics) = &run.metrics else { return "<td class=\"n\">–</td>".into() };
     let Some(value) = (column.value)(metrics) else {
         let why = if column.heading.starts_with("LPIPS") { "<small>no weights</small>" } else { "–" };
         return format!("<td class=\"n\">{why}</td>");
     };
-    let values = || page.runs.iter().filter_map(|run| (column.value)(run.metrics.as_ref()?));
-    let best = page.runs.len() > 1
+    let values = || scene.runs.iter().filter_map(|run| (column.value)(run.metrics.as_ref()?));
+    let best = scene.runs.len() > 1
         && match column.better {
             Better::Higher => values().all(|other| other <= value),
             Better::Lower => values().all(|other| other >= value),
@@ -157,7 +113,7 @@ fn cell(page: &Page, column: &Column, at: usize, run: &Run) -> String {
         };
     let text = (column.text)(value);
     let text = if best { format!("<b>{text}</b>") } else { text };
-    let first = page.runs.first().and_then(|run| (column.value)(run.metrics.as_ref()?));
+    let first = scene.runs.first().and_then(|run| (column.value)(run.metrics.as_ref()?));
     let against = match (column.against, first) {
         (Against::Difference(decimals), Some(first)) if at > 0 => difference(value - first, decimals),
         (Against::Ratio, Some(first)) if at > 0 && first > 0.0 => format!("× {}", number(value / first, 2)),
@@ -167,18 +123,18 @@ fn cell(page: &Page, column: &Column, at: usize, run: &Run) -> String {
 }
 
 /// What the runs ran on; one line where it was the same.
-fn machines(page: &Page) -> String {
+fn machines(scene: &Scene) -> String {
     let line = |run: &Run| {
         let info = &run.info;
         let (adapter, driver) = (Escaped(&info.adapter), Escaped(&info.driver));
         format!("Adapter {adapter} (driver {driver}), erfgs {}, seed {}.", Escaped(&info.version), info.seed)
     };
-    let lines: Vec<String> = page.runs.iter().map(line).collect();
+    let lines: Vec<String> = scene.runs.iter().map(line).collect();
     match lines.first() {
         Some(first) if lines.iter().all(|line| line == first) => format!("<p class=\"caption\">{first}</p>\n"),
         _ => {
             let labelled =
-                page.runs.iter().zip(&lines).map(|(run, line)| format!("<b>{}</b>: {line}", Escaped(&run.label)));
+                scene.runs.iter().zip(&lines).map(|(run, line)| format!("<b>{}</b>: {line}", Escaped(&run.label)));
             format!("<p class=\"caption\">{}</p>\n", labelled.collect::<Vec<_>>().join("<br>\n"))
         }
     }

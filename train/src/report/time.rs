@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use super::{
     html::{self, Escaped, difference, number},
-    load::{Page, Run},
+    load::{Run, Scene},
     plot::{Plot, Series, legend},
 };
 use crate::run::PerView;
@@ -19,13 +19,13 @@ const PSNR: Pick = |view| Some(view.psnr);
 const DPSNR: Pick = |view| view.dpsnr;
 
 /// Plots over the scene's time, and means at and between RGB frames.
-pub(super) fn section(page: &Page) -> String {
-    let start = page.dataset().map(|dataset| dataset.span_ns[0]);
-    let Some(start) = start.or_else(|| page.runs.iter().flat_map(|run| &run.views).map(|view| view.t_ns).min()) else {
+pub(super) fn section(scene: &Scene) -> String {
+    let start = scene.dataset().map(|dataset| dataset.span_ns[0]);
+    let Some(start) = start.or_else(|| scene.runs.iter().flat_map(|run| &run.views).map(|view| view.t_ns).min()) else {
         return String::new();
     };
     let seconds = |t_ns: i64| t_ns.saturating_sub(start) as f64 / 1e9;
-    let rgb = page.rgb_frames();
+    let rgb = scene.rgb_frames();
     let (mut marks, mut bands) = (Vec::new(), Vec::new());
     if rgb.len() <= MAX_MARKS {
         marks.extend(
@@ -43,14 +43,14 @@ pub(super) fn section(page: &Page) -> String {
         Plot {
             y_label: label,
             x_label: "time in the scene, s".into(),
-            series: page.runs.iter().enumerate().map(line).collect(),
+            series: scene.runs.iter().enumerate().map(line).collect(),
             marks: marks.clone(),
             bands: bands.clone(),
             ..Plot::default()
         }
         .svg()
     };
-    let plots = plot(format!("{}, dB", page.dpsnr_name()), DPSNR) + &plot("PSNR, dB".into(), PSNR);
+    let plots = plot(format!("{}, dB", scene.dpsnr_name()), DPSNR) + &plot("PSNR, dB".into(), PSNR);
     if plots.is_empty() {
         return String::new();
     }
@@ -61,12 +61,12 @@ pub(super) fn section(page: &Page) -> String {
     if has_bands {
         caption.push_str(" Shaded: their exposure.");
     }
-    let names = legend(page.runs.iter().enumerate().map(|(at, run)| (at, run.label.as_str())));
+    let names = legend(scene.runs.iter().enumerate().map(|(at, run)| (at, run.label.as_str())));
     let body = format!(
         "{names}<div class=\"plots\">\n{plots}</div>\n<p class=\"caption\">{caption}</p>\n{}",
-        table(page, &rgb.iter().map(|frame| frame.0).collect::<Vec<_>>())
+        table(scene, &rgb.iter().map(|frame| frame.0).collect::<Vec<_>>())
     );
-    html::section("time", "Quality between RGB frames", &body)
+    html::section(scene, "time", "Quality between RGB frames", &body)
 }
 
 fn mean_over_cameras(run: &Run, pick: Pick) -> BTreeMap<i64, f64> {
@@ -81,12 +81,12 @@ fn mean_over_cameras(run: &Run, pick: Pick) -> BTreeMap<i64, f64> {
 }
 
 /// Means over held-out frames at the times of RGB frames and between them.
-fn table(page: &Page, rgb_ns: &[i64]) -> String {
+fn table(scene: &Scene, rgb_ns: &[i64]) -> String {
     let at_rgb = |view: &PerView| {
         let next = rgb_ns.partition_point(|t_ns| *t_ns < view.t_ns.saturating_sub(SAME_NS));
         rgb_ns.get(next).is_some_and(|t_ns| t_ns.abs_diff(view.t_ns) <= SAME_NS.unsigned_abs())
     };
-    let views = || page.runs.iter().flat_map(|run| &run.views);
+    let views = || scene.runs.iter().flat_map(|run| &run.views);
     if rgb_ns.is_empty() || views().all(at_rgb) || !views().any(at_rgb) {
         return String::new();
     }
@@ -100,7 +100,7 @@ fn table(page: &Page, rgb_ns: &[i64]) -> String {
     }
     head.push_str("</tr>");
     let mut rows = String::new();
-    for run in &page.runs {
+    for run in &scene.runs {
         let _ = write!(rows, "<tr><th>{}</th>", Escaped(&run.label));
         for pick in [DPSNR, PSNR] {
             let mean = |wanted: bool| {

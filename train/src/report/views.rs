@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::{
     html::{self, Escaped, number},
-    load::{Page, Run},
+    load::{Run, Scene},
 };
 use crate::run::PerView;
 
@@ -14,27 +14,27 @@ struct Quantity {
     pick: fn(&PerView) -> Option<f64>,
 }
 
-fn quantities(page: &Page) -> Vec<Quantity> {
+fn quantities(scene: &Scene) -> Vec<Quantity> {
     let mut all = vec![
         Quantity { name: "PSNR", decimals: 2, pick: |view| Some(view.psnr) },
         Quantity { name: "DPSNR", decimals: 2, pick: |view| view.dpsnr },
         Quantity { name: "SSIM", decimals: 4, pick: |view| Some(view.ssim) },
     ];
-    if page.runs.iter().flat_map(|run| &run.views).any(|view| view.lpips.is_some()) {
+    if scene.runs.iter().flat_map(|run| &run.views).any(|view| view.lpips.is_some()) {
         all.push(Quantity { name: "LPIPS", decimals: 4, pick: |view| view.lpips });
     }
     all
 }
 
 /// Means by camera, and each frame below.
-pub(super) fn section(page: &Page) -> String {
-    let runs: Vec<&Run> = page.runs.iter().filter(|run| !run.views.is_empty()).collect();
+pub(super) fn section(scene: &Scene) -> String {
+    let runs: Vec<&Run> = scene.runs.iter().filter(|run| !run.views.is_empty()).collect();
     if runs.is_empty() {
         return String::new();
     }
-    let quantities = quantities(page);
+    let quantities = quantities(scene);
     let body = by_camera(&runs, &quantities) + &by_frame(&runs, &quantities);
-    html::section("views", "Held-out views", &body)
+    html::section(scene, "views", "Held-out views", &body)
 }
 
 /// Two rows of headings: quantities, and the runs below each.

@@ -118,7 +118,7 @@ fn a_run_that_only_began_gives_a_page() {
 }
 
 #[test]
-fn runs_over_different_datasets_are_warned_about() {
+fn runs_over_different_datasets_are_kept_apart() {
     let folder = tempfile::tempdir().unwrap();
     let (runs, _) = compared(folder.path());
     let mut info = runs[1].read_info().unwrap();
@@ -126,7 +126,11 @@ fn runs_over_different_datasets_are_warned_about() {
     info.dataset_name = "another".into();
     runs[1].write_info(&info).unwrap();
     let text = page(&runs, folder.path());
-    assert!(text.contains("trained on different datasets (&#39;thrown-ball-dv&#39; and &#39;another&#39;)"));
+    assert!(text.contains("different datasets (thrown-ball-dv, another)"));
+    for part in ["<section id=\"scenes\">", "<section id=\"scene-1-summary\">", "<section id=\"scene-2-summary\">"] {
+        assert!(text.contains(part), "{part}");
+    }
+    assert!(!text.contains("class=\"findings\""), "nothing is compared across datasets");
 }
 
 #[test]

@@ -41,8 +41,9 @@ pub(super) struct Convolution {
     bias: Vec<f32>,
 }
 
-/// Bytes of unrolled input that a thread works on at a time: small enough for its cache.
-const BLOCK_BYTES: usize = 1 << 20;
+/// Pixels that a thread works on at a time. Each block packs the weights anew, which costs nothing beside this many rows;
+/// its unrolled input (at most 4608 values a pixel) still fits a cache.
+const BLOCK_PIXELS: usize = 512;
 
 impl Convolution {
     /// `weights` as PyTorch keeps them: output channel, input channel, y, x.
@@ -60,7 +61,7 @@ impl Convolution {
         let (height, width) = (self.window.positions(input.height), self.window.positions(input.width));
         let depth = self.window.size * self.window.size * self.inputs;
         let mut values = vec![0.0f32; height * width * self.outputs];
-        let rows_a_block = (BLOCK_BYTES / (4 * depth * width.max(1))).clamp(1, height.max(1));
+        let rows_a_block = BLOCK_PIXELS.div_ceil(width.max(1));
         let block = (rows_a_block * width * self.outputs).max(1);
         values.par_chunks_mut(block).enumerate().for_each_init(Vec::new, |unrolled, (index, out)| {
             let pixels = out.len() / self.outputs;

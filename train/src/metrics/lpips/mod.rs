@@ -182,9 +182,9 @@ impl Lpips {
         let mut distance = 0.0;
         for stage in &self.stages {
             match stage {
-                Stage::MaxPool(window) => (a, b) = (max_pool(&a, *window), max_pool(&b, *window)),
+                Stage::MaxPool(window) => (a, b) = rayon::join(|| max_pool(&a, *window), || max_pool(&b, *window)),
                 Stage::Convolution(convolution, linear) => {
-                    (a, b) = (convolution.apply(&a), convolution.apply(&b));
+                    (a, b) = rayon::join(|| convolution.apply(&a), || convolution.apply(&b));
                     if let Some(linear) = linear {
                         distance += compare(&a, &b, linear);
                     }
