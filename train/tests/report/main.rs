@@ -33,7 +33,7 @@ fn page(runs: &[RunFolder], root: &Path) -> String {
 fn assert_well_formed(page: &str) {
     const VOID: [&str; 5] = ["meta", "img", "br", "!doctype", "link"];
     let mut open: Vec<&str> = Vec::new();
-    let body = &page[..page.find("<style>").unwrap()].len() + "<style>".len();
+    let body = page.find("<style>").unwrap() + "<style>".len();
     let after_style = body + page[body..].find("</style>").unwrap() + "</style>".len();
     for part in [&page[..body - "<style>".len()], &page[after_style..]] {
         for tag in part.split('<').skip(1) {
