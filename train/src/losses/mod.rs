@@ -1,11 +1,14 @@
-//! Losses of rendered pixels, and their gradients: photometric (with the model of an exposure) and event.
+//! Losses of rendered pixels, and their gradients: photometric (with the model of an exposure) and event; and of colours.
 //!
 //! Each thread adds to a sum of its own, which the host adds up when it wants the value, so that results do not depend
 //! on the order of the threads.
 
+mod colour;
+
 use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
+pub use self::colour::ColourChange;
 use crate::{
     config::{EarlConfig, Norm, Quantise},
     gpu::{Commands, Gpu, GpuError, Kernel},
@@ -82,6 +85,7 @@ pub struct Losses {
     photometric: Kernel,
     spread: Kernel,
     event: Kernel,
+    colour: Kernel,
 }
 
 /// A sum that threads add to.
@@ -124,6 +128,7 @@ impl Losses {
             photometric: gpu.kernel("photometric", &[TRANSFER, PHOTOMETRIC]),
             spread: gpu.kernel("spread", &[TRANSFER, SPREAD]),
             event: gpu.kernel("event", &[TRANSFER, EVENT]),
+            colour: gpu.kernel("colour", &[colour::COLOUR]),
         }
     }
 

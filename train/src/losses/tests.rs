@@ -5,6 +5,8 @@ use crate::{
     reference::losses as twin,
 };
 
+mod colour;
+
 const PIXELS: u32 = 150;
 
 fn image(seed: u32) -> Vec<[f32; 4]> {

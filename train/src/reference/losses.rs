@@ -1,8 +1,12 @@
 //! `f64` twins of the loss kernels.
 
+use glam::DVec3;
+
 use crate::{
     config::{EarlConfig, Norm, Quantise},
     losses::Sensor,
+    raster::CORE_STRIDE,
+    reference::raster,
 };
 
 /// The luma weights of v2e, OpenCV and ITU-R BT.601.
@@ -73,4 +77,25 @@ pub fn event(before: &[[f64; 3]], after: &[[f64; 3]], count: &[f64], sensor: &Se
             }
     });
     each.sum()
+}
+
+/// The colours of deformed Gaussians (`core`: rows of [`CORE_STRIDE`], `sh`: as many rows) as a camera at `centre` sees
+/// them, clamped at 0.
+#[must_use]
+pub fn colours(core: &[f64], sh: &[f64], centre: [f64; 3], degree: u32) -> Vec<[f64; 3]> {
+    let rows = core.len() / CORE_STRIDE as usize;
+    let stride = sh.len() / rows.max(1);
+    let row = |row: usize| {
+        let mean = DVec3::from_slice(&core[row * CORE_STRIDE as usize..]);
+        let direction = (mean - DVec3::from(centre)).normalize();
+        raster::colour(&sh[row * stride..][..stride], degree, direction).max(DVec3::ZERO).to_array()
+    };
+    (0..rows).map(row).collect()
+}
+
+/// The colour regulariser: the mean of `|after - before|` over Gaussians and channels.
+#[must_use]
+pub fn colour(before: &[[f64; 3]], after: &[[f64; 3]]) -> f64 {
+    let sum: f64 = before.iter().zip(after).flat_map(|(a, b)| (0..3).map(move |c| (b[c] - a[c]).abs())).sum();
+    sum / (3 * after.len().max(1)) as f64
 }

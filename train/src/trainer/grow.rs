@@ -160,7 +160,8 @@ impl Trainer<'_> {
         if !self.config.field.sh_head {
             note(
                 "the head that deforms colour",
-                "colours are taken to travel with their Gaussians".into(),
+                "colours are taken to travel with their Gaussians, which leaves the colour regulariser nothing to hold"
+                    .into(),
                 format!(
                     "{} of {} outputs of the field",
                     3 * (gaussians.sh_degree + 1).pow(2),

@@ -212,9 +212,12 @@ impl<'a> Trainer<'a> {
         let rgb = mean(sums.rgb.take(self.gpu)?, std::mem::take(&mut sums.rgb_values));
         let event = mean(sums.event.take(self.gpu)?, std::mem::take(&mut sums.event_values));
         let trajectory = mean(std::mem::take(&mut sums.trajectory), std::mem::take(&mut sums.trajectory_samples));
+        let colour = mean(sums.colour.take(self.gpu)?, std::mem::take(&mut sums.colour_samples));
         let plane = mean(std::mem::take(&mut sums.plane), std::mem::take(&mut sums.plane_samples));
         let iteration = self.schedule.done(&self.clock);
-        for (what, value) in [("photometric loss", rgb), ("event loss", event), ("trajectory loss", trajectory)] {
+        for (what, value) in
+            [("photometric loss", rgb), ("event loss", event), ("trajectory loss", trajectory), ("colour loss", colour)]
+        {
             if value.is_some_and(|value| !value.is_finite()) {
                 return Err(self.diverged(what));
             }
@@ -228,7 +231,7 @@ impl<'a> Trainer<'a> {
             loss_rgb: rgb,
             loss_event: event,
             loss_trajectory: trajectory,
-            loss_colour: None,
+            loss_colour: colour,
             loss_plane: plane,
             gaussians: u64::from(self.model.gaussians.count),
             dynamic: self.dynamic_count(),

@@ -12,7 +12,7 @@ use crate::{
     config::{Pairing, Switch},
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
-    losses::{LEFT_OUT, LossSum, Losses},
+    losses::{ColourChange, LEFT_OUT, LossSum, Losses},
     raster::{RenderOptions, View},
     scene::TrainFrame,
     schedule::Stage,
@@ -44,6 +44,8 @@ pub(super) struct Sums {
     pub event_values: f64,
     pub trajectory: f64,
     pub trajectory_samples: f64,
+    pub colour: LossSum,
+    pub colour_samples: f64,
     pub plane: f64,
     pub plane_samples: f64,
 }
@@ -67,6 +69,8 @@ impl Workspace {
                 event_values: 0.0,
                 trajectory: 0.0,
                 trajectory_samples: 0.0,
+                colour: LossSum::new(gpu, pixels)?,
+                colour_samples: 0.0,
                 plane: 0.0,
                 plane_samples: 0.0,
             },
@@ -274,6 +278,8 @@ impl Trainer<'_> {
             if slot == 1 {
                 self.regularise_trajectory(times)?;
                 self.times.lap(gpu, "trajectory regulariser")?;
+                self.regularise_colour(&view, options.sh_degree);
+                self.times.lap(gpu, "colour regulariser")?;
             }
             self.model.backward_field(gpu, &self.work.renderings[slot])?;
             self.times.lap(gpu, "field backward")?;
@@ -315,6 +321,22 @@ impl Trainer<'_> {
         self.work.sums.trajectory += loss;
         self.work.sums.trajectory_samples += 1.0;
         Ok(())
+    }
+
+    /// Pulls the colours at t' towards those at t, as the event camera sees them, where the field deforms colour.
+    fn regularise_colour(&mut self, view: &View, sh_degree: u32) {
+        let weight = self.config.earl.weight_colour / self.event_batch();
+        let Some(d_deltas) = self.model.d_deltas.as_ref().filter(|_| weight > 0.0) else { return };
+        let work = &mut self.work;
+        let [before, after] = [0, 1].map(|slot| &work.renderings[slot].tape.deltas);
+        let gaussians = &self.model.gaussians;
+        let change = ColourChange { gaussians, before, after, centre: view.centre(), sh_degree };
+        let (d_sh, sum) = (&self.model.gradients.sh, &work.sums.colour);
+        let mut commands = self.gpu.commands();
+        if work.losses.colour(self.gpu, &mut commands, &change, d_sh, d_deltas, sum, weight) {
+            commands.submit();
+            work.sums.colour_samples += 1.0;
+        }
     }
 }
 

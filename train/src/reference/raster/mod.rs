@@ -7,7 +7,7 @@ mod project;
 
 pub use blend::{Image, blend};
 pub use blend_backward::{SplatGradient, blend_backward};
-pub use project::{Splat, project};
+pub use project::{Splat, colour, project};
 
 use crate::raster::{CORE_STRIDE, RenderOptions, View, sh_stride};
 

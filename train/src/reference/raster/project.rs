@@ -67,8 +67,9 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     (finite && opacity >= 1.0 / 255.0).then_some(splat)
 }
 
-/// `0.5 + sum of coefficients times harmonics`, with the signs of the 3DGS code.
-fn colour(sh: &[f64], degree: u32, direction: DVec3) -> DVec3 {
+/// `0.5 + sum of coefficients times harmonics`, with the signs of the 3DGS code; not clamped.
+#[must_use]
+pub fn colour(sh: &[f64], degree: u32, direction: DVec3) -> DVec3 {
     let count = ((degree + 1) * (degree + 1)) as usize;
     harmonics(direction)
         .iter()
