@@ -27,8 +27,9 @@ pub struct Pass {
 
 /// What one forward pass leaves for its backward pass. Several may be alive at once; one may be used again and again.
 ///
-/// It holds the coordinates and the grid features of the rows, and no activations of the MLP: the backward pass
-/// evaluates the hidden layers again, block by block, which costs about as much as to write and read them.
+/// It holds the coordinates and the grid features of the rows. On the host it also holds the activations of the MLP up to
+/// 256 MiB (writing and reading them costs less than the products); otherwise the backward pass evaluates the hidden
+/// layers again, block by block. A tape that is used again keeps its memory.
 #[derive(Debug)]
 pub struct Tape {
     /// The outputs of the pass.

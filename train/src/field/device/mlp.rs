@@ -38,7 +38,7 @@ pub struct Mlp {
     products: Products,
     scratch: Option<Scratch>,
     /// Rows of a chunk at most.
-    most: usize,
+    pub most: usize,
 }
 
 impl Mlp {

@@ -102,6 +102,12 @@ impl Device {
             check: FiniteCheck::new(gpu)?,
         })
     }
+
+    /// Makes chunks of at most this many rows.
+    #[cfg(test)]
+    pub fn chunks_of(&mut self, rows: usize) {
+        self.layers.most = rows;
+    }
 }
 
 impl Backend for Device {

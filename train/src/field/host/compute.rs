@@ -19,7 +19,11 @@ use crate::{
 /// Workers with a gradient of their own.
 const LANES: usize = 16;
 /// Rows of a lane in one round of the backward pass.
-const LANE_ROWS: usize = 4 * BLOCK;
+const LANE_ROWS: usize = 512;
+
+/// Floats of activations that a tape keeps at most (256 MiB). Beyond them the backward pass evaluates the layers again:
+/// half as many products more, against 2 to 3 KB a row.
+const KEEP: usize = 64 << 20;
 
 /// The numbers of a field.
 #[derive(Debug)]
@@ -30,6 +34,8 @@ pub struct Compute {
     pub gradients: Vec<f32>,
     /// First and second moments.
     pub moments: [Vec<f32>; 2],
+    /// Floats of activations that a tape keeps at most.
+    pub keep: usize,
     transposed: Transposed,
     lanes: Vec<Lane>,
     /// Gradient of the planes' values, `[row, level, plane, feature]`, for the rows of one round.
@@ -43,6 +49,8 @@ pub struct HostTape {
     pub points: Vec<[f32; 3]>,
     /// Features of the points, `[row, level, feature]`.
     pub features: Vec<f32>,
+    /// Activations of the MLP, block by block; empty beyond [`Compute::keep`].
+    pub activations: Vec<f32>,
 }
 
 /// Calls a function that is generic over the number of features.
@@ -64,6 +72,7 @@ impl Compute {
         let mut transposed = Transposed::default();
         transposed.refresh(layout, &parameters);
         Self {
+            keep: KEEP,
             transposed,
             gradients: vec![0.0; parameters.len()],
             moments: [vec![0.0; parameters.len()], vec![0.0; parameters.len()]],
@@ -82,19 +91,24 @@ impl Compute {
         let stride = layout.config.sh_stride as usize;
         let rows = tape.points.len();
         tape.features.resize(rows * per_point, 0.0);
+        let kept = Some(model.activations_per_row(what)).filter(|floats| rows * floats <= self.keep).unwrap_or(0);
+        tape.activations.resize(rows * kept, 0.0);
         let lines = grid::blend_lines(layout, parameters, pass.time);
         let levels = grid::level_views(layout, parameters, &lines);
         let lane_rows = rows.div_ceil(LANES).max(1).next_multiple_of(BLOCK);
         let outputs = core.par_chunks_mut(lane_rows * 12).zip(parts(sh, lane_rows * stride, LANES).into_par_iter());
-        let inputs = tape.points.par_chunks(lane_rows).zip(tape.features.par_chunks_mut(lane_rows * per_point));
-        self.lanes.par_iter_mut().zip(inputs).zip(outputs).for_each(|((lane, (points, features)), (core, sh))| {
-            let blocks = points.chunks(BLOCK).zip(features.chunks_mut(BLOCK * per_point));
-            let outputs = core.chunks_mut(BLOCK * 12).zip(parts(sh, BLOCK * stride, points.len().div_ceil(BLOCK)));
-            for ((points, features), (core, sh)) in blocks.zip(outputs) {
+        let memory = tape.features.par_chunks_mut(lane_rows * per_point);
+        let memory = memory.zip(parts(&mut tape.activations, lane_rows * kept, LANES).into_par_iter());
+        let inputs = tape.points.par_chunks(lane_rows).zip(memory);
+        self.lanes.par_iter_mut().zip(inputs).zip(outputs).for_each(|((lane, (points, memory)), (core, sh))| {
+            let count = points.len().div_ceil(BLOCK);
+            let memory = memory.0.chunks_mut(BLOCK * per_point).zip(parts(memory.1, BLOCK * kept, count));
+            let outputs = core.chunks_mut(BLOCK * 12).zip(parts(sh, BLOCK * stride, count));
+            for ((points, (features, keep)), (core, sh)) in points.chunks(BLOCK).zip(memory).zip(outputs) {
                 for (point, features) in points.iter().zip(features.chunks_exact_mut(per_point)) {
                     with_features!(layout.config.features, gather::<F>(&levels, point, features));
                 }
-                lane.forward(model, features, what, core, sh);
+                lane.forward(model, (features, keep), what, core, sh);
             }
         });
     }
@@ -106,6 +120,7 @@ impl Compute {
         let parameters = &self.parameters;
         let model = Model { layout, parameters, transposed: &self.transposed };
         let per_point = layout.point_features();
+        let kept = tape.activations.len() / tape.points.len().max(1);
         let per_row = layout.planes.len() * layout.config.features as usize;
         let stride = layout.config.sh_stride as usize;
         let lines = grid::blend_lines(layout, parameters, pass.time);
@@ -125,7 +140,8 @@ impl Compute {
                     let features = &tape.features[first * per_point..];
                     let sh = if d_out.sh.is_empty() { d_out.sh } else { &d_out.sh[first * stride..] };
                     let d_out = Rows { core: &d_out.core[first * 12..], sh };
-                    lane.backward(model, features, d_points.len(), what, &d_out);
+                    let kept = &tape.activations[first * kept..][..d_points.len() * kept];
+                    lane.backward(model, (features, kept), d_points.len(), what, &d_out);
                     let d_features = lane.d_features.chunks_exact(per_point);
                     let gradients = d_planes.chunks_exact_mut(per_row).zip(d_points).zip(d_features);
                     for (point, ((d_planes, d_point), d_features)) in tape.points[first..].iter().zip(gradients) {

@@ -12,14 +12,12 @@ pub const BLOCK: usize = 128;
 /// Scratch and private gradient of one worker.
 #[derive(Debug, Default)]
 pub struct Lane {
-    /// Outputs of the trunk layers after their ReLU, `[row, width]` each.
-    trunk: Vec<Vec<f32>>,
-    /// Hidden layers of the heads after their ReLU, `[row, head, width]`.
-    hidden: Vec<f32>,
+    /// Activations of a block, where the tape does not keep them.
+    activations: Vec<f32>,
     d_hidden: Vec<f32>,
+    d_trunk: [Vec<f32>; 2],
     /// Gradient of the features, `[row, feature]`, after [`Lane::backward`].
     pub d_features: Vec<f32>,
-    d_trunk: [Vec<f32>; 2],
     /// Gradient of the MLP's parameters, summed over the blocks of this lane.
     pub gradient: Vec<f32>,
 }
@@ -66,14 +64,39 @@ pub struct Model<'a> {
 }
 
 impl Model<'_> {
+    /// Floats of activations a row: the trunk layers and the hidden layers of the heads, after their ReLUs.
+    pub fn activations_per_row(&self, what: Outputs) -> usize {
+        self.layout.config.width as usize * (self.layout.trunk.len() + self.layout.heads_of(what).len())
+    }
+
+    /// Evaluates trunk and hidden layers at `rows` rows: each trunk layer as `[row, width]`, one behind the other, then
+    /// the hidden layers as `[row, head, width]`.
+    fn activate(&self, features: &[f32], rows: usize, heads: &[Head], activations: &mut [f32]) {
+        let width = self.layout.config.width as usize;
+        let (trunk, hidden) = activations.split_at_mut(rows * width * self.layout.trunk.len());
+        for (layer, linear) in self.layout.trunk.iter().enumerate() {
+            let (done, rest) = trunk.split_at_mut(layer * rows * width);
+            let input = if layer == 0 { features } else { &done[(layer - 1) * rows * width..] };
+            let input = Matrix::new(input, rows, linear.inputs, linear.inputs);
+            self.apply(&mut rest[..rows * width], width, linear, width, input);
+            relu(&mut rest[..rows * width]);
+        }
+        if let Some(all) = fused(heads) {
+            let top = &trunk[trunk.len() - rows * width..];
+            let weight_stride = self.layout.heads.len() * width;
+            self.apply(hidden, all.outputs, &all, weight_stride, Matrix::new(top, rows, width, width));
+            relu(&mut hidden[..rows * all.outputs]);
+        }
+    }
+
     /// `out = input weights^T + bias`. The rows of `out` lie `stride` floats apart; the transposed weights `weight_stride`.
     fn apply(&self, out: &mut [f32], stride: usize, linear: &Linear, weight_stride: usize, input: Matrix<'_>) {
+        let weights = self.transposed.matrix(linear.weight - self.layout.grid, linear, weight_stride);
+        multiply(out, stride, input, weights, false);
         let bias = &self.parameters[linear.bias..][..linear.outputs];
         for row in out.chunks_mut(stride).take(input.rows()) {
-            row[..linear.outputs].copy_from_slice(bias);
+            row.iter_mut().zip(bias).for_each(|(value, bias)| *value += bias);
         }
-        let weights = self.transposed.matrix(linear.weight - self.layout.grid, linear, weight_stride);
-        multiply(out, stride, input, weights, true);
     }
 }
 
@@ -88,28 +111,36 @@ pub struct Rows<'a> {
 impl Lane {
     /// Scratch for fields of this layout.
     pub fn new(layout: &Layout) -> Self {
-        let width = layout.config.width as usize;
-        let block = || vec![0.0; BLOCK * width];
+        let (width, heads) = (layout.config.width as usize, layout.heads.len());
+        let block = |across: usize| vec![0.0; BLOCK * across];
         Self {
-            trunk: layout.trunk.iter().map(|_| block()).collect(),
-            hidden: vec![0.0; BLOCK * width * layout.heads.len()],
-            d_hidden: vec![0.0; BLOCK * width * layout.heads.len()],
-            d_features: vec![0.0; BLOCK * layout.point_features()],
-            d_trunk: [block(), block()],
+            activations: block(width * (layout.trunk.len() + heads)),
+            d_hidden: block(width * heads),
+            d_trunk: [block(width), block(width)],
+            d_features: block(layout.point_features()),
             gradient: vec![0.0; layout.total - layout.grid],
         }
     }
 
     /// Evaluates the MLP at rows of `features` and writes the columns of the heads of `what`, for as many rows as `core`
-    /// has.
-    pub fn forward(&mut self, model: Model<'_>, features: &[f32], what: Outputs, core: &mut [f32], sh: &mut [f32]) {
+    /// has. The activations go to `keep` unless it is empty.
+    pub fn forward(
+        &mut self,
+        model: Model<'_>,
+        (features, keep): (&[f32], &mut [f32]),
+        what: Outputs,
+        core: &mut [f32],
+        sh: &mut [f32],
+    ) {
         let layout = model.layout;
         let rows = core.len() / 12;
         let heads = layout.heads_of(what);
-        self.activate(model, features, rows, heads);
+        let activations = if keep.is_empty() { &mut self.activations[..] } else { keep };
+        model.activate(features, rows, heads, activations);
         let width = layout.config.width as usize;
+        let hidden = &activations[rows * width * layout.trunk.len()..];
         for (slot, head) in heads.iter().enumerate() {
-            let input = Matrix::new(&self.hidden[slot * width..], rows, width, heads.len() * width);
+            let input = Matrix::new(&hidden[slot * width..], rows, width, heads.len() * width);
             match head.target {
                 Target::Core(column) => model.apply(&mut core[column..], 12, &head.out, head.out.outputs, input),
                 Target::Sh => {
@@ -119,29 +150,42 @@ impl Lane {
         }
     }
 
-    /// Evaluates the hidden layers again, adds the gradient of the weights and biases to `self.gradient` and leaves that
-    /// of the features in `self.d_features`.
-    pub fn backward(&mut self, model: Model<'_>, features: &[f32], rows: usize, what: Outputs, d_out: &Rows<'_>) {
+    /// Adds the gradient of the weights and biases to `self.gradient` and leaves that of the features in
+    /// `self.d_features`. The activations are those of `kept`, or are evaluated again where it is empty.
+    pub fn backward(
+        &mut self,
+        model: Model<'_>,
+        (features, kept): (&[f32], &[f32]),
+        rows: usize,
+        what: Outputs,
+        d_out: &Rows<'_>,
+    ) {
         let Model { layout, parameters, .. } = model;
         let heads = layout.heads_of(what);
-        self.activate(model, features, rows, heads);
+        let activations = if kept.is_empty() {
+            model.activate(features, rows, heads, &mut self.activations);
+            &self.activations
+        } else {
+            kept
+        };
         let width = layout.config.width as usize;
         let stride = heads.len() * width;
         let mlp = layout.grid;
+        let (trunk, hidden) = activations.split_at(rows * width * layout.trunk.len());
         for (slot, head) in heads.iter().enumerate() {
             let (d, d_stride) = match head.target {
                 Target::Core(column) => (&d_out.core[column..], 12),
                 Target::Sh => (d_out.sh, layout.config.sh_stride as usize),
             };
             let d = Matrix::new(d, rows, head.out.outputs, d_stride);
-            let hidden = Matrix::new(&self.hidden[slot * width..], rows, width, stride);
+            let hidden = Matrix::new(&hidden[slot * width..], rows, width, stride);
             pull_weights(&mut self.gradient, mlp, &head.out, d, hidden);
-            let weights = weights(parameters, &head.out);
-            multiply(&mut self.d_hidden[slot * width..], stride, d, weights, false);
+            multiply(&mut self.d_hidden[slot * width..], stride, d, weights(parameters, &head.out), false);
         }
-        mask(&mut self.d_hidden[..rows * stride], &self.hidden);
+        mask(&mut self.d_hidden[..rows * stride], hidden);
         let [d_top, d_next] = &mut self.d_trunk;
-        let top = &self.trunk[layout.trunk.len() - 1];
+        let trunk_layer = |layer: usize| &trunk[layer * rows * width..][..rows * width];
+        let top = trunk_layer(layout.trunk.len() - 1);
         if let Some(all) = fused(heads) {
             let d_hidden = Matrix::new(&self.d_hidden, rows, stride, stride);
             pull_weights(&mut self.gradient, mlp, &all, d_hidden, Matrix::new(top, rows, width, width));
@@ -155,30 +199,12 @@ impl Lane {
                 pull_weights(&mut self.gradient, mlp, linear, d, Matrix::new(features, rows, inputs, inputs));
                 multiply(&mut self.d_features, inputs, d, weights(parameters, linear), false);
             } else {
-                let input = &self.trunk[layer - 1];
+                let input = trunk_layer(layer - 1);
                 pull_weights(&mut self.gradient, mlp, linear, d, Matrix::new(input, rows, width, width));
                 multiply(d_next, width, d, weights(parameters, linear), false);
                 mask(&mut d_next[..rows * width], input);
                 std::mem::swap(d_top, d_next);
             }
-        }
-    }
-
-    /// Fills the activations of trunk and hidden layers.
-    fn activate(&mut self, model: Model<'_>, features: &[f32], rows: usize, heads: &[Head]) {
-        let layout = model.layout;
-        let width = layout.config.width as usize;
-        for (layer, linear) in layout.trunk.iter().enumerate() {
-            let (done, rest) = self.trunk.split_at_mut(layer);
-            let input = done.last().map_or(features, Vec::as_slice);
-            let input = Matrix::new(input, rows, linear.inputs, linear.inputs);
-            model.apply(&mut rest[0], width, linear, width, input);
-            relu(&mut rest[0][..rows * width]);
-        }
-        if let Some(all) = fused(heads) {
-            let top = Matrix::new(&self.trunk[layout.trunk.len() - 1], rows, width, width);
-            model.apply(&mut self.hidden, all.outputs, &all, layout.heads.len() * width, top);
-            relu(&mut self.hidden[..rows * all.outputs]);
         }
     }
 }

@@ -37,6 +37,12 @@ impl Host {
             add_means: gpu.kernel("add the gradient of the means", &[include_str!("add_means.wgsl")]),
         }
     }
+
+    /// Makes tapes keep at most this many floats of activations.
+    #[cfg(test)]
+    pub fn keep_at_most(&mut self, floats: usize) {
+        self.compute.keep = floats;
+    }
 }
 
 impl Backend for Host {

@@ -2,19 +2,12 @@
 
 use rayon::prelude::*;
 
-use crate::field::{Layout, PlaneLosses, PlaneWeights, SpatialSmoothness, layout::Plane};
+use crate::field::{Layout, PlaneLosses, PlaneWeights, SpatialSmoothness};
 
-/// A difference along one axis of a plane: its taps, and how far apart they are.
-struct Stencil {
-    taps: &'static [f32],
-    /// Floats between two taps.
-    step: usize,
-    /// Whether the taps lie in different rows.
-    across_rows: bool,
-}
-
-const FIRST: &[f32] = &[-1.0, 1.0];
-const SECOND: &[f32] = &[1.0, -2.0, 1.0];
+/// The taps of a difference, padded to three.
+type Taps = [f32; 3];
+const FIRST: Taps = [-1.0, 1.0, 0.0];
+const SECOND: Taps = [1.0, -2.0, 1.0];
 
 /// Adds the weighted gradients of the regularisers to `gradients` and returns their values.
 pub fn regularise(layout: &Layout, parameters: &[f32], gradients: &mut [f32], weights: &PlaneWeights) -> PlaneLosses {
@@ -24,84 +17,93 @@ pub fn regularise(layout: &Layout, parameters: &[f32], gradients: &mut [f32], we
         let range = plane.offset..plane.offset + plane.rows * plane.cols * features;
         let (values, gradient) = (&parameters[range.clone()], &mut gradients[range]);
         let row_length = plane.cols * features;
-        let along_rows = |taps| Stencil { taps, step: row_length, across_rows: true };
         if plane.is_time() {
-            losses.time += smooth(plane, features, values, gradient, &along_rows(SECOND), weights.time);
+            losses.time += across_rows(row_length, values, gradient, SECOND, weights.time);
             losses.time_l1 += distance_from_one(row_length, values, gradient, weights.time_l1);
             continue;
         }
         losses.space += match weights.form {
-            SpatialSmoothness::SecondDifference => {
-                smooth(plane, features, values, gradient, &along_rows(SECOND), weights.space)
-            }
+            SpatialSmoothness::SecondDifference => across_rows(row_length, values, gradient, SECOND, weights.space),
             SpatialSmoothness::TotalVariation => {
-                let across = Stencil { taps: FIRST, step: features, across_rows: false };
-                smooth(plane, features, values, gradient, &along_rows(FIRST), weights.space)
-                    + smooth(plane, features, values, gradient, &across, weights.space)
+                across_rows(row_length, values, gradient, FIRST, weights.space)
+                    + along_rows(row_length, features, values, gradient, weights.space)
             }
         };
     }
     losses
 }
 
-/// The mean square of a stencil, and its gradient. Each row of the gradient is gathered from the stencils that touch it.
-fn smooth(plane: &Plane, features: usize, values: &[f32], gradient: &mut [f32], stencil: &Stencil, weight: f32) -> f64 {
-    let taps = stencil.taps;
-    let row_length = plane.cols * features;
-    let reach = taps.len() - 1;
-    let (rows, cols) = if stencil.across_rows {
-        (plane.rows.saturating_sub(reach), plane.cols)
-    } else {
-        (plane.rows, plane.cols.saturating_sub(reach))
-    };
-    let count = rows * cols * features;
-    if count == 0 {
+/// The mean square of a difference between rows, and its gradient. Each row of the gradient is gathered from the (at
+/// most three) differences that it takes part in.
+fn across_rows(row_length: usize, values: &[f32], gradient: &mut [f32], taps: Taps, weight: f32) -> f64 {
+    let reach = if taps[2] == 0.0 { 1 } else { 2 };
+    let rows = values.len() / row_length;
+    if rows <= reach {
         return 0.0;
     }
+    let count = (rows - reach) * row_length;
     let scale = weight * 2.0 / count as f32;
     let sums: Vec<f64> = gradient
         .par_chunks_mut(row_length)
         .with_min_len(8)
         .enumerate()
         .map(|(row, gradient)| {
-            // Value of the stencil that starts `start` floats into the plane, at float `i` of it.
-            let length = cols * features;
-            let at = |start: usize| -> [&[f32]; 3] {
-                std::array::from_fn(|tap| &values[start + tap.min(reach) * stencil.step..][..length])
-            };
-            let third = taps.get(2).copied().unwrap_or(0.0);
-            let sample =
-                |from: &[&[f32]; 3], i: usize| taps[0] * from[0][i] + taps[1] * from[1][i] + third * from[2][i];
-            if stencil.across_rows {
-                for (tap, by) in taps.iter().enumerate() {
-                    if let Some(first) = row.checked_sub(tap).filter(|first| *first < rows) {
-                        let from = at(first * row_length);
-                        let by = by * scale;
-                        for (i, d) in gradient.iter_mut().enumerate() {
-                            *d += by * sample(&from, i);
-                        }
-                    }
-                }
-            } else {
-                let from = at(row * row_length);
-                for (tap, by) in taps.iter().enumerate() {
-                    let by = by * scale;
-                    for (i, d) in gradient[tap * features..][..length].iter_mut().enumerate() {
-                        *d += by * sample(&from, i);
-                    }
-                }
-            }
-            if row >= rows {
-                return 0.0;
-            }
-            let from = at(row * row_length);
-            lanes_sum(length, |i| sample(&from, i) * sample(&from, i))
+            // Rows row - 2 to row + 2; those outside are not used, because their differences get a factor of 0.
+            let near: [&[f32]; 5] = std::array::from_fn(|offset| {
+                &values[(row + offset).saturating_sub(2).min(rows - 1) * row_length..][..row_length]
+            });
+            let by: [f32; 3] = std::array::from_fn(|tap| {
+                let exists = row >= tap && row - tap + reach < rows;
+                if exists { scale * taps[tap] } else { 0.0 }
+            });
+            let sum = gather_row(near, gradient, taps, by);
+            if row + reach < rows { sum } else { 0.0 }
         })
         .collect();
     sums.into_iter().sum::<f64>() / count as f64
 }
 
-/// The mean of |1 - p|, and its gradient, 0 where p is 1.
+/// Adds `by[tap]` times the difference that starts `tap` rows before the middle one of `near`, for each tap; returns the
+/// sum of squares of the one that starts at the middle. Rows are multiples of four floats.
+fn gather_row(near: [&[f32]; 5], gradient: &mut [f32], taps: Taps, by: [f32; 3]) -> f64 {
+    let mut squares = [0.0_f32; 4];
+    let [a, b, c, d, e] = near.map(|row| row.chunks_exact(4));
+    for (((((gradient, a), b), c), d), e) in gradient.chunks_exact_mut(4).zip(a).zip(b).zip(c).zip(d).zip(e) {
+        for lane in 0..4 {
+            let before = taps[0] * a[lane] + taps[1] * b[lane] + taps[2] * c[lane];
+            let middle = taps[0] * b[lane] + taps[1] * c[lane] + taps[2] * d[lane];
+            let after = taps[0] * c[lane] + taps[1] * d[lane] + taps[2] * e[lane];
+            gradient[lane] += by[2] * before + by[1] * middle + by[0] * after;
+            squares[lane] += after * after;
+        }
+    }
+    squares.into_iter().map(f64::from).sum()
+}
+
+/// The mean squared first difference between neighbouring cells of a row, and its gradient.
+fn along_rows(row_length: usize, features: usize, values: &[f32], gradient: &mut [f32], weight: f32) -> f64 {
+    let length = row_length - features;
+    let count = values.len() / row_length * length;
+    let scale = weight * 2.0 / count as f32;
+    let sums: Vec<f64> = gradient
+        .par_chunks_mut(row_length)
+        .with_min_len(8)
+        .zip(values.par_chunks(row_length))
+        .map(|(gradient, values)| {
+            let mut sum = 0.0;
+            for i in 0..length {
+                let difference = values[i + features] - values[i];
+                gradient[i] -= scale * difference;
+                gradient[i + features] += scale * difference;
+                sum += f64::from(difference * difference);
+            }
+            sum
+        })
+        .collect();
+    sums.into_iter().sum::<f64>() / count as f64
+}
+
+/// The mean of |1 - p|, and its gradient, 0 where p is 1. Rows are multiples of four floats.
 fn distance_from_one(row_length: usize, values: &[f32], gradient: &mut [f32], weight: f32) -> f64 {
     let scale = weight / values.len() as f32;
     let sums: Vec<f64> = gradient
@@ -109,25 +111,16 @@ fn distance_from_one(row_length: usize, values: &[f32], gradient: &mut [f32], we
         .with_min_len(8)
         .zip(values.par_chunks(row_length))
         .map(|(gradient, values)| {
-            for (d, value) in gradient.iter_mut().zip(values) {
-                let off = value - 1.0;
-                *d += if off == 0.0 { 0.0 } else { scale.copysign(off) };
+            let mut sums = [0.0_f32; 4];
+            for (gradient, values) in gradient.chunks_exact_mut(4).zip(values.chunks_exact(4)) {
+                for lane in 0..4 {
+                    let off = values[lane] - 1.0;
+                    gradient[lane] += if off == 0.0 { 0.0 } else { scale.copysign(off) };
+                    sums[lane] += off.abs();
+                }
             }
-            lanes_sum(values.len(), |i| (values[i] - 1.0).abs())
+            sums.into_iter().map(f64::from).sum::<f64>()
         })
         .collect();
     sums.into_iter().sum::<f64>() / values.len() as f64
-}
-
-/// The sum of `value(0..length)` in eight running sums, so that it can use vector instructions.
-fn lanes_sum(length: usize, value: impl Fn(usize) -> f32) -> f64 {
-    let mut lanes = [0.0_f32; 8];
-    let whole = length / 8 * 8;
-    for start in (0..whole).step_by(8) {
-        for (lane, sum) in lanes.iter_mut().enumerate() {
-            *sum += value(start + lane);
-        }
-    }
-    let rest: f32 = (whole..length).map(value).sum();
-    lanes.into_iter().map(f64::from).sum::<f64>() + f64::from(rest)
 }

@@ -12,6 +12,7 @@ fn heads(on: [bool; 5]) -> Heads {
 fn a_pass_follows_the_twin_forward_and_backward() {
     let configurations = [
         (small(), 0.0, 300),
+        (FieldConfig { levels: vec![1], depth: 1, ..small() }, 0.45, 9000),
         (FieldConfig { depth: 0, features: 8, sh_stride: 28, ..small() }, 0.3, 5),
         (FieldConfig { heads: heads([true, true, true, false, false]), features: 16, ..small() }, 0.62, 70),
         (FieldConfig { heads: heads([false, false, false, true, true]), sh_stride: 48, ..small() }, 1.0, 33),
@@ -21,9 +22,11 @@ fn a_pass_follows_the_twin_forward_and_backward() {
     for shape in SHAPES {
         let gpu = open(shape);
         for (number, (config, t01, rows)) in configurations.iter().enumerate() {
+            let mut field = shaken(&gpu, config);
+            let start = field.state(&gpu).unwrap();
             for what in [Outputs::All, Outputs::PositionOnly] {
                 let label = format!("{shape:?} {number} {what:?}");
-                let mut field = shaken(&gpu, config);
+                field.restore(&gpu, &start).unwrap();
                 let core = core_rows(*rows);
                 let found = pass(&gpu, &mut field, &core, *t01, what);
                 let twin = twin_of(&gpu, &field);
@@ -46,6 +49,37 @@ fn a_pass_follows_the_twin_forward_and_backward() {
             }
         }
     }
+}
+
+#[test]
+fn activations_that_are_not_kept_are_evaluated_again_to_the_same_bits() {
+    let gpu = open(Shape::Cpu);
+    let mut field = shaken(&gpu, &small());
+    let start = field.state(&gpu).unwrap();
+    let core = core_rows(300);
+    let kept = pass(&gpu, &mut field, &core, 0.6, Outputs::All);
+    let mut host = Host::new(&gpu, field.layout(), vec![0.0; field.layout().total]);
+    host.keep_at_most(1000);
+    field.backend = Box::new(host);
+    field.restore(&gpu, &start).unwrap();
+    assert!(pass(&gpu, &mut field, &core, 0.6, Outputs::All) == kept);
+}
+
+#[test]
+fn chunks_of_rows_add_up_to_the_whole_pass() {
+    let gpu = open(Shape::Gpu);
+    let mut field = shaken(&gpu, &small());
+    let start = field.state(&gpu).unwrap();
+    let core = core_rows(300);
+    let whole = pass(&gpu, &mut field, &core, 0.6, Outputs::All);
+    let mut device = Device::new(&gpu, field.layout(), &vec![0.0; field.layout().total]).unwrap();
+    device.chunks_of(128);
+    field.backend = Box::new(device);
+    field.restore(&gpu, &start).unwrap();
+    let chunks = pass(&gpu, &mut field, &core, 0.6, Outputs::All);
+    assert!((&chunks.core, &chunks.sh, &chunks.d_core) == (&whole.core, &whole.sh, &whole.d_core));
+    let whole: Vec<f64> = whole.gradients.into_iter().map(f64::from).collect();
+    assert_close("gradients", &chunks.gradients, &whole, 1e-6);
 }
 
 #[test]
