@@ -1,11 +1,9 @@
 //! `erfgs doctor`: what this machine has, what it lacks, and what to install.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-};
+use std::process::{Command, Stdio};
 
 use anyhow::bail;
+use erfgs_calibrate::{ColmapProgram, cloud::Colmap};
 use erfgs_train::gpu::{AdapterChoice, Gpu, GpuError, Shape, adapters, run_canary};
 use serde::Serialize;
 
@@ -24,6 +22,9 @@ pub struct Arguments {
     /// Check the first adapter whose name contains this (ignoring case).
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
+    /// The COLMAP to look for: a program, `pycolmap`, or `pycolmap:PYTHON`.
+    #[arg(long, value_name = "PROGRAM", default_value = "auto")]
+    colmap: ColmapProgram,
 }
 
 #[derive(Serialize)]
@@ -32,8 +33,10 @@ struct Diagnosis {
     threads: usize,
     adapters: Vec<String>,
     adapter: Option<AdapterReport>,
-    colmap: Option<Tool>,
-    ffmpeg: Option<Tool>,
+    /// Name and version.
+    colmap: Option<String>,
+    /// Version.
+    ffmpeg: Option<String>,
     /// What keeps erfgs from training here.
     problems: Vec<String>,
     /// What is worth knowing or installing.
@@ -56,18 +59,12 @@ struct AdapterReport {
     canary: bool,
 }
 
-#[derive(Serialize)]
-struct Tool {
-    path: PathBuf,
-    version: String,
-}
-
 /// Prints the diagnosis; fails where training is not possible.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let diagnosis = examine(arguments);
     terminal.result(&diagnosis, || describe(&diagnosis))?;
     if !diagnosis.problems.is_empty() {
-        bail!("this machine cannot train yet; see the problems above");
+        bail!("this machine cannot train yet: {}", diagnosis.problems.join("; "));
     }
     Ok(())
 }
@@ -88,15 +85,9 @@ fn examine(arguments: &Arguments) -> Diagnosis {
             None
         }
     };
-    let colmap = find("colmap", &["-h"], "COLMAP ");
-    if colmap.is_none() {
-        remarks.push(
-            "COLMAP is missing: `erfgs dataset points --method colmap` needs it (Debian, Ubuntu: apt install colmap; \
-             anywhere: pip install pycolmap); sweep and random clouds do without"
-                .into(),
-        );
-    }
-    let ffmpeg = find("ffmpeg", &["-version"], "ffmpeg version ");
+    let colmap = Colmap::find(&arguments.colmap).map(|colmap| colmap.version());
+    remarks.extend(colmap.as_ref().err().map(ToString::to_string));
+    let ffmpeg = ffmpeg_version();
     if ffmpeg.is_none() {
         remarks.push(
             "ffmpeg is missing: importing video files and writing MP4 need it (Debian, Ubuntu: apt install ffmpeg); \
@@ -109,7 +100,7 @@ fn examine(arguments: &Arguments) -> Diagnosis {
         threads: std::thread::available_parallelism().map_or(1, usize::from),
         adapters: adapters().into_iter().map(|info| format!("{} ({:?})", info.name, info.backend)).collect(),
         adapter,
-        colmap,
+        colmap: colmap.ok(),
         ffmpeg,
         problems,
         remarks,
@@ -141,20 +132,10 @@ fn examine_adapter(arguments: &Arguments) -> Result<(AdapterReport, Option<GpuEr
     Ok((report, wrong))
 }
 
-/// Looks for a program on the PATH and asks for its version: the word after `marker` in what it prints.
-fn find(program: &str, arguments: &[&str], marker: &str) -> Option<Tool> {
-    let path = std::env::split_paths(&std::env::var_os("PATH")?)
-        .map(|folder| folder.join(program).with_extension(std::env::consts::EXE_EXTENSION))
-        .find(|path| path.is_file())?;
-    let version = version(&path, arguments, marker).unwrap_or_else(|| "unknown version".into());
-    Some(Tool { path, version })
-}
-
-fn version(program: &Path, arguments: &[&str], marker: &str) -> Option<String> {
-    let output = Command::new(program).args(arguments).stdin(Stdio::null()).output().ok()?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-    let after = text.lines().find_map(|line| line.split_once(marker))?.1;
-    after.split_whitespace().next().map(str::to_owned)
+fn ffmpeg_version() -> Option<String> {
+    let output = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output().ok()?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    text.strip_prefix("ffmpeg version ")?.split_whitespace().next().map(str::to_owned)
 }
 
 fn describe(diagnosis: &Diagnosis) -> String {
@@ -180,9 +161,8 @@ fn describe(diagnosis: &Diagnosis) -> String {
     }
     rows.push(("all adapters", diagnosis.adapters.join(", ")));
     rows.push(("CPU threads", diagnosis.threads.to_string()));
-    for (name, tool) in [("COLMAP", &diagnosis.colmap), ("ffmpeg", &diagnosis.ffmpeg)] {
-        let found = tool.as_ref().map(|tool| format!("{} at {}", tool.version, tool.path.display()));
-        rows.push((name, found.unwrap_or_else(|| "not found".into())));
+    for (name, version) in [("COLMAP", &diagnosis.colmap), ("ffmpeg", &diagnosis.ffmpeg)] {
+        rows.push((name, version.clone().unwrap_or_else(|| "not found".into())));
     }
     let rows: Vec<Vec<String>> = rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect();
     let mut text = table(&rows);

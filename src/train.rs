@@ -89,18 +89,65 @@ pub struct Arguments {
     adapter: Adapter,
 }
 
+/// A method, as the command line spells it.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum MethodName {
+pub enum MethodName {
+    /// The baseline.
     #[value(name = "4dgs")]
     FourDgs,
+    /// Event-RGB fusion.
     ErfGs,
 }
 
+impl MethodName {
+    /// Its spelling.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FourDgs => "4dgs",
+            Self::ErfGs => "erf-gs",
+        }
+    }
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::FourDgs => Self::FourDgs,
+            MethodName::ErfGs => Self::ErfGs,
+        }
+    }
+}
+
+/// A preset, as the command line spells it.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum PresetName {
+pub enum PresetName {
+    /// The paper.
     Paper,
+    /// Its released code.
     ReleasedCode,
+    /// Ours.
     Default,
+}
+
+impl PresetName {
+    /// Its spelling.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::ReleasedCode => "released-code",
+            Self::Default => "default",
+        }
+    }
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Paper => Self::Paper,
+            PresetName::ReleasedCode => Self::ReleasedCode,
+            PresetName::Default => Self::Default,
+        }
+    }
 }
 
 fn minutes(text: &str) -> Result<f64, String> {
@@ -118,18 +165,7 @@ impl Arguments {
                 let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
                 Config::from_toml(&text).with_context(|| format!("{} cannot be used", path.display()))?
             }
-            None => {
-                let method = match self.method {
-                    MethodName::FourDgs => Method::FourDgs,
-                    MethodName::ErfGs => Method::ErfGs,
-                };
-                let preset = match self.preset {
-                    PresetName::Paper => Preset::Paper,
-                    PresetName::ReleasedCode => Preset::ReleasedCode,
-                    PresetName::Default => Preset::Default,
-                };
-                Config::preset(method, preset)
-            }
+            None => Config::preset(self.method.into(), self.preset.into()),
         };
         self.changed(config)
     }

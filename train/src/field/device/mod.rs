@@ -118,10 +118,8 @@ impl Backend for Device {
             tape.device = Some(DeviceTape {
                 rows,
                 points: gpu.storage("points of a pass", u64::from(rows) * 16)?,
-                features: gpu.storage(
-                    "features of a pass",
-                    u64::from(rows) * domain.layout.point_features() as u64 * 4,
-                )?,
+                features: gpu
+                    .storage("features of a pass", u64::from(rows) * domain.layout.point_features() as u64 * 4)?,
             });
         }
         let Some(held) = &tape.device else { return Ok(()) };
@@ -148,7 +146,16 @@ impl Backend for Device {
             (held, pass.what),
             d,
             |commands, first, rows, d_features| {
-                planes.pull(commands, domain, &grid.parameters, held, [first, rows], d_features, check.counter(), d.d_core)
+                planes.pull(
+                    commands,
+                    domain,
+                    &grid.parameters,
+                    held,
+                    [first, rows],
+                    d_features,
+                    check.counter(),
+                    d.d_core,
+                )
             },
         )?;
         self.planes.flush(&mut commands, &domain.layout, pass, &self.grid.gradients);

@@ -1,8 +1,7 @@
-//! `erfgs bench`: how fast the stages are on this machine.
+//! `erfgs bench simulate`.
 
 use std::path::PathBuf;
 
-use clap::Subcommand;
 use erfgs_replay::bench::{Figures, moving_disc, simulate};
 use erfgs_session::npz;
 
@@ -11,20 +10,13 @@ use crate::{
     terminal::{Terminal, table, thousands},
 };
 
-/// Measure the stages on this machine.
-#[derive(Debug, Subcommand)]
-pub enum Command {
-    /// The event simulator: pixels a second on each thread.
-    Simulate(SimulateArguments),
-}
-
 /// Measure the event simulator.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   erfgs bench simulate
   erfgs bench simulate luma.npz --fps 30 --threads 1")]
-pub struct SimulateArguments {
+pub struct Arguments {
     /// A video with `luma[T, H, W]`; a textured disc that moves, without it.
     luma: Option<PathBuf>,
     /// Frames a second.
@@ -40,14 +32,8 @@ pub struct SimulateArguments {
     sensor: Sensor,
 }
 
-/// Runs the command.
-pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
-    match command {
-        Command::Simulate(arguments) => bench_simulate(arguments, terminal),
-    }
-}
-
-fn bench_simulate(arguments: &SimulateArguments, terminal: &Terminal) -> anyhow::Result<()> {
+/// Measures and prints a line for each number of threads.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let config = arguments.sensor.config(0)?;
     let (data, width, height) = match &arguments.luma {
         Some(path) => {

@@ -1,0 +1,29 @@
+//! `erfgs bench`: how fast the stages are on this machine.
+
+mod raster;
+mod simulate;
+mod train;
+
+use clap::Subcommand;
+
+use crate::terminal::Terminal;
+
+/// Measure the stages on this machine.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The event simulator: pixels a second on each thread.
+    Simulate(simulate::Arguments),
+    /// The rasteriser, stage by stage, on Gaussians spread over the view.
+    Raster(raster::Arguments),
+    /// A training run, stage by stage, on a dataset.
+    Train(train::Arguments),
+}
+
+/// Runs the command.
+pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
+    match command {
+        Command::Simulate(arguments) => simulate::run(arguments, terminal),
+        Command::Raster(arguments) => raster::run(arguments, terminal),
+        Command::Train(arguments) => train::run(arguments, terminal),
+    }
+}

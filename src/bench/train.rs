@@ -1,0 +1,166 @@
+//! `erfgs bench train`.
+
+use std::{
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::Context;
+use erfgs_session::Dataset;
+use erfgs_train::{
+    config::Config,
+    run::RunFolder,
+    scene::Scene,
+    trainer::{TrainOptions, Trainer},
+};
+use serde::Serialize;
+
+use crate::{
+    device::Adapter,
+    errors::Usage,
+    terminal::{Terminal, table, thousands},
+    train::{MethodName, PresetName},
+};
+
+/// Iterations of the coarse stage, and iterations of the fine stage that are not measured.
+const WARM_UP: u32 = 20;
+
+/// Measure a training run.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Iterations of the fine stage are measured, after a warm-up. The device is waited for after every stage, which training
+does not do, so that the stages together take a little more than an iteration of training.
+
+Examples:
+  erfgs bench train ds-dv
+  erfgs bench train ds-dv --preset paper --iterations 200 --adapter llvmpipe --json")]
+pub struct Arguments {
+    /// The dataset, with initial points.
+    dataset: PathBuf,
+    /// What is trained.
+    #[arg(long, value_enum, default_value_t = MethodName::ErfGs)]
+    method: MethodName,
+    /// Where the settings start from.
+    #[arg(long, value_enum, default_value_t = PresetName::Default)]
+    preset: PresetName,
+    /// Change a setting; may be given again.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Iterations that are measured.
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..1_000_000))]
+    iterations: u32,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+#[derive(Serialize)]
+struct Figures {
+    adapter: String,
+    driver: String,
+    method: &'static str,
+    preset: &'static str,
+    gaussians: u32,
+    dynamic: u32,
+    iterations: u64,
+    iterations_per_s: f64,
+    stages: Vec<StageFigures>,
+}
+
+#[derive(Serialize)]
+struct StageFigures {
+    stage: &'static str,
+    calls: u64,
+    ms_a_call: f64,
+    ms_an_iteration: f64,
+    /// Of the time of all stages.
+    share: f64,
+    /// Gaussians that the stage got through in a second, millions.
+    mgaussians_per_s: f64,
+}
+
+/// Trains a little in a folder that goes, and prints a line for each stage.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut config = Config::preset(arguments.method.into(), arguments.preset.into());
+    for assignment in &arguments.set {
+        config.set(assignment).map_err(|error| Usage(error.to_string()))?;
+    }
+    config.coarse_iterations = WARM_UP;
+    config.fine_iterations = WARM_UP + arguments.iterations;
+    config.evaluation.checkpoint_every = 0;
+    config.evaluation.log_every = u32::MAX;
+    let (method, preset) = (arguments.method.name(), arguments.preset.name());
+    let dataset = Dataset::load(&arguments.dataset)?;
+    let without_points = dataset.manifest.points.is_none();
+    let scene = Scene::load(dataset, &config, without_points)?;
+    let gpu = arguments.adapter.open()?;
+    let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
+    let mut trainer = Trainer::new(&gpu, scene, config, &options)?;
+    let folder = tempfile::tempdir().context("cannot make a folder for the run")?;
+    let folder = RunFolder::new(folder.path());
+    let progress = terminal.progress("measuring");
+    let warm = AtomicBool::new(false);
+    trainer.run(&folder, &options, &warm, &mut |now| {
+        progress.share(now.share, || "warming up".into());
+        warm.store(now.iteration >= u64::from(2 * WARM_UP), Ordering::Relaxed);
+    })?;
+    trainer.times.start();
+    let (first, started) = (trainer.iterations_done(), trainer.clock.seconds);
+    trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now| {
+        progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
+    })?;
+    drop(progress);
+    let gaussians = trainer.model.gaussians.count;
+    let measured = trainer.iterations_done() - first;
+    let iterations = measured.max(1) as f64;
+    let total: f64 = trainer.times.stages().map(|(_, seconds, _)| seconds).sum();
+    let stages = trainer
+        .times
+        .stages()
+        .map(|(stage, seconds, calls)| StageFigures {
+            stage,
+            calls,
+            ms_a_call: 1e3 * seconds / calls.max(1) as f64,
+            ms_an_iteration: 1e3 * seconds / iterations,
+            share: seconds / total.max(1e-12),
+            mgaussians_per_s: f64::from(gaussians) * calls as f64 * 1e-6 / seconds.max(1e-12),
+        })
+        .collect();
+    let figures = Figures {
+        adapter: gpu.info.name.clone(),
+        driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info),
+        method,
+        preset,
+        gaussians,
+        dynamic: trainer.model.dynamic,
+        iterations: measured,
+        iterations_per_s: iterations / (trainer.clock.seconds - started).max(1e-12),
+        stages,
+    };
+    terminal.result(&figures, || describe(&figures))
+}
+
+fn describe(figures: &Figures) -> String {
+    let heading = ["stage", "calls", "ms a call", "ms an iteration", "share %", "MGaussian/s"];
+    let mut rows = vec![heading.map(String::from).to_vec()];
+    rows.extend(figures.stages.iter().map(|row| {
+        vec![
+            row.stage.to_owned(),
+            row.calls.to_string(),
+            format!("{:.3}", row.ms_a_call),
+            format!("{:.3}", row.ms_an_iteration),
+            format!("{:.1}", 100.0 * row.share),
+            format!("{:.2}", row.mgaussians_per_s),
+        ]
+    }));
+    format!(
+        "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n{}",
+        figures.adapter,
+        figures.driver,
+        figures.method,
+        figures.preset,
+        thousands(figures.gaussians.into()),
+        thousands(figures.dynamic.into()),
+        figures.iterations_per_s,
+        table(&rows)
+    )
+}
