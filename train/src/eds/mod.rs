@@ -41,18 +41,29 @@ pub struct Moving<'a> {
     pub end: &'a [[f32; 3]],
 }
 
-/// Gaussians that the events of bin `bin` ask for. They are all dynamic.
+/// Which events are looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw {
+    /// The bin of time.
+    pub bin: usize,
+    /// Whether lone events count as noise.
+    pub denoise: bool,
+    /// Keys the choice of source views and of candidates.
+    pub seed: u64,
+    /// Likewise.
+    pub iteration: u64,
+}
+
+/// Gaussians that the events of the bin ask for. They are all dynamic.
 #[must_use]
 pub fn propose(
     scene: &Scene,
     gaussians: &Gaussians,
     moving: Moving<'_>,
-    bin: usize,
     config: &EdsConfig,
-    denoise: bool,
-    seed: u64,
-    iteration: u64,
+    draw: &Draw,
 ) -> (Gaussians, EdsReport) {
+    let Draw { bin, denoise, seed, iteration } = *draw;
     let mut report = EdsReport::default();
     let nothing = Gaussians { sh_degree: gaussians.sh_degree, ..Gaussians::default() };
     if scene.events.is_empty() || gaussians.is_empty() || bin + 1 >= scene.bins.edges.len() {

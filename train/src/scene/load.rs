@@ -3,7 +3,7 @@
 use erfgs_session::{Camera, Dataset, Split, random};
 use rayon::prelude::*;
 
-use super::{Bins, EventView, HeldOutFrame, Scene, SceneError, SceneView, TrainFrame};
+use super::{Bins, EventView, HeldOutFrame, Point, Scene, SceneError, SceneView, TrainFrame};
 use crate::{config::Config, raster::View};
 
 const RANDOM_POINTS: u64 = 0x706f_696e_7473;
@@ -122,7 +122,7 @@ impl Scene {
 
     /// Points spread evenly in the cube around the point that the training cameras look at, half as wide as the cameras
     /// are far from it, in the mean colour of the frames.
-    fn random_points(&self, config: &Config) -> Result<Vec<([f32; 3], [u8; 3])>, SceneError> {
+    fn random_points(&self, config: &Config) -> Result<Vec<Point>, SceneError> {
         if !(self.extent.is_finite() && self.extent > 0.0) {
             return Err(SceneError::NoExtent { path: self.dataset.root.clone() });
         }

@@ -51,6 +51,9 @@ pub enum SceneError {
     },
 }
 
+/// A point of the initial cloud: position (metres) and colour.
+pub type Point = ([f32; 3], [u8; 3]);
+
 /// A camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneView {
@@ -105,8 +108,8 @@ pub struct Scene {
     pub bins: Bins,
     /// Frames of held-out cameras.
     pub held_out: Vec<HeldOutFrame>,
-    /// The initial cloud: position (metres) and colour.
-    pub points: Vec<([f32; 3], [u8; 3])>,
+    /// The initial cloud.
+    pub points: Vec<Point>,
     /// Times of the training frames, each once, ascending, in [0, 1].
     pub frame_times: Vec<f64>,
     /// 1.1 times the largest distance of a training camera from their mean, metres: the unit of learning rates and sizes.

@@ -12,7 +12,7 @@ use crate::{
     gaussians::Gaussians,
     raster::Region,
     run::LeftOut,
-    scene::{MotionMasks, classify},
+    scene::{MotionMasks, Point, classify},
     schedule::Stage,
 };
 
@@ -126,8 +126,8 @@ impl Trainer<'_> {
         let start = model.means_at(self.gpu, gaussians, edges[0])?;
         let end = model.means_at(self.gpu, gaussians, edges[1])?;
         let moving = eds::Moving { start: &start, end: &end };
-        let (denoise, seed) = (self.config.earl.denoise, self.config.seed);
-        let (rows, report) = eds::propose(&self.scene, gaussians, moving, bin, &self.config.eds, denoise, seed, done);
+        let draw = eds::Draw { bin, denoise: self.config.earl.denoise, seed: self.config.seed, iteration: done };
+        let (rows, report) = eds::propose(&self.scene, gaussians, moving, &self.config.eds, &draw);
         tracing::debug!(?report, bin, "event-guided densification");
         Ok(rows)
     }
@@ -217,7 +217,7 @@ fn enclosing(points: &[[f32; 3]], outside: f64, margin: f32) -> [[f32; 3]; 2] {
 }
 
 /// At most `limit` points: the first of every cell of the finest grid that leaves so few.
-pub(super) fn thin(points: &[([f32; 3], [u8; 3])], limit: usize) -> Vec<([f32; 3], [u8; 3])> {
+pub(super) fn thin(points: &[Point], limit: usize) -> Vec<Point> {
     let points: Vec<_> =
         points.iter().filter(|(position, _)| position.iter().all(|p| p.is_finite())).copied().collect();
     if points.len() <= limit || limit == 0 {
