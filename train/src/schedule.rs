@@ -32,6 +32,8 @@ pub struct Clock {
     pub stage: Stage,
     /// Iterations of the stage that are done.
     pub iteration: u32,
+    /// Iterations that the coarse stage took, once it is over.
+    pub coarse: u32,
     /// Seconds of training so far, without evaluation.
     pub seconds: f64,
     /// Seconds of training at which the stage began.
@@ -40,7 +42,7 @@ pub struct Clock {
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { stage: Stage::Coarse, iteration: 0, seconds: 0.0, stage_start: 0.0 }
+        Self { stage: Stage::Coarse, iteration: 0, coarse: 0, seconds: 0.0, stage_start: 0.0 }
     }
 }
 
@@ -69,8 +71,7 @@ impl Schedule {
     /// Iterations done so far, over both stages.
     #[must_use]
     pub fn done(&self, clock: &Clock) -> u64 {
-        let before = if clock.stage == Stage::Fine { self.iterations[0] } else { 0 };
-        u64::from(before) + u64::from(clock.iteration)
+        u64::from(clock.coarse) + u64::from(clock.iteration)
     }
 
     /// How far the stage is, 0 to 1: by iterations or by the clock, whichever is further. Learning rates and
@@ -120,8 +121,8 @@ mod tests {
         assert!((schedule.progress(&clock) - 0.5).abs() < 1e-12);
         clock.seconds = 25.0;
         assert!(schedule.is_over(&clock));
-        let fine = Clock { stage: Stage::Fine, iteration: 3000, seconds: 30.0, stage_start: 25.0 };
+        let fine = Clock { stage: Stage::Fine, iteration: 3000, coarse: 200, seconds: 30.0, stage_start: 25.0 };
         assert!(schedule.is_over(&fine), "iterations end a stage too");
-        assert_eq!(schedule.done(&fine), 4000);
+        assert_eq!(schedule.done(&fine), 3200, "the coarse stage ended early");
     }
 }

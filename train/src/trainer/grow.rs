@@ -47,6 +47,7 @@ impl Trainer<'_> {
         self.model.start_field(gpu, &self.config, self.scene.frame_times.len(), field_box)?;
         self.statistics.replace(gpu, &vec![Default::default(); count])?;
         self.clock.stage = Stage::Fine;
+        self.clock.coarse = self.clock.iteration;
         self.clock.iteration = 0;
         self.clock.stage_start = self.clock.seconds;
         Ok(())
