@@ -94,6 +94,8 @@ pub struct Gpu {
     pub shape: Shape,
     /// Whether storage buffers can be mapped in place.
     pub mappable: bool,
+    /// Whether eight threads are always within one subgroup, and subgroup operations are there.
+    pub subgroups_of_eight: bool,
     failure: Arc<Mutex<Option<String>>>,
 }
 
@@ -134,7 +136,7 @@ impl Gpu {
             .min_by_key(|adapter| rank(&adapter.get_info()))
             .ok_or_else(|| GpuError::NoAdapter { filter: choice.name.clone() })?;
         let info = adapter.get_info();
-        let features = adapter.features() & wgpu::Features::MAPPABLE_PRIMARY_BUFFERS;
+        let features = adapter.features() & (wgpu::Features::MAPPABLE_PRIMARY_BUFFERS | wgpu::Features::SUBGROUP);
         let shape = choice.shape.unwrap_or(match info.device_type {
             wgpu::DeviceType::Cpu => Shape::Cpu,
             _ => Shape::Gpu,
@@ -155,7 +157,8 @@ impl Gpu {
             }
         }));
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
-        Ok(Self { device, queue, info, limits, shape, mappable, failure })
+        let subgroups_of_eight = features.contains(wgpu::Features::SUBGROUP) && info.subgroup_min_size >= 8;
+        Ok(Self { device, queue, info, limits, shape, mappable, subgroups_of_eight, failure })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).

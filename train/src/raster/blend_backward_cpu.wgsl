@@ -1,5 +1,5 @@
 // Walks each tile's list back to front and leaves, for every entry, the sums over the tile's pixels that the gradient
-// of its splat is made of, at the entry's emission index (CPU shape: one thread a tile).
+// of its splat is made of, at the entry's emission index (CPU shape).
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
@@ -8,127 +8,158 @@
 @group(0) @binding(4) var<storage, read> image: array<vec4f>;
 @group(0) @binding(5) var<storage, read> stops: array<u32>;
 @group(0) @binding(6) var<storage, read> d_image: array<vec4f>;
-// With v = dL/d power and (dx, dy) the distance from the mean: sums of v, v dx, v dy, v dx dx.
-@group(0) @binding(7) var<storage, read_write> moments: array<vec4f>;
-// Sums of v dx dy, v dy dy; dL/d red, dL/d green.
-@group(0) @binding(8) var<storage, read_write> moments_colour: array<vec4f>;
-// dL/d blue.
-@group(0) @binding(9) var<storage, read_write> d_blue: array<f32>;
+// Nine an entry, in the order of `Sums`.
+@group(0) @binding(7) var<storage, read_write> sums: array<f32>;
 
-struct Row {
+// Four pixels of a column.
+struct Block {
     // Transmittance in front of what has been walked.
     t: vec4f,
+    // Colour (and transmittance) behind, weighted by dL/d image.
+    behind: vec4f,
+    stop: vec4u,
     // dL/d colour.
     r: vec4f,
     g: vec4f,
     b: vec4f,
-    // Colour (and transmittance) behind, weighted by dL/d image.
-    behind: vec4f,
-    stop: vec4u,
 }
 
-// Sums over the rows of a tile, by column.
+// Sums over pixels. With v = dL/d power and (dx, dy) the distance from the mean: v, v dx, v dy, v dx dx, v dx dy,
+// v dy dy; dL/d colour.
 struct Sums {
-    v: vec4f,
-    v_dy: vec4f,
-    v_dy_dy: vec4f,
-    r: vec4f,
-    g: vec4f,
-    b: vec4f,
+    v: f32,
+    v_dx: f32,
+    v_dy: f32,
+    v_dx_dx: f32,
+    v_dx_dy: f32,
+    v_dy_dy: f32,
+    r: f32,
+    g: f32,
+    b: f32,
 }
 
-fn start(x: u32, y: u32, first: u32) -> Row {
-    var row: Row;
-    row.stop = vec4u(first);
-    row.t = vec4f(1.0);
-    if y >= view.size.y {
-        return row;
+fn start(x: u32, y: u32, first: u32, needed: bool) -> Block {
+    var block: Block;
+    block.stop = vec4u(first);
+    block.t = vec4f(1.0);
+    if !needed || x >= view.size.x {
+        return block;
     }
-    let at = y * view.size.x + x;
-    for (var i = 0u; i < TILE; i++) {
-        if x + i < view.size.x {
-            let d = d_image[at + i];
-            row.t[i] = image[at + i].w;
-            row.r[i] = d.r;
-            row.g[i] = d.g;
-            row.b[i] = d.b;
-            row.behind[i] = dot(d.rgb, view.background.rgb) + d.w;
-            row.stop[i] = stops[at + i];
+    for (var i = 0u; i < 4u; i++) {
+        if y + i < view.size.y {
+            let at = (y + i) * view.size.x + x;
+            let d = d_image[at];
+            block.t[i] = image[at].w;
+            block.r[i] = d.r;
+            block.g[i] = d.g;
+            block.b[i] = d.b;
+            block.behind[i] = dot(d.rgb, view.background.rgb) + d.w;
+            block.stop[i] = stops[at];
         }
     }
-    return row;
-}
-
-// The loss depends on alpha through T (colour - colour behind). The bound on alpha is not differentiated, as in the
-// 3DGS code, so that opaque splats keep moving.
-fn unblend(row: ptr<function, Row>, sums: ptr<function, Sums>, bell: Bell, dx: vec4f, dy: f32, entry: u32) {
-    let unbounded = bell.opacity * falloff(bell, dx, dy);
-    let bounded = min(unbounded, vec4f(LARGEST_ALPHA));
-    let counts = (bounded >= vec4f(NEGLIGIBLE_ALPHA)) & (vec4u(entry) < (*row).stop);
-    let alpha = select(vec4f(0.0), bounded, counts);
-    let t = (*row).t / (1.0 - alpha);
-    let colour = bell.colour.r * (*row).r + bell.colour.g * (*row).g + bell.colour.b * (*row).b;
-    let contrast = colour - (*row).behind;
-    let weight = alpha * t;
-    (*row).t = t;
-    (*row).behind += alpha * contrast;
-    (*sums).r += weight * (*row).r;
-    (*sums).g += weight * (*row).g;
-    (*sums).b += weight * (*row).b;
-    let v = select(vec4f(0.0), unbounded * t * contrast, counts);
-    let v_dy = v * dy;
-    (*sums).v += v;
-    (*sums).v_dy += v_dy;
-    (*sums).v_dy_dy += v_dy * dy;
+    return block;
 }
 
 fn total(x: vec4f) -> f32 {
     return (x.x + x.y) + (x.z + x.w);
 }
 
-fn last_of(row: Row) -> u32 {
-    return max(max(row.stop.x, row.stop.y), max(row.stop.z, row.stop.w));
+// The loss depends on alpha through T (colour - colour behind). The bound of alpha is not differentiated, as in the
+// 3DGS code, so that opaque splats keep moving: d alpha / d power is alpha everywhere.
+fn unblend(block: ptr<function, Block>, own: ptr<function, Sums>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool) {
+    if needed && reaches(column, dy) {
+        let rows = dy + ROWS;
+        let power = log_alpha(splat, column, rows);
+        let counts = (power >= vec4f(LOG2_NEGLIGIBLE_ALPHA)) & (vec4u(entry) < (*block).stop);
+        let alpha = select(vec4f(0.0), exp2(power), counts);
+        let t = (*block).t / (1.0 - alpha);
+        let colour = splat.colour_depth.r * (*block).r + splat.colour_depth.g * (*block).g + splat.colour_depth.b * (*block).b;
+        let contrast = colour - (*block).behind;
+        let weight = alpha * t;
+        (*block).t = t;
+        (*block).behind += alpha * contrast;
+        (*own).r += total(weight * (*block).r);
+        (*own).g += total(weight * (*block).g);
+        (*own).b += total(weight * (*block).b);
+        let v = weight * contrast;
+        let v_dy = v * rows;
+        let v_total = total(v);
+        let v_dx_total = v_total * column.dx;
+        let v_dy_total = total(v_dy);
+        (*own).v += v_total;
+        (*own).v_dx += v_dx_total;
+        (*own).v_dy += v_dy_total;
+        (*own).v_dx_dx += v_dx_total * column.dx;
+        (*own).v_dx_dy += v_dy_total * column.dx;
+        (*own).v_dy_dy += total(v_dy * rows);
+    }
 }
 
-@compute @workgroup_size(THREADS)
+fn last_of(block: Block) -> u32 {
+    return max(max(block.stop.x, block.stop.y), max(block.stop.z, block.stop.w));
+}
+
+@compute @workgroup_size(LANES)
 fn main(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) thread: u32,
+    @builtin(local_invocation_index) lane: u32,
 ) {
-    let slot = (group.y * groups.x + group.x) * THREADS + thread;
+    let slot = group.y * groups.x + group.x;
     if slot >= view.size.z * view.size.w {
         return;
     }
     let list = lists[slot];
-    let x = TILE * (list.x % view.size.z);
+    let left = TILE * (list.x % view.size.z) + lane;
+    let right = left + LANES;
     let y = TILE * (list.x / view.size.z);
-    let columns = vec4f(f32(x)) + vec4f(0.5, 1.5, 2.5, 3.5);
-    var row0 = start(x, y, list.y);
-    var row1 = start(x, y + 1u, list.y);
-    var row2 = start(x, y + 2u, list.y);
-    var row3 = start(x, y + 3u, list.y);
-    let last = max(max(last_of(row0), last_of(row1)), max(last_of(row2), last_of(row3)));
-    for (var entry = last; entry < list.z; entry++) {
-        let emission = entries[entry].y;
-        moments[emission] = vec4f(0.0);
-        moments_colour[emission] = vec4f(0.0);
-        d_blue[emission] = 0.0;
+    // A bit a block: see `Region::tiles`.
+    let needs_l0 = (list.w & 1u) != 0u;
+    let needs_l1 = (list.w & 2u) != 0u;
+    let needs_l2 = (list.w & 4u) != 0u;
+    let needs_l3 = (list.w & 8u) != 0u;
+    let needs_r0 = (list.w & 16u) != 0u;
+    let needs_r1 = (list.w & 32u) != 0u;
+    let needs_r2 = (list.w & 64u) != 0u;
+    let needs_r3 = (list.w & 128u) != 0u;
+    var l0 = start(left, y, list.y, needs_l0);
+    var l1 = start(left, y + 4u, list.y, needs_l1);
+    var l2 = start(left, y + 8u, list.y, needs_l2);
+    var l3 = start(left, y + 12u, list.y, needs_l3);
+    var r0 = start(right, y, list.y, needs_r0);
+    var r1 = start(right, y + 4u, list.y, needs_r1);
+    var r2 = start(right, y + 8u, list.y, needs_r2);
+    var r3 = start(right, y + 12u, list.y, needs_r3);
+    let last_left = max(max(last_of(l0), last_of(l1)), max(last_of(l2), last_of(l3)));
+    let last_right = max(max(last_of(r0), last_of(r1)), max(last_of(r2), last_of(r3)));
+    let last = furthest(max(last_left, last_right), lane);
+    for (var entry = last + lane; entry < list.z; entry += LANES) {
+        let at = 9u * entries[entry].y;
+        for (var i = 0u; i < 9u; i++) {
+            sums[at + i] = 0.0;
+        }
     }
     for (var after = last; after > list.y; after--) {
         let entry = after - 1u;
         let pair = entries[entry];
-        let bell = bell_of(splats[pair.x]);
-        let dx = columns - bell.mean.x;
-        let dy = f32(y) + 0.5 - bell.mean.y;
-        var sums: Sums;
-        unblend(&row0, &sums, bell, dx, dy, entry);
-        unblend(&row1, &sums, bell, dx, dy + 1.0, entry);
-        unblend(&row2, &sums, bell, dx, dy + 2.0, entry);
-        unblend(&row3, &sums, bell, dx, dy + 3.0, entry);
-        let v_dx = sums.v * dx;
-        moments[pair.y] = vec4f(total(sums.v), total(v_dx), total(sums.v_dy), dot(v_dx, dx));
-        moments_colour[pair.y] = vec4f(dot(sums.v_dy, dx), total(sums.v_dy_dy), total(sums.r), total(sums.g));
-        d_blue[pair.y] = total(sums.b);
+        let splat = splats[pair.x];
+        let dy = f32(y) + 0.5 - splat.mean_power.y;
+        var own: Sums;
+        let l = column_of(splat, f32(left) + 0.5);
+        unblend(&l0, &own, splat, l, dy, entry, needs_l0);
+        unblend(&l1, &own, splat, l, dy + 4.0, entry, needs_l1);
+        unblend(&l2, &own, splat, l, dy + 8.0, entry, needs_l2);
+        unblend(&l3, &own, splat, l, dy + 12.0, entry, needs_l3);
+        let r = column_of(splat, f32(right) + 0.5);
+        unblend(&r0, &own, splat, r, dy, entry, needs_r0);
+        unblend(&r1, &own, splat, r, dy + 4.0, entry, needs_r1);
+        unblend(&r2, &own, splat, r, dy + 8.0, entry, needs_r2);
+        unblend(&r3, &own, splat, r, dy + 12.0, entry, needs_r3);
+        let at = 9u * pair.y;
+        sums[at + lane] = total_of_eight(own, lane);
+        let blue = total_of_blue(own, lane);
+        if lane == 0u {
+            sums[at + 8u] = blue;
+        }
     }
 }

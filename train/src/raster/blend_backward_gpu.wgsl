@@ -14,9 +14,8 @@
 @group(0) @binding(5) var<storage, read> image: array<vec4f>;
 @group(0) @binding(6) var<storage, read> stops: array<u32>;
 @group(0) @binding(7) var<storage, read> d_image: array<vec4f>;
-@group(0) @binding(8) var<storage, read_write> moments: array<vec4f>;
-@group(0) @binding(9) var<storage, read_write> moments_colour: array<vec4f>;
-@group(0) @binding(10) var<storage, read_write> d_blue: array<f32>;
+// Nine an entry: see `Sums` in `blend_backward_cpu.wgsl`.
+@group(0) @binding(8) var<storage, read_write> sums: array<f32>;
 
 const PIXELS = 256u;
 
@@ -62,18 +61,18 @@ fn main(
     let last = workgroupUniformLoad(&furthest);
 
     for (var entry = max(last, entry_range.x) + thread; entry < entry_range.y; entry += PIXELS) {
-        let emission = entries[entry];
-        moments[emission] = vec4f(0.0);
-        moments_colour[emission] = vec4f(0.0);
-        d_blue[emission] = 0.0;
+        let at = 9u * entries[entry];
+        for (var i = 0u; i < 9u; i++) {
+            sums[at + i] = 0.0;
+        }
     }
 
     let count = select(0u, last - entry_range.x, last > entry_range.x);
     let steps = select(0u, count + PIXELS - 1u, count > 0u);
     var splat: Splat;
     var emission = 0u;
-    var v_sums = vec4f(0.0);
-    var v_more = vec2f(0.0);
+    var v_sums = vec3f(0.0);
+    var v_more = vec3f(0.0);
     var colour_sums = vec3f(0.0);
     for (var step = 0u; step < steps; step++) {
         let turn = step - thread;
@@ -84,30 +83,32 @@ fn main(
             if pixel == 0u {
                 emission = entries[entry];
                 splat = splats[owners[emission]];
-                v_sums = vec4f(0.0);
-                v_more = vec2f(0.0);
+                v_sums = vec3f(0.0);
+                v_more = vec3f(0.0);
                 colour_sums = vec3f(0.0);
             }
             let position = vec2f(corner + vec2u(pixel % TILE, pixel / TILE)) + 0.5;
-            let d = position - splat.mean_conic.xy;
-            let power = -0.5 * (splat.mean_conic.z * d.x * d.x + splat.shape.x * d.y * d.y) - splat.mean_conic.w * d.x * d.y;
-            let unbounded = splat.shape.y * exp(min(power, 0.0));
-            let alpha = min(LARGEST_ALPHA, unbounded);
+            let d = position - splat.mean_power.xy;
+            let alpha = alpha_of(splat, d);
             if alpha >= NEGLIGIBLE_ALPHA && entry < stop[pixel] {
                 let d_colour = d_pixel[pixel].rgb;
                 let t = transmittance[pixel] / (1.0 - alpha);
                 let contrast = dot(d_colour, splat.colour_depth.rgb) - behind[pixel];
                 transmittance[pixel] = t;
                 behind[pixel] += alpha * contrast;
-                colour_sums += alpha * t * d_colour;
-                let v = unbounded * t * contrast;
-                v_sums += v * vec4f(1.0, d.x, d.y, d.x * d.x);
-                v_more += v * d.y * d;
+                let weight = alpha * t;
+                colour_sums += weight * d_colour;
+                let v = weight * contrast;
+                v_sums += v * vec3f(1.0, d);
+                v_more += v * vec3f(d.x * d.x, d.x * d.y, d.y * d.y);
             }
             if pixel == PIXELS - 1u {
-                moments[emission] = v_sums;
-                moments_colour[emission] = vec4f(v_more, colour_sums.rg);
-                d_blue[emission] = colour_sums.b;
+                let at = 9u * emission;
+                for (var i = 0u; i < 3u; i++) {
+                    sums[at + i] = v_sums[i];
+                    sums[at + 3u + i] = v_more[i];
+                    sums[at + 6u + i] = colour_sums[i];
+                }
             }
         }
         workgroupBarrier();

@@ -1,17 +1,18 @@
-// Blends the splats of each tile front to back (CPU shape: one thread a tile).
+// Blends the splats of each tile front to back (CPU shape).
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 // Splat and emission index, sorted by tile, then depth.
 @group(0) @binding(2) var<storage, read> entries: array<vec2u>;
-// Tile, first entry, end of entries; longest lists first, so that neighbouring threads walk equally far.
+// Tile, first entry, end of entries, needed blocks; longest lists first.
 @group(0) @binding(3) var<storage, read> lists: array<vec4u>;
 @group(0) @binding(4) var<storage, read_write> image: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> depth: array<f32>;
 // Entry at which each pixel had become opaque, or the end of its tile's list.
 @group(0) @binding(6) var<storage, read_write> stops: array<u32>;
 
-struct Row {
+// Four pixels of a column.
+struct Block {
     // Transmittance; negative once the pixel is opaque.
     t: vec4f,
     r: vec4f,
@@ -21,86 +22,109 @@ struct Row {
     stop: vec4u,
 }
 
-fn blend(row: ptr<function, Row>, bell: Bell, z: f32, dx: vec4f, dy: f32, entry: u32) {
-    let alpha = min(bell.opacity * falloff(bell, dx, dy), vec4f(LARGEST_ALPHA));
-    let t = (*row).t;
-    let next = t * (1.0 - alpha);
-    let counts = (alpha >= vec4f(NEGLIGIBLE_ALPHA)) & (t > vec4f(0.0));
-    let enough = next >= vec4f(LEAST_TRANSMITTANCE);
-    let taken = counts & enough;
-    let ends = counts & !enough;
-    let weight = select(vec4f(0.0), alpha * t, taken);
-    (*row).r += weight * bell.colour.r;
-    (*row).g += weight * bell.colour.g;
-    (*row).b += weight * bell.colour.b;
-    if WITH_DEPTH {
-        (*row).z += weight * z;
+fn blend(block: ptr<function, Block>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool) {
+    if needed && reaches(column, dy) {
+        let power = log_alpha(splat, column, dy + ROWS);
+        let t = (*block).t;
+        let counts = (power >= vec4f(LOG2_NEGLIGIBLE_ALPHA)) & (t > vec4f(0.0));
+        let share = select(vec4f(0.0), exp2(power) * t, counts);
+        let next = t - share;
+        let ends = counts & (next < vec4f(LEAST_TRANSMITTANCE));
+        let weight = select(share, vec4f(0.0), ends);
+        (*block).t = select(next, -t, ends);
+        (*block).stop = select((*block).stop, vec4u(entry), ends);
+        (*block).r += weight * splat.colour_depth.r;
+        (*block).g += weight * splat.colour_depth.g;
+        (*block).b += weight * splat.colour_depth.b;
+        if WITH_DEPTH {
+            (*block).z += weight * splat.colour_depth.w;
+        }
     }
-    (*row).t = select(select(t, -t, ends), next, taken);
-    (*row).stop = select((*row).stop, vec4u(entry), ends);
 }
 
-fn start(y: u32, inside_x: vec4<bool>, end: u32) -> Row {
-    var row: Row;
-    row.t = select(vec4f(-1.0), vec4f(1.0), inside_x & vec4<bool>(y < view.size.y));
-    row.stop = vec4u(end);
-    return row;
+fn start(x: u32, y: u32, end: u32) -> Block {
+    var block: Block;
+    let rows = vec4u(y) + vec4u(0u, 1u, 2u, 3u);
+    block.t = select(vec4f(-1.0), vec4f(1.0), (rows < vec4u(view.size.y)) & vec4<bool>(x < view.size.x));
+    block.stop = vec4u(end);
+    return block;
 }
 
-fn finish(row: ptr<function, Row>, x: u32, y: u32) {
-    if y >= view.size.y {
+fn finish(block: ptr<function, Block>, x: u32, y: u32) {
+    if x >= view.size.x {
         return;
     }
-    let t = abs((*row).t);
-    let at = y * view.size.x + x;
-    for (var i = 0u; i < TILE; i++) {
-        if x + i < view.size.x {
-            let colour = vec3f((*row).r[i], (*row).g[i], (*row).b[i]) + t[i] * view.background.rgb;
-            image[at + i] = vec4f(colour, t[i]);
-            stops[at + i] = (*row).stop[i];
+    let t = abs((*block).t);
+    for (var i = 0u; i < 4u; i++) {
+        if y + i < view.size.y {
+            let at = (y + i) * view.size.x + x;
+            let colour = vec3f((*block).r[i], (*block).g[i], (*block).b[i]) + t[i] * view.background.rgb;
+            image[at] = vec4f(colour, t[i]);
+            stops[at] = (*block).stop[i];
             if WITH_DEPTH {
-                depth[at + i] = (*row).z[i];
+                depth[at] = (*block).z[i];
             }
         }
     }
 }
 
-@compute @workgroup_size(THREADS)
+@compute @workgroup_size(LANES)
 fn main(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) thread: u32,
+    @builtin(local_invocation_index) lane: u32,
 ) {
-    let slot = (group.y * groups.x + group.x) * THREADS + thread;
+    let slot = group.y * groups.x + group.x;
     if slot >= view.size.z * view.size.w {
         return;
     }
     let list = lists[slot];
-    let x = TILE * (list.x % view.size.z);
+    let left = TILE * (list.x % view.size.z) + lane;
+    let right = left + LANES;
     let y = TILE * (list.x / view.size.z);
-    let columns = vec4f(f32(x)) + vec4f(0.5, 1.5, 2.5, 3.5);
-    let inside_x = columns < vec4f(f32(view.size.x));
-    var row0 = start(y, inside_x, list.z);
-    var row1 = start(y + 1u, inside_x, list.z);
-    var row2 = start(y + 2u, inside_x, list.z);
-    var row3 = start(y + 3u, inside_x, list.z);
+    // A bit a block: see `Region::tiles`.
+    let needs_l0 = (list.w & 1u) != 0u;
+    let needs_l1 = (list.w & 2u) != 0u;
+    let needs_l2 = (list.w & 4u) != 0u;
+    let needs_l3 = (list.w & 8u) != 0u;
+    let needs_r0 = (list.w & 16u) != 0u;
+    let needs_r1 = (list.w & 32u) != 0u;
+    let needs_r2 = (list.w & 64u) != 0u;
+    let needs_r3 = (list.w & 128u) != 0u;
+    var l0 = start(left, y, list.z);
+    var l1 = start(left, y + 4u, list.z);
+    var l2 = start(left, y + 8u, list.z);
+    var l3 = start(left, y + 12u, list.z);
+    var r0 = start(right, y, list.z);
+    var r1 = start(right, y + 4u, list.z);
+    var r2 = start(right, y + 8u, list.z);
+    var r3 = start(right, y + 12u, list.z);
     for (var entry = list.y; entry < list.z; entry++) {
         let splat = splats[entries[entry].x];
-        let bell = bell_of(splat);
-        let dx = columns - bell.mean.x;
-        let dy = f32(y) + 0.5 - bell.mean.y;
-        let z = splat.colour_depth.w;
-        blend(&row0, bell, z, dx, dy, entry);
-        blend(&row1, bell, z, dx, dy + 1.0, entry);
-        blend(&row2, bell, z, dx, dy + 2.0, entry);
-        blend(&row3, bell, z, dx, dy + 3.0, entry);
-        let clearest = max(max(row0.t, row1.t), max(row2.t, row3.t));
-        if all(clearest < vec4f(0.0)) {
-            break;
+        let dy = f32(y) + 0.5 - splat.mean_power.y;
+        let l = column_of(splat, f32(left) + 0.5);
+        blend(&l0, splat, l, dy, entry, needs_l0);
+        blend(&l1, splat, l, dy + 4.0, entry, needs_l1);
+        blend(&l2, splat, l, dy + 8.0, entry, needs_l2);
+        blend(&l3, splat, l, dy + 12.0, entry, needs_l3);
+        let r = column_of(splat, f32(right) + 0.5);
+        blend(&r0, splat, r, dy, entry, needs_r0);
+        blend(&r1, splat, r, dy + 4.0, entry, needs_r1);
+        blend(&r2, splat, r, dy + 8.0, entry, needs_r2);
+        blend(&r3, splat, r, dy + 12.0, entry, needs_r3);
+        if entry % 16u == 15u {
+            let clearest = max(max(max(l0.t, l1.t), max(l2.t, l3.t)), max(max(r0.t, r1.t), max(r2.t, r3.t)));
+            if all(clearest < vec4f(0.0)) {
+                break;
+            }
         }
     }
-    finish(&row0, x, y);
-    finish(&row1, x, y + 1u);
-    finish(&row2, x, y + 2u);
-    finish(&row3, x, y + 3u);
+    finish(&l0, left, y);
+    finish(&l1, left, y + 4u);
+    finish(&l2, left, y + 8u);
+    finish(&l3, left, y + 12u);
+    finish(&r0, right, y);
+    finish(&r1, right, y + 4u);
+    finish(&r2, right, y + 8u);
+    finish(&r3, right, y + 12u);
 }

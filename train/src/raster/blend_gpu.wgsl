@@ -60,9 +60,8 @@ fn main(
         let size = min(BATCH, entry_range.y - first);
         for (var i = 0u; i < size && going; i++) {
             let splat = batch[i];
-            let d = pixel - splat.mean_conic.xy;
-            let power = -0.5 * (splat.mean_conic.z * d.x * d.x + splat.shape.x * d.y * d.y) - splat.mean_conic.w * d.x * d.y;
-            let alpha = min(LARGEST_ALPHA, splat.shape.y * exp(min(power, 0.0)));
+            let d = pixel - splat.mean_power.xy;
+            let alpha = alpha_of(splat, d);
             if alpha < NEGLIGIBLE_ALPHA {
                 continue;
             }

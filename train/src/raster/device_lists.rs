@@ -142,6 +142,7 @@ impl DeviceLists {
         );
         commands.copy(offset_plan, &frame.counter, size_of::<Plan>() as u64);
         frame.pending = Some(commands.submit());
+        frame.range_count = gaussians;
         Ok(())
     }
 
@@ -185,9 +186,7 @@ impl DeviceLists {
                 &frame.image,
                 &frame.stops,
                 d_image,
-                &sums.moments,
-                &sums.moments_colour,
-                &sums.d_blue,
+                &sums.sums,
             ],
             render.grid.count(),
         );

@@ -6,7 +6,8 @@
 @group(0) @binding(2) var<storage, read> counts: array<u32>;
 @group(0) @binding(3) var<storage, read> by_depth: array<u32>;
 @group(0) @binding(4) var<storage, read> offsets: array<u32>;
-@group(0) @binding(5) var<storage, read_write> ranges: array<vec2u>;
+// Gaussian, first emission index, number of entries.
+@group(0) @binding(5) var<storage, read_write> ranges: array<vec4u>;
 @group(0) @binding(6) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(7) var<storage, read_write> values: array<u32>;
 // The splat of each emission index.
@@ -26,7 +27,7 @@ fn main(
     let capacity = view.switches.w;
     let first = min(offsets[rank], capacity);
     let end = first + min(counts[index], capacity - first);
-    ranges[index] = vec2u(first, end - first);
+    ranges[rank] = vec4u(index, first, end - first, 0u);
     let splat = splats[index];
     let rows = tile_rows(splat);
     var at = first;

@@ -22,9 +22,8 @@ pub struct Frame {
     /// f32 a pixel: depth weighted by alpha and transmittance, not normalised (0 where nothing is). Present where the
     /// last render asked for it.
     pub depth: Option<Buffer>,
-    /// Twelve floats a Gaussian, as the last render saw it: mean x, y (pixels) | conic a, b, c | opacity | half width
-    /// and height (pixels; 0 where it is not visible) | r, g, b | depth (metres).
-    pub splats: Buffer,
+    /// `Splat` of `shared/splat.wgsl`, sixteen floats a Gaussian, as the last render saw it.
+    pub(super) splats: Buffer,
     /// The part of the image that is needed; everything where there is none. Set it before the forward pass.
     pub region: Option<Arc<Region>>,
     /// CPU shape: splat and emission index; GPU shape: emission index. Sorted by tile, then depth.
@@ -33,8 +32,10 @@ pub struct Frame {
     pub(super) owners: Buffer,
     /// vec4u: tile, first entry, end of entries.
     pub(super) lists: Buffer,
-    /// First emission index and number of entries of each Gaussian.
+    /// vec4u: Gaussian, first emission index, number of entries.
     pub(super) ranges: Buffer,
+    /// Rows of `ranges`.
+    pub(super) range_count: u32,
     /// Entry at which each pixel had become opaque.
     pub(super) stops: Buffer,
     /// Entries that there is room for; on the CPU shape, that there are.
@@ -63,6 +64,7 @@ impl Frame {
             owners: small("frame.owners")?,
             lists: small("frame.lists")?,
             ranges: small("frame.ranges")?,
+            range_count: 0,
             stops: small("frame.stops")?,
             room: 0,
             counter: gpu.device.create_buffer(&wgpu::BufferDescriptor {

@@ -1,4 +1,4 @@
-//! The CPU shape between splats and image: tile lists made on the host, one thread a tile.
+//! The CPU shape between splats and image: tile lists made on the host, eight threads a tile.
 
 use wgpu::Buffer;
 
@@ -12,10 +12,10 @@ use super::{
 use crate::gpu::{Commands, Gpu, Kernel};
 
 /// Side of a tile, pixels.
-pub(super) const TILE: u32 = 4;
-/// Threads of a workgroup: as many tiles are walked together.
-const TOGETHER: u32 = 8;
+pub(super) const TILE: u32 = 16;
 const SHARED: &str = include_str!("shared/blend_cpu.wgsl");
+const LANES_SUBGROUP: &str = include_str!("shared/lanes_subgroup.wgsl");
+const LANES_BARRIER: &str = include_str!("shared/lanes_barrier.wgsl");
 
 /// The kernels.
 #[derive(Debug)]
@@ -29,15 +29,15 @@ pub(super) struct HostLists {
 impl HostLists {
     pub(super) fn new(gpu: &Gpu) -> Result<Self, RasterError> {
         let blend = |label, with_depth: bool| {
-            let constants = format!("const THREADS = {TOGETHER}u; const WITH_DEPTH = {with_depth};");
+            let constants = format!("const WITH_DEPTH = {with_depth};");
             stage(gpu, label, &constants, &[SHARED, include_str!("blend_cpu.wgsl")])
         };
-        let constants = format!("const THREADS = {TOGETHER}u;");
-        let parts = [SHARED, include_str!("blend_backward_cpu.wgsl")];
+        let lanes = if gpu.subgroups_of_eight { LANES_SUBGROUP } else { LANES_BARRIER };
+        let parts = [SHARED, lanes, include_str!("blend_backward_cpu.wgsl")];
         Ok(Self {
             blend: blend("blend", false),
             blend_with_depth: blend("blend with depth", true),
-            blend_backward: stage(gpu, "blend backward", &constants, &parts),
+            blend_backward: stage(gpu, "blend backward", "", &parts),
             no_depth: gpu.storage("no depth", 16)?,
         })
     }
@@ -46,7 +46,7 @@ impl HostLists {
     pub(super) fn make(&self, gpu: &Gpu, render: &Render, frame: &mut Frame) -> Result<(), RasterError> {
         let count = render.gaussians() as usize;
         let grid = &render.grid;
-        let needed = frame.region.as_ref().map(|region| region.tiles(grid.tile, grid.tiles));
+        let needed = frame.region.as_ref().map(|region| region.tiles(grid.tiles));
         let bins: Bins =
             gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], grid, needed.as_deref()))?;
         let entries = bins.entries.len();
@@ -55,6 +55,7 @@ impl HostLists {
         gpu.upload(&frame.lists, 0, &bins.lists);
         gpu.upload(&frame.ranges, 0, &bins.ranges);
         frame.room = entries as u32;
+        frame.range_count = bins.ranges.len() as u32;
         Ok(())
     }
 
@@ -66,7 +67,7 @@ impl HostLists {
         commands.dispatch(
             kernel,
             &[&render.uniform, &frame.splats, &frame.entries, &frame.lists, &frame.image, depth, &frame.stops],
-            render.grid.count().div_ceil(TOGETHER),
+            render.grid.count(),
         );
     }
 
@@ -88,11 +89,9 @@ impl HostLists {
                 &frame.image,
                 &frame.stops,
                 d_image,
-                &sums.moments,
-                &sums.moments_colour,
-                &sums.d_blue,
+                &sums.sums,
             ],
-            render.grid.count().div_ceil(TOGETHER),
+            render.grid.count(),
         );
     }
 }

@@ -6,7 +6,6 @@ const VIEW: &str = include_str!("shared/view.wgsl");
 const SPLAT: &str = include_str!("shared/splat.wgsl");
 const GAUSSIAN: &str = include_str!("shared/gaussian.wgsl");
 const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
-const SPLAT_GRADIENT: &str = include_str!("shared/splat_gradient.wgsl");
 
 /// Threads of a workgroup of the stages with one thread a Gaussian.
 pub(super) const THREADS: u32 = 64;
@@ -30,11 +29,8 @@ impl GaussianStages {
         let stage = |label, parts: &[&str]| stage(gpu, label, &threads, parts);
         Self {
             project: stage("project", &[GAUSSIAN, HARMONICS, include_str!("project.wgsl")]),
-            gather: stage("gather", &[SPLAT_GRADIENT, include_str!("gather.wgsl")]),
-            project_backward: stage(
-                "project backward",
-                &[GAUSSIAN, HARMONICS, SPLAT_GRADIENT, include_str!("project_backward.wgsl")],
-            ),
+            gather: stage("gather", &[include_str!("gather.wgsl")]),
+            project_backward: stage("project backward", &[GAUSSIAN, HARMONICS, include_str!("project_backward.wgsl")]),
         }
     }
 }

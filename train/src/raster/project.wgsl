@@ -31,17 +31,27 @@ fn main(
     let nearest = clamp(p.mean, vec2f(0.5), vec2f(view.size.xy) - 0.5);
     let seen = p.valid && all(extent > vec2f(0.0)) && all(abs(nearest - p.mean) <= extent);
     if !seen {
-        splats[index] = Splat();
+        splats[index].shape.z = 0.0;
         return;
     }
     let colour = colour_of(index, normalize(row0.xyz - view.centre_near.xyz));
     if !is_finite(colour.x + colour.y + colour.z) {
-        splats[index] = Splat();
+        splats[index].shape.z = 0.0;
         return;
     }
+    let a = p.conic.x;
+    let b = p.conic.y;
+    let c = p.conic.z;
+    // With the 3 sigma square every pixel of a touched tile counts.
+    var column = vec4f(0.0, 1e9, 0.0, 0.0);
+    if view.switches.y == 0u {
+        let through_mean = extent.y * sqrt(max(1.0 - b / a * (b / c), 0.0) + 1e-5);
+        column = vec4f(1.0 / extent.x, through_mean, -b / c, 0.0);
+    }
     splats[index] = Splat(
-        vec4f(p.mean, p.conic.xy),
-        vec4f(p.conic.z, p.opacity, extent),
+        vec4f(p.mean, -0.5 * LOG2_E * a, -LOG2_E * b),
+        vec4f(-0.5 * LOG2_E * c, log2(p.opacity), extent),
         vec4f(max(colour, vec3f(0.0)), p.camera.z),
+        column,
     );
 }

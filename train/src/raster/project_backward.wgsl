@@ -1,11 +1,13 @@
-// From the gradient of each splat to the gradient of its Gaussian's parameters. One thread a Gaussian.
+// From the gradient of each splat to the gradient of its Gaussian's parameters. One thread a Gaussian that touches a
+// tile; the gradients of the deltas have been cleared.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> core: array<vec4f>;
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
 @group(0) @binding(3) var<storage, read> delta_core: array<vec4f>;
 @group(0) @binding(4) var<storage, read> delta_sh: array<f32>;
-@group(0) @binding(5) var<storage, read> d_splats: array<SplatGradient>;
+// Ten a row: see `gather.wgsl`.
+@group(0) @binding(5) var<storage, read> d_splats: array<u32>;
 @group(0) @binding(6) var<storage, read_write> d_core: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
 @group(0) @binding(8) var<storage, read_write> d_delta_core: array<vec4f>;
@@ -93,32 +95,19 @@ fn rotation_backward(q: vec4f, d0: vec3f, d1: vec3f, d2: vec3f) -> vec4f {
     );
 }
 
-fn clear_deltas(index: u32) {
-    if wants_delta(index) {
-        for (var i = 0u; i < 3u; i++) {
-            d_delta_core[3u * index + i] = vec4f(0.0);
-        }
-    }
-    if wants_delta_sh(index) {
-        for (var i = 0u; i < view.counts.w; i++) {
-            d_delta_sh[index * view.counts.w + i] = 0.0;
-        }
-    }
-}
-
 @compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
     @builtin(local_invocation_index) thread: u32,
 ) {
-    let index = (group.y * groups.x + group.x) * THREADS + thread;
-    if index >= view.counts.x {
+    let row = (group.y * groups.x + group.x) * THREADS + thread;
+    if row >= view.outputs.z {
         return;
     }
-    clear_deltas(index);
-    let d_splat = d_splats[index];
-    if d_splat.blue_entries.y == 0.0 {
+    let at = 10u * row;
+    let index = d_splats[at + 9u];
+    if index == NOBODY {
         return;
     }
     var row0 = core[index * 3u];
@@ -135,22 +124,20 @@ fn main(
     let offset = row0.xyz - view.centre_near.xyz;
     let inverse_distance = inverseSqrt(dot(offset, offset));
     let direction = offset * inverse_distance;
-    let colour = colour_of(index, direction);
-    let d_clamped = vec3f(d_splat.moments_colour.zw, d_splat.blue_entries.x);
-    let d_colour = select(vec3f(0.0), d_clamped, colour > vec3f(0.0));
+    let d_colour = vec3f(bitcast<f32>(d_splats[at + 6u]), bitcast<f32>(d_splats[at + 7u]), bitcast<f32>(d_splats[at + 8u]));
     let d_direction = harmonics_backward(index, direction, d_colour);
     var d_mean = inverse_distance * (d_direction - direction * dot(direction, d_direction));
 
     // Power = -1/2 (a dx^2 + 2 b dx dy + c dy^2), (dx, dy) = pixel - mean.
-    let v = d_splat.moments.x;
-    let v_d = d_splat.moments.yz;
+    let v = bitcast<f32>(d_splats[at]);
+    let v_d = vec2f(bitcast<f32>(d_splats[at + 1u]), bitcast<f32>(d_splats[at + 2u]));
     let a = p.conic.x;
     let b = p.conic.y;
     let c = p.conic.z;
     let d_pixel = vec2f(a * v_d.x + b * v_d.y, b * v_d.x + c * v_d.y);
     let conic = mat2x2f(a, b, b, c);
-    let half_xy = -0.5 * d_splat.moments_colour.x;
-    let d_conic = mat2x2f(-0.5 * d_splat.moments.w, half_xy, half_xy, -0.5 * d_splat.moments_colour.y);
+    let half_xy = -0.5 * bitcast<f32>(d_splats[at + 4u]);
+    let d_conic = mat2x2f(-0.5 * bitcast<f32>(d_splats[at + 3u]), half_xy, half_xy, -0.5 * bitcast<f32>(d_splats[at + 5u]));
     let d_covariance = conic * d_conic * conic;
     let xx = -d_covariance[0][0];
     let xy = -0.5 * (d_covariance[0][1] + d_covariance[1][0]);

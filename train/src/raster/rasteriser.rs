@@ -38,19 +38,15 @@ enum Lists {
 /// What a backward pass keeps between its stages.
 #[derive(Debug)]
 pub(super) struct Sums {
-    pub(super) moments: Buffer,
-    pub(super) moments_colour: Buffer,
-    pub(super) d_blue: Buffer,
+    pub(super) sums: Buffer,
     d_splats: Buffer,
 }
 
 impl Sums {
     fn make_room(&mut self, gpu: &Gpu, entries: u32, gaussians: u32) -> Result<(), RasterError> {
         let entries = u64::from(entries);
-        grow(gpu, &mut self.moments, "moments", 16 * entries)?;
-        grow(gpu, &mut self.moments_colour, "moments colour", 16 * entries)?;
-        grow(gpu, &mut self.d_blue, "d_blue", 4 * entries)?;
-        grow(gpu, &mut self.d_splats, "d_splats", 48 * u64::from(gaussians.max(1)))?;
+        grow(gpu, &mut self.sums, "sums", 36 * entries)?;
+        grow(gpu, &mut self.d_splats, "d_splats", 40 * u64::from(gaussians.max(1)))?;
         Ok(())
     }
 }
@@ -105,12 +101,7 @@ impl Rasteriser {
             stages,
             lists,
             unused: [small("unused 0")?, small("unused 1")?, small("unused 2")?],
-            sums: Mutex::new(Sums {
-                moments: small("moments")?,
-                moments_colour: small("moments colour")?,
-                d_blue: small("d_blue")?,
-                d_splats: small("d_splats")?,
-            }),
+            sums: Mutex::new(Sums { sums: small("sums")?, d_splats: small("d_splats")? }),
         })
     }
 
@@ -162,12 +153,16 @@ impl Rasteriser {
         values.switches[2] = u32::from(statistics);
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
+        values.outputs[2] = frame.range_count;
         let render = Render::new(gpu, values, options);
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();
         self.blend_backward(&mut commands, &render, frame, d_image, &sums);
         self.gather(&mut commands, &render, frame, &sums);
+        for buffer in delta_gradients.iter().flat_map(|d| std::iter::once(&d.core).chain(&d.sh)) {
+            commands.clear(buffer);
+        }
         self.project_backward(&mut commands, &render, gaussians, deltas, &sums, gradients, delta_gradients);
         commands.submit();
         Ok(())
@@ -191,10 +186,10 @@ impl Rasteriser {
         grow(gpu, &mut frame.image, "frame.image", 16 * pixels)?;
         grow(gpu, &mut frame.stops, "frame.stops", 4 * pixels)?;
         grow(gpu, &mut frame.lists, "frame.lists", 16 * u64::from(tiles))?;
-        grow(gpu, &mut frame.splats, "frame.splats", 48 * u64::from(gaussians.count.max(1)))?;
-        grow(gpu, &mut frame.ranges, "frame.ranges", 8 * u64::from(gaussians.count))?;
+        grow(gpu, &mut frame.splats, "frame.splats", 64 * u64::from(gaussians.count.max(1)))?;
+        grow(gpu, &mut frame.ranges, "frame.ranges", 16 * u64::from(gaussians.count))?;
         if gpu.shape == Shape::Gpu {
-            let most = (gpu.limits.max_storage_buffer_binding_size / 16).min(u64::from(u32::MAX)) as u32;
+            let most = (gpu.limits.max_storage_buffer_binding_size / 36).min(u64::from(u32::MAX)) as u32;
             let guess = gaussians.count.saturating_mul(4).saturating_add(64 * tiles).min(most);
             frame.room = frame.room.max(options.first_room.unwrap_or(guess));
             values.switches[3] = frame.room;
@@ -251,8 +246,8 @@ impl Rasteriser {
     fn gather(&self, commands: &mut Commands<'_>, render: &Render, frame: &Frame, sums: &Sums) {
         commands.dispatch(
             &self.stages.gather,
-            &[&render.uniform, &frame.ranges, &sums.moments, &sums.moments_colour, &sums.d_blue, &sums.d_splats],
-            render.gaussians().div_ceil(THREADS),
+            &[&render.uniform, &frame.splats, &frame.ranges, &sums.sums, &sums.d_splats],
+            frame.range_count.div_ceil(THREADS),
         );
     }
 
@@ -283,7 +278,7 @@ impl Rasteriser {
                 delta_gradients.and_then(|d| d.sh.as_ref()).unwrap_or(&self.unused[2]),
                 &gradients.screen,
             ],
-            gaussians.count.div_ceil(THREADS),
+            render.values.outputs[2].div_ceil(THREADS),
         );
     }
 
@@ -323,6 +318,9 @@ impl Rasteriser {
         lap("lists")?;
         self.blend(gpu, &render, frame);
         lap("blend")?;
+        let mut values = render.values;
+        values.outputs[2] = frame.range_count;
+        let render = Render::new(gpu, values, options);
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();
@@ -351,7 +349,7 @@ fn check_backward(
     let [rows, delta_rows, _, stride] = values.counts.map(u64::from);
     let [width, height, ..] = values.size;
     let reason = if (frame.width, frame.height) != (width, height)
-        || frame.ranges.size() < 8 * rows
+        || u64::from(frame.range_count) > rows
         || d_image.size() < 16 * u64::from(width) * u64::from(height)
     {
         "the frame or the gradient of the image is not of this view"

@@ -39,16 +39,19 @@ impl Region {
         self.needed.iter().filter(|&&needs| needs).count() as f64 / self.needed.len().max(1) as f64
     }
 
-    /// Which tiles of side `tile` are needed, row by row.
-    pub(super) fn tiles(&self, tile: u32, [columns, rows]: [u32; 2]) -> Vec<bool> {
-        let blocks = tile / BLOCK;
-        let any = |column: u32, row: u32| {
-            (row * blocks..((row + 1) * blocks).min(self.rows)).any(|y| {
-                (column * blocks..((column + 1) * blocks).min(self.columns))
-                    .any(|x| self.needed[(y * self.columns + x) as usize])
+    /// For each tile of 16 x 16 pixels, row by row, which of its eight blocks of 8 x 4 pixels are needed: bits 0 to 3 are
+    /// the left half from top to bottom, bits 4 to 7 the right half.
+    pub(super) fn tiles(&self, [columns, rows]: [u32; 2]) -> Vec<u32> {
+        let needs = |column: u32, row: u32| {
+            column < self.columns && row < self.rows && self.needed[(row * self.columns + column) as usize]
+        };
+        let tile = |column: u32, row: u32| {
+            (0..8).fold(0, |bits, block| {
+                let (x, y) = (4 * column + 2 * (block / 4), 4 * row + block % 4);
+                bits | u32::from(needs(x, y) || needs(x + 1, y)) << block
             })
         };
-        (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row))).map(|(x, y)| any(x, y)).collect()
+        (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row))).map(|(x, y)| tile(x, y)).collect()
     }
 }
 
@@ -62,8 +65,7 @@ mod tests {
         mask[9 * 20 + 19] = true;
         let region = Region::new(&mask, 20, 10);
         assert!(region.contains(16, 8) && region.contains(19, 9) && !region.contains(15, 9));
-        assert_eq!(region.tiles(4, [5, 3]).iter().filter(|&&needs| needs).count(), 1);
-        assert_eq!(region.tiles(16, [2, 1]), [false, true]);
+        assert_eq!(region.tiles([2, 1]), [0, 1 << 2]);
         assert!((region.share() - 1.0 / 15.0).abs() < 1e-12);
     }
 }

@@ -18,13 +18,13 @@ struct View {
     // Whether the deltas have SH; whether the 3 sigma square bounds a splat; whether statistics are kept; room for
     // intersections.
     switches: vec4u,
-    // Whether gradients of the deltas are wanted, and of their SH.
+    // Whether gradients of the deltas are wanted, and of their SH; ranges to gather.
     outputs: vec4u,
 }
 
-const CORE_STRIDE = 12u;
+// In place of a Gaussian's index.
+const NOBODY = 0xffffffffu;
 const NEGLIGIBLE_ALPHA = 1.0 / 255.0;
-const LARGEST_ALPHA = 0.99;
 const LEAST_TRANSMITTANCE = 1e-4;
 
 // A test that holds whatever a compiler assumes about NaN.

@@ -1,20 +1,20 @@
 //! Inputs that must give finite results or a typed error.
 
-use super::scenes::{SHAPES, Scene, camera, device};
+use super::scenes::{FORMS, Scene, camera, device};
 use crate::{
     gpu::GpuError,
     raster::{Frame, GaussianBuffers, RasterError, View},
 };
 
 fn assert_finite(what: &str, scene: &Scene) {
-    for shape in SHAPES {
-        let rendered = scene.run(shape);
+    for form in FORMS {
+        let rendered = scene.run(form);
         let finite = |values: &[f32]| values.iter().all(|x| x.is_finite());
-        assert!(finite(rendered.image.as_flattened()), "{what} {shape:?}: image");
-        assert!(finite(&rendered.d_core), "{what} {shape:?}: core");
-        assert!(finite(&rendered.d_sh), "{what} {shape:?}: sh");
-        assert!(finite(rendered.screen.as_flattened()), "{what} {shape:?}: screen");
-        assert!(rendered.image.iter().all(|pixel| (0.0..=1.0).contains(&pixel[3])), "{what} {shape:?}");
+        assert!(finite(rendered.image.as_flattened()), "{what} {form:?}: image");
+        assert!(finite(&rendered.d_core), "{what} {form:?}: core");
+        assert!(finite(&rendered.d_sh), "{what} {form:?}: sh");
+        assert!(finite(rendered.screen.as_flattened()), "{what} {form:?}: screen");
+        assert!(rendered.image.iter().all(|pixel| (0.0..=1.0).contains(&pixel[3])), "{what} {form:?}");
     }
 }
 
@@ -67,8 +67,8 @@ fn a_zero_quaternion_is_left_out() {
         }
     });
     assert_finite("zero quaternion", &scene);
-    for shape in SHAPES {
-        let rendered = scene.run(shape);
+    for form in FORMS {
+        let rendered = scene.run(form);
         assert!(rendered.screen.iter().step_by(2).all(|row| row[3] == 0.0));
         assert!(rendered.screen.iter().skip(1).step_by(2).any(|row| row[3] == 1.0));
     }
@@ -98,11 +98,11 @@ fn coincident_gaussians_keep_their_order() {
         row[10] = index as f32 / 10.0;
     });
     assert_finite("coincident", &scene);
-    let images = SHAPES.map(|shape| scene.run(shape).image);
+    let images = FORMS.map(|form| scene.run(form).image);
     let differs = images[0]
         .as_flattened()
         .iter()
-        .zip(images[SHAPES.len() - 1].as_flattened())
+        .zip(images[FORMS.len() - 1].as_flattened())
         .map(|(cpu, gpu)| (cpu - gpu).abs())
         .fold(0.0, f32::max);
     assert!(differs < 1e-4, "{differs}");
@@ -117,7 +117,7 @@ fn one_gaussian_in_one_pixel_is_differentiable() {
 
 #[test]
 fn unusable_arguments_are_refused() {
-    let (gpu, rasteriser) = device(SHAPES[0]);
+    let (gpu, rasteriser) = device(FORMS[0]);
     let scene = Scene::random(902, 4, 1, camera(8, 8), 1.0);
     let gaussians = GaussianBuffers::from_slices(gpu, 1, &scene.core, &scene.sh).expect("room");
     let mut frame = Frame::new(gpu).expect("room");
@@ -138,7 +138,25 @@ fn unusable_arguments_are_refused() {
 
 #[test]
 fn more_gaussians_than_a_buffer_holds_are_refused() {
-    let (gpu, _) = device(SHAPES[0]);
+    let (gpu, _) = device(FORMS[0]);
     let too_many = gpu.limits.max_storage_buffer_binding_size / 4 + 4;
     assert!(matches!(gpu.storage("too many", 4 * too_many), Err(GpuError::TooLarge { .. })));
+}
+
+#[test]
+fn two_million_gaussians_are_rendered() {
+    let (gpu, rasteriser) = device(FORMS[0]);
+    let count = 2_000_000;
+    let one = Scene::random(903, 1, 0, camera(32, 24), 1.0);
+    let mut core = one.core.repeat(count);
+    for (index, row) in core.chunks_exact_mut(12).enumerate() {
+        row[0] += index as f32 * 1e-3 - 1000.0;
+        row[10] = -2.0;
+    }
+    let gaussians = GaussianBuffers::from_slices(gpu, 0, &core, &one.sh.repeat(count)).expect("room");
+    let mut frame = Frame::new(gpu).expect("room");
+    rasteriser.forward(gpu, &gaussians, None, &one.view, &one.options, &mut frame).expect("a render");
+    let image = gpu.download::<[f32; 4]>(&frame.image, 32 * 24).expect("a read back");
+    assert!(image.as_flattened().iter().all(|x| x.is_finite()));
+    assert!(image.iter().any(|pixel| pixel[3] < 0.9));
 }

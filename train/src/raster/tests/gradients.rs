@@ -2,7 +2,7 @@
 
 use glam::{DVec3, DVec4};
 
-use super::scenes::{SHAPES, Scene, camera};
+use super::scenes::{FORMS, Scene, camera};
 use crate::{
     raster::{CORE_STRIDE, sh_stride},
     reference::raster::{blend_backward, project},
@@ -65,9 +65,9 @@ fn assert_gradients_agree(what: &str, scene: &Scene) {
     let (core, sh) = by_differences(scene);
     let stride = sh_stride(scene.sh_degree) as usize;
     let active = 3 * (scene.options.sh_degree as usize + 1).pow(2);
-    for shape in SHAPES {
-        let what = format!("{what} {shape:?}");
-        let device = scene.run(shape);
+    for form in FORMS {
+        let what = format!("{what} {form:?}");
+        let device = scene.run(form);
         assert_groups_agree(&what, &device.d_core, &core, CORE_STRIDE as usize, &CORE_GROUPS);
         assert_groups_agree(&what, &device.d_sh, &sh, stride, &[("constant", 0..3), ("all", 0..active)]);
         if let Some((delta_core, delta_sh)) = &scene.deltas {
@@ -145,18 +145,18 @@ fn the_twin_of_the_backward_blending_agrees_with_differences() {
 
 #[test]
 fn two_runs_give_the_same_bits() {
-    for shape in SHAPES {
+    for form in FORMS {
         let mut scene = Scene::random(600, 400, 2, camera(61, 47), 3.0).with_deltas(1, 100, true);
         scene.options.depth = true;
-        assert!(scene.run(shape) == scene.run(shape), "{shape:?}");
+        assert!(scene.run(form) == scene.run(form), "{form:?}");
     }
 }
 
 #[test]
 fn gradients_of_parameters_add_up_and_statistics_count_renders() {
-    for shape in SHAPES {
+    for form in FORMS {
         let scene = Scene::random(700, 20, 0, camera(20, 16), 2.0);
-        let rendered = scene.run(shape);
+        let rendered = scene.run(form);
         let splats = scene.twin().splats(&scene.view, &scene.options);
         for (row, splat) in rendered.screen.iter().zip(&splats) {
             if row[3] == 0.0 {

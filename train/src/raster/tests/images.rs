@@ -1,11 +1,13 @@
 //! Forward: images and depth.
 
-use super::scenes::{SHAPES, Scene, camera};
-use crate::{gpu::Shape, raster::View};
+use std::sync::Arc;
+
+use super::scenes::{FORMS, Form, Scene, camera, device};
+use crate::raster::{Frame, GaussianBuffers, RasterError, Region, RenderOptions, View};
 
 /// Largest difference of a colour or transmittance between the device and the twin, and of the depth.
-fn differences(scene: &Scene, shape: Shape) -> (f64, f64) {
-    let rendered = scene.run(shape);
+fn differences(scene: &Scene, form: Form) -> (f64, f64) {
+    let rendered = scene.run(form);
     let twin = scene.twin().render(&scene.view, &scene.options);
     let colour = rendered
         .image
@@ -26,42 +28,42 @@ fn differences(scene: &Scene, shape: Shape) -> (f64, f64) {
 
 #[test]
 fn images_agree_with_the_twin_at_every_sh_degree() {
-    for shape in SHAPES {
+    for form in FORMS {
         for degree in 0..=3 {
             let mut scene = Scene::random(u64::from(degree), 60, degree, camera(37, 29), 3.0);
             scene.options.depth = degree == 2;
-            let (colour, depth) = differences(&scene, shape);
-            assert!(colour < 2e-5 && depth < 1e-4, "{shape:?} degree {degree}: {colour} {depth}");
+            let (colour, depth) = differences(&scene, form);
+            assert!(colour < 2e-5 && depth < 1e-4, "{form:?} degree {degree}: {colour} {depth}");
         }
     }
 }
 
 #[test]
 fn a_lower_degree_than_allocated_ignores_the_higher_coefficients() {
-    for shape in SHAPES {
+    for form in FORMS {
         let mut scene = Scene::random(11, 40, 3, camera(24, 20), 3.0);
         scene.options.sh_degree = 1;
-        let (colour, _) = differences(&scene, shape);
-        assert!(colour < 2e-5, "{shape:?}: {colour}");
+        let (colour, _) = differences(&scene, form);
+        assert!(colour < 2e-5, "{form:?}: {colour}");
     }
 }
 
 #[test]
 fn deltas_move_the_first_rows() {
-    for shape in SHAPES {
+    for form in FORMS {
         for sh in [false, true] {
             let scene = Scene::random(21, 40, 2, camera(24, 20), 3.0).with_deltas(5, 17, sh);
-            let (colour, _) = differences(&scene, shape);
-            assert!(colour < 2e-5, "{shape:?}: {colour}");
+            let (colour, _) = differences(&scene, form);
+            assert!(colour < 2e-5, "{form:?}: {colour}");
             let still = Scene { deltas: None, ..scene.clone() };
-            assert!(still.run(shape).image != scene.run(shape).image, "{shape:?}");
+            assert!(still.run(form).image != scene.run(form).image, "{form:?}");
         }
     }
 }
 
 #[test]
 fn three_sigma_squares_are_those_of_tiles_of_16_pixels() {
-    for shape in SHAPES {
+    for form in FORMS {
         let mut scene = Scene::random(31, 50, 0, camera(75, 50), 6.0);
         // Opaque Gaussians reach beyond 3 sigma, so that the bound shows; round ones do so along the axes.
         for row in scene.core.chunks_exact_mut(12) {
@@ -69,44 +71,103 @@ fn three_sigma_squares_are_those_of_tiles_of_16_pixels() {
             row.copy_within(3..4, 5);
             row[10] = 6.0;
         }
-        let free = scene.run(shape).image;
+        let free = scene.run(form).image;
         scene.options.three_sigma = true;
-        let (colour, _) = differences(&scene, shape);
-        assert!(colour < 2e-5, "{shape:?}: {colour}");
-        assert!(scene.run(shape).image != free, "{shape:?}: the bound shows");
+        let (colour, _) = differences(&scene, form);
+        assert!(colour < 2e-5, "{form:?}: {colour}");
+        assert!(scene.run(form).image != free, "{form:?}: the bound shows");
     }
 }
 
 #[test]
 fn many_opaque_layers_stop_before_the_transmittance_is_spent() {
-    for shape in SHAPES {
+    for form in FORMS {
         let mut scene = Scene::random(41, 300, 1, camera(33, 18), 6.0);
         for row in scene.core.chunks_exact_mut(12) {
             row[10] = 2.5;
         }
-        let (colour, _) = differences(&scene, shape);
-        assert!(colour < 3e-4, "{shape:?}: {colour}");
-        assert!(scene.run(shape).image.iter().all(|pixel| pixel[3] >= 1e-4));
+        let (colour, _) = differences(&scene, form);
+        assert!(colour < 3e-4, "{form:?}: {colour}");
+        assert!(scene.run(form).image.iter().all(|pixel| pixel[3] >= 1e-4));
     }
 }
 
 #[test]
 fn images_of_any_size_are_complete() {
-    for shape in SHAPES {
+    for form in FORMS {
         for (width, height) in [(1, 1), (3, 5), (16, 16), (17, 4), (4, 33), (65, 2)] {
             let view = View { fx: 20.0, fy: 20.0, ..camera(width, height) };
             let scene = Scene::random(51, 30, 0, view, 2.0);
-            let (colour, _) = differences(&scene, shape);
-            assert!(colour < 2e-5, "{shape:?} {width} x {height}: {colour}");
+            let (colour, _) = differences(&scene, form);
+            assert!(colour < 2e-5, "{form:?} {width} x {height}: {colour}");
         }
     }
 }
 
 #[test]
 fn no_gaussian_leaves_the_background() {
-    for shape in SHAPES {
+    for form in FORMS {
         let scene = Scene::random(61, 0, 1, camera(19, 7), 2.0);
-        let rendered = scene.run(shape);
+        let rendered = scene.run(form);
         assert!(rendered.image.iter().all(|pixel| *pixel == [0.2, 0.5, 0.9, 1.0]), "{:?}", rendered.image[0]);
+    }
+}
+
+#[test]
+fn gaussians_that_reach_the_camera_are_culled_where_that_is_asked_for() {
+    for form in FORMS {
+        let mut scene = Scene::random(71, 40, 0, camera(24, 20), 3.0);
+        for row in scene.core.chunks_exact_mut(12).step_by(3) {
+            row[3..6].fill(0.9);
+        }
+        let veiled = scene.run(form).image;
+        scene.options.near_sigmas = 1.0;
+        let (colour, _) = differences(&scene, form);
+        assert!(colour < 2e-5, "{form:?}: {colour}");
+        assert!(scene.run(form).image != veiled, "{form:?}");
+    }
+}
+
+#[test]
+fn a_frame_without_room_is_refused_and_grows() {
+    let scene = Scene::random(81, 200, 0, camera(60, 50), 4.0);
+    let (gpu, rasteriser) = device(Form::Gpu);
+    let gaussians = GaussianBuffers::from_slices(gpu, 0, &scene.core, &scene.sh).expect("room");
+    let mut frame = Frame::new(gpu).expect("room");
+    let options = RenderOptions { first_room: Some(64), ..scene.options };
+    let mut render = || {
+        rasteriser.forward(gpu, &gaussians, None, &scene.view, &options, &mut frame).expect("a render");
+        let checked = frame.check(gpu);
+        (checked, gpu.download::<[f32; 4]>(&frame.image, 60 * 50).expect("a read back"))
+    };
+    let (checked, truncated) = render();
+    assert!(matches!(checked, Err(RasterError::Overflow { capacity: 64, needed }) if needed > 64), "{checked:?}");
+    assert!(truncated.as_flattened().iter().all(|x| x.is_finite()));
+    let (checked, whole) = render();
+    assert!(checked.is_ok() && whole == scene.run(Form::Gpu).image && whole != truncated);
+}
+
+#[test]
+fn outside_a_region_there_is_the_background_alone_and_no_gradient() {
+    let mut scene = Scene::random(91, 150, 0, camera(70, 45), 3.0);
+    let mask: Vec<bool> = (0..70 * 45).map(|pixel| (20..31).contains(&(pixel % 70)) && pixel / 70 < 19).collect();
+    let region = Arc::new(Region::new(&mask, 70, 45));
+    for (pixel, d) in scene.d_image.iter_mut().enumerate() {
+        if !region.contains(pixel as u32 % 70, pixel as u32 / 70) {
+            *d = [0.0; 4];
+        }
+    }
+    for form in FORMS {
+        let whole = scene.run(form);
+        let part = scene.run_in(form, Some(Arc::clone(&region)));
+        let pixels = whole.image.iter().zip(&part.image).zip(0..);
+        let wrong = pixels.filter(|((whole, part), pixel)| region.contains(pixel % 70, pixel / 70) && whole != part);
+        assert_eq!(wrong.count(), 0, "{form:?}");
+        let far = |pixel: &usize| pixel % 70 > 48;
+        let background = (0..70 * 45).filter(far).all(|pixel| part.image[pixel] == [0.2, 0.5, 0.9, 1.0]);
+        assert_eq!(background, form != Form::Gpu, "{form:?}");
+        let off = whole.d_core.iter().zip(&part.d_core).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let largest = whole.d_core.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
+        assert!(off < 1e-5 * largest, "{form:?}: {off} of {largest}");
     }
 }

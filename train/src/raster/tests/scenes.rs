@@ -1,23 +1,36 @@
 //! Random scenes, rendered on the device and by the twin.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use erfgs_session::random::{key, normal, purpose, range, uniform};
 use glam::DVec4;
 
 use crate::{
     gpu::{AdapterChoice, Gpu, Shape},
-    raster::{CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, sh_stride},
+    raster::{
+        CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, Region, RenderOptions, View, sh_stride,
+    },
     reference::raster::Gaussians,
 };
 
-pub(super) const SHAPES: [Shape; 2] = [Shape::Cpu, Shape::Gpu];
+/// The forms of the kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Form {
+    Cpu,
+    /// The CPU shape on a device without subgroups of eight.
+    CpuWithoutSubgroups,
+    Gpu,
+}
+
+pub(super) const FORMS: [Form; 3] = [Form::Cpu, Form::CpuWithoutSubgroups, Form::Gpu];
 
 /// A device with compiled kernels, shared by all tests.
-pub(super) fn device(shape: Shape) -> &'static (Gpu, Rasteriser) {
-    static DEVICES: [OnceLock<(Gpu, Rasteriser)>; 2] = [OnceLock::new(), OnceLock::new()];
-    DEVICES[usize::from(shape == Shape::Gpu)].get_or_init(|| {
-        let gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(shape) }).expect("an adapter");
+pub(super) fn device(form: Form) -> &'static (Gpu, Rasteriser) {
+    static DEVICES: [OnceLock<(Gpu, Rasteriser)>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
+    DEVICES[form as usize].get_or_init(|| {
+        let shape = if form == Form::Gpu { Shape::Gpu } else { Shape::Cpu };
+        let mut gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(shape) }).expect("an adapter");
+        gpu.subgroups_of_eight &= form == Form::Cpu;
         let rasteriser = Rasteriser::new(&gpu).expect("kernels that compile");
         (gpu, rasteriser)
     })
@@ -139,8 +152,13 @@ impl Scene {
     }
 
     /// Renders and differentiates on the device.
-    pub(super) fn run(&self, shape: Shape) -> Rendered {
-        let (gpu, rasteriser) = device(shape);
+    pub(super) fn run(&self, form: Form) -> Rendered {
+        self.run_in(form, None)
+    }
+
+    /// Renders and differentiates a part of the image.
+    pub(super) fn run_in(&self, form: Form, region: Option<Arc<Region>>) -> Rendered {
+        let (gpu, rasteriser) = device(form);
         let gaussians = GaussianBuffers::from_slices(gpu, self.sh_degree, &self.core, &self.sh).expect("room");
         let gradients = Gradients::new(gpu, &gaussians).expect("room");
         let deltas = self.deltas.as_ref().map(|(core, sh)| Deltas {
@@ -156,6 +174,7 @@ impl Scene {
         });
         let d_image = gpu.storage_from("d image", &self.d_image).expect("room");
         let mut frame = Frame::new(gpu).expect("room");
+        frame.region = region;
         rasteriser.forward(gpu, &gaussians, deltas.as_ref(), &self.view, &self.options, &mut frame).expect("a render");
         frame.check(gpu).expect("a complete render");
         rasteriser

@@ -21,7 +21,6 @@ pub struct Image {
 pub(super) struct Layer {
     pub(super) splat: usize,
     pub(super) alpha: f64,
-    pub(super) unbounded_alpha: f64,
     /// Transmittance in front of it.
     pub(super) transmittance: f64,
     /// Pixel centre minus the splat's mean.
@@ -50,15 +49,14 @@ pub fn blend(splats: &[Option<Splat>], view: &View, options: &RenderOptions) -> 
             let offset = pixel - splat.mean;
             let [a, b, c] = splat.conic;
             let power = -0.5 * (a * offset.x * offset.x + c * offset.y * offset.y) - b * offset.x * offset.y;
-            let unbounded_alpha = splat.opacity * power.min(0.0).exp();
-            let alpha = unbounded_alpha.min(0.99);
+            let alpha = (splat.opacity * power.min(0.0).exp()).min(0.99);
             if alpha < 1.0 / 255.0 {
                 continue;
             }
             if transmittance * (1.0 - alpha) < 1e-4 {
                 break;
             }
-            layers.push(Layer { splat: index, alpha, unbounded_alpha, transmittance, offset });
+            layers.push(Layer { splat: index, alpha, transmittance, offset });
             colour += transmittance * alpha * splat.colour;
             depth += transmittance * alpha * splat.depth;
             transmittance *= 1.0 - alpha;

@@ -14,7 +14,8 @@ pub struct SplatGradient {
     pub colour: DVec3,
 }
 
-/// The gradients of all splats, given dL/d image. The bound of alpha at 0.99 is not differentiated, as in the 3DGS code.
+/// The gradients of all splats, given dL/d image. The bound of alpha at 0.99 is not differentiated, as in the 3DGS code:
+/// d alpha / d power is alpha everywhere.
 #[must_use]
 pub fn blend_backward(
     splats: &[Option<Splat>],
@@ -30,7 +31,7 @@ pub fn blend_backward(
             let gradient = &mut gradients[layer.splat];
             let colour = splat.colour.dot(d.truncate());
             gradient.colour += layer.alpha * layer.transmittance * d.truncate();
-            let v = layer.unbounded_alpha * layer.transmittance * (colour - behind);
+            let v = layer.alpha * layer.transmittance * (colour - behind);
             let (dx, dy) = (layer.offset.x, layer.offset.y);
             for (sum, factor) in gradient.moments.iter_mut().zip([1.0, dx, dy, dx * dx, dx * dy, dy * dy]) {
                 *sum += v * factor;
