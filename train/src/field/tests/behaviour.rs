@@ -225,6 +225,21 @@ fn a_gradient_that_is_not_finite_stops_the_step_and_leaves_the_parameters() {
 }
 
 #[test]
+fn gradients_beyond_the_range_of_the_fixed_point_sums_stop_the_step() {
+    let gpu = open(Shape::Gpu);
+    let mut field = shaken(&gpu, &small());
+    let core = gpu.storage_from("core", &core_rows(3)).unwrap();
+    let mut tape = Tape::new(&gpu).unwrap();
+    field.forward(&gpu, &core, 3, 0.5, &mut tape, Outputs::PositionOnly).unwrap();
+    let d = Deltas::new(&gpu, "d", 3, None).unwrap();
+    gpu.upload(&d.core, 0, &[1e15_f32; 36]);
+    field.backward(&gpu, &tape, &d, &gpu.storage("d core", 144).unwrap()).unwrap();
+    assert!(field.gradients(&gpu).unwrap().iter().all(|value| value.is_finite()));
+    let stepped = field.step(&gpu, 0.01, 0.01, &AdamConfig::default());
+    assert!(matches!(stepped, Err(FieldError::Diverged { count: 1.., .. })));
+}
+
+#[test]
 fn gradients_of_another_shape_are_refused() {
     let gpu = open(Shape::Cpu);
     let mut field = shaken(&gpu, &small());
