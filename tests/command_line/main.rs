@@ -4,6 +4,7 @@ mod inputs;
 mod pipeline;
 mod resume;
 mod simulate;
+mod variants;
 
 use std::{
     path::{Path, PathBuf},

@@ -28,6 +28,8 @@ fn ask(questions: &[Value]) -> Vec<Value> {
         .arg(root.join("tests/oracles/answer.py"))
         .args([&asked, &answered])
         .env("JAX_PLATFORMS", "cpu")
+        // Small scenes take longer to compile than to compute.
+        .env("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
         .output()
         .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
     assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));

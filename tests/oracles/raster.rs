@@ -1,6 +1,7 @@
 use erfgs_train::{
     gpu::Gpu,
     raster::{CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, sh_stride},
+    reference::raster as twin,
 };
 use serde_json::{Value, json};
 
@@ -174,15 +175,42 @@ fn columns(values: &[f64], stride: usize, range: std::ops::Range<usize>) -> Vec<
     values.chunks_exact(stride).flat_map(|row| row[range.clone()].to_vec()).collect()
 }
 
+/// Compares image and depth where no precision decides differently.
+fn compare_image(
+    case: &Case,
+    answer: &Value,
+    clear: &[bool],
+    who: &str,
+    (image, depth): (&[f64], &[f64]),
+    tolerance: f64,
+) {
+    for (name, got, channels) in [("image", image, 4), ("depth", depth, 1)] {
+        let only_clear = |values: &[f64]| -> Vec<f64> {
+            values.iter().enumerate().map(|(i, value)| if clear[i / channels] { *value } else { 0.0 }).collect()
+        };
+        let what = format!("{}: {who}: {name}", case.name);
+        assert_close(&what, &only_clear(got), &only_clear(&numbers(answer, name)), tolerance);
+    }
+}
+
+fn compare_twin(case: &Case, answer: &Value, clear: &[bool]) {
+    let deformed = |values: &[f32], deltas: &[f32]| -> Vec<f64> {
+        let deltas = wide(deltas).into_iter().chain(std::iter::repeat(0.0));
+        wide(values).into_iter().zip(deltas).map(|(value, delta)| value + delta).collect()
+    };
+    let gaussians = twin::Gaussians {
+        sh_degree: case.sh_degree,
+        core: deformed(&case.core, &case.delta_core),
+        sh: deformed(&case.sh, &case.delta_sh),
+    };
+    let image = gaussians.render(&case.view, &case.options);
+    let pixels: Vec<f64> = image.pixels.iter().flat_map(|pixel| pixel.to_array()).collect();
+    compare_image(case, answer, clear, "twin", (&pixels, &image.depth), 1e-6);
+}
+
 fn compare(case: &Case, answer: &Value, clear: &[bool], got: &Rendered, who: &str, tolerance: f64) {
     let what = |name: &str| format!("{}: {who}: {name}", case.name);
-    let only_clear = |values: &[f64], channels: usize| -> Vec<f64> {
-        values.iter().enumerate().map(|(i, value)| if clear[i / channels] { *value } else { 0.0 }).collect()
-    };
-    let image = only_clear(&numbers(answer, "image"), 4);
-    assert_close(&what("image"), &only_clear(&got.image, 4), &image, tolerance);
-    let depth = only_clear(&numbers(answer, "depth"), 1);
-    assert_close(&what("depth"), &only_clear(&got.depth, 1), &depth, tolerance);
+    compare_image(case, answer, clear, who, (&got.image, &got.depth), tolerance);
     let groups = [("mean", 0..3), ("log-scale", 3..6), ("quaternion", 6..10), ("opacity", 10..11), ("rest", 11..12)];
     for (name, values) in [("d_core", &got.d_core), ("d_delta_core", &got.d_delta_core)] {
         let want = numbers(answer, name);
@@ -202,6 +230,7 @@ fn images_and_gradients_are_the_oracles() {
     let gpus = gpus();
     for (case, answer) in cases.iter().zip(&answers) {
         let clear = case.clear(answer);
+        compare_twin(case, answer, &clear);
         for gpu in &gpus {
             let got = render(gpu, case, &clear);
             compare(case, answer, &clear, &got, &format!("{:?} kernels", gpu.shape), 1e-4);

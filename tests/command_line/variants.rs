@@ -1,0 +1,45 @@
+use erfgs_hardware_mocks::stage::{FilmOptions, RigOptions, StageOptions, film};
+
+use crate::Folder;
+
+/// Six RGB cameras and a held-out one, 13 sharp frames at 30 a second.
+fn sharp_film(folder: &Folder) {
+    let options = FilmOptions {
+        stage: StageOptions { samples_per_axis: 1, ..StageOptions::default() },
+        rig: RigOptions { width: 40, height: 30, rgb: 6, event: 0, test: 1, ..RigOptions::default() },
+        duration_ns: 400_000_000,
+        exposure_ns: 0,
+        rgb_fps: 30.0,
+        test_fps: 30.0,
+        truth_points: 0,
+        ..FilmOptions::default()
+    };
+    film(&folder.path("ds"), &options, &|_| {}).expect("a film");
+}
+
+#[test]
+fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_on() {
+    let folder = Folder::new();
+    sharp_film(&folder);
+    let full = folder.figures("info ds");
+    assert_eq!((full["train_rgb"].as_u64(), full["frames"].as_u64()), (Some(6), Some(7 * 13)), "{full}");
+
+    let made = folder.figures("dataset variant ds --subsample 4 --blur 3 --event-only 2 --out ds-dv");
+    assert_eq!(
+        (made["train_rgb"].as_u64(), made["train_event"].as_u64(), made["test"].as_u64()),
+        (Some(4), Some(2), Some(1))
+    );
+    // Frames 0, 4 and 8 of four cameras; 12 would need two frames past the end. All 13 of the held-out camera.
+    assert_eq!(made["frames"].as_u64(), Some(4 * 3 + 13), "{made}");
+    assert!(made["events"].as_u64() > Some(100), "{made}");
+    folder.succeed("dataset check ds-dv");
+
+    let named = folder.figures("dataset variant ds --event-only rgb01,rgb04 --out ds-named");
+    assert_eq!((named["train_event"].as_u64(), named["frames"].as_u64()), (Some(2), Some(4 * 13 + 13)), "{named}");
+    assert!(folder.fail(1, "dataset variant ds --event-only nobody --out ds-wrong").contains("nobody"));
+    assert!(folder.fail(1, "dataset variant ds --subsample 4 --out ds-dv").contains("ds-dv"));
+
+    folder.succeed("dataset points ds-dv --method random --random-points 200");
+    let trained = folder.figures("train ds-dv --iterations 5+10 --no-evaluation --out run");
+    assert_eq!(trained["iterations"].as_u64(), Some(15), "{trained}");
+}
