@@ -54,15 +54,21 @@ else
 fi
 if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
   say "finding the initial points"
-  erfgs dataset points "$out/ds"
+  points=()
+  # Bare walls and floor have few features; the sweep fills them.
+  [ -n "$recording" ] && points=(--method colmap+sweep --max-points 25000)
+  erfgs dataset points "$out/ds" "${points[@]}"
 fi
+# More iterations than the time allows, so that both methods train for equal time.
+iterations=(--iterations 3000+14000)
+[ -n "$recording" ] && iterations=()
 for method in 4dgs erf-gs; do
   run=$out/run-$method
   if [ ! -e "$run/metrics.json" ]; then
     say "training $method for $minutes minutes"
     resume=()
     [ -e "$run/checkpoint.bin" ] && resume=(--resume)
-    erfgs train "$out/ds" --method "$method" --minutes "$minutes" --seed 1 --out "$run" "${resume[@]}"
+    erfgs train "$out/ds" --method "$method" --minutes "$minutes" "${iterations[@]}" --seed 1 --out "$run" "${resume[@]}"
     say "evaluating $method on the held-out cameras"
     erfgs eval "$run"
   fi

@@ -140,6 +140,8 @@ impl Config {
     fn ours() -> Self {
         let mut config = Self::paper();
         config.preset = Preset::Default;
+        config.coarse_iterations = 600;
+        config.fine_iterations = 4000;
         config.batch = 1;
         config.near_sigmas = 3.0;
         config.dynamic.coarse_without_moving = true;
@@ -151,8 +153,10 @@ impl Config {
         config.field.upper_half_time = false;
         config.field.zero_heads = true;
         config.field.width = 64;
+        config.field.sh_head = false;
         config.field.regularise_every = 4;
         config.field.box_of_moving = true;
+        config.density.from = 300;
         config.density.every = 100;
         config.density.until = 0.6;
         config.density.max_gaussians = 60_000;
@@ -163,6 +167,7 @@ impl Config {
         config.earl.pairing = Pairing::Any;
         config.earl.denoise = false;
         config.eds.max_gaussians = 60_000;
+        config.eds.from = 300;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;
         config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: false, instant: None };
