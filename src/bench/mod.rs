@@ -12,7 +12,7 @@ use crate::terminal::Terminal;
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// The event simulator: pixels a second on each thread.
-    Simulate(simulate::Arguments),
+    Simulate(Box<simulate::Arguments>),
     /// The rasteriser, stage by stage, on Gaussians spread over the view.
     Raster(raster::Arguments),
     /// A training run, stage by stage, on a dataset.

@@ -16,7 +16,7 @@ pub enum Command {
     /// Make a dataset from a recording in another tool's layout.
     Import(import::Arguments),
     /// Make a dataset harder: fewer frames, motion blur, event-only viewpoints.
-    Variant(variant::Arguments),
+    Variant(Box<variant::Arguments>),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
     /// Read every file of a dataset and check it against the manifest.

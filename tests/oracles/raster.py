@@ -95,9 +95,10 @@ def render(view, options, core, sh, shift):
         image, depths, transmittance, closed, margin = state
         offset = pixels - mean[index]
         power = -0.5 * jnp.einsum("pi,ij,pj->p", offset, conic[index], offset)
-        free = opacity[index] * jnp.exp(power)
-        # The bound is not differentiated: opaque splats keep moving.
-        alpha = free + lax.stop_gradient(jnp.minimum(free, LARGEST_ALPHA) - free)
+        exponent = jnp.log(opacity[index]) + power
+        # The bound is not differentiated, d alpha / d exponent is alpha everywhere: opaque splats keep moving.
+        bounded = lax.stop_gradient(jnp.minimum(jnp.exp(exponent), LARGEST_ALPHA))
+        alpha = bounded * jnp.exp(exponent - lax.stop_gradient(exponent))
         counts = (alpha >= NEGLIGIBLE) & in_front[index] & ~closed
         after = transmittance * (1.0 - alpha)
         ends = counts & (after < LEAST_TRANSMITTANCE)

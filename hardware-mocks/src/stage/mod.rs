@@ -18,7 +18,7 @@
 //! | [`rig`] | where the cameras stand |
 //! | [`view`] | one camera's pixels: colour, mask, depth at a time |
 //! | [`events`] | the event sensor |
-//! | [`film`] | the dataset writer |
+//! | [`mod@film`] | the dataset writer |
 //!
 //! ```
 //! use erfgs_hardware_mocks::stage::{RigOptions, Stage, StageOptions, View};
