@@ -1,3 +1,4 @@
 //! Emulated devices, and the stage that they film.
 
 pub mod stage;
+pub mod usb;

@@ -5,6 +5,7 @@
 
 pub mod atomic;
 pub mod camera;
+pub mod codec;
 pub mod colmap;
 pub mod dataset;
 pub mod event;
@@ -17,6 +18,7 @@ pub mod ply;
 pub mod pose;
 pub mod progress;
 pub mod random;
+pub mod source;
 pub mod undistort;
 pub mod video;
 

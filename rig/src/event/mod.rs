@@ -1,0 +1,1 @@
+//! Event cameras: Prophesee EVK4 and iniVation DAVIS346.

@@ -1,0 +1,1 @@
+//! The recorder: from sources through bounded queues into one session file.

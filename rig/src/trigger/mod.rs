@@ -1,0 +1,1 @@
+//! The trigger board: its line protocol over a serial port.

@@ -1,0 +1,1 @@
+//! USB transport: control and bulk transfers, and a stream of asynchronous ones.

@@ -1,0 +1,201 @@
+//! What a device delivers while it records, and the trait behind which drivers, replays and emulated devices stand.
+//!
+//! A [`Source`] is one stream: an event camera, a frame camera or a trigger board. Once started it pushes [`Packet`]s
+//! from its own threads into an [`Outlet`], which the recorder, the live page or a test provides. An outlet never
+//! blocks: what it cannot take is dropped and counted there, so that no device stalls because a disk does.
+
+use std::{error::Error, sync::Arc};
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+/// How the payloads of a stream are to be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// Prophesee EVT 2.0: 32-bit little-endian words.
+    Evt2,
+    /// Prophesee EVT 2.1: 64-bit little-endian words.
+    Evt21,
+    /// EVT 2.1 with the 32-bit halves of every word swapped, as the IMX636 sends it.
+    Evt21Legacy,
+    /// Prophesee EVT 3.0: 16-bit little-endian words.
+    Evt3,
+    /// iniVation DAVIS: 16-bit little-endian words of events, frames, inertial samples and external edges.
+    Davis,
+    /// One JPEG image for each packet.
+    Mjpeg,
+    /// Packed 4:2:2, bytes Y0 U Y1 V.
+    Yuyv,
+    /// A plane of Y, then a plane of interleaved UV at half resolution.
+    Nv12,
+    /// 8-bit grey, one byte a pixel.
+    Grey8,
+    /// 10-bit grey in the low bits of 16-bit little-endian words.
+    Grey10,
+    /// 12-bit grey in the low bits of 16-bit little-endian words.
+    Grey12,
+    /// 8-bit RGB, three bytes a pixel.
+    Rgb8,
+    /// Lines of the trigger board's protocol (`rig/firmware/PROTOCOL.md`), as received.
+    TriggerLines,
+}
+
+impl Encoding {
+    /// Whether a packet is a piece of a stream of events (and not one frame, or lines of a trigger board).
+    #[must_use]
+    pub fn is_events(self) -> bool {
+        matches!(self, Self::Evt2 | Self::Evt21 | Self::Evt21Legacy | Self::Evt3 | Self::Davis)
+    }
+
+    /// Whether a packet is one frame.
+    #[must_use]
+    pub fn is_frames(self) -> bool {
+        !self.is_events() && self != Self::TriggerLines
+    }
+}
+
+/// What a stream is: written once into a recording, before its packets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Description {
+    /// Name within the rig, unique: letters, digits, `-` and `_`.
+    pub id: String,
+    /// Maker and model, as users know it: "Prophesee EVK4".
+    pub model: String,
+    /// Serial number as the device reports it; empty where it has none.
+    pub serial: String,
+    /// How the payloads are encoded.
+    pub encoding: Encoding,
+    /// Columns, pixels; 0 for a trigger board.
+    pub width: u32,
+    /// Rows, pixels; 0 for a trigger board.
+    pub height: u32,
+    /// Sources start in order of this number (slaves of a clock first, then their master, the trigger board last).
+    pub start_order: i32,
+    /// Settings as read back from the device after they were set: biases, exposure, firmware, transfers in flight.
+    pub settings: serde_json::Map<String, serde_json::Value>,
+}
+
+/// The clock that a kernel stamped a frame with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StampClock {
+    /// `CLOCK_MONOTONIC`, the clock of [`Packet::host_ns`].
+    Monotonic,
+    /// Another clock, which the driver does not name.
+    Unknown,
+}
+
+/// What of a frame a kernel stamped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StampPoint {
+    /// The start of the exposure (in truth, with most UVC cameras, the first packet of the transfer).
+    StartOfExposure,
+    /// The end of the transfer.
+    EndOfFrame,
+}
+
+/// What the kernel says of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameStamp {
+    /// The kernel's time stamp, nanoseconds.
+    pub kernel_ns: i64,
+    /// Its clock.
+    pub clock: StampClock,
+    /// What it marks.
+    pub point: StampPoint,
+    /// The driver's count of frames; a gap means that the kernel lost some.
+    pub sequence: u32,
+}
+
+/// One transfer of a device, as it arrived.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Packet {
+    /// Counts the packets of a stream since it started, from 0. Packets that were lost on the way leave a gap.
+    pub sequence: u64,
+    /// Host time of arrival: `CLOCK_MONOTONIC`, nanoseconds, taken first thing on arrival.
+    pub host_ns: i64,
+    /// Data of the device was lost or cut before this packet (overflow, restart, reconnection): decoders start anew.
+    pub discontinuity: bool,
+    /// The device or the kernel marked the data as damaged (V4L2's error flag, a short JPEG).
+    pub damaged: bool,
+    /// The kernel's stamp, for frames that have one.
+    pub stamp: Option<FrameStamp>,
+    /// The bytes, exactly as the device sent them.
+    pub payload: Bytes,
+}
+
+/// What happens to a source between packets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum Incident {
+    /// The device is gone or fails; the source tries to come back.
+    Lost {
+        /// What happened and what to do.
+        reason: String,
+    },
+    /// The device is back and streams again.
+    Back,
+    /// Something that the user should know and that does not stop the stream.
+    Warning {
+        /// What it is and what to do.
+        message: String,
+    },
+}
+
+/// Where packets go. Shared by the threads of all sources; never blocks.
+pub trait Outlet: Send + Sync {
+    /// Takes a packet. `false` says that there was no room: the packet is dropped, and counted by the outlet.
+    fn send(&self, packet: Packet) -> bool;
+
+    /// Takes note of what happened to the source.
+    fn report(&self, incident: Incident);
+}
+
+/// Totals of a source since it started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Packets that arrived.
+    pub packets: u64,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Packets or frames known to be lost before they reached us: in the device, the kernel or the driver's own queue.
+    pub lost: u64,
+    /// Packets that the outlet did not take.
+    pub refused: u64,
+    /// Transfers that failed and were repeated.
+    pub errors: u64,
+    /// How often the device was lost and came back.
+    pub reconnections: u64,
+}
+
+/// An error of a source: the message says which device, what was being done, and what to do next.
+pub type SourceError = Box<dyn Error + Send + Sync>;
+
+/// One stream of a rig.
+pub trait Source: Send {
+    /// What the stream is.
+    fn description(&self) -> &Description;
+
+    /// Starts streaming into `outlet`, from threads of the source's own. Returns once the device has accepted.
+    ///
+    /// # Errors
+    /// If the device refuses or is gone.
+    fn start(&mut self, outlet: Arc<dyn Outlet>) -> Result<(), SourceError>;
+
+    /// Stops streaming; returns when no packet will follow. Stopping what is stopped does nothing.
+    ///
+    /// # Errors
+    /// If the device does not answer; it is stopped on our side all the same.
+    fn stop(&mut self) -> Result<(), SourceError>;
+
+    /// Totals since the start.
+    fn counters(&self) -> Counters;
+
+    /// Measurements of the device at this moment for the status line and the recording: temperature, event-rate
+    /// controller counts. Empty where the device has none.
+    fn readings(&mut self) -> Vec<(String, f64)> {
+        Vec::new()
+    }
+}
