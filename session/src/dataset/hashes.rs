@@ -50,6 +50,14 @@ impl Dataset {
         Ok(())
     }
 
+    /// SHA-256 (hexadecimal) of the manifest, which holds the hash of every file: equal datasets have equal ones,
+    /// wherever they lie.
+    #[must_use]
+    pub fn sha256(&self) -> String {
+        // A manifest always serialises: its keys are strings and its numbers finite.
+        hexadecimal(&Sha256::digest(serde_json::to_vec(&self.manifest).unwrap_or_default()))
+    }
+
     fn hashes(&self) -> Result<Vec<(PathBuf, String)>, DatasetError> {
         let files: Vec<PathBuf> = self.files().into_iter().collect();
         let hashes: Vec<_> = files.par_iter().map(|file| sha256(&self.path(file)?)).collect();
@@ -63,10 +71,14 @@ fn sha256(path: &Path) -> Result<String, DatasetError> {
     let (mut file, mut hasher, mut buffer) = (File::open(path).map_err(io)?, Sha256::new(), vec![0; 1 << 16]);
     loop {
         match file.read(&mut buffer) {
-            Ok(0) => return Ok(hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()),
+            Ok(0) => return Ok(hexadecimal(&hasher.finalize())),
             Ok(length) => hasher.update(&buffer[..length]),
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
             Err(error) => return Err(io(error)),
         }
     }
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -103,6 +103,7 @@ fn a_dataset_comes_back_with_its_files() {
     assert_eq!(loaded, dataset);
     assert_eq!(Dataset::load(&dataset.root.join("dataset.json")).unwrap(), dataset);
     loaded.verify().unwrap();
+    assert_eq!(loaded.sha256(), dataset.sha256());
 
     let camera = loaded.camera("c").unwrap();
     assert_eq!(loaded.read_image(camera, &camera.frames[2]).unwrap().data[2], 200);
@@ -121,7 +122,9 @@ fn a_changed_file_and_a_missing_hash_are_found() {
     ImageRgb8::new(8, 6).write_png(&folder.path().join(layout::image("c", 1))).unwrap();
     let error = dataset.verify().unwrap_err();
     assert!(matches!(&error, DatasetError::Changed { path } if path.ends_with("images/c/00001.png")), "{error}");
+    let sha256 = dataset.sha256();
     dataset.manifest.sha256.remove(&layout::image("a", 0));
+    assert_ne!(dataset.sha256(), sha256);
     let error = dataset.verify().unwrap_err();
     assert!(matches!(&error, DatasetError::NoHash { path } if path.ends_with("images/a/00000.png")), "{error}");
 }

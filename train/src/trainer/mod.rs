@@ -335,7 +335,7 @@ impl<'a> Trainer<'a> {
             },
             dataset: self.scene.dataset.root.clone(),
             dataset_name: self.scene.dataset.manifest.name.clone(),
-            dataset_sha256: None,
+            dataset_sha256: Some(self.scene.dataset.sha256()),
             adapter: self.gpu.info.name.clone(),
             driver: format!("{} {}", self.gpu.info.driver, self.gpu.info.driver_info),
             version: env!("CARGO_PKG_VERSION").into(),
