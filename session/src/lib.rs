@@ -5,8 +5,10 @@
 
 pub mod atomic;
 pub mod camera;
+pub mod clock;
 pub mod codec;
 pub mod colmap;
+pub mod container;
 pub mod dataset;
 pub mod event;
 pub mod image;

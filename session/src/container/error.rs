@@ -1,0 +1,140 @@
+//! What can go wrong with a session file.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+/// An error of reading, writing or repairing a session.
+#[derive(Debug, thiserror::Error)]
+pub enum ContainerError {
+    /// The file to write is there already.
+    #[error("{path} exists already; give another name or move it away", path = path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file system refused to open or create the file.
+    #[error("cannot {what} {path}: {source}; check that the folder exists and that you may use it", path = path.display())]
+    Open {
+        /// `open` or `create`.
+        what: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// Writing failed. Whole chunks that were written before stay readable.
+    #[error(
+        "cannot write to {path} after {offset} bytes: {source}; what was recorded before stays readable \
+         (`erfgs info`), `erfgs recover` repairs the file once there is room",
+        path = path.display()
+    )]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// How many bytes of the file were handed to the system before.
+        offset: u64,
+        /// Why.
+        source: io::Error,
+    },
+    /// Reading failed.
+    #[error("cannot read {path} at byte {offset}: {source}; check the disk and its cable", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is not MCAP.
+    #[error("{path} is not an MCAP file: its first bytes are others; `erfgs info` says what files erfgs reads", path = path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is MCAP, but nothing that erfgs recorded.
+    #[error("{path} is an MCAP file, but not a session of erfgs: {what}", path = path.display())]
+    NotASession {
+        /// The file.
+        path: PathBuf,
+        /// What is missing.
+        what: &'static str,
+    },
+    /// A newer program wrote the file.
+    #[error("{path} has version {version} of the session format and this program knows version {known}; update erfgs", path = path.display())]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// The version found.
+        version: String,
+        /// The version known.
+        known: u32,
+    },
+    /// A record is broken where the file is not merely cut off.
+    #[error("{path} is damaged at byte {offset}: {what}; `erfgs recover` saves what is whole", path = path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where the record starts.
+        offset: u64,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A chunk is compressed in a way that is not supported.
+    #[error("{path} holds a chunk compressed with '{compression}' at byte {offset}; `mcap compress --compression none` (the MCAP tools) unpacks the file", path = path.display())]
+    Compression {
+        /// The file.
+        path: PathBuf,
+        /// Where the chunk starts.
+        offset: u64,
+        /// Its name in the file.
+        compression: String,
+    },
+    /// Two streams of one session have the same name.
+    #[error("two streams of the session in {path} are called '{id}'; give each its own id in the rig's configuration", path = path.display())]
+    DuplicateStream {
+        /// The file.
+        path: PathBuf,
+        /// The name.
+        id: String,
+    },
+    /// A stream's name has characters that topics cannot have.
+    #[error("'{id}' cannot name a stream of {path}: use letters, digits, '-' and '_'", path = path.display())]
+    StreamName {
+        /// The file.
+        path: PathBuf,
+        /// The name.
+        id: String,
+    },
+    /// The session has no such stream.
+    #[error("{path} has no stream '{id}'; it has {known}", path = path.display())]
+    UnknownStream {
+        /// The file.
+        path: PathBuf,
+        /// The name asked for.
+        id: String,
+        /// The names that there are.
+        known: String,
+    },
+    /// A payload is longer than a message can say.
+    #[error("a packet of stream '{id}' has {bytes} bytes; a session takes less than 4 GiB in one packet")]
+    TooLong {
+        /// The stream.
+        id: String,
+        /// Its length.
+        bytes: usize,
+    },
+}
+
+impl ContainerError {
+    /// An error of the MCAP writer, as an error of writing `path`.
+    pub(super) fn writing(path: &Path, offset: u64, error: mcap::McapError) -> Self {
+        let source = match error {
+            mcap::McapError::Io(source) => source,
+            other => io::Error::other(other),
+        };
+        Self::Write { path: path.to_owned(), offset, source }
+    }
+}

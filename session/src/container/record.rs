@@ -1,0 +1,141 @@
+//! What a session holds beside packets: who recorded it, totals, status, incidents.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::source::{Counters, Encoding, Incident};
+
+/// Version of the format that this program writes.
+pub const VERSION: u32 = 1;
+
+/// When and with what a session was recorded.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SessionStart {
+    /// `CLOCK_MONOTONIC` when the recording started, nanoseconds: the zero of the session clock.
+    pub host_ns: i64,
+    /// Time since 1970 at that moment, nanoseconds.
+    pub epoch_ns: i64,
+    /// The program and its version.
+    pub program: String,
+    /// The machine: kernel, name, whatever helps to understand the recording later.
+    pub machine: BTreeMap<String, String>,
+}
+
+impl SessionStart {
+    /// Nanoseconds since 1970 for a host time: what MCAP calls the log time.
+    #[must_use]
+    pub fn log_time(&self, host_ns: i64) -> u64 {
+        self.epoch_ns.saturating_add(host_ns.saturating_sub(self.host_ns)).max(0).cast_unsigned()
+    }
+
+    /// Nanoseconds on the session clock for a host time.
+    #[must_use]
+    pub fn session_ns(&self, host_ns: i64) -> i64 {
+        host_ns.saturating_sub(self.host_ns)
+    }
+}
+
+/// What was recorded of one stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StreamTotals {
+    /// Packets in the file.
+    pub packets: u64,
+    /// Bytes of their payloads.
+    pub bytes: u64,
+    /// Host time of the first packet, nanoseconds.
+    pub first_host_ns: Option<i64>,
+    /// Host time of the last packet, nanoseconds.
+    pub last_host_ns: Option<i64>,
+    /// Packets that the sequence numbers show as missing.
+    pub missing: u64,
+    /// Packets before which data was lost or cut.
+    pub discontinuities: u64,
+    /// Packets that are marked as damaged.
+    pub damaged: u64,
+    /// The sequence number that should come next.
+    pub next_sequence: u64,
+}
+
+impl StreamTotals {
+    /// Counts a packet.
+    pub fn count(&mut self, packet: &crate::source::Packet) {
+        self.packets += 1;
+        self.bytes += packet.payload.len() as u64;
+        self.first_host_ns.get_or_insert(packet.host_ns);
+        self.last_host_ns = Some(packet.host_ns);
+        self.missing += packet.sequence.saturating_sub(self.next_sequence);
+        self.discontinuities += u64::from(packet.discontinuity);
+        self.damaged += u64::from(packet.damaged);
+        self.next_sequence = packet.sequence.saturating_add(1);
+    }
+}
+
+/// The state of the recorder at one moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Host time, nanoseconds.
+    pub host_ns: i64,
+    /// Bytes handed to the file so far.
+    pub written_bytes: u64,
+    /// Bytes free on the disk; absent where the system does not say.
+    pub disk_free_bytes: Option<u64>,
+    /// Every stream, by its id.
+    pub streams: BTreeMap<String, StreamStatus>,
+}
+
+/// The state of one stream at one moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StreamStatus {
+    /// The source's own counters.
+    pub counters: Counters,
+    /// What each stage behind the source dropped, by the name of the stage: `queue`, `writer`.
+    pub dropped: BTreeMap<String, u64>,
+    /// Measurements of the device: temperature, event-rate controller counts.
+    pub readings: BTreeMap<String, f64>,
+}
+
+/// Something that happened to a stream.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IncidentEntry {
+    /// The stream; empty for the recorder itself.
+    pub stream: String,
+    /// Host time, nanoseconds.
+    pub host_ns: i64,
+    /// What it was.
+    #[serde(flatten)]
+    pub incident: Incident,
+}
+
+/// The topic of a stream's packets.
+#[must_use]
+pub fn topic(id: &str, encoding: Encoding) -> String {
+    match encoding {
+        Encoding::TriggerLines => format!("/trigger/{id}/raw"),
+        events if events.is_events() => format!("/event/{id}/raw"),
+        frames => {
+            let name = serde_json::to_value(frames).ok().and_then(|name| name.as_str().map(str::to_owned));
+            format!("/frame/{id}/{}", name.unwrap_or_default())
+        }
+    }
+}
+
+/// Topic of [`Status`].
+pub const STATUS_TOPIC: &str = "/status";
+/// Topic of [`IncidentEntry`].
+pub const INCIDENT_TOPIC: &str = "/incidents";
+
+/// Topic of a stream's clock fits.
+#[must_use]
+pub fn clock_topic(id: &str) -> String {
+    format!("/clock/{id}")
+}
+
+/// Name of the metadata record with [`SessionStart`].
+pub const SESSION_METADATA: &str = "erfgs.session";
+/// Name of the metadata record with the totals of every stream, written last.
+pub const TOTALS_METADATA: &str = "erfgs.totals";
+/// Key of a channel's metadata that holds the stream's description as JSON.
+pub const DESCRIPTION_KEY: &str = "erfgs.description";
+/// Name of the attachment with the rig's configuration.
+pub const RIG_ATTACHMENT: &str = "rig.toml";
