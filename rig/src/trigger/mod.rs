@@ -1,1 +1,4 @@
-//! The trigger board: its line protocol over a serial port.
+//! The trigger board: its line protocol over a serial port, and the code on its pulse train.
+
+pub mod code;
+pub mod protocol;
