@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what erfgs needs on Debian 12 and what is missing only: a Vulkan driver that computes correctly without a
-# GPU, COLMAP, ffmpeg and, with --oracles, the Python environment that the cross-checks run in. Safe to run again.
+# GPU, COLMAP, ffmpeg, libusb and, with --oracles, the Python environment that the cross-checks run in. Safe to run again.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -34,7 +34,7 @@ if ! command -v apt-get >/dev/null; then
   exit 1
 fi
 
-install build-essential pkg-config ca-certificates colmap ffmpeg
+install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev
 
 if ! command -v cargo >/dev/null && [ ! -x "$HOME/.cargo/bin/cargo" ]; then
   echo "setup.sh: Rust is missing. Install it from https://rustup.rs and run this again." >&2

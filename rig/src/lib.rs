@@ -4,6 +4,7 @@
 
 pub mod event;
 pub mod frame;
+pub mod host_time;
 pub mod record;
 pub mod sync;
 pub mod trigger;

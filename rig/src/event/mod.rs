@@ -1,1 +1,26 @@
 //! Event cameras: Prophesee EVK4 and iniVation DAVIS346.
+//!
+//! A driver is written over [`Transport`](crate::usb::Transport) and knows one device while it is plugged in;
+//! [`EventSource`] makes a [`Source`](erfgs_session::source::Source) of it that finds the camera again after it was
+//! unplugged.
+
+mod config;
+pub mod davis346;
+mod error;
+pub mod evk4;
+mod list;
+mod source;
+mod stream;
+
+pub use config::StreamConfig;
+pub use davis346::Davis346Config;
+pub use error::EventError;
+pub use evk4::Evk4Config;
+pub use list::{FoundDevice, Kind, list, list_on};
+pub use source::{Driver, EventSource};
+
+/// An EVK4 as a source.
+pub type Evk4Source = EventSource<evk4::Evk4>;
+
+/// A DAVIS346 as a source.
+pub type Davis346Source = EventSource<davis346::Davis346>;
