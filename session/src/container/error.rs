@@ -82,6 +82,18 @@ pub enum ContainerError {
         /// What is wrong with it.
         what: String,
     },
+    /// A file is damaged where it cannot be repaired in place.
+    #[error(
+        "{path} is damaged in {places} places before its end and cannot be repaired in place; \
+         `erfgs recover {path} --out NEW` copies what is whole",
+        path = path.display()
+    )]
+    DamagedWithin {
+        /// The file.
+        path: PathBuf,
+        /// How many chunks are damaged.
+        places: usize,
+    },
     /// A chunk is compressed in a way that is not supported.
     #[error("{path} holds a chunk compressed with '{compression}' at byte {offset}; `mcap compress --compression none` (the MCAP tools) unpacks the file", path = path.display())]
     Compression {

@@ -2,11 +2,22 @@
 //!
 //! `docs/session.md` describes the format for readers that are not this program.
 
+mod chunk;
 mod error;
+mod framing;
+mod layout;
 pub mod packet;
 pub mod record;
+mod repair;
+mod ros;
+mod session;
+mod tail;
+mod walk;
 mod writer;
 
 pub use error::ContainerError;
-pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals};
+pub use layout::{DecoderState, Entry, Stream};
+pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};
+pub use repair::{Recovered, recover, recover_in_place};
+pub use session::{Messages, Session, Summary};
 pub use writer::{Finished, SessionWriter, Settings, StreamId};

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::source::{Counters, Encoding, Incident};
+use crate::{
+    clock::ClockFit,
+    source::{Counters, Encoding, Incident},
+};
 
 /// Version of the format that this program writes.
 pub const VERSION: u32 = 1;
@@ -23,6 +26,34 @@ pub struct SessionStart {
 }
 
 impl SessionStart {
+    /// As the entries of a metadata record.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let mut metadata = BTreeMap::from([
+            ("version".to_owned(), VERSION.to_string()),
+            ("host_ns".to_owned(), self.host_ns.to_string()),
+            ("epoch_ns".to_owned(), self.epoch_ns.to_string()),
+            ("program".to_owned(), self.program.clone()),
+        ]);
+        metadata.extend(self.machine.iter().map(|(key, value)| (format!("machine.{key}"), value.clone())));
+        metadata
+    }
+
+    /// From the entries of a metadata record; `None` if they are not complete.
+    #[must_use]
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Option<Self> {
+        let number = |key: &str| metadata.get(key)?.parse().ok();
+        Some(Self {
+            host_ns: number("host_ns")?,
+            epoch_ns: number("epoch_ns")?,
+            program: metadata.get("program")?.clone(),
+            machine: metadata
+                .iter()
+                .filter_map(|(key, value)| Some((key.strip_prefix("machine.")?.to_owned(), value.clone())))
+                .collect(),
+        })
+    }
+
     /// Nanoseconds since 1970 for a host time: what MCAP calls the log time.
     #[must_use]
     pub fn log_time(&self, host_ns: i64) -> u64 {
@@ -91,8 +122,8 @@ pub struct StreamStatus {
     pub counters: Counters,
     /// What each stage behind the source dropped, by the name of the stage: `queue`, `writer`.
     pub dropped: BTreeMap<String, u64>,
-    /// Measurements of the device: temperature, event-rate controller counts.
-    pub readings: BTreeMap<String, f64>,
+    /// Measurements of the device: temperature, event-rate controller counts; `None` where one is not a number.
+    pub readings: BTreeMap<String, Option<f64>>,
 }
 
 /// Something that happened to a stream.
@@ -105,6 +136,76 @@ pub struct IncidentEntry {
     /// What it was.
     #[serde(flatten)]
     pub incident: Incident,
+}
+
+/// What a session holds in sum, as its last metadata record says it, so that nobody need read the whole file to know.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Totals {
+    /// Every stream, by its id.
+    pub streams: BTreeMap<String, StreamTotals>,
+    /// The last status.
+    pub status: Option<Status>,
+    /// The first incidents, [`Totals::MAX_INCIDENTS`] at most.
+    pub incidents: Vec<IncidentEntry>,
+    /// How many incidents there are.
+    pub incident_count: u64,
+    /// The last clock fit of every stream that has one, by its id.
+    pub clocks: BTreeMap<String, ClockFit>,
+}
+
+impl Totals {
+    /// So many incidents are listed; the others are counted.
+    pub const MAX_INCIDENTS: usize = 1000;
+
+    /// Takes note of an incident.
+    pub fn note(&mut self, incident: IncidentEntry) {
+        self.incident_count += 1;
+        if self.incidents.len() < Self::MAX_INCIDENTS {
+            self.incidents.push(incident);
+        }
+    }
+
+    /// As the entries of a metadata record: JSON by name.
+    #[must_use]
+    pub fn to_metadata(&self) -> BTreeMap<String, String> {
+        let mut metadata = BTreeMap::from([
+            ("incidents".to_owned(), json_text(&self.incidents)),
+            ("incident_count".to_owned(), self.incident_count.to_string()),
+        ]);
+        if let Some(status) = &self.status {
+            metadata.insert("status".to_owned(), json_text(status));
+        }
+        metadata.extend(self.streams.iter().map(|(id, totals)| (format!("stream.{id}"), json_text(totals))));
+        metadata.extend(self.clocks.iter().map(|(id, fit)| (format!("clock.{id}"), json_text(fit))));
+        metadata
+    }
+
+    /// From the entries of a metadata record.
+    ///
+    /// # Errors
+    /// If an entry does not parse.
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, serde_json::Error> {
+        let mut totals = Self::default();
+        for (key, value) in metadata {
+            match key.split_once('.') {
+                Some(("stream", id)) => drop(totals.streams.insert(id.to_owned(), serde_json::from_str(value)?)),
+                Some(("clock", id)) => drop(totals.clocks.insert(id.to_owned(), serde_json::from_str(value)?)),
+                Some(_) => {}
+                None => match key.as_str() {
+                    "status" => totals.status = Some(serde_json::from_str(value)?),
+                    "incidents" => totals.incidents = serde_json::from_str(value)?,
+                    "incident_count" => totals.incident_count = serde_json::from_str(value)?,
+                    _ => {}
+                },
+            }
+        }
+        Ok(totals)
+    }
+}
+
+/// JSON of what is made of numbers, strings and maps with string keys, which always has one.
+pub(super) fn json_text(value: &impl Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_else(|error| format!("\"{error}\""))
 }
 
 /// The topic of a stream's packets.
@@ -125,15 +226,26 @@ pub const STATUS_TOPIC: &str = "/status";
 /// Topic of [`IncidentEntry`].
 pub const INCIDENT_TOPIC: &str = "/incidents";
 
+/// What the topics of clock fits start with.
+pub const CLOCK_PREFIX: &str = "/clock/";
+/// What the topics of decoder states end with.
+pub const STATE_SUFFIX: &str = "/state";
+
 /// Topic of a stream's clock fits.
 #[must_use]
 pub fn clock_topic(id: &str) -> String {
-    format!("/clock/{id}")
+    format!("{CLOCK_PREFIX}{id}")
+}
+
+/// Topic of the states of a stream's decoder.
+#[must_use]
+pub fn state_topic(id: &str) -> String {
+    format!("/event/{id}{STATE_SUFFIX}")
 }
 
 /// Name of the metadata record with [`SessionStart`].
 pub const SESSION_METADATA: &str = "erfgs.session";
-/// Name of the metadata record with the totals of every stream, written last.
+/// Name of the metadata record with the [`Totals`], written last.
 pub const TOTALS_METADATA: &str = "erfgs.totals";
 /// Key of a channel's metadata that holds the stream's description as JSON.
 pub const DESCRIPTION_KEY: &str = "erfgs.description";

@@ -15,23 +15,22 @@ use std::{
     },
 };
 
-use mcap::{
-    records::{MessageHeader, Metadata},
-    write::NoSeek,
-};
-use serde::Serialize;
-
 use super::{
     error::ContainerError,
+    layout::DecoderState,
     packet::{self, HEADER_BYTES},
     record::{
         DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, RIG_ATTACHMENT, SESSION_METADATA, STATUS_TOPIC, SessionStart,
-        Status, StreamTotals, TOTALS_METADATA, VERSION, clock_topic, topic,
+        Status, StreamTotals, TOTALS_METADATA, Totals, clock_topic, json_text, state_topic, topic,
     },
 };
 use crate::{
     clock::ClockFit,
     source::{Description, Incident, Packet, StampClock},
+};
+use mcap::{
+    records::{MessageHeader, Metadata},
+    write::NoSeek,
 };
 
 /// How a session is written.
@@ -59,14 +58,15 @@ struct Stream {
     id: String,
     channel: u16,
     clock: Option<u16>,
+    state: Option<u16>,
     totals: StreamTotals,
 }
 
 /// What [`SessionWriter::finish`] hands back.
 #[derive(Debug)]
 pub struct Finished<W> {
-    /// What was recorded of every stream, by its id.
-    pub totals: BTreeMap<String, StreamTotals>,
+    /// What was recorded.
+    pub totals: Totals,
     /// Length of the file, bytes.
     pub bytes: u64,
     /// The sink, flushed; a caller that wants the file on the disk before it goes on calls [`File::sync_all`].
@@ -83,9 +83,11 @@ pub struct SessionWriter<W: Write> {
     streams: Vec<Stream>,
     packet_schema: u16,
     clock_schema: u16,
+    state_schema: u16,
     status: u16,
     incidents: u16,
     chunk_since_ns: Option<i64>,
+    totals: Totals,
     scratch: Vec<u8>,
 }
 
@@ -133,13 +135,7 @@ impl<W: Write> SessionWriter<W> {
             .create(NoSeek::new(sink))
             .map_err(failed)?;
         let mut begin = || {
-            let mut metadata = BTreeMap::from([
-                ("version".to_owned(), VERSION.to_string()),
-                ("host_ns".to_owned(), start.host_ns.to_string()),
-                ("epoch_ns".to_owned(), start.epoch_ns.to_string()),
-                ("program".to_owned(), start.program.clone()),
-            ]);
-            metadata.extend(start.machine.iter().map(|(key, value)| (format!("machine.{key}"), value.clone())));
+            let metadata = start.to_metadata();
             writer.write_metadata(&Metadata { name: SESSION_METADATA.to_owned(), metadata })?;
             if !rig.is_empty() {
                 let time = start.log_time(start.host_ns);
@@ -154,15 +150,16 @@ impl<W: Write> SessionWriter<W> {
             let packets = writer.add_schema(packet::SCHEMA_NAME, "ros2msg", packet::SCHEMA.as_bytes())?;
             let mut json = |name: &str, schema: &str| writer.add_schema(name, "jsonschema", schema.as_bytes());
             let clock = json("erfgs.ClockFit", include_str!("schema/clock_fit.json"))?;
+            let state = json("erfgs.DecoderState", include_str!("schema/decoder_state.json"))?;
             let status = json("erfgs.Status", include_str!("schema/status.json"))?;
             let incident = json("erfgs.Incident", include_str!("schema/incident.json"))?;
             let status = writer.add_channel(status, STATUS_TOPIC, "json", &BTreeMap::new())?;
             let incidents = writer.add_channel(incident, INCIDENT_TOPIC, "json", &BTreeMap::new())?;
             // What was written so far is on its way to the disk before the first packet arrives.
             writer.flush()?;
-            Ok((packets, clock, status, incidents))
+            Ok((packets, clock, state, status, incidents))
         };
-        let (packet_schema, clock_schema, status, incidents) = begin().map_err(failed)?;
+        let (packet_schema, clock_schema, state_schema, status, incidents) = begin().map_err(failed)?;
         Ok(Self {
             path,
             start,
@@ -172,9 +169,11 @@ impl<W: Write> SessionWriter<W> {
             streams: Vec::new(),
             packet_schema,
             clock_schema,
+            state_schema,
             status,
             incidents,
             chunk_since_ns: None,
+            totals: Totals::default(),
             scratch: Vec::new(),
         })
     }
@@ -191,7 +190,8 @@ impl<W: Write> SessionWriter<W> {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// Adds a stream. May be called at any time before [`SessionWriter::finish`].
+    /// Adds a stream. May be called at any time before [`SessionWriter::finish`]. What declares the stream goes to the
+    /// system at once, in a chunk of its own, so that it is not lost with the first packets.
     ///
     /// # Errors
     /// If the id is taken or cannot be part of a topic, or writing fails.
@@ -209,7 +209,13 @@ impl<W: Write> SessionWriter<W> {
             .writer
             .add_channel(self.packet_schema, &topic(id, description.encoding), "cdr", &metadata)
             .map_err(|error| self.failed(error))?;
-        self.streams.push(Stream { id: id.clone(), channel, clock: None, totals: StreamTotals::default() });
+        self.streams.push(Stream {
+            id: id.clone(),
+            channel,
+            clock: None,
+            state: None,
+            totals: StreamTotals::default(),
+        });
         Ok(StreamId(self.streams.len() - 1))
     }
 
@@ -251,7 +257,9 @@ impl<W: Write> SessionWriter<W> {
     ) -> Result<(), ContainerError> {
         let stream = stream.map_or(String::new(), |stream| self.streams[stream.0].id.clone());
         let entry = IncidentEntry { stream, host_ns, incident: incident.clone() };
-        self.message(self.incidents, 0, host_ns, host_ns, json_text(&entry).as_bytes())
+        let written = self.message(self.incidents, 0, host_ns, host_ns, json_text(&entry).as_bytes());
+        self.totals.note(entry);
+        written
     }
 
     /// Notes the state of the recorder: counters and drops of every stream, readings of the devices.
@@ -259,6 +267,7 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn status(&mut self, status: &Status) -> Result<(), ContainerError> {
+        self.totals.status = Some(status.clone());
         self.message(self.status, 0, status.host_ns, status.host_ns, json_text(status).as_bytes())
     }
 
@@ -267,18 +276,45 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn clock(&mut self, stream: StreamId, host_ns: i64, fit: &ClockFit) -> Result<(), ContainerError> {
-        let channel = match self.streams[stream.0].clock {
-            Some(channel) => channel,
-            None => {
-                let topic = clock_topic(&self.streams[stream.0].id);
-                let channel = self
-                    .writer
-                    .add_channel(self.clock_schema, &topic, "json", &BTreeMap::new())
-                    .map_err(|error| self.failed(error))?;
-                *self.streams[stream.0].clock.insert(channel)
-            }
-        };
+        let entry = &mut self.streams[stream.0];
+        self.totals.clocks.insert(entry.id.clone(), fit.clone());
+        let (schema, topic) = (self.clock_schema, clock_topic(&entry.id));
+        let channel = Self::extra_channel(&mut self.writer, &mut entry.clock, schema, &topic);
+        let channel = channel.map_err(|error| self.failed(error))?;
         self.message(channel, 0, host_ns, host_ns, json_text(fit).as_bytes())
+    }
+
+    /// Notes the state of a stream's decoder before the packet `sequence`, which arrived at `host_ns`, so that decoding
+    /// can start there (the decoder's own `state()`). Once a second for each stream is plenty.
+    ///
+    /// # Errors
+    /// If writing fails.
+    pub fn decoder_state(
+        &mut self,
+        stream: StreamId,
+        host_ns: i64,
+        sequence: u64,
+        state: [u8; 16],
+    ) -> Result<(), ContainerError> {
+        let entry = &mut self.streams[stream.0];
+        let (schema, topic) = (self.state_schema, state_topic(&entry.id));
+        let channel = Self::extra_channel(&mut self.writer, &mut entry.state, schema, &topic);
+        let channel = channel.map_err(|error| self.failed(error))?;
+        let state = DecoderState { stream: self.streams[stream.0].id.clone(), host_ns, sequence, state };
+        self.message(channel, sequence as u32, host_ns, host_ns, json_text(&state).as_bytes())
+    }
+
+    /// The channel in `slot`, which is added if there is none.
+    fn extra_channel(
+        writer: &mut mcap::Writer<NoSeek<Counted<W>>>,
+        slot: &mut Option<u16>,
+        schema: u16,
+        topic: &str,
+    ) -> mcap::McapResult<u16> {
+        match *slot {
+            Some(channel) => Ok(channel),
+            None => Ok(*slot.insert(writer.add_channel(schema, topic, "json", &BTreeMap::new())?)),
+        }
     }
 
     /// Closes the chunk if it is old enough. To be called at least a few times a second, also when nothing arrives.
@@ -306,9 +342,9 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails; the chunks written before stay readable.
     pub fn finish(mut self) -> Result<Finished<W>, ContainerError> {
-        let totals: BTreeMap<String, StreamTotals> =
-            self.streams.iter().map(|stream| (stream.id.clone(), stream.totals)).collect();
-        let metadata = totals.iter().map(|(id, totals)| (id.clone(), json_text(totals))).collect();
+        let mut totals = std::mem::take(&mut self.totals);
+        totals.streams = self.streams.iter().map(|stream| (stream.id.clone(), stream.totals)).collect();
+        let metadata = totals.to_metadata();
         self.writer
             .write_metadata(&Metadata { name: TOTALS_METADATA.to_owned(), metadata })
             .and_then(|()| self.writer.finish().map(drop))
@@ -348,11 +384,6 @@ impl<W: Write> SessionWriter<W> {
     fn failed(&self, error: mcap::McapError) -> ContainerError {
         ContainerError::writing(&self.path, self.written_bytes(), error)
     }
-}
-
-/// JSON of what is made of numbers, strings and maps with string keys, which always has one.
-fn json_text(value: &impl Serialize) -> String {
-    serde_json::to_string(value).unwrap_or_else(|error| format!("\"{error}\""))
 }
 
 /// Counts the bytes on their way to the sink.

@@ -1,10 +1,11 @@
 //! A small session to write.
 
-use std::path::Path;
+use std::{io::Cursor, path::Path};
 
 use erfgs_session::{
-    container::{SessionStart, SessionWriter, Settings, StreamId},
-    source::{Description, Encoding, FrameStamp, Packet, StampClock, StampPoint},
+    clock::{ClockFit, Evidence, Residuals},
+    container::{Entry, Session, SessionStart, SessionWriter, Settings, Status, StreamId},
+    source::{Description, Encoding, FrameStamp, Incident, Packet, StampClock, StampPoint},
 };
 
 /// Host time at which the recording starts: not zero, as no host's is.
@@ -57,4 +58,40 @@ pub fn writer(settings: Settings) -> (SessionWriter<Vec<u8>>, StreamId, StreamId
     let events = writer.add_stream(&description("ev0", Encoding::Evt3)).unwrap();
     let frames = writer.add_stream(&description("cam0", Encoding::Mjpeg)).unwrap();
     (writer, events, frames)
+}
+
+/// A small session of three chunks and more with everything that a session holds, as bytes.
+pub fn small_session() -> Vec<u8> {
+    let (mut writer, events, frames) = writer(Settings { chunk_bytes: 1200, ..Settings::default() });
+    for sequence in 0..12 {
+        writer.packet(events, &packet(sequence, 200)).unwrap();
+        writer.packet(frames, &packet(sequence, 50)).unwrap();
+        if sequence % 4 == 2 {
+            writer.decoder_state(events, packet(sequence, 0).host_ns, sequence, [sequence as u8; 16]).unwrap();
+            let incident = Incident::Warning { message: format!("warning {sequence}") };
+            writer.incident(Some(frames), packet(sequence, 0).host_ns, &incident).unwrap();
+            writer.status(&Status { host_ns: packet(sequence, 0).host_ns, ..Status::default() }).unwrap();
+            writer.clock(events, packet(sequence, 0).host_ns, &fit(sequence as i64)).unwrap();
+        }
+    }
+    writer.finish().unwrap().sink
+}
+
+pub fn fit(origin_ns: i64) -> ClockFit {
+    ClockFit {
+        evidence: Evidence::Arrival,
+        origin_ticks: 5,
+        origin_ns,
+        ns_per_tick: 1000.01,
+        window_ticks: [0, 9],
+        residuals: Residuals { p50_ns: 1.0, p95_ns: 2.0, max_ns: 3.0 },
+        samples: 3,
+        outliers: 0,
+    }
+}
+
+/// Reads all messages of a session; errors are left out.
+pub fn entries(bytes: &[u8]) -> Vec<Entry> {
+    let mut session = Session::read(Cursor::new(bytes), Path::new("memory.mcap")).unwrap();
+    session.messages(None).filter_map(Result::ok).collect()
 }

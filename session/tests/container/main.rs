@@ -1,4 +1,7 @@
 //! The session file, against the reader of the `mcap` crate and against damage.
 
 mod common;
+mod read;
+mod recover;
+mod ros;
 mod write;

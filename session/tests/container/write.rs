@@ -4,7 +4,7 @@ use std::{
 };
 
 use erfgs_session::{
-    clock::{ClockFit, Evidence, Residuals},
+    clock::ClockFit,
     container::{ContainerError, SessionWriter, Settings, Status, packet},
     source::{Description, Encoding, Incident},
 };
@@ -18,23 +18,14 @@ fn another_reader_finds_every_message_with_its_schema_and_description() {
         writer.packet(events, &common::packet(sequence, 500)).unwrap();
         writer.packet(frames, &common::packet(sequence, 70)).unwrap();
     }
-    let fit = ClockFit {
-        evidence: Evidence::Arrival,
-        origin_ticks: 5,
-        origin_ns: 7,
-        ns_per_tick: 1000.01,
-        window_ticks: [0, 9],
-        residuals: Residuals { p50_ns: 1.0, p95_ns: 2.0, max_ns: 3.0 },
-        samples: 3,
-        outliers: 0,
-    };
+    let fit = common::fit(7);
     writer.clock(events, START_NS + 5, &fit).unwrap();
     writer.incident(Some(frames), START_NS + 6, &Incident::Lost { reason: "unplugged".into() }).unwrap();
     writer.status(&Status { host_ns: START_NS + 7, ..Status::default() }).unwrap();
     let finished = writer.finish().unwrap();
-    assert_eq!(finished.totals["ev0"].packets, 20);
-    assert_eq!(finished.totals["ev0"].bytes, 10_000);
-    assert_eq!((finished.totals["cam0"].discontinuities, finished.totals["cam0"].damaged), (1, 1));
+    let (events, frames) = (finished.totals.streams["ev0"], finished.totals.streams["cam0"]);
+    assert_eq!((events.packets, events.bytes), (20, 10_000));
+    assert_eq!((frames.discontinuities, frames.damaged), (1, 1));
     assert_eq!(finished.bytes, finished.sink.len() as u64);
 
     let summary = mcap::Summary::read(&finished.sink).unwrap().unwrap();

@@ -1,0 +1,228 @@
+//! Which channel of a file carries what.
+
+use std::collections::{BTreeMap, HashMap};
+
+use bytes::Bytes;
+
+use super::{
+    chunk::RawMessage,
+    packet,
+    record::{
+        CLOCK_PREFIX, DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, STATE_SUFFIX, STATUS_TOPIC, Status, StreamTotals,
+    },
+    ros::{self, EventPacket},
+};
+use crate::{
+    clock::ClockFit,
+    source::{Description, Packet},
+};
+
+/// One stream of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stream {
+    /// What it is.
+    pub description: Description,
+    /// The topic of its packets.
+    pub topic: String,
+    /// What the file holds of it.
+    pub totals: StreamTotals,
+}
+
+/// One message of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// A packet of a stream.
+    Packet {
+        /// Which stream: an index into [`super::Summary::streams`].
+        stream: usize,
+        /// The packet.
+        packet: Packet,
+    },
+    /// The state of a stream's decoder before a packet.
+    DecoderState(DecoderState),
+    /// The state of the recorder.
+    Status(Status),
+    /// Something that happened.
+    Incident(IncidentEntry),
+    /// A clock fit, as known while recording.
+    Clock {
+        /// The stream's id.
+        stream: String,
+        /// The fit.
+        fit: ClockFit,
+    },
+}
+
+/// The state of a stream's decoder before a packet, so that decoding can start there.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct DecoderState {
+    /// The stream's id.
+    pub stream: String,
+    /// Host time of the packet, nanoseconds.
+    pub host_ns: i64,
+    /// The packet's sequence number.
+    pub sequence: u64,
+    /// The state: what the decoder's `state()` gave.
+    pub state: [u8; 16],
+}
+
+#[derive(Clone, Debug)]
+enum Role {
+    Packets(usize),
+    Ros { topic: String, stream: Option<usize> },
+    State,
+    Status,
+    Incidents,
+    Clock(String),
+    Other,
+}
+
+/// What a message is to us.
+pub(super) enum Meaning {
+    Entry(Entry),
+    /// Of a channel that erfgs does not read.
+    Foreign,
+    /// Broken: what is wrong.
+    Broken(String),
+}
+
+/// The channels of a file, as far as they are known.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Layout {
+    schemas: HashMap<u16, String>,
+    roles: HashMap<u16, Role>,
+    pub streams: Vec<Stream>,
+    /// Encodings of events that were met and that erfgs does not decode.
+    pub unknown_encodings: Vec<String>,
+    /// Bodies of the records of schemas and channels, by their numbers.
+    pub schema_records: BTreeMap<u16, Vec<u8>>,
+    pub channel_records: BTreeMap<u16, Vec<u8>>,
+}
+
+impl Layout {
+    /// Takes note of a schema or channel. Other records are let pass; `Err` says what is wrong.
+    pub fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
+        match mcap::parse_record(opcode, body).map_err(|error| error.to_string())? {
+            mcap::records::Record::Schema { header, .. } => {
+                self.schema_records.entry(header.id).or_insert_with(|| body.to_vec());
+                self.schemas.insert(header.id, header.name);
+            }
+            mcap::records::Record::Channel(channel) if !self.roles.contains_key(&channel.id) => {
+                self.channel_records.entry(channel.id).or_insert_with(|| body.to_vec());
+                let role = self.role(&channel)?;
+                self.roles.insert(channel.id, role);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn role(&mut self, channel: &mcap::records::Channel) -> Result<Role, String> {
+        let schema = self.schemas.get(&channel.schema_id).map_or("", String::as_str);
+        if let Some(description) = channel.metadata.get(DESCRIPTION_KEY) {
+            let description: Description = serde_json::from_str(description)
+                .map_err(|error| format!("the description of {} does not parse: {error}", channel.topic))?;
+            // The index at the end of a file repeats the channels.
+            let known = self.streams.iter().position(|stream| stream.topic == channel.topic);
+            return Ok(Role::Packets(known.unwrap_or_else(|| self.add(description, channel.topic.clone()))));
+        }
+        Ok(match channel.topic.as_str() {
+            topic if schema == ros::SCHEMA_NAME && channel.message_encoding == "cdr" => {
+                Role::Ros { topic: topic.to_owned(), stream: None }
+            }
+            _ if !schema.starts_with("erfgs.") => Role::Other,
+            STATUS_TOPIC => Role::Status,
+            INCIDENT_TOPIC => Role::Incidents,
+            topic if topic.ends_with(STATE_SUFFIX) => Role::State,
+            topic => match topic.strip_prefix(CLOCK_PREFIX) {
+                Some(id) => Role::Clock(id.to_owned()),
+                None => Role::Other,
+            },
+        })
+    }
+
+    fn add(&mut self, description: Description, topic: String) -> usize {
+        self.streams.push(Stream { description, topic, totals: StreamTotals::default() });
+        self.streams.len() - 1
+    }
+
+    /// Whether any channel is one that erfgs reads.
+    pub fn is_known(&self) -> bool {
+        self.roles.values().any(|role| !matches!(role, Role::Other))
+    }
+
+    /// What a message says.
+    pub fn read(&mut self, message: &RawMessage) -> Meaning {
+        fn json<T: serde::de::DeserializeOwned>(data: &Bytes, entry: impl FnOnce(T) -> Entry) -> Meaning {
+            match serde_json::from_slice(data) {
+                Ok(value) => Meaning::Entry(entry(value)),
+                Err(error) => Meaning::Broken(format!("a message does not parse: {error}")),
+            }
+        }
+        let Some(role) = self.roles.get(&message.channel) else {
+            return Meaning::Broken(format!("a message belongs to channel {}, which is not declared", message.channel));
+        };
+        match role {
+            Role::Packets(stream) => match packet::parse(&message.data) {
+                Some(packet) => Meaning::Entry(Entry::Packet { stream: *stream, packet }),
+                None => Meaning::Broken("a packet is shorter than its header says".into()),
+            },
+            Role::Ros { .. } => self.read_ros(message),
+            Role::State => json(&message.data, Entry::DecoderState),
+            Role::Status => json(&message.data, Entry::Status),
+            Role::Incidents => json(&message.data, Entry::Incident),
+            Role::Clock(stream) => {
+                let stream = stream.clone();
+                json(&message.data, |fit| Entry::Clock { stream, fit })
+            }
+            Role::Other => Meaning::Foreign,
+        }
+    }
+
+    /// A packet of events of ROS 2. Its stream is known from the first one on.
+    fn read_ros(&mut self, message: &RawMessage) -> Meaning {
+        let Some(events) = EventPacket::parse(&message.data) else {
+            return Meaning::Broken("an EventPacket is shorter than its fields say".into());
+        };
+        let Some(Role::Ros { topic, stream }) = self.roles.get(&message.channel) else { return Meaning::Foreign };
+        let stream = match *stream {
+            Some(stream) => stream,
+            None => {
+                let Some(encoding) = events.known_encoding() else {
+                    if !self.unknown_encodings.contains(&events.encoding) {
+                        self.unknown_encodings.push(events.encoding);
+                    }
+                    return Meaning::Foreign;
+                };
+                let topic = topic.clone();
+                let mut settings = serde_json::Map::new();
+                settings.insert("frame_id".into(), events.frame_id.clone().into());
+                let description = Description {
+                    id: topic.trim_matches('/').replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "-"),
+                    model: "ROS 2 EventPacket".into(),
+                    serial: String::new(),
+                    encoding,
+                    width: events.width,
+                    height: events.height,
+                    start_order: 0,
+                    settings,
+                };
+                let known = self.streams.iter().position(|stream| stream.topic == topic);
+                let stream = known.unwrap_or_else(|| self.add(description, topic.clone()));
+                // The publisher may have run before the recording began.
+                self.streams[stream].totals.next_sequence = events.sequence;
+                self.roles.insert(message.channel, Role::Ros { topic, stream: Some(stream) });
+                stream
+            }
+        };
+        let packet = Packet {
+            sequence: events.sequence,
+            host_ns: i64::try_from(message.log_time).unwrap_or(i64::MAX),
+            discontinuity: false,
+            damaged: false,
+            stamp: None,
+            payload: events.events,
+        };
+        Meaning::Entry(Entry::Packet { stream, packet })
+    }
+}

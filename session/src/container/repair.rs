@@ -1,0 +1,190 @@
+//! Repairing a session whose recording was cut off: what is whole stays byte for byte, and the index that was never
+//! written is put behind it.
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{self, Read, Seek, SeekFrom, Write},
+    path::Path,
+};
+
+use mcap::records::op;
+
+use super::{
+    error::ContainerError,
+    framing::Head,
+    layout::Entry,
+    record::{TOTALS_METADATA, Totals},
+    tail::{ChunkEntry, Tail},
+    walk::{Item, Walk},
+};
+
+/// What a repair did.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Recovered {
+    /// The session was whole; nothing was written.
+    pub was_whole: bool,
+    /// Messages that were saved.
+    pub messages: u64,
+    /// Chunks that were saved.
+    pub chunks: u64,
+    /// Bytes behind the last whole record, which are lost.
+    pub cut_bytes: u64,
+    /// Chunks that are damaged within, which are lost; one message for each.
+    pub damaged: Vec<String>,
+}
+
+/// What is whole in a file.
+struct Survey {
+    recovered: Recovered,
+    /// Ranges of the file to keep, in order.
+    keep: Vec<[u64; 2]>,
+    tail: Tail,
+    closed: bool,
+}
+
+/// Writes what is whole of `path` to the new file `out`, with an index. Does nothing if `path` is whole.
+///
+/// # Errors
+/// If `path` cannot be read or is no MCAP file, or `out` exists or cannot be written.
+pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
+    if out.exists() {
+        return Err(ContainerError::Exists { path: out.to_owned() });
+    }
+    let file = File::open(path).map_err(|source| open_error("open", path, source))?;
+    let Survey { recovered, keep, tail, closed } = survey(&file, path)?;
+    if closed && recovered.damaged.is_empty() {
+        return Ok(Recovered { was_whole: true, ..recovered });
+    }
+    let mut file = file;
+    let mut read_failure = None;
+    let written = crate::atomic::write_with(out, |sink| {
+        for &[from, to] in &keep {
+            file.seek(SeekFrom::Start(from))?;
+            let copied = io::copy(&mut (&file).take(to - from), sink)?;
+            if copied < to - from {
+                read_failure = Some(from + copied);
+                return Err(io::ErrorKind::UnexpectedEof.into());
+            }
+        }
+        let position = keep.iter().map(|[from, to]| to - from).sum();
+        sink.write_all(&tail.into_bytes(position))
+    });
+    written.map_err(|source| match read_failure {
+        Some(offset) => ContainerError::Read { path: path.to_owned(), offset, source },
+        None => ContainerError::Write { path: out.to_owned(), offset: 0, source },
+    })?;
+    Ok(recovered)
+}
+
+/// Repairs `path` itself: cuts off what is not whole and appends the index, which needs next to no room. Does nothing if
+/// it is whole.
+///
+/// # Errors
+/// If the file cannot be read or written or is no MCAP file, or if it is damaged in the middle: that is left to
+/// [`recover`].
+pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
+    let file = File::options().read(true).write(true).open(path);
+    let mut file = file.map_err(|source| open_error("open", path, source))?;
+    let Survey { recovered, keep, tail, closed } = survey(&file, path)?;
+    if !recovered.damaged.is_empty() {
+        return Err(ContainerError::DamagedWithin { path: path.to_owned(), places: recovered.damaged.len() });
+    }
+    if closed {
+        return Ok(Recovered { was_whole: true, ..recovered });
+    }
+    let end = keep.last().map_or(0, |[_, to]| *to);
+    let write_error = |source| ContainerError::Write { path: path.to_owned(), offset: end, source };
+    file.set_len(end).map_err(write_error)?;
+    file.seek(SeekFrom::End(0)).map_err(write_error)?;
+    file.write_all(&tail.into_bytes(end)).map_err(write_error)?;
+    file.sync_all().map_err(write_error)?;
+    Ok(recovered)
+}
+
+fn open_error(what: &'static str, path: &Path, source: io::Error) -> ContainerError {
+    ContainerError::Open { what, path: path.to_owned(), source }
+}
+
+/// Reads the file through and notes what is whole.
+fn survey(file: &File, path: &Path) -> Result<Survey, ContainerError> {
+    let mut walk = Walk::open(file, path)?;
+    walk.raw = true;
+    let file_bytes = walk.framing.length();
+    let mut survey =
+        Survey { recovered: Recovered::default(), keep: vec![[0, 0]], tail: Tail::default(), closed: false };
+    let mut totals = Totals::default();
+    // Bytes that are left out so far, by which what follows moves forward.
+    let mut left_out = 0;
+    let mut skipping_indexes = false;
+    loop {
+        match walk.step() {
+            Ok(Item::Chunk(head, header)) => {
+                skipping_indexes = false;
+                survey.recovered.chunks += 1;
+                survey.tail.begin(ChunkEntry::new(head.offset - left_out, head.end() - head.offset, &header));
+            }
+            Ok(Item::BadChunk(head, error)) => {
+                skipping_indexes = true;
+                survey.recovered.damaged.push(error.to_string());
+                survey.leave_out(&head, &mut left_out);
+            }
+            Ok(Item::Raw(message)) => {
+                survey.recovered.messages += 1;
+                survey.tail.count(&message);
+            }
+            Ok(Item::Entry(entry)) => count(&mut walk, &mut totals, entry),
+            Ok(Item::Record(head)) if head.opcode == op::MESSAGE_INDEX && skipping_indexes => {
+                survey.leave_out(&head, &mut left_out);
+            }
+            Ok(Item::Record(head)) => {
+                let body = walk.framing.body(&head)?;
+                survey.tail.note(&head, &body, left_out);
+            }
+            Ok(Item::End { at, closed }) => {
+                survey.closed = closed;
+                survey.recovered.cut_bytes = if closed { 0 } else { file_bytes.saturating_sub(at) };
+                // The index of the last chunk may be cut, too: it is written anew.
+                let end = survey.tail.unindexed_chunk_end().map_or(at, |end| end + left_out);
+                if let Some(last) = survey.keep.last_mut() {
+                    last[1] = end.max(last[0]);
+                }
+                break;
+            }
+            Err(error @ ContainerError::Read { .. }) => return Err(error),
+            // A message that does not parse is copied as it is.
+            Err(_) => {}
+        }
+    }
+    for stream in &walk.layout.streams {
+        totals.streams.insert(stream.description.id.clone(), stream.totals);
+    }
+    survey.tail.declare(&walk.layout);
+    if !survey.tail.has_metadata(TOTALS_METADATA) && !totals.streams.is_empty() {
+        survey.tail.totals = Some(totals.to_metadata());
+    }
+    Ok(survey)
+}
+
+fn count<R: Read + Seek>(walk: &mut Walk<R>, totals: &mut Totals, entry: Entry) {
+    match entry {
+        Entry::Packet { stream, packet } => walk.layout.streams[stream].totals.count(&packet),
+        Entry::Status(status) => totals.status = Some(status),
+        Entry::Incident(incident) => totals.note(incident),
+        Entry::Clock { stream, fit } => drop(totals.clocks.insert(stream, fit)),
+        Entry::DecoderState(_) => {}
+    }
+}
+
+impl Survey {
+    fn leave_out(&mut self, head: &Head, left_out: &mut u64) {
+        if let Some(last) = self.keep.last_mut() {
+            last[1] = head.offset;
+        }
+        self.keep.push([head.end(), head.end()]);
+        *left_out += head.end() - head.offset;
+    }
+}
+
+/// Text by name, as metadata holds it.
+pub(super) type Texts = BTreeMap<String, String>;

@@ -1,0 +1,348 @@
+//! Reading a session.
+
+use std::{
+    fs::File,
+    io::{Read, Seek},
+    path::{Path, PathBuf},
+};
+
+use mcap::records::{Record, op};
+
+use super::{
+    error::ContainerError,
+    framing::Head,
+    layout::{Entry, Stream},
+    record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, TOTALS_METADATA, Totals, VERSION},
+    walk::{FOOTER_BYTES, Item, Walk},
+};
+
+/// What a session holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// When and with what it was recorded. For a ROS 2 recording: when its first packet came.
+    pub start: SessionStart,
+    /// The rig's configuration.
+    pub rig: Option<String>,
+    /// The streams, in the order in which the file declares them.
+    pub streams: Vec<Stream>,
+    /// Totals, the last status and clock fits, incidents.
+    pub totals: Totals,
+    /// Whether erfgs recorded it. Otherwise it is a ROS 2 recording with packets of events.
+    pub is_session: bool,
+    /// Whether the recording was ended properly. Otherwise it was read through to the end of what is whole.
+    pub complete: bool,
+    /// Length of the file, bytes.
+    pub file_bytes: u64,
+    /// Up to here the file is whole, bytes: what lies behind is half a chunk, or the index.
+    pub whole_bytes: u64,
+    /// What is damaged in between, one message for each place.
+    pub damage: Vec<String>,
+    /// Encodings of events in the file that erfgs does not decode.
+    pub unknown_encodings: Vec<String>,
+    /// Chunks.
+    pub chunks: usize,
+}
+
+impl Summary {
+    /// The stream of this name.
+    #[must_use]
+    pub fn stream(&self, id: &str) -> Option<(usize, &Stream)> {
+        self.streams.iter().enumerate().find(|(_, stream)| stream.description.id == id)
+    }
+
+    /// Host times of the first and the last packet, nanoseconds.
+    #[must_use]
+    pub fn span_ns(&self) -> Option<[i64; 2]> {
+        let first = self.streams.iter().filter_map(|stream| stream.totals.first_host_ns).min()?;
+        let last = self.streams.iter().filter_map(|stream| stream.totals.last_host_ns).max()?;
+        Some([first, last])
+    }
+}
+
+/// Where a chunk lies, and the log times of its first and last message.
+#[derive(Clone, Copy, Debug)]
+struct ChunkAt {
+    offset: u64,
+    end: u64,
+}
+
+/// A session file that is open for reading.
+pub struct Session<R = File> {
+    path: PathBuf,
+    walk: Walk<R>,
+    summary: Summary,
+    chunks: Vec<ChunkAt>,
+}
+
+impl Session<File> {
+    /// Opens the session `path`. A session that was ended properly says at its end what it holds; another one is read
+    /// through once.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is no session.
+    pub fn open(path: &Path) -> Result<Self, ContainerError> {
+        let open = |source| ContainerError::Open { what: "open", path: path.to_owned(), source };
+        let file = File::open(path).map_err(open)?;
+        Self::read(file, path)
+    }
+}
+
+impl<R: Read + Seek> Session<R> {
+    /// As [`Session::open`], from anything that reads; `path` names it in errors.
+    ///
+    /// # Errors
+    /// If it cannot be read or is no session.
+    pub fn read(file: R, path: &Path) -> Result<Self, ContainerError> {
+        let walk = Walk::open(file, path)?;
+        let summary = Summary { file_bytes: walk.framing.length(), ..Summary::default() };
+        let mut session = Self { path: path.to_owned(), walk, summary, chunks: Vec::new() };
+        if !session.read_index()? {
+            session.chunks.clear();
+            session.summary = Summary { file_bytes: session.walk.framing.length(), ..Summary::default() };
+            session.walk.layout = super::layout::Layout::default();
+            session.scan()?;
+        }
+        session.complete_summary()?;
+        Ok(session)
+    }
+
+    /// The file's name.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the session holds.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
+    /// The stream of this name.
+    ///
+    /// # Errors
+    /// If there is none; the message lists those that there are.
+    pub fn stream(&self, id: &str) -> Result<(usize, &Stream), ContainerError> {
+        self.summary.stream(id).ok_or_else(|| {
+            let known: Vec<&str> = self.summary.streams.iter().map(|stream| stream.description.id.as_str()).collect();
+            ContainerError::UnknownStream { path: self.path.clone(), id: id.to_owned(), known: known.join(", ") }
+        })
+    }
+
+    /// The messages in the order of the file, from the chunk on in which host time `from_host_ns` lies; `None` for all.
+    /// What is older is left out.
+    pub fn messages(&mut self, from_host_ns: Option<i64>) -> Messages<'_, R> {
+        let first = mcap::MAGIC.len() as u64;
+        let offset = from_host_ns.map_or(first, |from| {
+            let from = self.summary.start.log_time(from);
+            let chunk = self.chunks.iter().find(|chunk| chunk.end >= from);
+            chunk.or(self.chunks.last()).map_or(first, |chunk| chunk.offset)
+        });
+        self.walk.go_to(offset);
+        Messages { walk: &mut self.walk, from_ns: from_host_ns.unwrap_or(i64::MIN), over: false }
+    }
+
+    /// Gives the file back.
+    pub fn into_inner(self) -> R {
+        self.walk.framing.into_inner()
+    }
+
+    /// Reads what the end of the file says. `false` if it says nothing, or not enough.
+    fn read_index(&mut self) -> Result<bool, ContainerError> {
+        let Some(summary_start) = self.summary_start()? else { return Ok(false) };
+        let mut totals_found = false;
+        self.walk.go_to(summary_start);
+        loop {
+            let head = match self.walk.step() {
+                Ok(Item::Record(head)) => head,
+                Ok(Item::End { .. }) => break,
+                Ok(_) => return Ok(false),
+                Err(error @ ContainerError::Read { .. }) => return Err(error),
+                Err(_) => return Ok(false),
+            };
+            let body = self.walk.framing.body(&head)?;
+            match mcap::parse_record(head.opcode, &body) {
+                Ok(Record::ChunkIndex(chunk)) => {
+                    self.chunks.push(ChunkAt { offset: chunk.chunk_start_offset, end: chunk.message_end_time });
+                }
+                Ok(Record::MetadataIndex(index)) => {
+                    let Some(head) = self.head_at(index.offset, op::METADATA)? else { return Ok(false) };
+                    totals_found |= index.name == TOTALS_METADATA;
+                    self.note(&head)?;
+                }
+                Ok(Record::AttachmentIndex(index)) => {
+                    let Some(head) = self.head_at(index.offset, op::ATTACHMENT)? else { return Ok(false) };
+                    self.note(&head)?;
+                }
+                Ok(_) => {}
+                Err(_) => return Ok(false),
+            }
+        }
+        for stream in &mut self.walk.layout.streams {
+            if let Some(totals) = self.summary.totals.streams.get(&stream.description.id) {
+                stream.totals = *totals;
+            }
+        }
+        let ordered = self.chunks.windows(2).all(|pair| pair[0].offset < pair[1].offset);
+        self.summary.complete = true;
+        self.summary.chunks = self.chunks.len();
+        self.summary.whole_bytes = summary_start;
+        Ok(totals_found && ordered)
+    }
+
+    /// Where the index starts, if the file was closed with one.
+    fn summary_start(&mut self) -> Result<Option<u64>, ContainerError> {
+        let length = self.walk.framing.length();
+        let Some(at) = length.checked_sub(FOOTER_BYTES) else { return Ok(None) };
+        let Some(footer) = self.head_at(at, op::FOOTER)? else { return Ok(None) };
+        if footer.length != 20 || !self.walk.framing.closed_at(footer.end())? {
+            return Ok(None);
+        }
+        let body = self.walk.framing.body(&footer)?;
+        let Ok(Record::Footer(footer)) = mcap::parse_record(op::FOOTER, &body) else { return Ok(None) };
+        Ok((footer.summary_start > 0 && footer.summary_start < at).then_some(footer.summary_start))
+    }
+
+    /// The record at `offset`, if one of this kind lies there.
+    fn head_at(&mut self, offset: u64, opcode: u8) -> Result<Option<Head>, ContainerError> {
+        if offset >= self.walk.framing.length() {
+            return Ok(None);
+        }
+        self.walk.framing.go_to(offset)?;
+        Ok(self.walk.framing.head()?.filter(|head| head.opcode == opcode))
+    }
+
+    /// Reads the file through.
+    fn scan(&mut self) -> Result<(), ContainerError> {
+        self.walk.go_to(mcap::MAGIC.len() as u64);
+        loop {
+            match self.walk.step() {
+                Ok(Item::Chunk(head, header)) => {
+                    self.chunks.push(ChunkAt { offset: head.offset, end: header.end });
+                }
+                Ok(Item::BadChunk(_, error @ ContainerError::Compression { .. })) => return Err(error),
+                Ok(Item::BadChunk(_, error)) => self.summary.damage.push(error.to_string()),
+                Ok(Item::Entry(entry)) => self.count(entry),
+                Ok(Item::Raw(_)) => {}
+                Ok(Item::Record(head)) => self.note(&head)?,
+                Ok(Item::End { at, closed }) => {
+                    self.summary.complete = closed;
+                    self.summary.whole_bytes = at;
+                    break;
+                }
+                Err(error @ ContainerError::Read { .. }) => return Err(error),
+                Err(error) => self.summary.damage.push(error.to_string()),
+            }
+        }
+        self.summary.chunks = self.chunks.len();
+        Ok(())
+    }
+
+    fn count(&mut self, entry: Entry) {
+        let totals = &mut self.summary.totals;
+        match entry {
+            Entry::Packet { stream, packet } => self.walk.layout.streams[stream].totals.count(&packet),
+            Entry::Status(status) => totals.status = Some(status),
+            Entry::Incident(incident) => totals.note(incident),
+            Entry::Clock { stream, fit } => drop(totals.clocks.insert(stream, fit)),
+            Entry::DecoderState(_) => {}
+        }
+    }
+
+    /// Takes note of metadata and attachments.
+    fn note(&mut self, head: &Head) -> Result<(), ContainerError> {
+        if !matches!(head.opcode, op::METADATA | op::ATTACHMENT) {
+            return Ok(());
+        }
+        let body = self.walk.framing.body(head)?;
+        let damaged = |what: String| ContainerError::Damaged { path: self.path.clone(), offset: head.offset, what };
+        let summary = &mut self.summary;
+        match mcap::parse_record(head.opcode, &body).map_err(|error| damaged(error.to_string())) {
+            Ok(Record::Metadata(record)) if record.name == SESSION_METADATA => {
+                let version = record.metadata.get("version").cloned().unwrap_or_default();
+                if version.parse::<u32>().is_ok_and(|version| version > VERSION) {
+                    return Err(ContainerError::Version { path: self.path.clone(), version, known: VERSION });
+                }
+                match SessionStart::from_metadata(&record.metadata) {
+                    Some(start) => (summary.start, summary.is_session) = (start, true),
+                    None => summary.damage.push(damaged("the start of the session is incomplete".into()).to_string()),
+                }
+            }
+            Ok(Record::Metadata(record)) if record.name == TOTALS_METADATA => {
+                match Totals::from_metadata(&record.metadata) {
+                    // What was counted while the file was read through stands.
+                    Ok(totals) if summary.totals == Totals::default() => summary.totals = totals,
+                    Ok(_) => {}
+                    Err(error) => summary.damage.push(damaged(error.to_string()).to_string()),
+                }
+            }
+            Ok(Record::Attachment { header, data, .. }) if header.name == RIG_ATTACHMENT => {
+                summary.rig = Some(String::from_utf8_lossy(&data).into_owned());
+            }
+            Ok(_) => {}
+            Err(error) => summary.damage.push(error.to_string()),
+        }
+        Ok(())
+    }
+
+    fn complete_summary(&mut self) -> Result<(), ContainerError> {
+        let summary = &mut self.summary;
+        summary.streams.clone_from(&self.walk.layout.streams);
+        summary.unknown_encodings.clone_from(&self.walk.layout.unknown_encodings);
+        for stream in &summary.streams {
+            summary.totals.streams.insert(stream.description.id.clone(), stream.totals);
+        }
+        if summary.is_session {
+            return Ok(());
+        }
+        if !self.walk.layout.is_known() {
+            let what = "it has neither the start of a session nor packets of events of ROS 2 \
+                        (event_camera_msgs/msg/EventPacket); if it is the beginning of a session, too little of it is left";
+            return Err(ContainerError::NotASession { path: self.path.clone(), what });
+        }
+        // ROS 2 stamps with the time since 1970, which serves as host time.
+        let first = summary.span_ns().map_or(0, |[first, _]| first);
+        summary.start = SessionStart { host_ns: first, epoch_ns: first, program: "ROS 2".into(), ..Default::default() };
+        Ok(())
+    }
+}
+
+/// The messages of a session. After an error about a chunk or a message it goes on behind it; after an error of reading
+/// it is over.
+pub struct Messages<'a, R> {
+    walk: &'a mut Walk<R>,
+    from_ns: i64,
+    over: bool,
+}
+
+impl<R: Read + Seek> Iterator for Messages<'_, R> {
+    type Item = Result<Entry, ContainerError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.over {
+            match self.walk.step() {
+                Ok(Item::Entry(entry)) if host_ns(&entry).is_none_or(|time| time >= self.from_ns) => {
+                    return Some(Ok(entry));
+                }
+                Ok(Item::End { .. }) => self.over = true,
+                Ok(Item::BadChunk(_, error)) => return Some(Err(error)),
+                Ok(_) => {}
+                Err(error) => {
+                    self.over = matches!(error, ContainerError::Read { .. });
+                    return Some(Err(error));
+                }
+            }
+        }
+        None
+    }
+}
+
+fn host_ns(entry: &Entry) -> Option<i64> {
+    match entry {
+        Entry::Packet { packet, .. } => Some(packet.host_ns),
+        Entry::DecoderState(state) => Some(state.host_ns),
+        Entry::Status(status) => Some(status.host_ns),
+        Entry::Incident(incident) => Some(incident.host_ns),
+        Entry::Clock { .. } => None,
+    }
+}

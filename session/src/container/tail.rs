@@ -1,0 +1,250 @@
+//! The end of a session file: the index of the last chunk, the totals, the index of the file.
+
+use std::collections::BTreeMap;
+
+use bytes::BufMut;
+use mcap::records::{Record, op};
+
+use super::{
+    chunk::{ChunkHeader, RawMessage},
+    framing::Head,
+    layout::Layout,
+    record::TOTALS_METADATA,
+    repair::Texts,
+};
+
+/// A chunk for the index.
+#[derive(Debug)]
+pub(super) struct ChunkEntry {
+    offset: u64,
+    length: u64,
+    start: u64,
+    end: u64,
+    packed: u64,
+    unpacked: u64,
+    /// Its messages, by channel: log time and offset in the chunk.
+    messages: BTreeMap<u16, Vec<(u64, u64)>>,
+    /// Where the index of each channel lies, and how long they are together.
+    indexes: BTreeMap<u16, u64>,
+    index_bytes: u64,
+}
+
+impl ChunkEntry {
+    pub fn new(offset: u64, length: u64, header: &ChunkHeader) -> Self {
+        Self {
+            offset,
+            length,
+            start: header.start,
+            end: header.end,
+            packed: header.packed,
+            unpacked: header.unpacked,
+            messages: BTreeMap::new(),
+            indexes: BTreeMap::new(),
+            index_bytes: 0,
+        }
+    }
+
+    /// Whether a channel with messages in the chunk has no index.
+    fn lacks_indexes(&self) -> bool {
+        self.messages.keys().any(|channel| !self.indexes.contains_key(channel))
+    }
+}
+
+/// What the end of a file says of it.
+#[derive(Debug, Default)]
+pub(super) struct Tail {
+    chunks: Vec<ChunkEntry>,
+    /// Totals to write, where the file has none.
+    pub totals: Option<Texts>,
+    /// Bodies of schemas and channels, by their numbers.
+    schemas: BTreeMap<u16, Vec<u8>>,
+    channels: BTreeMap<u16, Vec<u8>>,
+    /// Offset, length and name.
+    metadata: Vec<(u64, u64, String)>,
+    /// Bodies of the index records of attachments.
+    attachments: Vec<Vec<u8>>,
+    counts: BTreeMap<u16, u64>,
+    span: Option<[u64; 2]>,
+}
+
+impl Tail {
+    /// Takes note of a chunk, the messages of which follow.
+    pub fn begin(&mut self, chunk: ChunkEntry) {
+        if let Some(before) = self.chunks.last_mut() {
+            // Only the last chunk may need to have its messages indexed.
+            before.messages.clear();
+        }
+        self.chunks.push(chunk);
+    }
+
+    /// Takes note of a message of the last chunk.
+    pub fn count(&mut self, message: &RawMessage) {
+        *self.counts.entry(message.channel).or_default() += 1;
+        let [start, end] = self.span.unwrap_or([message.log_time; 2]);
+        self.span = Some([start.min(message.log_time), end.max(message.log_time)]);
+        if let Some(chunk) = self.chunks.last_mut() {
+            chunk.messages.entry(message.channel).or_default().push((message.log_time, message.offset));
+        }
+    }
+
+    /// The end of the last chunk, if its index is not complete and must be written anew.
+    pub fn unindexed_chunk_end(&self) -> Option<u64> {
+        self.chunks.last().filter(|chunk| chunk.lacks_indexes()).map(|chunk| chunk.offset + chunk.length)
+    }
+
+    /// Takes note of a record outside the chunks, which moves forward by `left_out` bytes.
+    pub fn note(&mut self, head: &Head, body: &[u8], left_out: u64) {
+        let offset = head.offset - left_out;
+        let length = head.end() - head.offset;
+        match mcap::parse_record(head.opcode, body) {
+            Ok(Record::MessageIndex(index)) => {
+                if let Some(chunk) = self.chunks.last_mut() {
+                    chunk.indexes.insert(index.channel_id, offset);
+                    chunk.index_bytes += length;
+                }
+            }
+            Ok(Record::Metadata(record)) => self.metadata.push((offset, length, record.name)),
+            Ok(Record::Attachment { header, data, .. }) => {
+                let mut body = Vec::new();
+                body.put_u64_le(offset);
+                body.put_u64_le(length);
+                body.put_u64_le(header.log_time);
+                body.put_u64_le(header.create_time);
+                body.put_u64_le(data.len() as u64);
+                put_text(&mut body, &header.name);
+                put_text(&mut body, &header.media_type);
+                self.attachments.push(body);
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes note of all schemas and channels.
+    pub fn declare(&mut self, layout: &Layout) {
+        self.schemas.clone_from(&layout.schema_records);
+        self.channels.clone_from(&layout.channel_records);
+    }
+
+    /// Whether the file has a metadata record of this name.
+    pub fn has_metadata(&self, name: &str) -> bool {
+        self.metadata.iter().any(|(_, _, found)| found == name)
+    }
+
+    /// What follows the data, which is `position` bytes long.
+    pub fn into_bytes(mut self, position: u64) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        if let Some(chunk) = self.chunks.last_mut().filter(|chunk| chunk.lacks_indexes()) {
+            (chunk.indexes, chunk.index_bytes) = (BTreeMap::new(), 0);
+            for (&channel, messages) in &chunk.messages {
+                chunk.indexes.insert(channel, position + bytes.len() as u64);
+                let mut body = Vec::new();
+                body.put_u16_le(channel);
+                body.put_u32_le(16 * messages.len() as u32);
+                for &(log_time, offset) in messages {
+                    body.put_u64_le(log_time);
+                    body.put_u64_le(offset);
+                }
+                put_record(&mut bytes, op::MESSAGE_INDEX, &body);
+            }
+            chunk.index_bytes = bytes.len() as u64;
+        }
+        if let Some(totals) = self.totals.take() {
+            let offset = position + bytes.len() as u64;
+            let mut body = Vec::new();
+            put_text(&mut body, TOTALS_METADATA);
+            put_texts(&mut body, &totals);
+            put_record(&mut bytes, op::METADATA, &body);
+            self.metadata.push((offset, position + bytes.len() as u64 - offset, TOTALS_METADATA.to_owned()));
+        }
+        // The checksum of the data section: none.
+        put_record(&mut bytes, op::DATA_END, &[0; 4]);
+        let summary_start = bytes.len();
+        self.put_summary(&mut bytes);
+        let mut footer = Vec::new();
+        footer.put_u8(op::FOOTER);
+        footer.put_u64_le(20);
+        footer.put_u64_le(position + summary_start as u64);
+        footer.put_u64_le(0);
+        let mut crc = crc32fast::Hasher::new();
+        crc.update(&bytes[summary_start..]);
+        crc.update(&footer);
+        footer.put_u32_le(crc.finalize());
+        bytes.extend_from_slice(&footer);
+        bytes.extend_from_slice(mcap::MAGIC);
+        bytes
+    }
+
+    fn put_summary(&self, bytes: &mut Vec<u8>) {
+        for body in self.schemas.values() {
+            put_record(bytes, op::SCHEMA, body);
+        }
+        for body in self.channels.values() {
+            put_record(bytes, op::CHANNEL, body);
+        }
+        put_record(bytes, op::STATISTICS, &self.statistics());
+        for chunk in &self.chunks {
+            let mut body = Vec::new();
+            for number in [chunk.start, chunk.end, chunk.offset, chunk.length] {
+                body.put_u64_le(number);
+            }
+            body.put_u32_le(10 * chunk.indexes.len() as u32);
+            for (&channel, &offset) in &chunk.indexes {
+                body.put_u16_le(channel);
+                body.put_u64_le(offset);
+            }
+            body.put_u64_le(chunk.index_bytes);
+            put_text(&mut body, "");
+            body.put_u64_le(chunk.packed);
+            body.put_u64_le(chunk.unpacked);
+            put_record(bytes, op::CHUNK_INDEX, &body);
+        }
+        for body in &self.attachments {
+            put_record(bytes, op::ATTACHMENT_INDEX, body);
+        }
+        for (offset, length, name) in &self.metadata {
+            let mut body = Vec::new();
+            body.put_u64_le(*offset);
+            body.put_u64_le(*length);
+            put_text(&mut body, name);
+            put_record(bytes, op::METADATA_INDEX, &body);
+        }
+    }
+
+    fn statistics(&self) -> Vec<u8> {
+        let mut body = Vec::new();
+        body.put_u64_le(self.counts.values().sum());
+        body.put_u16_le(self.schemas.len() as u16);
+        body.put_u32_le(self.channels.len() as u32);
+        body.put_u32_le(self.attachments.len() as u32);
+        body.put_u32_le(self.metadata.len() as u32);
+        body.put_u32_le(self.chunks.len() as u32);
+        for time in self.span.unwrap_or_default() {
+            body.put_u64_le(time);
+        }
+        body.put_u32_le(10 * self.counts.len() as u32);
+        for (&channel, &count) in &self.counts {
+            body.put_u16_le(channel);
+            body.put_u64_le(count);
+        }
+        body
+    }
+}
+
+fn put_record(bytes: &mut Vec<u8>, opcode: u8, body: &[u8]) {
+    bytes.put_u8(opcode);
+    bytes.put_u64_le(body.len() as u64);
+    bytes.extend_from_slice(body);
+}
+
+fn put_text(bytes: &mut Vec<u8>, text: &str) {
+    bytes.put_u32_le(text.len() as u32);
+    bytes.extend_from_slice(text.as_bytes());
+}
+
+fn put_texts(bytes: &mut Vec<u8>, texts: &Texts) {
+    bytes.put_u32_le(texts.iter().map(|(key, value)| (8 + key.len() + value.len()) as u32).sum());
+    for (key, value) in texts {
+        put_text(bytes, key);
+        put_text(bytes, value);
+    }
+}
