@@ -96,6 +96,8 @@ pub struct Sample {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {
     /// There is nothing to fit.
-    #[error("no samples to fit a clock to; check that the stream delivered data, and trigger edges if there is a board")]
+    #[error(
+        "no samples to fit a clock to; check that the stream delivered data, and trigger edges if there is a board"
+    )]
     NoSamples,
 }

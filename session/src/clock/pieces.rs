@@ -66,7 +66,8 @@ impl Clock {
         // Outliers are those of the windows: a drifting clock makes outliers of good samples for a single line.
         let limit = chain.residuals.max_ns;
         let mean = |clock: &Self| {
-            let kept = samples.iter().map(|sample| clock.distance_ns(sample).abs()).filter(|&distance| distance <= limit);
+            let kept =
+                samples.iter().map(|sample| clock.distance_ns(sample).abs()).filter(|&distance| distance <= limit);
             let (sum, count) = kept.fold((0.0, 0.0), |(sum, count), distance| (sum + distance, count + 1.0));
             (sum / f64::max(count, 1.0), count)
         };
@@ -76,7 +77,11 @@ impl Clock {
             return Ok(line);
         }
         chain.residuals = Residuals::of(
-            samples.iter().map(|sample| chain.distance_ns(sample).abs()).filter(|&distance| distance <= limit).collect(),
+            samples
+                .iter()
+                .map(|sample| chain.distance_ns(sample).abs())
+                .filter(|&distance| distance <= limit)
+                .collect(),
         );
         Ok(chain)
     }

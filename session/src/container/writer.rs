@@ -57,8 +57,8 @@ pub struct StreamId(usize);
 struct Stream {
     id: String,
     channel: u16,
-    clock: Option<u16>,
-    state: Option<u16>,
+    clock: u16,
+    state: u16,
     totals: StreamTotals,
 }
 
@@ -205,17 +205,17 @@ impl<W: Write> SessionWriter<W> {
             return Err(ContainerError::DuplicateStream { path: path(), id: id.clone() });
         }
         let metadata = BTreeMap::from([(DESCRIPTION_KEY.to_owned(), json_text(description))]);
-        let channel = self
-            .writer
-            .add_channel(self.packet_schema, &topic(id, description.encoding), "cdr", &metadata)
-            .map_err(|error| self.failed(error))?;
-        self.streams.push(Stream {
-            id: id.clone(),
-            channel,
-            clock: None,
-            state: None,
-            totals: StreamTotals::default(),
-        });
+        let plain = BTreeMap::new();
+        let mut add =
+            |schema, topic: &str, encoding, metadata| self.writer.add_channel(schema, topic, encoding, metadata);
+        let channels =
+            add(self.packet_schema, &topic(id, description.encoding), "cdr", &metadata).and_then(|channel| {
+                let clock = add(self.clock_schema, &clock_topic(id), "json", &plain)?;
+                Ok((channel, clock, add(self.state_schema, &state_topic(id), "json", &plain)?))
+            });
+        let (channel, clock, state) = channels.map_err(|error| self.failed(error))?;
+        self.streams.push(Stream { id: id.clone(), channel, clock, state, totals: StreamTotals::default() });
+        self.flush()?;
         Ok(StreamId(self.streams.len() - 1))
     }
 
@@ -276,11 +276,9 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn clock(&mut self, stream: StreamId, host_ns: i64, fit: &ClockFit) -> Result<(), ContainerError> {
-        let entry = &mut self.streams[stream.0];
+        let entry = &self.streams[stream.0];
         self.totals.clocks.insert(entry.id.clone(), fit.clone());
-        let (schema, topic) = (self.clock_schema, clock_topic(&entry.id));
-        let channel = Self::extra_channel(&mut self.writer, &mut entry.clock, schema, &topic);
-        let channel = channel.map_err(|error| self.failed(error))?;
+        let channel = entry.clock;
         self.message(channel, 0, host_ns, host_ns, json_text(fit).as_bytes())
     }
 
@@ -296,25 +294,10 @@ impl<W: Write> SessionWriter<W> {
         sequence: u64,
         state: [u8; 16],
     ) -> Result<(), ContainerError> {
-        let entry = &mut self.streams[stream.0];
-        let (schema, topic) = (self.state_schema, state_topic(&entry.id));
-        let channel = Self::extra_channel(&mut self.writer, &mut entry.state, schema, &topic);
-        let channel = channel.map_err(|error| self.failed(error))?;
-        let state = DecoderState { stream: self.streams[stream.0].id.clone(), host_ns, sequence, state };
+        let entry = &self.streams[stream.0];
+        let channel = entry.state;
+        let state = DecoderState { stream: entry.id.clone(), host_ns, sequence, state };
         self.message(channel, sequence as u32, host_ns, host_ns, json_text(&state).as_bytes())
-    }
-
-    /// The channel in `slot`, which is added if there is none.
-    fn extra_channel(
-        writer: &mut mcap::Writer<NoSeek<Counted<W>>>,
-        slot: &mut Option<u16>,
-        schema: u16,
-        topic: &str,
-    ) -> mcap::McapResult<u16> {
-        match *slot {
-            Some(channel) => Ok(channel),
-            None => Ok(*slot.insert(writer.add_channel(schema, topic, "json", &BTreeMap::new())?)),
-        }
     }
 
     /// Closes the chunk if it is old enough. To be called at least a few times a second, also when nothing arrives.
