@@ -1,0 +1,100 @@
+//! A decoder of any format, chosen at run time.
+
+use super::{
+    Anomalies, Decoder, SensorSize, Sink,
+    aedat2::Aedat2Decoder,
+    csv::CsvDecoder,
+    dat::DatDecoder,
+    evt::{Evt2Decoder, Evt3Decoder, Evt21Decoder, WordOrder},
+};
+use crate::source::Encoding;
+
+/// A decoder of any of the formats that come as a stream of bytes.
+#[derive(Clone, Debug)]
+pub enum StreamDecoder {
+    /// EVT 2.0.
+    Evt2(Evt2Decoder),
+    /// EVT 2.1.
+    Evt21(Evt21Decoder),
+    /// EVT 3.0.
+    Evt3(Evt3Decoder),
+    /// DAT.
+    Dat(DatDecoder),
+    /// AEDAT 2.
+    Aedat2(Aedat2Decoder),
+    /// CSV.
+    Csv(CsvDecoder),
+}
+
+impl StreamDecoder {
+    /// A decoder at the start of a device's stream; `None` if the stream is not one of events.
+    #[must_use]
+    pub fn new(encoding: Encoding, size: Option<SensorSize>) -> Option<Self> {
+        match encoding {
+            Encoding::Evt2 => Some(Self::Evt2(Evt2Decoder::new(size))),
+            Encoding::Evt21 => Some(Self::Evt21(Evt21Decoder::new(WordOrder::Little, size))),
+            Encoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::new(WordOrder::Legacy, size))),
+            Encoding::Evt3 => Some(Self::Evt3(Evt3Decoder::new(size))),
+            _ => None,
+        }
+    }
+
+    /// A decoder that goes on where another one of the same encoding gave its `state`.
+    #[must_use]
+    pub fn from_state(encoding: Encoding, state: [u8; 16], size: Option<SensorSize>) -> Option<Self> {
+        match encoding {
+            Encoding::Evt2 => Some(Self::Evt2(Evt2Decoder::from_state(state, size))),
+            Encoding::Evt21 => Some(Self::Evt21(Evt21Decoder::from_state(state, WordOrder::Little, size))),
+            Encoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::from_state(state, WordOrder::Legacy, size))),
+            Encoding::Evt3 => Some(Self::Evt3(Evt3Decoder::from_state(state, size))),
+            _ => None,
+        }
+    }
+
+    /// What the decoder remembers at this point; `None` for formats of files that devices do not send.
+    #[must_use]
+    pub fn state(&self) -> Option<[u8; 16]> {
+        match self {
+            Self::Evt2(decoder) => Some(decoder.state()),
+            Self::Evt21(decoder) => Some(decoder.state()),
+            Self::Evt3(decoder) => Some(decoder.state()),
+            Self::Dat(_) | Self::Aedat2(_) | Self::Csv(_) => None,
+        }
+    }
+}
+
+/// Calls the same method of whichever decoder it is.
+macro_rules! each {
+    ($self:expr, $decoder:ident => $call:expr) => {
+        match $self {
+            StreamDecoder::Evt2($decoder) => $call,
+            StreamDecoder::Evt21($decoder) => $call,
+            StreamDecoder::Evt3($decoder) => $call,
+            StreamDecoder::Dat($decoder) => $call,
+            StreamDecoder::Aedat2($decoder) => $call,
+            StreamDecoder::Csv($decoder) => $call,
+        }
+    };
+}
+
+impl Decoder for StreamDecoder {
+    fn decode(&mut self, bytes: &[u8], sink: &mut impl Sink) {
+        each!(self, decoder => decoder.decode(bytes, sink));
+    }
+
+    fn finish(&mut self, sink: &mut impl Sink) {
+        each!(self, decoder => decoder.finish(sink));
+    }
+
+    fn restart(&mut self) {
+        each!(self, decoder => decoder.restart());
+    }
+
+    fn hint_host_us(&mut self, host_us: u64) {
+        each!(self, decoder => decoder.hint_host_us(host_us));
+    }
+
+    fn anomalies(&self) -> Anomalies {
+        each!(self, decoder => decoder.anomalies())
+    }
+}

@@ -1,0 +1,21 @@
+//! Codecs against files that other programs wrote, and against themselves.
+
+mod goldens;
+mod reference;
+mod roundtrip;
+mod splits;
+
+use erfgs_session::codec::{Anomalies, Columns, Decoder};
+
+/// Decodes `bytes` in pieces that end at `cuts`.
+fn decode(mut decoder: impl Decoder, bytes: &[u8], cuts: &[usize]) -> (Columns, Anomalies) {
+    let mut columns = Columns::default();
+    let mut from = 0;
+    for &to in cuts {
+        decoder.decode(&bytes[from..to], &mut columns);
+        from = to;
+    }
+    decoder.decode(&bytes[from..], &mut columns);
+    decoder.finish(&mut columns);
+    (columns, decoder.anomalies())
+}

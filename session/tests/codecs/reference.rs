@@ -1,0 +1,51 @@
+//! Real recordings: the digests of every field are those that faery's tests give.
+
+use std::path::PathBuf;
+
+use erfgs_session::codec::{Digests, EventFile, SensorSize};
+
+/// A file of the shared recordings; `None`, said aloud, where they are not at hand.
+fn shared(file: &str) -> Option<PathBuf> {
+    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
+    let shared = std::env::var_os("ERFGS_SHARED").map_or_else(|| PathBuf::from(beside), PathBuf::from);
+    let path = shared.join("data/events_faery").join(file);
+    if !path.is_file() {
+        eprintln!("no {}: nothing to compare with", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+fn check(file: &str, format: &str, size: SensorSize, events: u64) {
+    let (Some(path), Some(references)) = (shared(file), shared("reference_digests.json")) else { return };
+    let references: serde_json::Value = serde_json::from_slice(&std::fs::read(references).unwrap()).unwrap();
+    let expected = references[file]["sha3_224_of_field"].as_object().unwrap();
+    let recording = EventFile::open(&path).unwrap();
+    assert_eq!((recording.format.name(), recording.size), (format, Some(size)));
+    let mut digests = Digests::new();
+    let anomalies = recording.decode(&mut digests).unwrap();
+    assert!(anomalies.is_empty(), "{anomalies:?}");
+    assert_eq!(digests.events, events);
+    let found = digests.finish();
+    for (field, digest) in expected {
+        let found = found.iter().find(|(name, _)| name == field).map(|(_, digest)| digest.as_str());
+        assert_eq!(found, digest.as_str(), "{file}, {field}");
+    }
+}
+
+const HD: SensorSize = SensorSize { width: 1280, height: 720 };
+
+#[test]
+fn an_evk4_recording_decodes_as_in_faery() {
+    check("evt3.raw", "evt3", HD, 1_218_618);
+}
+
+#[test]
+fn a_generation_3_recording_decodes_as_in_faery_and_its_size_follows_from_the_system() {
+    check("evt2.raw", "evt2", SensorSize { width: 640, height: 480 }, 521_252);
+}
+
+#[test]
+fn a_dat_file_decodes_as_in_faery() {
+    check("gen4.dat", "dat2", HD, 1_218_618);
+}
