@@ -13,7 +13,7 @@ use super::{
     EventError, StreamConfig,
     stream::{Feed, Signal},
 };
-use crate::usb::{Budget, Bus, Fault, Identity, Stream, Transport};
+use crate::usb::{Budget, Bus, Fault, Flight, Identity, Stream, Transport, drain, memory_advice};
 
 /// A model of event camera. One value is one camera while it is plugged in; dropping it gives the device free.
 pub trait Driver: Send + Sized + 'static {
@@ -189,14 +189,23 @@ impl<D: Driver> EventSource<D> {
     }
 }
 
-/// Puts transfers in flight and lets the camera send.
+/// Drops what the camera still holds from an earlier run, which would come first and with times of another clock; then
+/// puts transfers in flight and lets the camera send.
 fn begin<D: Driver>(
     driver: &mut D,
-    flight: crate::usb::Flight,
+    flight: Flight,
     feed: &Arc<Feed>,
     outlet: &Arc<dyn Outlet>,
     signals: &mpsc::Sender<Signal>,
 ) -> Result<Box<dyn Stream>, EventError> {
+    let (transport, endpoint) = (driver.transport().as_ref(), driver.endpoint());
+    drain(transport, endpoint, Duration::from_millis(50), Duration::from_secs(2))
+        .and_then(|_| transport.clear_halt(endpoint))
+        .map_err(|source| EventError::Transport {
+            camera: driver.name().into(),
+            step: "drop old data".into(),
+            source,
+        })?;
     let stream = resume(driver, flight, feed, outlet, signals)?;
     driver.run()?;
     Ok(stream)
@@ -205,7 +214,7 @@ fn begin<D: Driver>(
 /// Puts transfers in flight for a camera that sends already.
 fn resume<D: Driver>(
     driver: &D,
-    flight: crate::usb::Flight,
+    flight: Flight,
     feed: &Arc<Feed>,
     outlet: &Arc<dyn Outlet>,
     signals: &mpsc::Sender<Signal>,
@@ -221,7 +230,7 @@ fn resume<D: Driver>(
                 driver.name(),
                 stream.granted(),
                 flight.transfers,
-                crate::usb::memory_advice()
+                memory_advice()
             ),
         });
     }
@@ -233,7 +242,7 @@ struct Supervisor<D: Driver> {
     link: Arc<Link<D>>,
     feed: Arc<Feed>,
     outlet: Arc<dyn Outlet>,
-    flight: crate::usb::Flight,
+    flight: Flight,
     signals: mpsc::Sender<Signal>,
     inbox: mpsc::Receiver<Signal>,
     stream: Option<Box<dyn Stream>>,
@@ -386,7 +395,7 @@ impl<D: Driver> Source for EventSource<D> {
                     driver.name(),
                     flight.transfers,
                     wanted.transfers,
-                    crate::usb::memory_advice()
+                    memory_advice()
                 ),
             });
         }

@@ -19,7 +19,7 @@ use self::{
     spi::{Parameter, Spi},
 };
 use super::{Driver, EventError, StreamConfig};
-use crate::usb::{Identity, Transport, drain};
+use crate::usb::{Identity, Transport};
 
 const MODEL: &str = "iniVation DAVIS346";
 /// Columns of the sensor.
@@ -263,19 +263,6 @@ impl Davis346 {
     pub fn reset_timestamps(&mut self) -> Result<(), EventError> {
         self.spi.write_together(&[(spi::MUX_TIMESTAMP_RESET, 1), (spi::MUX_TIMESTAMP_RESET, 0)])
     }
-
-    fn clear(&self) -> Result<(), EventError> {
-        let transport = self.spi.transport.as_ref();
-        transport
-            .clear_halt(DATA)
-            .and_then(|()| drain(transport, DATA, Duration::from_millis(50), Duration::from_secs(2)))
-            .map(|_| ())
-            .map_err(|source| EventError::Transport {
-                camera: self.spi.name.clone(),
-                step: "drop old data".into(),
-                source,
-            })
-    }
 }
 
 impl Driver for Davis346 {
@@ -364,7 +351,6 @@ impl Driver for Davis346 {
         self.lost = 0;
         self.stop_all()?;
         self.spi.transport.wait(Duration::from_millis(100));
-        self.clear()?;
         let biases = bias::write(&self.spi, &config.biases)?;
         self.spi.write_each(&CHIP)?;
         self.spi.transport.wait(Duration::from_millis(10));

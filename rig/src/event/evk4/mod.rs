@@ -26,7 +26,7 @@ pub(super) use identify::{Found, is_candidate};
 
 use self::{board::Board, sequence::play};
 use super::{Driver, EventError, StreamConfig};
-use crate::usb::{Identity, Transport, drain};
+use crate::usb::{Identity, Transport};
 
 pub(super) const MODEL: &str = "Prophesee EVK4";
 /// Columns of the sensor.
@@ -198,15 +198,7 @@ impl Driver for Evk4 {
         self.write_sync()?;
         let biases = bias::write(&self.board, &trim, &config.biases)?;
         self.settings = self.read_settings(biases)?;
-        // What the camera still holds from an earlier run would come first, with times of another clock.
-        let transport = self.board.transport.as_ref();
-        drain(transport, self.endpoint(), Duration::from_millis(50), Duration::from_secs(2))
-            .and_then(|_| transport.clear_halt(self.endpoint()))
-            .map_err(|source| EventError::Transport {
-                camera: self.board.name.clone(),
-                step: "drop old data".into(),
-                source,
-            })
+        Ok(())
     }
 
     fn settings(&self) -> &Map<String, Value> {
