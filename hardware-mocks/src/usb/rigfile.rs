@@ -1,0 +1,315 @@
+//! A rig of emulated devices, described in TOML.
+//!
+//! ```toml
+//! [trigger]                    # optional: a train of pulses on the trigger line
+//! period_us = 33333
+//! high_us = 5000
+//!
+//! [[device]]
+//! name = "left"
+//! kind = "evk4"
+//! serial = "00051234"
+//! rate_hz = 100000             # the pattern; or: raw = "file.raw", or: stage = true
+//! sync = "chain"               # devices that name the same wire share a clock if their driver asks for it
+//! latency_ms = 20              # holds data back until edges of a board in another process have arrived
+//!
+//! [device.faults]
+//! jitter_mean_us = 200
+//! clock = { offset_ppm = 50, drift_ppm_per_min = 1 }
+//! schedule = [ { at_ms = 5000, kind = "unplug", for_ms = 2000 } ]
+//! ```
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use serde::Deserialize;
+use thiserror::Error;
+
+use super::{
+    Davis346, Davis346Options, Evk4, Evk4Options, Faults, Plug, SharedCounts, Speed, TriggerLine, UsbDevice, Uvc,
+    UvcOptions,
+    clock::SyncWire,
+    evk4::Stimulus,
+    front::{monotonic_ns, usbip::Device},
+    line::PulseTrain,
+    scene::{EventScene, FrameScene, Pattern, PatternFrames, RecordedWords, RecordingError, StageEvents, StageFrames},
+    uvc::Format,
+};
+use crate::stage::{EventOptions, RigOptions, Stage, StageError, StageOptions, View};
+
+/// Why a rig cannot be built.
+#[derive(Debug, Error)]
+pub enum RigError {
+    /// The file cannot be read.
+    #[error("cannot read the rig {path}: {source}; check the path")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is not a description of a rig.
+    #[error("{path} is no description of a rig: {source}")]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        source: Box<toml::de::Error>,
+    },
+    /// A device's serial number is not one that it can have.
+    #[error("device {name}: the serial number {serial:?} is not of up to 8 hexadecimal digits; correct it")]
+    Serial {
+        /// The device.
+        name: String,
+        /// Its serial number.
+        serial: String,
+    },
+    /// Two devices have one name.
+    #[error("two devices are named {name}; give each its own name")]
+    Twice {
+        /// The name.
+        name: String,
+    },
+    /// A recording cannot be played.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The stage cannot be filmed.
+    #[error(transparent)]
+    Stage(#[from] StageError),
+}
+
+/// The file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigFile {
+    /// The pulses on the trigger line, if something else does not push them.
+    pub trigger: Option<TrainFile>,
+    /// The devices.
+    #[serde(default, rename = "device")]
+    pub devices: Vec<DeviceFile>,
+}
+
+/// A train of pulses.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainFile {
+    /// From one pulse to the next, microseconds.
+    pub period_us: i64,
+    /// How long the level is high, microseconds.
+    pub high_us: i64,
+}
+
+/// What a device is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// A Prophesee EVK4.
+    Evk4,
+    /// An iniVation DAVIS346.
+    Davis346,
+    /// A UVC camera.
+    Uvc,
+}
+
+/// A device.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeviceFile {
+    /// Its name among the emulated devices.
+    pub name: String,
+    /// What it is.
+    pub kind: Kind,
+    /// Serial number; for an EVK4 up to 8 hexadecimal digits.
+    pub serial: String,
+    /// Events a second of the pattern.
+    #[serde(default = "default_rate")]
+    pub rate_hz: u64,
+    /// A file of EVT3 words to play instead (EVK4).
+    pub raw: Option<PathBuf>,
+    /// Whether it films the stage instead.
+    #[serde(default)]
+    pub stage: bool,
+    /// The wire of clocks that it is on.
+    pub sync: Option<String>,
+    /// Whether its clock input is connected (DAVIS346).
+    #[serde(default)]
+    pub slave: bool,
+    /// Whether the trigger line makes it take frames (UVC).
+    #[serde(default)]
+    pub triggered: bool,
+    /// Formats (UVC).
+    #[serde(default)]
+    pub formats: Vec<Format>,
+    /// Sizes (UVC), the default first.
+    #[serde(default)]
+    pub sizes: Vec<(u32, u32)>,
+    /// Frame rates (UVC), hertz, the default first.
+    #[serde(default)]
+    pub rates_hz: Vec<f64>,
+    /// How long data is held back, milliseconds.
+    #[serde(default)]
+    pub latency_ms: i64,
+    /// What goes wrong.
+    #[serde(default)]
+    pub faults: Faults,
+}
+
+fn default_rate() -> u64 {
+    100_000
+}
+
+/// A device, ready to be served.
+pub struct BuiltDevice {
+    /// Its name.
+    pub name: String,
+    /// The device.
+    pub device: Device,
+    /// What it counts.
+    pub counts: SharedCounts,
+}
+
+/// A rig of devices that share wires.
+pub struct BuiltRig {
+    /// The devices, in the order of the file.
+    pub devices: Vec<BuiltDevice>,
+    /// The line to the trigger inputs of the event sensors.
+    pub events_line: TriggerLine,
+    /// The line to the triggers of the frame cameras.
+    pub frames_line: TriggerLine,
+}
+
+impl RigFile {
+    /// Reads a description.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is not a description of a rig.
+    pub fn open(path: &Path) -> Result<Self, RigError> {
+        let text = fs::read_to_string(path).map_err(|source| RigError::Read { path: path.to_owned(), source })?;
+        toml::from_str(&text).map_err(|source| RigError::Parse { path: path.to_owned(), source: Box::new(source) })
+    }
+
+    /// Builds the devices.
+    ///
+    /// # Errors
+    /// If a serial number is not one, a name is there twice, or a recording or the stage cannot be had.
+    pub fn build(&self) -> Result<BuiltRig, RigError> {
+        let line = || match self.trigger {
+            Some(train) => TriggerLine::train(PulseTrain {
+                first_ns: monotonic_ns(),
+                period_ns: train.period_us.max(1) * 1000,
+                high_ns: train.high_us.max(1) * 1000,
+            }),
+            None => TriggerLine::new(),
+        };
+        let (events_line, frames_line) = (line(), line());
+        let mut wires: BTreeMap<&str, SyncWire> = BTreeMap::new();
+        let mut devices: Vec<BuiltDevice> = Vec::new();
+        for (number, file) in self.devices.iter().enumerate() {
+            if devices.iter().any(|device| device.name == file.name) {
+                return Err(RigError::Twice { name: file.name.clone() });
+            }
+            let sync = file.sync.as_deref().map(|name| wires.entry(name).or_default().clone()).unwrap_or_default();
+            let (device, counts) = match file.kind {
+                Kind::Evk4 => file.evk4(number, sync, events_line.clone())?,
+                Kind::Davis346 => file.davis346(number, sync, events_line.clone())?,
+                Kind::Uvc => file.uvc(number, frames_line.clone())?,
+            };
+            devices.push(BuiltDevice { name: file.name.clone(), device: Plug::new(device, &file.faults), counts });
+        }
+        Ok(BuiltRig { devices, events_line, frames_line })
+    }
+}
+
+/// A device and what it counts.
+type Built = (Box<dyn UsbDevice>, SharedCounts);
+
+impl DeviceFile {
+    fn evk4(&self, number: usize, sync: SyncWire, trigger: TriggerLine) -> Result<Built, RigError> {
+        let serial = u32::from_str_radix(&self.serial, 16)
+            .map_err(|_| RigError::Serial { name: self.name.clone(), serial: self.serial.clone() })?;
+        let options = Evk4Options {
+            serial,
+            sync,
+            trigger,
+            latency_ns: self.latency_ms * 1_000_000,
+            faults: self.faults.clone(),
+            ..Evk4Options::default()
+        };
+        let stimulus = match &self.raw {
+            Some(path) => Stimulus::Words(RecordedWords::open(path)?),
+            None => Stimulus::Scene(self.events(number, 1280, 720)?),
+        };
+        let device = Evk4::new(options, stimulus);
+        let counts = device.counts();
+        Ok((Box::new(device), counts))
+    }
+
+    fn davis346(&self, number: usize, sync: SyncWire, trigger: TriggerLine) -> Result<Built, RigError> {
+        let options = Davis346Options {
+            serial: self.serial.clone(),
+            master: !self.slave,
+            sync,
+            trigger,
+            latency_ns: self.latency_ms * 1_000_000,
+            faults: self.faults.clone(),
+            ..Davis346Options::default()
+        };
+        let device = Davis346::new(options, self.events(number, 346, 260)?, self.frames(number, 346, 260)?);
+        let counts = device.counts();
+        Ok((Box::new(device), counts))
+    }
+
+    fn uvc(&self, number: usize, trigger: TriggerLine) -> Result<Built, RigError> {
+        let or = |given: &[Format], default: Vec<Format>| if given.is_empty() { default } else { given.to_vec() };
+        let default = UvcOptions::default();
+        let sizes = if self.sizes.is_empty() { default.sizes.clone() } else { self.sizes.clone() };
+        let [width, height] = [sizes[0].0, sizes[0].1];
+        let options = UvcOptions {
+            name: format!("Emulated camera {}", self.name),
+            serial: self.serial.clone(),
+            speed: Speed::High,
+            formats: or(&self.formats, default.formats.clone()),
+            sizes,
+            rates_hz: if self.rates_hz.is_empty() { default.rates_hz.clone() } else { self.rates_hz.clone() },
+            trigger: self.triggered.then_some(trigger),
+            faults: self.faults.clone(),
+            ..default
+        };
+        let device = Uvc::new(options, self.frames(number, width, height)?);
+        let counts = device.counts();
+        Ok((Box::new(device), counts))
+    }
+
+    fn events(&self, number: usize, width: u16, height: u16) -> Result<Box<dyn EventScene>, RigError> {
+        if !self.stage {
+            return Ok(Box::new(Pattern::new(width, height, self.rate_hz)));
+        }
+        let rig = RigOptions {
+            width: width.into(),
+            height: height.into(),
+            rgb: 0,
+            event: number + 1,
+            test: 0,
+            ..RigOptions::default()
+        };
+        let camera = rig.cameras(1)?.swap_remove(number);
+        let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
+        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        let take = StageEvents::record(&view, 500_000, &EventOptions::default(), number as u64)?;
+        Ok(Box::new(take))
+    }
+
+    fn frames(&self, number: usize, width: u32, height: u32) -> Result<Box<dyn FrameScene>, RigError> {
+        if !self.stage {
+            return Ok(Box::new(PatternFrames::new()));
+        }
+        let rig = RigOptions { width, height, rgb: number + 1, event: 0, test: 0, ..RigOptions::default() };
+        let camera = rig.cameras(1)?.swap_remove(number);
+        let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
+        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        Ok(Box::new(StageFrames::film(&view, 15, 33_333_333, 5_000_000)))
+    }
+}

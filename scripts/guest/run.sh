@@ -1,0 +1,41 @@
+#!/usr/bin/env bash
+# Boots a Debian kernel in QEMU (instruction emulation, never KVM), runs a job as root inside, and exits with the job's
+# exit code. The guest sees this machine's files read-only; what it writes is lost. usage: scripts/guest/run.sh JOB [ARGUMENT...]
+#   JOB             a script in scripts/guest/jobs, by name without .sh, or a path
+#   GUEST_SECONDS   kill the guest after this time (default 240)
+#   GUEST_MEMORY    megabytes (default 2048)
+#   GUEST_CPUS      virtual processors (default 1: with instruction emulation, more are slower to boot)
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+[ $# -ge 1 ] || { sed -n '2,7p' "$0" | cut -c3-; exit 2; }
+
+job=$1; shift
+[ -e "$job" ] || job=scripts/guest/jobs/$job.sh
+[ -e "$job" ] || { echo "run.sh: there is no job $job" >&2; exit 2; }
+job=$(realpath "$job")
+for tool in qemu-system-x86_64 busybox cpio depmod python3; do
+  command -v $tool >/dev/null || { echo "run.sh: $tool is missing: run scripts/setup.sh --guest" >&2; exit 1; }
+done
+
+boot=$PWD/target/guest
+scripts/guest/kernel.sh "$boot"
+
+# The job's arguments travel in a file: a kernel's command line has no quoting.
+arguments=$(mktemp -d "$boot/job.XXXXXX"); trap 'rm -rf "$arguments"' EXIT
+printf '%q ' bash "$job" "$@" >"$arguments/job"
+set +e
+timeout -s KILL "${GUEST_SECONDS:-240}" qemu-system-x86_64 \
+  -M q35 -accel tcg,thread=multi -cpu max -m "${GUEST_MEMORY:-2048}" -smp "${GUEST_CPUS:-1}" \
+  -nodefaults -no-user-config -display none -no-reboot -serial stdio \
+  -kernel "$boot/vmlinux" -initrd "$boot/initrd.img" \
+  -append "console=ttyS0 quiet panic=-1 mitigations=off erfgs_root=$PWD erfgs_job=$arguments/job" \
+  -virtfs local,path=/,mount_tag=hostroot,security_model=none,readonly=on,multidevs=remap \
+  -device isa-debug-exit,iobase=0xf4,iosize=4 </dev/null
+code=$?
+set -e
+case $code in
+  137) echo "run.sh: the guest was killed after ${GUEST_SECONDS:-240} s" >&2; exit 124 ;;
+  # isa-debug-exit: twice the value that the guest wrote, plus one.
+  0) echo "run.sh: the guest ended without saying how the job went" >&2; exit 125 ;;
+  *) exit $(((code - 1) / 2)) ;;
+esac
