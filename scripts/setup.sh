@@ -1,14 +1,16 @@
 #!/usr/bin/env bash
 # Installs what erfgs needs on Debian 12 and what is missing only: a Vulkan driver that computes correctly without a
-# GPU, COLMAP, ffmpeg, libusb and, with --oracles, the Python environment that the cross-checks run in. Safe to run again.
+# GPU, COLMAP, ffmpeg, libusb; with --oracles, the Python environment that the cross-checks run in; with --emulation, what
+# the emulated cameras are plugged into (QEMU, umockdev). Safe to run again.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-oracles=no
+oracles=no emulation=no
 for argument in "$@"; do
   case "$argument" in
     --oracles) oracles=yes ;;
-    -h|--help) sed -n '2,3p' "$0"; echo "usage: scripts/setup.sh [--oracles]"; exit 0 ;;
+    --emulation) emulation=yes ;;
+    -h|--help) sed -n '2,4p' "$0"; echo "usage: scripts/setup.sh [--oracles] [--emulation]"; exit 0 ;;
     *) echo "setup.sh: unknown option $argument (see --help)" >&2; exit 2 ;;
   esac
 done
@@ -66,5 +68,15 @@ if [ "$oracles" = yes ]; then
     python3 -m venv "$venv"
     "$venv/bin/pip" install --quiet --disable-pip-version-check -r tests/oracles/requirements.txt
     cp tests/oracles/requirements.txt "$stamp"
+  fi
+fi
+
+if [ "$emulation" = yes ]; then
+  install busybox-static cpio kmod python3 umockdev libumockdev-dev libudev-dev v4l-utils
+  if ! have qemu-system-x86; then
+    update_once
+    qemu() { as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" qemu-system-x86; }
+    # Parts of a newer QEMU from backports, where they are installed already, shut out the stable one.
+    qemu 2>/dev/null || qemu -t "$(. /etc/os-release; echo "$VERSION_CODENAME")-backports"
   fi
 fi

@@ -3,7 +3,11 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scripts/setup.sh --oracles
+scripts/setup.sh --oracles --emulation
 . scripts/driver.sh
-if [ $# -eq 0 ]; then set -- --workspace; fi
-cargo test --locked "$@"
+if [ $# -gt 0 ]; then
+  cargo test --locked "$@"
+else
+  cargo test --locked --workspace
+  scripts/emulation.sh
+fi

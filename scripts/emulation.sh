@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Runs the checks that plug emulated cameras in: on this machine through umockdev, and in a QEMU guest with Debian's
+# kernel. usage: scripts/emulation.sh [host] [CHECK...]   (all by default; CHECK: a job of scripts/guest/jobs)
+set -euo pipefail
+cd "$(dirname "$0")/.."
+[ $# -gt 0 ] || set -- host independent uvc
+[ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
+
+say() { printf '\n== %s\n' "$*"; }
+say "building the emulated cameras, and the drivers of others that open them"
+cargo build --locked -p erfgs-hardware-mocks --bin erfgs-usbd
+CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
+
+# The emulated cameras on this machine, without a kernel module.
+host() {
+  mkdir -p target/umockdev
+  gcc -O2 -Wall -Wextra -Werror -o target/umockdev/bridge hardware-mocks/umockdev/bridge.c $(pkg-config --cflags --libs umockdev-1.0)
+  local folder commands code=0
+  folder=$(mktemp -d)
+  mkfifo "$folder/commands"
+  target/debug/erfgs-usbd tests/guest/cameras.toml --sockets "$folder" --ledger "$folder/ledger.json" <"$folder/commands" &
+  local daemon=$!
+  exec 3>"$folder/commands"
+  until [ "$(ls "$folder"/*.sock 2>/dev/null | wc -l)" = 2 ]; do
+    kill -0 $daemon || return 1
+    sleep 0.05
+  done
+  for camera in "evk4 00051234 100000 2" "davis346 00000336 50000 2"; do
+    timeout 60 umockdev-wrapper target/umockdev/bridge "$folder" target/independent/release/independent $camera || code=1
+  done
+  echo quit >&3
+  exec 3>&-
+  wait $daemon || code=1
+  rm -rf "$folder"
+  return $code
+}
+
+for check in "$@"; do
+  say "$check"
+  started=$SECONDS
+  if [ "$check" = host ]; then host; else scripts/guest/run.sh "$check"; fi
+  echo "$check: passed after $((SECONDS - started)) s"
+done
