@@ -168,7 +168,10 @@ extern "system" fn arrived(transfer: *mut ffi::libusb_transfer) {
         if code == 0 {
             return;
         }
-        shared.fail(Fault::of_code(code, &shared.identity));
+        // Another program took the memory that this transfer had: go on with those that are left.
+        if code != c::LIBUSB_ERROR_NO_MEM || shared.in_flight.load(Ordering::Acquire) <= 1 {
+            shared.fail(Fault::of_code(code, &shared.identity));
+        }
     }
     shared.in_flight.fetch_sub(1, Ordering::AcqRel);
 }

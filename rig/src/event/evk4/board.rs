@@ -205,3 +205,144 @@ impl Board {
         Ok(values.last() == Some(&self.read(address + 4 * last)?))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    use super::*;
+    use crate::usb::{Control, Endpoint, Flight, Identity, Receiver, Speed, Stream, TransportError};
+
+    /// A device that answers as it was told to, whatever it is asked.
+    struct Scripted {
+        identity: Identity,
+        answers: Mutex<VecDeque<Result<Vec<u8>, Fault>>>,
+        /// What was done: a request frame, or the endpoint whose halt was ended.
+        done: Mutex<Vec<Vec<u8>>>,
+    }
+
+    impl Scripted {
+        fn error<T>(&self, fault: Fault) -> Result<T, TransportError> {
+            Err(TransportError::new(&self.identity, "scripted", fault))
+        }
+    }
+
+    impl Transport for Scripted {
+        fn identity(&self) -> &Identity {
+            &self.identity
+        }
+        fn serial(&self) -> Option<&str> {
+            None
+        }
+        fn interfaces(&self) -> &[Interface] {
+            &[]
+        }
+        fn claim(&self, _: u8, _: bool) -> Result<(), TransportError> {
+            Ok(())
+        }
+        fn control_read(&self, _: Control, _: &mut [u8], _: Duration) -> Result<usize, TransportError> {
+            self.error(Fault::Stall)
+        }
+        fn control_write(&self, _: Control, _: &[u8], _: Duration) -> Result<usize, TransportError> {
+            self.error(Fault::Stall)
+        }
+        fn bulk_read(&self, _: u8, into: &mut [u8], _: Duration) -> Result<usize, TransportError> {
+            match self.answers.lock().unwrap().pop_front() {
+                Some(Ok(bytes)) => {
+                    into[..bytes.len()].copy_from_slice(&bytes);
+                    Ok(bytes.len())
+                }
+                Some(Err(fault)) => self.error(fault),
+                None => self.error(Fault::Timeout),
+            }
+        }
+        fn bulk_write(&self, _: u8, from: &[u8], _: Duration) -> Result<usize, TransportError> {
+            self.done.lock().unwrap().push(from.to_vec());
+            Ok(from.len())
+        }
+        fn clear_halt(&self, endpoint: u8) -> Result<(), TransportError> {
+            self.done.lock().unwrap().push(vec![endpoint]);
+            Ok(())
+        }
+        fn stream(&self, _: u8, _: Flight, _: Receiver) -> Result<Box<dyn Stream>, TransportError> {
+            self.error(Fault::Stall)
+        }
+    }
+
+    fn board(answers: Vec<Result<Vec<u8>, Fault>>) -> (Board, Arc<Scripted>) {
+        let identity = Identity {
+            vendor: 0x04B4,
+            product: 0x00F5,
+            version: 0x0309,
+            bus: 2,
+            address: 3,
+            port: "2-1".into(),
+            speed: Speed::Super,
+        };
+        let answers = Mutex::new(answers.into());
+        let device = Arc::new(Scripted { identity, answers, done: Mutex::default() });
+        let endpoints = Endpoints { interface: 0, control_in: 0x82, control_out: 0x02, data: 0x81 };
+        (Board::new(device.clone(), endpoints), device)
+    }
+
+    fn answer(property: Property, words: &[u32]) -> Result<Vec<u8>, Fault> {
+        Ok(treuzell::request(property, words))
+    }
+
+    #[test]
+    fn a_late_answer_is_thrown_away_and_the_request_repeated() {
+        let late = answer(Property::ReadRegisters, &[0, 0x18, 7]);
+        let ours = || answer(Property::ReadRegisters, &[0, 0x14, 9]);
+        // The late one, then ours (thrown away with it), silence, then the answer to the repetition.
+        let (board, device) = board(vec![late, ours(), Err(Fault::Timeout), ours()]);
+        assert_eq!(board.read(0x14).unwrap(), 9);
+        let request = treuzell::request(Property::ReadRegisters, &[0, 0x14, 1]);
+        assert_eq!(*device.done.lock().unwrap(), [request.clone(), request]);
+    }
+
+    #[test]
+    fn a_halted_control_endpoint_is_cleared_and_the_request_fails_with_its_register() {
+        let (board, device) = board(vec![Err(Fault::Stall)]);
+        let error = board.write(0x1010, 5).unwrap_err();
+        assert_eq!(error.fault(), Some(&Fault::Stall));
+        assert!(error.to_string().contains("write 0x5 to register 0x1010"), "{error}");
+        assert_eq!(device.done.lock().unwrap()[1..], [vec![0x02], vec![0x82]]);
+    }
+
+    #[test]
+    fn a_board_that_does_not_remember_a_burst_gets_single_writes() {
+        let written = |address| answer(Property::WriteRegisters, &[0, address]);
+        let forgotten = answer(Property::ReadRegisters, &[0, 0x6404, 0]);
+        let (board, device) = board(vec![written(0x6400), forgotten, written(0x6400), written(0x6404)]);
+        board.write_table(0x6400, &[1, 2]).unwrap();
+        assert!(!board.bursts());
+        let done = device.done.lock().unwrap();
+        assert_eq!(done[0], treuzell::request(Property::WriteRegisters, &[0, 0x6400, 1, 2]));
+        assert_eq!(done[2], treuzell::request(Property::WriteRegisters, &[0, 0x6400, 1]));
+        assert_eq!(done[3], treuzell::request(Property::WriteRegisters, &[0, 0x6404, 2]));
+    }
+
+    #[test]
+    fn long_tables_are_written_in_frames_that_fit() {
+        let mut answers = Vec::new();
+        for (address, last, value) in [(0x6400, 251, 251), (0x6400 + 4 * 252, 3, 255)] {
+            answers.push(answer(Property::WriteRegisters, &[0, address]));
+            answers.push(answer(Property::ReadRegisters, &[0, address + 4 * last, value]));
+        }
+        let (board, device) = board(answers);
+        board.write_table(0x6400, &(0..256).collect::<Vec<_>>()).unwrap();
+        let lengths: Vec<_> = device.done.lock().unwrap().iter().map(Vec::len).collect();
+        assert_eq!(lengths, [1024, 20, 32, 20]);
+    }
+
+    #[test]
+    fn the_control_interface_is_found_by_its_structure() {
+        let endpoints = |addresses: [u8; 3]| addresses.map(|address| Endpoint { address, bulk: true }).to_vec();
+        let interface = |class, addresses| Interface { number: 3, class, endpoints: endpoints(addresses) };
+        let found = Endpoints::find(&[interface((0xFF, 0x19, 0), [0x83, 0x04, 0x85])]).unwrap();
+        assert_eq!(found, Endpoints { interface: 3, control_in: 0x83, control_out: 0x04, data: 0x85 });
+        assert!(Endpoints::find(&[interface((0xFF, 0, 0), [0x81, 0x02, 0x82])]).is_some());
+        assert!(Endpoints::find(&[interface((0xFF, 0, 0), [0x81, 0x02, 0x83])]).is_none());
+        assert!(Endpoints::find(&[interface((0x0E, 0x19, 0), [0x83, 0x04, 0x85])]).is_none());
+    }
+}
