@@ -96,12 +96,7 @@ fn look<D: Driver>(bus: &dyn Bus, identity: &Identity, kind: Kind) -> FoundDevic
     match D::connect(Arc::clone(&transport)) {
         Ok(driver) => {
             device.serial = driver.serial().into();
-            if identity.speed < crate::usb::Speed::Super {
-                device.problem = Some(format!(
-                    "linked at {} only: use a USB 3 port and cable, or events will be lost",
-                    identity.speed
-                ));
-            }
+            device.problem = identity.speed.advice();
         }
         Err(error) => {
             if matches!(error, EventError::WrongDevice { .. }) {

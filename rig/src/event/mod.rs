@@ -6,18 +6,21 @@
 
 mod config;
 pub mod davis346;
+mod driver;
 mod error;
 pub mod evk4;
 mod list;
 mod source;
 mod stream;
+mod supervisor;
 
 pub use config::StreamConfig;
 pub use davis346::Davis346Config;
+pub use driver::Driver;
 pub use error::EventError;
 pub use evk4::Evk4Config;
 pub use list::{FoundDevice, Kind, list, list_on};
-pub use source::{Driver, EventSource};
+pub use source::EventSource;
 
 /// An EVK4 as a source.
 pub type Evk4Source = EventSource<evk4::Evk4>;

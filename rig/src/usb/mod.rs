@@ -31,6 +31,15 @@ pub enum Speed {
     Super,
 }
 
+impl Speed {
+    /// What to do about a link that is too slow for an event camera.
+    #[must_use]
+    pub fn advice(self) -> Option<String> {
+        matches!(self, Self::Full | Self::High)
+            .then(|| format!("linked at {self} only: use a USB 3 port and cable, or events will be lost"))
+    }
+}
+
 impl fmt::Display for Speed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -76,10 +76,10 @@ struct Timing {
 
 /// The finest timing for a threshold.
 ///
-/// A pixel's time stamp has 4 bits, so that it comes round after 16 steps; the threshold takes some of them, two more
-/// are kept free, and the sweep that clears old stamps must be done within the rest. In units of its clock a row of the
-/// sweep takes 1/28.8 of the time left, four of them are a fixed wait, and at least 94 are needed. The finest step
-/// that leaves as much reproduces each of the 100 rows of the maker's table (which OpenEB lists and does not explain).
+/// A pixel's time stamp has 4 bits, so that it comes round after 16 steps. The threshold takes some of them, two more are
+/// kept free, and what is left is the time for the sweep that clears old stamps: the filter's clock ticks once for every
+/// 1/28.8 µs of it and row. Four ticks are a fixed wait, and at least 94 are needed in all. The finest step that leaves
+/// them reproduces each of the 100 rows of the maker's table (which OpenEB lists and does not explain).
 fn timing(threshold_ms: u32) -> Timing {
     let threshold = u64::from(threshold_ms) * 1000;
     let mut finest: Option<(u64, u64, Timing)> = None;
