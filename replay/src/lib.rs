@@ -2,13 +2,16 @@
 //!
 //! - [`simulator`]: events from frames, by v2e's pixel model (`parity`) or a finer one (`enhanced`).
 //! - [`variant`]: temporal subsampling, motion blur and disjoint viewpoints made from a dataset, with simulated events.
+//! - [`player`]: recorded sessions as live sources.
 //! - [`picture`]: events as pictures, for reports.
 //! - [`mod@bench`]: the simulator's speed.
 
 pub mod bench;
 pub mod picture;
+pub mod player;
 pub mod simulator;
 pub mod variant;
 
+pub use player::{Controls, Player, PlayerOptions, Speed};
 pub use simulator::{Luma, Mode, Simulator, SimulatorConfig, SimulatorError};
 pub use variant::{VariantError, VariantOptions};

@@ -1,1 +1,27 @@
-//! One clock: fits of device clocks to the host's, frames matched to trigger pulses.
+//! One clock for all streams of a session.
+//!
+//! The session clock is the host's. The trigger board's clock is tied to it by the arrival of the board's lines and by
+//! its answers to `clock` commands; event cameras that see the board's pulses are tied to the board by their edges, which
+//! the code on the pulses numbers; frames belong to the pulses that triggered them. What the board's own clock may be off
+//! is common to all of them, so that they agree with one another far better than with the host.
+//!
+//! Three tiers are declared for each stream ([`Tier`]): hardware-triggered, free-running with arrival or kernel stamps,
+//! and free-running with a lag that a flash told.
+
+mod board;
+mod collect;
+mod edges;
+mod flash;
+mod frames;
+mod plot;
+mod report;
+#[cfg(test)]
+mod tests;
+
+pub use board::{Board, BoardLines, NS_PER_TICK as BOARD_NS_PER_TICK};
+pub use collect::synchronise;
+pub use edges::{Matched, fit as fit_edges, fit_arrivals, pulses};
+pub use flash::{FlashLag, find_lag, lit_intervals};
+pub use frames::{Arrived, Exposures, free_running, lagging, match_pulses};
+pub use plot::page;
+pub use report::{StreamSync, SyncFileError, Synchronisation, Tier};

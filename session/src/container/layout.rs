@@ -197,6 +197,7 @@ impl Layout {
                 let topic = topic.clone();
                 let mut settings = serde_json::Map::new();
                 settings.insert("frame_id".into(), events.frame_id.clone().into());
+                settings.insert("recorded_encoding".into(), events.encoding.clone().into());
                 let description = Description {
                     id: topic.trim_matches('/').replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "-"),
                     model: "ROS 2 EventPacket".into(),
@@ -221,7 +222,7 @@ impl Layout {
             discontinuity: false,
             damaged: false,
             stamp: None,
-            payload: events.events,
+            payload: events.words(),
         };
         Meaning::Entry(Entry::Packet { stream, packet })
     }

@@ -3,6 +3,7 @@
 //! `docs/session.md` describes the format for readers that are not this program.
 
 mod chunk;
+mod decode;
 mod error;
 mod framing;
 mod layout;
@@ -11,10 +12,12 @@ pub mod record;
 mod repair;
 mod ros;
 mod session;
+mod states;
 mod tail;
 mod walk;
 mod writer;
 
+pub use decode::{DecodedStream, hand_over, sensor_size};
 pub use error::ContainerError;
 pub use layout::{DecoderState, Entry, Stream};
 pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};

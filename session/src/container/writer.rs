@@ -23,6 +23,7 @@ use super::{
         DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, RIG_ATTACHMENT, SESSION_METADATA, STATUS_TOPIC, SessionStart,
         Status, StreamTotals, TOTALS_METADATA, Totals, clock_topic, json_text, state_topic, topic,
     },
+    states::StateKeeper,
 };
 use crate::{
     clock::ClockFit,
@@ -59,6 +60,7 @@ struct Stream {
     channel: u16,
     clock: u16,
     state: u16,
+    keeper: Option<StateKeeper>,
     totals: StreamTotals,
 }
 
@@ -214,7 +216,9 @@ impl<W: Write> SessionWriter<W> {
                 Ok((channel, clock, add(self.state_schema, &state_topic(id), "json", &plain)?))
             });
         let (channel, clock, state) = channels.map_err(|error| self.failed(error))?;
-        self.streams.push(Stream { id: id.clone(), channel, clock, state, totals: StreamTotals::default() });
+        let keeper = StateKeeper::new(description);
+        let totals = StreamTotals::default();
+        self.streams.push(Stream { id: id.clone(), channel, clock, state, keeper, totals });
         self.flush()?;
         Ok(StreamId(self.streams.len() - 1))
     }
@@ -230,6 +234,9 @@ impl<W: Write> SessionWriter<W> {
         }
         entry.totals.count(packet);
         let channel = entry.channel;
+        if let Some(state) = entry.keeper.as_mut().and_then(|keeper| keeper.take(packet)) {
+            self.decoder_state(stream, packet.host_ns, packet.sequence, state)?;
+        }
         let mut data = std::mem::take(&mut self.scratch);
         data.clear();
         data.reserve(HEADER_BYTES + packet.payload.len());
@@ -282,12 +289,8 @@ impl<W: Write> SessionWriter<W> {
         self.message(channel, 0, host_ns, host_ns, json_text(fit).as_bytes())
     }
 
-    /// Notes the state of a stream's decoder before the packet `sequence`, which arrived at `host_ns`, so that decoding
-    /// can start there (the decoder's own `state()`). Once a second for each stream is plenty.
-    ///
-    /// # Errors
-    /// If writing fails.
-    pub fn decoder_state(
+    /// Notes the state of a stream's decoder before the packet `sequence`, so that decoding can start there.
+    fn decoder_state(
         &mut self,
         stream: StreamId,
         host_ns: i64,

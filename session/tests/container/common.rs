@@ -67,7 +67,6 @@ pub fn small_session() -> Vec<u8> {
         writer.packet(events, &packet(sequence, 200)).unwrap();
         writer.packet(frames, &packet(sequence, 50)).unwrap();
         if sequence % 4 == 2 {
-            writer.decoder_state(events, packet(sequence, 0).host_ns, sequence, [sequence as u8; 16]).unwrap();
             let incident = Incident::Warning { message: format!("warning {sequence}") };
             writer.incident(Some(frames), packet(sequence, 0).host_ns, &incident).unwrap();
             writer.status(&Status { host_ns: packet(sequence, 0).host_ns, ..Status::default() }).unwrap();

@@ -36,7 +36,6 @@ fn what_was_written_is_read_in_order() {
                 assert_eq!(packet, common::packet(sequences[stream], bytes));
                 sequences[stream] += 1;
             }
-            Entry::DecoderState(state) => assert_eq!(state.state, [state.sequence as u8; 16]),
             _ => others += 1,
         }
     }
@@ -160,4 +159,80 @@ fn a_session_of_a_newer_program_is_refused_with_its_version() {
     bytes[at + 11] = b'9';
     let error = open(&bytes).err().unwrap();
     assert!(matches!(&error, ContainerError::Version { version, known: 1, .. } if version == "9"), "{error}");
+}
+
+/// A minute of events and more, so that the sensor's 24-bit clock rolls over, in packets that cut words.
+#[test]
+fn decoding_from_a_time_on_gives_the_same_events_as_from_the_beginning() {
+    use erfgs_session::{
+        codec::{CdEvent, Columns, Decoder, Evt3Encoder, StreamDecoder},
+        container::Settings,
+        source::{Encoding, Packet},
+    };
+
+    let settings = Settings { chunk_bytes: 30_000, ..Settings::default() };
+    let (mut writer, stream, _) = common::writer(settings);
+    let mut words = Vec::new();
+    let mut encoder = Evt3Encoder::default();
+    let mut decoder = StreamDecoder::new(Encoding::Evt3, None).unwrap();
+    let mut before = Columns::default();
+    let mut events_before = Vec::new();
+    let mut sequence = 0;
+    for n in 0..200_000_u64 {
+        let event =
+            CdEvent { t_us: 16_000_000 + n * 200, x: (n * 7 % 1280) as u16, y: (n / 3 % 720) as u16, on: n % 2 == 0 };
+        encoder.event(event, &mut words).unwrap();
+        if words.len() < 1001 {
+            continue;
+        }
+        let payload: Vec<u8> = words.drain(..1001).collect();
+        let host_ns = START_NS + n as i64 * 200_000;
+        events_before.push((host_ns, before.len()));
+        decoder.decode(&payload, &mut before);
+        let plain = Packet { discontinuity: false, damaged: false, stamp: None, ..common::packet(sequence, 0) };
+        writer.packet(stream, &Packet { host_ns, payload: payload.into(), ..plain }).unwrap();
+        sequence += 1;
+    }
+    decoder.finish(&mut before);
+    let bytes = writer.finish().unwrap().sink;
+    let states = common::entries(&bytes).iter().filter(|entry| matches!(entry, Entry::DecoderState(_))).count();
+    assert!((20..45).contains(&states), "{states}");
+    let mut session = open(&bytes).unwrap();
+    for &(from, skipped) in events_before.iter().step_by(97) {
+        let mut after = Columns::default();
+        let decoded = session.decode_events(0, Some(from), &mut after, |_| {}).unwrap().unwrap();
+        let expected = before.len() - skipped;
+        assert_eq!(after.len(), expected, "from {from}");
+        let differ =
+            std::iter::zip(after.iter(), before.iter().skip(skipped)).find(|(found, expected)| found != expected);
+        assert_eq!(differ, None, "from {from}");
+        let all = events_before.len() as u64;
+        assert!(decoded.packets < all || from < START_NS + 3_000_000_000, "it starts at a state");
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn bytes_changed_cut_and_moved_about_give_errors_and_no_panic(
+        changes in proptest::collection::vec((0_usize..12_000, 0_usize..12_000, 0_usize..40, 0_u8..4), 1..8),
+    ) {
+        let mut bytes = common::small_session();
+        for (at, from, length, kind) in changes {
+            let (at, from) = (at % bytes.len(), from % bytes.len());
+            let length = length.min(bytes.len() - at.max(from));
+            match kind {
+                0 => bytes.copy_within(from..from + length, at),
+                1 => bytes[at..at + length].fill(0xFF),
+                2 => drop(bytes.drain(at..at + length)),
+                _ => bytes[at] ^= length as u8,
+            }
+        }
+        if let Ok(mut session) = open(&bytes) {
+            for from in [None, Some(START_NS + 50_000_000)] {
+                assert!(session.messages(from).count() < 10_000);
+            }
+        }
+    }
 }

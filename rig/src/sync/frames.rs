@@ -1,0 +1,126 @@
+//! Frames matched with the pulses that triggered them, and the middles of their exposures.
+
+use erfgs_session::clock::Residuals;
+use serde::{Deserialize, Serialize};
+
+use super::board::Board;
+
+/// The kernel may stamp a frame so much before the exposure ends by our clocks and still belong to it.
+const EARLY_NS: i64 = 1_000_000;
+
+/// A frame as it arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrived {
+    /// The packet's sequence number.
+    pub sequence: u64,
+    /// The kernel's stamp, or the arrival where there is none; session time, nanoseconds.
+    pub stamp_ns: i64,
+}
+
+/// The frames of a stream in session time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Exposures {
+    /// Sequence numbers of the packets.
+    pub sequence: Vec<u64>,
+    /// The pulse that triggered each frame; empty for a free-running camera.
+    pub pulse: Vec<u64>,
+    /// The middle of each exposure, nanoseconds of session time.
+    pub mid_ns: Vec<i64>,
+    /// How long after the middle of the exposure a frame is stamped, nanoseconds: the median that was found (triggered),
+    /// or what was assumed or found by a flash and has been taken off.
+    pub lag_ns: i64,
+    /// Distances of the stamps from that lag.
+    pub residuals: Residuals,
+    /// Pulses between the first and the last matched one that gave no frame.
+    pub missed_pulses: u64,
+    /// Frames that belong to no pulse of the board.
+    pub unmatched: u64,
+}
+
+/// Matches frames with pulses. A frame is stamped when its transfer begins, after its exposure and before the next one
+/// ends: its pulse is the last whose exposure was over. All frames of a camera lag by about the same, which decides for
+/// those whose stamps are off.
+///
+/// `exposure_ns` is the exposure that the camera was set to; without it, the camera exposes while its trigger is high.
+#[must_use]
+pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>) -> Exposures {
+    let rises: Vec<(u64, i64, i64)> = board
+        .pulses
+        .iter()
+        .map(|(&index, pulse)| (index, board.rise_ns(pulse), exposure_ns.unwrap_or_else(|| Board::width_ns(pulse))))
+        .collect();
+    let Some(period_ns) = board.period_ns() else {
+        return Exposures { unmatched: frames.len() as u64, ..Exposures::default() };
+    };
+    let over = |&(_, rise, exposure): &(u64, i64, i64)| rise.saturating_add(exposure);
+    let mut lags: Vec<i64> = frames
+        .iter()
+        .filter_map(|frame| {
+            let at = rises.partition_point(|rise| over(rise) <= frame.stamp_ns.saturating_add(EARLY_NS));
+            let (_, rise, exposure) = rises.get(at.checked_sub(1)?)?;
+            // Frames of before and after the train would say nothing.
+            Some(frame.stamp_ns - (rise + exposure / 2)).filter(|&lag| lag < 2 * period_ns)
+        })
+        .collect();
+    if lags.is_empty() {
+        return Exposures { unmatched: frames.len() as u64, ..Exposures::default() };
+    }
+    let middle = lags.len() / 2;
+    let lag_ns = *lags.select_nth_unstable(middle).1;
+    let mut exposures = Exposures { lag_ns, ..Exposures::default() };
+    let mut distances = Vec::new();
+    for frame in frames {
+        // The pulse whose exposure lies nearest to where the lag puts this frame's.
+        let wanted = frame.stamp_ns.saturating_sub(lag_ns);
+        let mid = |&(_, rise, exposure): &(u64, i64, i64)| rise.saturating_add(exposure / 2);
+        let at = rises.partition_point(|rise| mid(rise) < wanted);
+        let nearest = [at.checked_sub(1), Some(at)]
+            .into_iter()
+            .flatten()
+            .filter_map(|at| rises.get(at))
+            .min_by_key(|rise| mid(rise).abs_diff(wanted))
+            .filter(|rise| mid(rise).abs_diff(wanted) <= period_ns.unsigned_abs() / 2)
+            // One pulse gives one frame.
+            .filter(|rise| exposures.pulse.last().is_none_or(|&last| rise.0 > last));
+        match nearest {
+            Some(rise) => {
+                exposures.sequence.push(frame.sequence);
+                exposures.pulse.push(rise.0);
+                exposures.mid_ns.push(mid(rise));
+                distances.push(mid(rise).abs_diff(wanted) as f64);
+            }
+            None => exposures.unmatched += 1,
+        }
+    }
+    if let (Some(first), Some(last)) = (exposures.pulse.first(), exposures.pulse.last()) {
+        exposures.missed_pulses = (last - first + 1).saturating_sub(exposures.pulse.len() as u64);
+    }
+    exposures.residuals = Residuals::of(distances);
+    exposures
+}
+
+/// The frames of a free-running camera: the kernel stamps the start of the transfer, when the exposure has just ended, so
+/// that the middle lies half an exposure before. What the camera takes to read its sensor is not known and not taken off.
+#[must_use]
+pub fn free_running(frames: &[Arrived], exposure_ns: Option<i64>) -> Exposures {
+    lagging(frames, exposure_ns.unwrap_or(0) / 2)
+}
+
+/// Frames that are stamped `lag_ns` after the middle of their exposure. The residuals are those of an even rate.
+#[must_use]
+pub fn lagging(frames: &[Arrived], lag_ns: i64) -> Exposures {
+    let mut steps: Vec<i64> = frames.windows(2).map(|pair| pair[1].stamp_ns.saturating_sub(pair[0].stamp_ns)).collect();
+    let middle = steps.len() / 2;
+    let period = if steps.is_empty() { 0 } else { *steps.clone().select_nth_unstable(middle).1 };
+    if period > 0 {
+        // Frames that were lost leave steps of several periods.
+        steps.iter_mut().for_each(|step| *step -= (*step as f64 / period as f64).round() as i64 * period);
+    }
+    Exposures {
+        sequence: frames.iter().map(|frame| frame.sequence).collect(),
+        mid_ns: frames.iter().map(|frame| frame.stamp_ns.saturating_sub(lag_ns)).collect(),
+        lag_ns,
+        residuals: Residuals::of(steps.iter().map(|step| step.unsigned_abs() as f64).collect()),
+        ..Exposures::default()
+    }
+}

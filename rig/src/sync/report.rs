@@ -1,0 +1,140 @@
+//! What synchronisation found, and the file beside the session that keeps it.
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use erfgs_session::clock::Clock;
+use serde::{Deserialize, Serialize};
+
+use super::{edges::Matched, frames::Exposures};
+
+/// Version of the file.
+pub const VERSION: u32 = 1;
+
+/// How well a stream is tied to the session clock, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Tier {
+    /// The trigger board drives the stream, or the stream saw its pulses.
+    HardwareTriggered,
+    /// The stream runs freely; a flash that it saw tells its lag.
+    Flash,
+    /// The stream runs freely: what is known is when its data arrived, or when the kernel stamped it.
+    FreeRunning,
+}
+
+impl Tier {
+    /// As the tables name it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HardwareTriggered => "A, hardware-triggered",
+            Self::FreeRunning => "B, free-running",
+            Self::Flash => "C, free-running with a flash",
+        }
+    }
+}
+
+/// One stream on the session clock.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StreamSync {
+    /// The stream.
+    pub id: String,
+    /// How it is tied to the session clock.
+    pub tier: Tier,
+    /// From its ticks to session time; absent for frames, which have no ticks of their own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<Clock>,
+    /// How its edges matched the board's pulses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matched: Option<Matched>,
+    /// Its frames.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposures: Option<Exposures>,
+    /// What the user should know.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Points for the plot: session time in seconds, distance in nanoseconds.
+    #[serde(skip)]
+    pub points: Vec<(f64, f64)>,
+}
+
+/// All streams of a session on its clock.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Synchronisation {
+    /// Version of the file: [`VERSION`].
+    pub version: u32,
+    /// Name of the session's file.
+    pub session: String,
+    /// The streams, in the order of the session.
+    pub streams: Vec<StreamSync>,
+}
+
+/// Why the file of a synchronisation cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SyncFileError {
+    /// It cannot be read.
+    #[error("cannot read {path}: {source}; `erfgs sync` writes it anew", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It cannot be written.
+    #[error("cannot write {path}: {source}; give another place with --out", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It is no such file, or of a version that this program does not know.
+    #[error("{path} is not a synchronisation that this program knows: {what}; `erfgs sync` writes it anew", path = path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+impl Synchronisation {
+    /// Where the synchronisation of a session lies: `a.sync.json` beside `a.mcap`.
+    #[must_use]
+    pub fn file_beside(session: &Path) -> PathBuf {
+        session.with_extension("sync.json")
+    }
+
+    /// The stream of this name.
+    #[must_use]
+    pub fn stream(&self, id: &str) -> Option<&StreamSync> {
+        self.streams.iter().find(|stream| stream.id == id)
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If it cannot be read or is of another kind or version.
+    pub fn load(path: &Path) -> Result<Self, SyncFileError> {
+        let bytes = std::fs::read(path).map_err(|source| SyncFileError::Read { path: path.to_owned(), source })?;
+        let content = |what: String| SyncFileError::Content { path: path.to_owned(), what };
+        let found: Self = serde_json::from_slice(&bytes).map_err(|error| content(error.to_string()))?;
+        if found.version != VERSION {
+            return Err(content(format!("its version is {}, known is {VERSION}", found.version)));
+        }
+        Ok(found)
+    }
+
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), SyncFileError> {
+        let failed = |source| SyncFileError::Write { path: path.to_owned(), source };
+        let bytes = serde_json::to_vec(self).map_err(|error| failed(error.into()))?;
+        erfgs_session::atomic::write(path, &bytes).map_err(failed)
+    }
+}

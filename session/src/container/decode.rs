@@ -1,0 +1,123 @@
+//! The events of a stream of a session, decoded.
+
+use std::io::{Read, Seek};
+
+use super::{ContainerError, DecoderState, Entry, Session};
+use crate::{
+    codec::{Anomalies, Decoder, SensorSize, Sink, StreamDecoder},
+    source::{Description, Packet},
+};
+
+/// States lie about a second apart: one is looked for in so much time before the start.
+const STATE_SEARCH_NS: i64 = 3_000_000_000;
+
+/// What came of decoding.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DecodedStream {
+    /// Packets that were decoded.
+    pub packets: u64,
+    /// Bytes of their payloads.
+    pub bytes: u64,
+    /// What was wrong with them.
+    pub anomalies: Anomalies,
+    /// Damaged places of the file that were passed over.
+    pub damage: Vec<String>,
+}
+
+/// The sensor's size, if the description has one that a sensor can have.
+#[must_use]
+pub fn sensor_size(description: &Description) -> Option<SensorSize> {
+    let width = u16::try_from(description.width).ok().filter(|&width| width > 0)?;
+    let height = u16::try_from(description.height).ok().filter(|&height| height > 0)?;
+    Some(SensorSize { width, height })
+}
+
+impl<R: Read + Seek> Session<R> {
+    /// Decodes the events of a stream into `sink`, from the first packet or from those that arrived at `from_host_ns` on:
+    /// then decoding starts at the last decoder state before (or at the beginning, where none was recorded), and what is
+    /// older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if the stream has no
+    /// events, or events that erfgs does not decode.
+    ///
+    /// # Errors
+    /// If the session cannot be read.
+    pub fn decode_events(
+        &mut self,
+        stream: usize,
+        from_host_ns: Option<i64>,
+        sink: &mut impl Sink,
+        mut progress: impl FnMut(u64),
+    ) -> Result<Option<DecodedStream>, ContainerError> {
+        let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
+        let description = recorded.description.clone();
+        let size = sensor_size(&description);
+        let state = match from_host_ns {
+            Some(from) => self.state_before(&description.id, from)?,
+            None => None,
+        };
+        let begun = match &state {
+            Some(state) => StreamDecoder::from_state(description.encoding, state.state, size),
+            None => StreamDecoder::new(description.encoding, size),
+        };
+        let Some(mut decoder) = begun else { return Ok(None) };
+        let mut decoded = DecodedStream::default();
+        let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
+        for entry in self.messages(state.map(|state| state.host_ns)) {
+            let packet = match entry {
+                Ok(Entry::Packet { stream: of, packet }) if of == stream => packet,
+                Ok(_) => continue,
+                Err(error @ ContainerError::Read { .. }) => return Err(error),
+                Err(error) => {
+                    decoded.damage.push(error.to_string());
+                    continue;
+                }
+            };
+            if packet.sequence < first_sequence {
+                continue;
+            }
+            hand_over(&mut decoder, &packet, decoded.packets > 0);
+            if from_host_ns.is_none_or(|from| packet.host_ns >= from) {
+                decoder.decode(&packet.payload, sink);
+            } else {
+                decoder.decode(&packet.payload, &mut Nowhere);
+            }
+            decoded.packets += 1;
+            decoded.bytes += packet.payload.len() as u64;
+            progress(decoded.bytes);
+        }
+        decoder.finish(sink);
+        decoded.anomalies = decoder.anomalies();
+        Ok(Some(decoded))
+    }
+
+    /// The last state of a stream's decoder at or before a host time.
+    fn state_before(&mut self, id: &str, host_ns: i64) -> Result<Option<DecoderState>, ContainerError> {
+        let mut found = None;
+        for entry in self.messages(Some(host_ns.saturating_sub(STATE_SEARCH_NS))) {
+            match entry {
+                Ok(Entry::DecoderState(state)) if state.stream == id && state.host_ns <= host_ns => found = Some(state),
+                // Streams lie a little out of order, but not by seconds.
+                Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(STATE_SEARCH_NS) => break,
+                Err(error @ ContainerError::Read { .. }) => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// Tells a decoder what is known of a packet before its bytes. Where data was lost before any came, nothing was cut.
+pub fn hand_over(decoder: &mut impl Decoder, packet: &Packet, begun: bool) {
+    if packet.discontinuity && begun {
+        decoder.restart();
+    }
+    decoder.hint_host_us(u64::try_from(packet.host_ns / 1000).unwrap_or(0));
+}
+
+/// A sink for what nobody wants.
+pub(super) struct Nowhere;
+
+impl Sink for Nowhere {
+    fn event(&mut self, _event: crate::codec::CdEvent) {}
+
+    fn events(&mut self, _batch: crate::codec::EventBatch<'_>) {}
+}
