@@ -9,6 +9,7 @@ cd "$(dirname "$0")/.."
 say() { printf '\n== %s\n' "$*"; }
 say "building the emulated cameras, and the drivers of others that open them"
 cargo build --locked -p erfgs-hardware-mocks --bin erfgs-usbd
+cargo build --locked -p erfgs-rig --example follow_pattern
 CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
 
 # The emulated cameras on this machine, without a kernel module.
@@ -27,6 +28,10 @@ host() {
   done
   for camera in "evk4 00051234 100000 2" "davis346 00000336 50000 2"; do
     timeout 60 umockdev-wrapper target/umockdev/bridge "$folder" target/independent/release/independent $camera || code=1
+  done
+  # Our own driver, through the same libusb.
+  for camera in "evk4 00051234 100000 2"; do
+    timeout 200 umockdev-wrapper target/umockdev/bridge "$folder" target/debug/examples/follow_pattern $camera || code=1
   done
   echo quit >&3
   exec 3>&-
