@@ -7,8 +7,8 @@ use std::{
 };
 
 use super::{
-    Aedat2Chip, Aedat2Decoder, Anomalies, CsvDecoder, DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink,
-    StreamDecoder,
+    AEDAT4_MAGIC, Aedat2Chip, Aedat2Decoder, Aedat4Decoder, Aedat4Header, Aedat4Kind, Anomalies, CsvDecoder,
+    DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink, StreamDecoder,
 };
 use crate::source::Encoding;
 
@@ -62,6 +62,8 @@ pub enum EventFormat {
     Dat(DatFormat),
     /// AEDAT 2.
     Aedat2(Aedat2Chip),
+    /// AEDAT 4.
+    Aedat4,
     /// CSV.
     Csv,
 }
@@ -78,6 +80,7 @@ impl EventFormat {
             Self::Dat(format) if format.version == 1 => "dat1",
             Self::Dat(_) => "dat2",
             Self::Aedat2(_) => "aedat2",
+            Self::Aedat4 => "aedat4",
             Self::Csv => "csv",
         }
     }
@@ -121,6 +124,7 @@ impl EventFile {
             _ if extension == "dat" => dat(path, &head)?,
             [b'%', b' ', ..] => raw(path, &head)?,
             _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &head)?,
+            _ if head.starts_with(AEDAT4_MAGIC) => aedat4(path, &mut file, head)?,
             _ if extension == "csv" => (EventFormat::Csv, None, Vec::new(), 0),
             _ => return Err(unknown("its first bytes are those of no format")),
         };
@@ -143,6 +147,7 @@ impl EventFile {
                 Some(StreamDecoder::Dat(DatDecoder::new(DatFormat { size: self.size, ..format })))
             }
             EventFormat::Aedat2(chip) => Some(StreamDecoder::Aedat2(Aedat2Decoder::new(chip))),
+            EventFormat::Aedat4 => Some(StreamDecoder::Aedat4(Aedat4Decoder::new())),
             EventFormat::Csv => Some(StreamDecoder::Csv(CsvDecoder::new(self.size))),
         }
     }
@@ -207,4 +212,25 @@ fn aedat2(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
         malformed(path, 0, what)
     })?;
     Ok((EventFormat::Aedat2(chip), Some(chip.size()), header, body))
+}
+
+/// The decoder of AEDAT 4 reads the header itself; here it is read to find what is wrong with it.
+fn aedat4(path: &Path, file: &mut File, mut head: Vec<u8>) -> Result<Head, EventFileError> {
+    let needs = Aedat4Header::needs(&head).unwrap_or(0);
+    let missing = needs.saturating_sub(head.len()) as u64;
+    let offset = head.len() as u64;
+    file.take(missing).read_to_end(&mut head).map_err(|source| EventFileError::Io {
+        doing: "read",
+        path: path.to_owned(),
+        offset,
+        source,
+    })?;
+    let header = Aedat4Header::parse(&head).map_err(|what| malformed(path, AEDAT4_MAGIC.len(), what))?;
+    let mut fields = vec![("compression".to_owned(), format!("{:?}", header.compression).to_ascii_lowercase())];
+    for stream in &header.streams {
+        let kind = stream.kind.map_or("unknown".to_owned(), |kind| format!("{kind:?}").to_ascii_lowercase());
+        fields.push((format!("stream {}", stream.id), format!("{kind} {}", stream.source)));
+    }
+    let size = |kind| header.stream(kind).and_then(|stream| stream.size);
+    Ok((EventFormat::Aedat4, size(Aedat4Kind::Events).or(size(Aedat4Kind::Frames)), fields, 0))
 }

@@ -5,12 +5,14 @@
 //! roll-overs of its clock counted; see `docs/formats.md` for what happens when data was lost.
 
 mod aedat2;
+mod aedat4;
 mod anomalies;
 mod carry;
 mod clock;
 mod columns;
 mod csv;
 mod dat;
+mod davis;
 mod encode;
 mod evt;
 mod file;
@@ -20,10 +22,14 @@ mod state;
 mod stream;
 
 pub use aedat2::{Aedat2Chip, Aedat2Decoder};
+pub use aedat4::{
+    AEDAT4_MAGIC, Aedat4Compression, Aedat4Decoder, Aedat4Encoder, Aedat4Header, Aedat4Kind, Aedat4Stream,
+};
 pub use anomalies::Anomalies;
 pub use columns::{Columns, Digests};
 pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder};
 pub use dat::{DatDecoder, DatEncoder, DatFormat, DatItems};
+pub use davis::{DavisDecoder, DavisEncoder, DavisLayout};
 pub use encode::EncodeError;
 pub use evt::{
     Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt3Encoder, Evt21Decoder, Evt21Encoder, RawFormat, RawHeader, WordOrder,

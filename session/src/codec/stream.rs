@@ -3,8 +3,10 @@
 use super::{
     Anomalies, Decoder, SensorSize, Sink,
     aedat2::Aedat2Decoder,
+    aedat4::Aedat4Decoder,
     csv::CsvDecoder,
     dat::DatDecoder,
+    davis::{DavisDecoder, DavisLayout},
     evt::{Evt2Decoder, Evt3Decoder, Evt21Decoder, WordOrder},
 };
 use crate::source::Encoding;
@@ -18,16 +20,21 @@ pub enum StreamDecoder {
     Evt21(Evt21Decoder),
     /// EVT 3.0.
     Evt3(Evt3Decoder),
+    /// DAVIS.
+    Davis(DavisDecoder),
     /// DAT.
     Dat(DatDecoder),
     /// AEDAT 2.
     Aedat2(Aedat2Decoder),
+    /// AEDAT 4.
+    Aedat4(Aedat4Decoder),
     /// CSV.
     Csv(CsvDecoder),
 }
 
 impl StreamDecoder {
-    /// A decoder at the start of a device's stream; `None` if the stream is not one of events.
+    /// A decoder at the start of a device's stream; a DAVIS is taken to read out in the usual order (see [`DavisLayout`] for
+    /// others). `None` if the stream is not one of events.
     #[must_use]
     pub fn new(encoding: Encoding, size: Option<SensorSize>) -> Option<Self> {
         match encoding {
@@ -35,6 +42,7 @@ impl StreamDecoder {
             Encoding::Evt21 => Some(Self::Evt21(Evt21Decoder::new(WordOrder::Little, size))),
             Encoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::new(WordOrder::Legacy, size))),
             Encoding::Evt3 => Some(Self::Evt3(Evt3Decoder::new(size))),
+            Encoding::Davis => Some(Self::Davis(DavisDecoder::new(layout(size)))),
             _ => None,
         }
     }
@@ -47,6 +55,7 @@ impl StreamDecoder {
             Encoding::Evt21 => Some(Self::Evt21(Evt21Decoder::from_state(state, WordOrder::Little, size))),
             Encoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::from_state(state, WordOrder::Legacy, size))),
             Encoding::Evt3 => Some(Self::Evt3(Evt3Decoder::from_state(state, size))),
+            Encoding::Davis => Some(Self::Davis(DavisDecoder::from_state(state, layout(size)))),
             _ => None,
         }
     }
@@ -58,9 +67,16 @@ impl StreamDecoder {
             Self::Evt2(decoder) => Some(decoder.state()),
             Self::Evt21(decoder) => Some(decoder.state()),
             Self::Evt3(decoder) => Some(decoder.state()),
-            Self::Dat(_) | Self::Aedat2(_) | Self::Csv(_) => None,
+            Self::Davis(decoder) => Some(decoder.state()),
+            Self::Dat(_) | Self::Aedat2(_) | Self::Aedat4(_) | Self::Csv(_) => None,
         }
     }
+}
+
+/// The usual layout of a DAVIS of this size.
+fn layout(size: Option<SensorSize>) -> DavisLayout {
+    let usual = DavisLayout::default();
+    DavisLayout { size: size.unwrap_or(usual.size), ..usual }
 }
 
 /// Calls the same method of whichever decoder it is.
@@ -70,8 +86,10 @@ macro_rules! each {
             StreamDecoder::Evt2($decoder) => $call,
             StreamDecoder::Evt21($decoder) => $call,
             StreamDecoder::Evt3($decoder) => $call,
+            StreamDecoder::Davis($decoder) => $call,
             StreamDecoder::Dat($decoder) => $call,
             StreamDecoder::Aedat2($decoder) => $call,
+            StreamDecoder::Aedat4($decoder) => $call,
             StreamDecoder::Csv($decoder) => $call,
         }
     };

@@ -1,6 +1,8 @@
 //! Codecs against files that other programs wrote, and against themselves.
 
+mod files;
 mod goldens;
+mod inivation;
 mod reference;
 mod roundtrip;
 mod splits;

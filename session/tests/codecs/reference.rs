@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::codec::{Digests, EventFile, SensorSize};
+use erfgs_session::codec::{Anomalies, Columns, Digests, EventFile, SensorSize};
 
 /// A file of the shared recordings; `None`, said aloud, where they are not at hand.
 fn shared(file: &str) -> Option<PathBuf> {
@@ -48,4 +48,23 @@ fn a_generation_3_recording_decodes_as_in_faery_and_its_size_follows_from_the_sy
 #[test]
 fn a_dat_file_decodes_as_in_faery() {
     check("gen4.dat", "dat2", HD, 1_218_618);
+}
+
+#[test]
+fn a_davis346_recording_decodes_as_in_faery_with_its_frames_samples_and_triggers() {
+    check("davis346.aedat4", "aedat4", SensorSize { width: 346, height: 260 }, 78_830);
+}
+
+#[test]
+fn frames_of_16_bits_are_read_and_unknown_ones_counted() {
+    for (file, damaged) in [("test_data_gray16.aedat4", 0), ("test_data_unknown_then_gray16.aedat4", 1)] {
+        let Some(path) = shared(file) else { return };
+        let mut columns = Columns::default();
+        let anomalies = EventFile::open(&path).unwrap().decode(&mut columns).unwrap();
+        assert_eq!(anomalies, Anomalies { damaged, ..Anomalies::default() });
+        let [frame] = &columns.frames[..] else { panic!("{} frames", columns.frames.len()) };
+        assert_eq!((frame.width, frame.height, frame.channels, frame.bits), (2, 2, 1, 16));
+        assert_eq!((frame.exposure_start_us, frame.exposure_end_us), (950, 1050));
+        assert_eq!(frame.pixels, [1, 2, 3, 1023]);
+    }
 }

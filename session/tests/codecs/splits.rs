@@ -2,8 +2,8 @@
 
 use erfgs_session::{
     codec::{
-        Aedat2Chip, Aedat2Decoder, Columns, CsvDecoder, DatDecoder, DatFormat, DatItems, Decoder, SensorSize,
-        StreamDecoder,
+        Aedat2Chip, Aedat2Decoder, Columns, CsvDecoder, DatDecoder, DatFormat, DatItems, DavisDecoder, DavisLayout,
+        Decoder, SensorSize, StreamDecoder,
     },
     source::Encoding,
 };
@@ -12,7 +12,8 @@ use proptest::prelude::*;
 use super::decode;
 
 const SIZE: Option<SensorSize> = Some(SensorSize { width: 1280, height: 720 });
-const DEVICES: [Encoding; 4] = [Encoding::Evt2, Encoding::Evt21, Encoding::Evt21Legacy, Encoding::Evt3];
+const DEVICES: [Encoding; 5] =
+    [Encoding::Evt2, Encoding::Evt21, Encoding::Evt21Legacy, Encoding::Evt3, Encoding::Davis];
 
 fn decoder(encoding: Encoding) -> StreamDecoder {
     StreamDecoder::new(encoding, SIZE).unwrap()
@@ -52,10 +53,23 @@ fn evt2_words() -> impl Strategy<Value = Vec<u8>> {
     proptest::collection::vec(word, 0..200).prop_map(|words| words.into_iter().flat_map(u32::to_le_bytes).collect())
 }
 
+/// Words of a DAVIS without frames and inertial samples, which its state does not hold.
+fn davis_words() -> impl Strategy<Value = Vec<u8>> {
+    let word = prop_oneof![
+        3 => (0_u16..0x8000).prop_map(|low| 0x8000 | low),
+        2 => (0_u16..300).prop_map(|row| 0x1000 | row),
+        6 => (2_u16..4, 0_u16..1300).prop_map(|(kind, column)| kind << 12 | column),
+        1 => (0_u16..5).prop_map(|wraps| 0x7000 | wraps),
+        1 => prop_oneof![Just(1_u16), Just(2), Just(3), Just(4), Just(16), Just(17), Just(0x6000), Just(99)],
+    ];
+    proptest::collection::vec(word, 0..300).prop_map(|words| words.into_iter().flat_map(u16::to_le_bytes).collect())
+}
+
 fn streams() -> impl Strategy<Value = (Encoding, Vec<u8>)> {
     let evt2 = (prop_oneof![Just(Encoding::Evt2), Just(Encoding::Evt21), Just(Encoding::Evt21Legacy)], evt2_words());
-    let noise = (proptest::sample::select(&DEVICES[..]), proptest::collection::vec(any::<u8>(), 0..400));
-    prop_oneof![4 => (Just(Encoding::Evt3), evt3_words()), 3 => evt2, 1 => noise]
+    let noise = (proptest::sample::select(&DEVICES[..4]), proptest::collection::vec(any::<u8>(), 0..400));
+    let davis = (Just(Encoding::Davis), davis_words());
+    prop_oneof![4 => (Just(Encoding::Evt3), evt3_words()), 3 => evt2, 2 => davis, 1 => noise]
 }
 
 /// Decoders of files, and bytes for them.
@@ -65,6 +79,7 @@ fn files() -> impl Strategy<Value = (StreamDecoder, Vec<u8>)> {
         dat(1, DatItems::Events),
         dat(2, DatItems::Events),
         dat(2, DatItems::Triggers),
+        StreamDecoder::Davis(DavisDecoder::new(DavisLayout::default())),
         StreamDecoder::Aedat2(Aedat2Decoder::new(Aedat2Chip::Dvs128)),
         StreamDecoder::Aedat2(Aedat2Decoder::new(Aedat2Chip::Davis(SensorSize { width: 346, height: 260 }))),
     ];

@@ -1,0 +1,88 @@
+#!/usr/bin/env python3
+"""Compare the decoding of event files with faery and expelliarmus, on one core, in one run.
+
+usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] EVT3.raw EVT2.raw
+
+The three take turns; for each the fastest CPU time counts (wall time on a busy machine measures its neighbours). faery and
+expelliarmus come from PyPI into target/bench-decode. They read the files from the page cache, erfgs from memory.
+"""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+PACKAGES = ["faery==0.7.1", "expelliarmus==1.1.12"]
+
+OTHERS = r"""
+import json, sys, time
+tool, path, runs = sys.argv[1], sys.argv[2], int(sys.argv[3])
+kind = "evt3" if b"evt 3.0" in open(path, "rb").read(4096) else "evt2"
+if tool == "faery":
+    import faery
+    size = (1280, 720) if kind == "evt3" else (640, 480)
+    def decode():
+        return sum(len(events) for events in faery.events_stream_from_file(path, dimensions_fallback=size))
+else:
+    from expelliarmus import Wizard
+    wizard = Wizard(encoding=kind)
+    def decode():
+        return len(wizard.read(path))
+best = float("inf")
+for _ in range(runs):
+    start = time.process_time()
+    events = decode()
+    best = min(best, time.process_time() - start)
+print(json.dumps({"events": events, "Mev_per_s": events / best * 1e-6}))
+"""
+
+
+def environment() -> str:
+    folder = ROOT / "target/bench-decode"
+    python = folder / "bin/python"
+    stamp = folder / "packages.txt"
+    if not stamp.is_file() or stamp.read_text() != "\n".join(PACKAGES):
+        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+        command = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
+        subprocess.run(command, check=True)
+        stamp.write_text("\n".join(PACKAGES))
+    return str(python)
+
+
+def figures(command: list) -> dict:
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--erfgs", default=str(ROOT / "target/release/erfgs"), help="the program to measure")
+    parser.add_argument("--runs", type=int, default=15, help="runs of each tool in a round")
+    parser.add_argument("--rounds", type=int, default=3, help="how often the tools take turns")
+    parser.add_argument("files", nargs="+", help="RAW files with EVT 2 or EVT 3")
+    arguments = parser.parse_args()
+    python, runs = environment(), str(arguments.runs)
+    heading = ["file", "events", "erfgs", "faery", "expelliarmus", "/ faery", "/ expelliarmus"]
+    print("Mev/s on one core\n\n| " + " | ".join(heading) + " |\n|" + "---|" * len(heading))
+    for path in arguments.files:
+        commands = {
+            "erfgs": [arguments.erfgs, "bench", "decode", path, "--json", "--runs", runs],
+            "faery": [python, "-c", OTHERS, "faery", path, runs],
+            "expelliarmus": [python, "-c", OTHERS, "expelliarmus", path, runs],
+        }
+        speed, events = dict.fromkeys(commands, 0.0), {}
+        for _ in range(arguments.rounds):
+            for tool, command in commands.items():
+                found = figures(command)
+                speed[tool] = max(speed[tool], found["Mev_per_s"])
+                events[tool] = found["events"]
+        if len(set(events.values())) != 1:
+            sys.exit(f"bench-decode.py: the tools disagree on the number of events: {events}")
+        ratios = [f"{speed['erfgs'] / speed[tool]:.2f}" for tool in ("faery", "expelliarmus")]
+        cells = [pathlib.Path(path).name, f"{events['erfgs']:,}", *(f"{rate:.0f}" for rate in speed.values()), *ratios]
+        print("| " + " | ".join(cells) + " |")
+
+
+if __name__ == "__main__":
+    main()
