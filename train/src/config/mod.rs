@@ -65,7 +65,10 @@ pub struct Config {
     pub background: [f32; 3],
     /// Gaussians nearer than this are culled, metres.
     pub near_m: f32,
-    /// Gaussians that reach nearer than that with this many standard deviations are culled too (0: their centre counts).
+    /// Renderings from where no training camera stands leave out what is nearer than this share of the depth at which the
+    /// initial points begin (0: off).
+    pub near_share: f32,
+    /// Gaussians that reach the camera with this many standard deviations are culled too (0: their centre counts).
     pub near_sigmas: f32,
     /// Initialisation.
     pub init: InitConfig,

@@ -101,6 +101,7 @@ impl Config {
         check(self.sh.max_degree <= 3, "sh.max_degree", self.sh.max_degree.to_string(), "0 to 3")?;
         check(self.sh.raise_every >= 1, "sh.raise_every", self.sh.raise_every.to_string(), "at least 1")?;
         check(self.near_m > 0.0, "near_m", self.near_m.to_string(), "above 0")?;
+        check((0.0..1.0).contains(&self.near_share), "near_share", self.near_share.to_string(), "0 to below 1")?;
         check(
             self.init.opacity > 0.0 && self.init.opacity < 1.0,
             "init.opacity",

@@ -36,6 +36,7 @@ impl Config {
             batch: 2,
             background: [1.0; 3],
             near_m: 0.2,
+            near_share: 0.0,
             near_sigmas: 0.0,
             init: InitConfig { max_points: 40_000, random_points: 10_000, opacity: 0.1 },
             sh: ShConfig { max_degree: 3, raise_every: 1000 },
@@ -143,6 +144,7 @@ impl Config {
         config.coarse_iterations = 600;
         config.fine_iterations = 4000;
         config.batch = 1;
+        config.near_share = 0.8;
         config.near_sigmas = 3.0;
         config.dynamic.coarse_without_moving = true;
         config.background = [0.0; 3];

@@ -189,7 +189,7 @@ pub struct RenderOptions {
     pub sh_degree: u32,
     /// Gaussians whose mean is nearer than this along the optical axis are left out, metres (the 3DGS code has 0.2).
     pub near: f32,
-    /// Standard deviations of a Gaussian, along the viewing direction, that must lie beyond the near plane, or it is
+    /// Standard deviations of a Gaussian, along the viewing direction, that must lie in front of the camera, or it is
     /// culled: 0 looks at its centre alone (3DGS). A large Gaussian beside a camera would otherwise veil its whole image.
     pub near_sigmas: f32,
     /// Also render the alpha-weighted depth.

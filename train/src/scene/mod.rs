@@ -3,6 +3,7 @@
 mod events;
 mod load;
 mod motion;
+mod near;
 
 use std::path::PathBuf;
 
@@ -10,6 +11,7 @@ use erfgs_session::{Dataset, Split, dataset::DatasetError};
 
 pub use events::{Bins, EventView};
 pub use motion::{MotionMasks, classify, project};
+pub use near::near_plane;
 
 use crate::raster::{RasterError, View};
 

@@ -1,7 +1,9 @@
 //! Rendering of the learned scene.
 
+use erfgs_session::Split;
+
 use super::{TrainError, Trainer, model::Rendering};
-use crate::raster::View;
+use crate::{raster::View, scene::near_plane};
 
 /// A rendering, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +22,7 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError`] where the device fails.
     pub fn render(&mut self, view: &View, t01: f64) -> Result<Rendered, TrainError> {
-        let options = crate::raster::RenderOptions { depth: true, ..self.options() };
+        let options = crate::raster::RenderOptions { depth: true, near: self.near(view), ..self.options() };
         let rendering = match &mut self.viewer {
             Some(rendering) => rendering,
             empty => empty.insert(Rendering::new(self.gpu)?),
@@ -39,5 +41,15 @@ impl Trainer<'_> {
             transmittance: image.iter().map(|pixel| pixel[3]).collect(),
             depth: depth.into_iter().zip(&image).map(seen).collect(),
         })
+    }
+
+    /// The near plane, metres. A training camera is rendered as it was trained; in front of any other lie Gaussians
+    /// that no training camera could see through or past.
+    fn near(&self, view: &View) -> f32 {
+        let trained = |camera: &crate::scene::SceneView| camera.split == Split::Train && camera.view == *view;
+        if self.scene.views.iter().any(trained) {
+            return self.config.near_m;
+        }
+        near_plane(&self.scene.points, view, self.config.near_share, self.config.near_m)
     }
 }

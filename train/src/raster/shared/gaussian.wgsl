@@ -63,7 +63,7 @@ fn project_gaussian(row0: vec4f, row1: vec4f, row2: vec4f) -> Projection {
     let z = p.camera.z;
     // A Gaussian that reaches the camera would be a veil over the whole image; see RenderOptions::near_sigmas.
     let reach = view.background.w * length((w2.xyz * p.rotation) * p.scale);
-    let in_front = z - reach > view.centre_near.w;
+    let in_front = z > view.centre_near.w && z > reach;
     let inverse_z = 1.0 / select(1.0, z, in_front);
     let slope = p.camera.xy * inverse_z;
     let lower = view.slope_bounds.xz;

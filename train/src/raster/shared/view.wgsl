@@ -9,7 +9,7 @@ struct View {
     pinhole: vec4f,
     // Bounds of x/z (xy) and of y/z (zw) in the Jacobian of the projection.
     slope_bounds: vec4f,
-    // rgb: background; w: standard deviations that must lie beyond the near plane.
+    // rgb: background; w: standard deviations that must lie in front of the camera.
     background: vec4f,
     // Image width, image height (pixels), tile columns, tile rows.
     size: vec4u,

@@ -40,8 +40,9 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     }
     let axes = world_to_camera * DMat3::from_quat(raw.normalize()) * DMat3::from_diagonal(scale);
     let axes = axes.transpose();
-    let nearest = camera.z - f64::from(options.near_sigmas) * axes.z_axis.length();
-    if nearest.is_nan() || nearest <= f64::from(options.near) {
+    let reach = f64::from(options.near_sigmas) * axes.z_axis.length();
+    let in_front = camera.z > f64::from(options.near) && camera.z > reach;
+    if !in_front {
         return None;
     }
     let (fx, fy) = (f64::from(view.fx), f64::from(view.fy));
