@@ -82,15 +82,19 @@ impl Queue {
         self.batches.front().map(|&(ready, _)| ready)
     }
 
-    /// Up to `length` bytes of the first batch if that is ready: a transfer ends with its batch.
+    /// Up to `length` bytes of the batches that are ready. A host that keeps up receives a transfer for each batch; for
+    /// one that lags they fill its transfers.
     pub(crate) fn take(&mut self, length: usize, now_ns: i64) -> Option<Vec<u8>> {
-        let (_, left) = self.batches.front_mut().filter(|(ready, _)| *ready <= now_ns)?;
-        let count = length.min(*left);
-        *left -= count;
-        if *left == 0 {
-            self.batches.pop_front();
+        let mut count = 0;
+        while let Some((_, left)) = self.batches.front_mut().filter(|(ready, _)| *ready <= now_ns && count < length) {
+            let part = (length - count).min(*left);
+            *left -= part;
+            count += part;
+            if *left == 0 {
+                self.batches.pop_front();
+            }
         }
-        Some(self.bytes.drain(..count).collect())
+        (count > 0).then(|| self.bytes.drain(..count).collect())
     }
 }
 
@@ -99,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_transfer_ends_with_its_batch() {
+    fn a_transfer_holds_what_is_ready() {
         let mut queue = Queue::default();
         queue.push(&[1, 2, 3]);
         queue.close(10);
@@ -107,9 +111,12 @@ mod tests {
         queue.close(5);
         assert_eq!(queue.take(2, 9), None);
         assert_eq!(queue.take(2, 10), Some(vec![1, 2]));
-        assert_eq!(queue.take(2, 10), Some(vec![3]));
         // A batch never overtakes the one before it.
-        assert_eq!(queue.take(9, 10), Some(vec![4, 5]));
+        queue.push(&[6]);
+        queue.close(20);
+        assert_eq!(queue.take(9, 10), Some(vec![3, 4, 5]));
+        assert_eq!(queue.take(9, 19), None);
+        assert_eq!(queue.take(9, 20), Some(vec![6]));
         assert_eq!(queue.take(9, 100), None);
     }
 }

@@ -257,7 +257,8 @@ impl DeviceFile {
             faults: self.faults.clone(),
             ..Davis346Options::default()
         };
-        let device = Davis346::new(options, self.events(number, 346, 260)?, self.frames(number, 346, 260)?);
+        let mut device = Davis346::new(options, self.events(number, 346, 260)?, self.frames(number, 346, 260)?);
+        device.prepare();
         let counts = device.counts();
         Ok((Box::new(device), counts))
     }
@@ -278,7 +279,8 @@ impl DeviceFile {
             faults: self.faults.clone(),
             ..default
         };
-        let device = Uvc::new(options, self.frames(number, width, height)?);
+        let mut device = Uvc::new(options, self.frames(number, width, height)?);
+        device.prepare();
         let counts = device.counts();
         Ok((Box::new(device), counts))
     }

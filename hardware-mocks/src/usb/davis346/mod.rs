@@ -187,6 +187,11 @@ impl Davis346 {
         self.counts.clone()
     }
 
+    /// Has the scene make its pictures now, so that no transfer waits for them.
+    pub fn prepare(&mut self) {
+        self.frames.prepare();
+    }
+
     /// What a parameter holds, for tests of drivers.
     #[must_use]
     pub fn parameter(&self, module: u8, parameter: u8) -> u32 {

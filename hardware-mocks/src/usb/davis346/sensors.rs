@@ -104,6 +104,11 @@ impl Frames {
         Self { scene, next_us: None, number: 0, pending: VecDeque::new() }
     }
 
+    /// Has the scene make what it knows ahead.
+    pub(super) fn prepare(&mut self) {
+        self.scene.known(u32::from(SIZE.0), u32::from(SIZE.1));
+    }
+
     /// The time starts again; a frame that has begun is given up.
     pub(super) fn restart(&mut self) {
         self.next_us = None;

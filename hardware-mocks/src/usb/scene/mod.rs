@@ -58,4 +58,9 @@ pub trait FrameScene: Send {
     /// The picture of frame `number`, exposed over `exposure_ns` of true time, `width` by `height` pixels. A picture with
     /// the same key is the same picture, so that a camera may keep what it has encoded.
     fn frame(&mut self, number: u64, exposure_ns: [i64; 2], width: u32, height: u32) -> (u64, Arc<Picture>);
+
+    /// The pictures that are known ahead, so that a camera can encode them before it is plugged in.
+    fn known(&mut self, _width: u32, _height: u32) -> Vec<(u64, Arc<Picture>)> {
+        Vec::new()
+    }
 }

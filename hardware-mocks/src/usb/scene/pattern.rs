@@ -103,6 +103,10 @@ impl FrameScene for PatternFrames {
             self.made.entry((key, width, height)).or_insert_with(|| Arc::new(Self::picture(key, width, height)));
         (key, Arc::clone(picture))
     }
+
+    fn known(&mut self, width: u32, height: u32) -> Vec<(u64, Arc<Picture>)> {
+        (0..Self::PICTURES).map(|key| self.frame(key, [0, 0], width, height)).collect()
+    }
 }
 
 #[cfg(test)]

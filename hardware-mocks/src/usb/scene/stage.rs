@@ -102,6 +102,10 @@ impl FrameScene for StageFrames {
         }
         (index as u64, Arc::new(resize(picture, width, height)))
     }
+
+    fn known(&mut self, width: u32, height: u32) -> Vec<(u64, Arc<Picture>)> {
+        (0..self.pictures.len() as i64).map(|index| self.frame(0, [index * self.period_ns; 2], width, height)).collect()
+    }
 }
 
 /// The nearest pixels of a picture.

@@ -93,6 +93,11 @@ pub(super) struct Encoder {
 const KEPT: usize = 64;
 
 impl Encoder {
+    /// Encodes a picture ahead.
+    pub(super) fn prepare(&mut self, format: Format, key: u64, picture: &Picture) {
+        self.kept.insert((key, format, picture.width, picture.height), Arc::new(encode(format, picture)));
+    }
+
     pub(super) fn encode(&mut self, format: Format, key: u64, picture: &Picture, truth: FrameTruth) -> Vec<u8> {
         if self.kept.len() > KEPT {
             self.kept.clear();

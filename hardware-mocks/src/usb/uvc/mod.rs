@@ -148,6 +148,14 @@ impl Uvc {
         self.counts.clone()
     }
 
+    /// Encodes what the scene knows ahead, in the default format and size, so that no frame is late for it.
+    pub fn prepare(&mut self) {
+        let (format, width, height) = self.picked();
+        for (key, picture) in self.scene.known(width, height) {
+            self.encoder.prepare(format, key, &picture);
+        }
+    }
+
     fn picked(&self) -> (Format, u32, u32) {
         let format = self.options.formats.get(usize::from(self.commit.format) - 1).copied().unwrap_or(Format::Mjpeg);
         let (width, height) = self.options.sizes.get(usize::from(self.commit.size) - 1).copied().unwrap_or((640, 480));
