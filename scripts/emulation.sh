@@ -30,7 +30,7 @@ host() {
     timeout 60 umockdev-wrapper target/umockdev/bridge "$folder" target/independent/release/independent $camera || code=1
   done
   # Our own driver, through the same libusb.
-  for camera in "evk4 00051234 100000 2"; do
+  for camera in "evk4 00051234 100000 2" "davis346 00000336 50000 2"; do
     timeout 200 umockdev-wrapper target/umockdev/bridge "$folder" target/debug/examples/follow_pattern $camera || code=1
   done
   echo quit >&3
