@@ -1,0 +1,45 @@
+//! Opens the devices that a `RIG.toml` names.
+
+use std::time::Duration;
+
+use erfgs_session::source::{Source, SourceError};
+
+use super::{
+    config::{DeviceConfig, DeviceSettings, RigConfig},
+    pattern::Pattern,
+    recorder::Input,
+};
+
+/// A device that cannot be opened.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot open '{id}': {source}")]
+pub struct OpenError {
+    /// The device.
+    pub id: String,
+    /// What its driver says.
+    pub source: SourceError,
+}
+
+/// Opens all devices of a rig and gives them their settings.
+///
+/// # Errors
+/// The first device that cannot be opened.
+pub fn open(rig: &RigConfig) -> Result<Vec<Input>, OpenError> {
+    rig.devices.iter().map(|device| input(rig, device)).collect()
+}
+
+fn input(rig: &RigConfig, device: &DeviceConfig) -> Result<Input, OpenError> {
+    let source = source(device).map_err(|source| OpenError { id: device.id.clone(), source })?;
+    let stall_seconds = device.stall_seconds.unwrap_or(rig.record.stall_seconds);
+    Ok(Input {
+        source,
+        queue_bytes: device.queue_mib.unwrap_or(rig.record.queue_mib) << 20,
+        stall_after: (stall_seconds > 0).then(|| Duration::from_secs(stall_seconds.into())),
+    })
+}
+
+fn source(device: &DeviceConfig) -> Result<Box<dyn Source>, SourceError> {
+    Ok(match &device.settings {
+        DeviceSettings::Pattern(config) => Box::new(Pattern::open(&device.id, config.clone())?),
+    })
+}

@@ -1,0 +1,198 @@
+//! The state of a rig and its recording at one moment: what the status line, the live page and the session file show.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use erfgs_session::source::{Counters, Encoding};
+use serde::{Deserialize, Serialize};
+
+use super::lane::Drops;
+
+/// How a stream fares.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StreamState {
+    /// Not started, or stopped.
+    #[default]
+    Stopped,
+    /// Started; nothing came yet.
+    Waiting,
+    /// Data come.
+    Running,
+    /// Nothing came for longer than its `stall_seconds`.
+    Stalled,
+    /// The device is gone; its driver tries to get it back.
+    Lost,
+}
+
+/// How well a stream's device clock is known on the host's.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ClockStatus {
+    /// What the figure rests on: "usb arrival", "kernel stamp".
+    pub basis: String,
+    /// Rate of the device clock against the host's, less 1, in millionths.
+    pub rate_ppm: f64,
+    /// Median of how far arrivals lie from the fit, microseconds.
+    pub residual_p50_us: f64,
+    /// 95th percentile of the same.
+    pub residual_p95_us: f64,
+    /// Samples that the fit rests on.
+    pub samples: usize,
+}
+
+/// One stream.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StreamStatus {
+    /// Name within the rig.
+    pub id: String,
+    /// Maker and model.
+    pub model: String,
+    /// Serial number, or empty.
+    pub serial: String,
+    /// Encoding of the payloads.
+    pub encoding: Encoding,
+    /// Columns, pixels.
+    pub width: u32,
+    /// Rows, pixels.
+    pub height: u32,
+    /// How it fares.
+    pub state: StreamState,
+    /// Packets a second; for frame cameras, frames a second.
+    pub packets_per_s: f64,
+    /// Bytes a second.
+    pub bytes_per_s: f64,
+    /// Events a second, extrapolated from the share of packets that was decoded; absent for frames.
+    pub events_per_s: Option<f64>,
+    /// Share of the bytes that was decoded for [`StreamStatus::events_per_s`], 0 to 1.
+    pub decoded_share: Option<f64>,
+    /// Losses since the recording started (since the rig started, where nothing is recorded).
+    pub drops: Drops,
+    /// Totals that the driver gives.
+    pub counters: Counters,
+    /// Bytes that wait for the disk.
+    pub waiting_bytes: u64,
+    /// The most that ever waited in this recording.
+    pub peak_waiting_bytes: u64,
+    /// Bytes that may wait.
+    pub queue_bytes: u64,
+    /// Packets in the session file.
+    pub written: u64,
+    /// Their bytes.
+    pub written_bytes: u64,
+    /// Measurements of the device: temperature, counts of its event-rate controller.
+    pub readings: BTreeMap<String, f64>,
+    /// The device clock, where it can be estimated.
+    pub clock: Option<ClockStatus>,
+}
+
+/// The recording that runs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RecordingStatus {
+    /// The session file.
+    pub path: PathBuf,
+    /// Since it started.
+    pub seconds: f64,
+    /// Bytes of the file by now.
+    pub bytes: u64,
+    /// Bytes a second, over the last second.
+    pub bytes_per_s: f64,
+    /// Longest that one write took, milliseconds.
+    pub slowest_write_ms: f64,
+}
+
+/// The disk that recordings go to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DiskStatus {
+    /// Bytes left above the reserve.
+    pub free: u64,
+    /// Size of the file system.
+    pub total: u64,
+    /// How long the room lasts at the present rate; absent where nothing arrives.
+    pub seconds_left: Option<f64>,
+}
+
+/// How much a message matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Level {
+    /// Good to know.
+    Info,
+    /// Something to look after; the recording goes on.
+    Warning,
+    /// The recording ended, or data are lost.
+    Error,
+}
+
+/// What happened, for the user.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Message {
+    /// Counts messages, from 1.
+    pub number: u64,
+    /// Host time, nanoseconds.
+    pub host_ns: i64,
+    /// Weight.
+    pub level: Level,
+    /// Stream that it is about, or empty.
+    pub stream: String,
+    /// The message.
+    pub text: String,
+}
+
+/// How a recording ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// The session file.
+    pub path: PathBuf,
+    /// Its length, seconds.
+    pub seconds: f64,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Why it ended.
+    pub reason: String,
+    /// What went wrong at its end, if anything: the file can be read, and `erfgs recover` completes it.
+    pub failure: Option<String>,
+    /// The streams at the end.
+    pub streams: Vec<StreamStatus>,
+}
+
+impl Summary {
+    /// Packets lost at any stage.
+    #[must_use]
+    pub fn drops(&self) -> u64 {
+        self.streams.iter().map(|stream| stream.drops.total()).sum()
+    }
+}
+
+/// Everything at one moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Name of the rig.
+    pub rig: String,
+    /// Host time, nanoseconds.
+    pub host_ns: i64,
+    /// The recording that runs, if one does.
+    pub recording: Option<RecordingStatus>,
+    /// The session file that is being completed, if one is.
+    pub finishing: Option<PathBuf>,
+    /// The recording before.
+    pub last: Option<Summary>,
+    /// The streams in the order of the rig.
+    pub streams: Vec<StreamStatus>,
+    /// The disk.
+    pub disk: DiskStatus,
+    /// The latest messages, oldest first.
+    pub messages: Vec<Message>,
+}
+
+impl Status {
+    /// Bytes a second of all streams together.
+    #[must_use]
+    pub fn bytes_per_s(&self) -> f64 {
+        self.streams.iter().map(|stream| stream.bytes_per_s).sum()
+    }
+
+    /// Packets lost at any stage in all streams.
+    #[must_use]
+    pub fn drops(&self) -> u64 {
+        self.streams.iter().map(|stream| stream.drops.total()).sum()
+    }
+}
