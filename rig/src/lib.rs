@@ -5,6 +5,7 @@
 pub mod event;
 pub mod frame;
 pub mod host_time;
+pub mod live;
 pub mod record;
 pub mod sync;
 pub mod trigger;

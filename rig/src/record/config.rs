@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use toml::Table;
 
 use super::{pattern::PatternConfig, recorder::is_id};
+use crate::event::{Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4};
 
 /// What is wrong with a `RIG.toml`.
 #[derive(Debug, thiserror::Error)]
@@ -103,6 +104,10 @@ pub struct DeviceConfig {
 /// Settings of a driver, by kind of device.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DeviceSettings {
+    /// `[[evk4]]`: a Prophesee EVK4.
+    Evk4(Box<Evk4Config>),
+    /// `[[davis346]]`: an iniVation DAVIS346.
+    Davis346(Box<Davis346Config>),
     /// `[[pattern]]`: a built-in source.
     Pattern(PatternConfig),
 }
@@ -112,6 +117,8 @@ pub enum DeviceSettings {
 struct File {
     rig: Rig,
     record: RecordConfig,
+    evk4: Vec<Table>,
+    davis346: Vec<Table>,
     pattern: Vec<Table>,
 }
 
@@ -178,6 +185,16 @@ impl RigConfig {
             }
             Ok(())
         };
+        add("evk4", file.evk4, |_, table| {
+            let config: Evk4Config = driver(table)?;
+            Evk4::validate(&config).map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Evk4(config.into()))
+        })?;
+        add("davis346", file.davis346, |_, table| {
+            let config: Davis346Config = driver(table)?;
+            Davis346::validate(&config).map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Davis346(config.into()))
+        })?;
         add("pattern", file.pattern, |_, table| {
             let config: PatternConfig = driver(table)?;
             config.validate()?;
@@ -243,7 +260,7 @@ mod tests {
     fn devices_override_what_the_recorder_says() {
         let rig = parse("[[pattern]]\nid = \"a\"\nqueue_mib = 3\n[[pattern]]\nid = \"b\"\nrate_hz = 5\n").unwrap();
         assert_eq!((rig.devices[0].queue_mib, rig.devices[1].queue_mib), (Some(3), None));
-        let DeviceSettings::Pattern(pattern) = &rig.devices[1].settings;
+        let DeviceSettings::Pattern(pattern) = &rig.devices[1].settings else { panic!("{rig:?}") };
         assert_eq!(pattern.rate_hz, 5.0);
     }
 
@@ -261,6 +278,9 @@ mod tests {
             ("[[pattern]]\nid = \"a\"\nwidht = 640", "unknown field `widht`"),
             ("[[pattern]]\nid = \"a\"\nwidth = 1", "64 to 2048"),
             ("[[pattern]]\nid = 7", "string"),
+            ("[[evk4]]\nid = \"a\"\nbiases = { diff_onn = 3 }", "diff_onn"),
+            ("[[evk4]]\nid = \"a\"\nbiases = { diff_on = 3000 }", "diff_on"),
+            ("[[davis346]]\nid = \"a\"\nexposure = 3", "unknown field `exposure`"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(says) && error.contains("RIG.toml"), "{text}: {error}");

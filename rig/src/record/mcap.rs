@@ -96,7 +96,7 @@ impl<W: Write + Send> SessionSink for McapSink<W> {
             let entry = container::StreamStatus {
                 counters: stream.counters,
                 dropped: dropped.into_iter().map(|(stage, count)| (stage.to_owned(), count)).collect(),
-                readings: stream.readings.clone(),
+                readings: stream.readings.iter().map(|(name, &value)| (name.clone(), Some(value))).collect(),
             };
             (stream.id.clone(), entry)
         });

@@ -34,7 +34,7 @@ pub use mcap::{MachineFacts, Mcap};
 pub use pattern::{Pattern, PatternConfig, PatternKind};
 pub use port::Tap;
 pub use recorder::{Input, Options, Recorder, is_id};
-pub use rig::{OpenError, open};
+pub use rig::{OpenError, open, open_on};
 pub use sink::{OpenSession, SessionInfo, SessionSink, SinkError};
 pub use status::{
     ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,

@@ -1,6 +1,6 @@
 //! Opens the devices that a `RIG.toml` names.
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use erfgs_session::source::{Source, SourceError};
 
@@ -8,6 +8,10 @@ use super::{
     config::{DeviceConfig, DeviceSettings, RigConfig},
     pattern::Pattern,
     recorder::Input,
+};
+use crate::{
+    event::{Davis346Source, Evk4Source},
+    usb::{Bus, LibusbBus},
 };
 
 /// A device that cannot be opened.
@@ -25,11 +29,19 @@ pub struct OpenError {
 /// # Errors
 /// The first device that cannot be opened.
 pub fn open(rig: &RigConfig) -> Result<Vec<Input>, OpenError> {
-    rig.devices.iter().map(|device| input(rig, device)).collect()
+    open_on(rig, &(Arc::new(LibusbBus) as _))
 }
 
-fn input(rig: &RigConfig, device: &DeviceConfig) -> Result<Input, OpenError> {
-    let source = source(device).map_err(|source| OpenError { id: device.id.clone(), source })?;
+/// As [`open`], with the USB devices of `bus`.
+///
+/// # Errors
+/// The first device that cannot be opened.
+pub fn open_on(rig: &RigConfig, bus: &Arc<dyn Bus>) -> Result<Vec<Input>, OpenError> {
+    rig.devices.iter().map(|device| input(rig, device, bus)).collect()
+}
+
+fn input(rig: &RigConfig, device: &DeviceConfig, bus: &Arc<dyn Bus>) -> Result<Input, OpenError> {
+    let source = source(device, bus).map_err(|source| OpenError { id: device.id.clone(), source })?;
     let stall_seconds = device.stall_seconds.unwrap_or(rig.record.stall_seconds);
     Ok(Input {
         source,
@@ -38,8 +50,14 @@ fn input(rig: &RigConfig, device: &DeviceConfig) -> Result<Input, OpenError> {
     })
 }
 
-fn source(device: &DeviceConfig) -> Result<Box<dyn Source>, SourceError> {
+fn source(device: &DeviceConfig, bus: &Arc<dyn Bus>) -> Result<Box<dyn Source>, SourceError> {
     Ok(match &device.settings {
+        DeviceSettings::Evk4(config) => {
+            Box::new(Evk4Source::open(Arc::clone(bus), &device.id, config.as_ref().clone())?)
+        }
+        DeviceSettings::Davis346(config) => {
+            Box::new(Davis346Source::open(Arc::clone(bus), &device.id, config.as_ref().clone())?)
+        }
         DeviceSettings::Pattern(config) => Box::new(Pattern::open(&device.id, config.clone())?),
     })
 }

@@ -27,7 +27,7 @@ fn usbfs(limit_mib: &str, streams: &[Description]) -> Option<Finding> {
     const CHECK: &str = "usbfs memory";
     let limit = limit_mib.trim().parse::<u64>().ok()? << 20;
     let in_flight = |stream: &Description| {
-        let number = |name: &str| stream.settings.get(name).and_then(serde_json::Value::as_u64);
+        let number = |name: &str| stream.settings.get("stream")?.get(name)?.as_u64();
         match (number("transfers"), number("transfer_bytes")) {
             (Some(transfers), Some(bytes)) => transfers * bytes,
             _ => IN_FLIGHT,
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn transfers_are_summed_against_the_kernels_limit() {
         let small = || camera(serde_json::json!({}));
-        let large = || camera(serde_json::json!({ "transfers": 64, "transfer_bytes": 262_144 }));
+        let large = || camera(serde_json::json!({ "stream": { "transfers": 64, "transfer_bytes": 262_144 } }));
         let verdict = |limit, streams: &[Description]| usbfs(limit, streams).map(|finding| finding.verdict);
         assert_eq!(verdict("16\n", &[small(), small(), small(), small()]), Some(Verdict::Good));
         assert_eq!(verdict("16\n", &[small(), large()]), Some(Verdict::Warning));

@@ -1,0 +1,194 @@
+//! Who may see the page: this machine alone, or who knows the token; and only under an address that cannot be another
+//! site's name.
+
+use std::net::{IpAddr, SocketAddr};
+
+use axum::http::{HeaderMap, Method, StatusCode, header};
+
+/// Name of the cookie that carries the token.
+pub(super) const COOKIE: &str = "erfgs_token";
+
+/// A random secret of 128 bits, as 32 hexadecimal digits.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Token(String);
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Token(..)")
+    }
+}
+
+impl Token {
+    /// Draws one from the system's source of randomness.
+    ///
+    /// # Errors
+    /// If the system has none.
+    pub fn random() -> Result<Self, getrandom::Error> {
+        let mut bytes = [0; 16];
+        getrandom::fill(&mut bytes)?;
+        Ok(Self(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
+    }
+
+    /// The digits.
+    #[must_use]
+    pub fn reveal(&self) -> &str {
+        &self.0
+    }
+
+    /// Compares in a time that tells nothing about where two tokens differ.
+    #[must_use]
+    pub fn is(&self, other: &str) -> bool {
+        let (own, other) = (self.0.as_bytes(), other.as_bytes());
+        own.len() == other.len() && own.iter().zip(other).fold(0, |different, (a, b)| different | (a ^ b)) == 0
+    }
+}
+
+/// The rules of one server.
+#[derive(Clone, Debug)]
+pub struct Access {
+    /// The secret; `None` where only this machine reaches the server.
+    pub token: Option<Token>,
+    /// Names that the server may be called by, besides `localhost` and bare addresses.
+    pub names: Vec<String>,
+}
+
+impl Access {
+    /// The rules for a server at `address`: none but this machine's users without a token.
+    ///
+    /// # Errors
+    /// If a token is needed and cannot be drawn.
+    pub fn for_address(address: &SocketAddr, names: Vec<String>) -> Result<Self, getrandom::Error> {
+        let token = if address.ip().is_loopback() { None } else { Some(Token::random()?) };
+        Ok(Self { token, names })
+    }
+
+    /// Whether a request may pass: `query` is what follows the `?` of its address.
+    ///
+    /// # Errors
+    /// With the status and the reason to answer.
+    pub fn check(&self, method: &Method, headers: &HeaderMap, query: &str) -> Result<(), (StatusCode, &'static str)> {
+        let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+        let host = text(header::HOST).ok_or((StatusCode::BAD_REQUEST, "the request names no host"))?;
+        // A page of another site whose name was made to point here would be called by that name.
+        if !self.is_ours(host) {
+            return Err((
+                StatusCode::FORBIDDEN,
+                "this server is not called by that name: use its address, or allow the name with --live-name",
+            ));
+        }
+        // Browsers send the origin with everything that another site's page asks for and that changes something.
+        if let Some(origin) = text(header::ORIGIN)
+            && (method != Method::GET || origin != "null")
+            && origin.strip_prefix("http://") != Some(host)
+        {
+            return Err((StatusCode::FORBIDDEN, "another site asks: refused"));
+        }
+        let Some(token) = &self.token else { return Ok(()) };
+        let offered = [
+            parameter(query, "token"),
+            text(header::AUTHORIZATION).and_then(|value| value.strip_prefix("Bearer ")),
+            text(header::COOKIE).and_then(|value| {
+                value.split(';').find_map(|part| part.trim().strip_prefix(COOKIE)?.strip_prefix('='))
+            }),
+        ];
+        if offered.into_iter().flatten().any(|offered| token.is(offered)) {
+            return Ok(());
+        }
+        Err((StatusCode::UNAUTHORIZED, "open the page by the address with the token that `erfgs record` printed"))
+    }
+
+    fn is_ours(&self, host: &str) -> bool {
+        let name = match host.strip_prefix('[') {
+            Some(rest) => rest.split(']').next().unwrap_or_default(),
+            None => host.rsplit_once(':').map_or(host, |(name, _)| name),
+        };
+        name.parse::<IpAddr>().is_ok()
+            || name.eq_ignore_ascii_case("localhost")
+            || self.names.iter().any(|own| own.eq_ignore_ascii_case(name))
+    }
+}
+
+/// The value of a parameter of a query, undecoded.
+pub(super) fn parameter<'a>(query: &'a str, name: &str) -> Option<&'a str> {
+    query.split('&').find_map(|part| part.strip_prefix(name)?.strip_prefix('='))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn headers(pairs: &[(&str, &str)]) -> HeaderMap {
+        let mut headers = HeaderMap::new();
+        for (name, value) in pairs {
+            let name: axum::http::HeaderName = name.parse().unwrap();
+            headers.insert(name, value.parse().unwrap());
+        }
+        headers
+    }
+
+    fn code(access: &Access, method: Method, pairs: &[(&str, &str)], query: &str) -> u16 {
+        access.check(&method, &headers(pairs), query).map_or_else(|(code, _)| code.as_u16(), |()| 200)
+    }
+
+    #[test]
+    fn loopback_needs_no_token_and_every_other_address_does() {
+        for (address, needs) in [
+            ("127.0.0.1:80", false),
+            ("[::1]:80", false),
+            ("0.0.0.0:80", true),
+            ("[::]:80", true),
+            ("192.168.1.5:80", true),
+        ] {
+            let access = Access::for_address(&address.parse().unwrap(), vec![]).unwrap();
+            assert_eq!(access.token.is_some(), needs, "{address}");
+        }
+    }
+
+    #[test]
+    fn names_that_a_foreign_site_could_point_here_are_refused() {
+        let access = Access { token: None, names: vec!["rig.lab".into()] };
+        for host in
+            ["127.0.0.1:8100", "localhost:8100", "LOCALHOST", "[::1]:8100", "[::1]", "10.0.0.2:8100", "rig.lab:1"]
+        {
+            assert_eq!(code(&access, Method::GET, &[("host", host)], ""), 200, "{host}");
+        }
+        for host in ["evil.example:8100", "127.0.0.1.evil.example", "localhost.evil.example:8100", "", ":8100"] {
+            assert_eq!(code(&access, Method::GET, &[("host", host)], ""), 403, "{host}");
+        }
+        assert_eq!(code(&access, Method::GET, &[], ""), 400);
+    }
+
+    #[test]
+    fn other_sites_cannot_press_the_buttons() {
+        let access = Access { token: None, names: vec![] };
+        let ask = |method, origin| code(&access, method, &[("host", "127.0.0.1:8100"), ("origin", origin)], "");
+        assert_eq!(ask(Method::POST, "http://127.0.0.1:8100"), 200);
+        assert_eq!(ask(Method::POST, "http://127.0.0.1:9000"), 403);
+        assert_eq!(ask(Method::POST, "http://evil.example"), 403);
+        assert_eq!(ask(Method::POST, "null"), 403);
+        assert_eq!(ask(Method::GET, "http://evil.example"), 403);
+    }
+
+    #[test]
+    fn the_token_opens_by_address_header_or_cookie_and_nothing_else_does() {
+        let access = Access::for_address(&"0.0.0.0:80".parse().unwrap(), vec![]).unwrap();
+        let token = access.token.clone().unwrap().reveal().to_owned();
+        let ask = |pairs: &[(&str, &str)], query: &str| {
+            code(&access, Method::GET, &[pairs, &[("host", "10.0.0.2:80")]].concat(), query)
+        };
+        assert_eq!(ask(&[], &format!("token={token}")), 200);
+        assert_eq!(ask(&[("authorization", &format!("Bearer {token}"))], ""), 200);
+        assert_eq!(ask(&[("cookie", &format!("a=b; {COOKIE}={token}"))], ""), 200);
+        for query in ["", "token=", "token=0", &format!("token={token}0"), &format!("nottoken={token}")] {
+            assert_eq!(ask(&[], query), 401, "{query}");
+        }
+        assert_eq!(ask(&[("cookie", &format!("{COOKIE}=wrong"))], ""), 401);
+    }
+
+    #[test]
+    fn tokens_are_long_and_differ() {
+        let (first, second) = (Token::random().unwrap(), Token::random().unwrap());
+        assert!(first != second && first.reveal().len() == 32);
+        assert_eq!(format!("{first:?}"), "Token(..)");
+    }
+}

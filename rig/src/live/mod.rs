@@ -1,0 +1,19 @@
+//! The live page: every camera's preview, rates, drops and clocks, the disk, start and stop, in a browser.
+//!
+//! [`Monitor`] looks at packets as they pass, on one thread with a bounded share of a core, and may miss any of them:
+//! what it shows says how much it saw. [`LivePage`] serves it over HTTP, to this machine alone unless told otherwise.
+
+mod access;
+mod clock;
+mod eye;
+mod files;
+mod frames;
+mod monitor;
+mod picture;
+mod routes;
+mod server;
+
+pub use access::{Access, Token};
+pub use files::{NameError, Recording, recordings};
+pub use monitor::{Monitor, MonitorOptions};
+pub use server::{LiveError, LiveOptions, LivePage};

@@ -1,0 +1,271 @@
+// The live page: numbers come as server-sent events, previews are fetched when there is a new one. Everything that comes
+// from the rig is set as text, never as markup.
+'use strict';
+
+const $ = (id) => document.getElementById(id);
+const cards = new Map();
+const HISTORY = 120;
+let recording = false;
+let busy = false;
+let lastMessage = -1;
+
+// Numbers for people ------------------------------------------------------------------------------------------------
+
+function scaled(value, unit, steps = ['', 'k', 'M', 'G', 'T']) {
+  let step = 0;
+  while (value >= 999.5 && step < steps.length - 1) { value /= 1000; step += 1; }
+  const digits = value >= 100 || step === 0 && Number.isInteger(value) ? 0 : value >= 10 ? 1 : 2;
+  return `${value.toFixed(digits)} ${steps[step]}${unit}`;
+}
+
+function span(seconds) {
+  const s = Math.max(0, Math.floor(seconds));
+  const two = (n) => String(n).padStart(2, '0');
+  return s >= 3600 ? `${Math.floor(s / 3600)}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
+}
+
+function longSpan(seconds) {
+  if (seconds > 48 * 3600) return 'days';
+  if (seconds > 5400) return `${(seconds / 3600).toFixed(1)} h`;
+  return seconds > 90 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds)} s`;
+}
+
+function micro(us) {
+  return us >= 1000 ? `${(us / 1000).toFixed(us >= 10000 ? 0 : 1)} ms` : `${us.toFixed(us >= 10 ? 0 : 1)} µs`;
+}
+
+function text(node, value) { if (node.textContent !== value) node.textContent = value; }
+
+// Cards -------------------------------------------------------------------------------------------------------------
+
+const STATES = {
+  stopped: ['stopped', 'dim'], waiting: ['waiting for data', 'dim'], running: ['live', ''],
+  stalled: ['no data', 'warn dim'], lost: ['lost', 'bad dim'],
+};
+
+function card(stream) {
+  let found = cards.get(stream.id);
+  if (found) return found;
+  const node = $('card').content.firstElementChild.cloneNode(true);
+  text(node.querySelector('h3'), stream.id);
+  const model = stream.serial ? `${stream.model} · ${stream.serial}` : stream.model;
+  text(node.querySelector('.model'), model);
+  node.querySelector('.model').title = model;
+  const image = node.querySelector('img');
+  image.alt = `preview of ${stream.id}`;
+  found = { node, image, version: 0, loading: false, history: [], rows: new Map(), visible: true };
+  new IntersectionObserver((seen) => { found.visible = seen.at(-1).isIntersecting; }).observe(node);
+  $('streams').append(node);
+  cards.set(stream.id, found);
+  return found;
+}
+
+function row(found, name, value, bad = false) {
+  let dd = found.rows.get(name);
+  if (!dd) {
+    const list = found.node.querySelector('.rates');
+    const dt = document.createElement('dt');
+    dd = document.createElement('dd');
+    dt.textContent = name;
+    list.append(dt, dd);
+    found.rows.set(name, dd);
+  }
+  text(dd, value);
+  dd.classList.toggle('bad', bad);
+}
+
+function spark(found, value) {
+  found.history.push(value);
+  if (found.history.length > HISTORY) found.history.shift();
+  const canvas = found.node.querySelector('canvas');
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = [Math.round((canvas.clientWidth - 28) * ratio), Math.round(36 * ratio)];
+  if (width <= 0) return;
+  if (canvas.width !== width) { canvas.width = width; canvas.height = height; }
+  const context = canvas.getContext('2d');
+  context.clearRect(0, 0, width, height);
+  const most = Math.max(...found.history, 1e-9);
+  const x = (index) => width * (index + HISTORY - found.history.length) / (HISTORY - 1);
+  const y = (rate) => height - 2 * ratio - (height - 6 * ratio) * rate / most;
+  context.beginPath();
+  found.history.forEach((rate, index) => context.lineTo(x(index), y(rate)));
+  context.strokeStyle = '#5aa7ff';
+  context.lineWidth = 1.5 * ratio;
+  context.lineJoin = 'round';
+  context.stroke();
+  context.lineTo(x(found.history.length - 1), height);
+  context.lineTo(x(0), height);
+  context.fillStyle = 'rgba(90, 167, 255, .13)';
+  context.fill();
+}
+
+async function preview(id, found, version) {
+  if (found.loading || !found.visible || document.hidden) return;
+  if (version && version === found.version) return;
+  found.loading = true;
+  try {
+    const response = await fetch(`/api/preview/${encodeURIComponent(id)}`);
+    if (response.ok) {
+      const url = URL.createObjectURL(await response.blob());
+      const old = found.image.src;
+      found.image.src = url;
+      if (old) URL.revokeObjectURL(old);
+      if (version !== null) found.version = version;
+    }
+  } catch { /* the stream of numbers tells that the recorder is gone */ }
+  found.loading = false;
+}
+
+// How often a still version is asked for anyway, which keeps the previews being drawn.
+const ASK_MS = 1000;
+setInterval(() => cards.forEach((found, id) => { if (found.pictures) preview(id, found, null); }), ASK_MS);
+
+function show(stream, look) {
+  const found = card(stream);
+  const [label, classes] = STATES[stream.state] || [stream.state, ''];
+  found.node.className = `card ${classes}`;
+  text(found.node.querySelector('.badge'), label);
+  found.pictures = stream.encoding !== 'trigger-lines';
+  if (found.pictures && look) preview(stream.id, found, look.version);
+  text(found.node.querySelector('.lines'), look && look.lines.length ? look.lines.join('\n') : '');
+  const events = stream.events_per_s;
+  spark(found, stream.state === 'running' ? (events ?? stream.packets_per_s) : 0);
+  if (events !== null && events !== undefined) {
+    const share = stream.decoded_share < 0.95 ? ` (from ${Math.round(100 * stream.decoded_share)} % of the data)` : '';
+    row(found, 'events', `${scaled(events, 'ev/s')}${share}`);
+  } else if (found.pictures) {
+    row(found, 'frames', `${stream.packets_per_s.toFixed(1)} /s`);
+  } else {
+    row(found, 'messages', `${stream.packets_per_s.toFixed(1)} /s`);
+  }
+  row(found, 'data', scaled(stream.bytes_per_s, 'B/s'));
+  const drops = stream.drops;
+  const lost = drops.driver + drops.queue + drops.writer;
+  row(found, 'drops', lost ? `driver ${drops.driver} · queue ${drops.queue} · writer ${drops.writer}` : 'none', lost > 0);
+  if (stream.clock) {
+    const { rate_ppm: ppm, residual_p50_us: p50, residual_p95_us: p95 } = stream.clock;
+    row(found, 'clock', `${ppm >= 0 ? '+' : '−'}${Math.abs(ppm).toFixed(1)} ppm · ${micro(p50)} / ${micro(p95)}`);
+    found.rows.get('clock').title = stream.clock.basis;
+  } else {
+    row(found, 'clock', 'not known yet');
+  }
+  for (const [name, value] of Object.entries(stream.readings)) {
+    row(found, name.replaceAll('_', ' '), Number.isInteger(value) ? String(value) : value.toFixed(1));
+  }
+  const queue = found.node.querySelector('.queue');
+  const share = (bytes) => Math.min(100, 100 * bytes / Math.max(1, stream.queue_bytes));
+  queue.firstElementChild.style.width = `${share(stream.waiting_bytes)}%`;
+  queue.lastElementChild.style.left = `calc(${share(stream.peak_waiting_bytes)}% - 1px)`;
+  queue.classList.toggle('full', share(stream.waiting_bytes) > 80);
+}
+
+// The whole ---------------------------------------------------------------------------------------------------------
+
+function update({ status, looks, folder }) {
+  document.body.classList.remove('offline');
+  text($('rig'), status.rig);
+  text($('link'), `${status.streams.length} ${status.streams.length === 1 ? 'stream' : 'streams'}, live`);
+  document.title = `${status.recording ? '● ' : ''}${status.rig} – erfgs live`;
+  const sum = (of) => status.streams.reduce((total, stream) => total + of(stream), 0);
+  text($('rate'), scaled(sum((stream) => stream.bytes_per_s), 'B/s'));
+  text($('events'), scaled(sum((stream) => stream.events_per_s ?? 0), 'ev/s'));
+  const lost = sum((stream) => stream.drops.driver + stream.drops.queue + stream.drops.writer);
+  text($('dropped'), lost ? `${lost} packets` : 'none');
+  $('dropped').classList.toggle('bad', lost > 0);
+  text($('disk'), scaled(status.disk.free, 'B'));
+  const left = status.disk.seconds_left;
+  if (left !== null && left !== undefined) {
+    const small = document.createElement('small');
+    small.textContent = ` ${longSpan(left)}`;
+    $('disk').append(small);
+  }
+  $('disk').classList.toggle('bad', left !== null && left !== undefined && left < 60);
+  recording = status.recording !== null;
+  const finishing = status.finishing !== null;
+  document.body.classList.toggle('recording', recording);
+  $('take').classList.toggle('stops', recording);
+  text($('state'), recording
+    ? `${span(status.recording.seconds)} · ${scaled(status.recording.bytes, 'B')}`
+    : finishing ? 'writing what waits' : 'not recording');
+  $('tally').title = recording ? status.recording.path : '';
+  text($('button'), recording ? 'Stop recording' : 'Start recording');
+  $('button').disabled = busy || finishing;
+  text($('folder'), `in ${folder}`);
+  const byId = new Map(looks.map((look) => [look.id, look]));
+  status.streams.forEach((stream) => show(stream, byId.get(stream.id)));
+  messages(status);
+}
+
+function messages(status) {
+  const newest = status.messages.at(-1)?.number ?? 0;
+  if (newest === lastMessage) return;
+  lastMessage = newest;
+  list();
+  const items = status.messages.slice().reverse().map((message) => {
+    const item = document.createElement('li');
+    item.className = message.level;
+    const when = document.createElement('span');
+    when.className = 'quiet';
+    const ago = (status.host_ns - message.host_ns) / 1e6;
+    when.textContent = new Date(Date.now() - ago).toLocaleTimeString('en-GB');
+    const what = document.createElement('span');
+    if (message.stream) {
+      const who = document.createElement('b');
+      who.textContent = `${message.stream} `;
+      what.append(who);
+    }
+    what.append(message.text);
+    item.append(when, what);
+    return item;
+  });
+  if (items.length) $('messages').replaceChildren(...items);
+}
+
+async function list() {
+  try {
+    const response = await fetch('/api/recordings');
+    if (!response.ok) return;
+    const items = (await response.json()).map(({ name, bytes }) => {
+      const item = document.createElement('li');
+      const link = document.createElement('a');
+      link.href = `/recordings/${encodeURIComponent(name)}`;
+      link.textContent = name;
+      const size = document.createElement('span');
+      size.className = 'quiet';
+      size.textContent = scaled(bytes, 'B');
+      item.append(link, size);
+      return item;
+    });
+    if (items.length) $('recordings').replaceChildren(...items);
+  } catch { /* tried again with the next message */ }
+}
+setInterval(list, 10000);
+
+$('take').addEventListener('submit', async (event) => {
+  event.preventDefault();
+  if (busy) return;
+  busy = true;
+  $('button').disabled = true;
+  text($('answer'), '');
+  const body = recording ? {} : { name: $('name').value };
+  try {
+    const response = await fetch(recording ? '/api/stop' : '/api/start', {
+      method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body),
+    });
+    const answer = await response.json();
+    if (!response.ok) text($('answer'), answer.error);
+    else if (answer.failure) text($('answer'), answer.failure);
+    else $('name').value = '';
+  } catch {
+    text($('answer'), 'the recorder does not answer');
+  }
+  busy = false;
+  list();
+});
+
+const source = new EventSource('/api/stream');
+source.onmessage = (event) => update(JSON.parse(event.data));
+source.onerror = () => {
+  document.body.classList.add('offline');
+  text($('link'), 'connection lost: trying again');
+};
