@@ -1,8 +1,14 @@
 //! `erfgs info`: what a dataset, a run, a point cloud or an event file holds.
 
+mod events;
+
 use std::path::{Path, PathBuf};
 
-use erfgs_session::{Dataset, Modality, PointCloud, Split, npz};
+use erfgs_session::{
+    Dataset, Modality, PointCloud, Split,
+    codec::{EventFile, EventFileError, SensorSize},
+    npz,
+};
 use erfgs_train::run::{Metrics, RunFolder, RunInfo};
 use serde::Serialize;
 
@@ -18,10 +24,17 @@ use crate::{
 Examples:
   erfgs info ds-dv
   erfgs info run --json | jq .metrics.psnr
-  erfgs info ds-dv/events/03.npz")]
+  erfgs info ds-dv/events/03.npz
+  erfgs info recording.raw --digest --json")]
 pub struct Arguments {
-    /// A dataset or run folder, a .ply point cloud, or .npz events.
+    /// A dataset or run folder, a .ply point cloud, or an event file.
     path: PathBuf,
+    /// Print the SHA3-224 of each field of the events.
+    #[arg(long)]
+    digest: bool,
+    /// Size of the sensor, if the event file does not say it.
+    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
+    size: Option<SensorSize>,
 }
 
 /// Looks at what `path` is and describes it.
@@ -32,18 +45,21 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     match (path.is_dir(), extension) {
         (false, "ply") => points(path, terminal),
-        (false, "npz") => events(path, terminal),
+        (false, "npz") if !arguments.digest => npz_events(path, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),
         (true, _) => dataset(&Dataset::load(folder)?, terminal),
         (false, _) if file_name == "run.json" => run_folder(folder, terminal),
         (false, _) if file_name == Dataset::MANIFEST => dataset(&Dataset::load(folder)?, terminal),
         (false, _) if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
-        (false, _) => Err(Usage(format!(
-            "'{}' is nothing that erfgs writes: give a dataset or run folder, a .ply or an .npz file",
-            path.display()
-        ))
-        .into()),
+        (false, _) => match EventFile::open(path) {
+            Err(error @ EventFileError::Unknown { .. }) => Err(Usage(format!(
+                "'{}' is nothing that erfgs writes or reads: give a dataset or run folder, a .ply or an event file ({error})",
+                path.display()
+            ))
+            .into()),
+            opened => events::describe(opened?, arguments.size, arguments.digest, terminal),
+        },
     }
 }
 
@@ -249,7 +265,7 @@ struct EventSummary<'a> {
     rate_hz: Option<f64>,
 }
 
-fn events(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
+fn npz_events(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
     let events = npz::read_events(path, None)?;
     let on = events.on.iter().filter(|&&on| on).count();
     let (first, last) = (events.t_us.first().copied(), events.t_us.last().copied());

@@ -2,6 +2,8 @@
 
 use std::str::FromStr;
 
+use erfgs_session::codec::SensorSize;
+
 /// Iterations of the coarse and the fine stage: `3000+14000`. One number alone means that many fine iterations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Iterations {
@@ -25,6 +27,14 @@ impl FromStr for Iterations {
             None => Ok(Self { coarse: None, fine: number(text)? }),
         }
     }
+}
+
+/// The size of a sensor: `1280x720`.
+pub fn sensor_size(text: &str) -> Result<SensorSize, String> {
+    let sides = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    let size = sides.map(|(width, height)| SensorSize { width, height });
+    size.filter(|size| size.width > 0 && size.height > 0)
+        .ok_or_else(|| format!("'{text}' is no sensor size; write for example 1280x720"))
 }
 
 /// An inclusive range of frame indices: `40..84` are 45 frames.

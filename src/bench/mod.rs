@@ -1,5 +1,6 @@
 //! `erfgs bench`: how fast the stages are on this machine.
 
+mod decode;
 mod raster;
 mod simulate;
 mod train;
@@ -13,6 +14,8 @@ use crate::terminal::Terminal;
 pub enum Command {
     /// The event simulator: pixels a second on each thread.
     Simulate(Box<simulate::Arguments>),
+    /// The decoding of an event file, from memory, on one core.
+    Decode(decode::Arguments),
     /// The rasteriser, stage by stage, on Gaussians spread over the view.
     Raster(raster::Arguments),
     /// A training run, stage by stage, on a dataset.
@@ -23,6 +26,7 @@ pub enum Command {
 pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
     match command {
         Command::Simulate(arguments) => simulate::run(arguments, terminal),
+        Command::Decode(arguments) => decode::run(arguments, terminal),
         Command::Raster(arguments) => raster::run(arguments, terminal),
         Command::Train(arguments) => train::run(arguments, terminal),
     }

@@ -52,6 +52,17 @@ struct Monitor {
     words: u8,
 }
 
+/// Subtype and payload of a report whose four words begin at word `at` of the block.
+#[inline(always)]
+fn report(block: &[u8; BYTES], at: u32) -> Option<(u16, u32)> {
+    let words = u64::from_le_bytes(*block.get(2 * at as usize..)?.first_chunk()?);
+    if words & 0xF000_F000_F000_F000 != 0x7000_F000_F000_E000 {
+        return None;
+    }
+    let bits = |from: u32, mask: u64| (words >> from & mask) as u32;
+    Some((bits(0, 0xFFF) as u16, bits(16, 0xFFF) | bits(32, 0xFFF) << 12 | bits(48, 0xF) << 24))
+}
+
 /// Decodes EVT 3.0.
 #[derive(Clone, Debug)]
 pub struct Evt3Decoder {
@@ -142,39 +153,60 @@ impl Evt3Decoder {
         }
         let masks = Masks::of(block, 0x8000 | self.clock.word() as u16);
         let words = block.as_chunks::<2>().0;
-        let content = |at: u32| u16::from_le_bytes(words[at as usize % WORDS]) & 0xFFF;
-        let last = |mask: u64, or: u16| if mask == 0 { or } else { content(63 - mask.leading_zeros()) };
+        let word = |at: u32| u16::from_le_bytes(words[at as usize % WORDS]);
+        let last = |mask: u64, or: u16| if mask == 0 { or } else { word(63 - mask.leading_zeros()) & 0xFFF };
         // Row and low time words that are not in `self` yet.
         let (mut rows, mut lows) = (masks.row, masks.low);
         let mut todo = masks.event | masks.other;
-        self.stage.room(WORDS, sink);
-        let mut high = self.clock.time_us();
         while todo != 0 {
+            self.stage.room(WORDS, sink);
+            let (width, height, high) = (self.width, self.height, self.clock.time_us());
+            let (row, low) = (self.row, self.low);
+            let Some((times, xs, ys, ons)) = self.stage.take::<WORDS>() else { return };
+            let mut count = 0;
+            let mut skipped = 0;
+            // Events and reports on the sensor, up to a word that changes more.
+            while todo != 0 {
+                let at = todo.trailing_zeros();
+                // Without shifts by a variable, which the oldest x86-64 processors are slow at.
+                let bit = todo & todo.wrapping_neg();
+                let below = bit - 1;
+                if masks.event & bit != 0 {
+                    todo ^= bit;
+                    let y = last(rows & below, row);
+                    let word = word(at);
+                    let (x, y) = (word & 0x7FF, if y == NO_ROW { y } else { y & 0x7FF });
+                    times[count % WORDS] = high | u64::from(last(lows & below, low));
+                    xs[count % WORDS] = x;
+                    ys[count % WORDS] = y;
+                    ons[count % WORDS] = word & 0x800 != 0;
+                    if x < width && y < height {
+                        count += 1;
+                    } else if y == NO_ROW {
+                        self.anomalies.no_row += 1;
+                    } else {
+                        skipped += 1;
+                    }
+                    continue;
+                }
+                let Some((subtype, payload)) = report(block, at) else { break };
+                todo &= u64::MAX << (at + 3) << 1;
+                sink.monitor(high | u64::from(last(lows & below, low)), subtype, payload.into());
+            }
+            self.stage.give_back(WORDS - count);
+            self.anomalies.outside += skipped;
+            if todo == 0 {
+                break;
+            }
             let at = todo.trailing_zeros();
             let below = (1 << at) - 1;
-            if masks.event >> at & 1 == 1 {
-                todo &= todo - 1;
-                let y = last(rows & below, self.row);
-                let y = if y == NO_ROW { y } else { y & 0x7FF };
-                let low = last(lows & below, self.low);
-                let word = content(at);
-                let x = word & 0x7FF;
-                if x < self.width && y < self.height {
-                    self.stage.push(high | u64::from(low), x, y, word & 0x800 != 0);
-                } else if y == NO_ROW {
-                    self.anomalies.no_row += 1;
-                } else {
-                    self.anomalies.outside += 1;
-                }
-                continue;
-            }
             self.settle(last(rows & below, NO_ROW), last(lows & below, NO_ROW));
             rows &= !below;
             lows &= !below;
             // All words of other types that follow each other.
             let run = (masks.other >> at).trailing_ones();
             for index in at..at + run {
-                let word = u16::from_le_bytes(words[index as usize % WORDS]);
+                let word = word(index);
                 self.word(word, sink);
                 if word >> 12 == 8 {
                     // Which time words say nothing new is different now.
@@ -187,8 +219,6 @@ impl Evt3Decoder {
                 self.end_monitor(sink);
             }
             todo &= if end >= 64 { 0 } else { u64::MAX << end };
-            self.stage.room(WORDS, sink);
-            high = self.clock.time_us();
         }
         self.settle(last(rows, NO_ROW), last(lows, NO_ROW));
     }

@@ -1,0 +1,102 @@
+//! `erfgs info` of event files.
+
+use std::{collections::BTreeMap, path::Path};
+
+use erfgs_session::codec::{Anomalies, Digests, EventFile, SensorSize};
+use serde::Serialize;
+
+use crate::terminal::{Terminal, table, thousands};
+
+#[derive(Serialize)]
+struct EventFileSummary<'a> {
+    kind: &'static str,
+    file: &'a Path,
+    format: &'static str,
+    width: Option<u16>,
+    height: Option<u16>,
+    events: u64,
+    on: u64,
+    off: u64,
+    frames: u64,
+    imu_samples: u64,
+    triggers: u64,
+    edges: u64,
+    first_us: Option<u64>,
+    last_us: Option<u64>,
+    /// Events a second, all pixels together.
+    rate_hz: Option<f64>,
+    /// Whether some event is earlier than the one before it.
+    unordered: bool,
+    anomalies: Anomalies,
+    header: BTreeMap<&'a str, &'a str>,
+    /// Of each field, SHA3-224, hexadecimal.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    sha3_224_of_field: BTreeMap<&'static str, String>,
+}
+
+/// Decodes the file and describes it; with `digest`, digests each field.
+pub fn describe(
+    mut file: EventFile,
+    size: Option<SensorSize>,
+    digest: bool,
+    terminal: &Terminal,
+) -> anyhow::Result<()> {
+    if let Some(size) = size {
+        file = file.with_size(size);
+    }
+    let mut found = if digest { Digests::new() } else { Digests::default() };
+    let anomalies = file.decode(&mut found)?;
+    let seconds = found.range_us.map(|(first, last)| (last - first) as f64 * 1e-6).filter(|&seconds| seconds > 0.0);
+    let summary = EventFileSummary {
+        kind: "events",
+        file: &file.path,
+        format: file.format.name(),
+        width: file.size.map(|size| size.width),
+        height: file.size.map(|size| size.height),
+        events: found.events,
+        on: found.on_events,
+        off: found.events - found.on_events,
+        frames: found.frames,
+        imu_samples: found.imu_samples,
+        triggers: found.marks,
+        edges: found.edges,
+        first_us: found.range_us.map(|range| range.0),
+        last_us: found.range_us.map(|range| range.1),
+        rate_hz: seconds.map(|seconds| found.events as f64 / seconds),
+        unordered: found.unordered,
+        anomalies,
+        header: file.header.iter().map(|(key, value)| (key.as_str(), value.as_str())).collect(),
+        sha3_224_of_field: found.finish().into_iter().collect(),
+    };
+    terminal.result(&summary, || text(&summary))
+}
+
+fn text(summary: &EventFileSummary<'_>) -> String {
+    let mut rows = Vec::new();
+    let mut row = |key: &str, value: String| rows.push(vec![key.to_owned(), value]);
+    row("format", summary.format.to_owned());
+    let size = summary.width.zip(summary.height);
+    row("sensor", size.map_or("size unknown; give --size WxH".into(), |(width, height)| format!("{width} x {height}")));
+    let (events, on, off) = (thousands(summary.events), thousands(summary.on), thousands(summary.off));
+    row("events", format!("{events} ({on} ON, {off} OFF)"));
+    if let Some((first, last)) = summary.first_us.zip(summary.last_us) {
+        let order = if summary.unordered { ", not in order" } else { "" };
+        row("time", format!("{first} to {last} us{order}"));
+    }
+    if let Some(rate) = summary.rate_hz {
+        row("rate", format!("{} events a second", thousands(rate as u64)));
+    }
+    let counts = [
+        ("frames", summary.frames),
+        ("inertial", summary.imu_samples),
+        ("triggers", summary.triggers),
+        ("edges", summary.edges),
+    ];
+    counts.into_iter().filter(|count| count.1 > 0).for_each(|(name, count)| row(name, thousands(count)));
+    let found = summary.anomalies.classes();
+    let found: Vec<String> = found.iter().filter(|class| class.1 > 0).map(|(name, n)| format!("{n} {name}")).collect();
+    row("anomalies", if found.is_empty() { "none".into() } else { found.join(", ") });
+    summary.header.iter().for_each(|(key, value)| row(&format!("% {key}"), (*value).to_owned()));
+    summary.sha3_224_of_field.iter().for_each(|(field, digest)| row(&format!("sha3-224 {field}"), digest.clone()));
+    table(&rows)
+}
