@@ -31,7 +31,7 @@ pub struct StageCamera {
 }
 
 impl StageCamera {
-    /// Films one second from the place of RGB camera `index` of four.
+    /// Films from the place of RGB camera `index` of four.
     pub fn film(id: &str, index: usize, frames: usize, (width, height): (u32, u32)) -> Result<Self, Box<dyn Error>> {
         let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
         let camera = RigOptions { width, height, rgb: 4, event: 0, test: 0, ..RigOptions::default() }

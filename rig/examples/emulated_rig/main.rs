@@ -54,9 +54,9 @@ frames = { interval_us = 100000, exposure_us = 4000 }
 "#;
 
 /// Length of the take that plays again and again.
-const TAKE_US: u64 = 1_000_000;
+const TAKE_US: u64 = 300_000;
 /// Frames of the frame cameras' take, and their size.
-const FRAMES: usize = 30;
+const FRAMES: usize = 9;
 const FRAME_SIZE: (u32, u32) = (640, 400);
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -118,7 +118,7 @@ fn devices() -> Result<Vec<Box<dyn UsbDevice>>, Box<dyn Error>> {
         let rig = RigOptions { width: 346, height: 260, rgb: 0, event: 3, test: 0, ..RigOptions::default() };
         let camera = rig.cameras(1)?.swap_remove(1);
         let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        StageFrames::film(&view, 10, TAKE_US as i64 * 100, 4_000_000)
+        StageFrames::film(&view, 3, TAKE_US as i64 * 1000 / 3, 4_000_000)
     };
     let evk4 =
         |serial, events| Evk4::new(Evk4Options { serial, ..Default::default() }, Stimulus::Scene(Box::new(events)));
