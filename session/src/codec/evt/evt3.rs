@@ -145,11 +145,12 @@ impl Evt3Decoder {
         self.clock.time_us() | u64::from(self.low)
     }
 
-    /// Decodes 64 words.
+    /// Decodes up to 64 words, and at least one; says how many bytes they were.
     #[inline]
-    fn block(&mut self, block: &[u8; BYTES], sink: &mut impl Sink) {
-        if !self.clock.settled() {
-            return self.words(block, sink);
+    fn block(&mut self, block: &[u8; BYTES], sink: &mut impl Sink) -> usize {
+        if !self.clock.settled() || self.monitor.words > 0 {
+            self.words(&block[..2], sink);
+            return 2;
         }
         let masks = Masks::of(block, 0x8000 | self.clock.word() as u16);
         let words = block.as_chunks::<2>().0;
@@ -162,7 +163,7 @@ impl Evt3Decoder {
             self.stage.room(WORDS, sink);
             let (width, height, high) = (self.width, self.height, self.clock.time_us());
             let (row, low) = (self.row, self.low);
-            let Some((times, xs, ys, ons)) = self.stage.take::<WORDS>() else { return };
+            let Some((times, xs, ys, ons)) = self.stage.take::<WORDS>() else { break };
             let mut count = 0;
             let mut skipped = 0;
             // Events and reports on the sensor, up to a word that changes more.
@@ -210,7 +211,7 @@ impl Evt3Decoder {
                 self.word(word, sink);
                 if word >> 12 == 8 {
                     // Which time words say nothing new is different now.
-                    return self.words(&block[2 * index as usize + 2..], sink);
+                    return 2 * index as usize + 2;
                 }
             }
             let end = at + run;
@@ -221,6 +222,7 @@ impl Evt3Decoder {
             todo &= if end >= 64 { 0 } else { u64::MAX << end };
         }
         self.settle(last(rows, NO_ROW), last(lows, NO_ROW));
+        BYTES
     }
 
     /// Takes over a row and a low time word, where they are there.
@@ -368,20 +370,13 @@ impl Decoder for Evt3Decoder {
             self.word(u16::from_le_bytes([first, *second]), sink);
             bytes = rest;
         }
-        let (blocks, rest) = bytes.as_chunks::<BYTES>();
-        for block in blocks {
-            // A report under way goes on word by word.
-            if self.monitor.words > 0 {
-                self.words(block, sink);
-            } else {
-                self.block(block, sink);
-            }
+        while let Some(block) = bytes.first_chunk() {
+            let decoded = self.block(block, sink);
+            bytes = &bytes[decoded..];
         }
-        self.words(rest, sink);
-        if let [.., last] = rest
-            && rest.len() % 2 == 1
-        {
-            self.carry = Some(*last);
+        self.words(bytes, sink);
+        if !bytes.len().is_multiple_of(2) {
+            self.carry = bytes.last().copied();
         }
         self.stage.flush(sink);
     }
