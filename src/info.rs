@@ -1,6 +1,7 @@
-//! `erfgs info`: what a dataset, a run, a point cloud or an event file holds.
+//! `erfgs info`: what a session, a dataset, a run, a point cloud or an event file holds.
 
 mod events;
+mod session;
 
 use std::path::{Path, PathBuf};
 
@@ -18,16 +19,17 @@ use crate::{
     terminal::{Terminal, bytes, table, thousands},
 };
 
-/// Say what a dataset, a run, a point cloud or an event file holds.
+/// Say what a session, a dataset, a run, a point cloud or an event file holds.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   erfgs info ds-dv
   erfgs info run --json | jq .metrics.psnr
   erfgs info ds-dv/events/03.npz
-  erfgs info recording.raw --digest --json")]
+  erfgs info recording.raw --digest --json
+  erfgs info S.mcap")]
 pub struct Arguments {
-    /// A dataset or run folder, a .ply point cloud, or an event file.
+    /// A session, a dataset or run folder, a .ply point cloud, or an event file.
     path: PathBuf,
     /// Print the SHA3-224 of each field of the events.
     #[arg(long)]
@@ -45,6 +47,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     match (path.is_dir(), extension) {
         (false, "ply") => points(path, terminal),
+        (false, "mcap") => session::run(path, arguments.digest, terminal),
         (false, "npz") if !arguments.digest => npz_events(path, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),

@@ -14,9 +14,12 @@ mod info;
 mod interrupt;
 mod parse;
 mod progress;
+mod recover;
 mod render;
+mod replay;
 mod report;
 mod simulate;
+mod sync;
 mod terminal;
 mod train;
 
@@ -64,9 +67,15 @@ enum Command {
     Eval(eval::Arguments),
     /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
     Render(render::Arguments),
-    /// Write the Gaussians of a run as PLY files.
+    /// Write the Gaussians of a run, or the streams of a session, in the formats of other programs.
     Export(export::Arguments),
-    /// Say what a dataset, a run, a point cloud or an event file holds.
+    /// Repair a session whose recording was cut off.
+    Recover(recover::Arguments),
+    /// Play a session as if its devices were there.
+    Replay(replay::Arguments),
+    /// Fit the clocks of a session anew and plot how well they fit.
+    Sync(sync::Arguments),
+    /// Say what a session, a dataset, a run, a point cloud or an event file holds.
     Info(info::Arguments),
     /// Compare runs in one self-contained HTML file.
     Report(report::Arguments),
@@ -87,6 +96,9 @@ fn main() -> ExitCode {
         Command::Eval(arguments) => eval::run(&arguments, &terminal),
         Command::Render(arguments) => render::run(&arguments, &terminal),
         Command::Export(arguments) => export::run(&arguments, &terminal),
+        Command::Recover(arguments) => recover::run(&arguments, &terminal),
+        Command::Replay(arguments) => replay::run(&arguments, &terminal),
+        Command::Sync(arguments) => sync::run(&arguments, &terminal),
         Command::Info(arguments) => info::run(&arguments, &terminal),
         Command::Report(arguments) => report::run(&arguments, &terminal),
         Command::Doctor(arguments) => doctor::run(&arguments, &terminal),

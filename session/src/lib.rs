@@ -16,6 +16,7 @@ pub mod import;
 pub mod lens;
 pub mod npy;
 pub mod npz;
+pub mod pixel;
 pub mod ply;
 pub mod pose;
 pub mod progress;

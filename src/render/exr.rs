@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
+use erfgs_session::ImageRgb8;
 use erfgs_train::trainer::Rendered;
 use exr::prelude::{Image, SpecificChannels, WritableImage, f16};
 
@@ -23,6 +24,21 @@ pub fn write(path: &Path, width: u32, height: u32, rendered: &Rendered) -> anyho
             let depth = if depth > 0.0 { depth } else { f32::INFINITY };
             (r, g, b, f16::from_f32(1.0 - rendered.transmittance[index]), depth)
         });
+    Image::from_channels((width, height), channels)
+        .write()
+        .to_file(path)
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes the `R`, `G`, `B` (half, linear light) of a picture that is coded as sRGB.
+pub fn write_rgb8(path: &Path, image: &ImageRgb8) -> anyhow::Result<()> {
+    let [width, height] = [image.width as usize, image.height as usize];
+    let linear: Vec<f16> = (0..=255_u8).map(|level| f16::from_f32(to_linear(f32::from(level) / 255.0))).collect();
+    let channels = SpecificChannels::rgb(|position: exr::math::Vec2<usize>| {
+        let index = 3 * (position.y() * width + position.x());
+        let [r, g, b] = [0, 1, 2].map(|channel| linear[usize::from(image.data[index + channel])]);
+        (r, g, b)
+    });
     Image::from_channels((width, height), channels)
         .write()
         .to_file(path)

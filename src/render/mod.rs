@@ -1,8 +1,8 @@
 //! `erfgs render`: pictures and videos of a run.
 
-mod exr;
+pub mod exr;
 mod path;
-mod video;
+pub mod video;
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,53 @@
+//! The Gaussians of a run as PLY files.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_train::export::write_ply;
+use serde::Serialize;
+
+use crate::{
+    device::TrainedRun,
+    terminal::{Terminal, bytes},
+};
+
+#[derive(Serialize)]
+struct Exported {
+    file: PathBuf,
+    /// Nanoseconds on the session clock; absent for the canonical Gaussians.
+    t_ns: Option<i64>,
+    gaussians: usize,
+    bytes: u64,
+}
+
+/// Writes the files and lists them.
+pub fn run(run: &TrainedRun, instants: Option<u32>, out: Option<&Path>, terminal: &Terminal) -> anyhow::Result<()> {
+    let folder = run.folder()?;
+    let gpu = run.device()?;
+    let mut trainer = run.trainer(&gpu, &folder)?;
+    let out = erfgs_train::run::RunFolder::new(out.unwrap_or(folder.root()));
+    let instants = instants.unwrap_or_else(|| {
+        let times: std::collections::BTreeSet<i64> = trainer.scene.held_out.iter().map(|frame| frame.t_ns).collect();
+        times.len() as u32
+    });
+    let [start, end] = trainer.scene.dataset.manifest.span_ns;
+    let progress = terminal.progress("exporting");
+    let mut files = Vec::new();
+    let mut write = |file: PathBuf, t_ns, gaussians| -> anyhow::Result<()> {
+        write_ply(&file, &gaussians)?;
+        let bytes = std::fs::metadata(&file).map_or(0, |metadata| metadata.len());
+        files.push(Exported { file, t_ns, gaussians: gaussians.len(), bytes });
+        Ok(())
+    };
+    write(out.point_cloud_file(), None, trainer.model.population(&gpu)?.gaussians)?;
+    for index in 0..instants {
+        progress.update(index.into(), instants.into(), "instants");
+        let t01 = f64::from(index) / f64::from(instants.max(2) - 1);
+        let t_ns = start + (t01 * (end - start) as f64).round() as i64;
+        write(out.point_cloud_at_file(index), Some(t_ns), trainer.model.gaussians_at(&gpu, t01)?)?;
+    }
+    drop(progress);
+    terminal.result(&files, || {
+        let total: u64 = files.iter().map(|file| file.bytes).sum();
+        format!("{} files, {}, in {}", files.len(), bytes(total), out.root().display())
+    })
+}

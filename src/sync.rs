@@ -1,0 +1,77 @@
+//! `erfgs sync`: fit the clocks of a session anew.
+
+use std::path::PathBuf;
+
+use erfgs_rig::sync::{StreamSync, Synchronisation, page, synchronise};
+use erfgs_session::container::Session;
+
+use crate::terminal::{Terminal, table, thousands};
+
+/// Fit the clocks of a session anew and plot how well they fit.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Ties every stream to the session clock, in one of three tiers:
+  A  hardware-triggered: edges at event cameras and frames are matched with the trigger board's pulses
+  B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
+  C  as B, with a lag that a flash told
+The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page
+with plots of the residuals (S.sync.html).
+
+Examples:
+  erfgs sync S.mcap
+  erfgs sync S.mcap --json | jq '.streams[] | {id, tier}'")]
+pub struct Arguments {
+    /// The session.
+    session: PathBuf,
+    /// The file to write the fits to; beside the session without it.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// The page to write the plots to; beside the fits without it.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+/// Fits, writes and tells.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut session = Session::open(&arguments.session)?;
+    let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
+    let progress = terminal.progress("reading");
+    let sync = synchronise(&mut session, |bytes| progress.update(bytes, total, "bytes"))?;
+    drop(progress);
+    let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(&arguments.session));
+    let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));
+    sync.save(&out)?;
+    erfgs_session::atomic::write(&plot, page(&sync).as_bytes())
+        .map_err(|source| anyhow::anyhow!("cannot write {}: {source}", plot.display()))?;
+    terminal.result(&sync, || {
+        let mut rows =
+            vec![["stream", "tier", "samples", "rate error", "residual p50", "p95", "max"].map(str::to_owned).to_vec()];
+        rows.extend(sync.streams.iter().map(row));
+        let mut text = table(&rows);
+        for stream in &sync.streams {
+            for note in &stream.notes {
+                text.push_str(&format!("{}: {note}\n", stream.id));
+            }
+        }
+        text.push_str(&format!("written: {} and {}", out.display(), plot.display()));
+        text
+    })
+}
+
+fn row(stream: &StreamSync) -> Vec<String> {
+    let us = |ns: f64| format!("{:.1} µs", ns / 1000.0);
+    let (samples, rate, residuals) = match (&stream.clock, &stream.exposures) {
+        (Some(clock), _) => (clock.samples, format!("{:+.2} ppm", clock.rate_error_ppm()), clock.residuals),
+        (None, Some(exposures)) => (exposures.sequence.len() as u64, "-".to_owned(), exposures.residuals),
+        (None, None) => (0, "-".to_owned(), Default::default()),
+    };
+    vec![
+        stream.id.clone(),
+        stream.tier.name().to_owned(),
+        thousands(samples),
+        rate,
+        us(residuals.p50_ns),
+        us(residuals.p95_ns),
+        us(residuals.max_ns),
+    ]
+}
