@@ -38,6 +38,9 @@ fi
 
 install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev
 
+# The trigger board's firmware and its simulator; libclang reads the kernel's V4L2 header for the camera driver.
+install gcc-avr avr-libc simavr libsimavr-dev libelf-dev libclang1-14 libclang-common-14-dev
+
 if ! command -v cargo >/dev/null && [ ! -x "$HOME/.cargo/bin/cargo" ]; then
   echo "setup.sh: Rust is missing. Install it from https://rustup.rs and run this again." >&2
   exit 1

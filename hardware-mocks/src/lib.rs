@@ -1,4 +1,8 @@
 //! Emulated devices, and the stage that they film.
 
 pub mod stage;
+#[cfg(unix)]
+pub mod trigger;
 pub mod usb;
+#[cfg(target_os = "linux")]
+pub mod v4l2;

@@ -7,7 +7,7 @@ here=$PWD
 folder=$1
 
 # What the jobs load. dummy_hcd and the gadget functions make serial ports; the rest is USB and video.
-modules="virtio_pci 9p 9pnet_virtio overlay vhci-hcd uvcvideo usbmon cdc-acm dummy_hcd libcomposite usb_f_acm"
+modules="virtio_pci 9p 9pnet_virtio overlay vhci-hcd uvcvideo usbmon cdc-acm dummy_hcd libcomposite usb_f_acm vivid"
 
 package=$(apt-cache depends linux-image-amd64 2>/dev/null | awk '/Depends:/ {print $2; exit}')
 if [ -z "$package" ]; then

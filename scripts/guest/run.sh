@@ -28,7 +28,7 @@ timeout -s KILL "${GUEST_SECONDS:-240}" qemu-system-x86_64 \
   -M q35 -accel tcg,thread=multi -cpu max -m "${GUEST_MEMORY:-2048}" -smp "${GUEST_CPUS:-1}" \
   -nodefaults -no-user-config -display none -no-reboot -serial stdio \
   -kernel "$boot/vmlinux" -initrd "$boot/initrd.img" \
-  -append "console=ttyS0 quiet panic=-1 mitigations=off erfgs_root=$PWD erfgs_job=$arguments/job" \
+  -append "console=ttyS0 quiet panic=-1 no_timer_check mitigations=off erfgs_root=$PWD erfgs_job=$arguments/job" \
   -virtfs local,path=/,mount_tag=hostroot,security_model=none,readonly=on,multidevs=remap \
   -device isa-debug-exit,iobase=0xf4,iosize=4 </dev/null
 code=$?

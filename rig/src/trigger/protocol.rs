@@ -15,7 +15,7 @@ pub const LINE_MAX: usize = 96;
 /// The shortest and longest period, ticks.
 pub const PERIOD_TICKS: std::ops::RangeInclusive<u32> = 16_000..=0x1000_0000;
 /// The shortest exposure, ticks.
-pub const EXPOSURE_MIN_TICKS: u32 = 160;
+pub const EXPOSURE_MIN_TICKS: u32 = 320;
 /// What must remain of a period after the exposure, ticks.
 pub const EXPOSURE_GUARD_TICKS: u32 = 800;
 
@@ -90,7 +90,7 @@ pub enum Refusal {
     #[error("the board does not understand the arguments")]
     Arguments,
     /// A number is out of range, or period and exposure do not fit each other.
-    #[error("out of range: a period is 1 ms to 16.7 s, an exposure 10 µs to the period less 50 µs")]
+    #[error("out of range: a period is 1 ms to 16.7 s, an exposure 20 µs to the period less 50 µs")]
     Range,
     /// Not while pulses are given.
     #[error("the board gives pulses already; stop it first")]
@@ -131,6 +131,25 @@ pub enum Reply {
     },
     /// The board's state.
     Status(Status),
+}
+
+impl Reply {
+    /// The word of the command that it answers.
+    #[must_use]
+    pub fn command(&self) -> &'static str {
+        match self {
+            Self::Identify(_) => "identify",
+            Self::Period(_) => "period",
+            Self::Exposure(_) => "exposure",
+            Self::Outputs(_) => "outputs",
+            Self::Start(_) => "start",
+            Self::Stop(_) => "stop",
+            Self::Count(_) => "count",
+            Self::Leds(_) => "leds",
+            Self::Clock { .. } => "clock",
+            Self::Status(_) => "status",
+        }
+    }
 }
 
 /// A line from the board.

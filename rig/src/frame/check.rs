@@ -1,0 +1,57 @@
+//! Whether a frame came whole.
+
+use erfgs_session::{pixel::frame_bytes, source::Encoding};
+
+/// Whether a frame is cut: too short, or a JPEG image without beginning or end.
+pub fn is_cut(encoding: Encoding, width: u32, height: u32, payload: &[u8]) -> bool {
+    match frame_bytes(encoding, width, height) {
+        Some(bytes) => payload.len() != bytes,
+        None => {
+            // Some cameras fill up with zeros after the end.
+            let end = payload.iter().rposition(|&byte| byte != 0).map_or(0, |last| last + 1);
+            !payload.starts_with(&[0xff, 0xd8]) || !payload[..end].ends_with(&[0xff, 0xd9])
+        }
+    }
+}
+
+/// The rows of a frame without what the driver puts between them; `None` if there is nothing between.
+pub fn without_padding(encoding: Encoding, width: u32, stride: u32, payload: &[u8]) -> Option<Vec<u8>> {
+    let row = match encoding {
+        Encoding::Nv12 => width as usize,
+        _ => frame_bytes(encoding, width, 1)?,
+    };
+    let stride = stride as usize;
+    if stride <= row {
+        return None;
+    }
+    let rows = payload.chunks(stride).filter(|chunk| chunk.len() >= row);
+    Some(rows.flat_map(|chunk| &chunk[..row]).copied().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jpeg_image_needs_beginning_and_end() {
+        let cut = |payload: &[u8]| is_cut(Encoding::Mjpeg, 640, 480, payload);
+        assert!(!cut(&[0xff, 0xd8, 1, 2, 0xff, 0xd9]));
+        assert!(!cut(&[0xff, 0xd8, 1, 2, 0xff, 0xd9, 0, 0]));
+        assert!(cut(&[0xff, 0xd8, 1, 2, 0xff]));
+        assert!(cut(&[1, 2, 0xff, 0xd9]));
+        assert!(cut(&[]));
+        assert!(is_cut(Encoding::Yuyv, 2, 1, &[0; 3]));
+        assert!(!is_cut(Encoding::Yuyv, 2, 1, &[0; 4]));
+    }
+
+    #[test]
+    fn padding_between_rows_is_taken_out() {
+        let padded = [1, 2, 3, 4, 0, 0, 5, 6, 7, 8, 0, 0];
+        assert_eq!(without_padding(Encoding::Yuyv, 2, 6, &padded), Some(vec![1, 2, 3, 4, 5, 6, 7, 8]));
+        assert_eq!(without_padding(Encoding::Grey8, 4, 6, &padded[..10]), Some(vec![1, 2, 3, 4, 5, 6, 7, 8]));
+        assert_eq!(without_padding(Encoding::Grey8, 6, 6, &padded), None);
+        assert_eq!(without_padding(Encoding::Mjpeg, 6, 0, &padded), None);
+        // Two rows of luma, one of chroma.
+        assert_eq!(without_padding(Encoding::Nv12, 2, 3, &[1, 2, 0, 3, 4, 0, 5, 6, 0]), Some(vec![1, 2, 3, 4, 5, 6]));
+    }
+}

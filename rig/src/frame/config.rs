@@ -1,0 +1,216 @@
+use erfgs_session::source::Encoding;
+use serde::{Deserialize, Serialize};
+
+use super::FrameError;
+
+/// An RGB camera's table in `RIG.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrameConfig {
+    /// Name within the rig: letters, digits, `-` and `_`.
+    pub id: String,
+    /// Which camera: its serial number, the place where it is plugged in (`usb-0000:00:14.0-2`), its node
+    /// (`/dev/video0`) or its name, as `erfgs devices` lists them. Empty: the only camera there is. Only serial number
+    /// and place are sure to mean the same camera after it was unplugged.
+    pub camera: String,
+    /// How it is read.
+    pub backend: Backend,
+    /// What it sends.
+    pub format: PixelEncoding,
+    /// Columns, pixels.
+    pub width: u32,
+    /// Rows, pixels.
+    pub height: u32,
+    /// Frames a second. A triggered camera takes the trigger's rate; give at least that.
+    pub rate_hz: f64,
+    /// Exposure time, µs.
+    pub exposure_us: Lock,
+    /// Gain, in the camera's own units.
+    pub gain: Lock,
+    /// White balance, kelvin.
+    pub white_balance_k: Lock,
+    /// Focus, in the camera's own units. An autofocus that moves spoils the calibration.
+    pub focus: Lock,
+    /// Whether its shutter waits for the trigger board. Then no frame for a long time is no fault.
+    pub triggered: bool,
+    /// Frames that the kernel may hold until we take them.
+    pub buffers: u32,
+    /// After so many milliseconds without a frame a camera that is not triggered counts as lost.
+    pub timeout_ms: u32,
+}
+
+impl Default for FrameConfig {
+    fn default() -> Self {
+        Self {
+            id: "camera".into(),
+            camera: String::new(),
+            backend: Backend::Auto,
+            format: PixelEncoding::Mjpeg,
+            width: 1920,
+            height: 1080,
+            rate_hz: 30.0,
+            exposure_us: Lock::default(),
+            gain: Lock::default(),
+            white_balance_k: Lock::default(),
+            focus: Lock::default(),
+            triggered: false,
+            buffers: 8,
+            timeout_ms: 2000,
+        }
+    }
+}
+
+impl FrameConfig {
+    /// Looks for what cannot be.
+    ///
+    /// # Errors
+    /// Says which field, and what would do.
+    pub fn check(&self) -> Result<(), FrameError> {
+        let fail = |problem: String| Err(FrameError::Config { id: self.id.clone(), problem });
+        if self.width == 0 || self.height == 0 {
+            return fail(format!("{} x {} pixels; give width and height", self.width, self.height));
+        }
+        if !(0.1..=1000.0).contains(&self.rate_hz) {
+            return fail(format!("rate_hz is {}; it can be 0.1 to 1000", self.rate_hz));
+        }
+        if !(2..=32).contains(&self.buffers) {
+            return fail(format!("buffers is {}; the kernel takes 2 to 32", self.buffers));
+        }
+        if self.timeout_ms == 0 {
+            return fail("timeout_ms is 0; give some frames' time".into());
+        }
+        for (name, lock) in [
+            ("exposure_us", self.exposure_us),
+            ("gain", self.gain),
+            ("white_balance_k", self.white_balance_k),
+            ("focus", self.focus),
+        ] {
+            if let Lock::At(value) = lock
+                && !(0.0..=1e9).contains(&value)
+            {
+                return fail(format!("{name} is {value}; it can be 0 to 1e9, \"hold\" or \"auto\""));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How a camera is read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backend {
+    /// The precise way where there is one.
+    #[default]
+    Auto,
+    /// V4L2 itself (Linux): the kernel's stamps, lost frames known, unplugged cameras come back.
+    Precise,
+    /// nokhwa: every system, host times only.
+    Portable,
+}
+
+/// What a camera sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PixelEncoding {
+    /// A JPEG image a frame.
+    Mjpeg,
+    /// 4:2:2, packed.
+    Yuyv,
+    /// 4:2:0, two planes.
+    Nv12,
+    /// 8-bit grey.
+    Grey8,
+    /// 10-bit grey in 16-bit words.
+    Grey10,
+    /// 12-bit grey in 16-bit words.
+    Grey12,
+    /// 8-bit RGB.
+    Rgb8,
+}
+
+impl PixelEncoding {
+    /// As recordings name it.
+    #[must_use]
+    pub fn encoding(self) -> Encoding {
+        match self {
+            Self::Mjpeg => Encoding::Mjpeg,
+            Self::Yuyv => Encoding::Yuyv,
+            Self::Nv12 => Encoding::Nv12,
+            Self::Grey8 => Encoding::Grey8,
+            Self::Grey10 => Encoding::Grey10,
+            Self::Grey12 => Encoding::Grey12,
+            Self::Rgb8 => Encoding::Rgb8,
+        }
+    }
+
+    /// The four-character codes by which V4L2 knows it, the usual one first.
+    #[must_use]
+    pub fn fourccs(self) -> &'static [&'static [u8; 4]] {
+        match self {
+            Self::Mjpeg => &[b"MJPG", b"JPEG"],
+            Self::Yuyv => &[b"YUYV"],
+            Self::Nv12 => &[b"NV12"],
+            Self::Grey8 => &[b"GREY"],
+            Self::Grey10 => &[b"Y10 "],
+            Self::Grey12 => &[b"Y12 "],
+            Self::Rgb8 => &[b"RGB3"],
+        }
+    }
+}
+
+/// What becomes of a quantity that cameras set by themselves. Training needs frames of one look, so that the default is
+/// to hold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Lock {
+    /// Held as it is, or left to the camera.
+    Named(NamedLock),
+    /// Set to a value.
+    At(f64),
+}
+
+/// A [`Lock`] without a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NamedLock {
+    /// The camera's automatic is switched off, and the value stays what it is.
+    Hold,
+    /// The camera sets it.
+    Auto,
+}
+
+impl Default for Lock {
+    fn default() -> Self {
+        Self::Named(NamedLock::Hold)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_read_and_unknown_fields_are_refused() {
+        let table = r#"{"id": "left", "format": "grey12", "exposure_us": 5000, "gain": "auto"}"#;
+        let config: FrameConfig = serde_json::from_str(table).unwrap();
+        assert_eq!((config.exposure_us, config.gain), (Lock::At(5000.0), Lock::Named(NamedLock::Auto)));
+        assert_eq!(config.white_balance_k, Lock::Named(NamedLock::Hold));
+        assert_eq!(config.format.encoding(), Encoding::Grey12);
+        assert!(config.check().is_ok());
+        assert!(serde_json::from_str::<FrameConfig>(r#"{"exposure": 5000}"#).is_err());
+    }
+
+    #[test]
+    fn what_no_camera_can_do_is_refused_by_name() {
+        let refused = |change: fn(&mut FrameConfig)| {
+            let mut config = FrameConfig::default();
+            change(&mut config);
+            config.check().unwrap_err().to_string()
+        };
+        assert!(refused(|c| c.width = 0).contains("0 x 1080"));
+        assert!(refused(|c| c.rate_hz = f64::INFINITY).contains("rate_hz"));
+        assert!(refused(|c| c.buffers = 1).contains("2 to 32"));
+        assert!(refused(|c| c.timeout_ms = 0).contains("timeout_ms"));
+        assert!(refused(|c| c.exposure_us = Lock::At(-1.0)).contains("exposure_us is -1"));
+    }
+}

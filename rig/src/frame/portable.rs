@@ -1,0 +1,279 @@
+//! Cameras through nokhwa: every system, with less known of each frame. Arrival is stamped by the host alone; lost
+//! frames are not seen, and a camera that dies is not noticed before it is unplugged.
+
+use std::{
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, Receiver, RecvTimeoutError, Sender},
+    },
+    thread,
+    time::Duration,
+};
+
+use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError};
+use nokhwa::{
+    Camera,
+    pixel_format::RgbFormat,
+    utils::{ApiBackend, CameraFormat, CameraIndex, FrameFormat, RequestedFormat, RequestedFormatType, Resolution},
+};
+use serde_json::{Map, Value, json};
+
+use super::{FoundCamera, FrameConfig, FrameError, Lock, PixelEncoding, check::is_cut, config::NamedLock};
+use crate::host_time::host_ns;
+
+/// How long `stop` waits for a frame under way; a dead camera never gives one.
+const STOP_WAIT: Duration = Duration::from_secs(2);
+const SYSTEM: &str = "nokhwa";
+
+/// The cameras that nokhwa knows of. On Linux, nodes of metadata are among them: [`super::list`] is better there.
+///
+/// # Errors
+/// If the system does not list them.
+pub fn list() -> Result<Vec<FoundCamera>, FrameError> {
+    let cameras = nokhwa::query(ApiBackend::Auto).map_err(|error| FrameError::List { reason: error.to_string() })?;
+    Ok(cameras
+        .into_iter()
+        .map(|camera| FoundCamera {
+            name: camera.human_name(),
+            serial: String::new(),
+            bus: camera.misc(),
+            node: camera.index().as_string().into(),
+            driver: SYSTEM.into(),
+            formats: Vec::new(),
+            problem: None,
+        })
+        .collect())
+}
+
+/// A camera of any system as a [`Source`] of frames.
+pub struct PortableCamera {
+    config: FrameConfig,
+    description: Description,
+    index: CameraIndex,
+    state: Arc<State>,
+    /// The thread says that it has ended by dropping its end.
+    running: Option<Receiver<()>>,
+}
+
+#[derive(Default)]
+struct State {
+    stopping: AtomicBool,
+    counters: Mutex<Counters>,
+}
+
+fn failed(config: &FrameConfig, doing: &'static str) -> impl FnOnce(nokhwa::NokhwaError) -> FrameError {
+    let id = config.id.clone();
+    move |error| FrameError::Portable { id, system: SYSTEM, doing, reason: error.to_string() }
+}
+
+/// nokhwa's name of a format; it has none for deep grey.
+fn frame_format(config: &FrameConfig) -> Result<FrameFormat, FrameError> {
+    match config.format {
+        PixelEncoding::Mjpeg => Ok(FrameFormat::MJPEG),
+        PixelEncoding::Yuyv => Ok(FrameFormat::YUYV),
+        PixelEncoding::Nv12 => Ok(FrameFormat::NV12),
+        PixelEncoding::Grey8 => Ok(FrameFormat::GRAY),
+        PixelEncoding::Rgb8 => Ok(FrameFormat::RAWRGB),
+        PixelEncoding::Grey10 | PixelEncoding::Grey12 => Err(FrameError::Config {
+            id: config.id.clone(),
+            problem: "the portable backend has no 10 and 12-bit grey; take backend \"precise\" (Linux), or \"grey8\""
+                .into(),
+        }),
+    }
+}
+
+impl PortableCamera {
+    /// Opens the camera once, to see that it can do what is asked, and closes it.
+    ///
+    /// # Errors
+    /// If there is no such camera, or it cannot.
+    pub fn open(config: &FrameConfig) -> Result<Self, FrameError> {
+        config.check()?;
+        let locks = [config.exposure_us, config.gain, config.white_balance_k, config.focus];
+        if locks.iter().any(|lock| matches!(lock, Lock::At(_))) {
+            return Err(FrameError::Config {
+                id: config.id.clone(),
+                problem:
+                    "the portable backend sets no exposure, gain, white balance or focus, since their units differ \
+                          between systems: set them in the camera's own program, and leave them at \"hold\" here"
+                        .into(),
+            });
+        }
+        let index = choose(config)?;
+        let camera = prepare(config, &index)?;
+        let description = Description {
+            id: config.id.clone(),
+            model: camera.info().human_name(),
+            serial: String::new(),
+            encoding: config.format.encoding(),
+            width: config.width,
+            height: config.height,
+            start_order: 0,
+            settings: described(config, &camera),
+        };
+        Ok(Self { config: config.clone(), description, index, state: Arc::default(), running: None })
+    }
+}
+
+/// The camera that a configuration means: by place, name or index.
+fn choose(config: &FrameConfig) -> Result<CameraIndex, FrameError> {
+    let cameras = list()?;
+    let wanted = config.camera.trim_start_matches("/dev/video");
+    let means = |camera: &&FoundCamera| {
+        wanted.is_empty()
+            || [&camera.bus, &camera.name].into_iter().any(|text| *text == config.camera)
+            || camera.node.as_os_str() == wanted
+    };
+    let found: Vec<_> = cameras.iter().filter(means).collect();
+    let [camera] = found[..] else {
+        let told = cameras.iter().map(|camera| format!("{} ({})", camera.name, camera.node.display()));
+        let count = if found.is_empty() { "none is" } else { "several are" };
+        return Err(FrameError::Find {
+            id: config.id.clone(),
+            problem: format!("{count} {:?}", config.camera),
+            found: told.collect::<Vec<_>>().join("; "),
+        });
+    };
+    let text = camera.node.display().to_string();
+    Ok(text.parse().map_or(CameraIndex::String(text), CameraIndex::Index))
+}
+
+fn prepare(config: &FrameConfig, index: &CameraIndex) -> Result<Camera, FrameError> {
+    let format = frame_format(config)?;
+    let wanted = CameraFormat::new(Resolution::new(config.width, config.height), format, config.rate_hz.round() as u32);
+    let request = RequestedFormat::new::<RgbFormat>(RequestedFormatType::Closest(wanted));
+    let mut camera = Camera::new(index.clone(), request).map_err(failed(config, "open it"))?;
+    let got = camera.camera_format();
+    if (got.format(), got.resolution()) != (format, wanted.resolution()) {
+        let formats = camera.compatible_camera_formats().unwrap_or_default();
+        return Err(FrameError::Format {
+            id: config.id.clone(),
+            node: index.as_string(),
+            asked: wanted.to_string(),
+            offered: got.to_string(),
+            formats: formats.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        });
+    }
+    Ok(camera)
+}
+
+/// What the camera says of itself, controls included.
+fn described(config: &FrameConfig, camera: &Camera) -> Map<String, Value> {
+    let controls = camera.camera_controls().unwrap_or_default();
+    let controls =
+        controls.iter().map(|control| (control.name().to_owned(), json!(control.value().to_string()))).collect();
+    let automatic =
+        [config.exposure_us, config.gain, config.white_balance_k, config.focus].contains(&Lock::Named(NamedLock::Auto));
+    Map::from_iter([
+        ("backend".to_owned(), json!("nokhwa")),
+        ("rate_hz".to_owned(), json!(camera.frame_rate())),
+        ("asked_rate_hz".to_owned(), json!(config.rate_hz)),
+        ("triggered".to_owned(), json!(config.triggered)),
+        ("automatic_allowed".to_owned(), json!(automatic)),
+        ("controls".to_owned(), Value::Object(controls)),
+    ])
+}
+
+impl Source for PortableCamera {
+    fn description(&self) -> &Description {
+        &self.description
+    }
+
+    fn start(&mut self, outlet: Arc<dyn Outlet>) -> Result<(), SourceError> {
+        if self.running.is_some() {
+            return Ok(());
+        }
+        self.state = Arc::default();
+        let (opened, open) = mpsc::channel();
+        let (ended, running) = mpsc::channel::<()>();
+        let (config, index, state) = (self.config.clone(), self.index.clone(), self.state.clone());
+        // Cameras of some systems belong to the thread that opens them.
+        thread::Builder::new().name(config.id.clone()).spawn(move || {
+            let _ended = ended;
+            stream(&config, &index, &state, &*outlet, &opened);
+        })?;
+        open.recv().map_err(|_| format!("the thread of camera {} has ended before it began", self.config.id))??;
+        self.running = Some(running);
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), SourceError> {
+        let Some(running) = self.running.take() else { return Ok(()) };
+        self.state.stopping.store(true, Ordering::Relaxed);
+        match running.recv_timeout(STOP_WAIT) {
+            Err(RecvTimeoutError::Disconnected) | Ok(()) => Ok(()),
+            // Its thread sends nothing any more, and ends when a frame comes, or with the program.
+            Err(RecvTimeoutError::Timeout) => {
+                Err(format!("camera {} gives no frames any more, and cannot be closed; unplug it", self.config.id)
+                    .into())
+            }
+        }
+    }
+
+    fn counters(&self) -> Counters {
+        *self.state.counters.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for PortableCamera {
+    fn drop(&mut self) {
+        if let Err(error) = self.stop() {
+            tracing::warn!("{error}");
+        }
+    }
+}
+
+fn stream(
+    config: &FrameConfig,
+    index: &CameraIndex,
+    state: &State,
+    outlet: &dyn Outlet,
+    opened: &Sender<Result<(), FrameError>>,
+) {
+    let camera = prepare(config, index).and_then(|mut camera| {
+        camera.open_stream().map_err(failed(config, "stream"))?;
+        Ok(camera)
+    });
+    let mut camera = match camera {
+        Ok(camera) => {
+            let _ = opened.send(Ok(()));
+            camera
+        }
+        Err(error) => {
+            let _ = opened.send(Err(error));
+            return;
+        }
+    };
+    let encoding: Encoding = config.format.encoding();
+    let mut sequence = 0;
+    while !state.stopping.load(Ordering::Relaxed) {
+        let frame = camera.frame();
+        let host_ns = host_ns();
+        if state.stopping.load(Ordering::Relaxed) {
+            break;
+        }
+        let frame = match frame {
+            Ok(frame) => frame,
+            Err(error) => {
+                let reason = format!("camera {} fails: {error}; plug it in again, and record anew", config.id);
+                return outlet.report(Incident::Lost { reason });
+            }
+        };
+        let payload = frame.buffer_bytes();
+        let bytes = payload.len() as u64;
+        let damaged = is_cut(encoding, config.width, config.height, &payload);
+        // nokhwa's stamp is a wall time made from the kernel's by two readings of the clocks: no clock of ours.
+        let packet = Packet { sequence, host_ns, discontinuity: false, damaged, stamp: None, payload };
+        sequence += 1;
+        let taken = outlet.send(packet);
+        let mut counters = state.counters.lock().unwrap_or_else(PoisonError::into_inner);
+        counters.packets += 1;
+        counters.bytes += bytes;
+        counters.errors += u64::from(damaged);
+        counters.refused += u64::from(!taken);
+    }
+    if let Err(error) = camera.stop_stream() {
+        tracing::debug!("while camera {} is stopped: {error}", config.id);
+    }
+}

@@ -1,0 +1,253 @@
+use std::{
+    io::{self, ErrorKind, Read, Write},
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use bytes::Bytes;
+use erfgs_session::source::{Outlet, Packet};
+use serialport::SerialPort;
+
+use super::{
+    TriggerError,
+    protocol::{BAUD, Command, Identity, LINE_MAX, Message, NAME, Reader, Reply, VERSION},
+};
+use crate::host_time::host_ns;
+
+/// How long a read waits for bytes.
+const READ_WAIT: Duration = Duration::from_millis(20);
+/// How long the board may take to answer.
+const ANSWER_WAIT: Duration = Duration::from_millis(1000);
+/// How often the board is asked for a token before it is given up.
+const SETTLE_ATTEMPTS: usize = 5;
+/// When a board that does not answer is asked again. An Arduino restarts when its port is opened, and its boot loader
+/// listens for up to two seconds before our firmware starts.
+const ATTEMPTS: [Duration; 4] =
+    [Duration::ZERO, Duration::from_millis(2200), Duration::from_millis(3200), Duration::from_millis(4200)];
+
+/// A trigger board at the other end of a serial line.
+pub struct Link {
+    name: String,
+    port: Box<dyn SerialPort>,
+    reader: Reader,
+    /// The line under way, as received.
+    line: Vec<u8>,
+    /// Where whole lines go as packets, once the source has started.
+    outlet: Option<Arc<dyn Outlet>>,
+    sequence: u64,
+    bytes: u64,
+    refused: u64,
+    /// The next packet follows after something was lost.
+    discontinuity: bool,
+}
+
+impl Link {
+    /// Opens a port and waits until the board there says who it is: at once if it runs already, after up to five
+    /// seconds if opening the port restarts it.
+    ///
+    /// # Errors
+    /// If the port cannot be opened, or no trigger board of this version answers.
+    pub fn open(port: &str) -> Result<(Self, Identity), TriggerError> {
+        let opened = serialport::new(port, BAUD)
+            .timeout(READ_WAIT)
+            .open()
+            .map_err(|source| TriggerError::Open { port: port.to_owned(), source })?;
+        Self::new(port, opened)
+    }
+
+    /// As [`Link::open`], with a port that is open.
+    ///
+    /// # Errors
+    /// If no trigger board of this version answers.
+    pub fn new(name: &str, mut port: Box<dyn SerialPort>) -> Result<(Self, Identity), TriggerError> {
+        // USB serial converters may hold data back without DTR; pseudo-terminals have no such line (ENOTTY).
+        if let Err(error) = port.write_data_terminal_ready(true) {
+            tracing::debug!("{name} has no DTR line: {error}");
+        }
+        port.set_timeout(READ_WAIT).map_err(|source| TriggerError::Open { port: name.to_owned(), source })?;
+        let mut link = Self {
+            name: name.to_owned(),
+            port,
+            reader: Reader::new(),
+            line: Vec::new(),
+            outlet: None,
+            sequence: 0,
+            bytes: 0,
+            refused: 0,
+            discontinuity: false,
+        };
+        let identity = link.greet()?;
+        Ok((link, identity))
+    }
+
+    /// Asks who is there until someone answers.
+    fn greet(&mut self) -> Result<Identity, TriggerError> {
+        let began = Instant::now();
+        let mut attempts = ATTEMPTS.into_iter().peekable();
+        while began.elapsed() < *ATTEMPTS.last().expect("there are attempts") + ANSWER_WAIT {
+            if attempts.next_if(|&at| began.elapsed() >= at).is_some() {
+                // Ends half a line that the board may have.
+                self.write(b"\n")?;
+                self.send(Command::Identify)?;
+            }
+            for message in self.pump()? {
+                let (Message::Done(Reply::Identify(identity)) | Message::Boot { identity, .. }) = message else {
+                    continue;
+                };
+                if identity.name != NAME {
+                    continue;
+                }
+                if identity.version != VERSION {
+                    return Err(TriggerError::Version { port: self.name.clone(), version: identity.version });
+                }
+                self.settle()?;
+                return Ok(identity);
+            }
+        }
+        Err(TriggerError::Silent { port: self.name.clone(), command: Command::Identify.name().into() })
+    }
+
+    /// Makes sure that no command is under way any more: there may be one more `identify`. The board answers in order, so
+    /// that the answer to a token of our own is the last of all.
+    fn settle(&mut self) -> Result<(), TriggerError> {
+        for _ in 0..SETTLE_ATTEMPTS {
+            let token = host_ns().unsigned_abs();
+            self.write(b"\n")?;
+            match self.ask(Command::Clock(token), |_| {}) {
+                Ok(Reply::Clock { token: answered, .. }) if answered == token => return Ok(()),
+                // A line that came while the board was busy with another is lost or damaged: once more.
+                Ok(_) | Err(TriggerError::Silent { .. } | TriggerError::Refused { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Err(TriggerError::Silent { port: self.name.clone(), command: "clock".into() })
+    }
+
+    /// The port's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// From now on every line goes into this outlet too. `first` is the sequence number of the next packet.
+    pub(super) fn forward(&mut self, outlet: Arc<dyn Outlet>, first: u64, discontinuity: bool) {
+        self.outlet = Some(outlet);
+        self.sequence = first;
+        self.discontinuity = discontinuity;
+    }
+
+    /// The sequence number of the next packet.
+    pub(super) fn next_sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// Bytes and refused packets since this was last asked.
+    pub(super) fn take_totals(&mut self) -> (u64, u64) {
+        (std::mem::take(&mut self.bytes), std::mem::take(&mut self.refused))
+    }
+
+    /// Lines that came damaged.
+    #[must_use]
+    pub fn damaged(&self) -> u64 {
+        self.reader.damaged()
+    }
+
+    fn failed(&self, source: io::Error) -> TriggerError {
+        TriggerError::Port { port: self.name.clone(), source }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), TriggerError> {
+        self.port.write_all(bytes).map_err(|source| self.failed(source))
+    }
+
+    /// Sends a command and does not wait for its answer.
+    ///
+    /// # Errors
+    /// If the port fails.
+    pub fn send(&mut self, command: Command) -> Result<(), TriggerError> {
+        self.write(&command.encode())
+    }
+
+    /// Reads what has come, waiting 20 ms for it; gives the messages in it.
+    ///
+    /// # Errors
+    /// If the port fails.
+    pub fn pump(&mut self) -> Result<Vec<Message>, TriggerError> {
+        let mut buffer = [0; 4096];
+        let count = match self.port.read(&mut buffer) {
+            Ok(0) => return Err(self.failed(ErrorKind::UnexpectedEof.into())),
+            Ok(count) => count,
+            Err(error)
+                if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock) =>
+            {
+                return Ok(Vec::new());
+            }
+            Err(error) => return Err(self.failed(error)),
+        };
+        let now = host_ns();
+        let received = &buffer[..count];
+        let mut messages = Vec::new();
+        self.reader.push(received, |message| messages.push(message));
+        for piece in received.split_inclusive(|&byte| byte == b'\n') {
+            self.line.extend_from_slice(piece);
+            // Garbage without line feeds goes on its way as well.
+            if piece.ends_with(b"\n") || self.line.len() > LINE_MAX {
+                self.deliver(now);
+            }
+        }
+        Ok(messages)
+    }
+
+    /// Sends the line as a packet.
+    fn deliver(&mut self, host_ns: i64) {
+        let payload = Bytes::copy_from_slice(&self.line);
+        self.line.clear();
+        let Some(outlet) = &self.outlet else { return };
+        let packet = Packet {
+            sequence: self.sequence,
+            host_ns,
+            discontinuity: std::mem::take(&mut self.discontinuity),
+            damaged: false,
+            stamp: None,
+            payload,
+        };
+        self.sequence += 1;
+        self.bytes += packet.payload.len() as u64;
+        self.refused += u64::from(!outlet.send(packet));
+    }
+
+    /// Sends a command and waits for the answer; what else comes meanwhile goes to `noted`.
+    ///
+    /// # Errors
+    /// If the port fails, the board does not answer within a second, or refuses.
+    pub fn ask(&mut self, command: Command, mut noted: impl FnMut(Message)) -> Result<Reply, TriggerError> {
+        self.ask_within(command, ANSWER_WAIT, &mut noted)
+    }
+
+    /// As [`Link::ask`], with another patience.
+    pub(super) fn ask_within(
+        &mut self,
+        command: Command,
+        wait: Duration,
+        noted: &mut dyn FnMut(Message),
+    ) -> Result<Reply, TriggerError> {
+        self.send(command)?;
+        let began = Instant::now();
+        let mut answer = None;
+        while answer.is_none() && began.elapsed() < wait {
+            for message in self.pump()? {
+                match message {
+                    Message::Done(reply) if answer.is_none() && reply.command() == command.name() => {
+                        answer = Some(Ok(reply));
+                    }
+                    Message::Refused { command: refused, error } if refused == command.name() || refused == "?" => {
+                        let (port, command) = (self.name.clone(), command.to_string());
+                        answer = Some(Err(TriggerError::Refused { port, command, error }));
+                    }
+                    other => noted(other),
+                }
+            }
+        }
+        answer.unwrap_or_else(|| Err(TriggerError::Silent { port: self.name.clone(), command: command.to_string() }))
+    }
+}
