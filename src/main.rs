@@ -6,6 +6,7 @@
 mod bench;
 mod dataset;
 mod device;
+mod devices;
 mod doctor;
 mod errors;
 mod eval;
@@ -14,6 +15,7 @@ mod info;
 mod interrupt;
 mod parse;
 mod progress;
+mod record;
 mod recover;
 mod render;
 mod replay;
@@ -56,6 +58,10 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// List the cameras and boards that a rig can be made of.
+    Devices(devices::Arguments),
+    /// Record a rig of cameras into a session file.
+    Record(record::Arguments),
     /// Import, vary, check and complete datasets.
     #[command(subcommand)]
     Dataset(dataset::Command),
@@ -90,6 +96,8 @@ fn main() -> ExitCode {
     let Cli { terminal, command } = Cli::parse();
     terminal.start_log();
     let done = match command {
+        Command::Devices(arguments) => devices::run(&arguments, &terminal),
+        Command::Record(arguments) => record::run(&arguments, &terminal),
         Command::Dataset(command) => dataset::run(&command, &terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
         Command::Train(arguments) => train::run(&arguments, &terminal),

@@ -43,6 +43,11 @@ impl Terminal {
         }
     }
 
+    /// Whether progress and remarks are not wanted.
+    pub fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
     /// Prints a remark on stderr.
     pub fn note(&self, text: impl AsRef<str>) {
         if !self.quiet {

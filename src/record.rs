@@ -1,0 +1,333 @@
+//! `erfgs record`: a rig into a session file.
+
+use std::{
+    io::{IsTerminal, Write},
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::{Arc, atomic::Ordering},
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::Context;
+use erfgs_rig::{
+    live::{LiveOptions, LivePage, Monitor, MonitorOptions},
+    record::{
+        self, Input, Level, MachineFacts, Mcap, Options, Recorder, RigConfig, SessionInfo, Status, Summary, folder_of,
+        preflight::{self, Finding, Plan, Verdict},
+    },
+};
+use erfgs_session::{container::Settings, source::Description};
+
+use crate::{
+    errors::{Stopped, Usage},
+    interrupt,
+    progress::duration,
+    terminal::{Terminal, bytes, table, thousands},
+};
+
+/// Between two status lines: on a terminal, elsewhere.
+const LINE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];
+/// How long the disk is written to before a recording.
+const DISK_TEST: Duration = Duration::from_secs(2);
+
+/// Record a rig of cameras into a session file.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  erfgs record --example > RIG.toml              start from the annotated example
+  erfgs record RIG.toml --out take1.mcap         until Ctrl-C
+  erfgs record RIG.toml --out take1.mcap --seconds 30 --live
+  erfgs record RIG.toml --out takes/ --wait --live 0.0.0.0:8100
+
+With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder
+of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
+
+Exit codes: 0 recorded, 1 a device or the disk failed (what was recorded stays readable), 2 wrong usage, 130 stopped by
+Ctrl-C before --seconds were over. docs/recording.md says what the numbers mean and what to do about drops.")]
+pub struct Arguments {
+    /// The rig: which devices, with which settings.
+    #[arg(value_name = "RIG.toml", required_unless_present = "example")]
+    rig: Option<PathBuf>,
+    /// The session file to write; with --wait, the folder for recordings.
+    #[arg(long, value_name = "S.mcap", required_unless_present = "example")]
+    out: Option<PathBuf>,
+    /// Stop after this many seconds.
+    #[arg(long, value_name = "N", conflicts_with = "wait")]
+    seconds: Option<f64>,
+    /// Serve the live page.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
+    live: Option<SocketAddr>,
+    /// A name that the live page may be opened by, besides `localhost` and bare addresses.
+    #[arg(long, value_name = "NAME", requires = "live")]
+    live_name: Vec<String>,
+    /// Only show the cameras; record when the live page says so.
+    #[arg(long, requires = "live")]
+    wait: bool,
+    /// Skip the checks of disk, buses and memory.
+    #[arg(long)]
+    no_preflight: bool,
+    /// Print an annotated RIG.toml with every field, and do nothing else.
+    #[arg(long, exclusive = true)]
+    example: bool,
+}
+
+/// Records.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    if arguments.example {
+        return terminal
+            .result(&serde_json::json!({ "example": RigConfig::EXAMPLE }), || RigConfig::EXAMPLE.to_owned());
+    }
+    let (Some(rig), Some(out)) = (&arguments.rig, &arguments.out) else {
+        return Err(Usage("give a RIG.toml and --out".into()).into());
+    };
+    if arguments.seconds.is_some_and(|seconds| !(seconds > 0.0 && seconds < 1e9)) {
+        return Err(Usage("--seconds must be positive".into()).into());
+    }
+    let folder = if arguments.wait { out.clone() } else { folder_of(out) };
+    if !arguments.wait && out.exists() {
+        return Err(Usage(format!("'{}' exists already: recordings are never overwritten", out.display())).into());
+    }
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder '{}'", folder.display()))?;
+    let rig = RigConfig::load(rig)?;
+    terminal.note(format!("opening {} devices", rig.devices.len()));
+    let inputs = record::open(&rig)?;
+    let streams: Vec<Description> = inputs.iter().map(|input| input.source.description().clone()).collect();
+    let findings =
+        if arguments.no_preflight { Vec::new() } else { check(arguments, terminal, &rig, &inputs, &streams, &folder)? };
+    let share = if arguments.live.is_some() { 0.25 } else { 0.05 };
+    let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
+    let recorder = Arc::new(Recorder::new(inputs, options(&rig, folder, &findings, &monitor))?);
+    record_until_told(arguments, terminal, &recorder, monitor, out)
+}
+
+fn options(rig: &RigConfig, folder: PathBuf, findings: &[Finding], monitor: &Arc<Monitor>) -> Options {
+    let warnings = findings.iter().filter(|finding| finding.verdict > Verdict::Good);
+    let settings =
+        Settings { chunk_bytes: rig.record.chunk_mib << 20, crc: rig.record.checksums, ..Settings::default() };
+    Options {
+        info: SessionInfo {
+            rig: rig.name.clone(),
+            configuration: rig.text.clone(),
+            program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).into(),
+            machine: MachineFacts::gather(),
+            warnings: warnings.map(|finding| format!("{}: {}", finding.check, finding.says)).collect(),
+        },
+        flush_every: Duration::from_millis(rig.record.flush_ms),
+        reserve_bytes: rig.record.reserve_mib << 20,
+        folder,
+        opener: Box::new(Mcap { settings }),
+        tap: Some(Arc::clone(monitor) as _),
+    }
+}
+
+/// The checks before a recording.
+fn check(
+    arguments: &Arguments,
+    terminal: &Terminal,
+    rig: &RigConfig,
+    inputs: &[Input],
+    streams: &[Description],
+    folder: &Path,
+) -> anyhow::Result<Vec<Finding>> {
+    let plan = Plan {
+        streams,
+        folder,
+        duration: arguments.seconds.map(Duration::from_secs_f64),
+        reserve_bytes: rig.record.reserve_mib << 20,
+        queue_bytes: inputs.iter().map(|input| input.queue_bytes as u64).sum(),
+        disk_test: DISK_TEST,
+    };
+    let findings = preflight::check(&plan);
+    for finding in &findings {
+        let mark = match finding.verdict {
+            Verdict::Good => "ok     ",
+            Verdict::Warning => "WARNING",
+            Verdict::Refusal => "REFUSED",
+        };
+        let remedy = if finding.remedy.is_empty() { String::new() } else { format!(". {}", capital(&finding.remedy)) };
+        terminal.note(format!("{mark} {}: {}{remedy}", finding.check, finding.says));
+    }
+    if preflight::worst(&findings) == Verdict::Refusal {
+        anyhow::bail!("this rig would lose data: see above, or record all the same with --no-preflight");
+    }
+    Ok(findings)
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+fn record_until_told(
+    arguments: &Arguments,
+    terminal: &Terminal,
+    recorder: &Arc<Recorder>,
+    monitor: Arc<Monitor>,
+    out: &Path,
+) -> anyhow::Result<()> {
+    let stop = interrupt::stop_flag("the session is being completed")?;
+    let page = match arguments.live {
+        Some(address) => {
+            let options = LiveOptions { address, names: arguments.live_name.clone() };
+            Some(LivePage::serve(Arc::clone(recorder), monitor, &options)?)
+        }
+        None => None,
+    };
+    if let Some(page) = &page {
+        terminal.note(format!("live page: {}", page.url()));
+    }
+    if !arguments.wait {
+        recorder.start_recording(out)?;
+    }
+    if let Err(error) = recorder.start_sources() {
+        // A file without a packet would only be in the way of the next try.
+        let empty = recorder.stop_recording("a device did not start");
+        if let Ok(summary) = empty
+            && summary.streams.iter().all(|stream| stream.written == 0)
+        {
+            let _ = std::fs::remove_file(&summary.path);
+        }
+        return Err(error.into());
+    }
+    let begun = Instant::now();
+    let mut screen = Screen::new(terminal);
+    let timed_out = || arguments.seconds.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
+    // With the page the cameras stay on after a recording, for the next one.
+    let goes_on = || page.is_some() && arguments.seconds.is_none() || recorder.is_recording();
+    while !stop.load(Ordering::SeqCst) && !timed_out() && goes_on() {
+        screen.show(&recorder.status());
+        thread::sleep(Duration::from_millis(50));
+    }
+    let stopped = stop.load(Ordering::SeqCst);
+    screen.clear();
+    // Stopped sources first: what they still delivered is in the file.
+    let recorded = recorder.is_recording();
+    recorder.stop_sources();
+    let reason = if stopped { "stopped by Ctrl-C" } else { "the time was over" };
+    let summary = recorder.stop_recording(reason).ok().or_else(|| recorder.last());
+    screen.messages(&recorder.status());
+    drop(page);
+    let Some(summary) = summary else {
+        terminal.note("nothing was recorded");
+        return Ok(());
+    };
+    terminal.result(&summary, || report(&summary))?;
+    if let Some(failure) = &summary.failure {
+        anyhow::bail!("{failure}");
+    }
+    if !recorded && arguments.live.is_none() {
+        anyhow::bail!("the recording ended early: {}", summary.reason);
+    }
+    if stopped && arguments.seconds.is_some() && !timed_out() {
+        return Err(Stopped(format!("stopped; '{}' is complete up to here", summary.path.display())).into());
+    }
+    Ok(())
+}
+
+/// What a recording holds, for humans.
+fn report(summary: &Summary) -> String {
+    let head = ["stream", "packets", "data", "dropped by driver", "queue", "writer", "most in memory"];
+    let mut rows = vec![head.map(String::from).to_vec()];
+    for stream in &summary.streams {
+        rows.push(vec![
+            stream.id.clone(),
+            thousands(stream.written),
+            bytes(stream.written_bytes),
+            thousands(stream.drops.driver),
+            thousands(stream.drops.queue),
+            thousands(stream.drops.writer),
+            bytes(stream.peak_waiting_bytes),
+        ]);
+    }
+    format!(
+        "{}\n{}: {}, {}; {}\n",
+        table(&rows),
+        summary.path.display(),
+        duration(summary.seconds),
+        bytes(summary.bytes),
+        summary.reason
+    )
+}
+
+/// Status line and messages on stderr.
+struct Screen {
+    quiet: bool,
+    is_terminal: bool,
+    last_line: Option<Instant>,
+    last_message: u64,
+}
+
+impl Screen {
+    fn new(terminal: &Terminal) -> Self {
+        let is_terminal = std::io::stderr().is_terminal();
+        Self { quiet: terminal.is_quiet(), is_terminal, last_line: None, last_message: 0 }
+    }
+
+    fn show(&mut self, status: &Status) {
+        self.messages(status);
+        let between = LINE[usize::from(!self.is_terminal)];
+        if self.quiet || self.last_line.is_some_and(|at| at.elapsed() < between) {
+            return;
+        }
+        self.last_line = Some(Instant::now());
+        let line = line(status);
+        if self.is_terminal {
+            eprint!("\r\x1b[2K{line}");
+            let _ = std::io::stderr().flush();
+        } else {
+            eprintln!("{line}");
+        }
+    }
+
+    /// Prints messages that are new.
+    fn messages(&mut self, status: &Status) {
+        let shown = self.last_message;
+        for message in status.messages.iter().filter(|message| message.number > shown) {
+            if !self.quiet || message.level == Level::Error {
+                self.clear();
+                let who = if message.stream.is_empty() { String::new() } else { format!("{}: ", message.stream) };
+                let mark = match message.level {
+                    Level::Info => "",
+                    Level::Warning => "warning: ",
+                    Level::Error => "ERROR: ",
+                };
+                eprintln!("{mark}{who}{}", message.text);
+            }
+        }
+        self.last_message = status.messages.last().map_or(self.last_message, |message| message.number);
+    }
+
+    fn clear(&mut self) {
+        if self.is_terminal && !self.quiet {
+            eprint!("\r\x1b[2K");
+        }
+        self.last_line = None;
+    }
+}
+
+/// `recording 12.0 s | 1.2 GiB at 412.0 MB/s | 14 streams | 21.3 Mev/s | queue 3 % | dropped 0 | disk 52 min left`
+fn line(status: &Status) -> String {
+    let mut parts = match &status.recording {
+        Some(recording) => vec![
+            format!("recording {}", duration(recording.seconds)),
+            format!("{} at {:.1} MB/s", bytes(recording.bytes), recording.bytes_per_s / 1e6),
+        ],
+        None if status.finishing.is_some() => vec!["writing what waits".to_owned()],
+        None => vec!["not recording".to_owned(), format!("{:.1} MB/s", status.bytes_per_s() / 1e6)],
+    };
+    let running = status.streams.iter().filter(|stream| stream.state == record::StreamState::Running).count();
+    parts.push(format!("{running} of {} streams", status.streams.len()));
+    let events: f64 = status.streams.iter().filter_map(|stream| stream.events_per_s).sum();
+    if events > 0.0 {
+        parts.push(format!("{:.1} Mev/s", events / 1e6));
+    }
+    let full = |stream: &record::StreamStatus| stream.waiting_bytes as f64 / stream.queue_bytes.max(1) as f64;
+    let fullest = status.streams.iter().map(full).fold(0.0, f64::max);
+    parts.push(format!("queue {:.0} %", 100.0 * fullest));
+    parts.push(format!("dropped {}", thousands(status.drops())));
+    if let Some(seconds) = status.disk.seconds_left {
+        parts.push(format!("disk {} left", duration(seconds)));
+    }
+    parts.join(" | ")
+}
