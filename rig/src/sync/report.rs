@@ -64,7 +64,7 @@ pub struct StreamSync {
 /// All streams of a session on its clock.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Synchronisation {
-    /// Version of the file: [`VERSION`].
+    /// Version of the file.
     pub version: u32,
     /// Name of the session's file.
     pub session: String,
