@@ -1,6 +1,10 @@
 //! `erfgs devices`: what is connected that a rig can be made of.
 
-use erfgs_rig::event::{self, FoundDevice};
+use erfgs_rig::{
+    event::{self, FoundDevice},
+    frame::{self, FoundCamera},
+    trigger,
+};
 use serde::Serialize;
 
 use crate::terminal::{Terminal, table};
@@ -10,32 +14,64 @@ use crate::terminal::{Terminal, table};
 #[command(after_help = "\
 Examples:
   erfgs devices
+  erfgs devices --probe
   erfgs devices --json | jq '.event_cameras[].serial'
 
 The serial numbers and ports are what RIG.toml chooses devices by (`erfgs record --example`). A device with a problem is
 listed with what to do about it.")]
-pub struct Arguments {}
+pub struct Arguments {
+    /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.
+    #[arg(long)]
+    probe: bool,
+}
 
 #[derive(Serialize)]
 struct Devices {
     event_cameras: Vec<FoundDevice>,
+    cameras: Vec<FoundCamera>,
+    /// Serial ports at which a trigger board may be.
+    ports: Vec<Port>,
     /// Why a kind of device could not be looked for.
     problems: Vec<String>,
 }
 
+#[derive(Serialize)]
+struct Port {
+    port: String,
+    /// What answered there, where it was asked.
+    answer: Option<String>,
+}
+
 /// Lists devices.
-pub fn run(_: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut problems = Vec::new();
     let event_cameras = event::list().unwrap_or_else(|error| {
         problems.push(format!("event cameras cannot be looked for: {error}"));
         Vec::new()
     });
-    let devices = Devices { event_cameras, problems };
+    let cameras = frame::list().unwrap_or_else(|error| {
+        problems.push(format!("cameras cannot be looked for: {error}"));
+        Vec::new()
+    });
+    let ports = trigger::ports();
+    let ports = if arguments.probe {
+        let said = trigger::find(&ports).into_iter().map(|(port, found)| {
+            let answer = match found {
+                Ok(board) => format!("trigger board, firmware {}", board.identity.firmware),
+                Err(error) => error.to_string(),
+            };
+            Port { port, answer: Some(answer) }
+        });
+        said.collect()
+    } else {
+        ports.into_iter().map(|port| Port { port, answer: None }).collect()
+    };
+    let devices = Devices { event_cameras, cameras, ports, problems };
     terminal.result(&devices, || text(&devices))
 }
 
 fn text(devices: &Devices) -> String {
-    let mut rows = vec![["kind", "model", "serial", "port", "link"].map(String::from).to_vec()];
+    let mut rows = vec![["kind", "model", "serial", "port", "link or formats"].map(String::from).to_vec()];
     let mut remarks = devices.problems.clone();
     for camera in &devices.event_cameras {
         let kind = serde_json::to_value(camera.kind).ok();
@@ -43,6 +79,15 @@ fn text(devices: &Devices) -> String {
         rows.push(vec![kind, camera.model.clone(), camera.serial.clone(), camera.port.clone(), camera.link.clone()]);
         remarks
             .extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.model, camera.port)));
+    }
+    for camera in &devices.cameras {
+        let link = camera.formats.join(" ");
+        rows.push(vec!["camera".into(), camera.name.clone(), camera.serial.clone(), camera.bus.clone(), link]);
+        remarks.extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.name, camera.bus)));
+    }
+    for port in &devices.ports {
+        let model = port.answer.clone().unwrap_or_else(|| "serial port, not asked (--probe)".into());
+        rows.push(vec!["trigger".into(), model, String::new(), port.port.clone(), String::new()]);
     }
     let list = if rows.len() > 1 { table(&rows) } else { "no devices found\n".to_owned() };
     remarks.into_iter().fold(list, |text, remark| format!("{text}{remark}\n"))

@@ -9,7 +9,11 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use toml::Table;
 
 use super::{pattern::PatternConfig, recorder::is_id};
-use crate::event::{Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4};
+use crate::{
+    event::{Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4},
+    frame::FrameConfig,
+    trigger::TriggerConfig,
+};
 
 /// What is wrong with a `RIG.toml`.
 #[derive(Debug, thiserror::Error)]
@@ -108,6 +112,10 @@ pub enum DeviceSettings {
     Evk4(Box<Evk4Config>),
     /// `[[davis346]]`: an iniVation DAVIS346.
     Davis346(Box<Davis346Config>),
+    /// `[[camera]]`: an RGB camera.
+    Camera(Box<FrameConfig>),
+    /// `[[trigger]]`: a trigger board.
+    Trigger(Box<TriggerConfig>),
     /// `[[pattern]]`: a built-in source.
     Pattern(PatternConfig),
 }
@@ -119,6 +127,8 @@ struct File {
     record: RecordConfig,
     evk4: Vec<Table>,
     davis346: Vec<Table>,
+    camera: Vec<Table>,
+    trigger: Vec<Table>,
     pattern: Vec<Table>,
 }
 
@@ -194,6 +204,16 @@ impl RigConfig {
             let config: Davis346Config = driver(table)?;
             Davis346::validate(&config).map_err(|error| error.to_string())?;
             Ok(DeviceSettings::Davis346(config.into()))
+        })?;
+        add("camera", file.camera, |id, table| {
+            let config = FrameConfig { id: id.into(), ..driver(table)? };
+            config.check().map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Camera(config.into()))
+        })?;
+        add("trigger", file.trigger, |id, table| {
+            let config = TriggerConfig { id: id.into(), ..driver(table)? };
+            config.settings().map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Trigger(config.into()))
         })?;
         add("pattern", file.pattern, |_, table| {
             let config: PatternConfig = driver(table)?;
@@ -281,6 +301,9 @@ mod tests {
             ("[[evk4]]\nid = \"a\"\nbiases = { diff_onn = 3 }", "diff_onn"),
             ("[[evk4]]\nid = \"a\"\nbiases = { diff_on = 3000 }", "diff_on"),
             ("[[davis346]]\nid = \"a\"\nexposure = 3", "unknown field `exposure`"),
+            ("[[camera]]\nid = \"a\"\nrate_hz = 0.0", "0.1 to 1000"),
+            ("[[trigger]]\nid = \"a\"\nrate_hz = 5000.0", "1000 pulses"),
+            ("[[trigger]]\nid = \"a\"\nrate = 50", "unknown field `rate`"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(says) && error.contains("RIG.toml"), "{text}: {error}");

@@ -11,6 +11,8 @@ use super::{
 };
 use crate::{
     event::{Davis346Source, Evk4Source},
+    frame,
+    trigger::TriggerBoard,
     usb::{Bus, LibusbBus},
 };
 
@@ -42,7 +44,9 @@ pub fn open_on(rig: &RigConfig, bus: &Arc<dyn Bus>) -> Result<Vec<Input>, OpenEr
 
 fn input(rig: &RigConfig, device: &DeviceConfig, bus: &Arc<dyn Bus>) -> Result<Input, OpenError> {
     let source = source(device, bus).map_err(|source| OpenError { id: device.id.clone(), source })?;
-    let stall_seconds = device.stall_seconds.unwrap_or(rig.record.stall_seconds);
+    // A camera that waits for its trigger may be silent for long.
+    let waits = matches!(&device.settings, DeviceSettings::Camera(config) if config.triggered);
+    let stall_seconds = device.stall_seconds.unwrap_or(if waits { 0 } else { rig.record.stall_seconds });
     Ok(Input {
         source,
         queue_bytes: device.queue_mib.unwrap_or(rig.record.queue_mib) << 20,
@@ -58,6 +62,8 @@ fn source(device: &DeviceConfig, bus: &Arc<dyn Bus>) -> Result<Box<dyn Source>, 
         DeviceSettings::Davis346(config) => {
             Box::new(Davis346Source::open(Arc::clone(bus), &device.id, config.as_ref().clone())?)
         }
+        DeviceSettings::Camera(config) => frame::open(config)?,
+        DeviceSettings::Trigger(config) => Box::new(TriggerBoard::open(config)?),
         DeviceSettings::Pattern(config) => Box::new(Pattern::open(&device.id, config.clone())?),
     })
 }
