@@ -5,54 +5,20 @@ mod support;
 use std::sync::{Arc, Mutex};
 
 use erfgs_hardware_mocks::usb::{
-    Davis346 as Model, Davis346Options, Fault, FaultKind, Faults, Plug, TriggerLine,
-    clock::SyncWire,
-    davis346::STREAM,
-    line::PulseTrain,
-    scene::{Pattern, PatternFrames},
+    Davis346Options, Fault, FaultKind, TriggerLine, clock::SyncWire, davis346::STREAM, line::PulseTrain,
 };
 use erfgs_rig::event::{
-    Davis346Config, Davis346Source, EventError,
-    davis346::{Events, Frames, Imu, Timestamps},
+    Davis346Config, Davis346Source,
+    davis346::{Frames, Timestamps},
 };
 use erfgs_session::{
     codec::{ApsFrame, CdEvent, Decoder, Edge, ImuSample, SensorSize, Sink, StreamDecoder},
     source::{Encoding, Source},
 };
-use support::{Bucket, EmulatedBus};
-
-const RATE: u64 = 100_000;
-
-fn pattern() -> Pattern {
-    Pattern::new(346, 260, RATE)
-}
-
-fn model(options: Davis346Options) -> Model {
-    Model::new(options, Box::new(pattern()), Box::new(PatternFrames::new()))
-}
-
-type Camera = Arc<Mutex<Plug<Model>>>;
-
-fn one(options: Davis346Options, faults: Vec<Fault>) -> (Arc<EmulatedBus>, Camera) {
-    let bus = Arc::new(EmulatedBus::default());
-    let camera = Arc::new(Mutex::new(Plug::new(model(options), &Faults { schedule: faults, ..Faults::default() })));
-    bus.add(camera.clone());
-    (bus, camera)
-}
-
-fn open(bus: &Arc<EmulatedBus>, config: Davis346Config) -> Result<Davis346Source, EventError> {
-    Davis346Source::open(bus.clone(), "top", config)
-}
-
-/// Events only: no filter that drops, no frames, no inertial samples.
-fn events_only() -> Davis346Config {
-    Davis346Config {
-        events: Events { background_activity_us: 0, ..Events::default() },
-        frames: Frames { enabled: false, ..Frames::default() },
-        imu: Imu { enabled: false, ..Imu::default() },
-        ..Davis346Config::default()
-    }
-}
+use support::{
+    Bucket, EmulatedBus,
+    davis346::{events_only, model, one, open, pattern},
+};
 
 #[derive(Default)]
 struct Found {

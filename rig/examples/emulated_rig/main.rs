@@ -8,6 +8,7 @@
 //! The frame cameras are not behind a driver (a UVC driver needs a kernel): they hand the stage's pictures to the
 //! recorder as MJPEG frames, and their model says so.
 
+#[path = "../../tests/support/bus.rs"]
 mod bus;
 mod camera;
 
@@ -67,8 +68,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     eprintln!("filming the stage");
     let rig = RigConfig::parse(RIG, Path::new("emulated rig"))?;
-    let bus: Arc<dyn Bus> =
-        Arc::new(EmulatedBus(devices()?.into_iter().map(|device| Arc::new(Mutex::new(device))).collect()));
+    let bus = EmulatedBus::on_host_clock();
+    devices()?.into_iter().for_each(|device| bus.add(Arc::new(Mutex::new(device))));
+    let bus: Arc<dyn Bus> = Arc::new(bus);
     let mut inputs = open_on(&rig, &bus)?;
     for index in 0..4 {
         let source = Box::new(StageCamera::film(&format!("rgb-{}", index + 1), index, FRAMES, FRAME_SIZE)?);

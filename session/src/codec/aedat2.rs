@@ -163,15 +163,9 @@ impl Aedat2Decoder {
 }
 
 impl Decoder for Aedat2Decoder {
-    fn decode(&mut self, mut bytes: &[u8], sink: &mut impl Sink) {
-        if let Some(pair) = self.carry.complete(&mut bytes) {
-            self.pair(pair, sink);
-        }
-        let (pairs, rest) = bytes.as_chunks::<8>();
-        pairs.iter().for_each(|&pair| self.pair(pair, sink));
-        if !rest.is_empty() {
-            self.carry.hold(rest);
-        }
+    fn decode(&mut self, bytes: &[u8], sink: &mut impl Sink) {
+        let (first, pairs) = self.carry.split(bytes);
+        first.iter().chain(pairs).for_each(|&pair| self.pair(pair, sink));
         self.stage.flush(sink);
     }
 

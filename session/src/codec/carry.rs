@@ -26,8 +26,19 @@ impl<const N: usize> Carry<N> {
         self.bytes[..self.length].copy_from_slice(bytes);
     }
 
+    /// Splits `bytes`, which follow those held, into the item that began earlier, if it is complete now, and the whole
+    /// items behind it; holds what is left.
+    pub fn split<'a>(&mut self, mut bytes: &'a [u8]) -> (Option<[u8; N]>, &'a [[u8; N]]) {
+        let first = self.complete(&mut bytes);
+        let (items, rest) = bytes.as_chunks();
+        if !rest.is_empty() {
+            self.hold(rest);
+        }
+        (first, items)
+    }
+
     /// Completes an item that began earlier with the beginning of `bytes` and takes it off them.
-    pub fn complete(&mut self, bytes: &mut &[u8]) -> Option<[u8; N]> {
+    fn complete(&mut self, bytes: &mut &[u8]) -> Option<[u8; N]> {
         if self.length == 0 {
             return None;
         }

@@ -181,15 +181,9 @@ impl DatDecoder {
 }
 
 impl Decoder for DatDecoder {
-    fn decode(&mut self, mut bytes: &[u8], sink: &mut impl Sink) {
-        if let Some(item) = self.carry.complete(&mut bytes) {
-            self.item(item, sink);
-        }
-        let (items, rest) = bytes.as_chunks::<8>();
-        items.iter().for_each(|&item| self.item(item, sink));
-        if !rest.is_empty() {
-            self.carry.hold(rest);
-        }
+    fn decode(&mut self, bytes: &[u8], sink: &mut impl Sink) {
+        let (first, items) = self.carry.split(bytes);
+        first.iter().chain(items).for_each(|&item| self.item(item, sink));
         self.stage.flush(sink);
     }
 

@@ -166,15 +166,12 @@ impl Evt2Decoder {
 }
 
 impl Decoder for Evt2Decoder {
-    fn decode(&mut self, mut bytes: &[u8], sink: &mut impl Sink) {
-        if let Some(word) = self.carry.complete(&mut bytes) {
+    fn decode(&mut self, bytes: &[u8], sink: &mut impl Sink) {
+        let (first, words) = self.carry.split(bytes);
+        if let Some(word) = first {
             self.word(word, sink);
         }
-        let (words, rest) = bytes.as_chunks::<4>();
         self.words(words, sink);
-        if !rest.is_empty() {
-            self.carry.hold(rest);
-        }
         self.stage.flush(sink);
     }
 

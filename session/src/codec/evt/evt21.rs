@@ -128,15 +128,9 @@ impl Evt21Decoder {
 }
 
 impl Decoder for Evt21Decoder {
-    fn decode(&mut self, mut bytes: &[u8], sink: &mut impl Sink) {
-        if let Some(word) = self.carry.complete(&mut bytes) {
-            self.word(word, sink);
-        }
-        let (words, rest) = bytes.as_chunks::<8>();
-        words.iter().for_each(|&word| self.word(word, sink));
-        if !rest.is_empty() {
-            self.carry.hold(rest);
-        }
+    fn decode(&mut self, bytes: &[u8], sink: &mut impl Sink) {
+        let (first, words) = self.carry.split(bytes);
+        first.iter().chain(words).for_each(|&word| self.word(word, sink));
         self.stage.flush(sink);
     }
 

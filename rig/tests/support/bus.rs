@@ -1,0 +1,383 @@
+//! Emulated devices behind the traits that drivers see, in this process.
+#![allow(dead_code, reason = "each test uses a part of it")]
+
+use std::{
+    collections::BTreeSet,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering},
+    },
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use erfgs_hardware_mocks::usb::{self as mocks, Reply, Setup, Urb, UsbDevice};
+use erfgs_rig::{
+    host_time::host_ns,
+    usb::{
+        Arrival, Bus, Control, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
+        TransportError,
+    },
+};
+
+/// What devices and drivers live by.
+#[derive(Clone)]
+enum Clock {
+    /// Does not wait for the wall's: it moves when a driver waits, when a read finds nothing yet and while a stream runs
+    /// (a millisecond for each time that nothing is there).
+    Simulated(Arc<AtomicI64>),
+    Host,
+}
+
+impl Clock {
+    fn now_ns(&self) -> i64 {
+        match self {
+            Self::Simulated(now_ns) => now_ns.load(Ordering::SeqCst),
+            Self::Host => host_ns(),
+        }
+    }
+
+    /// Lets time pass.
+    fn pass(&self, duration: Duration) {
+        match self {
+            Self::Simulated(now_ns) => {
+                now_ns.fetch_add(i64::try_from(duration.as_nanos()).unwrap(), Ordering::SeqCst);
+                thread::yield_now();
+            }
+            Self::Host => thread::sleep(duration),
+        }
+    }
+}
+
+/// A device that a bus and a test share.
+pub type Shared = Arc<Mutex<dyn UsbDevice>>;
+
+fn lock<T: ?Sized>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A socket of the bus.
+struct Port {
+    number: u8,
+    device: Shared,
+    /// Counts how often the device was found gone, so that it has a new address when it is back.
+    times_gone: AtomicU8,
+    claimed: Mutex<BTreeSet<u8>>,
+}
+
+/// A bus with emulated devices.
+pub struct EmulatedBus {
+    ports: Mutex<Vec<Arc<Port>>>,
+    clock: Clock,
+    /// How many transfers a stream gets at most.
+    pub grants: AtomicUsize,
+}
+
+/// On a simulated clock.
+impl Default for EmulatedBus {
+    fn default() -> Self {
+        Self::new(Clock::Simulated(Arc::new(AtomicI64::new(1_000_000_000))))
+    }
+}
+
+impl EmulatedBus {
+    fn new(clock: Clock) -> Self {
+        Self { ports: Mutex::default(), clock, grants: AtomicUsize::new(usize::MAX) }
+    }
+
+    /// A bus on the host's clock.
+    pub fn on_host_clock() -> Self {
+        Self::new(Clock::Host)
+    }
+
+    /// Adds a socket with a device.
+    pub fn add(&self, device: Shared) {
+        let mut ports = lock(&self.ports);
+        let number = u8::try_from(ports.len() + 1).unwrap();
+        ports.push(Arc::new(Port { number, device, times_gone: AtomicU8::new(0), claimed: Mutex::default() }));
+    }
+
+    /// The bus's time.
+    pub fn now_ns(&self) -> i64 {
+        self.clock.now_ns()
+    }
+
+    fn identity(&self, port: &Port) -> Option<Identity> {
+        let Reply::Data(bytes) = control_in(port, self.now_ns(), 0x80, 6, 0x0100, 0, 18) else { return None };
+        let word = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+        Some(Identity {
+            vendor: word(8),
+            product: word(10),
+            version: word(12),
+            bus: 1,
+            address: port.number + 16 * port.times_gone.load(Ordering::SeqCst),
+            port: format!("1-{}", port.number),
+            speed: match lock(&port.device).speed() {
+                mocks::Speed::High => Speed::High,
+                mocks::Speed::Super => Speed::Super,
+            },
+        })
+    }
+}
+
+fn control_in(port: &Port, now: i64, request_type: u8, request: u8, value: u16, index: u16, length: u16) -> Reply {
+    let setup = Setup { request_type, request, value, index, length };
+    let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: length.into() };
+    lock(&port.device).submit(&urb, now)
+}
+
+impl Bus for EmulatedBus {
+    fn list(&self) -> Result<Vec<Identity>, TransportError> {
+        Ok(lock(&self.ports).iter().filter_map(|port| self.identity(port)).collect())
+    }
+
+    fn open(&self, identity: &Identity) -> Result<Arc<dyn Transport>, TransportError> {
+        let gone = || TransportError::new(identity, "open", Fault::Gone);
+        let ports = lock(&self.ports);
+        let port = ports.iter().find(|port| self.identity(port).as_ref() == Some(identity)).ok_or_else(gone)?;
+        let transport = EmulatedTransport {
+            port: Arc::clone(port),
+            identity: identity.clone(),
+            serial: serial(port, self.now_ns()),
+            interfaces: interfaces(port, self.now_ns()),
+            clock: self.clock.clone(),
+            gone: Arc::new(AtomicBool::new(false)),
+            ours: Mutex::default(),
+            grants: self.grants.load(Ordering::SeqCst),
+        };
+        // As an operating system does for a device that is new on the bus.
+        transport.set(0x00, 9, 1, 0)?;
+        Ok(Arc::new(transport))
+    }
+}
+
+fn serial(port: &Port, now: i64) -> Option<String> {
+    let Reply::Data(device) = control_in(port, now, 0x80, 6, 0x0100, 0, 18) else { return None };
+    let index = u16::from(*device.get(16)?);
+    if index == 0 {
+        return None;
+    }
+    let Reply::Data(text) = control_in(port, now, 0x80, 6, 0x0300 | index, 0x0409, 255) else { return None };
+    let units: Vec<u16> = text.get(2..)?.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+    String::from_utf16(&units).ok().filter(|text| !text.is_empty())
+}
+
+fn interfaces(port: &Port, now: i64) -> Vec<Interface> {
+    let Reply::Data(bytes) = control_in(port, now, 0x80, 6, 0x0200, 0, 4096) else { return Vec::new() };
+    let mut found: Vec<Interface> = Vec::new();
+    let mut rest = bytes.as_slice();
+    let mut counts = false;
+    while let [length, kind, ..] = *rest {
+        let descriptor = &rest[..usize::from(length).clamp(2, rest.len())];
+        match kind {
+            4 => {
+                counts = descriptor[3] == 0;
+                if counts {
+                    let class = (descriptor[5], descriptor[6], descriptor[7]);
+                    found.push(Interface { number: descriptor[2], class, endpoints: Vec::new() });
+                }
+            }
+            5 if counts => {
+                let endpoint = Endpoint { address: descriptor[2], bulk: descriptor[3] & 3 == 2 };
+                found.last_mut().unwrap().endpoints.push(endpoint);
+            }
+            _ => {}
+        }
+        rest = &rest[descriptor.len()..];
+    }
+    found
+}
+
+struct EmulatedTransport {
+    port: Arc<Port>,
+    identity: Identity,
+    serial: Option<String>,
+    interfaces: Vec<Interface>,
+    clock: Clock,
+    /// The device was unplugged while this was open: it stays gone for us when it is plugged in again.
+    gone: Arc<AtomicBool>,
+    ours: Mutex<BTreeSet<u8>>,
+    grants: usize,
+}
+
+fn submit(port: &Port, gone: &AtomicBool, clock: &Clock, urb: &Urb) -> Result<Reply, Fault> {
+    if gone.load(Ordering::SeqCst) {
+        return Err(Fault::Gone);
+    }
+    match lock(&port.device).submit(urb, clock.now_ns()) {
+        Reply::Gone => {
+            if !gone.swap(true, Ordering::SeqCst) {
+                port.times_gone.fetch_add(1, Ordering::SeqCst);
+            }
+            Err(Fault::Gone)
+        }
+        Reply::Stall => Err(Fault::Stall),
+        Reply::Overflow => Err(Fault::Overflow),
+        other => Ok(other),
+    }
+}
+
+impl EmulatedTransport {
+    fn failed<T>(&self, step: &str, fault: Fault) -> Result<T, TransportError> {
+        Err(TransportError::new(&self.identity, step, fault))
+    }
+
+    /// Offers a transfer until it is done or time is up.
+    fn finish(&self, step: &str, urb: &Urb, timeout: Duration) -> Result<Reply, TransportError> {
+        let mut left = timeout.as_millis();
+        loop {
+            match submit(&self.port, &self.gone, &self.clock, urb) {
+                Ok(Reply::Pending) if left == 0 => return self.failed(step, Fault::Timeout),
+                Ok(Reply::Pending) => {
+                    left -= 1;
+                    self.clock.pass(Duration::from_millis(1));
+                }
+                Ok(reply) => return Ok(reply),
+                Err(fault) => return self.failed(step, fault),
+            }
+        }
+    }
+
+    fn set(&self, request_type: u8, request: u8, value: u16, index: u16) -> Result<(), TransportError> {
+        let setup = Setup { request_type, request, value, index, length: 0 };
+        let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: 0 };
+        self.finish("standard request", &urb, Duration::from_secs(1)).map(|_| ())
+    }
+}
+
+impl Transport for EmulatedTransport {
+    fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    fn serial(&self) -> Option<&str> {
+        self.serial.as_deref()
+    }
+
+    fn interfaces(&self) -> &[Interface] {
+        &self.interfaces
+    }
+
+    fn claim(&self, interface: u8, select: bool) -> Result<(), TransportError> {
+        if !lock(&self.port.claimed).insert(interface) {
+            return self.failed("claim", Fault::Busy);
+        }
+        lock(&self.ours).insert(interface);
+        if select { self.set(0x01, 11, 0, interface.into()) } else { Ok(()) }
+    }
+
+    fn control_read(&self, control: Control, into: &mut [u8], timeout: Duration) -> Result<usize, TransportError> {
+        let Control { request_type, request, value, index } = control;
+        let setup = Setup { request_type, request, value, index, length: u16::try_from(into.len()).unwrap() };
+        let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: into.len() };
+        match self.finish("control read", &urb, timeout)? {
+            Reply::Data(bytes) => {
+                into[..bytes.len()].copy_from_slice(&bytes);
+                Ok(bytes.len())
+            }
+            _ => Ok(0),
+        }
+    }
+
+    fn control_write(&self, control: Control, from: &[u8], timeout: Duration) -> Result<usize, TransportError> {
+        let Control { request_type, request, value, index } = control;
+        let setup = Setup { request_type, request, value, index, length: u16::try_from(from.len()).unwrap() };
+        let urb = Urb { endpoint: 0, setup: Some(setup), data: from.to_vec(), length: 0 };
+        match self.finish("control write", &urb, timeout)? {
+            Reply::Taken(count) => Ok(count),
+            _ => Ok(0),
+        }
+    }
+
+    fn bulk_read(&self, endpoint: u8, into: &mut [u8], timeout: Duration) -> Result<usize, TransportError> {
+        let urb = Urb { endpoint, setup: None, data: Vec::new(), length: into.len() };
+        match self.finish("bulk read", &urb, timeout)? {
+            Reply::Data(bytes) => {
+                into[..bytes.len()].copy_from_slice(&bytes);
+                Ok(bytes.len())
+            }
+            _ => Ok(0),
+        }
+    }
+
+    fn bulk_write(&self, endpoint: u8, from: &[u8], timeout: Duration) -> Result<usize, TransportError> {
+        let urb = Urb { endpoint, setup: None, data: from.to_vec(), length: 0 };
+        match self.finish("bulk write", &urb, timeout)? {
+            Reply::Taken(count) => Ok(count),
+            _ => Ok(0),
+        }
+    }
+
+    fn clear_halt(&self, endpoint: u8) -> Result<(), TransportError> {
+        self.set(0x02, 1, 0, endpoint.into())
+    }
+
+    fn stream(&self, endpoint: u8, flight: Flight, mut receiver: Receiver) -> Result<Box<dyn Stream>, TransportError> {
+        let granted = flight.transfers.min(self.grants);
+        if granted == 0 {
+            return self.failed("stream", Fault::Memory(erfgs_rig::usb::memory_advice()));
+        }
+        let (port, gone, clock) = (Arc::clone(&self.port), Arc::clone(&self.gone), self.clock.clone());
+        let stopping = Arc::new(AtomicBool::new(false));
+        let stop = Arc::clone(&stopping);
+        let thread = thread::spawn(move || {
+            let urb = Urb { endpoint, setup: None, data: Vec::new(), length: flight.bytes };
+            while !stop.load(Ordering::SeqCst) {
+                match submit(&port, &gone, &clock, &urb) {
+                    Ok(Reply::Data(bytes)) if !bytes.is_empty() => {
+                        let host_ns = clock.now_ns();
+                        receiver(Arrival::Data { host_ns, bytes: &bytes });
+                    }
+                    Ok(_) => {
+                        clock.pass(Duration::from_millis(1));
+                        // Leaves the processor to the test, which a simulated clock does not.
+                        thread::sleep(Duration::from_micros(100));
+                    }
+                    Err(fault) => {
+                        receiver(Arrival::Ended(fault));
+                        return;
+                    }
+                }
+            }
+        });
+        Ok(Box::new(Pump { granted, stopping, thread: Some(thread) }))
+    }
+
+    fn wait(&self, duration: Duration) {
+        self.clock.pass(duration);
+    }
+}
+
+impl Drop for EmulatedTransport {
+    fn drop(&mut self) {
+        let mut claimed = lock(&self.port.claimed);
+        for interface in lock(&self.ours).iter() {
+            claimed.remove(interface);
+        }
+    }
+}
+
+struct Pump {
+    granted: usize,
+    stopping: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Stream for Pump {
+    fn granted(&self) -> usize {
+        self.granted
+    }
+
+    fn stop(&mut self) {
+        self.stopping.store(true, Ordering::SeqCst);
+        if let Some(thread) = self.thread.take() {
+            thread.join().unwrap();
+        }
+    }
+}
+
+impl Drop for Pump {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
