@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_rig::sync::{StreamSync, Synchronisation, page, synchronise};
+use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, page, synchronise};
 use erfgs_session::container::Session;
 
 use crate::terminal::{Terminal, table, thousands};
@@ -11,18 +11,23 @@ use crate::terminal::{Terminal, table, thousands};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Ties every stream to the session clock, in one of three tiers:
-  A  hardware-triggered: edges at event cameras and frames are matched with the trigger board's pulses
+  A  hardware-triggered: edges and frames are matched with the trigger board's pulses
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
-  C  as B, with a lag that a flash told
-The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page
+  C  as B, with the lag that a flashing lamp told (--flash)
+The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page \
 with plots of the residuals (S.sync.html).
 
 Examples:
   erfgs sync S.mcap
+  erfgs sync S.mcap --flash                      the wand's LED blinked before all cameras
   erfgs sync S.mcap --json | jq '.streams[] | {id, tier}'")]
 pub struct Arguments {
     /// The session.
     session: PathBuf,
+    /// Look for a lamp that flashed before event cameras and free-running cameras, and take the lags of the latter from
+    /// it. Every frame is decoded, which takes time.
+    #[arg(long)]
+    flash: bool,
     /// The file to write the fits to; beside the session without it.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -36,7 +41,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut session = Session::open(&arguments.session)?;
     let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
     let progress = terminal.progress("reading");
-    let sync = synchronise(&mut session, |bytes| progress.update(bytes, total, "bytes"))?;
+    let sync = synchronise(&mut session, SyncOptions { flash: arguments.flash }, |bytes| {
+        progress.update(bytes, total, "bytes")
+    })?;
     drop(progress);
     let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(&arguments.session));
     let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));

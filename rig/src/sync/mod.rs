@@ -13,13 +13,14 @@ mod collect;
 mod edges;
 mod flash;
 mod frames;
+mod lamp;
 mod plot;
 mod report;
 #[cfg(test)]
 mod tests;
 
 pub use board::{Board, BoardLines, NS_PER_TICK as BOARD_NS_PER_TICK};
-pub use collect::synchronise;
+pub use collect::{SyncOptions, synchronise};
 pub use edges::{Matched, fit as fit_edges, fit_arrivals, pulses};
 pub use flash::{FlashLag, find_lag, lit_intervals};
 pub use frames::{Arrived, Exposures, free_running, lagging, match_pulses};
