@@ -12,6 +12,6 @@ pub mod player;
 pub mod simulator;
 pub mod variant;
 
-pub use player::{Controls, Player, PlayerOptions, Speed};
+pub use player::{Controls, PlayedSource, Player, PlayerOptions, Speed};
 pub use simulator::{Luma, Mode, Simulator, SimulatorConfig, SimulatorError};
 pub use variant::{VariantError, VariantOptions};

@@ -2,6 +2,7 @@
 
 mod inputs;
 mod pipeline;
+mod recording;
 mod resume;
 mod simulate;
 mod variants;

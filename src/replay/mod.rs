@@ -1,16 +1,16 @@
 //! `erfgs replay`: play a session as if its devices were there.
 
+mod audience;
+
 use std::{
+    net::SocketAddr,
     path::PathBuf,
-    sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    },
+    sync::atomic::Ordering,
     time::{Duration, Instant},
 };
 
+use audience::Audience;
 use erfgs_replay::{Player, PlayerOptions, Speed};
-use erfgs_session::source::{Incident, Outlet, Packet, Source};
 use serde::Serialize;
 
 use crate::{
@@ -22,12 +22,14 @@ use crate::{
 /// Play a session as if its devices were there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The session's streams are played with the times between their packets, into the same interface that devices record
-through. A line says where the playback is and what passes.
+The session's streams are played with the times between their packets, into the same interface that devices record \
+through. A line says where the playback is and what passes. With --live they are shown on the page on which a rig is shown \
+while it is recorded, until Ctrl-C; what plays can be recorded there into the session's folder.
 
 Examples:
   erfgs replay S.mcap
   erfgs replay S.mcap --speed 0.1 --seek 12.5
+  erfgs replay S.mcap --live --loop
   erfgs replay S.mcap --speed max --json")]
 pub struct Arguments {
     /// The session, or an MCAP recording of ROS 2 with packets of events.
@@ -41,6 +43,12 @@ pub struct Arguments {
     /// Start so many seconds after the beginning.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = seconds)]
     seek: f64,
+    /// Show it on the live page.
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
+    live: Option<SocketAddr>,
+    /// A name that the live page may be opened by, besides `localhost` and bare addresses.
+    #[arg(long, value_name = "NAME", requires = "live")]
+    live_name: Vec<String>,
 }
 
 fn speed(text: &str) -> Result<Speed, String> {
@@ -58,26 +66,6 @@ fn seconds(text: &str) -> Result<f64, String> {
     if value >= 0.0 && value.is_finite() { Ok(value) } else { Err("a number of seconds, 0 or more".into()) }
 }
 
-/// Counts what passes.
-#[derive(Default)]
-struct Counting {
-    packets: AtomicU64,
-    bytes: AtomicU64,
-    incidents: AtomicU64,
-}
-
-impl Outlet for Counting {
-    fn send(&self, packet: Packet) -> bool {
-        self.packets.fetch_add(1, Ordering::Relaxed);
-        self.bytes.fetch_add(packet.payload.len() as u64, Ordering::Relaxed);
-        true
-    }
-
-    fn report(&self, _incident: Incident) {
-        self.incidents.fetch_add(1, Ordering::Relaxed);
-    }
-}
-
 #[derive(Serialize)]
 struct Played {
     seconds: f64,
@@ -89,7 +77,8 @@ struct PlayedStream {
     id: String,
     packets: u64,
     bytes: u64,
-    incidents: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    incidents: Option<u64>,
 }
 
 /// Plays until the end, or until the user stops.
@@ -106,16 +95,20 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let length_ns = summary.span_ns().map_or(0, |[_, last]| summary.start.session_ns(last)).max(1);
     let stop = interrupt::stop_flag("the playback ends")?;
-    let mut sources = player.sources();
-    let counting: Vec<Arc<Counting>> = sources.iter().map(|_| Arc::default()).collect();
+    let mut audience = match arguments.live {
+        Some(address) => Audience::live(&player, &arguments.session, address, arguments.live_name.clone())?,
+        None => Audience::counting(&player),
+    };
+    if let Some(url) = audience.url() {
+        terminal.note(format!("live page: {url} (Ctrl-C ends it)"));
+    }
     let controls = player.controls();
     let begun = Instant::now();
-    for (source, outlet) in std::iter::zip(&mut sources, &counting) {
-        source.start(outlet.clone()).map_err(anyhow::Error::from_boxed)?;
-    }
+    audience.start()?;
     let progress = terminal.progress("replaying");
-    while !controls.finished() && !stop.load(Ordering::Relaxed) {
-        let total: u64 = counting.iter().map(|counting| counting.bytes.load(Ordering::Relaxed)).sum();
+    // A page stays when the playback is over: someone may look at it.
+    while !stop.load(Ordering::Relaxed) && (audience.url().is_some() || !controls.finished()) {
+        let total: u64 = audience.streams().iter().map(|stream| stream.bytes).sum();
         let position_ns = controls.position_ns().unwrap_or(0).clamp(0, length_ns);
         progress.share(position_ns as f64 / length_ns as f64, || {
             let rate = total as f64 / begun.elapsed().as_secs_f64().max(1e-3);
@@ -123,24 +116,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         });
         std::thread::sleep(Duration::from_millis(20));
     }
-    for source in &mut sources {
-        source.stop().map_err(anyhow::Error::from_boxed)?;
-    }
+    audience.stop()?;
     drop(progress);
     if let Some(failure) = controls.failure() {
         terminal.note(format!("passed over: {failure}"));
     }
-    let played = Played {
-        seconds: begun.elapsed().as_secs_f64(),
-        streams: std::iter::zip(&sources, &counting)
-            .map(|(source, counting)| PlayedStream {
-                id: source.description().id.clone(),
-                packets: counting.packets.load(Ordering::Relaxed),
-                bytes: counting.bytes.load(Ordering::Relaxed),
-                incidents: counting.incidents.load(Ordering::Relaxed),
-            })
-            .collect(),
-    };
+    let played = Played { seconds: begun.elapsed().as_secs_f64(), streams: audience.streams() };
     terminal.result(&played, || {
         let mut rows = vec![["stream", "packets", "bytes"].map(str::to_owned).to_vec()];
         for stream in &played.streams {

@@ -1,0 +1,129 @@
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read, Write},
+    net::TcpStream,
+    process::Stdio,
+};
+
+use crate::Folder;
+
+const RIG: &str = r#"
+[rig]
+name = "patterns"
+
+[record]
+flush_ms = 50
+
+[[pattern]]
+id = "eye"
+delivers = "events"
+rate_hz = 50.0
+events_per_packet = 500
+
+[[pattern]]
+id = "camera"
+delivers = "frames"
+width = 160
+height = 120
+"#;
+
+/// A folder with a second of two patterns in `take.mcap`, and what `erfgs record` said of it.
+fn recorded() -> (Folder, serde_json::Value) {
+    let folder = Folder::new();
+    fs::write(folder.path("rig.toml"), RIG).expect("written");
+    let summary = folder.figures("record rig.toml --out take.mcap --seconds 1 --no-preflight");
+    (folder, summary)
+}
+
+#[test]
+fn a_rig_is_recorded_told_of_played_fitted_and_exported() {
+    let (folder, summary) = recorded();
+    let written = |id: &str| {
+        let streams = summary["streams"].as_array().expect("streams");
+        streams.iter().find(|stream| stream["id"] == id).and_then(|stream| stream["written"].as_u64()).expect("a count")
+    };
+    assert!(written("eye") > 5 && written("camera") > 3, "{summary}");
+
+    let info = folder.figures("info take.mcap");
+    assert!(info.to_string().contains("\"camera\""), "{info}");
+
+    let played = folder.figures("replay take.mcap --speed max");
+    let passed = |id: &str| {
+        let streams = played["streams"].as_array().expect("streams");
+        streams.iter().find(|stream| stream["id"] == id).and_then(|stream| stream["packets"].as_u64())
+    };
+    assert_eq!((passed("eye"), passed("camera")), (Some(written("eye")), Some(written("camera"))), "{played}");
+
+    let sync = folder.figures("sync take.mcap --flash");
+    assert_eq!(sync["streams"][0]["tier"], "free-running", "{sync}");
+    assert!(fs::read_to_string(folder.path("take.sync.html")).expect("a page").contains("<svg"));
+
+    folder.succeed("export take.mcap --to csv --stream eye --out eye.csv");
+    let lines = fs::read_to_string(folder.path("eye.csv")).expect("a table").lines().count() as u64;
+    assert_eq!(lines, written("eye") * 500 + 1);
+    folder.succeed("export take.mcap --to png --out pictures");
+    let times = walk(&folder.path("pictures"), "frames.csv");
+    assert_eq!(times.lines().count() as u64, written("camera") + 1);
+
+    assert!(folder.fail(2, "record rig.toml --out take.mcap").contains("never overwritten"));
+}
+
+/// The text of the only file of this name below a folder.
+fn walk(folder: &std::path::Path, name: &str) -> String {
+    let found: Vec<_> = fs::read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").path())
+        .map(|path| if path.is_dir() { path.join(name) } else { path })
+        .filter(|path| path.ends_with(name) && path.exists())
+        .collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    fs::read_to_string(&found[0]).expect("a text")
+}
+
+#[test]
+fn a_recording_that_was_cut_off_is_recovered() {
+    let (folder, _) = recorded();
+    let whole = fs::read(folder.path("take.mcap")).expect("a session");
+    fs::write(folder.path("cut.mcap"), &whole[..whole.len() * 2 / 3]).expect("written");
+    let info = folder.figures("info cut.mcap");
+    assert_eq!(info["complete"], false, "{info}");
+    folder.succeed("recover cut.mcap --out again.mcap");
+    let info = folder.figures("info again.mcap");
+    assert_eq!(info["complete"], true, "{info}");
+    folder.succeed("replay again.mcap --speed max");
+    fs::write(folder.path("none.mcap"), "no session").expect("written");
+    assert!(folder.fail(1, "recover none.mcap").contains("none.mcap"));
+}
+
+#[test]
+fn a_recording_is_shown_on_the_live_page() {
+    let (folder, _) = recorded();
+    let mut playing = folder
+        .command("replay take.mcap --live 127.0.0.1:0 --loop")
+        .stderr(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("erfgs runs");
+    let mut lines = BufReader::new(playing.stderr.take().expect("stderr")).lines();
+    let address = lines.by_ref().map_while(Result::ok).find_map(|line| {
+        let (_, rest) = line.split_once("live page: http://")?;
+        Some(rest.split(['/', ' ']).next()?.to_owned())
+    });
+    let address = address.expect("an address");
+    let get = |path: &str| {
+        let mut stream = TcpStream::connect(&address).expect("a connection");
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").expect("sent");
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("an answer");
+        answer
+    };
+    assert!(String::from_utf8_lossy(&get("/")).contains("Start recording"));
+    let shows = (0..600).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        let answer = get("/api/preview/camera");
+        answer.starts_with(b"HTTP/1.1 200") && answer.windows(3).any(|bytes| bytes == [0xff, 0xd8, 0xff])
+    });
+    playing.kill().expect("ended");
+    playing.wait().expect("ended");
+    assert!(shows, "no picture of the camera within 30 s");
+}
