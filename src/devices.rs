@@ -17,7 +17,7 @@ Examples:
   erfgs devices --probe
   erfgs devices --json | jq '.event_cameras[].serial'
 
-The serial numbers and ports are what RIG.toml chooses devices by (`erfgs record --example`). A device with a problem is
+The serial numbers and ports are what RIG.toml chooses devices by (`erfgs record --example`). A device with a problem is \
 listed with what to do about it.")]
 pub struct Arguments {
     /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.

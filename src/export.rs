@@ -13,11 +13,11 @@ use crate::{device::TrainedRun, errors::Usage, terminal::Terminal};
 /// Write the Gaussians of a run, or the streams of a session, in the formats of other programs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the
+A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording.
 
 A session gives its event streams as
-  raw  the words of a Prophesee sensor as they were received, with the header that Metavision looks for
+  raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for
   aedat4  events, edges, frames and inertial samples, as DV reads them
   csv  lines of t, x, y, on
   npz  NumPy arrays t, x, y, p

@@ -40,10 +40,10 @@ Examples:
   erfgs record RIG.toml --out take1.mcap --seconds 30 --live
   erfgs record RIG.toml --out takes/ --wait --live 0.0.0.0:8100
 
-With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder
+With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder \
 of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
 
-Exit codes: 0 recorded, 1 a device or the disk failed (what was recorded stays readable), 2 wrong usage, 130 stopped by
+Exit codes: 0 recorded, 1 a device or the disk failed (what was recorded stays readable), 2 wrong usage, 130 stopped by \
 Ctrl-C before --seconds were over. docs/recording.md says what the numbers mean and what to do about drops.")]
 pub struct Arguments {
     /// The rig: which devices, with which settings.

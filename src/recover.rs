@@ -10,8 +10,8 @@ use crate::terminal::{Terminal, bytes, thousands};
 /// Repair a session whose recording was cut off.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-What lies in whole chunks stays byte for byte; at most the last chunk (half a second) is lost. The session itself is left
-alone, and the copy gets the index that was never written. --in-place appends the index to the session itself, which
+What lies in whole chunks stays byte for byte; at most the last chunk (half a second) is lost. The session itself is left \
+alone, and the copy gets the index that was never written. --in-place appends the index to the session itself, which \
 needs next to no room on the disk. A session can be read, replayed and exported without being repaired.
 
 Examples:

@@ -13,8 +13,8 @@ use crate::terminal::{Terminal, bytes, table, thousands};
 /// Compare runs in one self-contained HTML file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The page needs no other file and no network: error against run time of all runs in one plot, error against time between
-frames, tables per scene and per view, pictures side by side, what was left out and why, settings that differ. Differences
+The page needs no other file and no network: error against run time of all runs in one plot, error against time between \
+frames, tables per scene and per view, pictures side by side, what was left out and why, settings that differ. Differences \
 are against the first run.
 
 Examples:

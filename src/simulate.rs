@@ -19,7 +19,7 @@ LUMA.npz holds `luma[T, H, W]` (u8, display-referred). The events are `t` (micro
 
 Modes:
   parity    v2e's pixel model as its code has it; without noise, the same events
-  enhanced  exact low-pass, exact crossing times, thresholds that vary from event to event, Poisson noise
+  enhanced  exact low-pass and crossing times, thresholds that vary with each event, Poisson noise
 
 Examples:
   erfgs simulate luma.npz --fps 30 --mode parity --threshold 0.2 --out events.npz

@@ -38,7 +38,7 @@ Presets (config.toml of a run lists every field, and --set changes any):
   released-code  ERF-GS as its released code does it
   default        what gives the best moving pixels per second here
 
-A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command
+A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
 with --resume goes on from there.
 
 Examples:

@@ -14,7 +14,7 @@ use crate::{
 /// Measure the decoding of an event file from memory into columns, on one core, in pieces of 64 KiB as drivers give them.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The time is the CPU time of the fastest run, so that other work on the machine counts little; `wall_seconds` is the
+The time is the CPU time of the fastest run, so that other work on the machine counts little; `wall_seconds` is the \
 fastest run by the clock.
 
 Examples:

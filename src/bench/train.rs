@@ -28,7 +28,7 @@ const WARM_UP: u32 = 20;
 /// Measure a training run.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Iterations of the fine stage are measured, after a warm-up. The device is waited for after every stage, which training
+Iterations of the fine stage are measured, after a warm-up. The device is waited for after every stage, which training \
 does not do, so that the stages together take a little more than an iteration of training.
 
 Examples:

@@ -9,7 +9,7 @@ use crate::{info, terminal::Terminal};
 /// Make a dataset of ideal pinhole cameras.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The trainer's cameras are pinholes: a dataset with lens distortion is undistorted first. Images keep their size and
+The trainer's cameras are pinholes: a dataset with lens distortion is undistorted first. Images keep their size and \
 focal length; event positions are mapped with the same model.
 
 Example:

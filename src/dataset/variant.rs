@@ -13,7 +13,7 @@ use crate::{errors::Usage, info, parse::CameraChoice, simulate::Sensor, terminal
 /// Make a dataset harder: fewer frames, motion blur, event-only viewpoints.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Events are simulated first, from all frames; then frames are dropped, blurred and taken away. Held-out cameras stay as
+Events are simulated first, from all frames; then frames are dropped, blurred and taken away. Held-out cameras stay as \
 they are. The manifest of the new dataset records every step.
 
 Examples: the three variants of the paper, and a factor of 8
