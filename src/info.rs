@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 use erfgs_session::{
     Dataset, Modality, PointCloud, Split,
     codec::{EventFile, EventFileError, SensorSize},
-    npz,
 };
 use erfgs_train::run::{Metrics, RunFolder, RunInfo};
 use serde::Serialize;
@@ -31,7 +30,7 @@ Examples:
 pub struct Arguments {
     /// A session, a dataset or run folder, a .ply point cloud, or an event file.
     path: PathBuf,
-    /// Print the SHA3-224 of each field of the events.
+    /// Print the SHA3-224 of each field of the events of an event file or a session.
     #[arg(long)]
     digest: bool,
     /// Size of the sensor, if the event file does not say it.
@@ -45,10 +44,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
     let folder = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    if arguments.digest && (path.is_dir() || extension == "ply" || extension == "json") {
+        let what = format!("--digest is for sessions and event files, and '{}' is none", path.display());
+        return Err(Usage(what).into());
+    }
     match (path.is_dir(), extension) {
         (false, "ply") => points(path, terminal),
         (false, "mcap") => session::run(path, arguments.digest, terminal),
-        (false, "npz") if !arguments.digest => npz_events(path, terminal),
+        (false, "npz") => events::describe_npz(path, arguments.size, arguments.digest, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),
         (true, _) => dataset(&Dataset::load(folder)?, terminal),
@@ -249,56 +252,6 @@ fn points(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
             ("points", thousands(summary.points as u64)),
             ("lower corner", format!("{} m", corner(summary.lower_m))),
             ("upper corner", format!("{} m", corner(summary.upper_m))),
-        ])
-    })
-}
-
-#[derive(Serialize)]
-struct EventSummary<'a> {
-    kind: &'static str,
-    file: &'a Path,
-    events: usize,
-    on: usize,
-    off: usize,
-    width: u32,
-    height: u32,
-    first_us: Option<i64>,
-    last_us: Option<i64>,
-    /// Events a second, all pixels together.
-    rate_hz: Option<f64>,
-}
-
-fn npz_events(path: &Path, terminal: &Terminal) -> anyhow::Result<()> {
-    let events = npz::read_events(path, None)?;
-    let on = events.on.iter().filter(|&&on| on).count();
-    let (first, last) = (events.t_us.first().copied(), events.t_us.last().copied());
-    let seconds = first.zip(last).map(|(first, last)| (last - first) as f64 * 1e-6).filter(|&seconds| seconds > 0.0);
-    let summary = EventSummary {
-        kind: "events",
-        file: path,
-        events: events.len(),
-        on,
-        off: events.len() - on,
-        width: events.width,
-        height: events.height,
-        first_us: first,
-        last_us: last,
-        rate_hz: seconds.map(|seconds| events.len() as f64 / seconds),
-    };
-    terminal.result(&summary, || {
-        key_value(vec![
-            (
-                "events",
-                format!(
-                    "{} ({} ON, {} OFF)",
-                    thousands(summary.events as u64),
-                    thousands(on as u64),
-                    thousands(summary.off as u64)
-                ),
-            ),
-            ("sensor", format!("{} x {}", summary.width, summary.height)),
-            ("time", first.zip(last).map_or("-".into(), |(first, last)| format!("{first} to {last} us"))),
-            ("rate", summary.rate_hz.map_or("-".into(), |rate| format!("{} events a second", thousands(rate as u64)))),
         ])
     })
 }

@@ -73,6 +73,11 @@ fn cpu_seconds() -> Option<f64> {
 
 /// Measures and prints a line.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    if arguments.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
+        let what = "NPZ holds arrays that NumPy's format describes, and no stream to decode; give a RAW, DAT, AEDAT or CSV \
+                    file";
+        return Err(Usage(what.to_owned()).into());
+    }
     let mut file = EventFile::open(&arguments.file)?;
     if let Some(size) = arguments.size {
         file = file.with_size(size);

@@ -2,7 +2,10 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use erfgs_session::codec::{Anomalies, Digests, EventFile, SensorSize};
+use erfgs_session::{
+    codec::{Anomalies, Digests, EventBatch, EventFile, SensorSize, Sink},
+    npz,
+};
 use serde::Serialize;
 
 use crate::terminal::{Terminal, table, thousands};
@@ -12,8 +15,8 @@ struct EventFileSummary<'a> {
     kind: &'static str,
     file: &'a Path,
     format: &'static str,
-    width: Option<u16>,
-    height: Option<u16>,
+    width: Option<u32>,
+    height: Option<u32>,
     events: u64,
     on: u64,
     off: u64,
@@ -21,8 +24,8 @@ struct EventFileSummary<'a> {
     imu_samples: u64,
     triggers: u64,
     edges: u64,
-    first_us: Option<u64>,
-    last_us: Option<u64>,
+    first_us: Option<i64>,
+    last_us: Option<i64>,
     /// Events a second, all pixels together.
     rate_hz: Option<f64>,
     /// Whether some event is earlier than the one before it.
@@ -46,13 +49,54 @@ pub fn describe(
     }
     let mut found = if digest { Digests::new() } else { Digests::default() };
     let anomalies = file.decode(&mut found)?;
-    let seconds = found.range_us.map(|(first, last)| (last - first) as f64 * 1e-6).filter(|&seconds| seconds > 0.0);
+    let range_us = found.range_us.map(|(first, last)| [microseconds(first), microseconds(last)]);
     let summary = EventFileSummary {
+        width: file.size.map(|size| size.width.into()),
+        height: file.size.map(|size| size.height.into()),
+        anomalies,
+        header: file.header.iter().map(|(key, value)| (key.as_str(), value.as_str())).collect(),
+        ..summary(&file.path, file.format.name(), range_us, &found)
+    };
+    terminal.result(&summary, || text(&summary))
+}
+
+/// Reads an archive of NumPy arrays and describes it; with `digest`, digests each field.
+pub fn describe_npz(path: &Path, size: Option<SensorSize>, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
+    let events = npz::read_events(path, size.map(|size| [size.width.into(), size.height.into()]))?;
+    let mut found = if digest { Digests::new() } else { Digests::default() };
+    // Times before zero have the bytes that they have in the file.
+    let t_us: Vec<u64> = events.t_us.iter().map(|t_us| t_us.cast_unsigned()).collect();
+    found.events(EventBatch { t_us: &t_us, x: &events.x, y: &events.y, on: &events.on });
+    // Times are in order, or the file is refused.
+    let range_us = events.t_us.first().zip(events.t_us.last()).map(|(&first, &last)| [first, last]);
+    let summary = EventFileSummary {
+        width: Some(events.width),
+        height: Some(events.height),
+        unordered: false,
+        ..summary(path, "npz", range_us, &found)
+    };
+    terminal.result(&summary, || text(&summary))
+}
+
+fn microseconds(t_us: u64) -> i64 {
+    i64::try_from(t_us).unwrap_or(i64::MAX)
+}
+
+/// What the digests say; the file's size, header and anomalies are left open.
+fn summary<'a>(
+    path: &'a Path,
+    format: &'static str,
+    range_us: Option<[i64; 2]>,
+    found: &Digests,
+) -> EventFileSummary<'a> {
+    let seconds =
+        range_us.map(|[first, last]| last.saturating_sub(first) as f64 * 1e-6).filter(|&seconds| seconds > 0.0);
+    EventFileSummary {
         kind: "events",
-        file: &file.path,
-        format: file.format.name(),
-        width: file.size.map(|size| size.width),
-        height: file.size.map(|size| size.height),
+        file: path,
+        format,
+        width: None,
+        height: None,
         events: found.events,
         on: found.on_events,
         off: found.events - found.on_events,
@@ -60,15 +104,14 @@ pub fn describe(
         imu_samples: found.imu_samples,
         triggers: found.marks,
         edges: found.edges,
-        first_us: found.range_us.map(|range| range.0),
-        last_us: found.range_us.map(|range| range.1),
+        first_us: range_us.map(|[first, _]| first),
+        last_us: range_us.map(|[_, last]| last),
         rate_hz: seconds.map(|seconds| found.events as f64 / seconds),
         unordered: found.unordered,
-        anomalies,
-        header: file.header.iter().map(|(key, value)| (key.as_str(), value.as_str())).collect(),
+        anomalies: Anomalies::default(),
+        header: BTreeMap::new(),
         sha3_224_of_field: found.finish().into_iter().collect(),
-    };
-    terminal.result(&summary, || text(&summary))
+    }
 }
 
 fn text(summary: &EventFileSummary<'_>) -> String {
