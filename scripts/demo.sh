@@ -49,12 +49,13 @@ else
   mkdir -p "$out"
   if [ ! -e "$out/ds/dataset.json" ]; then
     say "filming the stage"
-    erfgs-stage film --out "$out/ds"
+    erfgs-stage film --rgb-fps 20 --out "$out/ds"
   fi
 fi
 if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
   say "finding the initial points"
-  points=()
+  # What flies has hardly any features: its silhouettes give it points.
+  points=(--moving 12)
   # Bare walls and floor have few features; the sweep fills them.
   [ -n "$recording" ] && points=(--method colmap+sweep --max-points 25000)
   erfgs dataset points "$out/ds" "${points[@]}"

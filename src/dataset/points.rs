@@ -17,7 +17,7 @@ use crate::{
 The poses of the dataset are kept. Held-out cameras and event-only cameras take no part.
 
 Methods:
-  colmap        features and triangulation by COLMAP 3.8 or 4.x, matched along the known epipolar lines
+  colmap        features and triangulation by COLMAP 3.8 or 4.x, matched along epipolar lines
   sweep         dense plane sweep; needs no COLMAP
   colmap+sweep  both
   random        uniform in the box that the cameras see
@@ -25,6 +25,7 @@ Methods:
 Examples:
   erfgs dataset points ds-dv
   erfgs dataset points ds-dv --method colmap+sweep --max-points 80000
+  erfgs dataset points ds-dv --moving 6
   erfgs dataset points ds-dv --colmap pycolmap:venv/bin/python")]
 pub struct Arguments {
     /// The dataset.
@@ -37,6 +38,9 @@ pub struct Arguments {
     /// At which instants points are looked for: names of image files without extension, separated by commas.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     frames: Option<Vec<String>>,
+    /// At how many instants points are added on the hull of what moves, from the silhouettes of moving pixels; 0: at none.
+    #[arg(long, value_name = "N")]
+    moving: Option<u32>,
     /// Nearest and farthest depth of a point, metres; taken from how the cameras stand without it.
     #[arg(long, value_name = "NEAR..FAR", value_parser = depth_range)]
     depth: Option<[f64; 2]>,
@@ -87,6 +91,9 @@ impl Arguments {
             Some(0) => options.max_points = None,
             Some(most) => options.max_points = Some(most),
             None => {}
+        }
+        if let Some(instants) = self.moving {
+            options.hull.instants = instants;
         }
         if let Some(count) = self.random_points {
             options.random_points = count;

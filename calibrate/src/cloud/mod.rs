@@ -4,6 +4,7 @@
 
 mod colmap;
 mod error;
+mod hull;
 mod options;
 mod photo;
 mod random;
@@ -20,7 +21,9 @@ use serde_json::{Value, json};
 pub use colmap::Colmap;
 
 pub use error::CloudError;
-pub use options::{CloudOptions, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions, Method, SweepOptions};
+pub use options::{
+    CloudOptions, ColmapOptions, ColmapProgram, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions,
+};
 
 /// One point of the cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +69,8 @@ pub enum Stage {
     Sweep,
     /// Merging depth maps or points.
     Fusion,
+    /// Silhouettes of what moves.
+    Silhouettes,
 }
 
 impl fmt::Display for Stage {
@@ -77,6 +82,7 @@ impl fmt::Display for Stage {
             Self::Triangulation => "triangulation",
             Self::Sweep => "plane sweep",
             Self::Fusion => "fusion",
+            Self::Silhouettes => "silhouettes",
         })
     }
 }
@@ -134,6 +140,9 @@ pub fn initial_cloud(
     if let Some(most) = options.max_points {
         points = thin::limit(points, first, most);
     }
+    if options.hull.instants > 0 {
+        points.extend(inside(hull::points(&rig, options, &reach, progress, &mut parameters)?, bounds));
+    }
     points.sort_by_key(|point| (point.t_ns, point.instants == 1));
     parameters.insert("runs".into(), runs(&points));
     Ok(Cloud { points, method: options.method, parameters })
@@ -168,6 +177,9 @@ fn describe(rig: &rig::Rig<'_>, options: &CloudOptions, reach: &rig::Reach) -> C
     }
     if matches!(options.method, Method::Sweep | Method::ColmapSweep) {
         parameters.insert("sweep".into(), json!(options.sweep));
+    }
+    if options.hull.instants > 0 {
+        parameters.insert("hull".into(), json!(options.hull));
     }
     if options.method == Method::Random {
         parameters.insert("seed".into(), json!(options.seed));

@@ -221,6 +221,28 @@ impl Default for SweepOptions {
     }
 }
 
+/// Options of the points of what moves, from the silhouettes of what differs from a camera's usual look.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HullOptions {
+    /// At how many instants, spread over the recording; 0 leaves these points out.
+    pub instants: u32,
+    /// How much a pixel must differ from its usual look; 1 is white against black.
+    pub threshold: f64,
+    /// Fewer views cannot say where something is.
+    pub min_views: u32,
+    /// Size of the cells of space, pixels where the cameras look at.
+    pub cell_px: f64,
+    /// Greatest number of points, over all instants.
+    pub max_points: u32,
+}
+
+impl Default for HullOptions {
+    fn default() -> Self {
+        Self { instants: 0, threshold: 0.08, min_views: 4, cell_px: 2.0, max_points: 6000 }
+    }
+}
+
 /// Options of the initial point cloud.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -246,6 +268,8 @@ pub struct CloudOptions {
     pub colmap: ColmapOptions,
     /// Options of the plane sweep.
     pub sweep: SweepOptions,
+    /// Options of the points of what moves.
+    pub hull: HullOptions,
 }
 
 impl Default for CloudOptions {
@@ -261,6 +285,7 @@ impl Default for CloudOptions {
             threads: 0,
             colmap: ColmapOptions::default(),
             sweep: SweepOptions::default(),
+            hull: HullOptions::default(),
         }
     }
 }

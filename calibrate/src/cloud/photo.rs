@@ -15,6 +15,11 @@ impl Photo {
         Self { image }
     }
 
+    /// The image.
+    pub fn image(&self) -> &ImageRgb8 {
+        &self.image
+    }
+
     /// Luma, rounded to 8 bits.
     pub fn grey(&self) -> ImageGrey8 {
         let data = self.image.luma().into_iter().map(|value| (value + 0.5) as u8).collect();

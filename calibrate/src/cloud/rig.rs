@@ -83,7 +83,7 @@ impl<'a> Rig<'a> {
         }
         let stations = cameras.into_iter().map(station).collect::<Result<Vec<_>, _>>()?;
         check_baseline(&stations)?;
-        let instants = choose(instants(&stations), frames)?;
+        let instants = choose(all_instants(&stations), frames)?;
         Ok(Self { dataset, stations, instants })
     }
 
@@ -93,7 +93,8 @@ impl<'a> Rig<'a> {
         shots.par_iter().map(|&(station, frame)| self.photo(station, frame)).collect()
     }
 
-    fn photo(&self, station: usize, frame: &Frame) -> Result<Photo, CloudError> {
+    /// Reads an image.
+    pub fn photo(&self, station: usize, frame: &Frame) -> Result<Photo, CloudError> {
         let image = self.dataset.read_image(self.stations[station].camera, frame)?;
         Ok(Photo::new(image))
     }
@@ -133,7 +134,7 @@ fn check_baseline(stations: &[Station<'_>]) -> Result<(), CloudError> {
 }
 
 /// All times at which enough stations have a frame.
-fn instants<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
+pub fn all_instants<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
     let mut all: Vec<(i64, usize, &Frame)> = stations
         .iter()
         .enumerate()

@@ -1,4 +1,4 @@
-//! A small textured room filmed by cameras around it, with a ball that has moved between two instants.
+//! A small textured room filmed by cameras around it, with a ball that moves.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
 
 pub fn ball(t_ns: i64) -> DVec3 {
-    DVec3::new(if t_ns == TIMES[0] { -0.45 } else { 0.45 }, -0.5, 0.0)
+    DVec3::new(-0.45 + 1.8e-9 * t_ns as f64, -0.5, 0.0)
 }
 
 /// Distance of a point from the nearest surface at time `t_ns`, metres.
@@ -92,9 +92,14 @@ fn render(k: &Intrinsics, pose: &Pose, t_ns: i64) -> ImageRgb8 {
     image
 }
 
+/// [`film_at`] at both [`TIMES`].
+pub fn film(folder: &Path, count: usize) -> Dataset {
+    film_at(folder, count, &TIMES)
+}
+
 /// `count` training cameras on an arc at one side of the room, one held out and one of events alone between them. The
 /// files of the latter two do not exist: nothing may read them.
-pub fn film(folder: &Path, count: usize) -> Dataset {
+pub fn film_at(folder: &Path, count: usize, times: &[i64]) -> Dataset {
     let k = Intrinsics {
         width: WIDTH,
         height: HEIGHT,
@@ -106,7 +111,7 @@ pub fn film(folder: &Path, count: usize) -> Dataset {
     };
     let camera = |index: usize, angle: f64, split: Split, modality: Modality| {
         let eye = DVec3::new(1.3 * angle.sin(), -0.9 - 0.1 * (index % 3) as f64, -1.3 * angle.cos());
-        let frames = TIMES.iter().enumerate().map(|(frame, &t_ns)| Frame {
+        let frames = times.iter().enumerate().map(|(frame, &t_ns)| Frame {
             file: format!("images/{index}/{frame:04}.png").into(),
             t_ns,
             exposure_ns: [t_ns, t_ns],
@@ -137,7 +142,7 @@ pub fn film(folder: &Path, count: usize) -> Dataset {
         version: Manifest::VERSION,
         name: "room".into(),
         provenance: Provenance::default(),
-        span_ns: [TIMES[0], TIMES[1]],
+        span_ns: [times[0], times[times.len() - 1]],
         seed: 0,
         variant: Vec::new(),
         linear_exposure: false,

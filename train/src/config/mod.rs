@@ -197,7 +197,7 @@ pub struct DensityConfig {
     pub gradient_threshold: f32,
     /// Gaussians larger than this share of the extent split, smaller ones are cloned.
     pub split_extent: f32,
-    /// Above this many Gaussians nothing is added.
+    /// Above this many Gaussians nothing is added; 0: as many as the largest image has pixels, at least 10,000.
     pub max_gaussians: u32,
     /// Prune only above this many Gaussians (0: always).
     pub prune_above: u32,
@@ -297,7 +297,7 @@ pub struct EdsConfig {
     pub every: u32,
     /// Last iteration, as a share of the fine stage.
     pub until: f32,
-    /// Nothing is added above this many Gaussians.
+    /// Nothing is added above this many Gaussians; 0: as many as the largest image has pixels, at least 10,000.
     pub max_gaussians: u32,
     /// Depths tried along a ray.
     pub depths: u32,

@@ -161,14 +161,14 @@ impl Config {
         config.density.from = 300;
         config.density.every = 100;
         config.density.until = 0.6;
-        config.density.max_gaussians = 60_000;
+        config.density.max_gaussians = 0;
         config.density.prune_above = 0;
         config.density.max_extent = 0.5;
         config.earl.share = 0.5;
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Any;
         config.earl.denoise = false;
-        config.eds.max_gaussians = 60_000;
+        config.eds.max_gaussians = 0;
         config.eds.from = 300;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;

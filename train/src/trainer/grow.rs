@@ -17,6 +17,8 @@ use crate::{
 };
 
 const BIN: u64 = 0x0062_696e;
+/// Images of few pixels get as many Gaussians as this all the same.
+const FEWEST_ALLOWED: u32 = 10_000;
 
 impl Trainer<'_> {
     /// Finds what can move, puts it first, and starts the field. Moments start anew, as in 4DGS.
@@ -70,7 +72,8 @@ impl Trainer<'_> {
     pub(super) fn control_density(&mut self) -> Result<(), TrainError> {
         let iteration = self.clock.iteration;
         let progress = self.schedule.progress(&self.clock);
-        let density = self.config.density.clone();
+        let mut density = self.config.density.clone();
+        density.max_gaussians = self.most(density.max_gaussians);
         let due = |from: u32, every: u32, until: f32| {
             iteration >= from && iteration.is_multiple_of(every) && progress <= f64::from(until)
         };
@@ -82,7 +85,7 @@ impl Trainer<'_> {
         let guided = eds.enabled
             && self.clock.stage == Stage::Fine
             && due(eds.from, eds.every, eds.until)
-            && self.model.gaussians.count <= eds.max_gaussians
+            && self.model.gaussians.count <= self.most(eds.max_gaussians)
             && !self.scene.events.is_empty();
         if !(densifies || resets || guided) {
             return Ok(());
@@ -115,6 +118,12 @@ impl Trainer<'_> {
         self.model.replace(gpu, &population)?;
         self.statistics.replace(gpu, &seen)?;
         Ok(())
+    }
+
+    /// The greatest number of Gaussians that a setting stands for: more than the images have pixels cost time and add
+    /// nothing that can be seen.
+    fn most(&self, setting: u32) -> u32 {
+        if setting > 0 { setting } else { self.scene.max_pixels().max(FEWEST_ALLOWED) }
     }
 
     fn guided(&mut self, gaussians: &Gaussians) -> Result<Gaussians, TrainError> {
