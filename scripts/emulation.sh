@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
-# Runs the checks that plug emulated cameras in: on this machine through umockdev, and in a QEMU guest with Debian's
+# Runs the checks that plug emulated devices in: on this machine through umockdev, and in a QEMU guest with Debian's
 # kernel. usage: scripts/emulation.sh [host] [CHECK...]   (all by default; CHECK: a job of scripts/guest/jobs)
 set -euo pipefail
 cd "$(dirname "$0")/.."
-[ $# -gt 0 ] || set -- host independent uvc show
+[ $# -gt 0 ] || set -- host independent uvc cameras show
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
 
 say() { printf '\n== %s\n' "$*"; }
-say "building the emulated cameras, and the drivers of others that open them"
+say "building the emulated devices, and the drivers of others that open them"
+make -C hardware-mocks/simavr BUILD="$PWD/target/trigger-board"
 cargo build --locked -p erfgs-hardware-mocks --bin erfgs-usbd
 cargo build --locked -p erfgs-rig --example follow_pattern
 CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
@@ -45,9 +46,14 @@ for check in "$@"; do
   started=$SECONDS
   case $check in
     host) host ;;
+    cameras)
+      binary=$(cargo test --locked -p erfgs-rig --test guest_cameras --no-run --message-format json |
+        grep -o '"executable":"[^"]*guest_cameras[^"]*"' | cut -d '"' -f 4)
+      GUEST_CLOCK=instructions scripts/guest/run.sh cameras "$binary"
+      ;;
     show)
-      cargo build --locked -p erfgs-rig --example record_seconds
-      scripts/guest/run.sh show
+      cargo build --locked -p erfgs --bin erfgs
+      GUEST_CLOCK=instructions scripts/guest/run.sh show
       ;;
     *) scripts/guest/run.sh "$check" ;;
   esac

@@ -5,9 +5,12 @@
 #   GUEST_SECONDS   kill the guest after this time (default 240)
 #   GUEST_MEMORY    megabytes (default 2048)
 #   GUEST_CPUS      virtual processors (default 1: with instruction emulation, more are slower to boot)
+#   GUEST_CLOCK     "host" (default): the guest's time is the host's, and short when the host is busy; "instructions": a
+#                   nanosecond for each instruction and no time while all is idle, so that the guest's one processor is
+#                   always the same speed for it, whatever the host has to do besides
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-[ $# -ge 1 ] || { sed -n '2,7p' "$0" | cut -c3-; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,10p' "$0" | cut -c3-; exit 2; }
 
 job=$1; shift
 [ -e "$job" ] || job=scripts/guest/jobs/$job.sh
@@ -17,6 +20,11 @@ for tool in qemu-system-x86_64 busybox cpio depmod python3; do
   command -v $tool >/dev/null || { echo "run.sh: $tool is missing: run scripts/setup.sh --guest" >&2; exit 1; }
 done
 
+case ${GUEST_CLOCK:-host} in
+  host) clock=(-accel tcg,thread=multi -smp "${GUEST_CPUS:-1}") ;;
+  instructions) clock=(-accel tcg,thread=single -icount shift=0,sleep=off) ;;
+  *) echo "run.sh: GUEST_CLOCK is host or instructions, not $GUEST_CLOCK" >&2; exit 2 ;;
+esac
 boot=$PWD/target/guest
 scripts/guest/kernel.sh "$boot"
 
@@ -25,7 +33,7 @@ arguments=$(mktemp -d "$boot/job.XXXXXX"); trap 'rm -rf "$arguments"' EXIT
 printf '%q ' bash "$job" "$@" >"$arguments/job"
 set +e
 timeout -s KILL "${GUEST_SECONDS:-240}" qemu-system-x86_64 \
-  -M q35 -accel tcg,thread=multi -cpu max -m "${GUEST_MEMORY:-2048}" -smp "${GUEST_CPUS:-1}" \
+  -M q35 -cpu max -m "${GUEST_MEMORY:-2048}" "${clock[@]}" \
   -nodefaults -no-user-config -display none -no-reboot -serial stdio \
   -kernel "$boot/vmlinux" -initrd "$boot/initrd.img" \
   -append "console=ttyS0 quiet panic=-1 no_timer_check mitigations=off erfgs_root=$PWD erfgs_job=$arguments/job" \

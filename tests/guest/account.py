@@ -1,19 +1,38 @@
 """Accounts for every byte of a recorded session: what the emulated devices delivered, and what the session holds.
 
-usage: account.py SESSION.mcap KEPT_FOLDER STREAM=DEVICE:ENDPOINT...
+usage: account.py FOLDER STREAM=DEVICE:ENDPOINT...
 
-KEPT_FOLDER is that of `erfgs-usbd --keep`: DEVICE-SESSION-ENDPOINT.bin, one for each time that the device was plugged in.
-The payloads of a stream, put together between its discontinuities, must be found in what the device delivered, in order,
-each stretch contiguous; what is in no stretch is told as not recorded: it was delivered before the stream began, or while
-it ended. Reads MCAP by its specification, without erfgs.
+FOLDER holds s.mcap; s.sync.json (`erfgs sync`); kept, the folder of `erfgs-usbd --keep` with DEVICE-SESSION-ENDPOINT.bin,
+one for each time that the device was plugged in; ledger.json (`erfgs-usbd --ledger`); and edges, the log of the simulated
+trigger board. Reads MCAP by its specification, without erfgs.
+
+- Events: the payloads of a stream, put together between its discontinuities, are found in what the device delivered, in
+  order, each stretch contiguous. What is in no stretch was delivered before the stream began, or while it ended.
+- Frames: every frame of the session is one that the camera delivered, byte for byte, once and in order. Where the kernel's
+  count of frames has gaps, as many frames are missing, the driver has counted them as lost, and no others are missing
+  but at the ends of stretches. What the camera exposed and did not deliver, it has counted as lost itself.
+- Pulses: the lines of the board tell every pulse that left its pins, in order. Every frame was exposed by a pulse, and
+  `erfgs sync` finds that pulse; the event cameras saw every pulse while they were plugged in.
 """
 
+import binascii
 import glob
+import json
+import re
 import struct
 import sys
 
 HEADER = 40
 DISCONTINUITY = 1
+CYCLE_NS = 62.5
+
+wrong = []
+
+
+def check(condition, complaint):
+    if not condition:
+        wrong.append(complaint)
+        print("WRONG:", complaint)
 
 
 def records(data, at, end):
@@ -33,69 +52,215 @@ def messages(data):
     topics = {}
     magic = b"\x89MCAP0\r\n"
     assert data.startswith(magic) and data.endswith(magic), "the file is not whole"
-    todo = [(8, len(data) - 8)]
-    for start, stop in todo:
-        for kind, at, end in records(data, start, stop):
-            if kind == 0x06:
-                _, inside = text(data, at + 28)
-                length = struct.unpack_from("<Q", data, inside)[0]
-                assert inside == at + 32, "chunks are compressed"
-                for kind, at, end in records(data, inside + 8, inside + 8 + length):
-                    if kind == 0x04:
-                        topics[struct.unpack_from("<H", data, at)[0]] = text(data, at + 4)[0]
-                    elif kind == 0x05:
-                        yield topics[struct.unpack_from("<H", data, at)[0]], data[at + 22 : end]
-            elif kind == 0x04:
-                topics[struct.unpack_from("<H", data, at)[0]] = text(data, at + 4)[0]
+    for kind, at, end in records(data, 8, len(data) - 8):
+        if kind == 0x0F:  # the end of the data
+            return
+        if kind != 0x06:  # a chunk
+            continue
+        _, inside = text(data, at + 28)
+        assert inside == at + 32, "chunks are compressed"
+        length = struct.unpack_from("<Q", data, inside)[0]
+        for kind, at, end in records(data, inside + 8, inside + 8 + length):
+            number = struct.unpack_from("<H", data, at)[0]
+            if kind == 0x04:
+                topics[number] = text(data, at + 4)[0]
             elif kind == 0x05:
-                yield topics[struct.unpack_from("<H", data, at)[0]], data[at + 22 : end]
-            elif kind == 0x0F:
-                return
+                yield topics[number], data[at + 22 : end]
 
 
-def stretches(packets):
-    """Payloads joined between discontinuities; every packet's number must follow the one before."""
-    joined, sequence = [], None
+class Packet:
+    def __init__(self, message):
+        self.sequence = struct.unpack_from("<Q", message, 4)[0]
+        self.kernel_sequence, flags, length = struct.unpack_from("<III", message, 28)
+        self.discontinuity = bool(flags & DISCONTINUITY)
+        self.payload = message[HEADER:]
+        assert len(self.payload) == length, "a packet is not as long as it says"
+
+
+def stretches(name, packets):
+    """Packets between discontinuities. Every packet's number must follow the one before: none was dropped."""
+    runs, expected = [], 0
     for packet in packets:
-        number, flags = struct.unpack_from("<Q", packet, 4)[0], struct.unpack_from("<I", packet, 32)[0]
-        length = struct.unpack_from("<I", packet, 36)[0]
-        assert len(packet) == HEADER + length, "a packet is not as long as it says"
-        assert sequence is None or number == sequence + 1, f"packet {number} follows {sequence}"
-        sequence = number
-        if flags & DISCONTINUITY or not joined:
-            joined.append(bytearray())
-        joined[-1] += packet[HEADER:]
-    return [bytes(stretch) for stretch in joined if stretch]
+        check(packet.sequence == expected, f"{name}: packet {packet.sequence} comes where {expected} is due")
+        expected = packet.sequence + 1
+        if packet.discontinuity or not runs:
+            runs.append([])
+        runs[-1].append(packet)
+    return runs
+
+
+def delivered(folder, source):
+    device, endpoint = source.split(":")
+    return [open(path, "rb").read() for path in sorted(glob.glob(f"{folder}/kept/{device}-*-{endpoint}.bin"))]
+
+
+def account_events(name, packets, sent):
+    runs = [b"".join(packet.payload for packet in run) for run in stretches(name, packets)]
+    at, recorded = [0] * len(sent), 0
+    for run in runs:
+        for index, data in enumerate(sent):
+            place = data.find(run, at[index])
+            if place >= 0:
+                at[index] = place + len(run)
+                recorded += len(run)
+                break
+        else:
+            check(False, f"{name}: a stretch of {len(run)} bytes is not what the device delivered")
+    total = sum(map(len, sent))
+    print(f"{name}: {len(packets)} packets in {len(runs)} stretches; {recorded} bytes recorded of {total} delivered, "
+          f"plugged in {len(sent)} times; {total - recorded} at the ends of stretches")
+    check(recorded > 0, f"{name}: nothing was recorded")
+
+
+def frames_of(name, data):
+    """Takes payloads of the USB Video Class apart: a header of 12 bytes each; bit 1 of its flags ends a frame."""
+    frames, at, frame = [], 0, b""
+    while at < len(data):
+        assert data[at] == 12, f"{name}: no payload header at byte {at}"
+        if data[at + 1] & 2:
+            # The rest of a JPEG image, which ends at its only end marker.
+            end = data.find(b"\xff\xd9", at + 12)
+            if end < 0:
+                break
+            frames.append(frame + data[at + 12 : end + 2])
+            at, frame = end + 2, b""
+        else:
+            frame += data[at + 12 : at + 16384]
+            at += 16384
+    return frames
+
+
+def truth(frame):
+    """A frame's number and the true start of its exposure, as the emulated camera wrote them into its comment."""
+    number, start = re.match(rb"\xff\xd8\xff\xfe..erfgs frame (\d+) (\d+) ", frame, re.S).groups()
+    return int(number), int(start)
+
+
+def account_frames(name, packets, sent, status, counts):
+    sent = [frames_of(name, data) for data in sent]
+    place = {frame: (session, index) for session, frames in enumerate(sent) for index, frame in enumerate(frames)}
+    check(len(place) == sum(map(len, sent)), f"{name}: two delivered frames are the same")
+    runs, missing = stretches(name, packets), 0
+    for run in runs:
+        before = None
+        for packet in run:
+            here = place.get(packet.payload)
+            if here is None:
+                check(False, f"{name}: frame {packet.sequence} is not one that the camera delivered")
+                continue
+            if before is not None:
+                (session, index), kernel = before
+                gap = here[1] - index
+                check(here[0] == session and gap > 0, f"{name}: frame {packet.sequence} is out of order")
+                check(gap == packet.kernel_sequence - kernel, f"{name}: the kernel counts other gaps than there are")
+                missing += gap - 1
+            before = (here, packet.kernel_sequence)
+    total = len(place)
+    lost = status["streams"][name]["counters"]["lost"]
+    check(missing <= lost, f"{name}: {missing} frames are missing, and {lost} are counted as lost")
+    check(counts["seen"] == counts["lost"] + counts["frames"], f"{name}: the camera's own counts do not add up")
+    ends = total - len(packets) - missing
+    unread = counts["frames"] - total
+    print(f"{name}: {len(packets)} frames in {len(runs)} stretches of {total} delivered; {missing} missing between them, "
+          f"{ends} at the ends; {counts['seen']} exposed, {counts['lost']} lost in the camera, {unread} left there")
+    # The kernel's buffers when a stream is stopped or a cable pulled; the camera's own, likewise.
+    check(0 <= ends <= 8 * len(runs) and 0 <= unread <= 2 * len(runs), f"{name}: too many frames are not accounted for")
+    check(len(packets) > 0, f"{name}: nothing was recorded")
+
+
+def board_lines(packets):
+    """Bodies of the board's lines, their checksums checked. The first may be half a line."""
+    bodies = []
+    for number, packet in enumerate(packets):
+        body, _, told = packet.payload.rstrip(b"\n").partition(b"*")
+        whole = told == b"%04x" % binascii.crc_hqx(body, 0)
+        check(whole or not body or number == 0, f"trigger: line {packet.payload!r} is damaged")
+        if whole and body:
+            bodies.append(body.decode())
+    return bodies
+
+
+def rises(folder):
+    """Cycles at which the event cameras' output (bit 0 of port B) rose."""
+    found, level = [], 0
+    for line in open(f"{folder}/edges"):
+        cycle, port, value = line.split()
+        if port == "B":
+            now = int(value, 16) & 1
+            if now > level:
+                found.append(int(cycle))
+            level = now
+    return found
+
+
+def account_pulses(folder, packets, streams, sync, plugged):
+    bodies = board_lines(packets)
+    told = [body.split() for body in bodies if body.startswith("p ")]
+    given = rises(folder)
+    check([int(pulse[1], 16) for pulse in told] == list(range(len(told))), "trigger: pulses are missing in the lines")
+    offsets = {cycle - int(pulse[2], 16) for cycle, pulse in zip(given, told)}
+    check(len(told) == len(given) and len(offsets) == 1, f"trigger: {len(told)} pulses told, {len(given)} given")
+    stops = [int(body.split()[1], 16) for body in bodies if body.startswith("+stop ")]
+    check(stops[-1:] == [len(told)], f"trigger: the board counted {stops[-1:]} pulses")
+    print(f"trigger: {len(packets)} lines; {len(told)} pulses told and given, each at the cycle that was told")
+    check(len(told) > 100, "trigger: too few pulses")
+
+    by_id = {stream["id"]: stream for stream in sync["streams"]}
+    for name, kind, packets in streams:
+        found = by_id[name]
+        check(found["tier"] == "hardware-triggered", f"{name}: its pulses were not recognised")
+        if kind == "event":
+            matched = found["matched"]
+            print(f"{name}: {matched}")
+            check(matched["unreadable"] == 0, f"{name}: pulses are unreadable")
+            check(matched["matched"] == matched["seen"], f"{name}: pulses were not recognised")
+            # A break for each time that the cable was out. The last pulses may be what a sensor still held back when it
+            # was stopped.
+            check(matched["breaks"] == plugged[name] - 1, f"{name}: the train of pulses has other breaks")
+            check(plugged[name] > 1 or matched["given"] - matched["matched"] < 15, f"{name}: pulses were not seen")
+        else:
+            exposures = found["exposures"]
+            numbered = dict(zip(exposures["sequence"], exposures["pulse"]))
+            # One offset ties the board's cycles to the times that the cameras were told.
+            by_start = {}
+            starts = {packet.sequence: truth(packet.payload)[1] for packet in packets}
+            zero = min(starts.values()) - given[numbered[min(numbered)]] * CYCLE_NS
+            pulse_at = {round(zero + cycle * CYCLE_NS): index for index, cycle in enumerate(given)}
+            for sequence, start in starts.items():
+                near = [pulse_at[at] for at in range(start - 2, start + 3) if at in pulse_at]
+                check(len(near) == 1, f"{name}: frame {sequence} was exposed by no pulse")
+                by_start[sequence] = near and near[0]
+            astray = sum(numbered.get(sequence) != pulse for sequence, pulse in by_start.items())
+            print(f"{name}: {len(starts)} frames, each exposed by a pulse of its own; sync tells another pulse for {astray}")
+            check(len(set(by_start.values())) == len(by_start), f"{name}: a pulse exposed two frames")
+            check(astray == 0, f"{name}: sync tells other pulses")
 
 
 def main():
-    session, kept, *pairs = sys.argv[1:]
-    streams = {}
-    for topic, packet in messages(open(session, "rb").read()):
+    folder, *pairs = sys.argv[1:]
+    streams, status = {}, None
+    for topic, message in messages(open(f"{folder}/s.mcap", "rb").read()):
         parts = topic.split("/")
-        if len(parts) == 4 and parts[1] in ("event", "frame") and parts[3] != "state":
-            streams.setdefault(parts[2], []).append(packet)
-    wrong = 0
-    for pair in pairs:
-        stream, source = pair.split("=")
-        device, endpoint = source.split(":")
-        delivered = [open(path, "rb").read() for path in sorted(glob.glob(f"{kept}/{device}-*-{endpoint}.bin"))]
-        found = stretches(streams.get(stream, []))
-        at, recorded = [0] * len(delivered), 0
-        for stretch in found:
-            for index, data in enumerate(delivered):
-                place = data.find(stretch, at[index])
-                if place >= 0:
-                    at[index] = place + len(stretch)
-                    recorded += len(stretch)
-                    break
-            else:
-                print(f"{stream}: a stretch of {len(stretch)} bytes is not what the device delivered")
-                wrong += 1
-        total = sum(map(len, delivered))
-        print(f"{stream}: {len(streams.get(stream, []))} packets in {len(found)} stretches; {recorded} bytes recorded of "
-              f"{total} delivered, plugged in {len(delivered)} times; {total - recorded} at the ends of stretches")
-        wrong += recorded == 0
+        if topic == "/status":
+            status = json.loads(message)
+        elif len(parts) == 4 and parts[1] in ("event", "frame", "trigger") and parts[3] != "state":
+            streams.setdefault((parts[2], parts[1]), []).append(Packet(message))
+    ledger = json.load(open(f"{folder}/ledger.json"))
+    sync = json.load(open(f"{folder}/s.sync.json"))
+    sources = dict(pair.split("=") for pair in pairs)
+    of_cameras = [(name, kind, packets) for (name, kind), packets in streams.items() if kind != "trigger"]
+    check({name for name, _, _ in of_cameras} == set(sources), "the session has other streams")
+    plugged = {}
+    for name, kind, packets in of_cameras:
+        sent = delivered(folder, sources[name])
+        plugged[name] = len(sent)
+        if kind == "event":
+            account_events(name, packets, sent)
+        else:
+            account_frames(name, packets, sent, status, ledger[sources[name].split(":")[0]]["counts"])
+        dropped = status["streams"][name]["dropped"]
+        check(not any(dropped.values()), f"{name}: the recorder dropped {dropped}")
+    account_pulses(folder, streams[("trigger", "trigger")], of_cameras, sync, plugged)
     sys.exit(1 if wrong else 0)
 
 

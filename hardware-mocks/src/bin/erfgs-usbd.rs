@@ -74,11 +74,18 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
         served.insert(name, Served { server, ledger, counts });
     }
     println!("ready");
-    obey(&served, &[rig.events_line, rig.frames_line])?;
+    obey(&served, &[rig.events_line.clone(), rig.frames_line])?;
     if let Some(path) = &cli.ledger {
         write_ledger(path, &served)?;
     }
-    Ok(())
+    match rig.events_line.late() {
+        0 => Ok(()),
+        late => Err(format!(
+            "{late} trigger edges were told after the event sensors had gone past their times, and are out of order in \
+             what they sent; give these devices a larger latency_ms"
+        )
+        .into()),
+    }
 }
 
 /// Opens the file that a session of an endpoint is copied to, once for each.

@@ -5,6 +5,7 @@ use std::{
     io::{self, BufRead, BufReader},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
+    time::Duration,
 };
 
 use tempfile::TempDir;
@@ -44,22 +45,15 @@ impl SimulatedBoard {
     /// If a tool is missing or fails; the message says which.
     pub fn power() -> io::Result<Self> {
         let folder = tempfile::tempdir()?;
-        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
         let build = folder.path().join("build");
         run(
-            Command::new("make").arg("-C").arg(here.join("../rig/firmware")).arg(format!("BUILD={}", build.display())),
-            "make with avr-gcc",
+            Command::new("make")
+                .arg("-C")
+                .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("simavr"))
+                .arg(format!("BUILD={}", build.display())),
+            "make with avr-gcc, a C compiler and libsimavr",
         )?;
-        let simulator = folder.path().join("board");
-        run(
-            Command::new("cc")
-                .args(["-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror", "-o"])
-                .arg(&simulator)
-                .arg(here.join("simavr/board.c"))
-                .args(["-lsimavr", "-lelf", "-lutil"]),
-            "cc with libsimavr",
-        )?;
-        let mut process = Command::new(simulator)
+        let mut process = Command::new(build.join("board"))
             .arg(build.join("firmware.elf"))
             .arg(folder.path().join("tty"))
             .arg(folder.path().join("edges"))
@@ -90,24 +84,45 @@ impl SimulatedBoard {
         run(Command::new("kill").arg("-USR1").arg(self.process.id().to_string()), "kill")
     }
 
+    /// The simulator's log so far: cycle, what it tells, a value.
+    fn log(&self) -> io::Result<Vec<(u64, char, String)>> {
+        let log = std::fs::read_to_string(self.folder.path().join("edges"))?;
+        let whole = log.rfind('\n').map_or("", |end| &log[..end]);
+        let entry = |line: &str| {
+            let mut fields = line.split(' ');
+            Some((fields.next()?.parse().ok()?, fields.next()?.chars().next()?, fields.next()?.to_owned()))
+        };
+        let entries: Option<Vec<_>> = whole.lines().map(entry).collect();
+        entries.ok_or_else(damaged)
+    }
+
     /// All changes of the ports so far.
     ///
     /// # Errors
     /// If the log cannot be read.
     pub fn changes(&self) -> io::Result<Vec<PortChange>> {
-        let log = std::fs::read_to_string(self.folder.path().join("edges"))?;
-        let whole = log.rfind('\n').map_or("", |end| &log[..end]);
-        let change = |line: &str| {
-            let mut fields = line.split(' ');
-            Some(PortChange {
-                cycle: fields.next()?.parse().ok()?,
-                port: fields.next()?.chars().next()?,
-                value: u8::from_str_radix(fields.next()?, 16).ok()?,
-            })
+        let of_ports = self.log()?.into_iter().filter(|entry| entry.1 != 'L');
+        let change = |(cycle, port, value): (u64, char, String)| {
+            Ok(PortChange { cycle, port, value: u8::from_str_radix(&value, 16).map_err(|_| damaged())? })
         };
-        let changes: Option<Vec<_>> = whole.lines().map(change).collect();
-        changes.ok_or_else(|| io::Error::other("the simulator's log is damaged"))
+        of_ports.map(change).collect()
     }
+
+    /// How far the simulation was ever behind the wall clock, up to now: longer than a moment only if this machine has no
+    /// processor time left for it.
+    ///
+    /// # Errors
+    /// If the log cannot be read.
+    pub fn worst_lag(&self) -> io::Result<Duration> {
+        match self.log()?.into_iter().rfind(|entry| entry.1 == 'L') {
+            Some((_, _, milliseconds)) => Ok(Duration::from_millis(milliseconds.parse().map_err(|_| damaged())?)),
+            None => Ok(Duration::ZERO),
+        }
+    }
+}
+
+fn damaged() -> io::Error {
+    io::Error::other("the simulator's log is damaged")
 }
 
 impl Drop for SimulatedBoard {

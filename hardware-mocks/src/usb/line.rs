@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 /// An edge on the wire.
@@ -40,6 +40,9 @@ impl PulseTrain {
 struct Wire {
     train: Option<PulseTrain>,
     pushed: Vec<LineEdge>,
+    /// Up to where an input has been told all edges, nanoseconds.
+    told_ns: Option<i64>,
+    late: u64,
 }
 
 /// The wire. Clones are the same wire.
@@ -56,20 +59,32 @@ impl TriggerLine {
     /// A wire that carries a train of pulses without end.
     #[must_use]
     pub fn train(train: PulseTrain) -> Self {
-        Self(Arc::new(Mutex::new(Wire { train: Some(train), pushed: Vec::new() })))
+        Self(Arc::new(Mutex::new(Wire { train: Some(train), ..Wire::default() })))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Wire> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Puts an edge onto the wire. Edges come in order of time.
     pub fn push(&self, at_ns: i64, rising: bool) {
-        let mut wire = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut wire = self.lock();
         let pulse = wire.pushed.last().map_or(0, |last| last.pulse + u64::from(rising));
+        wire.late += u64::from(wire.told_ns.is_some_and(|told| at_ns <= told));
         wire.pushed.push(LineEdge { at_ns, rising, pulse });
+    }
+
+    /// How many edges were put onto the wire for times that an input had already been told to be without ([`LineTap::until`]):
+    /// these reach it out of order. Where it is not 0, the inputs must hold back what they see for longer.
+    #[must_use]
+    pub fn late(&self) -> u64 {
+        self.lock().late
     }
 
     /// A new input on the wire.
     #[must_use]
     pub fn tap(&self) -> LineTap {
-        LineTap { line: self.clone(), next: 0 }
+        LineTap { line: self.clone(), next: 0, from_ns: i64::MIN }
     }
 }
 
@@ -78,6 +93,8 @@ impl TriggerLine {
 pub struct LineTap {
     line: TriggerLine,
     next: u64,
+    /// Nothing before this is given.
+    from_ns: i64,
 }
 
 impl LineTap {
@@ -88,11 +105,16 @@ impl LineTap {
             edges.push(edge);
             self.next += 1;
         }
+        let mut wire = self.line.lock();
+        wire.told_ns = wire.told_ns.max(Some(now_ns));
         edges
     }
-}
 
-impl LineTap {
+    /// Nobody listens until `now_ns`: edges up to and including it are never given, even if they are still to come.
+    pub fn skip(&mut self, now_ns: i64) {
+        self.from_ns = now_ns + 1;
+    }
+
     /// The time of the next pulse whose number is not in `dropped`, if it has risen by `now_ns`.
     pub fn next_rise(&mut self, now_ns: i64, dropped: &BTreeSet<u64>) -> Option<i64> {
         loop {
@@ -104,11 +126,18 @@ impl LineTap {
         }
     }
 
-    fn peek(&self) -> Option<LineEdge> {
-        let wire = self.line.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match &wire.train {
-            Some(train) => Some(train.edge(self.next)),
-            None => wire.pushed.get(self.next as usize).copied(),
+    /// The next edge that is to be given, if it is known.
+    fn peek(&mut self) -> Option<LineEdge> {
+        let wire = self.line.lock();
+        loop {
+            let edge = match &wire.train {
+                Some(train) => train.edge(self.next),
+                None => wire.pushed.get(self.next as usize).copied()?,
+            };
+            if edge.at_ns >= self.from_ns {
+                return Some(edge);
+            }
+            self.next += 1;
         }
     }
 }
@@ -132,6 +161,29 @@ mod tests {
         assert_eq!(first.until(40).len(), 1);
         assert_eq!(second.until(40).len(), 3);
         assert!(second.until(50).is_empty());
+    }
+
+    #[test]
+    fn edges_from_before_an_input_listened_are_never_given() {
+        let line = TriggerLine::new();
+        let mut tap = line.tap();
+        line.push(10, true);
+        tap.skip(25);
+        // Told late, as by a board in another process.
+        line.push(20, false);
+        line.push(30, true);
+        assert_eq!(tap.until(40).iter().map(|edge| edge.at_ns).collect::<Vec<_>>(), [30]);
+        assert_eq!(line.late(), 0);
+    }
+
+    #[test]
+    fn an_edge_behind_what_an_input_was_told_counts_as_late() {
+        let line = TriggerLine::new();
+        let mut tap = line.tap();
+        assert!(tap.until(100).is_empty());
+        line.push(100, true);
+        line.push(101, false);
+        assert_eq!((line.late(), tap.until(200).len()), (1, 2));
     }
 
     #[test]

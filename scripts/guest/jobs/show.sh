@@ -1,53 +1,83 @@
-# A rig of emulated devices behind the kernel's USB stack, recorded by erfgs for 10 s; one cable is pulled and plugged in
-# again in the middle; then every byte is accounted for. usage: run.sh show [ERFGS]
-#   ERFGS   the application, which then records; without it, the example record_seconds does
+# A whole rig behind the kernel's USB stack, recorded by the application for 10 s: two EVK4, a DAVIS346, four cameras and
+# the trigger board that drives them all. Two cables are pulled and plugged in again in the middle; then every byte and
+# every pulse is accounted for. usage: run.sh show [PROGRAMS]
+#   PROGRAMS   the folder of erfgs and erfgs-usbd (default target/debug; scripts/emulation.sh builds all that runs here)
 set -euo pipefail
-session=/run/show/s.mcap
-if [ $# -gt 0 ]; then
-  record=("$1" record tests/guest/show-rig.toml --out $session --seconds 10 --no-preflight)
-else
-  record=(target/debug/examples/record_seconds tests/guest/show-rig.toml $session 10)
-fi
-modprobe vhci-hcd
-modprobe uvcvideo
-mkdir /run/show /run/show/kept
-mkfifo /run/commands
-target/debug/erfgs-usbd tests/guest/show.toml --keep /run/show/kept --ledger /run/show/ledger.json </run/commands &
-daemon=$!
-exec 3>/run/commands
-present() { ls /sys/bus/usb/devices | grep -c '^[0-9]*-[0-9]*$'; }
-for try in $(seq 300); do [ "$(present)" = 7 ] && break; sleep 0.1; done
-[ "$(present)" = 7 ] || { echo "only $(present) of 7 devices are on the bus"; exit 1; }
-present_cameras() { ls /dev/video* 2>/dev/null | wc -l; }
-for try in $(seq 100); do [ "$(present_cameras)" -ge 8 ] && break; sleep 0.1; done
+programs=${1:-target/debug}
+board=target/trigger-board
+show=/run/show
+session=$show/s.mcap
+mkdir $show $show/kept $show/bin
+# From memory, so that nothing waits for files of the host while the rig runs.
+cp $programs/erfgs $programs/erfgs-usbd $board/board $board/firmware.elf $show/bin
+ldd $show/bin/erfgs $show/bin/erfgs-usbd $show/bin/board | grep -o '/[^ ]*' | grep -v : | xargs cat >/dev/null
+mkfifo $show/commands $show/button
+for module in vhci-hcd uvcvideo dummy_hcd libcomposite usb_f_acm cdc-acm; do modprobe $module; done
 
-# The cameras stream meanwhile, all four at once. (uvcvideo makes a second node for each, which is no camera.)
-cameras=()
-for node in /dev/video*; do
-  v4l2-ctl -d "$node" --list-formats | grep -q MJPG || continue
-  timeout -s KILL 120 v4l2-ctl -d "$node" --set-fmt-video=width=320,height=240,pixelformat=MJPG --set-parm=15 \
-    --stream-mmap=8 --stream-count=100 --stream-to="/run/show/$(basename "$node").mjpg" >"/run/show/$(basename "$node").log" 2>&1 &
-  cameras+=($!)
-done
-[ ${#cameras[@]} = 4 ] || { echo "there are ${#cameras[@]} cameras, not 4"; exit 1; }
-"${record[@]}" &
+since() { echo "show: $1 after $(cut -d' ' -f1 /proc/uptime) s"; }
+wait_for() { # wait_for WHAT CONDITION...
+  local what=$1 try
+  shift
+  for try in $(seq 1200); do "$@" && return; sleep 0.1; done
+  echo "show: there is no $what after 2 minutes"
+  exit 1
+}
+
+# The cameras, on a virtual host controller.
+$show/bin/erfgs-usbd tests/guest/show.toml --keep $show/kept --ledger $show/ledger.json <$show/commands &
+daemon=$!
+exec 3>$show/commands
+on_the_bus() { [ "$(ls /sys/bus/usb/devices | grep -c '^[0-9]*-[0-9]*$')" = "$1" ]; }
+wait_for "bus with 7 devices" on_the_bus 7
+
+# The board: its firmware runs in simavr, whose serial line is a USB serial port of another virtual controller (an Arduino
+# Uno's, by its numbers). It tells every edge of its trigger output to the cameras.
+gadget=/sys/kernel/config/usb_gadget/board
+mountpoint -q /sys/kernel/config || mount -t configfs none /sys/kernel/config
+mkdir -p $gadget/strings/0x409 $gadget/configs/c.1 $gadget/functions/acm.board
+echo 0x2341 >$gadget/idVendor
+echo 0x0043 >$gadget/idProduct
+echo 75330303035351F0 >$gadget/strings/0x409/serialnumber
+ln -s $gadget/functions/acm.board $gadget/configs/c.1
+ls /sys/class/udc >$gadget/UDC
+wait_for "serial port" test -e /dev/ttyGS0
+$show/bin/board $show/bin/firmware.elf /dev/ttyGS0 $show/edges $show/commands <$show/button &
+simulator=$!
+exec 4>$show/button
+wait_for "serial port of the board" test -e /dev/ttyACM0
+# uvcvideo makes two nodes for each camera.
+nodes() { [ "$(ls /dev/video* 2>/dev/null | wc -l)" = 8 ]; }
+wait_for "four cameras" nodes
+since "all devices are there"
+
+processor() { awk '/^cpu / {print $2 + $3 + $4 + $6 + $7 + $8, $5}' /proc/stat; } # busy and idle time
+before=$(processor)
+$show/bin/erfgs record tests/guest/show-rig.toml --out $session --seconds 10 2>$show/log &
 recorder=$!
-# The file grows from the moment that the devices stream.
-for try in $(seq 600); do [ "$(stat -c %s $session 2>/dev/null || echo 0)" -gt 100000 ] && break; sleep 0.1; done
-sleep 3
+trap 'cat $show/log' EXIT
+# Pulses are the last to start.
+pulses() {
+  kill -0 $recorder 2>/dev/null || exit 1
+  [ "$(grep -c B $show/edges)" -gt 40 ]
+}
+wait_for pulses pulses
+since "the rig runs"
+sleep 1
 echo unplug right >&3
-sleep 2
+echo unplug cam1 >&3
+sleep 1.5
 echo plug right >&3
+echo plug cam1 >&3
 wait $recorder
-for camera in "${cameras[@]}"; do wait "$camera" || { cat /run/show/*.log; exit 1; }; done
+since "the recording is over"
+echo "$before $(processor)" | awk '{busy = $3 - $1; print "show: the processor was busy for", int(100 * busy / (busy + $4 - $2)), "% of it"}'
+exec 4>&-
+wait $simulator
 echo quit >&3
 wait $daemon
-python3 tests/guest/account.py $session /run/show/kept left=left:81 right=right:81 davis=davis:82
-python3 - /run/show/*.mjpg <<'P'
-import re, sys
-for path in sys.argv[1:]:
-    numbers = [int(n) for n in re.findall(rb'\xff\xd8\xff\xfe..erfgs frame (\d+) ', open(path, 'rb').read(), re.S)]
-    gaps = sum(b - a - 1 for a, b in zip(numbers, numbers[1:]))
-    print(path, len(numbers), 'frames,', gaps, 'missing between them')
-    assert len(numbers) == 100 and numbers == sorted(set(numbers)), numbers
-P
+$show/bin/erfgs info $session
+$show/bin/erfgs sync $session
+python3 tests/guest/account.py $show left=left:81 right=right:81 davis=davis:82 \
+  cam0=cam0:81 cam1=cam1:81 cam2=cam2:81 cam3=cam3:81
+since "all is accounted for"
+! dmesg -l err,warn | grep -iE 'vhci.*cannot find|uvcvideo.*(Failed|Non-zero)'

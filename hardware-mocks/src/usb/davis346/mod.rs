@@ -239,7 +239,7 @@ impl Davis346 {
             return;
         }
         if self.running.is_none() {
-            self.tap.until(now_ns);
+            self.tap.skip(now_ns);
         }
         let packet_end_ns = now_ns + self.parameters.packet_period_us() * 1000;
         let running = self.running.get_or_insert_with(|| Running {

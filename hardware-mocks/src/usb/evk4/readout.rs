@@ -133,7 +133,7 @@ impl Readout {
                     return;
                 }
                 // Edges that came while nobody listened are gone.
-                self.tap.until(now_ns);
+                self.tap.skip(now_ns);
                 match &mut self.stimulus {
                     Stimulus::Scene(scene) => scene.begin(clock, now_ns),
                     Stimulus::Words(words) => words.rewind(),

@@ -165,7 +165,7 @@ impl Uvc {
     fn start(&mut self, now_ns: i64) {
         let mut tap = self.options.trigger.as_ref().map(TriggerLine::tap);
         if let Some(tap) = &mut tap {
-            tap.until(now_ns);
+            tap.skip(now_ns);
         }
         self.payloads.clear();
         let next_ns = tap.is_none().then_some(now_ns);
