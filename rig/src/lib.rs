@@ -6,6 +6,7 @@ pub mod event;
 pub mod frame;
 pub mod host_time;
 pub mod live;
+mod not_applied;
 pub mod record;
 pub mod sync;
 pub mod trigger;

@@ -127,20 +127,20 @@ fn other_logic_and_old_firmware_are_refused_with_their_versions() {
     }
 }
 
-/// A DAVIS of another size: its registers 1/0 and 1/1 say so.
-struct Davis240(Model);
+/// Another unit: some of its registers (module, parameter) say something else.
+struct Altered(Model, &'static [(u16, u16, u32)]);
 
-impl UsbDevice for Davis240 {
+impl UsbDevice for Altered {
     fn speed(&self) -> Speed {
         self.0.speed()
     }
 
     fn submit(&mut self, urb: &Urb, now_ns: i64) -> Reply {
-        match urb.setup {
-            Some(setup) if (setup.request_type, setup.request, setup.value) == (0xC0, 0xBF, 1) && setup.index < 2 => {
-                Reply::Data([240_u32, 180][usize::from(setup.index)].to_be_bytes().to_vec())
-            }
-            _ => self.0.submit(urb, now_ns),
+        let read = urb.setup.filter(|setup| (setup.request_type, setup.request) == (0xC0, 0xBF));
+        let altered = read.and_then(|setup| self.1.iter().find(|it| (it.0, it.1) == (setup.value, setup.index)));
+        match altered {
+            Some((_, _, value)) => Reply::Data(value.to_be_bytes().to_vec()),
+            None => self.0.submit(urb, now_ns),
         }
     }
 
@@ -149,13 +149,31 @@ impl UsbDevice for Davis240 {
     }
 }
 
+fn one_altered(registers: &'static [(u16, u16, u32)]) -> Arc<EmulatedBus> {
+    let bus = Arc::new(EmulatedBus::default());
+    bus.add(Arc::new(Mutex::new(Altered(model(Davis346Options::default()), registers))));
+    bus
+}
+
 #[test]
 fn a_davis_of_another_size_is_refused() {
-    let bus = Arc::new(EmulatedBus::default());
-    bus.add(Arc::new(Mutex::new(Davis240(model(Davis346Options::default())))));
+    let bus = one_altered(&[(1, 0, 240), (1, 1, 180)]);
     let error = open(&bus, Davis346Config::default()).err().unwrap();
     assert!(matches!(&error, EventError::WrongDevice { found, .. } if found.contains("240 by 180")), "{error}");
     assert_eq!(list_on(bus.as_ref()).unwrap()[0].kind, Kind::Unknown);
+}
+
+#[test]
+fn what_a_camera_has_not_is_told_in_its_settings() {
+    // Neither background-activity filter nor global shutter nor inertial unit.
+    let bus = one_altered(&[(1, 30, 0), (2, 6, 0), (3, 0, 0)]);
+    let source = open(&bus, Davis346Config::default()).unwrap();
+    let missed = serde_json::to_string(&source.description().settings["not_applied"]).unwrap();
+    for what in ["background_activity_us", "rolls", "no inertial unit"] {
+        assert!(missed.contains(what), "{missed}");
+    }
+    let whole = one(Davis346Options::default(), Vec::new()).0;
+    assert!(!open(&whole, Davis346Config::default()).unwrap().description().settings.contains_key("not_applied"));
 }
 
 #[test]

@@ -210,6 +210,8 @@ fn settings_are_written_and_read_back() {
     assert_eq!(settings["firmware"], "3.9.0");
     assert_eq!(settings["rate_limit"]["events_per_second"], 20_000_000);
     assert_eq!(settings["external_trigger"], true);
+    // The trim of fo is 81: an offset of -150 stops at 0.
+    assert_eq!(settings["not_applied"], serde_json::json!(["biases.fo = -150 (it has -81)"]));
     assert_eq!(source.description().serial, "00051234");
     assert!(source.description().start_order > 0);
     // The sensor keeps the window and silences the pixel inside of it.
@@ -360,7 +362,8 @@ fn another_camera_of_the_model_is_not_taken_for_the_lost_one() {
     camera.lock().unwrap().unplug();
     bus.add(Arc::new(Mutex::new(model(other))));
     bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
-    std::thread::sleep(std::time::Duration::from_millis(600));
+    let looks = bus.looks.load(Ordering::SeqCst);
+    bucket.wait_until("three more looks for the camera", |_| bus.looks.load(Ordering::SeqCst) >= looks + 3);
     assert!(!bucket.told().contains(&Incident::Back));
     camera.lock().unwrap().plug();
     bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));

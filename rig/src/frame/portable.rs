@@ -20,7 +20,7 @@ use nokhwa::{
 use serde_json::{Map, Value, json};
 
 use super::{FoundCamera, FrameConfig, FrameError, Lock, PixelEncoding, check::is_cut, config::NamedLock};
-use crate::host_time::host_ns;
+use crate::{host_time::host_ns, not_applied::NotApplied};
 
 /// How long `stop` waits for a frame under way; a dead camera never gives one.
 const STOP_WAIT: Duration = Duration::from_secs(2);
@@ -165,14 +165,18 @@ fn described(config: &FrameConfig, camera: &Camera) -> Map<String, Value> {
         controls.iter().map(|control| (control.name().to_owned(), json!(control.value().to_string()))).collect();
     let automatic =
         [config.exposure_us, config.gain, config.white_balance_k, config.focus].contains(&Lock::Named(NamedLock::Auto));
-    Map::from_iter([
+    let mut missed = NotApplied::default();
+    missed.compare("rate_hz", config.rate_hz.round(), camera.frame_rate().into());
+    let mut settings = Map::from_iter([
         ("backend".to_owned(), json!("nokhwa")),
         ("rate_hz".to_owned(), json!(camera.frame_rate())),
         ("asked_rate_hz".to_owned(), json!(config.rate_hz)),
         ("triggered".to_owned(), json!(config.triggered)),
         ("automatic_allowed".to_owned(), json!(automatic)),
         ("controls".to_owned(), Value::Object(controls)),
-    ])
+    ]);
+    missed.tell(&mut settings);
+    settings
 }
 
 impl Source for PortableCamera {

@@ -71,6 +71,8 @@ pub struct EmulatedBus {
     clock: Clock,
     /// How many transfers a stream gets at most.
     pub grants: AtomicUsize,
+    /// How often somebody has looked what is plugged in.
+    pub looks: AtomicUsize,
 }
 
 /// On a simulated clock.
@@ -82,7 +84,7 @@ impl Default for EmulatedBus {
 
 impl EmulatedBus {
     fn new(clock: Clock) -> Self {
-        Self { ports: Mutex::default(), clock, grants: AtomicUsize::new(usize::MAX) }
+        Self { ports: Mutex::default(), clock, grants: AtomicUsize::new(usize::MAX), looks: AtomicUsize::new(0) }
     }
 
     /// A bus on the host's clock.
@@ -128,6 +130,7 @@ fn control_in(port: &Port, now: i64, request_type: u8, request: u8, value: u16, 
 
 impl Bus for EmulatedBus {
     fn list(&self) -> Result<Vec<Identity>, TransportError> {
+        self.looks.fetch_add(1, Ordering::SeqCst);
         Ok(lock(&self.ports).iter().filter_map(|port| self.identity(port)).collect())
     }
 

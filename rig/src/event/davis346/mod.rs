@@ -19,7 +19,10 @@ use self::{
     spi::{Parameter, Spi},
 };
 use super::{Driver, EventError, StreamConfig};
-use crate::usb::{Identity, Transport};
+use crate::{
+    not_applied::NotApplied,
+    usb::{Identity, Transport},
+};
 
 const MODEL: &str = "iniVation DAVIS346";
 /// Columns of the sensor.
@@ -214,6 +217,7 @@ impl Davis346 {
         let microseconds = |parameter| -> Result<f64, EventError> {
             Ok((f64::from(spi.read(parameter)?) / features.adc_clock * 1000.0).round() / 1000.0)
         };
+        let global = spi.has(spi::APS_GLOBAL)?;
         let value = json!({
             "firmware": identity.version & 0xFF,
             "logic": features.logic,
@@ -235,7 +239,7 @@ impl Davis346 {
                 "enabled": self.config.frames.enabled,
                 "exposure_us": microseconds(spi::APS_EXPOSURE)?,
                 "interval_us": microseconds(spi::APS_INTERVAL)?,
-                "shutter": if spi.has(spi::APS_GLOBAL)? { Shutter::Global } else { Shutter::Rolling },
+                "shutter": if global { Shutter::Global } else { Shutter::Rolling },
             },
             "imu": {
                 "enabled": self.config.imu.enabled,
@@ -250,10 +254,26 @@ impl Davis346 {
             "timestamps": self.config.timestamps,
             "counts_drops": features.statistics,
         });
-        match value {
-            Value::Object(map) => Ok(map),
-            _ => Ok(Map::new()),
+        let mut settings = if let Value::Object(map) = value { map } else { Map::new() };
+        self.not_applied(global).tell(&mut settings);
+        Ok(settings)
+    }
+
+    /// What was asked for and this camera cannot do. Filters that are not there are refused instead, where they are not
+    /// on by default.
+    fn not_applied(&self, global: bool) -> NotApplied {
+        let mut missed = NotApplied::default();
+        let Davis346Config { events, frames, imu, .. } = &self.config;
+        if events.background_activity_us > 0 && !self.features.activity {
+            missed.because("events.background_activity_us", "the camera has no such filter");
         }
+        if frames.shutter == Shutter::Global && !global {
+            missed.because("frames.shutter = \"global\"", "the camera's shutter rolls");
+        }
+        if imu.enabled && self.features.imu_type == 0 {
+            missed.because("imu", "the camera has no inertial unit");
+        }
+        missed
     }
 
     /// Sets the time stamps of this camera and of the slaves chained to it to zero.

@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 use serde_json::{Value, json};
 
 use super::{board::Board, config::BiasOffsets};
-use crate::event::EventError;
+use crate::{event::EventError, not_applied::NotApplied};
 
 /// Bits beside the value in a bias register: single transfer and reserved fields.
 const WRITE: u32 = 0x11A1_0000;
@@ -49,13 +49,19 @@ fn value(trim: u8, offset: i32) -> u8 {
 }
 
 /// Writes the biases that differ from the trim, and tells what the sensor has now.
-pub(super) fn write(board: &Board, trim: &[u8; 6], offsets: &BiasOffsets) -> Result<Value, EventError> {
+pub(super) fn write(
+    board: &Board,
+    trim: &[u8; 6],
+    offsets: &BiasOffsets,
+    missed: &mut NotApplied,
+) -> Result<Value, EventError> {
     let mut settings = serde_json::Map::new();
     for (((name, register, _), &trim), offset) in BIASES.iter().zip(trim).zip(offsets.values()) {
         if offset != 0 {
             board.write(*register, WRITE | u32::from(value(trim, offset)))?;
         }
         let now = board.read(*register)? & 0xFF;
+        missed.compare(&format!("biases.{name}"), offset, now.cast_signed() - i32::from(trim));
         settings.insert((*name).into(), json!({ "trim": trim, "offset": offset, "value": now }));
     }
     Ok(settings.into())

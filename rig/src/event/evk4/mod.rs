@@ -26,7 +26,10 @@ pub(super) use identify::{Found, is_candidate};
 
 use self::{board::Board, sequence::play};
 use super::{Driver, EventError, StreamConfig};
-use crate::usb::{Identity, Transport};
+use crate::{
+    not_applied::NotApplied,
+    usb::{Identity, Transport},
+};
 
 pub(super) const MODEL: &str = "Prophesee EVK4";
 /// Columns of the sensor.
@@ -97,8 +100,15 @@ impl Evk4 {
     }
 
     /// Reads back what the camera has now.
-    fn read_settings(&self, biases: Value) -> Result<Map<String, Value>, EventError> {
+    fn read_settings(&self, biases: Value, mut missed: NotApplied) -> Result<Map<String, Value>, EventError> {
         let board = &self.board;
+        let trigger_on = board.read(TRIGGER)? & TRIGGER_ON != 0;
+        missed.compare("external_trigger", self.config.external_trigger == TriggerInput::On, trigger_on);
+        let limit = rate::read(board)?;
+        let per_period = |limit: &Value| limit["events_per_period"].as_u64().unwrap_or(0);
+        if let Some(wanted) = &self.config.rate_limit {
+            missed.compare("rate_limit (events a period)", u64::from(rate::target(wanted)), per_period(&limit));
+        }
         let mut registers = Map::new();
         for address in [
             0x0004, SYNC_PAD, 0x6008, 0x600C, 0x6050, PIPELINE, TRIGGER, OUTPUT, TIME_BASE, 0xB028, 0xC000, 0xC008,
@@ -115,21 +125,20 @@ impl Evk4 {
             "usb": { "device": identity.to_string(), "link": identity.speed.to_string() },
             "format": self.config.format,
             "biases": biases,
-            "rate_limit": rate::read(board)?,
+            "rate_limit": limit,
             "region": self.config.region,
             "masked_pixels": self.config.masked_pixels,
             "mask_rows": self.config.mask_rows,
             "anti_flicker": self.config.anti_flicker,
             "trail_filter": self.config.trail_filter,
-            "external_trigger": board.read(TRIGGER)? & TRIGGER_ON != 0,
+            "external_trigger": trigger_on,
             "sync": self.config.sync,
             "burst_writes": board.bursts(),
             "registers": registers,
         });
-        match value {
-            Value::Object(map) => Ok(map),
-            _ => Ok(Map::new()),
-        }
+        let mut settings = if let Value::Object(map) = value { map } else { Map::new() };
+        missed.tell(&mut settings);
+        Ok(settings)
     }
 }
 
@@ -196,8 +205,9 @@ impl Driver for Evk4 {
         filter::write_anti_flicker(&self.board, config.anti_flicker.as_ref())?;
         filter::write_trail(&self.board, config.trail_filter.as_ref())?;
         self.write_sync()?;
-        let biases = bias::write(&self.board, &trim, &config.biases)?;
-        self.settings = self.read_settings(biases)?;
+        let mut missed = NotApplied::default();
+        let biases = bias::write(&self.board, &trim, &config.biases, &mut missed)?;
+        self.settings = self.read_settings(biases, missed)?;
         Ok(())
     }
 

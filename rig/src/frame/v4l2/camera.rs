@@ -25,6 +25,7 @@ use crate::{
         check::{is_cut, without_padding},
     },
     host_time::host_ns,
+    not_applied::NotApplied,
 };
 
 /// How long one wait for a frame lasts, ms: the patience of `stop`.
@@ -147,7 +148,8 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
             formats: offered.into_iter().map(fourcc_text).collect::<Vec<_>>().join(", "),
         });
     }
-    let mut settings = controls::lock(&node, config)?;
+    let mut missed = NotApplied::default();
+    let mut settings = controls::lock(&node, config, &mut missed)?;
     // Some cameras (triggered ones, loop devices) have no rate of their own.
     let interval = node.set_interval(1000, (config.rate_hz * 1000.0).round() as u32).ok();
     let rate = interval.filter(|interval| interval.0 > 0).map(|(n, d)| f64::from(d) / f64::from(n));
@@ -166,7 +168,16 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
     if let Value::Object(told) = told {
         settings.extend(told);
     }
+    if let Some(rate) = rate.filter(|&rate| is_another(rate, config.rate_hz)) {
+        missed.compare("rate_hz", config.rate_hz, rate);
+    }
+    missed.tell(&mut settings);
     Ok((Ready { node: Arc::new(node), format }, settings))
+}
+
+/// Whether a rate is another than was asked for, by more than the way in which drivers count intervals.
+fn is_another(rate_hz: f64, asked_hz: f64) -> bool {
+    (rate_hz - asked_hz).abs() > 0.01 * asked_hz
 }
 
 impl Source for PreciseCamera {
@@ -184,7 +195,7 @@ impl Source for PreciseCamera {
         };
         let stream = begin(&self.config, &self.found, &ready)?;
         let rate = self.description.settings.get("rate_hz").and_then(Value::as_f64);
-        if let Some(rate) = rate.filter(|rate| (rate - self.config.rate_hz).abs() > 0.01 * self.config.rate_hz) {
+        if let Some(rate) = rate.filter(|&rate| is_another(rate, self.config.rate_hz)) {
             let asked = self.config.rate_hz;
             let message = format!("camera {} gives {rate:.2} frames a second, not {asked}", self.config.id);
             outlet.report(Incident::Warning { message });

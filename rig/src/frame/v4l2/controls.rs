@@ -3,7 +3,10 @@
 use serde_json::{Map, Value, json};
 
 use super::sys::Node;
-use crate::frame::{FrameConfig, FrameError, Lock, config::NamedLock};
+use crate::{
+    frame::{FrameConfig, FrameError, Lock, config::NamedLock},
+    not_applied::NotApplied,
+};
 
 const AUTO_WHITE_BALANCE: u32 = 0x98_090c;
 const AUTOGAIN: u32 = 0x98_0912;
@@ -51,12 +54,12 @@ const FOCUS: Quantity =
     Quantity { name: "focus", value: FOCUS_ABSOLUTE, automatic: FOCUS_AUTO, off: 0, on: &[1], scale: 1.0 };
 
 impl Quantity {
-    fn lock(&self, node: &Node, id: &str, lock: Lock) -> Result<(), FrameError> {
+    fn lock(&self, node: &Node, id: &str, lock: Lock, missed: &mut NotApplied) -> Result<(), FrameError> {
         match lock {
             Lock::Named(NamedLock::Auto) => {
                 // Cameras without this automatic hold the value anyway.
                 if self.on.iter().all(|&on| node.set_control(self.automatic, on).is_err()) {
-                    tracing::debug!("camera {id} has no automatic {}", self.name);
+                    missed.because(&format!("{} = \"auto\"", self.name), "the camera has no automatic of it");
                 }
                 Ok(())
             }
@@ -88,7 +91,15 @@ impl Quantity {
                         .map_err(|error| self.refused(id, &wanted.to_string(), &error))?;
                 }
                 node.set_control(self.value, value as i32)
-                    .map_err(|error| self.refused(id, &wanted.to_string(), &error))
+                    .map_err(|error| self.refused(id, &wanted.to_string(), &error))?;
+                // A camera takes the nearest value that it has; further off than a step, something is in the way.
+                let step = f64::from(range.step.max(1)) * self.scale;
+                if let Ok(now) = node.control(self.value).map(|now| f64::from(now) * self.scale)
+                    && (now - wanted).abs() > step
+                {
+                    missed.compare(self.name, wanted, now);
+                }
+                Ok(())
             }
         }
     }
@@ -116,10 +127,10 @@ impl Quantity {
 const QUANTITIES: [Quantity; 4] = [EXPOSURE, GAIN_QUANTITY, WHITE_BALANCE, FOCUS];
 
 /// Locks everything as the configuration says, and reads it back.
-pub fn lock(node: &Node, config: &FrameConfig) -> Result<Map<String, Value>, FrameError> {
+pub fn lock(node: &Node, config: &FrameConfig, missed: &mut NotApplied) -> Result<Map<String, Value>, FrameError> {
     let locks = [config.exposure_us, config.gain, config.white_balance_k, config.focus];
     for (quantity, lock) in QUANTITIES.iter().zip(locks) {
-        quantity.lock(node, &config.id, lock)?;
+        quantity.lock(node, &config.id, lock, missed)?;
     }
     // A rate that follows the light is no rate; a camera that cannot be told so has none of that.
     if let Err(error) = node.set_control(EXPOSURE_AUTO_PRIORITY, 0) {
