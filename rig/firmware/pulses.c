@@ -200,6 +200,11 @@ void pulses_configure(settings_t wanted) {
 bool pulses_running(void) { return next_edge != IDLE; }
 
 tick_t pulses_start(void) {
+  // No match of before may count as the first of this train: the next is put a turn of the timer away, and the flag of the
+  // last is cleared. That is done with interrupts on: simavr takes an overflow that waits for its handler away with it,
+  // and the clock would be a turn late from then on.
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { OCR1A = TCNT1 - 1; }
+  TIFR1 = _BV(OCF1A);
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
     stopping = false;
     count = 0;
@@ -207,7 +212,6 @@ tick_t pulses_start(void) {
     prepare();
     next_edge = RISE;
     plan(0);
-    TIFR1 = _BV(OCF1A);
     TIMSK1 |= _BV(OCIE1A);
     PORTB = RUNNING;
   }

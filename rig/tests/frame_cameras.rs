@@ -2,15 +2,9 @@
 //! Each test runs itself again with the cameras' library preloaded.
 #![cfg(target_os = "linux")]
 
-use std::{
-    collections::BTreeSet,
-    env,
-    path::Path,
-    process::Command,
-    sync::{Arc, Mutex},
-    thread::sleep,
-    time::{Duration, Instant},
-};
+mod kept;
+
+use std::{collections::BTreeSet, env, path::Path, process::Command, sync::Arc};
 
 use erfgs_hardware_mocks::v4l2::Cameras;
 use erfgs_rig::{
@@ -19,8 +13,9 @@ use erfgs_rig::{
 };
 use erfgs_session::{
     pixel,
-    source::{Encoding, Incident, Outlet, Packet, Source, StampClock, StampPoint},
+    source::{Encoding, Incident, Packet, Source, StampClock, StampPoint},
 };
+use kept::Kept;
 
 const FOLDER: &str = "ERFGS_TEST_CAMERAS";
 
@@ -39,41 +34,6 @@ fn among_cameras(test: &str, body: impl FnOnce(&Cameras)) {
     assert!(output.status.success() && text.contains("1 passed"), "{text}");
 }
 
-#[derive(Default)]
-struct Kept {
-    packets: Mutex<Vec<Packet>>,
-    incidents: Mutex<Vec<Incident>>,
-}
-
-impl Outlet for Kept {
-    fn send(&self, packet: Packet) -> bool {
-        self.packets.lock().unwrap().push(packet);
-        true
-    }
-
-    fn report(&self, incident: Incident) {
-        self.incidents.lock().unwrap().push(incident);
-    }
-}
-
-impl Kept {
-    fn wait(&self, what: &str, mut done: impl FnMut(&Self) -> bool) {
-        let began = Instant::now();
-        while !done(self) {
-            assert!(began.elapsed() < Duration::from_secs(60), "{what} does not happen");
-            sleep(Duration::from_millis(2));
-        }
-    }
-
-    fn wait_frames(&self, count: usize) {
-        self.wait("a frame", |kept| kept.packets.lock().unwrap().len() >= count);
-    }
-
-    fn wait_back(&self) {
-        self.wait("the return", |kept| kept.incidents.lock().unwrap().contains(&Incident::Back));
-    }
-}
-
 fn config(format: PixelEncoding) -> FrameConfig {
     FrameConfig { format, width: 64, height: 48, rate_hz: 100.0, ..Default::default() }
 }
@@ -89,10 +49,10 @@ fn film(cameras: &Cameras, description: &str, config: &FrameConfig, count: usize
     let mut camera = open(cameras, config).unwrap();
     let kept = Arc::new(Kept::default());
     camera.start(kept.clone()).unwrap();
-    kept.wait_frames(count);
+    kept.wait_packets(count);
     camera.stop().unwrap();
-    let packets = std::mem::take(&mut *kept.packets.lock().unwrap());
-    assert!(kept.incidents.lock().unwrap().is_empty(), "{:?}", kept.incidents.lock().unwrap());
+    let packets = std::mem::take(&mut *kept.packets());
+    assert!(kept.incidents().is_empty(), "{:?}", kept.incidents());
     (packets, camera)
 }
 
@@ -187,17 +147,17 @@ fn a_camera_that_is_unplugged_comes_back_under_another_node() {
         let mut camera = open(cameras, &config(PixelEncoding::Yuyv)).unwrap();
         let kept = Arc::new(Kept::default());
         camera.start(kept.clone()).unwrap();
-        kept.wait("the loss", |kept| !kept.incidents.lock().unwrap().is_empty());
+        kept.wait("the loss", |kept| !kept.incidents().is_empty());
         assert!(!cameras.nodes().join("video0").exists());
         // Another camera takes its node; it comes back elsewhere.
         cameras.plug(0, "B2", "card Right\nbus usb-2\n").unwrap();
         cameras.plug(4, "A1", "card Left\nbus usb-3\n").unwrap();
         kept.wait_back();
-        kept.wait_frames(20);
+        kept.wait_packets(20);
         camera.stop().unwrap();
-        let incidents = kept.incidents.lock().unwrap();
+        let incidents = kept.incidents();
         assert!(matches!(&incidents[..], [Incident::Lost { reason }, Incident::Back] if reason.contains("unplugged")));
-        let packets = kept.packets.lock().unwrap();
+        let packets = kept.packets();
         assert!(packets.iter().enumerate().all(|(at, packet)| packet.sequence == at as u64));
         let breaks: Vec<_> = packets.iter().filter(|p| p.discontinuity).map(|p| p.sequence).collect();
         assert_eq!(breaks, [10]);
@@ -214,9 +174,9 @@ fn a_dead_camera_blocks_nothing_and_is_opened_anew() {
         let kept = Arc::new(Kept::default());
         camera.start(kept.clone()).unwrap();
         kept.wait_back();
-        kept.wait_frames(10);
+        kept.wait_packets(10);
         camera.stop().unwrap();
-        let incidents = kept.incidents.lock().unwrap();
+        let incidents = kept.incidents();
         assert!(matches!(&incidents[0], Incident::Lost { reason } if reason.contains("no frame for 200 ms")));
     });
 }
@@ -224,15 +184,23 @@ fn a_dead_camera_blocks_nothing_and_is_opened_anew() {
 #[test]
 fn a_triggered_camera_may_wait_as_long_as_it_likes() {
     among_cameras("a_triggered_camera_may_wait_as_long_as_it_likes", |cameras| {
-        cameras.plug(0, "A1", "card Left\nbus usb-1\ndie 0\n").unwrap();
-        let config = FrameConfig { timeout_ms: 20, triggered: true, ..config(PixelEncoding::Yuyv) };
-        let mut camera = open(cameras, &config).unwrap();
-        let kept = Arc::new(Kept::default());
-        camera.start(kept.clone()).unwrap();
-        sleep(Duration::from_millis(400));
+        cameras.plug(0, "A1", "card Left\nbus usb-1\nfps 2\n").unwrap();
+        let waiting = |triggered| {
+            let config = FrameConfig { rate_hz: 2.0, timeout_ms: 20, triggered, ..config(PixelEncoding::Yuyv) };
+            let mut camera = open(cameras, &config).unwrap();
+            let kept = Arc::new(Kept::default());
+            camera.start(kept.clone()).unwrap();
+            (camera, kept)
+        };
+        let (mut camera, kept) = waiting(true);
+        kept.wait_packets(2);
         camera.stop().unwrap();
-        assert!(kept.incidents.lock().unwrap().is_empty() && kept.packets.lock().unwrap().is_empty());
+        assert_eq!(*kept.incidents(), []);
         assert_eq!(camera.description().settings["triggered"], true);
+        // One that is not triggered counts as lost in the same time.
+        let (mut camera, kept) = waiting(false);
+        kept.wait("the loss", |kept| !kept.incidents().is_empty());
+        camera.stop().unwrap();
     });
 }
 
@@ -245,6 +213,7 @@ fn exposure_gain_and_white_balance_are_locked_and_read_back() {
         assert_eq!((&settings["exposure_us"], &settings["exposure_us_locked"]), (&25_000.0.into(), &true.into()));
         assert_eq!((&settings["white_balance_k"], &settings["white_balance_k_locked"]), (&4600.0.into(), &true.into()));
         assert_eq!(settings["focus_locked"], true);
+        assert!(!settings.contains_key("not_applied"));
 
         let wanted = FrameConfig {
             exposure_us: Lock::At(5020.0),
@@ -282,12 +251,16 @@ fn what_a_camera_cannot_do_is_said_with_what_it_can() {
         assert!(busy.contains("Another program uses it"), "{busy}");
 
         cameras.plug(0, "A1", "card Left\nbus usb-1\nfps 25\n").unwrap();
-        let mut slow = open(cameras, &config(PixelEncoding::Yuyv)).unwrap();
+        let wanted = FrameConfig { gain: Lock::Named(NamedLock::Auto), ..config(PixelEncoding::Yuyv) };
+        let mut slow = open(cameras, &wanted).unwrap();
         assert_eq!(slow.description().settings["rate_hz"], 25.0);
+        // The checks before a recording tell it.
+        let missed = ["gain = \"auto\" (the camera has no automatic of it)", "rate_hz = 100 (it has 25)"];
+        assert_eq!(slow.description().settings["not_applied"], serde_json::json!(missed));
         let kept = Arc::new(Kept::default());
         slow.start(kept.clone()).unwrap();
         slow.stop().unwrap();
-        let incidents = kept.incidents.lock().unwrap();
+        let incidents = kept.incidents();
         assert!(
             matches!(&incidents[..], [Incident::Warning { message }] if message.contains("25.00 frames a second, not 100"))
         );
@@ -310,7 +283,7 @@ fn four_cameras_stream_at_once_and_again_after_a_stop() {
                 camera.start(kept.clone()).unwrap();
             }
             for (camera, kept) in &mut sources {
-                kept.wait_frames(10 * round);
+                kept.wait_packets(10 * round);
                 camera.stop().unwrap();
             }
         }

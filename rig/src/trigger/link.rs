@@ -1,6 +1,8 @@
 use std::{
     io::{self, ErrorKind, Read, Write},
+    path::Path,
     sync::Arc,
+    thread,
     time::{Duration, Instant},
 };
 
@@ -16,8 +18,14 @@ use crate::host_time::host_ns;
 
 /// How long a read waits for bytes.
 const READ_WAIT: Duration = Duration::from_millis(20);
-/// How long the board may take to answer.
-const ANSWER_WAIT: Duration = Duration::from_millis(1000);
+/// How long a board that is known to be there may take to answer. It takes milliseconds; the rest is for hosts that have
+/// much else to do.
+pub(super) const ANSWER_WAIT: Duration = Duration::from_secs(5);
+/// After this long without an answer a command may have been lost on the way. A command that is sent while the board is
+/// still busy with the one before is lost or damaged itself.
+pub(super) const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// How long a port may be locked.
+const LOCKED_WAIT: Duration = Duration::from_secs(1);
 /// How often the board is asked for a token before it is given up.
 const SETTLE_ATTEMPTS: usize = 5;
 /// When a board that does not answer is asked again. An Arduino restarts when its port is opened, and its boot loader
@@ -39,6 +47,8 @@ pub struct Link {
     refused: u64,
     /// The next packet follows after something was lost.
     discontinuity: bool,
+    /// Whether the last read took all that had come.
+    drained: bool,
 }
 
 impl Link {
@@ -48,11 +58,23 @@ impl Link {
     /// # Errors
     /// If the port cannot be opened, or no trigger board of this version answers.
     pub fn open(port: &str) -> Result<(Self, Identity), TriggerError> {
-        let opened = serialport::new(port, BAUD)
-            .timeout(READ_WAIT)
-            .open()
-            .map_err(|source| TriggerError::Open { port: port.to_owned(), source })?;
-        Self::new(port, opened)
+        let began = Instant::now();
+        loop {
+            let looked = began.elapsed();
+            match serialport::new(port, BAUD).timeout(READ_WAIT).open() {
+                Ok(opened) => return Self::new(port, opened),
+                // A port that was closed a moment ago is still locked if another thread is about to start a program, which
+                // has all open files until it runs.
+                Err(source)
+                    if source.kind() == serialport::ErrorKind::NoDevice
+                        && Path::new(port).exists()
+                        && looked < LOCKED_WAIT =>
+                {
+                    thread::sleep(READ_WAIT);
+                }
+                Err(source) => return Err(TriggerError::Open { port: port.to_owned(), source }),
+            }
+        }
     }
 
     /// As [`Link::open`], with a port that is open.
@@ -75,25 +97,22 @@ impl Link {
             bytes: 0,
             refused: 0,
             discontinuity: false,
+            drained: false,
         };
         let identity = link.greet()?;
         Ok((link, identity))
     }
 
-    /// Asks who is there until someone answers.
+    /// Asks who is there until someone answers. The message of a board that has just booted is no answer: our question may
+    /// be under way still, and whatever followed it would meet a busy board.
     fn greet(&mut self) -> Result<Identity, TriggerError> {
         let began = Instant::now();
+        let patience = *ATTEMPTS.last().expect("there are attempts") + ASK_AGAIN;
         let mut attempts = ATTEMPTS.into_iter().peekable();
-        while began.elapsed() < *ATTEMPTS.last().expect("there are attempts") + ANSWER_WAIT {
-            if attempts.next_if(|&at| began.elapsed() >= at).is_some() {
-                // Ends half a line that the board may have.
-                self.write(b"\n")?;
-                self.send(Command::Identify)?;
-            }
+        loop {
+            let looked = began.elapsed();
             for message in self.pump()? {
-                let (Message::Done(Reply::Identify(identity)) | Message::Boot { identity, .. }) = message else {
-                    continue;
-                };
+                let Message::Done(Reply::Identify(identity)) = message else { continue };
                 if identity.name != NAME {
                     continue;
                 }
@@ -103,8 +122,15 @@ impl Link {
                 self.settle()?;
                 return Ok(identity);
             }
+            if self.drained && looked >= patience {
+                return Err(TriggerError::Silent { port: self.name.clone(), command: Command::Identify.name().into() });
+            }
+            if self.drained && attempts.next_if(|&at| looked >= at).is_some() {
+                // Ends half a line that the board may have.
+                self.write(b"\n")?;
+                self.send(Command::Identify)?;
+            }
         }
-        Err(TriggerError::Silent { port: self.name.clone(), command: Command::Identify.name().into() })
     }
 
     /// Makes sure that no command is under way any more: there may be one more `identify`. The board answers in order, so
@@ -146,6 +172,12 @@ impl Link {
         (std::mem::take(&mut self.bytes), std::mem::take(&mut self.refused))
     }
 
+    /// Whether the last [`Link::pump`] took all that had come. A host that was busy elsewhere for long must not take the
+    /// board for silent before it has read what waits.
+    pub(super) fn drained(&self) -> bool {
+        self.drained
+    }
+
     /// Lines that came damaged.
     #[must_use]
     pub fn damaged(&self) -> u64 {
@@ -173,7 +205,9 @@ impl Link {
     /// # Errors
     /// If the port fails.
     pub fn pump(&mut self) -> Result<Vec<Message>, TriggerError> {
-        let mut buffer = [0; 4096];
+        // Less than a terminal holds, so that a full buffer says that more may wait.
+        let mut buffer = [0; 1024];
+        self.drained = true;
         let count = match self.port.read(&mut buffer) {
             Ok(0) => return Err(self.failed(ErrorKind::UnexpectedEof.into())),
             Ok(count) => count,
@@ -185,6 +219,7 @@ impl Link {
             Err(error) => return Err(self.failed(error)),
         };
         let now = host_ns();
+        self.drained = count < buffer.len();
         let received = &buffer[..count];
         let mut messages = Vec::new();
         self.reader.push(received, |message| messages.push(message));
@@ -219,7 +254,7 @@ impl Link {
     /// Sends a command and waits for the answer; what else comes meanwhile goes to `noted`.
     ///
     /// # Errors
-    /// If the port fails, the board does not answer within a second, or refuses.
+    /// If the port fails, the board does not answer within five seconds, or refuses.
     pub fn ask(&mut self, command: Command, mut noted: impl FnMut(Message)) -> Result<Reply, TriggerError> {
         self.ask_within(command, ANSWER_WAIT, &mut noted)
     }
@@ -234,7 +269,8 @@ impl Link {
         self.send(command)?;
         let began = Instant::now();
         let mut answer = None;
-        while answer.is_none() && began.elapsed() < wait {
+        loop {
+            let last_look = began.elapsed() >= wait;
             for message in self.pump()? {
                 match message {
                     Message::Done(reply) if answer.is_none() && reply.command() == command.name() => {
@@ -247,7 +283,12 @@ impl Link {
                     other => noted(other),
                 }
             }
+            if let Some(answer) = answer {
+                return answer;
+            }
+            if last_look && self.drained {
+                return Err(TriggerError::Silent { port: self.name.clone(), command: command.to_string() });
+            }
         }
-        answer.unwrap_or_else(|| Err(TriggerError::Silent { port: self.name.clone(), command: command.to_string() }))
     }
 }

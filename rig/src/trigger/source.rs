@@ -13,6 +13,7 @@ use serde_json::{Map, Value, json};
 use super::{
     Link, TriggerConfig, TriggerError, TriggerSettings,
     find::{only, ports},
+    link::{ANSWER_WAIT, ASK_AGAIN},
     protocol::{Command, Identity, Message, Reply, Status},
 };
 use crate::host_time::host_ns;
@@ -112,7 +113,7 @@ const ANY_PULSE: Duration = Duration::from_secs(18);
 
 /// As [`ANY_PULSE`], for a board of which the settings are ours.
 fn patience(settings: &TriggerSettings) -> Duration {
-    Duration::from_micros(settings.exposure_us() as u64) + Duration::from_secs(1)
+    Duration::from_micros(settings.exposure_us() as u64) + ANSWER_WAIT
 }
 
 /// Stops the board and sets everything, checking each answer.
@@ -274,9 +275,13 @@ impl Watch {
 
     /// Stops the pulses; asks once more if the command was lost on the way.
     fn halt(&mut self, link: &mut Link) -> Result<Reply, TriggerError> {
-        while self.under_way.is_some_and(|sent| sent.elapsed() < CLOCK_EVERY) {
+        while let Some(sent) = self.under_way {
+            let last_look = sent.elapsed() >= ASK_AGAIN;
             for message in link.pump()? {
                 self.note(&message);
+            }
+            if last_look && link.drained() {
+                break;
             }
         }
         let patience = patience(&self.settings);
@@ -292,8 +297,6 @@ impl Watch {
     fn stream(&mut self, link: &mut Link) -> Result<(), String> {
         let (mut clock, mut status, mut heard) = (Instant::now() - CLOCK_EVERY, Instant::now(), Instant::now());
         while !self.state.stopping.load(Ordering::Relaxed) {
-            // A command that is not answered for long was lost on the way.
-            self.under_way = self.under_way.filter(|sent| sent.elapsed() < CLOCK_EVERY);
             let due = if self.under_way.is_some() {
                 None
             } else if clock.elapsed() >= CLOCK_EVERY {
@@ -309,15 +312,20 @@ impl Watch {
                 self.under_way = Some(Instant::now());
                 link.send(command).map_err(|error| error.to_string())?;
             }
+            let asked = Instant::now();
             for message in link.pump().map_err(|error| error.to_string())? {
                 self.note(&message);
                 heard = Instant::now();
             }
-            if heard.elapsed() > SILENCE {
-                return Err(format!(
-                    "the trigger board at {} has gone silent; check its cable and supply",
-                    link.name()
-                ));
+            // What had come by then has been read: only now is a board silent, and a command unanswered.
+            if link.drained() {
+                self.under_way = self.under_way.filter(|sent| asked - *sent < ASK_AGAIN);
+                if asked - heard > SILENCE {
+                    return Err(format!(
+                        "the trigger board at {} has gone silent; check its cable and supply",
+                        link.name()
+                    ));
+                }
             }
             if std::mem::take(&mut self.restarted) {
                 return Err(format!(
