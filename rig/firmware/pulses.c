@@ -11,7 +11,7 @@
 #define RUNNING _BV(PB5)
 
 // The interrupt comes so many cycles before an edge: more than any other handler and its own prologue take.
-#define LEAD 320
+#define LEAD 400
 // Edges nearer than this to the end of the handler are waited for in it.
 #define STAY (LEAD + 150)
 // A compare match nearer than this might pass while it is being set.
