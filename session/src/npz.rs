@@ -91,16 +91,17 @@ struct Archive<'a, R> {
     zip: ZipArchive<R>,
 }
 
-impl<'a> Archive<'a, BufReader<File>> {
-    fn open(path: &'a Path) -> Result<Self, NpzError> {
-        let file = File::open(path).map_err(|source| NpzError::Io { doing: "read", path: path.to_owned(), source })?;
-        let zip = ZipArchive::new(BufReader::new(file))
-            .map_err(|source| NpzError::Archive { path: path.to_owned(), source })?;
-        Ok(Self { path, zip })
-    }
+fn open(path: &Path) -> Result<BufReader<File>, NpzError> {
+    let file = File::open(path).map_err(|source| NpzError::Io { doing: "read", path: path.to_owned(), source })?;
+    Ok(BufReader::new(file))
 }
 
-impl<R: Read + Seek> Archive<'_, R> {
+impl<'a, R: Read + Seek> Archive<'a, R> {
+    fn new(file: R, path: &'a Path) -> Result<Self, NpzError> {
+        let zip = ZipArchive::new(file).map_err(|source| NpzError::Archive { path: path.to_owned(), source })?;
+        Ok(Self { path, zip })
+    }
+
     /// The first array of `names` that there is, with its name.
     fn find(&mut self, names: &[&'static str]) -> Result<Option<(&'static str, NpyArray)>, NpzError> {
         let archive = |source| NpzError::Archive { path: self.path.to_owned(), source };
@@ -169,7 +170,15 @@ impl<R: Read + Seek> Archive<'_, R> {
 /// If the file is missing, cut short or malformed, the columns differ in length, times decrease, or an event lies
 /// outside the sensor.
 pub fn read_events(path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
-    let mut archive = Archive::open(path)?;
+    read_events_from(open(path)?, path, size)
+}
+
+/// As [`read_events`], from anything that reads; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_events`].
+pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    let mut archive = Archive::new(file, path)?;
     let stored = match (archive.scalar("width")?, archive.scalar("height")?) {
         (Some(width), Some(height)) => Some([width, height]),
         _ => None,
@@ -244,7 +253,15 @@ pub fn write_events(path: &Path, events: &Events) -> Result<(), NpzError> {
 /// # Errors
 /// If the file is missing, cut short or malformed, or the frames are empty.
 pub fn read_luma(path: &Path) -> Result<LumaSequence, NpzError> {
-    let mut archive = Archive::open(path)?;
+    read_luma_from(open(path)?, path)
+}
+
+/// As [`read_luma`], from anything that reads; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_luma`].
+pub fn read_luma_from(file: impl Read + Seek, path: &Path) -> Result<LumaSequence, NpzError> {
+    let mut archive = Archive::new(file, path)?;
     let (name, array) = archive.need(&["luma"], "`luma`")?;
     let shape = array.shape.clone();
     let [frames, height, width] = shape[..] else {

@@ -13,10 +13,10 @@ pub const CSV_HEADER: &[u8] = b"t,x,y,on\n";
 #[derive(Clone, Debug)]
 pub struct CsvDecoder {
     size: SensorSize,
-    /// The beginning of a line whose end did not come yet.
+    /// The beginning of a line whose end did not come yet; empty if it is too long.
     line: Vec<u8>,
-    /// The line under way is too long.
-    overlong: bool,
+    /// Bytes of that line so far, those of a line that is too long included.
+    length: usize,
     first: bool,
     last_us: u64,
     anomalies: Anomalies,
@@ -30,7 +30,7 @@ impl CsvDecoder {
         Self {
             size: size.unwrap_or(SensorSize { width: u16::MAX, height: u16::MAX }),
             line: Vec::new(),
-            overlong: false,
+            length: 0,
             first: true,
             last_us: 0,
             anomalies: Anomalies::default(),
@@ -81,8 +81,8 @@ impl Decoder for CsvDecoder {
         while let Some(end) = bytes.iter().position(|&byte| byte == b'\n') {
             let (line, rest) = bytes.split_at(end);
             bytes = &rest[1..];
-            if self.overlong || self.line.len() + line.len() > MAX_LINE {
-                self.overlong = false;
+            let length = std::mem::take(&mut self.length) + line.len();
+            if length > MAX_LINE {
                 self.line.clear();
                 self.anomalies.damaged += 1;
             } else if self.line.is_empty() {
@@ -95,8 +95,10 @@ impl Decoder for CsvDecoder {
                 self.line = whole;
             }
         }
-        self.overlong |= self.line.len() + bytes.len() > MAX_LINE;
-        if !self.overlong {
+        self.length += bytes.len();
+        if self.length > MAX_LINE {
+            self.line.clear();
+        } else {
             self.line.extend(bytes);
         }
         self.stage.flush(sink);
@@ -105,7 +107,7 @@ impl Decoder for CsvDecoder {
     /// A last line without its end counts, as editors leave it.
     fn finish(&mut self, sink: &mut impl Sink) {
         let line = std::mem::take(&mut self.line);
-        if std::mem::take(&mut self.overlong) {
+        if std::mem::take(&mut self.length) > MAX_LINE {
             self.anomalies.damaged += 1;
         } else {
             self.line(&line, sink);
@@ -114,8 +116,8 @@ impl Decoder for CsvDecoder {
     }
 
     fn restart(&mut self) {
-        self.anomalies.truncated_bytes += std::mem::take(&mut self.line).len() as u64;
-        self.overlong = false;
+        self.anomalies.truncated_bytes += std::mem::take(&mut self.length) as u64;
+        self.line.clear();
     }
 
     /// The format comes from files alone and needs no host clock.

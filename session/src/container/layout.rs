@@ -7,6 +7,7 @@ use bytes::Bytes;
 use super::{
     chunk::RawMessage,
     packet,
+    parse::parse_record,
     record::{
         CLOCK_PREFIX, DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, STATE_SUFFIX, STATUS_TOPIC, Status, StreamTotals,
     },
@@ -102,7 +103,7 @@ pub(super) struct Layout {
 impl Layout {
     /// Takes note of a schema or channel. Other records are let pass; `Err` says what is wrong.
     pub fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
-        match mcap::parse_record(opcode, body).map_err(|error| error.to_string())? {
+        match parse_record(opcode, body)? {
             mcap::records::Record::Schema { header, .. } => {
                 self.schema_records.entry(header.id).or_insert_with(|| body.to_vec());
                 self.schemas.insert(header.id, header.name);

@@ -8,6 +8,7 @@ mod error;
 mod framing;
 mod layout;
 pub mod packet;
+mod parse;
 pub mod record;
 mod repair;
 mod ros;

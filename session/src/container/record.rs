@@ -95,7 +95,8 @@ impl StreamTotals {
         self.bytes += packet.payload.len() as u64;
         self.first_host_ns.get_or_insert(packet.host_ns);
         self.last_host_ns = Some(packet.host_ns);
-        self.missing += packet.sequence.saturating_sub(self.next_sequence);
+        // A damaged file may jump back and forth.
+        self.missing = self.missing.saturating_add(packet.sequence.saturating_sub(self.next_sequence));
         self.discontinuities += u64::from(packet.discontinuity);
         self.damaged += u64::from(packet.damaged);
         self.next_sequence = packet.sequence.saturating_add(1);
@@ -251,3 +252,24 @@ pub const TOTALS_METADATA: &str = "erfgs.totals";
 pub const DESCRIPTION_KEY: &str = "erfgs.description";
 /// Name of the attachment with the rig's configuration.
 pub const RIG_ATTACHMENT: &str = "rig.toml";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequence_numbers_that_jump_to_and_fro_are_counted_without_an_overflow() {
+        let mut totals = StreamTotals::default();
+        for sequence in [u64::MAX, 0, u64::MAX, u64::MAX] {
+            totals.count(&crate::source::Packet {
+                sequence,
+                host_ns: 0,
+                discontinuity: false,
+                damaged: false,
+                stamp: None,
+                payload: bytes::Bytes::new(),
+            });
+        }
+        assert_eq!((totals.packets, totals.missing, totals.next_sequence), (4, u64::MAX, u64::MAX));
+    }
+}

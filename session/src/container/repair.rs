@@ -13,8 +13,9 @@ use mcap::records::op;
 use super::{
     error::ContainerError,
     framing::Head,
-    layout::Entry,
+    layout::{Entry, Layout},
     record::{TOTALS_METADATA, Totals},
+    session::Session,
     tail::{ChunkEntry, Tail},
     walk::{Item, Walk},
 };
@@ -108,8 +109,23 @@ fn open_error(what: &'static str, path: &Path, source: io::Error) -> ContainerEr
 
 /// Reads the file through and notes what is whole.
 fn survey(file: &File, path: &Path) -> Result<Survey, ContainerError> {
+    let survey = survey_with(file, path, Layout::default())?;
+    if survey.recovered.damaged.is_empty() {
+        return Ok(survey);
+    }
+    // A damaged chunk may be the one that declared a stream, whose messages nobody could read then. The index, if there
+    // is one, declares it as well.
+    match Session::read(file, path).ok().and_then(Session::declared) {
+        Some(declared) => survey_with(file, path, declared),
+        None => Ok(survey),
+    }
+}
+
+/// Reads the file through, in which the channels of `declared` are known from the beginning.
+fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, ContainerError> {
     let mut walk = Walk::open(file, path)?;
     walk.raw = true;
+    walk.layout = declared;
     let file_bytes = walk.framing.length();
     let mut survey =
         Survey { recovered: Recovered::default(), keep: vec![[0, 0]], tail: Tail::default(), closed: false };
@@ -142,6 +158,12 @@ fn survey(file: &File, path: &Path) -> Result<Survey, ContainerError> {
                 survey.tail.note(&head, &body, left_out);
             }
             Ok(Item::End { at, closed }) => {
+                if !closed && walk.is_closed()? {
+                    // The file goes on to its proper end, so that it was not cut off here.
+                    let what = "a record's length is damaged, and what follows it cannot be found".to_owned();
+                    let error = ContainerError::Damaged { path: path.to_owned(), offset: at, what };
+                    survey.recovered.damaged.push(error.to_string());
+                }
                 survey.closed = closed;
                 survey.recovered.cut_bytes = if closed { 0 } else { file_bytes.saturating_sub(at) };
                 // The index of the last chunk may be cut, too: it is written anew.

@@ -11,8 +11,9 @@ use mcap::records::{Record, op};
 use super::{
     error::ContainerError,
     framing::Head,
-    layout::{Entry, Stream},
-    record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, TOTALS_METADATA, Totals, VERSION},
+    layout::{Entry, Layout, Stream},
+    parse::parse_record,
+    record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, StreamTotals, TOTALS_METADATA, Totals, VERSION},
     walk::{FOOTER_BYTES, Item, Walk},
 };
 
@@ -72,6 +73,8 @@ pub struct Session<R = File> {
     walk: Walk<R>,
     summary: Summary,
     chunks: Vec<ChunkAt>,
+    /// Whether the index at the end said what there is.
+    indexed: bool,
 }
 
 impl Session<File> {
@@ -95,11 +98,12 @@ impl<R: Read + Seek> Session<R> {
     pub fn read(file: R, path: &Path) -> Result<Self, ContainerError> {
         let walk = Walk::open(file, path)?;
         let summary = Summary { file_bytes: walk.framing.length(), ..Summary::default() };
-        let mut session = Self { path: path.to_owned(), walk, summary, chunks: Vec::new() };
-        if !session.read_index()? {
+        let mut session = Self { path: path.to_owned(), walk, summary, chunks: Vec::new(), indexed: false };
+        session.indexed = session.read_index()?;
+        if !session.indexed {
             session.chunks.clear();
             session.summary = Summary { file_bytes: session.walk.framing.length(), ..Summary::default() };
-            session.walk.layout = super::layout::Layout::default();
+            session.walk.layout = Layout::default();
             session.scan()?;
         }
         session.complete_summary()?;
@@ -147,6 +151,13 @@ impl<R: Read + Seek> Session<R> {
         self.walk.framing.into_inner()
     }
 
+    /// The channels that the index declares, of which nothing is counted yet; `None` if there is no index to rely on.
+    pub(super) fn declared(self) -> Option<Layout> {
+        let mut layout = self.walk.layout;
+        layout.streams.iter_mut().for_each(|stream| stream.totals = StreamTotals::default());
+        self.indexed.then_some(layout)
+    }
+
     /// Reads what the end of the file says. `false` if it says nothing, or not enough.
     fn read_index(&mut self) -> Result<bool, ContainerError> {
         let Some(summary_start) = self.summary_start()? else { return Ok(false) };
@@ -161,7 +172,7 @@ impl<R: Read + Seek> Session<R> {
                 Err(_) => return Ok(false),
             };
             let body = self.walk.framing.body(&head)?;
-            match mcap::parse_record(head.opcode, &body) {
+            match parse_record(head.opcode, &body) {
                 Ok(Record::ChunkIndex(chunk)) => {
                     self.chunks.push(ChunkAt { offset: chunk.chunk_start_offset, end: chunk.message_end_time });
                 }
@@ -199,7 +210,7 @@ impl<R: Read + Seek> Session<R> {
             return Ok(None);
         }
         let body = self.walk.framing.body(&footer)?;
-        let Ok(Record::Footer(footer)) = mcap::parse_record(op::FOOTER, &body) else { return Ok(None) };
+        let Ok(Record::Footer(footer)) = parse_record(op::FOOTER, &body) else { return Ok(None) };
         Ok((footer.summary_start > 0 && footer.summary_start < at).then_some(footer.summary_start))
     }
 
@@ -257,7 +268,7 @@ impl<R: Read + Seek> Session<R> {
         let body = self.walk.framing.body(head)?;
         let damaged = |what: String| ContainerError::Damaged { path: self.path.clone(), offset: head.offset, what };
         let summary = &mut self.summary;
-        match mcap::parse_record(head.opcode, &body).map_err(|error| damaged(error.to_string())) {
+        match parse_record(head.opcode, &body).map_err(damaged) {
             Ok(Record::Metadata(record)) if record.name == SESSION_METADATA => {
                 let version = record.metadata.get("version").cloned().unwrap_or_default();
                 if version.parse::<u32>().is_ok_and(|version| version > VERSION) {

@@ -9,6 +9,7 @@ use super::{
     chunk::{ChunkHeader, RawMessage},
     framing::Head,
     layout::Layout,
+    parse::parse_record,
     record::TOTALS_METADATA,
     repair::Texts,
 };
@@ -65,6 +66,8 @@ pub(super) struct Tail {
     attachments: Vec<Vec<u8>>,
     counts: BTreeMap<u16, u64>,
     span: Option<[u64; 2]>,
+    /// Metadata or an attachment follows the last chunk.
+    more_after_chunk: bool,
 }
 
 impl Tail {
@@ -75,6 +78,7 @@ impl Tail {
             before.messages.clear();
         }
         self.chunks.push(chunk);
+        self.more_after_chunk = false;
     }
 
     /// Takes note of a message of the last chunk.
@@ -87,24 +91,29 @@ impl Tail {
         }
     }
 
-    /// The end of the last chunk, if its index is not complete and must be written anew.
+    /// The end of the last chunk, if its index is not complete and must be written anew, and nothing but index follows.
     pub fn unindexed_chunk_end(&self) -> Option<u64> {
-        self.chunks.last().filter(|chunk| chunk.lacks_indexes()).map(|chunk| chunk.offset + chunk.length)
+        let last = self.chunks.last().filter(|_| !self.more_after_chunk);
+        last.filter(|chunk| chunk.lacks_indexes()).map(|chunk| chunk.offset + chunk.length)
     }
 
     /// Takes note of a record outside the chunks, which moves forward by `left_out` bytes.
     pub fn note(&mut self, head: &Head, body: &[u8], left_out: u64) {
         let offset = head.offset - left_out;
         let length = head.end() - head.offset;
-        match mcap::parse_record(head.opcode, body) {
+        match parse_record(head.opcode, body) {
             Ok(Record::MessageIndex(index)) => {
                 if let Some(chunk) = self.chunks.last_mut() {
                     chunk.indexes.insert(index.channel_id, offset);
                     chunk.index_bytes += length;
                 }
             }
-            Ok(Record::Metadata(record)) => self.metadata.push((offset, length, record.name)),
+            Ok(Record::Metadata(record)) => {
+                self.metadata.push((offset, length, record.name));
+                self.more_after_chunk = true;
+            }
             Ok(Record::Attachment { header, data, .. }) => {
+                self.more_after_chunk = true;
                 let mut body = Vec::new();
                 body.put_u64_le(offset);
                 body.put_u64_le(length);

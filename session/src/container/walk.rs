@@ -125,7 +125,7 @@ impl<R: Read + Seek> Walk<R> {
     }
 
     /// Whether a footer and the closing magic end the file.
-    fn is_closed(&mut self) -> Result<bool, ContainerError> {
+    pub fn is_closed(&mut self) -> Result<bool, ContainerError> {
         let length = self.framing.length();
         match length.checked_sub(FOOTER_BYTES) {
             Some(footer) => {

@@ -7,7 +7,7 @@ use erfgs_session::{
     source::Encoding,
 };
 
-use super::decode;
+use super::{decode, words};
 
 const SIZE: Option<SensorSize> = Some(SensorSize { width: 1280, height: 720 });
 
@@ -27,22 +27,7 @@ fn evt2(words: &[u32]) -> (Columns, Anomalies) {
 
 #[test]
 fn evt3_words_mean_what_prophesees_page_says() {
-    let (columns, anomalies) = evt3(&[
-        0x8ABC, // time high: 0xABC000 µs
-        0x6123, // time low
-        0x0064, // row 100
-        0x2805, // column 5, ON
-        0x2006, // column 6, OFF
-        0x3BFF, // base 1023, ON
-        0x4003, // columns 1023, 1024
-        0x4800, // column 1035 + 11
-        0x5081, // columns 1047, 1054
-        0xA101, // channel 1 rises
-        0x0801, // row 1 of the second camera
-        0x2007, 0xE014, // events before the event-rate controller
-        0xF123, 0xF456, 0x7007, 0xE016, // a report without payload
-        0x6124, 0xA200, // channel 2 falls
-    ]);
+    let (columns, anomalies) = evt3(&words::EVT3);
     let t = 0xAB_C123;
     let found: Vec<CdEvent> = columns.iter().collect();
     let expected = [
@@ -121,20 +106,7 @@ fn evt3_rounds_lost_with_the_data_are_counted_with_the_hosts_clock() {
 
 #[test]
 fn evt2_words_mean_what_prophesees_page_says() {
-    let (columns, anomalies) = evt2(&[
-        0x8000_0002, // time high: 128 µs
-        0x1000_0000 | 3 << 22 | 639 << 11 | 479,
-        4 << 22 | 1279 << 11 | 719,
-        0xA000_0000 | 5 << 22 | 17 << 8 | 1,
-        0xE000_0000 | 6 << 22 | 0x0014,
-        0xF000_0000 | 0x123_4567,
-        0xE000_0000 | 7 << 22 | 0x0016,
-        0x8000_0003,
-        1280 << 11,
-        720,
-        0xF000_0000,
-        0x7000_0000,
-    ]);
+    let (columns, anomalies) = evt2(&words::EVT2);
     assert_eq!(columns.iter().collect::<Vec<_>>(), [event(131, 639, 479, true), event(132, 1279, 719, false)]);
     assert_eq!(columns.edges, [Edge { t_us: 133, channel: 17, rising: true }]);
     assert_eq!(columns.monitor, [(134, 0x14, 0x123_4567), (135, 0x16, 0)]);
@@ -143,16 +115,10 @@ fn evt2_words_mean_what_prophesees_page_says() {
 
 #[test]
 fn evt21_words_mean_what_prophesees_page_says_in_both_orders() {
-    let words: [(u32, u32); 5] = [
-        (0x8000_0002, 0),
-        (0x1000_0000 | 3 << 22 | 64 << 11 | 479, 0x8000_0001),
-        (4 << 22 | 1248 << 11 | 719, 0xC000_0000),
-        (0xA000_0000 | 5 << 22 | 1 << 8, 0),
-        (0xE000_0000 | 6 << 22 | 0x0014, 0xF123_4567),
-    ];
     for encoding in [Encoding::Evt21, Encoding::Evt21Legacy] {
         let legacy = encoding == Encoding::Evt21Legacy;
-        let halves = words.iter().flat_map(|&(head, payload)| if legacy { [head, payload] } else { [payload, head] });
+        let halves =
+            words::EVT21.iter().flat_map(|&(head, payload)| if legacy { [head, payload] } else { [payload, head] });
         let bytes: Vec<u8> = halves.flat_map(u32::to_le_bytes).collect();
         let order = if legacy { WordOrder::Legacy } else { WordOrder::Little };
         let (columns, anomalies) = decode(Evt21Decoder::new(order, SIZE), &bytes, &[]);

@@ -5,7 +5,7 @@ use erfgs_session::codec::{
     DavisDecoder, DavisEncoder, DavisLayout, Decoder, Edge, ImuSample, Mark, SensorSize, Sink,
 };
 
-use super::decode;
+use super::{decode, words};
 
 const SIZE: SensorSize = SensorSize { width: 6, height: 4 };
 
@@ -113,23 +113,7 @@ fn damage_in_an_aedat4_packet_is_counted_and_does_not_spread() {
 
 #[test]
 fn davis_words_mean_what_libcaer_says() {
-    let words: [u16; 14] = [
-        0x8005, // 5 µs
-        0x1003, // row 3
-        0x2004, // column 4, OFF
-        0x3005, // column 5, ON
-        0x7002, // two roll-overs
-        0x8001, // 2 * 32768 + 1 µs
-        0x3000, //
-        0x0003, // the input rises
-        0x0002, // and falls
-        0x1004, // a row outside
-        0x2000, //
-        0x0001, // the clock starts again
-        0x8007, // 7 µs
-        0x0004, // a pulse
-    ];
-    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let bytes: Vec<u8> = words::DAVIS.iter().flat_map(|word| word.to_le_bytes()).collect();
     let layout = DavisLayout { size: SIZE, ..DavisLayout::default() };
     let (columns, anomalies) = decode(DavisDecoder::new(layout), &bytes, &[]);
     let expected = [event(5, 4, 3, false), event(5, 5, 3, true), event(65_537, 0, 3, true)];
@@ -215,9 +199,8 @@ fn davis_time_lost_with_data_is_counted_with_the_hosts_clock() {
 #[test]
 fn aedat2_addresses_are_turned_to_the_top_left() {
     let davis = Aedat2Chip::Davis(SensorSize { width: 346, height: 260 });
-    let pairs: [(u32, u32); 5] =
-        [(259 << 22 | 3 << 12 | 1 << 11, 10), (345 << 12, 0x7FFF_FFFF), (1 << 31, 0), (1 << 10, 5), (260 << 22, 6)];
-    let bytes: Vec<u8> = pairs.iter().flat_map(|&(address, t)| [address, t]).flat_map(u32::to_be_bytes).collect();
+    let bytes: Vec<u8> =
+        words::AEDAT2.iter().flat_map(|&(address, t)| [address, t]).flat_map(u32::to_be_bytes).collect();
     let (columns, anomalies) = decode(Aedat2Decoder::new(davis), &bytes, &[]);
     let expected = [event(10, 3, 0, true), event(0x7FFF_FFFF, 345, 259, false)];
     assert_eq!(columns.iter().collect::<Vec<_>>(), expected);

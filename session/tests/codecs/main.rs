@@ -6,6 +6,7 @@ mod inivation;
 mod reference;
 mod roundtrip;
 mod splits;
+mod words;
 
 use erfgs_session::codec::{Anomalies, Columns, Decoder};
 

@@ -2,8 +2,8 @@
 
 use erfgs_session::{
     codec::{
-        Aedat2Chip, Aedat2Decoder, Columns, CsvDecoder, DatDecoder, DatFormat, DatItems, DavisDecoder, DavisLayout,
-        Decoder, SensorSize, StreamDecoder,
+        Aedat2Chip, Aedat2Decoder, Anomalies, Columns, CsvDecoder, DatDecoder, DatFormat, DatItems, DavisDecoder,
+        DavisLayout, Decoder, SensorSize, StreamDecoder,
     },
     source::Encoding,
 };
@@ -87,6 +87,20 @@ fn files() -> impl Strategy<Value = (StreamDecoder, Vec<u8>)> {
     let lines = proptest::collection::vec("([0-9]{1,6},[0-9]{1,4},[0-9]{1,3},[01]|-1|#|x,y| {0,300})(\r?\n)?", 0..12);
     let csv = lines.prop_map(|lines| (StreamDecoder::Csv(CsvDecoder::new(SIZE)), lines.concat().into_bytes()));
     prop_oneof![noise, csv]
+}
+
+#[test]
+fn a_long_line_that_a_restart_cuts_off_counts_as_its_bytes_however_they_came() {
+    for pieces in [&[300][..], &[100, 200], &[200, 100], &[1, 298, 1]] {
+        let mut decoder = CsvDecoder::new(SIZE);
+        let mut columns = Columns::default();
+        pieces.iter().for_each(|&length| decoder.decode(&vec![b'7'; length], &mut columns));
+        decoder.restart();
+        decoder.decode(b"5,6,7,1\n", &mut columns);
+        decoder.finish(&mut columns);
+        let expected = Anomalies { truncated_bytes: 300, ..Anomalies::default() };
+        assert_eq!((columns.t_us.as_slice(), decoder.anomalies()), (&[5][..], expected), "{pieces:?}");
+    }
 }
 
 proptest! {

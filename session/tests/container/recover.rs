@@ -109,6 +109,60 @@ fn a_damaged_chunk_is_left_out_of_the_copy_and_forbids_repair_in_place() {
 }
 
 #[test]
+fn streams_that_a_damaged_chunk_declared_are_known_from_the_index() {
+    let bytes = common::small_session();
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
+    let declares = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes;
+    let declares: Vec<_> = declares.iter().filter(|chunk| chunk.message_end_time == 0).collect();
+    assert!(!declares.is_empty());
+    let mut damaged = bytes.clone();
+    for chunk in declares {
+        damaged[(chunk.chunk_start_offset + chunk.chunk_length - 5) as usize] ^= 1;
+    }
+    fs::write(&source, &damaged).unwrap();
+    recover(&source, &out).unwrap();
+    assert_eq!(common::entries(&fs::read(&out).unwrap()), common::entries(&bytes));
+}
+
+#[test]
+fn a_damaged_length_is_not_taken_for_the_place_where_the_recording_was_cut_off() {
+    let bytes = common::small_session();
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
+    let chunks = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes;
+    let middle = chunks[chunks.len() / 2].chunk_start_offset as usize;
+    let mut damaged = bytes.clone();
+    damaged[middle + 5] = 1;
+    fs::write(&source, &damaged).unwrap();
+    let error = recover_in_place(&source).unwrap_err();
+    assert!(matches!(error, ContainerError::DamagedWithin { places: 1, .. }), "{error}");
+    assert_eq!(fs::read(&source).unwrap(), damaged, "nothing is cut off");
+    let report = recover(&source, &out).unwrap();
+    assert!(report.damaged[0].contains("length is damaged"), "{:?}", report.damaged);
+    let copied = common::entries(&fs::read(&out).unwrap());
+    assert!(!copied.is_empty() && common::entries(&bytes).starts_with(&copied));
+}
+
+#[test]
+fn what_follows_a_chunk_whose_index_is_damaged_is_kept() {
+    let bytes = common::small_session();
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
+    let chunks = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes;
+    let last = chunks.iter().filter(|chunk| chunk.message_end_time > 0).max_by_key(|chunk| chunk.chunk_start_offset);
+    let index = last.unwrap().message_index_offsets.values().min().copied().unwrap();
+    // The totals follow the last chunk; without its opcode, nobody knows what the record of its index is.
+    let mut damaged = bytes[..bytes.len() - 9].to_vec();
+    damaged[index as usize] = 0x81;
+    fs::write(&source, &damaged).unwrap();
+    let report = recover(&source, &out).unwrap();
+    assert!(!report.was_whole && report.damaged.is_empty());
+    check_recovered(&out, &damaged);
+    assert_eq!(common::entries(&fs::read(&out).unwrap()), common::entries(&bytes));
+}
+
+#[test]
 fn zeros_that_a_power_cut_left_are_cut_off() {
     let mut bytes = common::small_session();
     bytes.truncate(bytes.len() - 400);

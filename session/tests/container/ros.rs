@@ -11,59 +11,11 @@ use erfgs_session::{
     source::Encoding,
 };
 
-/// A message as the CDR of ROS 2 lays it out.
-fn event_packet(sequence: u64, encoding: &str, events: &[u8]) -> Vec<u8> {
-    let mut bytes = vec![0, 1, 0, 0];
-    let align = |bytes: &mut Vec<u8>, size: usize| {
-        while !(bytes.len() - 4).is_multiple_of(size) {
-            bytes.push(0);
-        }
-    };
-    let text = |bytes: &mut Vec<u8>, text: &str| {
-        while !(bytes.len() - 4).is_multiple_of(4) {
-            bytes.push(0);
-        }
-        bytes.extend_from_slice(&(text.len() as u32 + 1).to_le_bytes());
-        bytes.extend_from_slice(text.as_bytes());
-        bytes.push(0);
-    };
-    bytes.extend_from_slice(&17_i32.to_le_bytes());
-    bytes.extend_from_slice(&5_u32.to_le_bytes());
-    text(&mut bytes, "optical_frame");
-    align(&mut bytes, 4);
-    bytes.extend_from_slice(&480_u32.to_le_bytes());
-    bytes.extend_from_slice(&640_u32.to_le_bytes());
-    align(&mut bytes, 8);
-    bytes.extend_from_slice(&sequence.to_le_bytes());
-    bytes.extend_from_slice(&123_u64.to_le_bytes());
-    text(&mut bytes, encoding);
-    bytes.push(0);
-    align(&mut bytes, 4);
-    bytes.extend_from_slice(&(events.len() as u32).to_le_bytes());
-    bytes.extend_from_slice(events);
-    bytes
-}
-
-fn recording(encoding: &str) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let mut writer = mcap::Writer::new(Cursor::new(&mut bytes)).unwrap();
-    let schema = writer.add_schema("event_camera_msgs/msg/EventPacket", "ros2msg", b"").unwrap();
-    let channel = writer.add_channel(schema, "/event_camera/events", "cdr", &Default::default()).unwrap();
-    for sequence in 40..45 {
-        let time = 1_744_000_000_000_000_000 + sequence * 1_000_000;
-        let header =
-            mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
-        let message = event_packet(sequence, encoding, &vec![sequence as u8; sequence as usize]);
-        writer.write_to_known_channel(&header, &message).unwrap();
-    }
-    writer.finish().unwrap();
-    drop(writer);
-    bytes
-}
+use crate::common::{event_packet, ros_recording};
 
 #[test]
 fn packets_of_events_are_a_stream_with_its_encoding_and_size() {
-    let bytes = recording("evt3");
+    let bytes = ros_recording("evt3");
     let mut session = Session::read(Cursor::new(&bytes), Path::new("bag.mcap")).unwrap();
     let summary = session.summary().clone();
     assert!(!summary.is_session && summary.complete);
@@ -84,7 +36,7 @@ fn packets_of_events_are_a_stream_with_its_encoding_and_size() {
 
 #[test]
 fn an_encoding_that_is_not_known_is_named() {
-    let bytes = recording("libcaer");
+    let bytes = ros_recording("libcaer");
     let session = Session::read(Cursor::new(&bytes), Path::new("bag.mcap")).unwrap();
     assert_eq!(session.summary().unknown_encodings, ["libcaer"]);
     assert!(session.summary().streams.is_empty());

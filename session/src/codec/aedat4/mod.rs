@@ -21,9 +21,9 @@ pub use encode::Aedat4Encoder;
 /// The first bytes of a file.
 pub const AEDAT4_MAGIC: &[u8; 14] = b"#!AER-DAT4.0\r\n";
 
-/// Packets and headers longer than this, compressed or not, are taken for damaged: larger ones do not occur, and a
-/// damaged length must not fill the memory.
-const MAX_PACKET: usize = 1 << 28;
+/// Packets and headers longer than this, compressed or not, are taken for damaged: DV's hold 10 ms of events, a sixth of it
+/// at 100 million events a second, and a damaged length must not fill the memory.
+const MAX_PACKET: usize = 1 << 26;
 
 /// How packets are compressed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -215,7 +215,7 @@ impl DavisDecoder {
                 return;
             }
             8 | 9 => {
-                let frame = Box::new(Readout::begin(&self.layout, self.t_us));
+                let frame = Box::new(Readout::begin(self.t_us));
                 self.anomalies.incomplete += u64::from(self.frame.replace(frame).is_some());
                 Mark::FrameBegin
             }

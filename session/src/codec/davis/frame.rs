@@ -8,6 +8,8 @@ const NO_LEVEL: u16 = u16::MAX;
 const SATURATED_RESET: u16 = 384;
 /// Pixels have 10 bits.
 const MAX_LEVEL: u16 = 1023;
+/// Addresses have 12 bits: a sensor with longer sides is none.
+const MAX_SIDE: u16 = 4096;
 
 /// Which levels come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,7 +24,9 @@ pub(super) struct Readout {
     start_us: u64,
     exposure_start_us: Option<u64>,
     exposure_end_us: Option<u64>,
-    pixels: Vec<u16>,
+    /// Levels as they come, column by column, up to the last that came: memory grows with the stream, and not with the size
+    /// that a file claims.
+    levels: Vec<u16>,
     /// Columns of each kind that began.
     columns: [u16; 2],
     /// The column under way and its next row.
@@ -32,13 +36,12 @@ pub(super) struct Readout {
 }
 
 impl Readout {
-    pub fn begin(layout: &DavisLayout, start_us: u64) -> Self {
-        let pixels = usize::from(layout.size.width) * usize::from(layout.size.height);
+    pub fn begin(start_us: u64) -> Self {
         Self {
             start_us,
             exposure_start_us: None,
             exposure_end_us: None,
-            pixels: vec![NO_LEVEL; pixels],
+            levels: Vec::new(),
             columns: [0; 2],
             column: None,
             complete: 0,
@@ -64,17 +67,15 @@ impl Readout {
         let Some((levels, row)) = self.column else { return false };
         let column = self.columns[levels as usize] - 1;
         self.column = Some((levels, row.saturating_add(1)));
-        let (mut width, mut height) = (layout.size.width, layout.size.height);
-        if layout.frames_transposed {
-            (width, height) = (height, width);
-        }
+        let (width, height) = read_out(layout);
         if column >= width || row >= height {
             return false;
         }
-        let x = if layout.frames_flip_x { width - 1 - column } else { column };
-        let y = if layout.frames_flip_y { height - 1 - row } else { row };
-        let (x, y) = if layout.frames_transposed { (y, x) } else { (x, y) };
-        let pixel = &mut self.pixels[usize::from(y) * usize::from(layout.size.width) + usize::from(x)];
+        let at = usize::from(column) * usize::from(height) + usize::from(row);
+        if at >= self.levels.len() {
+            self.levels.resize(at + 1, NO_LEVEL);
+        }
+        let pixel = &mut self.levels[at];
         match levels {
             Levels::Reset => *pixel = level,
             Levels::Signal if *pixel == NO_LEVEL => return false,
@@ -93,14 +94,53 @@ impl Readout {
     /// The frame, if all of its pixels came.
     pub fn end(self, layout: &DavisLayout) -> Option<ApsFrame> {
         let exposure_start_us = self.exposure_start_us.unwrap_or(self.start_us);
-        (self.complete == self.pixels.len()).then(|| ApsFrame {
+        let (width, height) = (layout.size.width, layout.size.height);
+        let count = usize::from(width) * usize::from(height);
+        (self.complete == count && self.levels.len() == count).then(|| ApsFrame {
             exposure_start_us,
             exposure_end_us: self.exposure_end_us.unwrap_or(exposure_start_us),
-            width: layout.size.width,
-            height: layout.size.height,
+            width,
+            height,
             channels: 1,
-            pixels: self.pixels,
+            pixels: (0..height)
+                .flat_map(|y| (0..width).map(move |x| (x, y)))
+                .map(|at| self.pixel(layout, at))
+                .collect(),
             bits: 10,
         })
+    }
+
+    /// The level of a pixel of the image.
+    fn pixel(&self, layout: &DavisLayout, (x, y): (u16, u16)) -> u16 {
+        let (width, height) = read_out(layout);
+        let (column, row) = if layout.frames_transposed { (y, x) } else { (x, y) };
+        let column = if layout.frames_flip_x { width - 1 - column } else { column };
+        let row = if layout.frames_flip_y { height - 1 - row } else { row };
+        self.levels[usize::from(column) * usize::from(height) + usize::from(row)]
+    }
+}
+
+/// Columns and rows as they are read out, as far as a sensor can have them.
+fn read_out(layout: &DavisLayout) -> (u16, u16) {
+    let (width, height) = (layout.size.width.min(MAX_SIDE), layout.size.height.min(MAX_SIDE));
+    if layout.frames_transposed { (height, width) } else { (width, height) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::SensorSize;
+
+    #[test]
+    fn a_frame_takes_the_memory_of_what_came_and_not_of_what_is_claimed() {
+        let layout = DavisLayout { size: SensorSize { width: u16::MAX, height: u16::MAX }, ..DavisLayout::default() };
+        let mut frame = Readout::begin(7);
+        assert_eq!(frame.levels.capacity(), 0);
+        for column in 1..5000 {
+            frame.begin_column(Levels::Reset);
+            assert_eq!(frame.level(&layout, 500), column <= usize::from(MAX_SIDE));
+            assert!(frame.levels.len() <= usize::from(MAX_SIDE) * column.min(MAX_SIDE.into()));
+        }
+        assert!(frame.end(&layout).is_none());
     }
 }
