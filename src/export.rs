@@ -21,6 +21,7 @@ A session gives its event streams as
   aedat4  events, edges, frames and inertial samples, as DV reads them
   csv  lines of t, x, y, on
   npz  NumPy arrays t, x, y, p
+  h5   HDF5 in the layout of the DSEC data set (if erfgs was built with --features hdf5)
 and the frames of its cameras as
   png  one file for each frame, and their times in frames.csv
   exr  the same in linear light
@@ -55,6 +56,7 @@ enum Format {
     Aedat4,
     Csv,
     Npz,
+    H5,
     Png,
     Exr,
     Mp4,
@@ -67,6 +69,7 @@ impl Format {
             Self::Aedat4 => "aedat4",
             Self::Csv => "csv",
             Self::Npz => "npz",
+            Self::H5 => "h5",
             Self::Png => "png",
             Self::Exr => "exr",
             Self::Mp4 => "mp4",
@@ -74,7 +77,7 @@ impl Format {
     }
 
     fn is_of_events(self) -> bool {
-        matches!(self, Self::Raw | Self::Aedat4 | Self::Csv | Self::Npz)
+        matches!(self, Self::Raw | Self::Aedat4 | Self::Csv | Self::Npz | Self::H5)
     }
 
     /// Whether a stream becomes a folder.
@@ -89,10 +92,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let is_session = path.is_file() && path.extension().is_some_and(|extension| extension == "mcap");
     match (is_session, arguments.to) {
         (true, Some(format)) => session(path, format, arguments, terminal),
-        (true, None) => {
-            Err(Usage("say in which format to export the session: --to raw, aedat4, csv, npz, png, exr or mp4".into())
-                .into())
-        }
+        (true, None) => Err(Usage(
+            "say in which format to export the session: --to raw, aedat4, csv, npz, h5, png, exr or mp4".into(),
+        )
+        .into()),
         (false, Some(_)) => Err(Usage(format!(
             "--to is for sessions, and '{}' is none; without it, the Gaussians of a run are exported",
             path.display()

@@ -26,6 +26,7 @@ Examples:
   erfgs info run --json | jq .metrics.psnr
   erfgs info ds-dv/events/03.npz
   erfgs info recording.raw --digest --json
+  erfgs info events.h5 --digest
   erfgs info S.mcap")]
 pub struct Arguments {
     /// A session, a dataset or run folder, a .ply point cloud, or an event file.
@@ -52,6 +53,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (false, "ply") => points(path, terminal),
         (false, "mcap") => session::run(path, arguments.digest, terminal),
         (false, "npz") => events::describe_npz(path, arguments.size, arguments.digest, terminal),
+        (false, "h5" | "hdf5") => events::describe_hdf5(path, arguments.size, arguments.digest, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),
         (true, _) => dataset(&Dataset::load(folder)?, terminal),

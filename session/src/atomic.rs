@@ -22,6 +22,28 @@ pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<()>,
 ) -> io::Result<()> {
+    let temporary = temporary(path)?;
+    let mut writer = io::BufWriter::with_capacity(1 << 16, temporary.as_file());
+    fill(&mut writer)?;
+    writer.flush()?;
+    drop(writer);
+    temporary.as_file().sync_all()?;
+    temporary.persist(path).map_err(|error| error.error)?;
+    Ok(())
+}
+
+/// A place beside `path` for a library that wants to make the file itself: to be persisted at `path` once it is whole,
+/// removed when it is dropped before. Makes the folder where needed.
+///
+/// # Errors
+/// If the folder cannot be written.
+#[cfg(feature = "hdf5")]
+pub(crate) fn place(path: &Path) -> io::Result<tempfile::TempPath> {
+    temporary(path).map(tempfile::NamedTempFile::into_temp_path)
+}
+
+/// A temporary file in the folder of `path`, which is made where needed.
+fn temporary(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -35,14 +57,7 @@ pub fn write_with(
         // As any new file, and not the 0600 of a temporary one.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let temporary = builder.tempfile_in(folder)?;
-    let mut writer = io::BufWriter::with_capacity(1 << 16, temporary.as_file());
-    fill(&mut writer)?;
-    writer.flush()?;
-    drop(writer);
-    temporary.as_file().sync_all()?;
-    temporary.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    builder.tempfile_in(folder)
 }
 
 /// A folder that is being filled beside the place where it will appear whole. Dropped before that, it is removed.

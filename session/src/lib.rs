@@ -11,6 +11,7 @@ pub mod colmap;
 pub mod container;
 pub mod dataset;
 pub mod event;
+pub mod hdf5;
 pub mod image;
 pub mod import;
 pub mod lens;

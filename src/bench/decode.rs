@@ -73,9 +73,10 @@ fn cpu_seconds() -> Option<f64> {
 
 /// Measures and prints a line.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    if arguments.file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
-        let what = "NPZ holds arrays that NumPy's format describes, and no stream to decode; give a RAW, DAT, AEDAT or CSV \
-                    file";
+    let extension = arguments.file.extension().unwrap_or_default().to_ascii_lowercase();
+    if ["npz", "h5", "hdf5"].iter().any(|arrays| extension == *arrays) {
+        let what = "NPZ and HDF5 hold arrays that their libraries read, and no stream to decode; give a RAW, DAT, AEDAT or \
+                    CSV file";
         return Err(Usage(what.to_owned()).into());
     }
     let mut file = EventFile::open(&arguments.file)?;

@@ -13,7 +13,7 @@ use erfgs_session::{
         RawHeader, SensorSize, Sink,
     },
     container::{ContainerError, Entry, Session, sensor_size},
-    npz,
+    hdf5, npz,
     source::Description,
 };
 use serde::Serialize;
@@ -50,6 +50,7 @@ pub fn export(session: &mut Session, format: Format, tasks: &[Task], terminal: &
             Format::Raw => raw(session, task, update)?,
             Format::Aedat4 => exported.events = Some(aedat4(session, task, update)?),
             Format::Csv => exported.events = Some(csv(session, task, update)?),
+            Format::H5 => exported.events = Some(h5(session, task, update)?),
             _ => exported.events = Some(npz(session, task, update)?),
         }
         exported.bytes = std::fs::metadata(&task.out).map_or(0, |metadata| metadata.len());
@@ -259,6 +260,12 @@ fn npz(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Re
     session.decode_events(task.stream, None, &mut gather, progress)?;
     npz::write_events(&task.out, &gather.0)?;
     Ok(gather.0.len() as u64)
+}
+
+fn h5(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<u64> {
+    let mut writer = hdf5::create(&task.out, sensor_size(&session.summary().streams[task.stream].description))?;
+    session.decode_events(task.stream, None, &mut writer, progress)?;
+    Ok(writer.finish()?)
 }
 
 #[cfg(test)]

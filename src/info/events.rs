@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use erfgs_session::{
     codec::{Anomalies, Digests, EventBatch, EventFile, SensorSize, Sink},
-    npz,
+    hdf5, npz,
 };
 use serde::Serialize;
 
@@ -74,6 +74,22 @@ pub fn describe_npz(path: &Path, size: Option<SensorSize>, digest: bool, termina
         height: Some(events.height),
         unordered: false,
         ..summary(path, "npz", range_us, &found)
+    };
+    terminal.result(&summary, || text(&summary))
+}
+
+/// Decodes an HDF5 file of DSEC's or Metavision's layout and describes it; with `digest`, digests each field.
+pub fn describe_hdf5(path: &Path, size: Option<SensorSize>, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
+    let file = hdf5::open(path)?;
+    let mut found = if digest { Digests::new() } else { Digests::default() };
+    let anomalies = file.decode(size, &mut found)?;
+    let size = size.or(file.size());
+    let range_us = found.range_us.map(|(first, last)| [microseconds(first), microseconds(last)]);
+    let summary = EventFileSummary {
+        width: size.map(|size| size.width.into()),
+        height: size.map(|size| size.height.into()),
+        anomalies,
+        ..summary(path, file.layout().name(), range_us, &found)
     };
     terminal.result(&summary, || text(&summary))
 }

@@ -109,6 +109,18 @@ fn decoding_is_measured_in_events_a_second() {
     assert!(said.contains("NPZ") && said.contains("RAW"), "{said}");
 }
 
+/// With the feature, `session/tests/hdf5.rs` reads and writes such files.
+#[cfg(not(feature = "hdf5"))]
+#[test]
+fn without_hdf5_it_is_said_how_to_get_it() {
+    let folder = Folder::new();
+    fs::write(folder.path("e.h5"), b"\x89HDF\r\n\x1a\n").expect("written");
+    let said = folder.fail(1, "info e.h5 --digest");
+    for word in ["e.h5", "--features hdf5", "libhdf5-dev"] {
+        assert!(said.contains(word), "{said}");
+    }
+}
+
 #[test]
 fn what_has_no_events_has_no_digests() {
     let folder = Folder::with_stage("ds");

@@ -93,6 +93,28 @@ fn event_streams_are_exported_event_for_event() {
 }
 
 #[test]
+fn events_are_exported_as_hdf5_or_it_is_said_how_to_get_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (_, events) = files::write_session(folder);
+    if cfg!(feature = "hdf5") {
+        let exported = json(folder, &["export", "s.mcap", "--to", "h5", "--json"]);
+        assert_eq!((&exported[0]["file"], &exported[0]["events"]), (&"s.ev0.h5".into(), &events.len().into()));
+        let [session, file] = ["s.mcap", "s.ev0.h5"].map(|name| json(folder, &["info", name, "--digest", "--json"]));
+        assert_eq!((&file["width"], &file["height"]), (&1280.into(), &720.into()));
+        for field in ["t", "x", "y", "on"] {
+            let of_session = &session["streams"][0]["decoded"]["sha3_224_of_field"][field];
+            assert_eq!(&file["sha3_224_of_field"][field], of_session, "{field}");
+        }
+    } else {
+        let output = erfgs(folder, &["export", "s.mcap", "--to", "h5"]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && said.contains("--features hdf5") && said.contains("s.ev0.h5"), "{said}");
+        assert!(!folder.join("s.ev0.h5").exists());
+    }
+}
+
+#[test]
 fn frames_are_exported_with_their_times() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
