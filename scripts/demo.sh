@@ -54,8 +54,7 @@ else
 fi
 if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
   say "finding the initial points"
-  # What flies has hardly any features: its silhouettes give it points.
-  points=(--moving 12)
+  points=()
   # Bare walls and floor have few features; the sweep fills them.
   [ -n "$recording" ] && points=(--method colmap+sweep --max-points 25000)
   erfgs dataset points "$out/ds" "${points[@]}"

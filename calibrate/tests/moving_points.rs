@@ -9,7 +9,7 @@ use erfgs_session::{Dataset, image::ImageRgb8};
 /// The ball moves by its diameter from one to the next.
 const TIMES: [i64; 4] = [-250_000_000, 83_333_333, 416_666_667, 750_000_000];
 
-/// The points that are not random ones.
+/// The points that are of what moves.
 fn moving(dataset: &Dataset, instants: u32, max_points: u32) -> Vec<CloudPoint> {
     let mut options = CloudOptions { method: Method::Random, random_points: 20, ..CloudOptions::default() };
     (options.hull.instants, options.hull.max_points) = (instants, max_points);

@@ -25,7 +25,7 @@ Methods:
 Examples:
   erfgs dataset points ds-dv
   erfgs dataset points ds-dv --method colmap+sweep --max-points 80000
-  erfgs dataset points ds-dv --moving 6
+  erfgs dataset points ds-dv --moving 0
   erfgs dataset points ds-dv --colmap pycolmap:venv/bin/python")]
 pub struct Arguments {
     /// The dataset.
@@ -38,13 +38,14 @@ pub struct Arguments {
     /// At which instants points are looked for: names of image files without extension, separated by commas.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     frames: Option<Vec<String>>,
-    /// At how many instants points are added on the hull of what moves, from the silhouettes of moving pixels; 0: at none.
+    /// At how many instants points are added on the hull of what moves, from the silhouettes of moving pixels; 12 without
+    /// it, 0 for none.
     #[arg(long, value_name = "N")]
     moving: Option<u32>,
     /// Nearest and farthest depth of a point, metres; taken from how the cameras stand without it.
     #[arg(long, value_name = "NEAR..FAR", value_parser = depth_range)]
     depth: Option<[f64; 2]>,
-    /// Greatest number of points; 0 keeps all.
+    /// Greatest number of points, without those of what moves; 0 keeps all.
     #[arg(long, value_name = "N")]
     max_points: Option<usize>,
     /// Number of points of the random method.

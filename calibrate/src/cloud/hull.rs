@@ -18,8 +18,9 @@ use super::{
     rig::{Reach, Rig, Station, all_instants, spread},
 };
 
-/// Frames of a camera that its usual look is taken from, at most.
+/// Frames of a camera that its usual look is taken from, at most; with fewer than the least there is no usual look.
 const USUAL_OF: usize = 15;
+const FEWEST_FRAMES: usize = 4;
 /// Cells along the longest side of space before it is halved.
 const COARSEST: i32 = 16;
 /// Space is halved at most so many times.
@@ -55,6 +56,10 @@ pub fn points(
     counts: &mut Counts,
 ) -> Result<Vec<CloudPoint>, CloudError> {
     let hull = &options.hull;
+    if rig.stations.iter().any(|station| station.camera.frames.len() < FEWEST_FRAMES) {
+        counts.insert("moving_points".into(), 0.into());
+        return Ok(Vec::new());
+    }
     let all = all_instants(&rig.stations);
     let chosen = spread(all.len(), hull.instants as usize);
     progress(Stage::Silhouettes, 0, chosen.len() + 1);

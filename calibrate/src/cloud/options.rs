@@ -225,7 +225,8 @@ impl Default for SweepOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HullOptions {
-    /// At how many instants, spread over the recording; 0 leaves these points out.
+    /// At how many instants, spread over the recording; 0 leaves these points out. There are none either where a camera
+    /// has fewer than four frames.
     pub instants: u32,
     /// How much a pixel must differ from its usual look; 1 is white against black.
     pub threshold: f64,
@@ -239,7 +240,7 @@ pub struct HullOptions {
 
 impl Default for HullOptions {
     fn default() -> Self {
-        Self { instants: 0, threshold: 0.08, min_views: 4, cell_px: 2.0, max_points: 6000 }
+        Self { instants: 12, threshold: 0.08, min_views: 4, cell_px: 2.0, max_points: 6000 }
     }
 }
 
@@ -257,6 +258,7 @@ pub struct CloudOptions {
     /// `[lower, upper]` corner of the box that points must lie in, metres.
     pub bounds_m: Option<[[f64; 3]; 2]>,
     /// Greatest number of points; thinned on a voxel grid if there are more. COLMAP's points stay before the sweep's.
+    /// The points of what moves and random points do not count.
     pub max_points: Option<usize>,
     /// How many points [`Method::Random`] makes.
     pub random_points: usize,
