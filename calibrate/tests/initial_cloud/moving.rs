@@ -1,13 +1,12 @@
 //! Points of what moves, from silhouettes, in a room where only a ball does.
 
-mod common;
-
-use common::{BALL_RADIUS, ball, film_at};
 use erfgs_calibrate::{CloudOptions, CloudPoint, Method, initial_cloud};
 use erfgs_session::{Dataset, image::ImageRgb8};
 
+use crate::common::{BALL_RADIUS, ball, film_at};
+
 /// The ball moves by its diameter from one to the next.
-const TIMES: [i64; 4] = [-250_000_000, 83_333_333, 416_666_667, 750_000_000];
+const PASSING: [i64; 4] = [-250_000_000, 83_333_333, 416_666_667, 750_000_000];
 
 /// The points that are of what moves.
 fn moving(dataset: &Dataset, instants: u32, max_points: u32) -> Vec<CloudPoint> {
@@ -22,9 +21,9 @@ fn moving(dataset: &Dataset, instants: u32, max_points: u32) -> Vec<CloudPoint> 
 #[test]
 fn points_lie_where_the_ball_was_at_their_time_and_have_its_colour() {
     let folder = tempfile::tempdir().unwrap();
-    let dataset = film_at(folder.path(), 7, &TIMES);
+    let dataset = film_at(folder.path(), 7, &PASSING);
     let points = moving(&dataset, 4, 2000);
-    for t_ns in TIMES {
+    for t_ns in PASSING {
         let of_time: Vec<_> = points.iter().filter(|point| point.t_ns == t_ns).collect();
         assert!((200..=500).contains(&of_time.len()), "{} points at {t_ns}", of_time.len());
         // A hull of seven views of one side is deeper than the ball.
@@ -49,7 +48,7 @@ fn points_lie_where_the_ball_was_at_their_time_and_have_its_colour() {
 #[test]
 fn nothing_moves_where_the_light_changes_everywhere() {
     let folder = tempfile::tempdir().unwrap();
-    let dataset = film_at(folder.path(), 5, &TIMES);
+    let dataset = film_at(folder.path(), 5, &PASSING);
     for camera in &dataset.manifest.cameras[..5] {
         let path = folder.path().join(&camera.frames[3].file);
         let mut image = ImageRgb8::read(&path).unwrap();
@@ -57,6 +56,6 @@ fn nothing_moves_where_the_light_changes_everywhere() {
         image.write_png(&path).unwrap();
     }
     let points = moving(&dataset, 4, 2000);
-    assert!(points.iter().any(|point| point.t_ns == TIMES[1]));
-    assert!(points.iter().all(|point| point.t_ns != TIMES[3]));
+    assert!(points.iter().any(|point| point.t_ns == PASSING[1]));
+    assert!(points.iter().all(|point| point.t_ns != PASSING[3]));
 }

@@ -1,6 +1,7 @@
 //! Initial clouds of a small rendered room, whose surfaces are known.
 
 mod common;
+mod moving;
 
 use std::{fs, path::Path, sync::Mutex};
 
