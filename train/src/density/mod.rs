@@ -286,7 +286,13 @@ mod tests {
     }
 
     fn config() -> DensityConfig {
-        DensityConfig { prune_above: 0, max_extent: 0.0, max_screen: 0.0, ..Config::default().density }
+        DensityConfig {
+            max_gaussians: 1000,
+            prune_above: 0,
+            max_extent: 0.0,
+            max_screen: 0.0,
+            ..Config::default().density
+        }
     }
 
     #[test]
