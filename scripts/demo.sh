@@ -8,7 +8,7 @@ usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--out FOLDER] [--minutes M]
 
   PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball; without it, the stage is filmed
   --out FOLDER     where everything goes (default: demo, or demo-panoptic); what is there already is not made again
-  --minutes M      training time of each method (default: 3, or 18 for a recording)"
+  --minutes M      training time of each method (default: 4, or 18 for a recording)"
 recording= out= minutes=
 while [ $# -gt 0 ]; do
   case "$1" in
@@ -45,7 +45,7 @@ if [ -n "$recording" ]; then
     erfgs dataset variant "$out/full" --subsample 4 --blur 3 --event-only 4 --out "$out/ds"
   fi
 else
-  out=${out:-demo} minutes=${minutes:-3}
+  out=${out:-demo} minutes=${minutes:-4}
   mkdir -p "$out"
   if [ ! -e "$out/ds/dataset.json" ]; then
     say "filming the stage"
