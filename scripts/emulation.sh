@@ -53,7 +53,7 @@ for check in "$@"; do
       ;;
     show)
       cargo build --locked -p erfgs --bin erfgs
-      GUEST_CLOCK=instructions scripts/guest/run.sh show
+      GUEST_SECONDS=900 GUEST_CLOCK=instructions scripts/guest/run.sh show
       ;;
     *) scripts/guest/run.sh "$check" ;;
   esac
