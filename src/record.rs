@@ -13,7 +13,8 @@ use anyhow::Context;
 use erfgs_rig::{
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
     record::{
-        self, Input, Level, MachineFacts, Mcap, Options, Recorder, RigConfig, SessionInfo, Status, Summary, folder_of,
+        self, Input, Level, MachineFacts, Mcap, Options, RecordConfig, Recorder, RigConfig, SessionInfo, Status,
+        Summary, folder_of,
         preflight::{self, Finding, Plan, Verdict},
     },
 };
@@ -97,24 +98,28 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         if arguments.no_preflight { Vec::new() } else { check(arguments, terminal, &rig, &inputs, &streams, &folder)? };
     let share = if arguments.live.is_some() { 0.25 } else { 0.05 };
     let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
-    let recorder = Arc::new(Recorder::new(inputs, options(&rig, folder, &findings, &monitor))?);
+    let recorder = Arc::new(Recorder::new(inputs, options(&rig.record, info(&rig, &findings), folder, &monitor))?);
     record_until_told(arguments, terminal, &recorder, monitor, out)
 }
 
-fn options(rig: &RigConfig, folder: PathBuf, findings: &[Finding], monitor: &Arc<Monitor>) -> Options {
+fn info(rig: &RigConfig, findings: &[Finding]) -> SessionInfo {
     let warnings = findings.iter().filter(|finding| finding.verdict > Verdict::Good);
-    let settings =
-        Settings { chunk_bytes: rig.record.chunk_mib << 20, crc: rig.record.checksums, ..Settings::default() };
+    SessionInfo {
+        rig: rig.name.clone(),
+        configuration: rig.text.clone(),
+        program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).into(),
+        machine: MachineFacts::gather(),
+        warnings: warnings.map(|finding| format!("{}: {}", finding.check, finding.says)).collect(),
+    }
+}
+
+/// How `record` has it: into session files in `folder`, watched by `monitor`.
+pub fn options(record: &RecordConfig, info: SessionInfo, folder: PathBuf, monitor: &Arc<Monitor>) -> Options {
+    let settings = Settings { chunk_bytes: record.chunk_mib << 20, crc: record.checksums, ..Settings::default() };
     Options {
-        info: SessionInfo {
-            rig: rig.name.clone(),
-            configuration: rig.text.clone(),
-            program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).into(),
-            machine: MachineFacts::gather(),
-            warnings: warnings.map(|finding| format!("{}: {}", finding.check, finding.says)).collect(),
-        },
-        flush_every: Duration::from_millis(rig.record.flush_ms),
-        reserve_bytes: rig.record.reserve_mib << 20,
+        info,
+        flush_every: Duration::from_millis(record.flush_ms),
+        reserve_bytes: record.reserve_mib << 20,
         folder,
         opener: Box::new(Mcap { settings }),
         tap: Some(Arc::clone(monitor) as _),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use erfgs_rig::sync::{SyncOptions, Tier, synchronise};
+use erfgs_rig::sync::{StreamSync, SyncOptions, Tier, synchronise};
 use erfgs_session::{
     codec::{CdEvent, Evt2Encoder},
     container::{Session, SessionStart, SessionWriter, Settings},
@@ -85,33 +85,31 @@ fn write(path: &Path, camera_sees_the_lamp: bool) {
     writer.finish().unwrap();
 }
 
-#[test]
-fn a_lamp_that_both_saw_tells_the_lag() {
+/// The free-running camera of such a session, fitted.
+fn camera(sees_the_lamp: bool, flash: bool) -> StreamSync {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mcap");
-    write(&path, true);
-    let mut session = Session::open(&path).unwrap();
-    let sync = synchronise(&mut session, SyncOptions { flash: true }, |_| {}).unwrap();
-    let camera = sync.stream("camera").unwrap();
-    assert_eq!(camera.tier, Tier::Flash, "{:?}", camera.notes);
-    let exposures = camera.exposures.as_ref().unwrap();
-    assert!((exposures.lag_ns - LAG_NS).abs() < MS, "{} of {LAG_NS}: {:?}", exposures.lag_ns, camera.notes);
+    write(&path, sees_the_lamp);
+    let sync = synchronise(&mut Session::open(&path).unwrap(), SyncOptions { flash }, |_| {}).unwrap();
+    sync.stream("camera").unwrap().clone()
+}
+
+#[test]
+fn a_lamp_that_both_saw_tells_the_lag() {
+    let seen = camera(true, true);
+    assert_eq!(seen.tier, Tier::Flash, "{:?}", seen.notes);
+    let exposures = seen.exposures.unwrap();
+    assert!((exposures.lag_ns - LAG_NS).abs() < MS, "{} of {LAG_NS}: {:?}", exposures.lag_ns, seen.notes);
     assert!((exposures.mid_ns[7] - (20 * MS + 7 * 33_366_700)).abs() < MS);
 
-    let sync = synchronise(&mut session, SyncOptions::default(), |_| {}).unwrap();
-    let camera = sync.stream("camera").unwrap();
-    assert_eq!(camera.tier, Tier::FreeRunning);
-    assert_eq!(camera.exposures.as_ref().unwrap().lag_ns, EXPOSURE_NS / 2);
+    let not_looked_for = camera(true, false);
+    assert_eq!(not_looked_for.tier, Tier::FreeRunning);
+    assert_eq!(not_looked_for.exposures.unwrap().lag_ns, EXPOSURE_NS / 2);
 }
 
 #[test]
 fn a_camera_that_does_not_see_the_lamp_stays_free_running_and_says_why() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("s.mcap");
-    write(&path, false);
-    let mut session = Session::open(&path).unwrap();
-    let sync = synchronise(&mut session, SyncOptions { flash: true }, |_| {}).unwrap();
-    let camera = sync.stream("camera").unwrap();
-    assert_eq!(camera.tier, Tier::FreeRunning);
-    assert!(camera.notes[0].contains("does not follow"), "{:?}", camera.notes);
+    let unlit = camera(false, true);
+    assert_eq!(unlit.tier, Tier::FreeRunning);
+    assert!(unlit.notes[0].contains("does not follow"), "{:?}", unlit.notes);
 }

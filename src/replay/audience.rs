@@ -7,23 +7,20 @@ use std::{
         Arc,
         atomic::{AtomicU64, Ordering},
     },
-    time::Duration,
 };
 
 use erfgs_replay::{PlayedSource, Player};
 use erfgs_rig::{
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
-    record::{Input, MachineFacts, Mcap, Options, Recorder, SessionInfo, folder_of},
+    record::{Input, MachineFacts, RecordConfig, Recorder, SessionInfo, folder_of},
 };
 use erfgs_session::source::{Incident, Outlet, Packet, Source};
 
 use super::PlayedStream;
+use crate::record::options;
 
 /// Of each stream so many bytes may wait for the disk when what plays is recorded.
 const QUEUE_BYTES: usize = 64 << 20;
-/// As in RIG.toml.
-const FLUSH_EVERY: Duration = Duration::from_millis(500);
-const RESERVE_BYTES: u64 = 512 << 20;
 
 /// See the module.
 pub enum Audience {
@@ -66,20 +63,14 @@ impl Audience {
             |source| Input { source: Box::new(source) as Box<dyn Source>, queue_bytes: QUEUE_BYTES, stall_after: None };
         let summary = player.summary();
         let name = session.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let options = Options {
-            info: SessionInfo {
-                rig: name,
-                configuration: summary.rig.clone().unwrap_or_default(),
-                program: concat!("erfgs ", env!("CARGO_PKG_VERSION"), " replay").into(),
-                machine: MachineFacts::gather(),
-                warnings: Vec::new(),
-            },
-            flush_every: FLUSH_EVERY,
-            reserve_bytes: RESERVE_BYTES,
-            folder: folder_of(session),
-            opener: Box::new(Mcap::default()),
-            tap: Some(Arc::clone(&monitor) as _),
+        let info = SessionInfo {
+            rig: name,
+            configuration: summary.rig.clone().unwrap_or_default(),
+            program: concat!("erfgs ", env!("CARGO_PKG_VERSION"), " replay").into(),
+            machine: MachineFacts::gather(),
+            warnings: Vec::new(),
         };
+        let options = options(&RecordConfig::default(), info, folder_of(session), &monitor);
         let recorder = Arc::new(Recorder::new(sources.into_iter().map(input).collect(), options)?);
         let page = LivePage::serve(Arc::clone(&recorder), monitor, &LiveOptions { address, names })?;
         Ok(Self::Live { recorder, page })

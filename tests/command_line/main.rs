@@ -3,7 +3,6 @@
 mod events;
 mod inputs;
 mod pipeline;
-mod recording;
 mod resume;
 mod simulate;
 mod variants;

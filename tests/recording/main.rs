@@ -1,4 +1,5 @@
-//! Sessions through the program: written, cut off, repaired, described, exported, replayed, synchronised.
+//! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised.
 
 mod files;
+mod rig;
 mod session;

@@ -8,7 +8,7 @@
 //! The frame cameras are not behind a driver (a UVC driver needs a kernel): they hand the stage's pictures to the
 //! recorder as MJPEG frames, and their model says so.
 
-#[path = "../../tests/support/bus.rs"]
+#[path = "../../tests/usb_cameras/support/bus.rs"]
 mod bus;
 mod camera;
 
@@ -21,7 +21,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::EmulatedBus;
+use bus::{Clock, EmulatedBus};
 use camera::StageCamera;
 use erfgs_hardware_mocks::{
     stage::{EventOptions, RigOptions, Stage, StageOptions, View},
@@ -32,6 +32,7 @@ use erfgs_hardware_mocks::{
     },
 };
 use erfgs_rig::{
+    host_time::host_ns,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
     record::{Input, MachineFacts, Mcap, Options, Recorder, RigConfig, SessionInfo, folder_of, open_on},
     usb::Bus,
@@ -54,6 +55,18 @@ id = "davis"
 frames = { interval_us = 100000, exposure_us = 4000 }
 "#;
 
+struct HostClock;
+
+impl Clock for HostClock {
+    fn now_ns(&self) -> i64 {
+        host_ns()
+    }
+
+    fn pass(&self, duration: Duration) {
+        thread::sleep(duration);
+    }
+}
+
 /// Length of the take that plays again and again.
 const TAKE_US: u64 = 300_000;
 /// Frames of the frame cameras' take, and their size.
@@ -68,7 +81,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     eprintln!("filming the stage");
     let rig = RigConfig::parse(RIG, Path::new("emulated rig"))?;
-    let bus = EmulatedBus::on_host_clock();
+    let bus = EmulatedBus::new(Arc::new(HostClock));
     devices()?.into_iter().for_each(|device| bus.add(Arc::new(Mutex::new(device))));
     let bus: Arc<dyn Bus> = Arc::new(bus);
     let mut inputs = open_on(&rig, &bus)?;

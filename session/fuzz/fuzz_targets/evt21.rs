@@ -6,17 +6,15 @@ use erfgs_session::{
     codec::{Evt21Decoder, SensorSize, WordOrder},
     source::Encoding,
 };
-use erfgs_session_fuzz::{Plan, check_resumed, check_stream};
+use erfgs_session_fuzz::{Plan, check_device};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
     let Some(plan) = Plan::read(input) else { return };
-    let size = (plan.options & 1 == 0).then_some(SensorSize { width: 1280, height: 720 });
     let (order, encoding) = match plan.options & 2 {
         0 => (WordOrder::Little, Encoding::Evt21),
         _ => (WordOrder::Legacy, Encoding::Evt21Legacy),
     };
-    let limit = 64 << 10;
-    check_stream(&plan, size.unwrap_or(SensorSize::ALL), limit, || Evt21Decoder::new(order, size));
-    check_resumed(&plan, encoding, size.unwrap_or(SensorSize::ALL));
+    let size = SensorSize { width: 1280, height: 720 };
+    check_device(&plan, encoding, size, |size| Evt21Decoder::new(order, size));
 });

@@ -6,13 +6,10 @@ use erfgs_session::{
     codec::{Evt3Decoder, SensorSize},
     source::Encoding,
 };
-use erfgs_session_fuzz::{Plan, check_resumed, check_stream};
+use erfgs_session_fuzz::{Plan, check_device};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|input: &[u8]| {
     let Some(plan) = Plan::read(input) else { return };
-    let size = (plan.options & 1 == 0).then_some(SensorSize { width: 1280, height: 720 });
-    let limit = 64 << 10;
-    check_stream(&plan, size.unwrap_or(SensorSize::ALL), limit, || Evt3Decoder::new(size));
-    check_resumed(&plan, Encoding::Evt3, size.unwrap_or(SensorSize::ALL));
+    check_device(&plan, Encoding::Evt3, SensorSize { width: 1280, height: 720 }, Evt3Decoder::new);
 });

@@ -31,6 +31,19 @@ pub fn check_stream<D: Decoder>(plan: &Plan<'_>, size: SensorSize, limit: usize,
     assert!(peak <= limit, "{peak} bytes of memory for {} bytes of stream; {limit} are allowed", plan.len());
 }
 
+/// Both checks for the decoder that `new` makes for a device's stream. Bit 0 of the options: the size of its sensor is
+/// unknown.
+pub fn check_device<D: Decoder>(
+    plan: &Plan<'_>,
+    encoding: Encoding,
+    size: SensorSize,
+    new: impl Fn(Option<SensorSize>) -> D,
+) {
+    let known = (plan.options & 1 == 0).then_some(size);
+    check_stream(plan, known.unwrap_or(SensorSize::ALL), 64 << 10, || new(known));
+    check_resumed(plan, encoding, known.unwrap_or(SensorSize::ALL));
+}
+
 /// Puts the decoder of a device's stream to sleep after the first piece; what wakes up must give the same events. Frames
 /// and inertial samples under way are lost then, and left out here.
 pub fn check_resumed(plan: &Plan<'_>, encoding: Encoding, size: SensorSize) {

@@ -9,6 +9,6 @@ pub mod memory;
 mod plan;
 mod trickle;
 
-pub use check::{Nothing, check_resumed, check_stream};
+pub use check::{Nothing, check_device, check_resumed, check_stream};
 pub use plan::Plan;
 pub use trickle::Trickle;

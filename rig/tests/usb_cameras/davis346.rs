@@ -1,9 +1,11 @@
 //! The DAVIS346's driver against the emulated camera, in this process.
 
-mod support;
-
 use std::sync::{Arc, Mutex};
 
+use crate::support::{
+    Bucket, EmulatedBus,
+    davis346::{Camera, events_only, model, one, open},
+};
 use erfgs_hardware_mocks::usb::{
     Davis346 as Model, Davis346Options, Fault, FaultKind, Reply, Speed, Urb, UsbDevice, davis346::STREAM,
 };
@@ -13,10 +15,6 @@ use erfgs_rig::event::{
     list_on,
 };
 use erfgs_session::source::{Incident, Source};
-use support::{
-    Bucket, EmulatedBus,
-    davis346::{Camera, events_only, model, one, open},
-};
 
 fn parameter(camera: &Camera, module: u8, parameter: u8) -> u32 {
     camera.lock().unwrap().device().parameter(module, parameter)

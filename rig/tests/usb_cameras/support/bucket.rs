@@ -1,5 +1,4 @@
 //! An outlet that keeps everything.
-#![allow(dead_code, reason = "each test uses a part of it")]
 
 use std::{
     sync::{

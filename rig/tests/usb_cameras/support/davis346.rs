@@ -1,5 +1,4 @@
 //! An emulated DAVIS346 that films the pattern.
-#![allow(dead_code, reason = "only the tests of this camera use it")]
 
 use std::sync::{Arc, Mutex};
 

@@ -1,12 +1,11 @@
 //! The EVK4's driver against the emulated camera, in this process.
 
-mod support;
-
 use std::{
     io::Write,
     sync::{Arc, Mutex, atomic::Ordering},
 };
 
+use crate::support::{Bucket, EmulatedBus};
 use erfgs_hardware_mocks::usb::{
     Evk4 as Model, Evk4Options, Fault, FaultKind, Faults, Plug, Reply, Speed, TriggerLine, Urb, UsbDevice,
     clock::SyncWire,
@@ -27,7 +26,6 @@ use erfgs_session::{
     codec::{CdEvent, Decoder, Edge, SensorSize, Sink, StreamDecoder},
     source::{Encoding, Incident, Source},
 };
-use support::{Bucket, EmulatedBus};
 
 const RATE: u64 = 400_000;
 

@@ -2,6 +2,7 @@
 
 mod bucket;
 mod bus;
+mod clock;
 pub mod davis346;
 
 pub use bucket::Bucket;

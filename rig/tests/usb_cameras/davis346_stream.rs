@@ -1,9 +1,11 @@
 //! What arrives of an emulated DAVIS346: every event, frame, inertial sample and edge.
 
-mod support;
-
 use std::sync::{Arc, Mutex};
 
+use crate::support::{
+    Bucket, EmulatedBus,
+    davis346::{events_only, model, one, open, pattern},
+};
 use erfgs_hardware_mocks::usb::{
     Davis346Options, Fault, FaultKind, TriggerLine, clock::SyncWire, davis346::STREAM, line::PulseTrain,
 };
@@ -14,10 +16,6 @@ use erfgs_rig::event::{
 use erfgs_session::{
     codec::{ApsFrame, CdEvent, Decoder, Edge, ImuSample, SensorSize, Sink, StreamDecoder},
     source::{Encoding, Source},
-};
-use support::{
-    Bucket, EmulatedBus,
-    davis346::{events_only, model, one, open, pattern},
 };
 
 #[derive(Default)]

@@ -1,11 +1,16 @@
+//! A rig without a camera, recorded.
+
 use std::{
     fs,
     io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
-    process::Stdio,
+    path::Path,
+    process::{Command, Stdio},
 };
 
-use crate::Folder;
+use tempfile::TempDir;
+
+use crate::files::{erfgs, json};
 
 const RIG: &str = r#"
 [rig]
@@ -28,49 +33,64 @@ height = 120
 "#;
 
 /// A folder with a second of two patterns in `take.mcap`, and what `erfgs record` said of it.
-fn recorded() -> (Folder, serde_json::Value) {
-    let folder = Folder::new();
-    fs::write(folder.path("rig.toml"), RIG).expect("written");
-    let summary = folder.figures("record rig.toml --out take.mcap --seconds 1 --no-preflight");
+fn recorded() -> (TempDir, serde_json::Value) {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("rig.toml"), RIG).expect("written");
+    let summary = figures(folder.path(), "record rig.toml --out take.mcap --seconds 1 --no-preflight");
     (folder, summary)
+}
+
+/// What a command that must succeed prints under `--json`.
+fn figures(folder: &Path, words: &str) -> serde_json::Value {
+    json(folder, &words.split(' ').chain(["--json"]).collect::<Vec<_>>())
+}
+
+/// Runs a command that must fail with the exit code `code`, without a panic, and gives its stderr.
+fn fail(folder: &Path, code: i32, words: &str) -> String {
+    let output = erfgs(folder, &words.split(' ').collect::<Vec<_>>());
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "erfgs {words}\n{stderr}");
+    assert!(!stderr.contains("panicked") && !stderr.contains("RUST_BACKTRACE"), "erfgs {words}\n{stderr}");
+    stderr
 }
 
 #[test]
 fn a_rig_is_recorded_told_of_played_fitted_and_exported() {
-    let (folder, summary) = recorded();
+    let (kept, summary) = recorded();
+    let folder = kept.path();
     let written = |id: &str| {
         let streams = summary["streams"].as_array().expect("streams");
         streams.iter().find(|stream| stream["id"] == id).and_then(|stream| stream["written"].as_u64()).expect("a count")
     };
     assert!(written("eye") > 5 && written("camera") > 3, "{summary}");
 
-    let info = folder.figures("info take.mcap");
+    let info = figures(folder, "info take.mcap");
     assert!(info.to_string().contains("\"camera\""), "{info}");
 
-    let played = folder.figures("replay take.mcap --speed max");
+    let played = figures(folder, "replay take.mcap --speed max");
     let passed = |id: &str| {
         let streams = played["streams"].as_array().expect("streams");
         streams.iter().find(|stream| stream["id"] == id).and_then(|stream| stream["packets"].as_u64())
     };
     assert_eq!((passed("eye"), passed("camera")), (Some(written("eye")), Some(written("camera"))), "{played}");
 
-    let sync = folder.figures("sync take.mcap --flash");
+    let sync = figures(folder, "sync take.mcap --flash");
     assert_eq!(sync["streams"][0]["tier"], "free-running", "{sync}");
-    assert!(fs::read_to_string(folder.path("take.sync.html")).expect("a page").contains("<svg"));
+    assert!(fs::read_to_string(folder.join("take.sync.html")).expect("a page").contains("<svg"));
 
-    folder.succeed("export take.mcap --to csv --stream eye --out eye.csv");
-    let lines = fs::read_to_string(folder.path("eye.csv")).expect("a table").lines().count() as u64;
+    figures(folder, "export take.mcap --to csv --stream eye --out eye.csv");
+    let lines = fs::read_to_string(folder.join("eye.csv")).expect("a table").lines().count() as u64;
     // Fourteen steps of the wheel with ten edges of three events each, for the 500 that were asked for.
     assert_eq!(lines, written("eye") * 420 + 1);
-    folder.succeed("export take.mcap --to png --out pictures");
-    let times = walk(&folder.path("pictures"), "frames.csv");
+    figures(folder, "export take.mcap --to png --out pictures");
+    let times = walk(&folder.join("pictures"), "frames.csv");
     assert_eq!(times.lines().count() as u64, written("camera") + 1);
 
-    assert!(folder.fail(2, "record rig.toml --out take.mcap").contains("never overwritten"));
+    assert!(fail(folder, 2, "record rig.toml --out take.mcap").contains("never overwritten"));
 }
 
 /// The text of the only file of this name below a folder.
-fn walk(folder: &std::path::Path, name: &str) -> String {
+fn walk(folder: &Path, name: &str) -> String {
     let found: Vec<_> = fs::read_dir(folder)
         .expect("a folder")
         .map(|entry| entry.expect("an entry").path())
@@ -83,24 +103,27 @@ fn walk(folder: &std::path::Path, name: &str) -> String {
 
 #[test]
 fn a_recording_that_was_cut_off_is_recovered() {
-    let (folder, _) = recorded();
-    let whole = fs::read(folder.path("take.mcap")).expect("a session");
-    fs::write(folder.path("cut.mcap"), &whole[..whole.len() * 2 / 3]).expect("written");
-    let info = folder.figures("info cut.mcap");
+    let (kept, _) = recorded();
+    let folder = kept.path();
+    let whole = fs::read(folder.join("take.mcap")).expect("a session");
+    fs::write(folder.join("cut.mcap"), &whole[..whole.len() * 2 / 3]).expect("written");
+    let info = figures(folder, "info cut.mcap");
     assert_eq!(info["complete"], false, "{info}");
-    folder.succeed("recover cut.mcap --out again.mcap");
-    let info = folder.figures("info again.mcap");
+    figures(folder, "recover cut.mcap --out again.mcap");
+    let info = figures(folder, "info again.mcap");
     assert_eq!(info["complete"], true, "{info}");
-    folder.succeed("replay again.mcap --speed max");
-    fs::write(folder.path("none.mcap"), "no session").expect("written");
-    assert!(folder.fail(1, "recover none.mcap").contains("none.mcap"));
+    figures(folder, "replay again.mcap --speed max");
+    fs::write(folder.join("none.mcap"), "no session").expect("written");
+    assert!(fail(folder, 1, "recover none.mcap").contains("none.mcap"));
 }
 
 #[test]
 fn a_recording_is_shown_on_the_live_page() {
-    let (folder, _) = recorded();
-    let mut playing = folder
-        .command("replay take.mcap --live 127.0.0.1:0 --loop")
+    let (kept, _) = recorded();
+    let folder = kept.path();
+    let mut playing = Command::new(env!("CARGO_BIN_EXE_erfgs"))
+        .current_dir(folder)
+        .args(["replay", "take.mcap", "--live", "127.0.0.1:0", "--loop"])
         .stderr(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()

@@ -1,52 +1,27 @@
 //! Emulated devices behind the traits that drivers see, in this process.
-#![allow(dead_code, reason = "each test uses a part of it")]
 
 use std::{
     collections::BTreeSet,
     sync::{
         Arc, Mutex, PoisonError,
-        atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicUsize, Ordering},
+        atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering},
     },
     thread::{self, JoinHandle},
     time::Duration,
 };
 
-use erfgs_hardware_mocks::usb::{self as mocks, Reply, Setup, Urb, UsbDevice};
-use erfgs_rig::{
-    host_time::host_ns,
-    usb::{
-        Arrival, Bus, Control, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
-        TransportError,
-    },
+use erfgs_hardware_mocks::usb::{self as mocks, Reply, Urb, UsbDevice};
+use erfgs_rig::usb::{
+    Arrival, Bus, Control, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
+    TransportError,
 };
 
 /// What devices and drivers live by.
-#[derive(Clone)]
-enum Clock {
-    /// Does not wait for the wall's: it moves when a driver waits, when a read finds nothing yet and while a stream runs
-    /// (a millisecond for each time that nothing is there).
-    Simulated(Arc<AtomicI64>),
-    Host,
-}
-
-impl Clock {
-    fn now_ns(&self) -> i64 {
-        match self {
-            Self::Simulated(now_ns) => now_ns.load(Ordering::SeqCst),
-            Self::Host => host_ns(),
-        }
-    }
+pub trait Clock: Send + Sync {
+    fn now_ns(&self) -> i64;
 
     /// Lets time pass.
-    fn pass(&self, duration: Duration) {
-        match self {
-            Self::Simulated(now_ns) => {
-                now_ns.fetch_add(i64::try_from(duration.as_nanos()).unwrap(), Ordering::SeqCst);
-                thread::yield_now();
-            }
-            Self::Host => thread::sleep(duration),
-        }
-    }
+    fn pass(&self, duration: Duration);
 }
 
 /// A device that a bus and a test share.
@@ -68,28 +43,17 @@ struct Port {
 /// A bus with emulated devices.
 pub struct EmulatedBus {
     ports: Mutex<Vec<Arc<Port>>>,
-    clock: Clock,
+    clock: Arc<dyn Clock>,
     /// How many transfers a stream gets at most.
     pub grants: AtomicUsize,
     /// How often somebody has looked what is plugged in.
     pub looks: AtomicUsize,
 }
 
-/// On a simulated clock.
-impl Default for EmulatedBus {
-    fn default() -> Self {
-        Self::new(Clock::Simulated(Arc::new(AtomicI64::new(1_000_000_000))))
-    }
-}
-
 impl EmulatedBus {
-    fn new(clock: Clock) -> Self {
+    /// A bus whose devices live by this clock.
+    pub fn new(clock: Arc<dyn Clock>) -> Self {
         Self { ports: Mutex::default(), clock, grants: AtomicUsize::new(usize::MAX), looks: AtomicUsize::new(0) }
-    }
-
-    /// A bus on the host's clock.
-    pub fn on_host_clock() -> Self {
-        Self::new(Clock::Host)
     }
 
     /// Adds a socket with a device.
@@ -123,9 +87,7 @@ impl EmulatedBus {
 }
 
 fn control_in(port: &Port, now: i64, request_type: u8, request: u8, value: u16, index: u16, length: u16) -> Reply {
-    let setup = Setup { request_type, request, value, index, length };
-    let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: length.into() };
-    lock(&port.device).submit(&urb, now)
+    lock(&port.device).submit(&Urb::control_in(request_type, request, value, index, length), now)
 }
 
 impl Bus for EmulatedBus {
@@ -143,7 +105,7 @@ impl Bus for EmulatedBus {
             identity: identity.clone(),
             serial: serial(port, self.now_ns()),
             interfaces: interfaces(port, self.now_ns()),
-            clock: self.clock.clone(),
+            clock: Arc::clone(&self.clock),
             gone: Arc::new(AtomicBool::new(false)),
             ours: Mutex::default(),
             grants: self.grants.load(Ordering::SeqCst),
@@ -196,14 +158,14 @@ struct EmulatedTransport {
     identity: Identity,
     serial: Option<String>,
     interfaces: Vec<Interface>,
-    clock: Clock,
+    clock: Arc<dyn Clock>,
     /// The device was unplugged while this was open: it stays gone for us when it is plugged in again.
     gone: Arc<AtomicBool>,
     ours: Mutex<BTreeSet<u8>>,
     grants: usize,
 }
 
-fn submit(port: &Port, gone: &AtomicBool, clock: &Clock, urb: &Urb) -> Result<Reply, Fault> {
+fn submit(port: &Port, gone: &AtomicBool, clock: &dyn Clock, urb: &Urb) -> Result<Reply, Fault> {
     if gone.load(Ordering::SeqCst) {
         return Err(Fault::Gone);
     }
@@ -229,7 +191,7 @@ impl EmulatedTransport {
     fn finish(&self, step: &str, urb: &Urb, timeout: Duration) -> Result<Reply, TransportError> {
         let mut left = timeout.as_millis();
         loop {
-            match submit(&self.port, &self.gone, &self.clock, urb) {
+            match submit(&self.port, &self.gone, &*self.clock, urb) {
                 Ok(Reply::Pending) if left == 0 => return self.failed(step, Fault::Timeout),
                 Ok(Reply::Pending) => {
                     left -= 1;
@@ -242,10 +204,20 @@ impl EmulatedTransport {
     }
 
     fn set(&self, request_type: u8, request: u8, value: u16, index: u16) -> Result<(), TransportError> {
-        let setup = Setup { request_type, request, value, index, length: 0 };
-        let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: 0 };
+        let urb = Urb::control_out(request_type, request, value, index, &[]);
         self.finish("standard request", &urb, Duration::from_secs(1)).map(|_| ())
     }
+}
+
+/// Copies what a transfer brought; gives how many bytes.
+fn read(reply: &Reply, into: &mut [u8]) -> usize {
+    let Reply::Data(bytes) = reply else { return 0 };
+    into[..bytes.len()].copy_from_slice(bytes);
+    bytes.len()
+}
+
+fn taken(reply: &Reply) -> usize {
+    if let Reply::Taken(count) = reply { *count } else { 0 }
 }
 
 impl Transport for EmulatedTransport {
@@ -271,44 +243,22 @@ impl Transport for EmulatedTransport {
 
     fn control_read(&self, control: Control, into: &mut [u8], timeout: Duration) -> Result<usize, TransportError> {
         let Control { request_type, request, value, index } = control;
-        let setup = Setup { request_type, request, value, index, length: u16::try_from(into.len()).unwrap() };
-        let urb = Urb { endpoint: 0, setup: Some(setup), data: Vec::new(), length: into.len() };
-        match self.finish("control read", &urb, timeout)? {
-            Reply::Data(bytes) => {
-                into[..bytes.len()].copy_from_slice(&bytes);
-                Ok(bytes.len())
-            }
-            _ => Ok(0),
-        }
+        let urb = Urb::control_in(request_type, request, value, index, u16::try_from(into.len()).unwrap());
+        Ok(read(&self.finish("control read", &urb, timeout)?, into))
     }
 
     fn control_write(&self, control: Control, from: &[u8], timeout: Duration) -> Result<usize, TransportError> {
         let Control { request_type, request, value, index } = control;
-        let setup = Setup { request_type, request, value, index, length: u16::try_from(from.len()).unwrap() };
-        let urb = Urb { endpoint: 0, setup: Some(setup), data: from.to_vec(), length: 0 };
-        match self.finish("control write", &urb, timeout)? {
-            Reply::Taken(count) => Ok(count),
-            _ => Ok(0),
-        }
+        let urb = Urb::control_out(request_type, request, value, index, from);
+        Ok(taken(&self.finish("control write", &urb, timeout)?))
     }
 
     fn bulk_read(&self, endpoint: u8, into: &mut [u8], timeout: Duration) -> Result<usize, TransportError> {
-        let urb = Urb { endpoint, setup: None, data: Vec::new(), length: into.len() };
-        match self.finish("bulk read", &urb, timeout)? {
-            Reply::Data(bytes) => {
-                into[..bytes.len()].copy_from_slice(&bytes);
-                Ok(bytes.len())
-            }
-            _ => Ok(0),
-        }
+        Ok(read(&self.finish("bulk read", &Urb::bulk_in(endpoint, into.len()), timeout)?, into))
     }
 
     fn bulk_write(&self, endpoint: u8, from: &[u8], timeout: Duration) -> Result<usize, TransportError> {
-        let urb = Urb { endpoint, setup: None, data: from.to_vec(), length: 0 };
-        match self.finish("bulk write", &urb, timeout)? {
-            Reply::Taken(count) => Ok(count),
-            _ => Ok(0),
-        }
+        Ok(taken(&self.finish("bulk write", &Urb::bulk_out(endpoint, from), timeout)?))
     }
 
     fn clear_halt(&self, endpoint: u8) -> Result<(), TransportError> {
@@ -320,13 +270,13 @@ impl Transport for EmulatedTransport {
         if granted == 0 {
             return self.failed("stream", Fault::Memory(erfgs_rig::usb::memory_advice()));
         }
-        let (port, gone, clock) = (Arc::clone(&self.port), Arc::clone(&self.gone), self.clock.clone());
+        let (port, gone, clock) = (Arc::clone(&self.port), Arc::clone(&self.gone), Arc::clone(&self.clock));
         let stopping = Arc::new(AtomicBool::new(false));
         let stop = Arc::clone(&stopping);
         let thread = thread::spawn(move || {
-            let urb = Urb { endpoint, setup: None, data: Vec::new(), length: flight.bytes };
+            let urb = Urb::bulk_in(endpoint, flight.bytes);
             while !stop.load(Ordering::SeqCst) {
-                match submit(&port, &gone, &clock, &urb) {
+                match submit(&port, &gone, &*clock, &urb) {
                     Ok(Reply::Data(bytes)) if !bytes.is_empty() => {
                         let host_ns = clock.now_ns();
                         receiver(Arrival::Data { host_ns, bytes: &bytes });

@@ -1,0 +1,6 @@
+//! The drivers of USB event cameras against the emulated cameras, in this process.
+
+mod davis346;
+mod davis346_stream;
+mod evk4;
+mod support;
