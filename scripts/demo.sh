@@ -60,7 +60,8 @@ if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
   erfgs dataset points "$out/ds" "${points[@]}"
 fi
 # More iterations than the time allows, so that both methods train for equal time. Both take a frame for the middle of its
-# exposure, so that what differs is what events add; the model of the exposure gains 0.3 dB more where things move, and takes half as long again.
+# exposure, so that what differs is what events add; the model of the exposure gains 0.3 dB more where things move, and takes
+# half as long again.
 options=(--iterations 3000+14000 --set blur.model=off --set blur.instant=0.5)
 [ -n "$recording" ] && options=()
 for method in 4dgs erf-gs; do
