@@ -4,15 +4,17 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--out FOLDER] [--minutes M]
+usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--frames A..B] [--out FOLDER] [--minutes M]
 
   PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball; without it, the stage is filmed
+  --frames A..B    the frames of the recording to take, both ends included (default: all)
   --out FOLDER     where everything goes (default: demo, or demo-panoptic); what is there already is not made again
   --minutes M      training time of each method (default: 4, or 18 for a recording)"
-recording= out= minutes=
+recording= frames=() out= minutes=
 while [ $# -gt 0 ]; do
   case "$1" in
     -h|--help) sed -n '2,3p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
+    --frames) frames=(--frames "${2:?$usage}"); shift 2 ;;
     --out) out=${2:?$usage}; shift 2 ;;
     --minutes) minutes=${2:?$usage}; shift 2 ;;
     -*) echo "demo.sh: unknown option $1" >&2; echo "$usage" >&2; exit 2 ;;
@@ -38,7 +40,7 @@ if [ -n "$recording" ]; then
   mkdir -p "$out"
   if [ ! -e "$out/full/dataset.json" ]; then
     say "importing the recording at half size"
-    erfgs dataset import panoptic "$recording" --scale 0.5 --out "$out/full"
+    erfgs dataset import panoptic "$recording" "${frames[@]}" --scale 0.5 --out "$out/full"
   fi
   if [ ! -e "$out/ds/dataset.json" ]; then
     say "keeping each fourth frame, blurred over three; four cameras keep their events alone"

@@ -3,6 +3,7 @@
 //! [`cloud`] turns the frames of a dataset with known poses into coloured 3D points: through COLMAP with matching that
 //! uses the poses, through a dense plane sweep, or at random.
 
+pub mod bundle;
 pub mod cloud;
 
 pub use cloud::{

@@ -9,6 +9,10 @@ use glam::{DMat2, DVec2, DVec3};
 
 use crate::{Distortion, Intrinsics};
 
+mod derivatives;
+
+pub use derivatives::{INTRINSIC_PARAMETERS, Projection};
+
 /// No ray can be found for a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("no ray of the lens model meets the pixel ({:.1}, {:.1}); its coefficients do not hold there", .0.x, .0.y)]

@@ -1,0 +1,251 @@
+//! The normal equations at a state, in blocks: cameras, placements, and what ties the one to the other.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use rayon::prelude::*;
+
+use super::{Bundle, Loss, Parameter, Prior, residual::row};
+
+pub(super) type Matrix6 = SMatrix<f64, 6, 6>;
+pub(super) type Vector6 = SVector<f64, 6>;
+
+/// What an observation costs that its camera cannot see at all: a residual of so many standard deviations. It has no
+/// derivative; a step that loses sight of something is dear, one that regains it is rewarded.
+const LOST: f64 = 1e4;
+/// Into how many parts the placements are divided at most. Sums are formed part by part in this order, whatever the number
+/// of threads.
+const PARTS: usize = 16;
+
+/// Which placement each observation belongs to, and where a camera's parameters are among all of them.
+pub(super) struct Layout {
+    /// Observations that take part, by placement.
+    by_placement: Vec<Vec<usize>>,
+    /// The columns of each camera.
+    pub columns: Vec<Range<usize>>,
+    /// Number of columns.
+    pub shared: usize,
+    /// Number of observations that take part.
+    pub observations: usize,
+    /// Number of parameters of the placements that are seen.
+    pub private: usize,
+}
+
+impl Layout {
+    pub fn new(bundle: &Bundle) -> Self {
+        let mut by_placement = vec![Vec::new(); bundle.placements.len()];
+        let mut observations = 0;
+        for (index, observation) in bundle.observations.iter().enumerate().filter(|(_, o)| o.used) {
+            by_placement[observation.placement].push(index);
+            observations += 1;
+        }
+        let mut shared = 0;
+        let mut columns = Vec::with_capacity(bundle.cameras.len());
+        for camera in &bundle.cameras {
+            columns.push(shared..shared + camera.free.len());
+            shared += camera.free.len();
+        }
+        let seen = bundle.placements.iter().zip(&by_placement).filter(|(_, seen)| !seen.is_empty());
+        let private = seen.map(|(placement, _)| placement.parameters()).sum();
+        Self { by_placement, columns, shared, observations, private }
+    }
+
+    fn part(&self) -> usize {
+        self.by_placement.len().div_ceil(PARTS).max(64)
+    }
+}
+
+/// One placement's share.
+pub(super) struct Block {
+    /// Second derivatives of the placement's own parameters; the identity where it has none.
+    pub own: Matrix6,
+    /// Its gradient.
+    pub gradient: Vector6,
+    /// The cameras that see it, and their mixed second derivatives: a camera's parameters by the placement's six.
+    pub cameras: Vec<(usize, DMatrix<f64>)>,
+}
+
+/// The normal equations.
+pub(super) struct Normal {
+    /// Half the sum of squares (or of what the loss makes of them).
+    pub cost: f64,
+    /// Of all observations that take part.
+    pub rms_px: f64,
+    /// Second derivatives of the parameters that all placements share.
+    pub shared: DMatrix<f64>,
+    /// Their gradient.
+    pub gradient: DVector<f64>,
+    /// The placements, in parts.
+    pub blocks: Vec<Vec<Block>>,
+}
+
+/// The cost of a state alone, and the root mean square residual, pixels.
+pub(super) fn cost(bundle: &Bundle, loss: Loss, layout: &Layout) -> (f64, f64) {
+    let parts: Vec<(f64, f64)> = layout
+        .by_placement
+        .par_chunks(layout.part())
+        .map(|placements| {
+            let (mut cost, mut squares) = (0.0, 0.0);
+            for observation in placements.iter().flatten().map(|index| &bundle.observations[*index]) {
+                match bundle.residual_px(observation) {
+                    Some(residual) => {
+                        squares += residual.length_squared();
+                        cost += loss.value(residual.length_squared() / observation.sigma_px.powi(2));
+                    }
+                    None => cost += loss.value(LOST * LOST),
+                }
+            }
+            (cost, squares)
+        })
+        .collect();
+    let (mut sum, mut squares) = (priors(bundle).map(|prior| prior.residual.powi(2)).sum::<f64>(), 0.0);
+    for (part, square) in parts {
+        sum += part;
+        squares += square;
+    }
+    (0.5 * sum, (squares / layout.observations.max(1) as f64).sqrt())
+}
+
+/// A prior's residual in standard deviations, and its derivatives by cameras' free parameters.
+struct PriorRow {
+    residual: f64,
+    by: Vec<(usize, Vec<f64>)>,
+}
+
+fn priors(bundle: &Bundle) -> impl Iterator<Item = PriorRow> {
+    bundle.priors.iter().map(|prior| match prior {
+        Prior::Value { camera, parameter, value, sigma } => {
+            let state = &bundle.cameras[*camera];
+            let slope = |free: &Parameter| match (free, parameter) {
+                _ if free == parameter => 1.0 / sigma,
+                (Parameter::Focal, Parameter::Fx) | (Parameter::Fx, Parameter::Focal) => 1.0 / sigma,
+                (Parameter::Focal, Parameter::Fy) => state.intrinsics.fy / state.intrinsics.fx / sigma,
+                _ => 0.0,
+            };
+            let by = vec![(*camera, state.free.iter().map(slope).collect())];
+            PriorRow { residual: (parameter.value(state) - value) / sigma, by }
+        }
+        Prior::Distance { cameras, metres, sigma } => {
+            let [a, b] = cameras.map(|camera| &bundle.cameras[camera]);
+            let apart = a.pose.centre() - b.pose.centre();
+            // A shift v of a camera moves its centre by -R^T v; a turn about the camera does not.
+            let along = apart.normalize_or_zero() / *sigma;
+            let by = [(cameras[0], a, -1.0), (cameras[1], b, 1.0)].map(|(index, camera, sign)| {
+                let turned = camera.pose.rotation * along * sign;
+                let slope = |free: &Parameter| match free {
+                    Parameter::Translation(axis) => turned[usize::from(*axis)],
+                    _ => 0.0,
+                };
+                (index, camera.free.iter().map(slope).collect())
+            });
+            PriorRow { residual: (apart.length() - metres) / sigma, by: by.into() }
+        }
+    })
+}
+
+/// One part's sums.
+struct Part {
+    blocks: Vec<Block>,
+    cameras: Vec<DMatrix<f64>>,
+    gradients: Vec<DVector<f64>>,
+    cost: f64,
+    squares: f64,
+}
+
+/// The normal equations at the bundle's state.
+pub(super) fn linearise(bundle: &Bundle, loss: Loss, layout: &Layout) -> Normal {
+    let parts: Vec<Part> = layout
+        .by_placement
+        .par_chunks(layout.part())
+        .enumerate()
+        .map(|(part, placements)| linearise_part(bundle, loss, part * layout.part(), placements))
+        .collect();
+    let mut shared = DMatrix::zeros(layout.shared, layout.shared);
+    let mut gradient = DVector::zeros(layout.shared);
+    let (mut cost, mut squares) = (0.0, 0.0);
+    let mut blocks = Vec::with_capacity(parts.len());
+    for part in parts {
+        for ((columns, camera), slope) in layout.columns.iter().zip(&part.cameras).zip(&part.gradients) {
+            let mut to = shared.view_mut((columns.start, columns.start), (columns.len(), columns.len()));
+            to += camera;
+            let mut to = gradient.rows_mut(columns.start, columns.len());
+            to += slope;
+        }
+        cost += part.cost;
+        squares += part.squares;
+        blocks.push(part.blocks);
+    }
+    for prior in priors(bundle) {
+        cost += prior.residual.powi(2);
+        let row: Vec<(usize, f64)> = prior
+            .by
+            .iter()
+            .flat_map(|(camera, slopes)| layout.columns[*camera].clone().zip(slopes.iter().copied()))
+            .collect();
+        for &(i, a) in &row {
+            gradient[i] += a * prior.residual;
+            for &(j, b) in &row {
+                shared[(i, j)] += a * b;
+            }
+        }
+    }
+    let rms_px = (squares / layout.observations.max(1) as f64).sqrt();
+    Normal { cost: 0.5 * cost, rms_px, shared, gradient, blocks }
+}
+
+fn linearise_part(bundle: &Bundle, loss: Loss, first: usize, placements: &[Vec<usize>]) -> Part {
+    let free = |camera: usize| bundle.cameras[camera].free.len();
+    let mut part = Part {
+        blocks: Vec::with_capacity(placements.len()),
+        cameras: (0..bundle.cameras.len()).map(|c| DMatrix::zeros(free(c), free(c))).collect(),
+        gradients: (0..bundle.cameras.len()).map(|c| DVector::zeros(free(c))).collect(),
+        cost: 0.0,
+        squares: 0.0,
+    };
+    for (index, observations) in placements.iter().enumerate() {
+        let placement = &bundle.placements[first + index];
+        let mut block = Block { own: Matrix6::zeros(), gradient: Vector6::zeros(), cameras: Vec::new() };
+        for observation in observations.iter().map(|index| &bundle.observations[*index]) {
+            let camera = observation.camera;
+            let Some(row) = row(&bundle.cameras[camera], placement, observation) else {
+                part.cost += loss.value(LOST * LOST);
+                continue;
+            };
+            let squared = row.residual.length_squared();
+            part.cost += loss.value(squared);
+            part.squares += squared * observation.sigma_px.powi(2);
+            let weight = loss.weight(squared);
+            let free = free(camera);
+            if !block.cameras.iter().any(|(seen, _)| *seen == camera) {
+                block.cameras.push((camera, DMatrix::zeros(free, 6)));
+            }
+            let mixed = block.cameras.iter_mut().find(|(seen, _)| *seen == camera).map(|(_, mixed)| mixed);
+            let Some(mixed) = mixed else { continue };
+            for axis in 0..2 {
+                let residual = row.residual[axis];
+                let own = Vector6::from(row.by_placement[axis]);
+                let slopes = &row.by_camera[axis * free..(axis + 1) * free];
+                block.own += own * own.transpose() * weight;
+                block.gradient += own * (weight * residual);
+                for (i, a) in slopes.iter().enumerate() {
+                    let a = a * weight;
+                    part.gradients[camera][i] += a * residual;
+                    for (j, b) in slopes.iter().enumerate() {
+                        part.cameras[camera][(i, j)] += a * b;
+                    }
+                    for j in 0..6 {
+                        mixed[(i, j)] += a * own[j];
+                    }
+                }
+            }
+        }
+        for unused in placement.parameters()..6 {
+            block.own[(unused, unused)] = 1.0;
+        }
+        if observations.is_empty() {
+            block.own = Matrix6::identity();
+        }
+        part.blocks.push(block);
+    }
+    part
+}

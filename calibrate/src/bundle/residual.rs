@@ -1,0 +1,47 @@
+//! One observation: its residual and what it depends on.
+
+use erfgs_session::lens::INTRINSIC_PARAMETERS;
+use glam::{DVec2, DVec3};
+
+use super::{Camera, Observation, Placement, parameter::COLUMNS};
+
+/// A weighed residual (in standard deviations) and its derivatives.
+pub(super) struct Row {
+    pub residual: DVec2,
+    /// By the camera's free parameters, two rows one after the other.
+    pub by_camera: Vec<f64>,
+    /// By the placement's parameters.
+    pub by_placement: [[f64; 6]; 2],
+}
+
+/// `None` where the camera cannot see the feature.
+pub(super) fn row(camera: &Camera, placement: &Placement, observation: &Observation) -> Option<Row> {
+    let world = placement.world(observation.on_target);
+    let seen = camera.pose.transform(world);
+    let projection = camera.intrinsics.project_with_derivatives(seen)?;
+    let weight = 1.0 / observation.sigma_px;
+    let residual = projection.pixel - observation.pixel + observation.velocity * camera.time_offset_s;
+    let (free, parameters) = (camera.free.len(), placement.parameters());
+    let mut row = Row { residual: residual * weight, by_camera: vec![0.0; 2 * free], by_placement: [[0.0; 6]; 2] };
+    let by_world = placement.derivatives(observation.on_target);
+    for axis in 0..2 {
+        let by_point = projection.by_point[axis];
+        if free > 0 {
+            let mut columns = [0.0; COLUMNS];
+            columns[..INTRINSIC_PARAMETERS].copy_from_slice(&projection.by_intrinsics[axis]);
+            for (index, unit) in DVec3::AXES.into_iter().enumerate() {
+                columns[INTRINSIC_PARAMETERS + index] = by_point.dot(unit.cross(seen));
+                columns[INTRINSIC_PARAMETERS + 3 + index] = by_point[index];
+            }
+            columns[COLUMNS - 1] = observation.velocity[axis];
+            for (to, parameter) in row.by_camera[axis * free..].iter_mut().zip(&camera.free) {
+                *to = weight * parameter.derivative(&columns, &camera.intrinsics);
+            }
+        }
+        let in_world = camera.pose.rotation.conjugate() * by_point;
+        for (to, by) in row.by_placement[axis].iter_mut().zip(&by_world[..parameters]) {
+            *to = weight * in_world.dot(*by);
+        }
+    }
+    Some(row)
+}

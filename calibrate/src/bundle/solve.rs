@@ -1,0 +1,196 @@
+//! Levenberg's and Marquardt's iteration.
+
+use std::time::Instant;
+
+use super::{
+    Bundle, BundleError,
+    normal::{Layout, cost, linearise},
+    reduced::{Method, step},
+    uncertainty::{Uncertainty, uncertainty},
+};
+
+/// What a residual costs, by its square in standard deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Loss {
+    /// Its square.
+    #[default]
+    Squared,
+    /// Grows with the logarithm beyond so many standard deviations: outliers lose their pull.
+    Cauchy(f64),
+}
+
+impl Loss {
+    pub(super) fn value(self, squared: f64) -> f64 {
+        match self {
+            Self::Squared => squared,
+            Self::Cauchy(width) => width * width * (squared / (width * width)).ln_1p(),
+        }
+    }
+
+    pub(super) fn weight(self, squared: f64) -> f64 {
+        match self {
+            Self::Squared => 1.0,
+            Self::Cauchy(width) => 1.0 / (1.0 + squared / (width * width)),
+        }
+    }
+}
+
+/// How a bundle is solved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// The loss.
+    pub loss: Loss,
+    /// Steps tried at most.
+    pub iterations: usize,
+    /// A step that lowers the cost by less than this share ends the iteration.
+    pub tolerance: f64,
+    /// How the cameras' system is solved.
+    pub method: Method,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { loss: Loss::Squared, iterations: 100, tolerance: 1e-10, method: Method::Auto }
+    }
+}
+
+/// One try, for error against run time.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Step {
+    /// Seconds since the start.
+    pub seconds: f64,
+    /// Half the sum of squares in standard deviations, or of what the loss makes of them, after the step.
+    pub cost: f64,
+    /// Root mean square residual after the step, pixels.
+    pub rms_px: f64,
+    /// Damping.
+    pub lambda: f64,
+    /// Whether the step was taken.
+    pub taken: bool,
+}
+
+/// Why the iteration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stop {
+    /// Steps no longer change the cost.
+    Converged,
+    /// The limit of [`Options::iterations`].
+    Iterations,
+    /// No step lowers the cost, however short.
+    Stalled,
+}
+
+/// How it went.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// The start and every try.
+    pub steps: Vec<Step>,
+    /// Why it ended.
+    pub stop: Stop,
+    /// How the cameras' system was solved.
+    pub method: Method,
+    /// Number of free parameters: of the cameras, and of the placements.
+    pub parameters: [usize; 2],
+    /// Number of observations that took part.
+    pub observations: usize,
+}
+
+impl Bundle {
+    /// Changes the free parameters and the placements so that the cost is least.
+    ///
+    /// # Errors
+    /// If the problem cannot be set up; a problem that does not converge or leaves parameters open is no error here, see
+    /// [`Solution::stop`] and [`Bundle::uncertainty`].
+    pub fn solve(&mut self, options: &Options) -> Result<Solution, BundleError> {
+        self.check()?;
+        let layout = Layout::new(self);
+        if layout.observations == 0 || layout.shared + layout.private == 0 {
+            return Err(BundleError::Empty);
+        }
+        let since = Instant::now();
+        let (mut lambda, mut growth) = (1e-4, 2.0);
+        let mut normal = linearise(self, options.loss, &layout);
+        let mut steps = vec![Step {
+            seconds: since.elapsed().as_secs_f64(),
+            cost: normal.cost,
+            rms_px: normal.rms_px,
+            lambda,
+            taken: true,
+        }];
+        let mut stop = Stop::Iterations;
+        for _ in 0..options.iterations {
+            let tried = step(&normal, &layout, lambda, options.method).map(|damped| {
+                let next = self.moved(&layout, &damped);
+                let (cost, rms_px) = cost(&next, options.loss, &layout);
+                (next, damped.predicted, cost, rms_px)
+            });
+            let gain = tried.as_ref().map_or(-1.0, |(_, predicted, cost, _)| {
+                let gained = normal.cost - cost;
+                if gained.is_finite() && *predicted > 0.0 { gained / predicted } else { -1.0 }
+            });
+            let (cost, rms_px) = tried.as_ref().map_or((f64::INFINITY, f64::INFINITY), |(_, _, c, r)| (*c, *r));
+            let taken = gain > 0.0;
+            steps.push(Step { seconds: since.elapsed().as_secs_f64(), cost, rms_px, lambda, taken });
+            let small = |change: f64| change <= options.tolerance * normal.cost.max(f64::MIN_POSITIVE);
+            match tried {
+                Some((next, _, cost, _)) if taken => {
+                    let settled = small(normal.cost - cost);
+                    *self = next;
+                    if settled {
+                        stop = Stop::Converged;
+                        break;
+                    }
+                    normal = linearise(self, options.loss, &layout);
+                    // Nielsen's rule: the better the model foretold the cost, the less damping.
+                    lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15);
+                    growth = 2.0;
+                }
+                _ => {
+                    // The model promises nothing either: rounding decides, and this is as far as it goes.
+                    if tried.is_some_and(|(_, predicted, _, _)| small(predicted.abs())) {
+                        stop = Stop::Converged;
+                        break;
+                    }
+                    lambda *= growth;
+                    growth *= 2.0;
+                    if lambda > 1e20 {
+                        stop = Stop::Stalled;
+                        break;
+                    }
+                }
+            }
+        }
+        Ok(Solution {
+            steps,
+            stop,
+            method: options.method.for_size(layout.shared),
+            parameters: [layout.shared, layout.private],
+            observations: layout.observations,
+        })
+    }
+
+    /// How well the free parameters are determined at the present state, with the weights of `loss`.
+    ///
+    /// # Errors
+    /// If the problem cannot be set up.
+    pub fn uncertainty(&self, loss: Loss) -> Result<Uncertainty, BundleError> {
+        self.check()?;
+        let layout = Layout::new(self);
+        if layout.observations == 0 {
+            return Err(BundleError::Empty);
+        }
+        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout)))
+    }
+
+    fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> Self {
+        let cameras = self.cameras.iter().zip(&layout.columns);
+        let placements = self.placements.iter().zip(&step.placements);
+        Self {
+            cameras: cameras.map(|(camera, columns)| camera.moved(&step.shared.as_slice()[columns.clone()])).collect(),
+            placements: placements.map(|(placement, own)| placement.moved(own.as_slice())).collect(),
+            observations: self.observations.clone(),
+            priors: self.priors.clone(),
+        }
+    }
+}

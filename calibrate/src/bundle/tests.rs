@@ -1,0 +1,259 @@
+use erfgs_session::{Distortion, Intrinsics, Pose, random};
+use glam::{DQuat, DVec2, DVec3};
+
+use super::{residual::row, *};
+
+fn lens() -> Intrinsics {
+    let distortion = Distortion::BrownConrady([-0.1, 0.05, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0]);
+    Intrinsics { width: 1280, height: 720, fx: 900.0, fy: 905.0, cx: 640.0, cy: 355.0, distortion }
+}
+
+/// `count` cameras on an arc of 3 m around the origin.
+fn arc(count: usize) -> Vec<Camera> {
+    (0..count)
+        .map(|i| {
+            let angle = -1.0 + 2.0 * i as f64 / (count - 1) as f64;
+            let eye = DVec3::new(3.0 * angle.sin(), -0.4, -3.0 * angle.cos());
+            Camera {
+                name: format!("c{i}"),
+                intrinsics: lens(),
+                pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Y),
+                time_offset_s: 0.0,
+                free: if i == 0 { Vec::new() } else { Parameter::POSE.to_vec() },
+            }
+        })
+        .collect()
+}
+
+fn vector(seed: u64, index: u64, scale: f64) -> DVec3 {
+    let part = |axis| scale * random::normal(random::key(seed, &[index, axis]));
+    DVec3::new(part(0), part(1), part(2))
+}
+
+/// What `cameras` see of wands at random places, with noise of `sigma` pixels.
+fn wands(cameras: &[Camera], count: usize, sigma: f64, seed: u64) -> Bundle {
+    let mut bundle = Bundle { cameras: cameras.to_vec(), ..Bundle::default() };
+    for index in 0..count {
+        let direction = vector(seed, 2 * index as u64, 1.0).normalize();
+        bundle.placements.push(Placement::Wand { middle: vector(seed, 2 * index as u64 + 1, 0.3), direction });
+        for camera in 0..cameras.len() {
+            for (k, offset) in [-0.195, -0.065, 0.195].into_iter().enumerate() {
+                let on_target = DVec3::new(offset, 0.0, 0.0);
+                see(&mut bundle, camera, index, on_target, sigma, random::key(seed, &[99, index as u64, k as u64]));
+            }
+        }
+    }
+    bundle
+}
+
+fn see(bundle: &mut Bundle, camera: usize, placement: usize, on_target: DVec3, sigma: f64, key: u64) {
+    let world = bundle.placements[placement].world(on_target);
+    let state = &bundle.cameras[camera];
+    let Some(pixel) = state.intrinsics.project(state.pose.transform(world)) else { return };
+    let noise = |axis| sigma * random::normal(random::extend(random::extend(key, axis), camera as u64));
+    bundle.observations.push(Observation {
+        camera,
+        placement,
+        on_target,
+        pixel: pixel + DVec2::new(noise(0), noise(1)),
+        sigma_px: sigma.max(0.1),
+        velocity: DVec2::ZERO,
+        used: true,
+    });
+}
+
+fn disturb(bundle: &mut Bundle, by: f64) {
+    for (i, camera) in bundle.cameras.iter_mut().enumerate().skip(1) {
+        camera.pose.rotation *= DQuat::from_scaled_axis(vector(7, i as u64, by));
+        camera.pose.translation += vector(8, i as u64, by);
+    }
+    for (i, placement) in bundle.placements.iter_mut().enumerate() {
+        *placement =
+            placement.moved(&[vector(9, i as u64, by).to_array(), vector(10, i as u64, by).to_array()].concat());
+    }
+}
+
+#[test]
+fn rows_are_the_limits_of_differences() {
+    let placements = [
+        Placement::Board(Pose::look_at(DVec3::new(0.1, 0.2, -0.3), DVec3::Z, DVec3::Y)),
+        Placement::Wand { middle: DVec3::new(0.1, -0.1, 0.2), direction: DVec3::new(1.0, 2.0, -0.5).normalize() },
+        Placement::Point(DVec3::new(-0.2, 0.1, 0.1)),
+    ];
+    let mut camera = arc(3).remove(2);
+    camera.free = free_lens(8);
+    camera.free.extend([Parameter::Focal, Parameter::TimeOffset]);
+    camera.free.extend(Parameter::POSE);
+    let observation = Observation {
+        camera: 0,
+        placement: 0,
+        on_target: DVec3::new(0.2, -0.1, 0.05),
+        pixel: DVec2::new(600.0, 300.0),
+        sigma_px: 0.5,
+        velocity: DVec2::new(30.0, -20.0),
+        used: true,
+    };
+    for placement in placements {
+        let at = row(&camera, &placement, &observation).unwrap();
+        let residual = |camera: &Camera, placement: &Placement| row(camera, placement, &observation).unwrap().residual;
+        let unit = |index: usize, size: usize, by: f64| {
+            (0..size).map(|i| if i == index { by } else { 0.0 }).collect::<Vec<_>>()
+        };
+        for (index, parameter) in camera.free.iter().enumerate() {
+            let moved = |by| residual(&camera.moved(&unit(index, camera.free.len(), by)), &placement);
+            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            for axis in 0..2 {
+                let analytic = at.by_camera[axis * camera.free.len() + index];
+                assert!(
+                    (slope[axis] - analytic).abs() < 1e-3 + 1e-6 * analytic.abs(),
+                    "{parameter:?}: {slope} {analytic}"
+                );
+            }
+        }
+        for index in 0..placement.parameters() {
+            let moved = |by| residual(&camera, &placement.moved(&unit(index, 6, by)));
+            let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+            for axis in 0..2 {
+                assert!((slope[axis] - at.by_placement[axis][index]).abs() < 1e-3, "{placement:?} {index}: {slope}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_disturbed_rig_comes_back_exactly_by_either_method() {
+    for method in [Method::Cholesky, Method::ConjugateGradients] {
+        let truth = wands(&arc(5), 30, 0.0, 1);
+        let mut bundle = truth.clone();
+        disturb(&mut bundle, 0.05);
+        let solution = bundle.solve(&Options { method, ..Options::default() }).unwrap();
+        assert_eq!((solution.stop, solution.method), (Stop::Converged, method));
+        assert_eq!(solution.parameters, [24, 150]);
+        for (found, true_camera) in bundle.cameras.iter().zip(&truth.cameras) {
+            assert!((found.pose.centre() - true_camera.pose.centre()).length() < 1e-7, "{method:?}");
+        }
+        assert!(solution.steps.last().unwrap().rms_px < 1e-5);
+        assert!(solution.steps.len() < 60, "{}", solution.steps.len());
+    }
+}
+
+#[test]
+fn the_covariance_is_that_of_repeated_trials() {
+    let cameras = arc(4);
+    let (seeds, mut squares, mut freedom) = (60, 0.0, 0);
+    for seed in 0..seeds {
+        let mut bundle = wands(&cameras, 20, 0.3, 100 + seed);
+        bundle.solve(&Options::default()).unwrap();
+        let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+        assert!(uncertainty.open.is_empty() && uncertainty.rank == 18 && uncertainty.condition < 1e6);
+        for (index, (found, truth)) in bundle.cameras.iter().zip(&cameras).enumerate().skip(1) {
+            let error = found.pose.centre() - truth.pose.centre();
+            squares += error.dot(uncertainty.cameras[index].centre.inverse() * error);
+            freedom += 3;
+        }
+    }
+    // Chi-square of 540 degrees of freedom; the errors of one trial's cameras are correlated, so that the bounds are wider
+    // than its standard deviation of 33.
+    assert_eq!(freedom, 540);
+    assert!((440.0..660.0).contains(&squares), "{squares}");
+}
+
+#[test]
+fn what_is_not_determined_is_named() {
+    // A camera that sees nothing, and a focal length that one plane seen head on cannot tell from its distance.
+    let mut bundle = wands(&arc(4), 20, 0.1, 3);
+    bundle.observations.retain(|o| o.camera != 3);
+    let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+    assert_eq!((uncertainty.rank, uncertainty.open.len()), (12, 6));
+    assert!(uncertainty.condition.is_infinite());
+    assert!(uncertainty.open.iter().flat_map(|open| &open.parameters).all(|(camera, _, _)| *camera == 3));
+    assert!(uncertainty.cameras[3].sigma.iter().all(|sigma| sigma.is_infinite()));
+    assert!(uncertainty.cameras[2].sigma.iter().all(|sigma| sigma.is_finite()));
+
+    let mut flat = Bundle { cameras: arc(3), ..Bundle::default() };
+    flat.cameras.truncate(1);
+    flat.cameras[0].free = vec![Parameter::Focal];
+    flat.cameras[0].intrinsics.distortion = Distortion::None;
+    let away = flat.cameras[0].pose.inverse().transform(DVec3::new(0.0, 0.0, 2.0));
+    flat.placements
+        .push(Placement::Board(Pose { translation: away, rotation: flat.cameras[0].pose.rotation.conjugate() }));
+    for (x, y) in [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1), (0.0, 0.05)] {
+        see(&mut flat, 0, 0, DVec3::new(x, y, 0.0), 0.1, 5);
+    }
+    let uncertainty = flat.uncertainty(Loss::Squared).unwrap();
+    assert_eq!(uncertainty.open[0].parameters[0].1, Parameter::Focal);
+}
+
+#[test]
+fn points_alone_leave_the_scale_open_and_a_distance_closes_it() {
+    let cameras = arc(3);
+    let mut bundle = Bundle { cameras, ..Bundle::default() };
+    for index in 0..25 {
+        bundle.placements.push(Placement::Point(vector(4, index, 0.5)));
+        for camera in 0..3 {
+            see(&mut bundle, camera, index as usize, DVec3::ZERO, 0.1, random::key(4, &[50, index]));
+        }
+    }
+    assert_eq!(bundle.uncertainty(Loss::Squared).unwrap().open.len(), 1);
+    let metres = (bundle.cameras[0].pose.centre() - bundle.cameras[2].pose.centre()).length();
+    bundle.priors.push(Prior::Distance { cameras: [0, 2], metres, sigma: 1e-4 });
+    let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+    assert!(uncertainty.open.is_empty(), "{:?}", uncertainty.open);
+    disturb(&mut bundle, 0.02);
+    bundle.solve(&Options::default()).unwrap();
+    let found = (bundle.cameras[0].pose.centre() - bundle.cameras[2].pose.centre()).length();
+    assert!((found - metres).abs() < 1e-6, "{found} {metres}");
+}
+
+#[test]
+fn outliers_are_borne_found_and_left_out() {
+    let truth = wands(&arc(5), 40, 0.2, 5);
+    let mut bundle = truth.clone();
+    let mut wrong = 0;
+    for (index, observation) in bundle.observations.iter_mut().enumerate() {
+        if random::uniform(random::key(6, &[index as u64])) < 0.3 {
+            let far = vector(6, 1000 + index as u64, 150.0);
+            observation.pixel += far.truncate();
+            wrong += usize::from(far.truncate().length() > 2.0);
+        }
+    }
+    disturb(&mut bundle, 0.02);
+    bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() }).unwrap();
+    let found = bundle.mark_outliers(5.0, 1.0);
+    assert!(found.abs_diff(wrong) <= 5, "{found} of {wrong}");
+    bundle.solve(&Options::default()).unwrap();
+    for (camera, true_camera) in bundle.cameras.iter().zip(&truth.cameras) {
+        let off = (camera.pose.centre() - true_camera.pose.centre()).length();
+        assert!(off < 2e-3, "{off}");
+    }
+}
+
+#[test]
+fn a_late_camera_is_found_by_what_moves() {
+    let mut bundle = wands(&arc(4), 30, 0.1, 8);
+    bundle.cameras[2].free.push(Parameter::TimeOffset);
+    for (index, observation) in bundle.observations.iter_mut().enumerate() {
+        observation.velocity = vector(9, index as u64, 300.0).truncate();
+        if observation.camera == 2 {
+            // Its stamps are 4 ms early: what it saw under a stamp had moved on by then.
+            observation.pixel += observation.velocity * 0.004;
+        }
+    }
+    bundle.solve(&Options::default()).unwrap();
+    assert!((bundle.cameras[2].time_offset_s - 0.004).abs() < 1e-4, "{}", bundle.cameras[2].time_offset_s);
+}
+
+#[test]
+fn nonsense_is_refused() {
+    let good = wands(&arc(3), 3, 0.1, 2);
+    let mut bundle = good.clone();
+    bundle.observations[4].pixel.x = f64::NAN;
+    assert!(bundle.solve(&Options::default()).unwrap_err().to_string().starts_with("observation 4"));
+    let mut bundle = good.clone();
+    bundle.cameras[1].intrinsics.fx = -3.0;
+    assert!(bundle.uncertainty(Loss::Squared).unwrap_err().to_string().starts_with("camera c1"));
+    let mut bundle = good.clone();
+    bundle.priors.push(Prior::Value { camera: 9, parameter: Parameter::Fx, value: 1.0, sigma: 1.0 });
+    assert!(bundle.solve(&Options::default()).is_err());
+    assert_eq!(Bundle::default().solve(&Options::default()).unwrap_err(), BundleError::Empty);
+}

@@ -1,0 +1,167 @@
+//! How well the cameras are determined: covariance, rank, and the names of what is left open.
+
+use glam::{DMat3, DVec3};
+use nalgebra::{DMatrix, SymmetricEigen};
+use rayon::prelude::*;
+
+use super::{
+    Bundle, Parameter,
+    normal::{Layout, Matrix6, Normal},
+    reduced::schur,
+};
+
+/// An eigenvalue of the scaled matrix below this counts as zero: what is left is rounding.
+const RANK: f64 = 1e-11;
+/// Parameters that make up less than this share of an open direction are not named.
+const NAMED: f64 = 0.02;
+
+/// What one camera's observations leave uncertain.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraUncertainty {
+    /// Standard deviation of each free parameter, in the order of [`Camera::free`](super::Camera::free); infinite where it is
+    /// not determined.
+    pub sigma: Vec<f64>,
+    /// Covariance of the camera's centre in the world, square metres; zero where the pose is fixed.
+    pub centre: DMat3,
+    /// Standard deviations of turns about the camera's axes, radians.
+    pub rotation: DVec3,
+}
+
+/// A combination of parameters that no observation tells anything about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpenDirection {
+    /// The parameters that take part, the greatest first: camera, parameter, share of the squared length.
+    pub parameters: Vec<(usize, Parameter, f64)>,
+}
+
+/// How well the free parameters are determined.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Sum of squared residuals in standard deviations, over the degrees of freedom: 1 where the given standard deviations
+    /// are right. The covariance is multiplied with it.
+    pub variance_factor: f64,
+    /// Number of measured coordinates and priors minus that of determined parameters.
+    pub degrees_of_freedom: usize,
+    /// Greatest over smallest eigenvalue of the cameras' matrix, each parameter scaled to what it would be known to if all
+    /// others were; infinite where the rank is not full.
+    pub condition: f64,
+    /// Rank of the same matrix.
+    pub rank: usize,
+    /// Per camera.
+    pub cameras: Vec<CameraUncertainty>,
+    /// What is not determined; empty in a sound problem.
+    pub open: Vec<OpenDirection>,
+    /// Number of placements with a direction of their own that is not determined, such as the depth of a point in one view.
+    pub open_placements: usize,
+    /// Covariance of all free parameters of all cameras, in order.
+    pub covariance: DMatrix<f64>,
+}
+
+pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal) -> Uncertainty {
+    let inverses: Vec<Vec<(Matrix6, usize)>> =
+        normal.blocks.par_iter().map(|part| part.iter().map(|block| pseudo_inverse(&block.own)).collect()).collect();
+    let open_of_placements: usize = inverses.iter().flatten().map(|(_, open)| open).sum();
+    let open_placements = inverses.iter().flatten().filter(|(_, open)| *open > 0).count();
+    let inverses: Vec<Vec<Matrix6>> =
+        inverses.into_iter().map(|part| part.into_iter().map(|(inverse, _)| inverse).collect()).collect();
+    let matrix = schur(normal, layout, &inverses);
+    let scale = normal.shared.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
+    let scaled = DMatrix::from_fn(layout.shared, layout.shared, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
+    let eigen = SymmetricEigen::new(scaled);
+    let zero = |value: f64| value <= RANK;
+    let rank = eigen.eigenvalues.iter().filter(|value| !zero(**value)).count();
+    let measured = 2 * layout.observations + bundle.priors.len();
+    let degrees_of_freedom = measured.saturating_sub(rank + layout.private - open_of_placements);
+    let variance_factor = if degrees_of_freedom > 0 { 2.0 * normal.cost / degrees_of_freedom as f64 } else { 1.0 };
+    let names: Vec<(usize, Parameter)> =
+        bundle.cameras.iter().enumerate().flat_map(|(c, camera)| camera.free.iter().map(move |p| (c, *p))).collect();
+    let mut covariance = DMatrix::zeros(layout.shared, layout.shared);
+    let mut open = Vec::new();
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if zero(*value) {
+            let mut parameters: Vec<_> = names
+                .iter()
+                .zip(vector.iter())
+                .map(|(&(camera, parameter), part)| (camera, parameter, part * part))
+                .filter(|(_, _, share)| *share >= NAMED)
+                .collect();
+            parameters.sort_by(|a, b| b.2.total_cmp(&a.2));
+            open.push(OpenDirection { parameters });
+        } else {
+            let column = vector.component_mul(&scale);
+            covariance.syger(variance_factor / value, &column, &column, 1.0);
+        }
+    }
+    covariance.fill_upper_triangle_with_lower_triangle();
+    let (least, most) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
+    let cameras = (0..bundle.cameras.len()).map(|c| camera(bundle, layout, &covariance, &open, c)).collect();
+    Uncertainty {
+        variance_factor,
+        degrees_of_freedom,
+        condition: if layout.shared == 0 {
+            1.0
+        } else if zero(least) {
+            f64::INFINITY
+        } else {
+            most / least
+        },
+        rank,
+        cameras,
+        open,
+        open_placements,
+        covariance,
+    }
+}
+
+/// The inverse where there is one, and the number of directions where there is none.
+fn pseudo_inverse(own: &Matrix6) -> (Matrix6, usize) {
+    let scale = own.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
+    let scaled = Matrix6::from_fn(|i, j| own[(i, j)] * scale[i] * scale[j]);
+    let eigen = scaled.symmetric_eigen();
+    let (mut inverse, mut open) = (Matrix6::zeros(), 0);
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value <= RANK {
+            open += 1;
+        } else {
+            let column = vector.component_mul(&scale);
+            inverse += column * column.transpose() / *value;
+        }
+    }
+    (inverse, open)
+}
+
+fn camera(
+    bundle: &Bundle,
+    layout: &Layout,
+    covariance: &DMatrix<f64>,
+    open: &[OpenDirection],
+    index: usize,
+) -> CameraUncertainty {
+    let (camera, columns) = (&bundle.cameras[index], &layout.columns[index]);
+    let is_open = |parameter: Parameter| {
+        open.iter().flat_map(|direction| &direction.parameters).any(|&(c, p, _)| c == index && p == parameter)
+    };
+    let sigma = columns.clone().zip(&camera.free).map(|(column, parameter)| {
+        if is_open(*parameter) { f64::INFINITY } else { covariance[(column, column)].max(0.0).sqrt() }
+    });
+    let sigma: Vec<f64> = sigma.collect();
+    let column = |parameter: Parameter| {
+        camera.free.iter().position(|free| *free == parameter).map(|position| columns.start + position)
+    };
+    let mut shift = DMat3::ZERO;
+    let mut rotation = DVec3::ZERO;
+    for i in 0..3_u8 {
+        if let Some(a) = column(Parameter::Rotation(i)) {
+            let open = is_open(Parameter::Rotation(i));
+            rotation[usize::from(i)] = if open { f64::INFINITY } else { covariance[(a, a)].max(0.0).sqrt() };
+        }
+        for j in 0..3_u8 {
+            if let (Some(a), Some(b)) = (column(Parameter::Translation(i)), column(Parameter::Translation(j))) {
+                shift.col_mut(usize::from(j))[usize::from(i)] = covariance[(a, b)];
+            }
+        }
+    }
+    // A shift v along the camera's axes moves its centre by -R^T v.
+    let to_world = DMat3::from_quat(camera.pose.rotation.conjugate());
+    CameraUncertainty { sigma, centre: to_world * shift * to_world.transpose(), rotation }
+}
