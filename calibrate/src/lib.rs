@@ -5,6 +5,8 @@
 
 pub mod bundle;
 pub mod cloud;
+pub mod evidence;
+pub mod rig_file;
 
 pub use cloud::{
     Cloud, CloudError, CloudOptions, CloudPoint, Colmap, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions,
