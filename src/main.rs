@@ -4,6 +4,7 @@
 //! and exit codes: 0 done, 1 failed, 2 wrong usage, 130 stopped by the user.
 
 mod bench;
+mod calibrate;
 mod dataset;
 mod device;
 mod devices;
@@ -62,6 +63,9 @@ enum Command {
     Devices(devices::Arguments),
     /// Record a rig of cameras into a session file.
     Record(record::Arguments),
+    /// Calibrate the cameras of a rig.
+    #[command(subcommand)]
+    Calibrate(calibrate::Command),
     /// Import, vary, check and complete datasets.
     #[command(subcommand)]
     Dataset(dataset::Command),
@@ -98,6 +102,7 @@ fn main() -> ExitCode {
     let done = match command {
         Command::Devices(arguments) => devices::run(&arguments, &terminal),
         Command::Record(arguments) => record::run(&arguments, &terminal),
+        Command::Calibrate(command) => calibrate::run(&command, &terminal),
         Command::Dataset(command) => dataset::run(&command, &terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
         Command::Train(arguments) => train::run(&arguments, &terminal),

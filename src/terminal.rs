@@ -24,7 +24,12 @@ pub struct Terminal {
 impl Terminal {
     /// Starts the log.
     pub fn start_log(&self) {
-        let level = if self.verbose { "erfgs=debug,info,wgpu=warn,naga=warn" } else { "warn,wgpu=error,naga=error" };
+        // The board detectors warn of every picture without a board.
+        let level = if self.verbose {
+            "erfgs=debug,info,wgpu=warn,naga=warn,calib_targets_charuco=error"
+        } else {
+            "warn,wgpu=error,naga=error,calib_targets_charuco=error"
+        };
         let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
         tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
     }

@@ -3,9 +3,11 @@
 //! [`cloud`] turns the frames of a dataset with known poses into coloured 3D points: through COLMAP with matching that
 //! uses the poses, through a dense plane sweep, or at random.
 
+pub mod board;
 pub mod bundle;
 pub mod cloud;
 pub mod evidence;
+pub mod geometry;
 pub mod rig_file;
 
 pub use cloud::{

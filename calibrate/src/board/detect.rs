@@ -1,0 +1,216 @@
+//! Corners of a target in a frame.
+
+use calib_targets_charuco::{CharucoDetector, CharucoParams};
+use calib_targets_chessboard::{
+    ChessboardDetector, ChessboardParams, GrayImageView, default_chess_config, detect_corners,
+};
+use erfgs_session::ImageRgb8;
+use glam::DVec2;
+
+use super::{Target, corner::refine};
+
+/// One corner of a target in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corner {
+    /// Its number on the target, see [`Target::point`].
+    pub id: u32,
+    /// Where it is, pixels, centres at half-integers.
+    pub pixel: DVec2,
+}
+
+/// A grey picture.
+pub(super) struct Grey {
+    pub width: usize,
+    pub height: usize,
+    pub pixels: Vec<u8>,
+}
+
+impl Grey {
+    fn of(image: &ImageRgb8) -> Self {
+        let pixels = image.luma().into_iter().map(|value| value.round().clamp(0.0, 255.0) as u8).collect();
+        Self { width: image.width as usize, height: image.height as usize, pixels }
+    }
+
+    /// The picture at half the size: means of 2x2 pixels.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let pixels = (0..width * height)
+            .map(|i| {
+                let at = (i / width * 2) * self.width + i % width * 2;
+                let sum = |at: usize| u16::from(self.pixels[at]) + u16::from(self.pixels[at + 1]);
+                ((sum(at) + sum(at + self.width) + 2) / 4) as u8
+            })
+            .collect();
+        Self { width, height, pixels }
+    }
+
+    /// The picture at twice the size, bilinear.
+    fn doubled(&self) -> Self {
+        let (width, height) = (2 * self.width, 2 * self.height);
+        let limit = |at: f64, size: usize| at.clamp(0.5, size as f64 - 0.5 - 1e-6);
+        let pixels = (0..width * height)
+            .map(|i| {
+                let place = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5) / 2.0;
+                let inside = DVec2::new(limit(place.x, self.width), limit(place.y, self.height));
+                self.sample(inside).unwrap_or(0.0).round() as u8
+            })
+            .collect();
+        Self { width, height, pixels }
+    }
+
+    fn view(&self) -> GrayImageView<'_> {
+        GrayImageView { width: self.width, height: self.height, data: &self.pixels }
+    }
+
+    /// The brightness at a place between pixels; `None` beyond the outermost centres.
+    pub fn sample(&self, at: DVec2) -> Option<f64> {
+        let (x, y) = (at.x - 0.5, at.y - 0.5);
+        let inside = x >= 0.0 && y >= 0.0 && x < (self.width - 1) as f64 && y < (self.height - 1) as f64;
+        if !inside {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x.fract(), y.fract());
+        let pixel = |dx: usize, dy: usize| f64::from(self.pixels[(row + dy) * self.width + column + dx]);
+        let above = pixel(0, 0) * (1.0 - fx) + pixel(1, 0) * fx;
+        Some(above * (1.0 - fy) + (pixel(0, 1) * (1.0 - fx) + pixel(1, 1) * fx) * fy)
+    }
+}
+
+/// The corners of `target` in a frame; none where it is not seen. A chessboard must be seen with its whole outline, since a
+/// part of it does not tell which part; a ChArUco board may be partly hidden.
+#[must_use]
+pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
+    if image.width < 16 || image.height < 16 {
+        return Vec::new();
+    }
+    let mut grey = Grey::of(image);
+    if let Target::Charuco { inverted: true, .. } = target {
+        grey.pixels.iter_mut().for_each(|pixel| *pixel = 255 - *pixel);
+    }
+    let look = |grey: &Grey| match target {
+        Target::Chessboard { columns, rows, .. } => chessboard(grey, *columns, *rows),
+        Target::Charuco { .. } => charuco(grey, target),
+    };
+    let mut corners = look(&grey);
+    // A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
+    // between its corners at twice the size.
+    let (columns, rows) = target.corners();
+    for (scaled, scale) in [(Grey::halved as fn(&Grey) -> Grey, 2.0), (Grey::doubled, 0.5)] {
+        if 2 * corners.len() >= (columns * rows) as usize || grey.width.min(grey.height) < 200 {
+            break;
+        }
+        let found = look(&scaled(&grey));
+        if found.len() > corners.len() {
+            corners = found.into_iter().map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect();
+        }
+    }
+    exact(&grey, &mut corners, target);
+    corners.sort_by_key(|corner| corner.id);
+    corners
+}
+
+/// Detectors put the centre of the first pixel at 0.
+fn to_ours(x: f32, y: f32) -> DVec2 {
+    DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
+}
+
+fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
+    let found = detect_corners(&grey.view(), &default_chess_config());
+    let configurations = ChessboardParams::sweep_default();
+    let detections = configurations.into_iter().filter_map(|parameters| ChessboardDetector::new(parameters).ok());
+    let (columns, rows) = (columns as i32, rows as i32);
+    for detection in detections.filter_map(|detector| detector.detect(&found)) {
+        let mut grid: Vec<(i32, i32, DVec2)> = detection
+            .corners
+            .iter()
+            .map(|corner| (corner.grid.u, corner.grid.v, to_ours(corner.position.x, corner.position.y)))
+            .collect();
+        let (Some(width), Some(height)) = (grid.iter().map(|c| c.0 + 1).max(), grid.iter().map(|c| c.1 + 1).max())
+        else {
+            continue;
+        };
+        if (width, height) == (rows, columns) && rows != columns {
+            // Lying on its side: a quarter turn, no reflection.
+            for corner in &mut grid {
+                (corner.0, corner.1) = (corner.1, rows - 1 - corner.0);
+            }
+        } else if (width, height) != (columns, rows) {
+            continue;
+        }
+        if 10 * grid.len() < 9 * (columns * rows) as usize {
+            continue;
+        }
+        // Of a board with an odd number of squares in one direction, half a turn exchanges black and white.
+        if upside_down(grey, &grid) {
+            for corner in &mut grid {
+                (corner.0, corner.1) = (columns - 1 - corner.0, rows - 1 - corner.1);
+            }
+        }
+        return grid.into_iter().map(|(u, v, pixel)| Corner { id: (v * columns + u) as u32, pixel }).collect();
+    }
+    Vec::new()
+}
+
+/// Whether the square right below the first corner is bright: on a board, it has the colour of the square at its outer corner,
+/// which is black.
+fn upside_down(grey: &Grey, grid: &[(i32, i32, DVec2)]) -> bool {
+    let at = |u: i32, v: i32| grid.iter().find(|c| (c.0, c.1) == (u, v)).map(|c| c.2);
+    let mut difference = 0.0;
+    for &(u, v, pixel) in grid {
+        let others = (at(u + 1, v), at(u, v + 1), at(u + 1, v + 1));
+        if let (Some(right), Some(below), Some(across)) = others
+            && let Some(brightness) = grey.sample((pixel + right + below + across) / 4.0)
+        {
+            difference += if (u + v) % 2 == 0 { brightness } else { -brightness };
+        }
+    }
+    difference > 0.0
+}
+
+fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
+    let Some(board) = target.charuco() else { return Vec::new() };
+    let mut best = Vec::new();
+    for parameters in CharucoParams::sweep_for_board(&board) {
+        let Ok(detector) = CharucoDetector::new(parameters) else { continue };
+        let Ok(detection) = detector.detect(&grey.view()) else { continue };
+        let enough = 2 * detection.corners.len() >= ((board.rows - 1) * (board.cols - 1)) as usize;
+        if detection.corners.len() > best.len() {
+            best = detection
+                .corners
+                .iter()
+                .map(|corner| Corner { id: corner.id, pixel: to_ours(corner.position.x, corner.position.y) })
+                .collect();
+        }
+        // The configurations after the first are for what it cannot see.
+        if enough {
+            break;
+        }
+    }
+    best
+}
+
+/// Refines each corner in a window that no other edge enters, and leaves out what is no corner.
+fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
+    let (columns, _) = target.corners();
+    let spacing = |corner: &Corner| {
+        let near = corners.iter().filter(|other| {
+            let (a, b) = (other.id / columns, corner.id / columns);
+            let (c, d) = (other.id % columns, corner.id % columns);
+            a.abs_diff(b) + c.abs_diff(d) == 1
+        });
+        near.map(|other| (other.pixel - corner.pixel).length()).fold(f64::INFINITY, f64::min)
+    };
+    let markers = matches!(target, Target::Charuco { .. });
+    let refined: Vec<Corner> = corners
+        .iter()
+        .filter_map(|corner| {
+            // A marker begins an eighth of a square away from the corner, or less.
+            let share = if markers { 0.12 } else { 0.35 };
+            let radius = (share * spacing(corner).min(1e3)).round().clamp(2.0, 9.0) as i32;
+            let pixel = refine(grey, corner.pixel, radius)?;
+            Some(Corner { pixel, ..*corner })
+        })
+        .collect();
+    *corners = refined;
+}

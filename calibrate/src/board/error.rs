@@ -1,0 +1,106 @@
+//! What can go wrong with a board calibration.
+
+use std::path::PathBuf;
+
+use erfgs_session::{image::ImageError, video::VideoError};
+
+use crate::bundle::BundleError;
+
+/// What can go wrong with a board calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum BoardError {
+    /// A folder cannot be listed.
+    #[error("cannot read the folder {}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// There is nothing to look at.
+    #[error(
+        "{} holds neither images, nor videos, nor folders of images; give one folder or video for each camera, or images whose \
+         names begin with the camera's (left01.png, right01.png)",
+        path.display()
+    )]
+    NoImages {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// An image cannot be read.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A video cannot be read.
+    #[error(transparent)]
+    Video(#[from] VideoError),
+    /// A camera's images are not all of one size.
+    #[error("camera {camera}: {} is {found:?} pixels, the images before it {expected:?}; sort the images by camera", path.display())]
+    Size {
+        /// The camera.
+        camera: String,
+        /// The odd image.
+        path: PathBuf,
+        /// Its size.
+        found: [u32; 2],
+        /// The others' size.
+        expected: [u32; 2],
+    },
+    /// Frame times that cannot be used.
+    #[error("{}: {what}", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// The board is not seen often enough.
+    #[error(
+        "camera {camera}: the board is seen in {seen} of {frames} frames, and at least {needed} are needed; check --target \
+         ({target}), and show the board whole, sharp and tilted in different ways"
+    )]
+    TooFewViews {
+        /// The camera.
+        camera: String,
+        /// Frames with a board.
+        seen: usize,
+        /// All frames.
+        frames: usize,
+        /// How many are needed.
+        needed: usize,
+        /// The target.
+        target: String,
+    },
+    /// No focal length follows from the views.
+    #[error(
+        "camera {camera}: its {views} views of the board do not determine the focal length, because the board never tilts \
+         against the image; add views tilted by 30 degrees or more about both axes"
+    )]
+    NoFocal {
+        /// The camera.
+        camera: String,
+        /// Number of views.
+        views: usize,
+    },
+    /// The adjustment leaves something open.
+    #[error("the views do not determine {what}; add views that differ in tilt and distance, or fix what is known")]
+    Open {
+        /// What.
+        what: String,
+    },
+    /// Cameras that cannot be tied together.
+    #[error(
+        "the board is never seen by a camera of the group [{}] and one of the group [{}] at once, so that their poses cannot be \
+         tied; record the board where both see it, or check the frame times",
+        one.join(", "),
+        other.join(", ")
+    )]
+    Apart {
+        /// One group.
+        one: Vec<String>,
+        /// The other.
+        other: Vec<String>,
+    },
+    /// The adjustment cannot be set up.
+    #[error(transparent)]
+    Bundle(#[from] BundleError),
+}

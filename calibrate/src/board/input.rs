@@ -1,0 +1,234 @@
+//! The frames in which boards are looked for.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use erfgs_session::{ImageRgb8, video::Video};
+use rayon::prelude::*;
+
+use super::{BoardError, Corner, Target, detect};
+
+/// A frame in which the board was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What frames of other cameras taken at the same instant are called, too.
+    pub instant: String,
+    /// When it was taken, seconds, where that is known.
+    pub time_s: Option<f64>,
+    /// The image, or the video.
+    pub file: PathBuf,
+    /// The corners.
+    pub corners: Vec<Corner>,
+}
+
+/// What one camera saw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// The camera's name.
+    pub camera: String,
+    /// Width and height of its frames, pixels.
+    pub size: [u32; 2],
+    /// Number of frames that were looked at.
+    pub frames: usize,
+    /// Those with a board, in order.
+    pub views: Vec<View>,
+}
+
+const IMAGES: [&str; 4] = ["png", "jpg", "jpeg", "ppm"];
+const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
+
+/// One camera's input.
+enum Input {
+    Images(Vec<(String, PathBuf)>),
+    Video(PathBuf),
+}
+
+/// Looks for `target` in all frames below `folder`: a folder of images for each camera, or a video for each camera, or images
+/// whose names begin with the camera's name. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
+/// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. `progress` gets the
+/// number of frames that were looked at and, where it is known, that of all.
+///
+/// # Errors
+/// If nothing is found to look at, or a file cannot be read.
+pub fn look(
+    folder: &Path,
+    target: &Target,
+    progress: &(dyn Fn(usize, Option<usize>) + Sync),
+) -> Result<Vec<Seen>, BoardError> {
+    let cameras = cameras(folder)?;
+    if cameras.is_empty() {
+        return Err(BoardError::NoImages { path: folder.into() });
+    }
+    let times = Times::read(&folder.join("timestamps.csv"))?;
+    let total = cameras.values().map(|input| if let Input::Images(images) = input { Some(images.len()) } else { None });
+    let total = total.sum::<Option<usize>>();
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let tick = || progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
+    cameras
+        .into_iter()
+        .map(|(camera, input)| match input {
+            Input::Images(images) => of_images(&camera, &images, target, &tick),
+            Input::Video(path) => of_video(&camera, &path, times.as_ref(), target, &tick),
+        })
+        .collect()
+}
+
+fn list(folder: &Path) -> Result<Vec<PathBuf>, BoardError> {
+    let error = |source| BoardError::Folder { path: folder.into(), source };
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
+        .map_err(error)?
+        .map(|entry| entry.map(|e| e.path()))
+        .collect::<Result<_, _>>()
+        .map_err(error)?;
+    entries.sort();
+    Ok(entries)
+}
+
+fn has_extension(path: &Path, of: &[&str]) -> bool {
+    path.extension().is_some_and(|e| of.iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+fn cameras(folder: &Path) -> Result<BTreeMap<String, Input>, BoardError> {
+    let mut cameras = BTreeMap::new();
+    let mut loose: BTreeMap<String, Vec<(String, PathBuf)>> = BTreeMap::new();
+    for path in list(folder)? {
+        if path.is_dir() {
+            let images: Vec<(String, PathBuf)> = list(&path)?
+                .into_iter()
+                .filter(|file| has_extension(file, &IMAGES))
+                .map(|file| (stem(&file), file))
+                .collect();
+            if !images.is_empty() {
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                cameras.insert(name, Input::Images(images));
+            }
+        } else if has_extension(&path, &VIDEOS) {
+            cameras.insert(stem(&path), Input::Video(path));
+        } else if has_extension(&path, &IMAGES) {
+            let name = stem(&path);
+            let camera = name.trim_end_matches(|c: char| c.is_ascii_digit());
+            let instant = name[camera.len()..].to_owned();
+            let camera = camera.trim_end_matches(['_', '-', '.']);
+            let camera = if camera.is_empty() { "camera" } else { camera };
+            loose.entry(camera.to_owned()).or_default().push((instant, path));
+        }
+    }
+    // Beside folders or videos, loose images are something else: a mask, a photograph of the rig.
+    if cameras.is_empty() {
+        cameras.extend(loose.into_iter().map(|(camera, images)| (camera, Input::Images(images))));
+    }
+    Ok(cameras)
+}
+
+fn of_images(
+    camera: &str,
+    images: &[(String, PathBuf)],
+    target: &Target,
+    tick: &(dyn Fn() + Sync),
+) -> Result<Seen, BoardError> {
+    let looked: Vec<([u32; 2], View)> = images
+        .par_iter()
+        .map(|(instant, file)| {
+            let image = ImageRgb8::read(file)?;
+            let view =
+                View { instant: instant.clone(), time_s: None, file: file.clone(), corners: detect(&image, target) };
+            tick();
+            Ok(([image.width, image.height], view))
+        })
+        .collect::<Result<_, BoardError>>()?;
+    let size = looked.first().map_or([0, 0], |(size, _)| *size);
+    for (found, view) in &looked {
+        if *found != size {
+            let (camera, path) = (camera.into(), view.file.clone());
+            return Err(BoardError::Size { camera, path, found: *found, expected: size });
+        }
+    }
+    let frames = looked.len();
+    let views = looked.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
+    Ok(Seen { camera: camera.into(), size, frames, views })
+}
+
+fn of_video(
+    camera: &str,
+    path: &Path,
+    times: Option<&Times>,
+    target: &Target,
+    tick: &(dyn Fn() + Sync),
+) -> Result<Seen, BoardError> {
+    /// Frames that are decoded before they are looked at together.
+    const BATCH: usize = 16;
+    let mut video = Video::open(path)?;
+    let labels = times.and_then(|times| times.of(camera));
+    let (mut size, mut frames, mut views) = ([0, 0], 0, Vec::new());
+    loop {
+        let mut batch: Vec<(usize, ImageRgb8)> = Vec::new();
+        while batch.len() < BATCH
+            && let Some(image) = video.next_frame()?
+        {
+            batch.push((frames + batch.len(), image));
+        }
+        if batch.is_empty() {
+            break;
+        }
+        frames += batch.len();
+        size = [batch[0].1.width, batch[0].1.height];
+        let found: Vec<View> = batch
+            .par_iter()
+            .map(|(number, image)| {
+                let label = labels.and_then(|labels| labels.get(*number));
+                let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
+                let view =
+                    View { instant, time_s: label.map(|l| l.1), file: path.into(), corners: detect(image, target) };
+                tick();
+                view
+            })
+            .collect();
+        views.extend(found.into_iter().filter(|view| !view.corners.is_empty()));
+    }
+    Ok(Seen { camera: camera.into(), size, frames, views })
+}
+
+/// The times of videos' frames: by camera, in the order of the frames, the instant and the time in seconds.
+struct Times(BTreeMap<String, Vec<(String, f64)>>);
+
+impl Times {
+    fn read(path: &Path) -> Result<Option<Self>, BoardError> {
+        if !path.exists() {
+            return Ok(None);
+        }
+        let error = |what: String| BoardError::Times { path: path.into(), what };
+        let text = std::fs::read_to_string(path).map_err(|source| error(format!("it cannot be read: {source}")))?;
+        let mut lines = text.lines();
+        let head: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
+        let column = |names: &[&str]| {
+            head.iter()
+                .position(|name| names.contains(name))
+                .ok_or_else(|| error(format!("its first line names no column {}", names.join(" or "))))
+        };
+        let (camera, time) = (column(&["cam_id", "camera"])?, column(&["frame_time"])?);
+        let instant = column(&["sync_index"])?;
+        let mut cameras: BTreeMap<String, Vec<(String, f64)>> = BTreeMap::new();
+        for (number, line) in lines.enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            let seconds = cells.get(time).and_then(|cell| cell.parse::<f64>().ok()).filter(|t| t.is_finite());
+            let (Some(camera), Some(seconds), Some(instant)) = (cells.get(camera), seconds, cells.get(instant)) else {
+                return Err(error(format!("line {}: it has no camera, time and instant", number + 2)));
+            };
+            cameras.entry((*camera).to_owned()).or_default().push(((*instant).to_owned(), seconds));
+        }
+        cameras.values_mut().for_each(|frames| frames.sort_by(|a, b| a.1.total_cmp(&b.1)));
+        Ok(Some(Self(cameras)))
+    }
+
+    /// The frames of a camera, which the file calls by its name or by the number at its end.
+    fn of(&self, camera: &str) -> Option<&Vec<(String, f64)>> {
+        let number = camera.trim_start_matches(|c: char| !c.is_ascii_digit());
+        self.0.get(camera).or_else(|| self.0.get(number))
+    }
+}

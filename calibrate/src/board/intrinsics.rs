@@ -1,0 +1,180 @@
+//! Intrinsics of one camera from its views of a board.
+
+use erfgs_session::{Distortion, Intrinsics, Pose};
+use glam::{DVec2, DVec3};
+
+use super::{BoardError, Seen, Target, View};
+use crate::{
+    bundle::{Bundle, Camera, Loss, Observation, Options, Parameter, Placement, Solution, Uncertainty, free_lens},
+    geometry::homography::plane_pose,
+};
+
+/// How the lens is modelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LensModel {
+    /// No distortion.
+    Pinhole,
+    /// Brown-Conrady with k1, k2, p1, p2, k3.
+    #[default]
+    Brown5,
+    /// Brown-Conrady's rational form with eight coefficients.
+    Brown8,
+    /// Kannala-Brandt's fisheye with four.
+    Fisheye,
+}
+
+/// Views that are needed at least.
+const LEAST_VIEWS: usize = 3;
+/// Focal lengths that are tried at the start, in image widths.
+const FOCALS: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
+
+/// One camera, calibrated alone.
+#[derive(Clone, Debug)]
+pub struct Single {
+    /// The problem, solved: one camera at the origin, one board for each view.
+    pub bundle: Bundle,
+    /// How it went.
+    pub solution: Solution,
+    /// How well it is determined.
+    pub uncertainty: Uncertainty,
+}
+
+impl LensModel {
+    fn none(self) -> Distortion {
+        match self {
+            Self::Pinhole => Distortion::None,
+            Self::Brown5 | Self::Brown8 => Distortion::BrownConrady([0.0; 8]),
+            Self::Fisheye => Distortion::KannalaBrandt([0.0; 4]),
+        }
+    }
+
+    /// All intrinsic parameters of the model.
+    #[must_use]
+    pub fn parameters(self) -> Vec<Parameter> {
+        free_lens(match self {
+            Self::Pinhole => 0,
+            Self::Fisheye => 4,
+            Self::Brown5 => 5,
+            Self::Brown8 => 8,
+        })
+    }
+}
+
+/// Calibrates one camera. `aspect` holds fy/fx at 1.
+///
+/// # Errors
+/// If there are too few views, or they leave a parameter open.
+pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
+    let views: Vec<&View> = seen.views.iter().filter(|view| view.corners.len() >= 6).collect();
+    if views.len() < LEAST_VIEWS {
+        return Err(BoardError::TooFewViews {
+            camera: seen.camera.clone(),
+            seen: views.len(),
+            frames: seen.frames,
+            needed: LEAST_VIEWS,
+            target: target.to_string(),
+        });
+    }
+    let mut bundle = start(seen, &views, target, model)?;
+    let mut free = model.parameters();
+    if aspect {
+        free.retain(|parameter| !matches!(parameter, Parameter::Fx | Parameter::Fy));
+        free.insert(0, Parameter::Focal);
+    }
+    bundle.cameras[0].free = free;
+    bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
+    // What a mistaken corner is, as against a lens that does not fit: far beyond the others.
+    let typical = median_residual(&bundle);
+    bundle.mark_outliers(0.0, (8.0 * typical).max(1.0));
+    let solution = bundle.solve(&Options::default())?;
+    let uncertainty = bundle.uncertainty(Loss::Squared)?;
+    if let Some(open) = uncertainty.open.first() {
+        let focal =
+            open.parameters.iter().any(|(_, p, _)| matches!(p, Parameter::Focal | Parameter::Fx | Parameter::Fy));
+        if focal {
+            return Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len() });
+        }
+        let names = open.parameters.iter().map(|(_, parameter, _)| parameter.name(&bundle.cameras[0]));
+        let what = format!("{} of camera {}", names.collect::<Vec<_>>().join(", "), seen.camera);
+        return Err(BoardError::Open { what });
+    }
+    Ok(Single { bundle, solution, uncertainty })
+}
+
+/// The median length of the residuals, pixels.
+pub(super) fn median_residual(bundle: &Bundle) -> f64 {
+    let mut lengths: Vec<f64> =
+        bundle.observations.iter().filter_map(|o| bundle.residual_px(o)).map(DVec2::length).collect();
+    lengths.sort_by(f64::total_cmp);
+    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The board's pose before a camera with these intrinsics.
+pub(super) fn board_pose(view: &View, target: &Target, intrinsics: &Intrinsics) -> Option<Pose> {
+    let (on_plane, rays): (Vec<DVec2>, Vec<DVec3>) = view
+        .corners
+        .iter()
+        .filter_map(|corner| Some((target.point(corner.id)?.truncate(), intrinsics.unproject(corner.pixel).ok()?)))
+        .unzip();
+    plane_pose(&on_plane, &rays)
+}
+
+/// The observations of a view.
+pub(super) fn observations<'a>(
+    view: &'a View,
+    target: &'a Target,
+    camera: usize,
+    placement: usize,
+    sigma_px: f64,
+) -> impl Iterator<Item = Observation> + 'a {
+    view.corners.iter().filter_map(move |corner| {
+        let on_target = target.point(corner.id)?;
+        let (pixel, velocity) = (corner.pixel, DVec2::ZERO);
+        Some(Observation { camera, placement, on_target, pixel, sigma_px, velocity, used: true })
+    })
+}
+
+/// A first guess: of several focal lengths, the one with which boards fit best after a few steps.
+fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Result<Bundle, BoardError> {
+    let [width, height] = seen.size;
+    let mut best: Option<(f64, Bundle)> = None;
+    for share in FOCALS {
+        let focal = share * f64::from(width.max(height));
+        let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
+        let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx, cy, distortion: model.none() };
+        let mut bundle = Bundle {
+            cameras: vec![Camera {
+                name: seen.camera.clone(),
+                intrinsics,
+                pose: Pose::IDENTITY,
+                time_offset_s: 0.0,
+                free: vec![Parameter::Focal],
+            }],
+            ..Bundle::default()
+        };
+        for view in views {
+            let Some(pose) = board_pose(view, target, &intrinsics) else { continue };
+            bundle.observations.extend(observations(view, target, 0, bundle.placements.len(), 1.0));
+            bundle.placements.push(Placement::Board(pose));
+        }
+        if bundle.placements.len() < LEAST_VIEWS {
+            continue;
+        }
+        if !matches!(model, LensModel::Pinhole) {
+            bundle.cameras[0].free.push(Parameter::Coefficient(0));
+        }
+        let options = Options { loss: Loss::Cauchy(3.0), iterations: 25, ..Options::default() };
+        let solution = bundle.solve(&options)?;
+        // Each view that could not even be guessed counts as badly as one that does not fit.
+        let missing = (views.len() - bundle.placements.len()) as f64;
+        let cost = solution.steps.iter().filter(|step| step.taken).map(|step| step.cost).fold(f64::INFINITY, f64::min);
+        let cost = cost / bundle.observations.len() as f64 * (1.0 + missing);
+        if cost.is_finite() && best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, bundle));
+        }
+    }
+    match best {
+        Some((_, bundle)) => Ok(bundle),
+        None => Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len() }),
+    }
+}

@@ -1,0 +1,23 @@
+//! Calibration with a board: chessboard or ChArUco, held before the cameras.
+//!
+//! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
+//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
+//! one adjustment over all cameras ends it (`rig.rs`).
+
+mod chain;
+mod corner;
+mod detect;
+mod error;
+mod input;
+mod intrinsics;
+mod print;
+mod rig;
+mod target;
+
+pub use detect::{Corner, detect};
+pub use error::BoardError;
+pub use input::{Seen, View, look};
+pub use intrinsics::{LensModel, Single, single};
+pub use print::{Paper, blinking_page, print};
+pub use rig::{BoardOptions, calibrate};
+pub use target::Target;

@@ -1,0 +1,3 @@
+pub struct Paper;
+pub fn print() {}
+pub fn blinking_page() {}

@@ -1,0 +1,176 @@
+//! What is printed on a board.
+
+use std::{fmt, str::FromStr};
+
+use calib_targets_charuco::{CharucoBoardSpec, Dictionary, resolve_dictionary};
+use glam::DVec3;
+
+/// A flat target. Its frame: origin at the first inner corner of a chessboard, or at the outer corner of a ChArUco board; x to
+/// the right, y down on the printed sheet, z into it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Target {
+    /// `chessboard:COLUMNSxROWS:SQUARE`: inner corners, and the side of a square in metres.
+    Chessboard {
+        /// Inner corners in a row.
+        columns: u32,
+        /// Rows of inner corners.
+        rows: u32,
+        /// Side of a square, metres.
+        square_m: f64,
+    },
+    /// `charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY`: squares, their side and a marker's in metres.
+    Charuco {
+        /// Squares in a row.
+        columns: u32,
+        /// Rows of squares.
+        rows: u32,
+        /// Side of a square, metres.
+        square_m: f64,
+        /// Side of a marker, metres.
+        marker_m: f64,
+        /// The markers' dictionary, by OpenCV's name, such as `DICT_4X4_50`.
+        dictionary: String,
+        /// Whether black and white are exchanged on the print.
+        inverted: bool,
+    },
+}
+
+impl Target {
+    /// Where corner `id` is on the target, metres; ids count row by row from 0.
+    #[must_use]
+    pub fn point(&self, id: u32) -> Option<DVec3> {
+        let (columns, rows) = self.corners();
+        if id >= columns * rows {
+            return None;
+        }
+        let (column, row) = (f64::from(id % columns), f64::from(id / columns));
+        Some(match self {
+            Self::Chessboard { square_m, .. } => DVec3::new(column, row, 0.0) * *square_m,
+            Self::Charuco { square_m, .. } => DVec3::new(column + 1.0, row + 1.0, 0.0) * *square_m,
+        })
+    }
+
+    /// Inner corners in a row, and rows of them.
+    #[must_use]
+    pub fn corners(&self) -> (u32, u32) {
+        match self {
+            Self::Chessboard { columns, rows, .. } => (*columns, *rows),
+            Self::Charuco { columns, rows, .. } => (columns - 1, rows - 1),
+        }
+    }
+
+    /// Side of a square, metres.
+    #[must_use]
+    pub fn square_m(&self) -> f64 {
+        match self {
+            Self::Chessboard { square_m, .. } | Self::Charuco { square_m, .. } => *square_m,
+        }
+    }
+
+    /// What the ChArUco detector has to know; lengths in squares. `None` for other targets.
+    pub(super) fn charuco(&self) -> Option<CharucoBoardSpec> {
+        let Self::Charuco { columns, rows, square_m, marker_m, dictionary, .. } = self else { return None };
+        let dictionary = dictionary_named(dictionary)?;
+        Some(CharucoBoardSpec::new(*rows, *columns, 1.0, (marker_m / square_m) as f32, dictionary))
+    }
+}
+
+fn dictionary_named(name: &str) -> Option<Dictionary> {
+    resolve_dictionary(name)
+}
+
+impl FromStr for Target {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = |what: &str| {
+            format!(
+                "'{text}' is not a target: {what}; write chessboard:9x6:0.025 (inner corners, metres) or \
+                 charuco:5x4:0.054:0.0405:DICT_4X4_50 (squares, metres)"
+            )
+        };
+        let mut parts = text.split(':');
+        let kind = parts.next().unwrap_or_default();
+        let size = parts.next().ok_or_else(|| wrong("its size is missing"))?;
+        let (columns, rows) = size.split_once('x').ok_or_else(|| wrong("its size is not COLUMNSxROWS"))?;
+        let count = |text: &str| text.parse::<u32>().ok().filter(|count| (2..=200).contains(count));
+        let (columns, rows) = count(columns)
+            .zip(count(rows))
+            .ok_or_else(|| wrong("columns and rows must be whole numbers from 2 to 200"))?;
+        let mut length = |what: &str| {
+            let value = parts.next().and_then(|text| text.parse::<f64>().ok());
+            value
+                .filter(|v| *v > 0.0 && *v <= 100.0)
+                .ok_or_else(|| wrong(&format!("its {what} is no length in metres")))
+        };
+        let square_m = length("square")?;
+        let target = match kind {
+            "chessboard" => Self::Chessboard { columns, rows, square_m },
+            "charuco" => {
+                let marker_m = length("marker")?;
+                if marker_m >= square_m {
+                    return Err(wrong("its marker is not smaller than its square"));
+                }
+                let dictionary = parts.next().unwrap_or("DICT_4X4_50").to_ascii_uppercase();
+                if dictionary_named(&dictionary).is_none() {
+                    return Err(wrong(&format!("there is no dictionary {dictionary}")));
+                }
+                let inverted = match parts.next() {
+                    None => false,
+                    Some("inverted") => true,
+                    Some(_) => return Err(wrong("after the dictionary only 'inverted' may stand")),
+                };
+                if columns < 3 || rows < 3 {
+                    return Err(wrong("a ChArUco board has at least 3x3 squares"));
+                }
+                Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted }
+            }
+            _ => return Err(wrong("its kind is neither chessboard nor charuco")),
+        };
+        if parts.next().is_some() { Err(wrong("it has too many parts")) } else { Ok(target) }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Chessboard { columns, rows, square_m } => write!(f, "chessboard:{columns}x{rows}:{square_m}"),
+            Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted } => {
+                let inverted = if *inverted { ":inverted" } else { "" };
+                write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_are_written_as_they_are_read() {
+        for text in ["chessboard:9x6:0.025", "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted"] {
+            assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
+        }
+        let board: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000".parse().unwrap();
+        assert_eq!((board.corners(), board.point(3)), ((3, 4), Some(DVec3::new(0.054, 0.108, 0.0))));
+        assert_eq!(board.point(12), None);
+        assert!(board.charuco().is_some());
+    }
+
+    #[test]
+    fn wrong_targets_are_told_what_is_wrong() {
+        for (text, what) in [
+            ("chessboard", "size is missing"),
+            ("chessboard:9x1:0.02", "from 2 to 200"),
+            ("chessboard:9x6:-1", "square"),
+            ("chessboard:9x6:0.02:1", "too many"),
+            ("charuco:5x4:0.02:0.03", "smaller"),
+            ("charuco:5x4:0.02:0.01:DICT_9", "dictionary"),
+            ("circles:5x4:0.02", "kind"),
+        ] {
+            let message = text.parse::<Target>().unwrap_err();
+            assert!(message.contains(what), "{text}: {message}");
+        }
+    }
+}

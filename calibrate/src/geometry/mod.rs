@@ -1,0 +1,3 @@
+//! Geometry that stands before any adjustment: first guesses from what was seen.
+
+pub mod homography;

@@ -1,0 +1,94 @@
+//! `erfgs calibrate board`: cameras from a chessboard or ChArUco board.
+
+use std::path::PathBuf;
+
+use erfgs_calibrate::{
+    board::{BoardOptions, LensModel, Target, calibrate, look},
+    rig_file::RigFile,
+};
+
+use super::summary::finish;
+use crate::terminal::Terminal;
+
+/// Calibrate with a chessboard or ChArUco board that was held before the cameras.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+INPUT is a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
+(left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
+file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says.
+
+Targets:
+  chessboard:9x6:0.025                    inner corners, side of a square in metres
+  charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print
+
+One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world.
+
+Examples:
+  erfgs calibrate board images --target chessboard:9x6:0.025
+  erfgs calibrate board videos --target charuco:5x4:0.054:0.0405:DICT_4X4_50 --out rig.json
+  erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
+  erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]
+pub struct Arguments {
+    /// Images or videos of the board.
+    input: PathBuf,
+    /// What is printed on the board.
+    #[arg(long, value_name = "TARGET")]
+    target: Target,
+    /// Lens model: pinhole, brown (k1, k2, p1, p2, k3), brown8 (rational) or fisheye.
+    #[arg(long, value_name = "MODEL", default_value = "brown", value_parser = lens_model)]
+    lens: LensModel,
+    /// Hold fy/fx at 1.
+    #[arg(long)]
+    square_pixels: bool,
+    /// A rig file whose intrinsics are kept for the cameras that it names.
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
+    /// Keep the intrinsics that each camera alone gives while the poses are adjusted.
+    #[arg(long)]
+    keep_intrinsics: bool,
+    /// Estimate each camera's time offset; needs frame times and a board that moves.
+    #[arg(long)]
+    time_offsets: bool,
+    /// The rig file to write; the report goes beside it, with the extension html.
+    #[arg(long, value_name = "FILE", default_value = "rig.json")]
+    out: PathBuf,
+}
+
+fn lens_model(text: &str) -> Result<LensModel, String> {
+    match text {
+        "pinhole" => Ok(LensModel::Pinhole),
+        "brown" => Ok(LensModel::Brown5),
+        "brown8" => Ok(LensModel::Brown8),
+        "fisheye" => Ok(LensModel::Fisheye),
+        _ => Err("the lens models are pinhole, brown, brown8 and fisheye".into()),
+    }
+}
+
+/// Looks for boards and calibrates.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut options = BoardOptions {
+        model: arguments.lens,
+        square_pixels: arguments.square_pixels,
+        time_offsets: arguments.time_offsets,
+        keep_intrinsics: arguments.keep_intrinsics,
+        ..BoardOptions::default()
+    };
+    if let Some(path) = &arguments.rig {
+        let rig = RigFile::read(path)?;
+        options.known = rig.cameras.into_iter().map(|camera| (camera.name, camera.intrinsics)).collect();
+    }
+    let progress = terminal.progress("looking for the board");
+    let seen = look(&arguments.input, &arguments.target, &|done, total| {
+        progress.update(done as u64, total.map_or(0, |total| total as u64), "frames");
+    })?;
+    drop(progress);
+    for seen in &seen {
+        terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
+    }
+    let progress = terminal.progress("calibrating");
+    let (rig, evidence) = calibrate(&seen, &arguments.target, &options, &|done, total, what| {
+        progress.update(done as u64, total as u64, what);
+    })?;
+    drop(progress);
+    finish(&rig, &evidence, &arguments.out, terminal)
+}

@@ -1,0 +1,22 @@
+//! `erfgs calibrate`: one file per way of calibrating.
+
+mod board;
+mod summary;
+
+use clap::Subcommand;
+
+use crate::terminal::Terminal;
+
+/// Intrinsics, poses and time offsets of a rig's cameras, with their uncertainties.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
+    Board(board::Arguments),
+}
+
+/// Runs a subcommand.
+pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
+    match command {
+        Command::Board(arguments) => board::run(arguments, terminal),
+    }
+}

@@ -1,0 +1,70 @@
+//! What every way of calibrating ends with: the rig file, the report, a table.
+
+use std::path::Path;
+
+use erfgs_calibrate::{
+    evidence::Evidence,
+    rig_file::{RigCamera, RigFile},
+};
+
+use crate::terminal::{Terminal, table, thousands};
+
+/// Writes the rig and its report, and prints a summary.
+pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Terminal) -> anyhow::Result<()> {
+    rig.write(out)?;
+    let _ = evidence;
+    terminal.result(rig, || {
+        let mut text = table(&rows(rig));
+        if let Some(quality) = &rig.quality {
+            text.push_str(&format!(
+                "\nrms {:.3} px, {} degrees of freedom, condition {}\n",
+                quality.rms_px,
+                thousands(quality.degrees_of_freedom as u64),
+                quality.condition.map_or("infinite".into(), |condition| format!("{condition:.1e}")),
+            ));
+            for (name, value) in &quality.measures {
+                text.push_str(&format!("{}: {value:.3}\n", name.replace('_', " ")));
+            }
+            for open in &quality.open {
+                text.push_str(&format!("not determined: {open}\n"));
+            }
+        }
+        let own =
+            rig.cameras.iter().flat_map(|camera| camera.warnings.iter().map(|warning| (camera.name.as_str(), warning)));
+        for (camera, warning) in own.chain(rig.warnings.iter().map(|warning| ("rig", warning))) {
+            text.push_str(&format!("warning: {camera}: {warning}\n"));
+        }
+        text.push_str(&format!("{}\n", out.display()));
+        text
+    })
+}
+
+fn rows(rig: &RigFile) -> Vec<Vec<String>> {
+    let with_sigma = |value: f64, sigma: Option<f64>, digits: usize| match sigma {
+        Some(sigma) => format!("{value:.digits$} ± {sigma:.digits$}"),
+        None => format!("{value:.digits$}"),
+    };
+    let longest = |sigma: &[Option<f64>; 3], scale: f64, digits: usize| match sigma {
+        [Some(x), Some(y), Some(z)] => format!("{:.digits$}", scale * (x * x + y * y + z * z).sqrt()),
+        _ => "open".into(),
+    };
+    let row = |camera: &RigCamera| {
+        let sigma = camera.sigma.as_ref();
+        let of = |name: &str| sigma.and_then(|sigma| sigma.intrinsics.get(name).copied().flatten());
+        let i = &camera.intrinsics;
+        vec![
+            camera.name.clone(),
+            camera.rms_px.map_or("-".into(), |rms| format!("{rms:.3}")),
+            thousands(camera.observations as u64),
+            thousands(camera.outliers as u64),
+            with_sigma(i.fx, of("fx"), 2),
+            with_sigma(i.cx, of("cx"), 2),
+            with_sigma(i.cy, of("cy"), 2),
+            camera.pose.and(sigma).map_or("-".into(), |sigma| longest(&sigma.centre_m, 1e3, 3)),
+            camera.pose.and(sigma).map_or("-".into(), |sigma| longest(&sigma.rotation_deg, 1.0, 4)),
+            with_sigma(camera.time_offset_s * 1e3, sigma.and_then(|sigma| sigma.time_offset_s).map(|s| s * 1e3), 2),
+        ]
+    };
+    let head = ["camera", "rms px", "observed", "outliers", "fx", "cx", "cy", "centre ± mm", "turn ± deg", "offset ms"];
+    std::iter::once(head.map(String::from).to_vec()).chain(rig.cameras.iter().map(row)).collect()
+}
