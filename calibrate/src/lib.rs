@@ -8,6 +8,7 @@ pub mod bundle;
 pub mod cloud;
 pub mod evidence;
 pub mod geometry;
+pub mod report;
 pub mod rig_file;
 
 pub use cloud::{

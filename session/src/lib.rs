@@ -17,6 +17,7 @@ pub mod import;
 pub mod lens;
 pub mod npy;
 pub mod npz;
+pub mod page;
 pub mod pixel;
 pub mod ply;
 pub mod pose;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use erfgs_calibrate::{
     evidence::Evidence,
+    report,
     rig_file::{RigCamera, RigFile},
 };
 
@@ -12,7 +13,8 @@ use crate::terminal::{Terminal, table, thousands};
 /// Writes the rig and its report, and prints a summary.
 pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Terminal) -> anyhow::Result<()> {
     rig.write(out)?;
-    let _ = evidence;
+    let page = out.with_extension("html");
+    report::write(rig, evidence, &page)?;
     terminal.result(rig, || {
         let mut text = table(&rows(rig));
         if let Some(quality) = &rig.quality {
@@ -34,7 +36,7 @@ pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Termina
         for (camera, warning) in own.chain(rig.warnings.iter().map(|warning| ("rig", warning))) {
             text.push_str(&format!("warning: {camera}: {warning}\n"));
         }
-        text.push_str(&format!("{}\n", out.display()));
+        text.push_str(&format!("\n{}\n{}\n", out.display(), page.display()));
         text
     })
 }

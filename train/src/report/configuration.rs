@@ -59,7 +59,7 @@ pub(super) fn section(scene: &Scene) -> String {
         keys.len(),
         html::table("configuration", &head, &all)
     );
-    html::section(scene, "configuration", "Configuration", &body)
+    html::section(&scene.prefix, "configuration", "Configuration", &body)
 }
 
 fn flatten(prefix: &str, table: &toml::Table, found: &mut impl FnMut(String, String)) {

@@ -48,7 +48,7 @@ pub(super) fn quality(scene: &Scene) -> String {
          them.{note}</p>\n",
         names(scene)
     );
-    html::section(scene, "curves", "Error against run time", &body)
+    html::section(&scene.prefix, "curves", "Error against run time", &body)
 }
 
 /// Losses and numbers of Gaussians over iterations.
@@ -81,7 +81,7 @@ pub(super) fn losses(scene: &Scene) -> String {
         return String::new();
     }
     html::section(
-        scene,
+        &scene.prefix,
         "losses",
         "Losses and Gaussians",
         &format!("{}<div class=\"plots small\">\n{plots}</div>\n", names(scene)),

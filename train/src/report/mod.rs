@@ -5,11 +5,9 @@
 
 mod configuration;
 mod curves;
-mod html;
 mod load;
 mod picture_io;
 mod pictures;
-mod plot;
 mod rig;
 mod scenes;
 mod setting;
@@ -21,6 +19,8 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
 };
+
+use erfgs_session::page::{html, plot};
 
 use crate::run::{RunError, RunFolder, replace};
 

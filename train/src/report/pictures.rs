@@ -36,7 +36,7 @@ pub(super) fn views(scene: &mut Scene) -> String {
          channel. Details show, for all runs, the place where they err most together; their pixels are enlarged.</p>\n",
         picture_io::gradient()
     );
-    html::section(scene, "pictures", "Side by side", &(legend + &body))
+    html::section(&scene.prefix, "pictures", "Side by side", &(legend + &body))
 }
 
 /// The pictures that all evaluated runs have, by their mean DPSNR over the runs (PSNR where nothing moves): what each
@@ -211,7 +211,7 @@ pub(super) fn events(scene: &mut Scene) -> String {
         "<div class=\"pictures events\" style=\"--columns:{columns}\">\n{body}</div>\n<p class=\"caption\">Of each event camera \
          the frame with most events, as measured and as predicted from the rendered brightness.</p>\n"
     );
-    html::section(scene, "events", "Event frames", &body)
+    html::section(&scene.prefix, "events", "Event frames", &body)
 }
 
 /// Of each camera (the first few by name) the frame whose picture has most pixels unlike its background.

@@ -27,7 +27,7 @@ pub(super) fn left_out(scene: &Scene) -> String {
         return String::new();
     }
     let head = "<tr><th>Run</th><th>Left out</th><th>Why</th><th>Saved</th></tr>";
-    html::section(scene, "left-out", "What was left out", &html::table("prose", head, &rows))
+    html::section(&scene.prefix, "left-out", "What was left out", &html::table("prose", head, &rows))
 }
 
 /// What a camera is for, in a word or two.
@@ -66,7 +66,7 @@ pub(super) fn dataset(scene: &Scene) -> String {
     body.push_str("</p>\n");
     body += &steps(dataset);
     let _ = write!(body, "<div class=\"beside\">\n{}{}</div>\n", rig::figure(dataset), table(dataset));
-    html::section(scene, "dataset", "Dataset", &body)
+    html::section(&scene.prefix, "dataset", "Dataset", &body)
 }
 
 fn steps(dataset: &Manifest) -> String {

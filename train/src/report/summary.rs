@@ -81,7 +81,7 @@ pub(super) fn section(scene: &Scene) -> String {
     }
     body.push_str("Training time is without evaluation and without writing files.</p>\n");
     body.push_str(&machines(scene));
-    html::section(scene, "summary", "Summary", &body)
+    html::section(&scene.prefix, "summary", "Summary", &body)
 }
 
 fn row(scene: &Scene, columns: &[Column], at: usize, run: &Run) -> String {

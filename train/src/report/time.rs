@@ -66,7 +66,7 @@ pub(super) fn section(scene: &Scene) -> String {
         "{names}<div class=\"plots\">\n{plots}</div>\n<p class=\"caption\">{caption}</p>\n{}",
         table(scene, &rgb.iter().map(|frame| frame.0).collect::<Vec<_>>())
     );
-    html::section(scene, "time", "Quality between RGB frames", &body)
+    html::section(&scene.prefix, "time", "Quality between RGB frames", &body)
 }
 
 fn mean_over_cameras(run: &Run, pick: Pick) -> BTreeMap<i64, f64> {

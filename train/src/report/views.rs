@@ -34,7 +34,7 @@ pub(super) fn section(scene: &Scene) -> String {
     }
     let quantities = quantities(scene);
     let body = by_camera(&runs, &quantities) + &by_frame(&runs, &quantities);
-    html::section(scene, "views", "Held-out views", &body)
+    html::section(&scene.prefix, "views", "Held-out views", &body)
 }
 
 /// Two rows of headings: quantities, and the runs below each.

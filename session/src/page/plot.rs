@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::html::{Escaped, number};
 
 /// Colours in the style sheet (`--run-0` ...); with more runs they come again with another dash.
-pub(super) const COLOURS: usize = 8;
+pub const COLOURS: usize = 8;
 const DASHES: [&str; 4] = ["", "7 3", "2 3", "9 3 2 3"];
 
 const WIDTH: f64 = 560.0;
@@ -16,22 +16,28 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 44.0;
 
 /// One line.
-pub(super) struct Series {
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What it is called in the legend and on hovering.
     pub name: String,
     /// Index of the run: decides colour and dash.
     pub run: usize,
+    /// x and y.
     pub points: Vec<(f64, f64)>,
 }
 
 /// A plot of one quantity of all runs.
-#[derive(Default)]
-pub(super) struct Plot {
+#[derive(Clone, Debug, Default)]
+pub struct Plot {
     /// Written above the y axis, with its unit.
     pub y_label: String,
+    /// Written below the x axis, with its unit.
     pub x_label: String,
     /// Whether the x axis begins at zero.
     pub from_zero: bool,
+    /// Whether the y axis is logarithmic.
     pub log_y: bool,
+    /// The lines.
     pub series: Vec<Series>,
     /// Vertical lines: position and what it is.
     pub marks: Vec<(f64, String)>,
@@ -46,7 +52,8 @@ fn stroke(run: usize) -> String {
 }
 
 /// A piece of a run's line, to stand before its name; nothing for what is no run.
-pub(super) fn swatch(run: Option<usize>) -> String {
+#[must_use]
+pub fn swatch(run: Option<usize>) -> String {
     run.map_or(String::new(), |run| {
         format!(
             "<svg class=\"swatch\" viewBox=\"0 0 30 8\" aria-hidden=\"true\"><path d=\"M1 4H29\" class=\"line\" {}/></svg>",
@@ -56,7 +63,8 @@ pub(super) fn swatch(run: Option<usize>) -> String {
 }
 
 /// The legend: a line and a name for each run.
-pub(super) fn legend<'a>(runs: impl Iterator<Item = (usize, &'a str)>) -> String {
+#[must_use]
+pub fn legend<'a>(runs: impl Iterator<Item = (usize, &'a str)>) -> String {
     let mut html = String::from("<p class=\"legend\">");
     for (run, name) in runs {
         let _ = write!(html, "<span>{}{}</span>", swatch(Some(run)), Escaped(name));
@@ -66,6 +74,7 @@ pub(super) fn legend<'a>(runs: impl Iterator<Item = (usize, &'a str)>) -> String
 
 impl Plot {
     /// The figure, or nothing where there is nothing to draw.
+    #[must_use]
     pub fn svg(&self) -> String {
         let drawable: Vec<(&Series, Vec<(f64, f64)>)> = self
             .series

@@ -2,10 +2,8 @@
 
 use std::fmt::{self, Display, Write as _};
 
-use super::load::Scene;
-
 /// Text with what means something in HTML escaped. Every name and value from a file goes through it.
-pub(super) struct Escaped<'a>(pub &'a str);
+pub struct Escaped<'a>(pub &'a str);
 
 impl Display for Escaped<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -24,7 +22,8 @@ impl Display for Escaped<'_> {
 }
 
 /// A number with `decimals` digits after the point, groups of three parted by thin spaces, and a real minus sign.
-pub(super) fn number(value: f64, decimals: usize) -> String {
+#[must_use]
+pub fn number(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return if value.is_nan() {
             "NaN".into()
@@ -55,12 +54,14 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
 }
 
 /// A whole number.
-pub(super) fn count(value: u64) -> String {
+#[must_use]
+pub fn count(value: u64) -> String {
     number(value as f64, 0)
 }
 
 /// A difference, with its sign.
-pub(super) fn difference(value: f64, decimals: usize) -> String {
+#[must_use]
+pub fn difference(value: f64, decimals: usize) -> String {
     let text = number(value, decimals);
     if value.is_nan() || text.starts_with('−') {
         return text;
@@ -73,7 +74,8 @@ pub(super) fn difference(value: f64, decimals: usize) -> String {
 }
 
 /// Seconds as people say them.
-pub(super) fn duration(seconds: f64) -> String {
+#[must_use]
+pub fn duration(seconds: f64) -> String {
     if !seconds.is_finite() || seconds < 0.0 {
         return number(seconds, 1);
     }
@@ -86,7 +88,8 @@ pub(super) fn duration(seconds: f64) -> String {
 }
 
 /// Bytes in decimal units.
-pub(super) fn bytes(value: u64) -> String {
+#[must_use]
+pub fn bytes(value: u64) -> String {
     let value = value as f64;
     match value {
         ..1e3 => format!("{} B", number(value, 0)),
@@ -96,23 +99,26 @@ pub(super) fn bytes(value: u64) -> String {
     }
 }
 
-/// A section with a heading. Nothing where the body is empty.
-pub(super) fn section(scene: &Scene, id: &str, heading: &str, body: &str) -> String {
+/// A section with a heading; `prefix` goes before its id. Nothing where the body is empty.
+#[must_use]
+pub fn section(prefix: &str, id: &str, heading: &str, body: &str) -> String {
     if body.is_empty() {
         return String::new();
     }
-    format!("<section id=\"{}{id}\">\n<h2>{}</h2>\n{body}</section>\n", scene.prefix, Escaped(heading))
+    format!("<section id=\"{}{id}\">\n<h2>{}</h2>\n{body}</section>\n", prefix, Escaped(heading))
 }
 
 /// A table in a box that scrolls where the page is narrow. `head` and `rows` are HTML.
-pub(super) fn table(class: &str, head: &str, rows: &str) -> String {
+#[must_use]
+pub fn table(class: &str, head: &str, rows: &str) -> String {
     format!(
         "<div class=\"scroll\"><table class=\"{class}\"><thead>{head}</thead>\n<tbody>{rows}</tbody></table></div>\n"
     )
 }
 
 /// The page: `head` goes below the title.
-pub(super) fn page(title: &str, head: &str, body: &str) -> String {
+#[must_use]
+pub fn page(title: &str, head: &str, body: &str) -> String {
     let title = Escaped(title);
     let style = include_str!("style.css");
     let version = env!("CARGO_PKG_VERSION");

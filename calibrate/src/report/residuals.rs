@@ -1,0 +1,83 @@
+//! Residuals where they are in each camera's image: coverage, and what the model does not explain.
+
+use std::fmt::Write as _;
+
+use erfgs_session::page::html::{Escaped, number};
+
+use crate::{
+    evidence::{Evidence, Residual},
+    rig_file::{RigCamera, RigFile},
+};
+
+/// Residuals that are drawn for one camera at most.
+const DRAWN: usize = 1500;
+
+pub(super) fn maps(rig: &RigFile, evidence: &Evidence) -> String {
+    let figures: String = rig
+        .cameras
+        .iter()
+        .enumerate()
+        .filter_map(|(index, camera)| {
+            let own: Vec<&Residual> = evidence.residuals.iter().filter(|residual| residual.camera == index).collect();
+            (!own.is_empty()).then(|| map(camera, &own))
+        })
+        .collect();
+    if figures.is_empty() {
+        return figures;
+    }
+    format!(
+        "<div class=\"maps\">{figures}</div>\n<p class=\"caption\">Each line leads from where something was seen towards where \
+         the calibration puts it, drawn larger by the factor below its image. Crosses were left out. An image should be \
+         covered to its corners, and neighbouring lines should not lean the same way.</p>\n"
+    )
+}
+
+fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
+    let (width, height) = (f64::from(camera.intrinsics.width), f64::from(camera.intrinsics.height));
+    let mut lengths: Vec<f64> =
+        residuals.iter().filter(|r| r.used).filter_map(|r| r.residual).map(|off| off.length()).collect();
+    lengths.sort_by(f64::total_cmp);
+    let typical = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    // A typical residual is a fiftieth of the image; a round factor.
+    let factor = if typical > 0.0 { 10f64.powf((0.02 * width / typical).log10().floor().max(0.0)) } else { 1.0 };
+    let stroke = width / 450.0;
+    let mut svg = format!(
+        "<figure><svg viewBox=\"0 0 {width} {height}\" stroke-width=\"{stroke:.2}\" role=\"img\" aria-label=\"Residuals of {}\">",
+        Escaped(&camera.name)
+    );
+    let every = residuals.len().div_ceil(DRAWN).max(1);
+    let (mut kept, mut left, mut spots) = (String::new(), String::new(), String::new());
+    for residual in residuals.iter().step_by(every) {
+        let at = residual.pixel;
+        match residual.residual {
+            Some(off) if residual.used => {
+                let _ = write!(kept, "M{:.1} {:.1}l{:.1} {:.1}", at.x, at.y, factor * off.x, factor * off.y);
+                let _ = write!(spots, "M{:.1} {:.1}h.1", at.x, at.y);
+            }
+            _ => {
+                let size = 4.0 * stroke;
+                let _ = write!(
+                    left,
+                    "M{:.1} {:.1}l{size:.1} {size:.1}m{:.1} 0l{size:.1} {:.1}",
+                    at.x - size / 2.0,
+                    at.y - size / 2.0,
+                    -size,
+                    -size
+                );
+            }
+        }
+    }
+    let _ = write!(
+        svg,
+        "<path class=\"residual\" d=\"{kept}\"/><path class=\"residual\" stroke-linecap=\"round\" stroke-width=\"{:.2}\" \
+         d=\"{spots}\"/><path class=\"outlier\" d=\"{left}\"/></svg><figcaption><b>{}</b> drawn {} times larger; median {} px",
+        3.0 * stroke,
+        Escaped(&camera.name),
+        number(factor, 0),
+        number(typical, 3)
+    );
+    if every > 1 {
+        let _ = write!(svg, "; one in {every} is drawn");
+    }
+    svg + "</figcaption></figure>\n"
+}
