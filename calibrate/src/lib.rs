@@ -6,6 +6,7 @@
 pub mod board;
 pub mod bundle;
 pub mod cloud;
+pub mod convert;
 pub mod evidence;
 pub mod geometry;
 pub mod report;

@@ -1,6 +1,7 @@
 //! `erfgs calibrate`: one file per way of calibrating.
 
 mod board;
+mod convert;
 mod summary;
 
 use clap::Subcommand;
@@ -12,11 +13,14 @@ use crate::terminal::Terminal;
 pub enum Command {
     /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
     Board(board::Arguments),
+    /// Write a rig in the format of another program, or read one from there.
+    Convert(convert::Arguments),
 }
 
 /// Runs a subcommand.
 pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
     match command {
         Command::Board(arguments) => board::run(arguments, terminal),
+        Command::Convert(arguments) => convert::run(arguments, terminal),
     }
 }

@@ -1,0 +1,105 @@
+use erfgs_session::{Modality, Pose, npy::NpyArray};
+use glam::DVec3;
+
+use super::*;
+
+fn rig(distortion: Distortion) -> RigFile {
+    let intrinsics = Intrinsics { width: 640, height: 480, fx: 500.25, fy: 501.5, cx: 318.75, cy: 244.125, distortion };
+    let camera = |name: &str, eye: DVec3| {
+        RigCamera::new(name, Modality::Rgb, intrinsics, Some(Pose::look_at(eye, DVec3::ZERO, DVec3::Y)))
+    };
+    let mut cameras = vec![camera("a", DVec3::new(0.0, 0.1, -2.0)), camera("b", DVec3::new(1.5, -0.2, -1.0))];
+    cameras.push(camera("c", DVec3::new(-1.5, 0.4, -1.2)));
+    RigFile::new("wand", true, cameras)
+}
+
+/// What any format must keep: where a point of the world is seen.
+fn same_pictures(a: &RigFile, b: &RigFile, tolerance: f64) {
+    assert_eq!(a.cameras.len(), b.cameras.len());
+    // A camchain's world is its first camera.
+    let world = |rig: &RigFile, point: DVec3| rig.cameras[0].pose.unwrap().inverse().transform(point);
+    for (one, other) in a.cameras.iter().zip(&b.cameras) {
+        for point in [DVec3::new(0.1, 0.2, 2.0), DVec3::new(-0.3, -0.1, 1.7), DVec3::new(0.0, 0.3, 2.4)] {
+            let see = |rig: &RigFile, camera: &RigCamera| {
+                camera.intrinsics.project(camera.pose.unwrap().transform(world(rig, point))).unwrap()
+            };
+            let (left, right) = (see(a, one), see(b, other));
+            assert!((left - right).length() < tolerance, "{}: {left} {right}", one.name);
+        }
+    }
+}
+
+#[test]
+fn rigs_come_back_from_every_format_that_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let lenses = [
+        Distortion::None,
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.0, 0.0, 0.0, 0.0]),
+        Distortion::KannalaBrandt([0.05, -0.01, 1e-3, 0.0]),
+    ];
+    for distortion in lenses {
+        let rig = rig(distortion);
+        for (format, name) in [
+            (Format::Colmap, "model"),
+            (Format::Kalibr, "camchain.yaml"),
+            (Format::OpenCv, "opencv"),
+            (Format::Nerfstudio, "transforms.json"),
+            (Format::Rig, "rig.json"),
+        ] {
+            let path = folder.path().join(name);
+            write(&rig, format, &path).unwrap();
+            let read = read(&path).unwrap();
+            let names: Vec<&str> = read.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            assert_eq!(names, ["a", "b", "c"], "{format}");
+            same_pictures(&rig, &read, 1e-8);
+        }
+    }
+}
+
+#[test]
+fn longer_polynomials_go_where_they_fit_and_are_refused_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig(Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.001, 0.0, 0.0]));
+    for (format, name) in [(Format::Colmap, "model"), (Format::OpenCv, "opencv")] {
+        let path = folder.path().join(name);
+        write(&rig, format, &path).unwrap();
+        same_pictures(&rig, &read(&path).unwrap(), 1e-8);
+    }
+    for format in [Format::Kalibr, Format::Nerfstudio] {
+        let message = write(&rig, format, &folder.path().join("x")).unwrap_err().to_string();
+        assert!(message.starts_with("camera a"), "{message}");
+    }
+}
+
+#[test]
+fn llff_says_what_it_drops_and_cameras_without_poses_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses_bounds.npy");
+    let mut rig = rig(Distortion::KannalaBrandt([0.01; 4]));
+    let lost = write(&rig, Format::Llff, &path).unwrap().join("\n");
+    assert!(lost.contains("distortion") && lost.contains("bounds"), "{lost}");
+    let array = NpyArray::decode(&std::fs::read(&path).unwrap()).unwrap();
+    let values = array.floats().unwrap();
+    assert_eq!(array.shape, [3, 17]);
+    // The centre is the fourth column; the third points back, away from what is looked at.
+    assert!((DVec3::new(values[3], values[8], values[13]) - DVec3::new(0.0, 0.1, -2.0)).length() < 1e-12);
+    assert!(values[12] < -0.9, "{}", values[12]);
+    rig.cameras[1].pose = None;
+    assert!(write(&rig, Format::Colmap, &folder.path().join("m")).unwrap_err().to_string().contains("camera b"));
+}
+
+#[test]
+fn broken_files_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in [
+        ("camchain.yaml", "cam0: {camera_model: omni}"),
+        ("camchain.yaml", "a: [1"),
+        ("transforms.json", "{\"frames\": [{}]}"),
+        ("rig.json", "{}"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains(name), "{name}");
+    }
+    assert!(read(&folder.path().join("nothing")).is_err());
+}

@@ -1,0 +1,68 @@
+//! `erfgs calibrate convert`: rigs in the formats of other programs.
+
+use std::path::PathBuf;
+
+use erfgs_calibrate::convert::{Format, read, write};
+use serde::Serialize;
+
+use crate::terminal::Terminal;
+
+/// Write a rig in the format of another program, or read one from there.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+RIG is a rig.json, a folder with a COLMAP model, a folder with OpenCV's YAML files, a Kalibr camchain (YAML) or a nerfstudio \
+transforms.json.
+
+Formats:
+  colmap      a model without points (text): a folder
+  kalibr      a camchain: a YAML file
+  opencv      camera_matrix, distortion_coefficients, R and T: a YAML file for each camera, in a folder
+  nerfstudio  transforms.json
+  llff        poses_bounds.npy
+  rig         rig.json
+
+Pixel centres and axes are converted. What a format has no place for is said; a lens that it cannot hold is refused.
+
+Examples:
+  erfgs calibrate convert rig.json --to colmap --out sparse
+  erfgs calibrate convert camchain.yaml --to rig --out rig.json")]
+pub struct Arguments {
+    /// The rig to convert.
+    rig: PathBuf,
+    /// The format to write.
+    #[arg(long, value_name = "FORMAT")]
+    to: Format,
+    /// Where to write it; named after the format without it.
+    #[arg(long, value_name = "PATH")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Answer {
+    out: PathBuf,
+    cameras: usize,
+    lost: Vec<String>,
+}
+
+/// Converts.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let rig = read(&arguments.rig)?;
+    let name = match arguments.to {
+        Format::Colmap => "colmap",
+        Format::Kalibr => "camchain.yaml",
+        Format::OpenCv => "opencv",
+        Format::Nerfstudio => "transforms.json",
+        Format::Llff => "poses_bounds.npy",
+        Format::Rig => "rig.json",
+    };
+    let out = arguments.out.clone().unwrap_or_else(|| name.into());
+    let lost = write(&rig, arguments.to, &out)?;
+    let answer = Answer { out, cameras: rig.cameras.len(), lost };
+    terminal.result(&answer, || {
+        let mut text = format!("{} cameras written to {}\n", answer.cameras, answer.out.display());
+        for lost in &answer.lost {
+            text.push_str(&format!("not kept: {lost}\n"));
+        }
+        text
+    })
+}
