@@ -3,6 +3,7 @@
 mod board;
 mod convert;
 mod summary;
+mod target;
 
 use clap::Subcommand;
 
@@ -13,6 +14,8 @@ use crate::terminal::Terminal;
 pub enum Command {
     /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
     Board(board::Arguments),
+    /// Draw a board to print, or to blink on a screen.
+    Target(target::Arguments),
     /// Write a rig in the format of another program, or read one from there.
     Convert(convert::Arguments),
 }
@@ -21,6 +24,7 @@ pub enum Command {
 pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
     match command {
         Command::Board(arguments) => board::run(arguments, terminal),
+        Command::Target(arguments) => target::run(arguments, terminal),
         Command::Convert(arguments) => convert::run(arguments, terminal),
     }
 }

@@ -18,6 +18,6 @@ pub use detect::{Corner, detect};
 pub use error::BoardError;
 pub use input::{Seen, View, look};
 pub use intrinsics::{LensModel, Single, single};
-pub use print::{Paper, blinking_page, print};
+pub use print::{Paper, print};
 pub use rig::{BoardOptions, calibrate};
 pub use target::Target;
