@@ -15,7 +15,7 @@ use crate::terminal::Terminal;
 #[command(after_help = "\
 INPUT is a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
 (left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
-file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says.
+file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer.
 
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
@@ -27,6 +27,7 @@ Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
   erfgs calibrate board videos --target charuco:5x4:0.054:0.0405:DICT_4X4_50 --out rig.json
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
+  erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
   erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]
 pub struct Arguments {
     /// Images or videos of the board.
@@ -46,12 +47,20 @@ pub struct Arguments {
     /// Keep the intrinsics that each camera alone gives while the poses are adjusted.
     #[arg(long)]
     keep_intrinsics: bool,
+    /// How often the board on the screen comes and goes in a second, for event cameras.
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    blink: Option<f64>,
     /// Estimate each camera's time offset; needs frame times and a board that moves.
     #[arg(long)]
     time_offsets: bool,
     /// The rig file to write; the report goes beside it, with the extension html.
     #[arg(long, value_name = "FILE", default_value = "rig.json")]
     out: PathBuf,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 10_000.0);
+    rate.ok_or_else(|| "write a rate between 0 and 10000 a second".into())
 }
 
 fn lens_model(text: &str) -> Result<LensModel, String> {
@@ -78,7 +87,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         options.known = rig.cameras.into_iter().map(|camera| (camera.name, camera.intrinsics)).collect();
     }
     let progress = terminal.progress("looking for the board");
-    let seen = look(&arguments.input, &arguments.target, &|done, total| {
+    let seen = look(&arguments.input, &arguments.target, arguments.blink, &|done, total| {
         progress.update(done as u64, total.map_or(0, |total| total as u64), "frames");
     })?;
     drop(progress);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{image::ImageError, video::VideoError};
+use erfgs_session::{codec::EventFileError, image::ImageError, video::VideoError};
 
 use crate::bundle::BundleError;
 
@@ -33,6 +33,21 @@ pub enum BoardError {
     /// A video cannot be read.
     #[error(transparent)]
     Video(#[from] VideoError),
+    /// A file of events cannot be read.
+    #[error(transparent)]
+    Events(#[from] EventFileError),
+    /// A file of events without the sensor's size.
+    #[error("{} does not say how large the sensor is; record or export it as RAW, DAT or AEDAT4", path.display())]
+    NoSize {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Events of a board that nobody said how it blinks.
+    #[error("{} holds events: say with --blink how often the board comes and goes in a second", path.display())]
+    NoBlink {
+        /// The file.
+        path: PathBuf,
+    },
     /// A camera's images are not all of one size.
     #[error("camera {camera}: {} is {found:?} pixels, the images before it {expected:?}; sort the images by camera", path.display())]
     Size {

@@ -8,7 +8,7 @@ use std::{
 use erfgs_session::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
-use super::{BoardError, Corner, Target, detect};
+use super::{BoardError, Corner, Target, blink::of_events, detect};
 
 /// A frame in which the board was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +28,8 @@ pub struct View {
 pub struct Seen {
     /// The camera's name.
     pub camera: String,
+    /// Whether the board was found in events, and not in frames.
+    pub events: bool,
     /// Width and height of its frames, pixels.
     pub size: [u32; 2],
     /// Number of frames that were looked at.
@@ -36,18 +38,23 @@ pub struct Seen {
     pub views: Vec<View>,
 }
 
+/// The file with the times of videos' frames.
+const TIMES: &str = "timestamps.csv";
 const IMAGES: [&str; 4] = ["png", "jpg", "jpeg", "ppm"];
+const EVENTS: [&str; 5] = ["raw", "dat", "aedat4", "aedat", "csv"];
 const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
 
 /// One camera's input.
 enum Input {
     Images(Vec<(String, PathBuf)>),
     Video(PathBuf),
+    Events(PathBuf),
 }
 
 /// Looks for `target` in all frames below `folder`: a folder of images for each camera, or a video for each camera, or images
 /// whose names begin with the camera's name. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
-/// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. `progress` gets the
+/// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. A file of events
+/// for a camera is searched for a board that blinks `blink_hz` times a second. `progress` gets the
 /// number of frames that were looked at and, where it is known, that of all.
 ///
 /// # Errors
@@ -55,13 +62,14 @@ enum Input {
 pub fn look(
     folder: &Path,
     target: &Target,
+    blink_hz: Option<f64>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
     let cameras = cameras(folder)?;
     if cameras.is_empty() {
         return Err(BoardError::NoImages { path: folder.into() });
     }
-    let times = Times::read(&folder.join("timestamps.csv"))?;
+    let times = Times::read(&folder.join(TIMES))?;
     let total = cameras.values().map(|input| if let Input::Images(images) = input { Some(images.len()) } else { None });
     let total = total.sum::<Option<usize>>();
     let done = std::sync::atomic::AtomicUsize::new(0);
@@ -70,6 +78,10 @@ pub fn look(
         .into_iter()
         .map(|(camera, input)| match input {
             Input::Images(images) => of_images(&camera, &images, target, &tick),
+            Input::Events(path) => {
+                let hz = blink_hz.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
+                of_events(&camera, &path, target, hz, &tick)
+            }
             Input::Video(path) => of_video(&camera, &path, times.as_ref(), target, &tick),
         })
         .collect()
@@ -110,6 +122,8 @@ fn cameras(folder: &Path) -> Result<BTreeMap<String, Input>, BoardError> {
             }
         } else if has_extension(&path, &VIDEOS) {
             cameras.insert(stem(&path), Input::Video(path));
+        } else if has_extension(&path, &EVENTS) && !path.ends_with(TIMES) {
+            cameras.insert(stem(&path), Input::Events(path));
         } else if has_extension(&path, &IMAGES) {
             let name = stem(&path);
             let camera = name.trim_end_matches(|c: char| c.is_ascii_digit());
@@ -151,7 +165,7 @@ fn of_images(
     }
     let frames = looked.len();
     let views = looked.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
-    Ok(Seen { camera: camera.into(), size, frames, views })
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views })
 }
 
 fn of_video(
@@ -191,7 +205,7 @@ fn of_video(
             .collect();
         views.extend(found.into_iter().filter(|view| !view.corners.is_empty()));
     }
-    Ok(Seen { camera: camera.into(), size, frames, views })
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views })
 }
 
 /// The times of videos' frames: by camera, in the order of the frames, the instant and the time in seconds.

@@ -4,6 +4,7 @@
 //! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
 //! one adjustment over all cameras ends it (`rig.rs`).
 
+mod blink;
 mod chain;
 mod corner;
 mod detect;

@@ -58,7 +58,7 @@ pub fn calibrate(
         && let Some(single) = &camera.single
     {
         evidence.observe(&single.bundle);
-        let mut rig = RigFile::from_bundle("board", &single.bundle, &single.uncertainty, &[Modality::Rgb]);
+        let mut rig = RigFile::from_bundle("board", &single.bundle, &single.uncertainty, &[modality(one)]);
         // One camera stands nowhere but where it is.
         if let [camera] = rig.cameras.as_mut_slice() {
             camera.pose = None;
@@ -76,7 +76,7 @@ pub fn calibrate(
     evidence.pass("all cameras", &solution);
     let uncertainty = bundle.uncertainty(Loss::Squared)?;
     evidence.observe(&bundle);
-    let modalities = vec![Modality::Rgb; bundle.cameras.len()];
+    let modalities: Vec<Modality> = seen.iter().map(modality).collect();
     let mut rig = RigFile::from_bundle("board", &bundle, &uncertainty, &modalities);
     if let Some(open) = rig.quality.as_ref().and_then(|quality| quality.open.first()) {
         return Err(BoardError::Open { what: open.clone() });
@@ -94,6 +94,10 @@ pub fn calibrate(
         quality.measures.insert("instants".into(), names.len() as f64);
     }
     Ok((rig, evidence))
+}
+
+fn modality(seen: &Seen) -> Modality {
+    if seen.events { Modality::Event } else { Modality::Rgb }
 }
 
 struct One {

@@ -67,6 +67,15 @@ impl Target {
         }
     }
 
+    /// The target as it looks where ink is dark, whatever colour it is printed in.
+    pub(super) fn as_inked(&self) -> Self {
+        let mut target = self.clone();
+        if let Self::Charuco { inverted, .. } = &mut target {
+            *inverted = false;
+        }
+        target
+    }
+
     /// What the ChArUco detector has to know; lengths in squares. `None` for other targets.
     pub(super) fn charuco(&self) -> Option<CharucoBoardSpec> {
         let Self::Charuco { columns, rows, square_m, marker_m, dictionary, .. } = self else { return None };

@@ -33,7 +33,7 @@ fn parameters(i: &Intrinsics) -> [f64; 9] {
 #[test]
 fn stereo_pairs_give_what_opencv_gives() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/chessboards");
-    let seen = look(&folder, &target(), &|_, _| {}).unwrap();
+    let seen = look(&folder, &target(), None, &|_, _| {}).unwrap();
     let reference = opencv(&folder);
     for seen in &seen {
         let reference = &reference[&seen.camera];
@@ -74,10 +74,10 @@ fn stereo_pairs_give_what_opencv_gives() {
 #[test]
 fn views_that_never_tilt_and_too_few_views_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/chessboards");
-    let mut seen = look(&folder, &target(), &|_, _| {}).unwrap().remove(0);
+    let mut seen = look(&folder, &target(), None, &|_, _| {}).unwrap().remove(0);
     seen.views.truncate(2);
     let message = single(&seen, &target(), LensModel::Brown5, false).unwrap_err().to_string();
     assert!(message.contains("camera left") && message.contains("2 of 13"), "{message}");
-    let message = look(&folder.join("none"), &target(), &|_, _| {}).unwrap_err().to_string();
+    let message = look(&folder.join("none"), &target(), None, &|_, _| {}).unwrap_err().to_string();
     assert!(message.contains("none"), "{message}");
 }

@@ -53,7 +53,8 @@ fn their_corners(file: &Path) -> Vec<Seen> {
         let view = View { instant: instant.to_string(), time_s: None, file: file.into(), corners };
         cameras.entry(camera).or_default().push(view);
     }
-    let seen = |(camera, views): (String, Vec<View>)| Seen { camera, size: [1280, 720], frames: 57, views };
+    let seen =
+        |(camera, views): (String, Vec<View>)| Seen { camera, events: false, size: [1280, 720], frames: 57, views };
     cameras.into_iter().map(seen).collect()
 }
 
@@ -65,7 +66,7 @@ fn four_free_running_webcams_and_a_waved_board() {
         return;
     }
     let target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
-    let videos = look(&source.join("calibration/extrinsic"), &target, &|_, _| {}).unwrap();
+    let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
     let least = [50, 40, 45, 20];
     for (seen, least) in videos.iter().zip(least) {
         assert!(seen.views.len() >= least, "{}: {} views", seen.camera, seen.views.len());

@@ -1,0 +1,249 @@
+//! Boards that blink on a screen, in the events of a camera that stands still.
+//!
+//! Where the board is inked, a pixel brightens and darkens once in each period; elsewhere it does not, whatever else goes on in
+//! the room. For each window of time the pixels whose changes come at the right rate make a picture of the board, dark where it
+//! blinks, in which corners are found as in any other.
+
+use std::path::Path;
+
+use erfgs_session::{
+    ImageRgb8,
+    codec::{CdEvent, EventFile, Sink},
+};
+use glam::DVec2;
+
+use super::{BoardError, Corner, Seen, Target, View, detect};
+
+/// Share of a period by which a change may come early or late: screens show whole frames only.
+const TOLERANCE: f64 = 0.35;
+/// Periods in a window.
+const PERIODS: f64 = 6.0;
+/// A board that moved less than this (mean over its corners, pixels) since the last view adds nothing.
+const MOVED_PX: f64 = 3.0;
+/// Fewer blinking pixels are no board.
+const LEAST_PIXELS: usize = 300;
+
+/// One pixel: when it last turned brighter and darker, and how often that came a period after the last time.
+#[derive(Clone, Copy)]
+struct Pixel {
+    turned: [i64; 2],
+    on: Option<bool>,
+    hits: u16,
+}
+
+impl Pixel {
+    const NEW: Self = Self { turned: [i64::MIN; 2], on: None, hits: 0 };
+}
+
+/// Gathers the windows of a stream.
+struct Windows<'a> {
+    width: usize,
+    height: usize,
+    period_us: f64,
+    pixels: Vec<Pixel>,
+    start: Option<i64>,
+    /// Gets the end of each window, microseconds, and its picture.
+    found: &'a mut dyn FnMut(i64, ImageRgb8),
+}
+
+impl Windows<'_> {
+    fn close(&mut self, end: i64) {
+        // Half of the changes that a window has room for: two each period, the first without one before it.
+        let enough = (PERIODS - 1.0) as u16;
+        let blinks: Vec<bool> = self.pixels.iter().map(|pixel| pixel.hits >= enough).collect();
+        if blinks.iter().filter(|blinks| **blinks).count() >= LEAST_PIXELS {
+            (self.found)(end, picture(&blinks, self.width, self.height));
+        }
+        self.pixels.iter_mut().for_each(|pixel| pixel.hits = 0);
+    }
+}
+
+impl Sink for Windows<'_> {
+    fn event(&mut self, event: CdEvent) {
+        let t_us = event.t_us as i64;
+        let start = *self.start.get_or_insert(t_us);
+        if (t_us - start) as f64 >= PERIODS * self.period_us {
+            self.close(t_us);
+            self.start = Some(t_us);
+        }
+        let (x, y) = (usize::from(event.x), usize::from(event.y));
+        if x >= self.width || y >= self.height {
+            return;
+        }
+        let pixel = &mut self.pixels[y * self.width + x];
+        if pixel.on == Some(event.on) {
+            return;
+        }
+        pixel.on = Some(event.on);
+        let last = std::mem::replace(&mut pixel.turned[usize::from(event.on)], t_us);
+        if last != i64::MIN && ((t_us - last) as f64 / self.period_us - 1.0).abs() <= TOLERANCE {
+            pixel.hits = pixel.hits.saturating_add(1);
+        }
+    }
+}
+
+/// Dark where it blinks; softened over three pixels, so that edges have a slope.
+fn picture(blinks: &[bool], width: usize, height: usize) -> ImageRgb8 {
+    let mut image = ImageRgb8::new(width as u32, height as u32);
+    for y in 0..height {
+        for x in 0..width {
+            let (mut sum, mut count) = (0, 0);
+            for row in y.saturating_sub(1)..(y + 2).min(height) {
+                for column in x.saturating_sub(1)..(x + 2).min(width) {
+                    // The middle counts four times, its neighbours twice, the corners once.
+                    let weight = (2 - row.abs_diff(y)) * (2 - column.abs_diff(x));
+                    sum += weight * if blinks[row * width + column] { 20 } else { 235 };
+                    count += weight;
+                }
+            }
+            image.data[3 * (y * width + x)..][..3].fill((sum / count) as u8);
+        }
+    }
+    image
+}
+
+/// What a camera saw of a target that blinks `hz` times a second, from a file of its events.
+///
+/// # Errors
+/// If the file cannot be read or does not say how large the sensor is.
+pub(super) fn of_events(
+    camera: &str,
+    path: &Path,
+    target: &Target,
+    hz: f64,
+    tick: &(dyn Fn() + Sync),
+) -> Result<Seen, BoardError> {
+    let file = EventFile::open(path)?;
+    let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
+    let (width, height) = (usize::from(size.width), usize::from(size.height));
+    let (mut frames, mut views) = (0, Vec::<View>::new());
+    let mut found = |end: i64, image: ImageRgb8| {
+        frames += 1;
+        tick();
+        let corners = detect(&image, &target.as_inked());
+        let still = views.last().is_some_and(|last| moved(&last.corners, &corners) < MOVED_PX);
+        if !corners.is_empty() && !still {
+            let time_s = 1e-6 * end as f64;
+            views.push(View { instant: format!("{time_s:.2}"), time_s: Some(time_s), file: path.into(), corners });
+        }
+    };
+    let pixels = vec![Pixel::NEW; width * height];
+    let mut windows = Windows { width, height, period_us: 1e6 / hz, pixels, start: None, found: &mut found };
+    file.decode(&mut windows)?;
+    if let Some(start) = windows.start {
+        windows.close(start + (PERIODS * windows.period_us) as i64);
+    }
+    let size = [u32::from(size.width), u32::from(size.height)];
+    Ok(Seen { camera: camera.into(), events: true, size, frames, views })
+}
+
+/// How far corners moved between two views on average; infinite where they share none.
+fn moved(before: &[Corner], after: &[Corner]) -> f64 {
+    let pairs = after.iter().filter_map(|corner| {
+        let other = before.iter().find(|other| other.id == corner.id)?;
+        Some(DVec2::distance(corner.pixel, other.pixel))
+    });
+    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), far| (sum + far, count + 1));
+    if count == 0 { f64::INFINITY } else { sum / f64::from(count) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt::Write as _;
+
+    use erfgs_session::{Distortion, Intrinsics, Pose, random};
+    use glam::{DQuat, DVec3};
+
+    use super::*;
+    use crate::board::{LensModel, single};
+
+    /// Events of a board that blinks at 20 Hz at eight places, as CSV; every thirtieth pixel is a lamp at 100 Hz.
+    fn recording(target: &Target, camera: &Intrinsics) -> String {
+        let (columns, rows) = target.corners();
+        let square = target.square_m();
+        let mut text = String::from("t,x,y,p\n");
+        for place in 0..8_u64 {
+            let angle = |axis| random::range(random::key(3, &[place, axis]), -0.45, 0.45);
+            let board = Pose {
+                rotation: DQuat::from_scaled_axis(DVec3::new(angle(0), angle(1), 0.5 * angle(2))),
+                translation: DVec3::new(-0.12 + 0.1 * angle(3), -0.08 + 0.1 * angle(4), 0.42 + 0.15 * angle(5)),
+            };
+            let back = board.inverse();
+            let mut events = Vec::new();
+            for y in 0..camera.height {
+                for x in 0..camera.width {
+                    let ray = camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
+                    let (from, along) = (back.translation, back.rotation * ray);
+                    let at = from - along * (from.z / along.z);
+                    let cell = (at / square).floor();
+                    let on_board =
+                        cell.x >= -1.0 && cell.y >= -1.0 && cell.x < f64::from(columns) && cell.y < f64::from(rows);
+                    let inked = on_board && (cell.x + cell.y) as i64 % 2 == 0;
+                    let period = if inked {
+                        50_000
+                    } else if (x + y) % 30 == 0 {
+                        10_000
+                    } else {
+                        continue;
+                    };
+                    for half in 0..700_000 / (period / 2) {
+                        let late = random::below(random::key(4, &[place, u64::from(x), u64::from(y), half]), 2000);
+                        events.push((place * 1_000_000 + half * period / 2 + late as u64, x, y, half % 2));
+                    }
+                }
+            }
+            events.sort_unstable();
+            for (t, x, y, on) in events {
+                let _ = writeln!(text, "{t},{x},{y},{on}");
+            }
+        }
+        text
+    }
+
+    #[test]
+    fn an_event_camera_is_calibrated_by_a_board_that_blinks() {
+        let target: Target = "chessboard:8x5:0.03".parse().unwrap();
+        let truth = Intrinsics {
+            width: 320,
+            height: 240,
+            fx: 300.0,
+            fy: 300.0,
+            cx: 163.0,
+            cy: 118.0,
+            distortion: Distortion::None,
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("left.csv");
+        std::fs::write(&path, recording(&target, &truth)).unwrap();
+        let seen = super::super::look(folder.path(), &target, Some(20.0), &|_, _| {});
+        // CSV does not say the sensor's size.
+        assert!(seen.unwrap_err().to_string().contains("left.csv"));
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let raw = folder.path().join("left.raw");
+        std::fs::write(&raw, as_evt2(&text)).unwrap();
+        let seen = super::super::look(folder.path(), &target, Some(20.0), &|_, _| {}).unwrap();
+        assert!(seen[0].events && seen[0].views.len() >= 7, "{} views", seen[0].views.len());
+        let found = single(&seen[0], &target, LensModel::Pinhole, true).unwrap();
+        let i = found.bundle.cameras[0].intrinsics;
+        assert!((i.fx - 300.0).abs() < 3.0 && (i.cx - 163.0).abs() < 3.0 && (i.cy - 118.0).abs() < 3.0, "{i:?}");
+        assert!(found.bundle.rms_px(None).0 < 0.3, "{}", found.bundle.rms_px(None).0);
+        let without = super::super::look(folder.path(), &target, Some(31.0), &|_, _| {}).unwrap();
+        assert!(without[0].views.is_empty(), "another rate is not the board's");
+    }
+
+    /// The events as a RAW file of EVT2 words.
+    fn as_evt2(text: &str) -> Vec<u8> {
+        let mut file = b"% evt 2.0\n% format EVT2;height=240;width=320\n% end\n".to_vec();
+        let mut high = u32::MAX;
+        for line in text.lines().skip(1) {
+            let v: Vec<u32> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            if v[0] >> 6 != high {
+                high = v[0] >> 6;
+                file.extend((0x8000_0000 | high).to_le_bytes());
+            }
+            file.extend((v[3] << 28 | (v[0] & 63) << 22 | v[1] << 11 | v[2]).to_le_bytes());
+        }
+        file
+    }
+}
