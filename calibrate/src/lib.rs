@@ -11,6 +11,7 @@ pub mod evidence;
 pub mod geometry;
 pub mod report;
 pub mod rig_file;
+pub mod wand;
 
 pub use cloud::{
     Cloud, CloudError, CloudOptions, CloudPoint, Colmap, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions,

@@ -1,0 +1,176 @@
+//! Calibration by wand: three LEDs on a stick, moved before cameras of either kind at any angle.
+//!
+//! What the cameras saw ([`WandCamera`]) is matched in time (`instants.rs`). Each view alone places the wand (`view.rs`),
+//! pairs of cameras are aligned by wands that both saw (`pair.rs`) and chained (`start.rs`), and one adjustment makes the
+//! poses, focal lengths and time offsets what all observations say (`adjust.rs`). A fifth of the placements is held out of
+//! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric.
+
+mod adjust;
+mod error;
+mod held_out;
+mod instants;
+mod outcome;
+mod pair;
+mod place;
+mod points;
+mod select;
+mod sighting;
+mod start;
+mod stick;
+mod view;
+
+use erfgs_session::Pose;
+
+pub use error::WandError;
+pub use instants::Matching;
+pub use points::read_points;
+pub use sighting::{Sighting, WandCamera};
+pub use stick::Stick;
+
+use crate::{
+    bundle::{Camera, Loss, Parameter},
+    evidence::Evidence,
+    rig_file::RigFile,
+};
+
+/// A camera needs so many placements that other cameras see too.
+const NEEDED: usize = 5;
+
+/// How a rig is calibrated by wand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WandOptions {
+    /// The wand.
+    pub stick: Stick,
+    /// How sightings are matched in time.
+    pub matching: Matching,
+    /// The camera in whose space the world lies and to whose clock times are given; the first without it.
+    pub reference: Option<String>,
+    /// Cameras that are left out.
+    pub without: Vec<String>,
+    /// Whether focal lengths stay as they are.
+    pub fix_focal: bool,
+    /// How well focal lengths are known beforehand, as a share of them.
+    pub focal_sigma: f64,
+    /// Whether cameras' time offsets are estimated.
+    pub time_offsets: bool,
+    /// The share of placements that is held out.
+    pub hold_out: f64,
+    /// At most so many placements are used.
+    pub most: usize,
+    /// Seed of random choices.
+    pub seed: u64,
+}
+
+impl WandOptions {
+    /// The defaults, for a wand.
+    #[must_use]
+    pub fn new(stick: Stick) -> Self {
+        Self {
+            stick,
+            matching: Matching::default(),
+            reference: None,
+            without: Vec::new(),
+            fix_focal: false,
+            focal_sigma: 0.01,
+            time_offsets: true,
+            hold_out: 0.2,
+            most: 1000,
+            seed: 0,
+        }
+    }
+
+    fn check(&self) -> Result<(), WandError> {
+        let wrong = |what: &str| Err(WandError::Option(what.into()));
+        if !(0.0..=0.8).contains(&self.hold_out) {
+            return wrong("the share of placements that is held out must lie between 0 and 0.8");
+        }
+        if !(self.focal_sigma > 0.0 && self.focal_sigma.is_finite()) {
+            return wrong("the standard deviation of focal lengths must be positive; to keep them, fix them");
+        }
+        if self.most < 10 {
+            return wrong("fewer than 10 placements cannot make a calibration");
+        }
+        Ok(())
+    }
+}
+
+/// Calibrates a rig by what its cameras saw of a wand. The world is the reference camera's space.
+///
+/// # Errors
+/// If the observations cannot make a calibration; the error names what is missing.
+pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFile, Evidence), WandError> {
+    options.check()?;
+    let cameras = chosen(cameras, options)?;
+    let reference = match &options.reference {
+        None => 0,
+        Some(name) => cameras
+            .iter()
+            .position(|camera| camera.name == *name)
+            .ok_or_else(|| WandError::Option(format!("there is no camera '{name}' to be the reference")))?,
+    };
+    let instants = instants::instants(&cameras, &options.stick, &options.matching);
+    let instants = select::thin(instants, cameras.len(), options.most, options.seed);
+    enough(&cameras, &select::counts(instants.iter(), cameras.len()))?;
+    let held = select::hold_out(&instants, cameras.len(), options.hold_out, options.seed);
+    let (held, kept): (Vec<_>, Vec<_>) = instants.iter().zip(held).partition(|(_, held)| *held);
+    let (held, kept): (Vec<_>, Vec<_>) =
+        (held.into_iter().map(|(i, _)| i).collect(), kept.into_iter().map(|(i, _)| i).collect());
+
+    let poses = start::poses(&cameras, &kept, reference, options)?;
+    let states = states(&cameras, &poses, reference, options);
+    let known: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx).collect();
+    let mut evidence = Evidence::default();
+    let mut scatter: Vec<_> = cameras.iter().map(|camera| adjust::Scatter::new(camera.sigma_px)).collect();
+    let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, options, "without held-out", &mut evidence)?;
+    if !held.is_empty() {
+        let sigma: Vec<f64> = scatter.iter().map(|scatter| scatter.sigma_px).collect();
+        evidence.held_out = held_out::lengths(&options.stick, &bundle.cameras, &sigma, &held);
+        let all: Vec<_> = instants.iter().collect();
+        let start: Vec<Camera> =
+            bundle.cameras.iter().zip(&states).map(|(c, s)| Camera { free: s.free.clone(), ..c.clone() }).collect();
+        bundle = adjust::adjust(&start, &known, &all, &mut scatter, options, "all placements", &mut evidence)?;
+    }
+    enough(&cameras, &outcome::placements(&bundle))?;
+    let uncertainty = bundle.uncertainty(Loss::Squared)?;
+    outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)
+}
+
+/// The cameras that take part.
+fn chosen(cameras: &[WandCamera], options: &WandOptions) -> Result<Vec<WandCamera>, WandError> {
+    if let Some(name) = options.without.iter().find(|name| !cameras.iter().any(|camera| camera.name == **name)) {
+        return Err(WandError::Option(format!("there is no camera '{name}' to leave out")));
+    }
+    let chosen: Vec<_> = cameras.iter().filter(|c| !options.without.contains(&c.name)).cloned().collect();
+    if chosen.len() < 2 {
+        return Err(WandError::TooFewCameras { cameras: chosen.len() });
+    }
+    let sees = |camera: &WandCamera| camera.sightings.iter().any(|s| s.leds.iter().any(Option::is_some));
+    let unseen: Vec<_> = chosen.iter().filter(|camera| !sees(camera)).map(|camera| camera.name.clone()).collect();
+    if unseen.is_empty() { Ok(chosen) } else { Err(WandError::Unseen { cameras: unseen }) }
+}
+
+fn enough(cameras: &[WandCamera], counts: &[usize]) -> Result<(), WandError> {
+    match cameras.iter().zip(counts).find(|(_, count)| **count < NEEDED) {
+        Some((camera, &found)) => Err(WandError::TooFew { camera: camera.name.clone(), found, needed: NEEDED }),
+        None => Ok(()),
+    }
+}
+
+/// The cameras as the adjustment starts with them.
+fn states(cameras: &[WandCamera], poses: &[Pose], reference: usize, options: &WandOptions) -> Vec<Camera> {
+    let state = |(index, (camera, pose)): (usize, (&WandCamera, &Pose))| {
+        let mut free = Vec::new();
+        if !options.fix_focal {
+            free.push(Parameter::Focal);
+        }
+        if index != reference {
+            free.extend(Parameter::POSE);
+            if options.time_offsets {
+                free.push(Parameter::TimeOffset);
+            }
+        }
+        let (name, intrinsics) = (camera.name.clone(), camera.intrinsics);
+        Camera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free }
+    };
+    cameras.iter().zip(poses).enumerate().map(state).collect()
+}

@@ -1,0 +1,66 @@
+//! Where a wand is, from the cameras that see it and whose poses are about known.
+
+use glam::DVec3;
+
+use super::{Stick, instants::View};
+use crate::{
+    bundle::{Camera, Placement},
+    geometry::{Ray, nearest_point},
+};
+
+/// A residual of this many pixels costs half of what an outlier does.
+const HALF_PX: f64 = 10.0;
+
+/// The wand that most of the views agree with, in the world of the cameras; `None` where nothing fits. The views come with
+/// the index of their camera.
+///
+/// Candidates are the wand of each view alone, and of each two views their triangulated LEDs; one outlier, or a camera
+/// that took the wand for its mirror image, spoils only its own candidates.
+pub(super) fn placement(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)]) -> Option<Placement> {
+    let lone = views.iter().filter_map(|(camera, view)| {
+        let to_world = cameras[*camera].pose.inverse();
+        view.lone.map(|lone| lone.points.map(|point| to_world.transform(point)))
+    });
+    let pairs = (0..views.len()).flat_map(|a| (a + 1..views.len()).map(move |b| [views[a], views[b]]));
+    let triangulated = pairs.filter_map(|[(a, first), (b, second)]| {
+        let mut points = [DVec3::ZERO; 3];
+        for (led, point) in points.iter_mut().enumerate() {
+            let ray = |camera: usize, view: &View| {
+                Ray::of_pixel(&cameras[camera].intrinsics, &cameras[camera].pose, view.leds[led]?.pixel)
+            };
+            *point = nearest_point(&[ray(a, first)?, ray(b, second)?])?;
+        }
+        Some(points)
+    });
+    let candidates = lone.chain(triangulated).filter_map(|points| fit(stick, points));
+    let costs = candidates.map(|placement| (cost(stick, cameras, views, &placement), placement));
+    costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, placement)| placement)
+}
+
+/// The wand nearest to three points.
+fn fit(stick: &Stick, points: [DVec3; 3]) -> Option<Placement> {
+    let mean = points.iter().sum::<DVec3>() / 3.0;
+    let offsets = stick.offsets_m();
+    let shift = offsets.iter().sum::<f64>() / 3.0;
+    let along: DVec3 = points.iter().zip(offsets).map(|(point, offset)| (*point - mean) * (offset - shift)).sum();
+    let direction = along.try_normalize()?;
+    let middle = mean - direction * shift;
+    middle.is_finite().then_some(Placement::Wand { middle, direction })
+}
+
+fn cost(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)], placement: &Placement) -> f64 {
+    let mut cost = 0.0;
+    for (camera, view) in views {
+        let camera = &cameras[*camera];
+        for (led, offset) in view.leds.iter().zip(stick.offsets_m()) {
+            let Some(led) = led else { continue };
+            let world = placement.world(DVec3::new(offset, 0.0, 0.0));
+            let squared = camera
+                .intrinsics
+                .project(camera.pose.transform(world))
+                .map_or(f64::INFINITY, |pixel| (pixel - led.pixel).length_squared() / (HALF_PX * HALF_PX));
+            cost += if squared.is_finite() { squared / (1.0 + squared) } else { 1.0 };
+        }
+    }
+    cost
+}

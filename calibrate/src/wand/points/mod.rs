@@ -1,0 +1,35 @@
+//! Wand points that another program found.
+//!
+//! Two layouts are read: eWand's folders, and erfgs's own, which `docs/calibration.md` describes.
+
+mod csv;
+mod ewand;
+mod own;
+mod yaml;
+
+use std::path::Path;
+
+use super::{WandCamera, WandError};
+
+/// Name of the file that makes a folder one of erfgs's own layout.
+const OWN: &str = "wand.json";
+
+/// Reads the wand points at `path`: a `wand.json`, a folder that holds one, or a folder in eWand's layout.
+///
+/// # Errors
+/// If there are none, or a file cannot be read or understood; the message says which file and line.
+pub fn read_points(path: &Path) -> Result<Vec<WandCamera>, WandError> {
+    if path.is_file() {
+        return own::read(path);
+    }
+    let own = path.join(OWN);
+    if own.is_file() { own::read(&own) } else { ewand::read(path) }
+}
+
+fn read_text(path: &Path) -> Result<String, WandError> {
+    std::fs::read_to_string(path).map_err(|source| WandError::Io { path: path.into(), source })
+}
+
+fn malformed(path: &Path, line: Option<usize>, what: impl Into<String>) -> WandError {
+    WandError::Malformed { path: path.into(), line, what: what.into() }
+}
