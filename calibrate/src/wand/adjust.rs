@@ -33,30 +33,32 @@ impl Scatter {
 }
 
 /// Adjusts `cameras` to what they saw at `instants`, `scatter` where it is not known, and returns the whole problem. `known`
-/// are the cameras' focal lengths as known beforehand, pixels.
+/// are the cameras' focal lengths as known beforehand, pixels; `rough` says that the poses come from chained pairs.
 pub(super) fn adjust(
     cameras: &[Camera],
     known: &[f64],
     instants: &[&Instant],
     scatter: &mut [Scatter],
     options: &WandOptions,
-    name: &str,
+    rough: bool,
     evidence: &mut Evidence,
 ) -> Result<Bundle, BundleError> {
+    let name = if rough { "without held-out" } else { "all placements" };
     let mut bundle = build(&options.stick, cameras, instants, scatter);
     let robust =
         |width, iterations| Options { loss: Loss::Cauchy(width), iterations, tolerance: 1e-7, ..Options::default() };
-    // Poses first: what chained pairs leave of errors must not go into focal lengths.
-    let free: Vec<Vec<Parameter>> = bundle.cameras.iter().map(|camera| camera.free.clone()).collect();
-    for camera in &mut bundle.cameras {
-        camera.free.retain(|parameter| Parameter::POSE.contains(parameter));
-    }
-    let solution = bundle.solve(&robust(30.0, 15))?;
-    evidence.pass(format!("{name}: poses, Cauchy loss 30"), &solution);
-    // Wands that started at a wrong place get another start.
-    bundle = build(&options.stick, &bundle.cameras, instants, scatter);
-    for (camera, free) in bundle.cameras.iter_mut().zip(free) {
-        camera.free = free;
+    if rough {
+        // Poses first: what chained pairs leave of errors must not go into focal lengths.
+        for camera in &mut bundle.cameras {
+            camera.free.retain(|parameter| Parameter::POSE.contains(parameter));
+        }
+        let solution = bundle.solve(&robust(30.0, 15))?;
+        evidence.pass(format!("{name}: poses, Cauchy loss 30"), &solution);
+        // Wands that started at a wrong place get another start.
+        bundle = build(&options.stick, &bundle.cameras, instants, scatter);
+        for (camera, before) in bundle.cameras.iter_mut().zip(cameras) {
+            camera.free.clone_from(&before.free);
+        }
     }
     add_priors(&mut bundle, known, options);
     let solution = bundle.solve(&robust(3.0, 40))?;

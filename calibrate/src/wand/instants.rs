@@ -5,11 +5,14 @@
 //! it saw.
 
 use glam::DVec2;
+use nalgebra::DMatrix;
 
 use super::{Sighting, Stick, WandCamera, view};
 
 /// Stamps this near are equal.
 const SAME_NS: i64 = 50_000;
+/// A velocity is that of so much time before and after; nobody waves a wand faster.
+const SMOOTHED_NS: i64 = 30_000_000;
 
 /// How sightings are matched.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,14 +113,47 @@ fn seconds(from_ns: i64, to_ns: i64) -> f64 {
     to_ns.saturating_sub(from_ns) as f64 * 1e-9
 }
 
-/// Velocity of a LED at sighting `index`, pixels per second: from the neighbours on both sides, or on one.
-fn velocity(track: &[Sighting], index: usize, led: usize, gap_ns: i64) -> Option<DVec2> {
-    let at = &track[index];
-    let near = |other: &&Sighting| (other.t_ns - at.t_ns).abs() <= gap_ns && other.leds[led].is_some();
-    let before = index.checked_sub(1).and_then(|i| track.get(i)).filter(near).unwrap_or(at);
-    let after = track.get(index + 1).filter(near).unwrap_or(at);
-    let moved = after.leds[led]? - before.leds[led]?;
-    (after.t_ns > before.t_ns).then(|| moved / seconds(before.t_ns, after.t_ns))
+/// Velocity of a LED at a time near sighting `index`, pixels per second: the slope of a polynomial through the images around,
+/// of degree 3 at most. Noise in it would make time offsets look smaller than they are, so that it takes in all images of
+/// [`SMOOTHED_NS`] to either side, and two at least.
+fn velocity(track: &[Sighting], index: usize, led: usize, t_ns: i64, gap_ns: i64) -> Option<DVec2> {
+    let at = |index: usize| Some((track[index].t_ns, track[index].leds[led]?));
+    let mut near = vec![at(index)?];
+    for forward in [false, true] {
+        let (mut last, mut count) = (index, 0);
+        while let Some(next) = if forward { Some(last + 1) } else { last.checked_sub(1) }.filter(|n| *n < track.len()) {
+            let gap = (track[next].t_ns - track[last].t_ns).abs();
+            if gap > gap_ns || (count >= 2 && (track[next].t_ns - t_ns).abs() > SMOOTHED_NS) {
+                break;
+            }
+            let Some(sample) = at(next) else { break };
+            near.push(sample);
+            (last, count) = (next, count + 1);
+        }
+    }
+    let unit = near.iter().map(|(t, _)| seconds(t_ns, *t).abs()).fold(1e-6, f64::max);
+    let size = match near.len() {
+        0 | 1 => return None,
+        2 => 2,
+        3 | 4 => 3,
+        // Over a longer time a parabola is too straight.
+        _ if unit > 1.5e-9 * SMOOTHED_NS as f64 => 4,
+        _ => 3,
+    };
+    let (mut matrix, mut right) = (DMatrix::<f64>::zeros(size, size), DMatrix::<f64>::zeros(size, 2));
+    for (t, pixel) in near {
+        let u = seconds(t_ns, t) / unit;
+        for row in 0..size {
+            for column in 0..size {
+                matrix[(row, column)] += u.powi((row + column) as i32);
+            }
+            right[(row, 0)] += u.powi(row as i32) * pixel.x;
+            right[(row, 1)] += u.powi(row as i32) * pixel.y;
+        }
+    }
+    let solution = matrix.cholesky()?.solve(&right);
+    let velocity = DVec2::new(solution[(1, 0)], solution[(1, 1)]) / unit;
+    velocity.is_finite().then_some(velocity)
 }
 
 fn leds_at(track: &[Sighting], t_ns: i64, matching: &Matching) -> Option<[Option<Led>; 3]> {
@@ -134,7 +170,7 @@ fn leds_at(track: &[Sighting], t_ns: i64, matching: &Matching) -> Option<[Option
             std::array::from_fn(|led| between(track, before, led, t_ns, matching))
         }
         _ if distance(&nearest) <= matching.tolerance_ns.max(SAME_NS) => std::array::from_fn(|led| {
-            let known = velocity(track, nearest, led, matching.velocity_gap_ns);
+            let known = velocity(track, nearest, led, t_ns, matching.velocity_gap_ns);
             let velocity = known.unwrap_or(DVec2::ZERO);
             let dt = seconds(track[nearest].t_ns, t_ns);
             let pixel = track[nearest].leds[led]? + velocity * dt;
@@ -151,15 +187,15 @@ fn between(track: &[Sighting], before: usize, led: usize, t_ns: i64, matching: &
     let (from, to) = (a.leds[led]?, b.leds[led]?);
     let span = seconds(a.t_ns, b.t_ns);
     let u = seconds(a.t_ns, t_ns) / span;
-    let slope = |index| velocity(track, index, led, matching.velocity_gap_ns).unwrap_or((to - from) / span) * span;
-    let (start, end) = (slope(before), slope(before + 1));
-    // Hermite's cubic, and its derivative.
+    let slope =
+        |index: usize, t_ns| velocity(track, index, led, t_ns, matching.velocity_gap_ns).unwrap_or((to - from) / span);
+    let (start, end) = (slope(before, a.t_ns) * span, slope(before + 1, b.t_ns) * span);
+    // Hermite's cubic.
     let (u2, u3) = (u * u, u * u * u);
     let pixel =
         from * (2.0 * u3 - 3.0 * u2 + 1.0) + start * (u3 - 2.0 * u2 + u) + to * (3.0 * u2 - 2.0 * u3) + end * (u3 - u2);
-    let by_u = (to - from) * (6.0 * u - 6.0 * u2) + start * (3.0 * u2 - 4.0 * u + 1.0) + end * (3.0 * u2 - 2.0 * u);
     let straight = from.lerp(to, u);
-    Some(Led { pixel, velocity: by_u / span, extra_px: 0.25 * (pixel - straight).length() })
+    Some(Led { pixel, velocity: slope(before, t_ns), extra_px: 0.25 * (pixel - straight).length() })
 }
 
 #[cfg(test)]

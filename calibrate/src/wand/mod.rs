@@ -121,14 +121,14 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     let known: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx).collect();
     let mut evidence = Evidence::default();
     let mut scatter: Vec<_> = cameras.iter().map(|camera| adjust::Scatter::new(camera.sigma_px)).collect();
-    let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, options, "without held-out", &mut evidence)?;
+    let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, options, true, &mut evidence)?;
     if !held.is_empty() {
         let sigma: Vec<f64> = scatter.iter().map(|scatter| scatter.sigma_px).collect();
         evidence.held_out = held_out::lengths(&options.stick, &bundle.cameras, &sigma, &held);
         let all: Vec<_> = instants.iter().collect();
         let start: Vec<Camera> =
             bundle.cameras.iter().zip(&states).map(|(c, s)| Camera { free: s.free.clone(), ..c.clone() }).collect();
-        bundle = adjust::adjust(&start, &known, &all, &mut scatter, options, "all placements", &mut evidence)?;
+        bundle = adjust::adjust(&start, &known, &all, &mut scatter, options, false, &mut evidence)?;
     }
     enough(&cameras, &outcome::placements(&bundle))?;
     let uncertainty = bundle.uncertainty(Loss::Squared)?;

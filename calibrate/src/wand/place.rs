@@ -10,6 +10,8 @@ use crate::{
 
 /// A residual of this many pixels costs half of what an outlier does.
 const HALF_PX: f64 = 10.0;
+/// About so many pairs of views are tried, spread over all.
+const PAIRS: usize = 20;
 
 /// The wand that most of the views agree with, in the world of the cameras; `None` where nothing fits. The views come with
 /// the index of their camera.
@@ -21,7 +23,9 @@ pub(super) fn placement(stick: &Stick, cameras: &[Camera], views: &[(usize, &Vie
         let to_world = cameras[*camera].pose.inverse();
         view.lone.map(|lone| lone.points.map(|point| to_world.transform(point)))
     });
+    let count = views.len() * views.len().saturating_sub(1) / 2;
     let pairs = (0..views.len()).flat_map(|a| (a + 1..views.len()).map(move |b| [views[a], views[b]]));
+    let pairs = pairs.step_by((count / PAIRS).max(1));
     let triangulated = pairs.filter_map(|[(a, first), (b, second)]| {
         let mut points = [DVec3::ZERO; 3];
         for (led, point) in points.iter_mut().enumerate() {
@@ -33,8 +37,15 @@ pub(super) fn placement(stick: &Stick, cameras: &[Camera], views: &[(usize, &Vie
         Some(points)
     });
     let candidates = lone.chain(triangulated).filter_map(|points| fit(stick, points));
-    let costs = candidates.map(|placement| (cost(stick, cameras, views, &placement), placement));
-    costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, placement)| placement)
+    let mut best = None;
+    let mut least = f64::INFINITY;
+    for placement in candidates {
+        let cost = cost(stick, cameras, views, &placement, least);
+        if cost < least {
+            (least, best) = (cost, Some(placement));
+        }
+    }
+    best
 }
 
 /// The wand nearest to three points.
@@ -48,9 +59,13 @@ fn fit(stick: &Stick, points: [DVec3; 3]) -> Option<Placement> {
     middle.is_finite().then_some(Placement::Wand { middle, direction })
 }
 
-fn cost(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)], placement: &Placement) -> f64 {
+/// What a wand costs; something that is not less than `least` where it cannot be.
+fn cost(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)], placement: &Placement, least: f64) -> f64 {
     let mut cost = 0.0;
     for (camera, view) in views {
+        if cost >= least {
+            break;
+        }
         let camera = &cameras[*camera];
         for (led, offset) in view.leds.iter().zip(stick.offsets_m()) {
             let Some(led) = led else { continue };
