@@ -4,6 +4,7 @@ mod board;
 mod convert;
 mod summary;
 mod target;
+mod wand;
 
 use clap::Subcommand;
 
@@ -14,6 +15,8 @@ use crate::terminal::Terminal;
 pub enum Command {
     /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
     Board(board::Arguments),
+    /// Calibrate with a wand of three LEDs that was waved before the cameras.
+    Wand(Box<wand::Arguments>),
     /// Draw a board to print, or to blink on a screen.
     Target(target::Arguments),
     /// Write a rig in the format of another program, or read one from there.
@@ -26,5 +29,6 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Board(arguments) => board::run(arguments, terminal),
         Command::Target(arguments) => target::run(arguments, terminal),
         Command::Convert(arguments) => convert::run(arguments, terminal),
+        Command::Wand(arguments) => wand::run(arguments, terminal),
     }
 }

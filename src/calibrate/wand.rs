@@ -1,0 +1,123 @@
+//! `erfgs calibrate wand`: cameras of both kinds from an LED wand that was waved before them.
+
+use std::path::PathBuf;
+
+use erfgs_calibrate::{
+    rig_file::RigFile,
+    wand::{Matching, Stick, WandOptions, calibrate, read_points},
+};
+
+use super::summary::finish;
+use crate::{errors::Usage, terminal::Terminal};
+
+/// Calibrate with a wand of three LEDs that was waved before the cameras.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+POINTS is a folder or a file of LED positions:
+  a folder in eWand's layout: frame_0.csv, event_1.csv, ... with rows t_ns;x1;y1;x2;y2;x3;y3 (-1 where nothing was seen), and
+  beside each a YAML file of OpenCV intrinsics (frame_0.yaml); pixel centres are whole numbers there
+  a wand.json, or a folder that holds one (docs/calibration.md describes it): cameras with intrinsics and standard
+  deviations, and for each a CSV file t_ns,x1,y1,x2,y2,x3,y3; pixel centres are half-integers
+
+Nothing needs to be known of the poses. The gaps give the scale; if they differ, LEDs in the wrong order are put right. A \
+fifth of the placements takes no part in a first solution, which measures their lengths.
+
+Examples:
+  erfgs calibrate wand points --wand 0.13+0.26
+  erfgs calibrate wand points --wand 0.13+0.26 --rig intrinsics.json --out rig.json
+  erfgs calibrate wand points --wand 0.13+0.26 --fix-focal --no-time-offsets      fixed lenses on one trigger
+  erfgs calibrate wand points --wand 0.13+0.26 --without cam3 --json | jq .quality.measures")]
+pub struct Arguments {
+    /// The LED positions.
+    #[arg(value_name = "POINTS")]
+    input: PathBuf,
+    /// The gaps between the first and the second, and the second and the third LED, metres.
+    #[arg(long, value_name = "GAP+GAP")]
+    wand: Stick,
+    /// A rig file whose intrinsics are taken for the cameras that it names.
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
+    /// Keep focal lengths as they are.
+    #[arg(long)]
+    fix_focal: bool,
+    /// How well focal lengths are known beforehand, in per cent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0, conflicts_with = "fix_focal")]
+    focal_sigma: f64,
+    /// Take all stamps to be of one clock.
+    #[arg(long)]
+    no_time_offsets: bool,
+    /// Stamps of different cameras this near to each other may be taken for one instant, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 2.0)]
+    tolerance: f64,
+    /// Standard deviation of a LED's position in all cameras, pixels; from the points, or from the residuals, without it.
+    #[arg(long, value_name = "PX")]
+    sigma: Option<f64>,
+    /// The camera in whose space the world lies; the first without it.
+    #[arg(long, value_name = "CAMERA")]
+    reference: Option<String>,
+    /// Cameras to leave out, separated by commas.
+    #[arg(long, value_name = "CAMERAS", value_delimiter = ',')]
+    without: Vec<String>,
+    /// The share of placements that takes no part in the first solution, in per cent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0)]
+    hold_out: f64,
+    /// Greatest number of placements; a longer recording is thinned.
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    most: usize,
+    /// Seed of random choices.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The rig file to write; the report goes beside it, with the extension html.
+    #[arg(long, value_name = "FILE", default_value = "rig.json")]
+    out: PathBuf,
+}
+
+impl Arguments {
+    fn options(&self) -> anyhow::Result<WandOptions> {
+        if !(self.tolerance >= 0.0 && self.tolerance < 1e3) {
+            return Err(Usage("--tolerance must lie between 0 and 1000 ms".into()).into());
+        }
+        if self.sigma.is_some_and(|sigma| !(sigma > 0.0 && sigma.is_finite())) {
+            return Err(Usage("--sigma must be positive".into()).into());
+        }
+        let matching = Matching { tolerance_ns: (self.tolerance * 1e6).round() as i64, ..Matching::default() };
+        Ok(WandOptions {
+            matching,
+            reference: self.reference.clone(),
+            without: self.without.clone(),
+            fix_focal: self.fix_focal,
+            focal_sigma: self.focal_sigma / 100.0,
+            time_offsets: !self.no_time_offsets,
+            hold_out: self.hold_out / 100.0,
+            most: self.most,
+            seed: self.seed,
+            ..WandOptions::new(self.wand)
+        })
+    }
+}
+
+/// Reads points and calibrates.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let options = arguments.options()?;
+    let mut cameras = read_points(&arguments.input)?;
+    if let Some(path) = &arguments.rig {
+        let rig = RigFile::read(path)?;
+        let mut named = 0;
+        for camera in &mut cameras {
+            if let Some(known) = rig.camera(&camera.name) {
+                camera.intrinsics = known.intrinsics;
+                named += 1;
+            }
+        }
+        if named == 0 {
+            let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+            let what = format!("{} names none of the cameras {}", path.display(), names.join(", "));
+            return Err(Usage(what).into());
+        }
+    }
+    if arguments.sigma.is_some() {
+        cameras.iter_mut().for_each(|camera| camera.sigma_px = arguments.sigma);
+    }
+    let (rig, evidence) = calibrate(&cameras, &options)?;
+    finish(&rig, &evidence, &arguments.out, terminal)
+}
