@@ -6,6 +6,7 @@
 //! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric.
 
 mod adjust;
+pub mod detect;
 mod error;
 mod held_out;
 mod instants;

@@ -45,6 +45,11 @@ impl Lone {
         Some(Self { rays, points, weight: (broadside * broadside / ranges[1]).powi(2) })
     }
 
+    /// Whether it is so far from the camera, for its length, as wands are.
+    pub fn is_likely(&self) -> bool {
+        self.steepness() <= STEEP.ln()
+    }
+
     /// The logarithm of how much farther one end is than the other.
     fn steepness(&self) -> f64 {
         (self.points[2].length() / self.points[0].length()).ln().abs()
