@@ -1,0 +1,56 @@
+//! `erfgs calibrate`: a board, what is drawn of it, and the formats of other programs.
+
+use std::path::Path;
+
+use super::Folder;
+
+const CHESSBOARD: &str = "--target chessboard:9x6:0.025";
+
+/// A folder with pairs of pictures of a chessboard.
+fn with_pairs() -> Folder {
+    let folder = Folder::new();
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("calibrate/tests/data/chessboards");
+    super::copy(&from, &folder.path("pairs"));
+    folder
+}
+
+#[test]
+fn a_stereo_pair_is_calibrated_reported_and_converted() {
+    let folder = with_pairs();
+    let rig = folder.figures(&format!("calibrate board pairs {CHESSBOARD} --out rig.json"));
+    assert!(rig["quality"]["rms_px"].as_f64().unwrap() < 0.22, "{rig}");
+    assert_eq!([&rig["cameras"][0]["name"], &rig["cameras"][1]["name"]], ["left", "right"]);
+    let page = std::fs::read_to_string(folder.path("rig.html")).unwrap();
+    assert!(page.contains("Residuals of right") && page.contains("solver time"));
+    let known = folder.figures(&format!("calibrate board pairs {CHESSBOARD} --rig rig.json --out again.json"));
+    assert_eq!(known["cameras"][0]["intrinsics"], rig["cameras"][0]["intrinsics"]);
+    let said = folder.succeed("calibrate convert rig.json --to colmap --out model");
+    assert!(said.contains("uncertainties"), "{said}");
+    let back = folder.figures("calibrate convert model --to rig --out back.json");
+    assert_eq!(back["cameras"], 2);
+    let message = folder.fail(1, "calibrate convert rig.json --to kalibr --out camchain.yaml");
+    assert!(message.contains("camera left"), "{message}");
+}
+
+#[test]
+fn wrong_targets_and_empty_folders_are_explained() {
+    let folder = with_pairs();
+    let message = folder.fail(2, "calibrate board pairs --target chessboard:9");
+    assert!(message.contains("chessboard:9x6:0.025"), "{message}");
+    let message = folder.fail(1, "calibrate board pairs --target chessboard:7x4:0.025");
+    assert!(message.contains("camera left") && message.contains("0 of 13"), "{message}");
+    std::fs::create_dir(folder.path("empty")).unwrap();
+    let message = folder.fail(1, &format!("calibrate board empty {CHESSBOARD}"));
+    assert!(message.contains("empty") && !folder.path("rig.json").exists(), "{message}");
+}
+
+#[test]
+fn boards_are_drawn_in_every_form() {
+    let folder = Folder::new();
+    for out in ["board.svg", "board.pdf", "board.html"] {
+        folder.succeed(&format!("calibrate target charuco:5x7:0.03:0.0225:DICT_4X4_50 --out {out}"));
+        assert!(folder.path(out).metadata().unwrap().len() > 2000, "{out}");
+    }
+    let message = folder.fail(2, "calibrate target chessboard:9x6:0.02 --out board.png");
+    assert!(message.contains(".svg"), "{message}");
+}
