@@ -5,6 +5,7 @@
 
 pub mod board;
 pub mod bundle;
+pub mod check;
 pub mod cloud;
 pub mod convert;
 pub mod evidence;

@@ -1,6 +1,7 @@
 //! `erfgs calibrate`: one file per way of calibrating.
 
 mod board;
+mod check;
 mod convert;
 mod summary;
 mod target;
@@ -17,6 +18,8 @@ pub enum Command {
     Board(board::Arguments),
     /// Calibrate with a wand of three LEDs that was waved before the cameras.
     Wand(Box<wand::Arguments>),
+    /// Compare a rig with a later recording, and say which camera moved.
+    Check(check::Arguments),
     /// Draw a board to print, or to blink on a screen.
     Target(target::Arguments),
     /// Write a rig in the format of another program, or read one from there.
@@ -27,6 +30,7 @@ pub enum Command {
 pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
     match command {
         Command::Board(arguments) => board::run(arguments, terminal),
+        Command::Check(arguments) => check::run(arguments, terminal),
         Command::Target(arguments) => target::run(arguments, terminal),
         Command::Convert(arguments) => convert::run(arguments, terminal),
         Command::Wand(arguments) => wand::run(arguments, terminal),

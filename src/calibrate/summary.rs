@@ -25,7 +25,7 @@ pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Termina
                 quality.condition.map_or("infinite".into(), |condition| format!("{condition:.1e}")),
             ));
             for (name, value) in &quality.measures {
-                text.push_str(&format!("{}: {value:.3}\n", name.replace('_', " ")));
+                text.push_str(&format!("{}\n", report::measure(name, *value)));
             }
             for open in &quality.open {
                 text.push_str(&format!("not determined: {open}\n"));

@@ -54,3 +54,16 @@ fn boards_are_drawn_in_every_form() {
     let message = folder.fail(2, "calibrate target chessboard:9x6:0.02 --out board.png");
     assert!(message.contains(".svg"), "{message}");
 }
+
+#[test]
+fn a_check_passes_on_the_same_pictures_and_tells_when_cameras_moved() {
+    let folder = with_pairs();
+    folder.succeed(&format!("calibrate board pairs {CHESSBOARD} --out rig.json"));
+    folder.succeed(&format!("calibrate check rig.json pairs {CHESSBOARD}"));
+    let mut rig: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.path("rig.json")).unwrap()).unwrap();
+    rig["cameras"][1]["pose"]["translation_m"][0] = (-0.09).into();
+    std::fs::write(folder.path("moved.json"), rig.to_string()).unwrap();
+    let message = folder.fail(1, "calibrate check rig.json moved.json");
+    assert!(message.contains("against each other"), "{message}");
+    assert!(folder.fail(2, "calibrate check rig.json pairs").contains("--target"));
+}

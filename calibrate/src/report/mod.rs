@@ -61,7 +61,7 @@ fn head(rig: &RigFile) -> String {
     let mut notes = Vec::new();
     if let Some(quality) = &rig.quality {
         notes.extend(quality.open.iter().map(|open| format!("Not determined: {}", Escaped(open))));
-        let measures = quality.measures.iter().map(|(name, value)| format!("{}: {value:.3}", name.replace('_', " ")));
+        let measures = quality.measures.iter().map(|(name, value)| measure(name, *value));
         let measures: Vec<String> = measures.map(|text| Escaped(&text).to_string()).collect();
         if !measures.is_empty() {
             text += &format!("<p>{}</p>\n", measures.join("; "));
@@ -75,6 +75,13 @@ fn head(rig: &RigFile) -> String {
         text += &format!("<div class=\"notes\"><ul><li>{}</li></ul></div>\n", notes.join("</li><li>"));
     }
     text
+}
+
+/// A measure of the method as people read it; whole numbers without a point.
+#[must_use]
+pub fn measure(name: &str, value: f64) -> String {
+    let digits = if value.fract() == 0.0 { 0 } else { 3 };
+    format!("{}: {value:.digits$}", name.replace('_', " "))
 }
 
 fn held_out(evidence: &Evidence) -> String {

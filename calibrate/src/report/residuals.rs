@@ -38,8 +38,14 @@ fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
         residuals.iter().filter(|r| r.used).filter_map(|r| r.residual).map(|off| off.length()).collect();
     lengths.sort_by(f64::total_cmp);
     let typical = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
-    // A typical residual is a fiftieth of the image; a round factor.
-    let factor = if typical > 0.0 { 10f64.powf((0.02 * width / typical).log10().floor().max(0.0)) } else { 1.0 };
+    // A typical residual becomes a fortieth of the image; a round factor.
+    let factor = if typical > 0.0 {
+        let exact = (0.025 * width / typical).max(1.0);
+        let decade = 10f64.powf(exact.log10().floor());
+        [5.0, 2.0, 1.0].into_iter().find(|step| step * decade <= exact).unwrap_or(1.0) * decade
+    } else {
+        1.0
+    };
     let stroke = width / 450.0;
     let mut svg = format!(
         "<figure><svg viewBox=\"0 0 {width} {height}\" stroke-width=\"{stroke:.2}\" role=\"img\" aria-label=\"Residuals of {}\">",
