@@ -2,6 +2,8 @@
 
 use std::{io, path::PathBuf};
 
+use crate::colmap::RunError;
+
 /// What can go wrong while the initial point cloud is made.
 #[derive(Debug, thiserror::Error)]
 pub enum CloudError {
@@ -77,28 +79,9 @@ pub enum CloudError {
         /// What was tried.
         tried: String,
     },
-    /// COLMAP ended with an error.
-    #[error("COLMAP's {step} failed ({status}) running '{command}'; its last words were:\n{log}")]
-    ColmapFailed {
-        /// `feature_extractor` or `point_triangulator`.
-        step: &'static str,
-        /// How the program ended.
-        status: String,
-        /// The command line.
-        command: String,
-        /// The end of what it printed.
-        log: String,
-    },
-    /// The database is not as expected.
-    #[error("while {doing} in COLMAP's database {}: {why}", path.display())]
-    Database {
-        /// What was being done.
-        doing: &'static str,
-        /// The database.
-        path: PathBuf,
-        /// What is wrong.
-        why: String,
-    },
+    /// COLMAP does not run, or its database is not as expected.
+    #[error(transparent)]
+    Colmap(RunError),
     /// COLMAP's model cannot be read or written.
     #[error(transparent)]
     Model(#[from] erfgs_session::colmap::ColmapError),
@@ -135,4 +118,14 @@ pub enum CloudError {
         /// How many are needed.
         needed: usize,
     },
+}
+
+impl From<RunError> for CloudError {
+    /// There are methods that need no COLMAP, which a message about a missing one should say.
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Missing { tried } => Self::ColmapMissing { tried },
+            other => Self::Colmap(other),
+        }
+    }
 }

@@ -18,12 +18,10 @@ use erfgs_session::{Dataset, dataset::PointCloudFile, ply::PointCloud};
 use glam::DVec3;
 use serde_json::{Value, json};
 
-pub use colmap::Colmap;
+pub use crate::colmap::{Colmap, ColmapProgram};
 
 pub use error::CloudError;
-pub use options::{
-    CloudOptions, ColmapOptions, ColmapProgram, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions,
-};
+pub use options::{CloudOptions, ColmapOptions, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions};
 
 /// One point of the cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,11 +7,6 @@
 //!    third of the pairs of a wide-baseline rig; this is where points are won.
 //! 4. COLMAP triangulates the tracks with fixed poses; those of at least three views are kept.
 
-mod database;
-mod matching;
-mod process;
-mod program;
-
 use std::{
     collections::{BTreeMap, HashMap},
     fs, io,
@@ -27,16 +22,15 @@ use erfgs_session::{
 use glam::DVec2;
 use rayon::prelude::*;
 
-pub use self::program::Colmap;
-use self::{
-    database::{Database, ImageRow, PairMatches},
-    matching::{Features, Limits, Relative, match_pair},
-    program::{Extraction, Triangulation},
-};
 use super::{
     CloudError, CloudOptions, CloudPoint, Counts, Progress, Stage,
     photo::{Photo, median_colour},
     rig::{Reach, Rig},
+};
+use crate::colmap::{
+    Colmap, Extraction, Triangulation,
+    database::{Database, ImageRow, PairMatches},
+    matching::{Features, Limits, Relative, match_pair},
 };
 
 /// Fewer features than this in all images together cannot make a useful cloud.
@@ -220,7 +214,10 @@ fn set_cameras(
             return Err(CloudError::ModelMismatch { why });
         }
     }
-    stations.iter().try_for_each(|(&camera, &station)| database.set_pinhole(camera, &enlarged[station]))
+    for (&camera, &station) in &stations {
+        database.set_camera(camera, &ColmapCamera::from_intrinsics(&enlarged[station]), true)?;
+    }
+    Ok(())
 }
 
 fn read_features(
@@ -231,7 +228,11 @@ fn read_features(
 ) -> Result<Vec<Features>, CloudError> {
     rows.iter()
         .zip(shots)
-        .map(|(row, shot)| database.features(row.image, enlarged[shot.station].width, enlarged[shot.station].height))
+        .map(|(row, shot)| {
+            let k = &enlarged[shot.station];
+            let keypoints = database.keypoints(row.image)?;
+            Ok(Features::new(k.width, k.height, keypoints.positions, keypoints.descriptors))
+        })
         .collect()
 }
 

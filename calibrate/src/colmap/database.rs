@@ -5,15 +5,15 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::Intrinsics;
+use erfgs_session::colmap::ColmapCamera;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rusqlite::{Connection, params};
 
-use super::matching::{DESCRIPTOR, Features, Relative};
-use crate::cloud::CloudError;
+use super::{
+    RunError,
+    matching::{DESCRIPTOR, Relative},
+};
 
-/// COLMAP's number of the model with fx, fy, cx, cy.
-const PINHOLE: i64 = 1;
 /// COLMAP's number of a pair whose calibrated geometry is known.
 const CALIBRATED: i64 = 2;
 /// `pair_id = MAX_IMAGES * smaller image_id + larger image_id`.
@@ -28,6 +28,17 @@ pub struct ImageRow {
     pub camera: u32,
     /// Path below the image folder.
     pub name: String,
+}
+
+/// The features of an image, by index.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Keypoints {
+    /// Where they are, pixels of the image that was given to COLMAP.
+    pub positions: Vec<DVec2>,
+    /// Their scales, pixels.
+    pub scales: Vec<f64>,
+    /// Their descriptors.
+    pub descriptors: Vec<[u8; DESCRIPTOR]>,
 }
 
 /// The matches of a pair of images whose first has the smaller id.
@@ -49,9 +60,9 @@ pub struct Database {
 
 impl Database {
     /// Opens the database that COLMAP's feature extraction made.
-    pub fn open(path: &Path) -> Result<Self, CloudError> {
+    pub fn open(path: &Path) -> Result<Self, RunError> {
         let flags = rusqlite::OpenFlags::SQLITE_OPEN_READ_WRITE | rusqlite::OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = Connection::open_with_flags(path, flags).map_err(|error| CloudError::Database {
+        let connection = Connection::open_with_flags(path, flags).map_err(|error| RunError::Database {
             doing: "opening",
             path: path.to_owned(),
             why: error.to_string(),
@@ -59,12 +70,12 @@ impl Database {
         Ok(Self { path: path.to_owned(), connection })
     }
 
-    fn error(&self, doing: &'static str, why: impl ToString) -> CloudError {
-        CloudError::Database { doing, path: self.path.clone(), why: why.to_string() }
+    fn error(&self, doing: &'static str, why: impl ToString) -> RunError {
+        RunError::Database { doing, path: self.path.clone(), why: why.to_string() }
     }
 
     /// All images, ordered by id.
-    pub fn images(&self) -> Result<Vec<ImageRow>, CloudError> {
+    pub fn images(&self) -> Result<Vec<ImageRow>, RunError> {
         let read = || -> rusqlite::Result<Vec<ImageRow>> {
             let mut statement =
                 self.connection.prepare("SELECT image_id, camera_id, name FROM images ORDER BY image_id")?;
@@ -75,54 +86,80 @@ impl Database {
         read().map_err(|error| self.error("reading the images", error))
     }
 
-    /// Replaces a camera by the pinhole of `intrinsics`, whose focal length COLMAP shall trust.
-    pub fn set_pinhole(&self, camera: u32, intrinsics: &Intrinsics) -> Result<(), CloudError> {
-        let blob = f64_bytes([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy]);
+    /// Replaces a camera. `trusted`: its focal length is known, and no guess.
+    pub fn set_camera(&self, camera: u32, to: &ColmapCamera, trusted: bool) -> Result<(), RunError> {
+        let (width, height) = (to.width as i64, to.height as i64);
+        let blob = f64_bytes(to.parameters.iter().copied());
         let changed = self
             .connection
             .execute(
-                "UPDATE cameras SET model = ?1, width = ?2, height = ?3, params = ?4, prior_focal_length = 1 \
-                 WHERE camera_id = ?5",
-                params![PINHOLE, intrinsics.width, intrinsics.height, blob, camera],
+                "UPDATE cameras SET model = ?1, width = ?2, height = ?3, params = ?4, prior_focal_length = ?5 \
+                 WHERE camera_id = ?6",
+                params![to.model.id(), width, height, blob, trusted, camera],
             )
             .map_err(|error| self.error("writing the intrinsics", error))?;
         if changed == 1 { Ok(()) } else { Err(self.error("writing the intrinsics", format!("no camera {camera}"))) }
     }
 
-    /// The features of an image; none if extraction found none. The image has `width` x `height` pixels.
-    pub fn features(&self, image: u32, width: u32, height: u32) -> Result<Features, CloudError> {
-        let points = match self.blob("keypoints", image)? {
-            None => Vec::new(),
-            Some((rows, columns, data)) => {
-                if columns < 2 || data.len() != rows * columns * 4 {
-                    let bytes = data.len();
-                    let why = format!("image {image}: {rows} x {columns} keypoints in {bytes} bytes");
-                    return Err(self.error("reading keypoints", why));
-                }
-                let number = |bytes: &[u8]| f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
-                data.chunks_exact(columns * 4).map(|row| DVec2::new(number(&row[..4]), number(&row[4..8]))).collect()
+    /// The features of an image; none if extraction found none.
+    pub fn keypoints(&self, image: u32) -> Result<Keypoints, RunError> {
+        let mut found = Keypoints::default();
+        if let Some((rows, columns, data)) = self.blob("keypoints", image)? {
+            if columns < 2 || data.len() != rows * columns * 4 {
+                let bytes = data.len();
+                let why = format!("image {image}: {rows} x {columns} keypoints in {bytes} bytes");
+                return Err(self.error("reading keypoints", why));
             }
-        };
-        let descriptors = match self.blob("descriptors", image)? {
-            None => Vec::new(),
-            Some((rows, columns, data)) => {
-                let (whole, rest) = data.as_chunks::<DESCRIPTOR>();
-                if columns != DESCRIPTOR || !rest.is_empty() || whole.len() != rows {
-                    let why = format!("image {image}: {columns} bytes each, where SIFT has {DESCRIPTOR}");
-                    return Err(self.error("reading descriptors", why));
-                }
-                whole.to_vec()
+            let number = |bytes: &[u8]| f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
+            for row in data.chunks_exact(columns * 4) {
+                let at = |column: usize| number(&row[4 * column..4 * column + 4]);
+                found.positions.push(DVec2::new(at(0), at(1)));
+                // x, y, then the scale and the orientation, or the 2x2 matrix of an affine shape.
+                found.scales.push(match columns {
+                    2 | 3 => 1.0,
+                    4 | 5 => at(2),
+                    _ => at(2).hypot(at(4)),
+                });
             }
-        };
-        if points.len() != descriptors.len() {
-            let why = format!("image {image}: {} keypoints but {} descriptors", points.len(), descriptors.len());
+        }
+        if let Some((rows, columns, data)) = self.blob("descriptors", image)? {
+            let (whole, rest) = data.as_chunks::<DESCRIPTOR>();
+            if columns != DESCRIPTOR || !rest.is_empty() || whole.len() != rows {
+                let why = format!("image {image}: {columns} bytes each, where SIFT has {DESCRIPTOR}");
+                return Err(self.error("reading descriptors", why));
+            }
+            found.descriptors = whole.to_vec();
+        }
+        if found.positions.len() != found.descriptors.len() {
+            let (points, descriptors) = (found.positions.len(), found.descriptors.len());
+            let why = format!("image {image}: {points} keypoints but {descriptors} descriptors");
             return Err(self.error("reading features", why));
         }
-        Ok(Features::new(width, height, points, descriptors))
+        Ok(found)
+    }
+
+    /// Replaces all matches by `pairs` (ids of two images, ascending, and indices of keypoints), whose geometry is not
+    /// known yet.
+    pub fn write_unverified(&mut self, pairs: &[([u32; 2], Vec<[u32; 2]>)]) -> Result<(), RunError> {
+        let path = self.path.clone();
+        let mut write = || -> rusqlite::Result<()> {
+            let transaction = self.connection.transaction()?;
+            transaction.execute("DELETE FROM matches", [])?;
+            transaction.execute("DELETE FROM two_view_geometries", [])?;
+            {
+                let mut insert =
+                    transaction.prepare("INSERT INTO matches (pair_id, rows, cols, data) VALUES (?1, ?2, 2, ?3)")?;
+                for (images, matches) in pairs {
+                    insert.execute(params![pair_id(*images), matches.len() as i64, match_bytes(matches)])?;
+                }
+            }
+            transaction.commit()
+        };
+        write().map_err(|error| RunError::Database { doing: "writing the matches", path, why: error.to_string() })
     }
 
     /// Rows, columns and data of an image's row in `table`.
-    fn blob(&self, table: &str, image: u32) -> Result<Option<(usize, usize, Vec<u8>)>, CloudError> {
+    fn blob(&self, table: &str, image: u32) -> Result<Option<(usize, usize, Vec<u8>)>, RunError> {
         let read = || -> rusqlite::Result<Option<(usize, usize, Vec<u8>)>> {
             let query = format!("SELECT rows, cols, data FROM {table} WHERE image_id = ?1");
             let mut statement = self.connection.prepare_cached(&query)?;
@@ -135,9 +172,9 @@ impl Database {
     }
 
     /// Replaces all matches and two-view geometries by `pairs`.
-    pub fn write_matches(&mut self, pairs: &[PairMatches]) -> Result<(), CloudError> {
+    pub fn write_matches(&mut self, pairs: &[PairMatches]) -> Result<(), RunError> {
         let path = self.path.clone();
-        write_matches(&mut self.connection, pairs).map_err(|error| CloudError::Database {
+        write_matches(&mut self.connection, pairs).map_err(|error| RunError::Database {
             doing: "writing the matches",
             path,
             why: error.to_string(),
@@ -157,9 +194,8 @@ fn write_matches(connection: &mut Connection, pairs: &[PairMatches]) -> rusqlite
              VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
         )?;
         for pair in pairs {
-            let [a, b] = pair.images.map(i64::from);
-            let id = MAX_IMAGES * a + b;
-            let data: Vec<u8> = pair.matches.as_flattened().iter().flat_map(|index| index.to_le_bytes()).collect();
+            let id = pair_id(pair.images);
+            let data = match_bytes(&pair.matches);
             let rows = pair.matches.len() as i64;
             matches.execute(params![id, rows, data])?;
             let Relative { rotation, translation, essential, fundamental } = pair.relative;
@@ -177,6 +213,15 @@ fn write_matches(connection: &mut Connection, pairs: &[PairMatches]) -> rusqlite
         }
     }
     transaction.commit()
+}
+
+fn pair_id(images: [u32; 2]) -> i64 {
+    let [a, b] = images.map(i64::from);
+    MAX_IMAGES * a + b
+}
+
+fn match_bytes(matches: &[[u32; 2]]) -> Vec<u8> {
+    matches.as_flattened().iter().flat_map(|index| index.to_le_bytes()).collect()
 }
 
 fn f64_bytes(numbers: impl IntoIterator<Item = f64>) -> Vec<u8> {

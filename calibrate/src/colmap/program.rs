@@ -14,7 +14,7 @@ use std::{
 use serde::Serialize;
 
 use super::process::{Outcome, run};
-use crate::cloud::{CloudError, ColmapProgram};
+use super::{ColmapProgram, RunError};
 
 const SCRIPT: &str = include_str!("pycolmap.py");
 
@@ -37,51 +37,6 @@ pub enum Colmap {
     },
 }
 
-/// What feature extraction needs to know.
-#[derive(Clone, Debug, Serialize)]
-pub struct Extraction {
-    /// Database to make.
-    pub database: PathBuf,
-    /// Folder of the images, one subfolder per camera.
-    pub images: PathBuf,
-    /// File with the names, one a line.
-    #[serde(skip)]
-    pub list: PathBuf,
-    /// Images below the folder.
-    pub names: Vec<String>,
-    /// Any plausible `fx,fy,cx,cy`; replaced in the database.
-    pub camera_params: String,
-    /// Threads; -1 = all.
-    pub threads: i64,
-    /// Side above which COLMAP would shrink an image.
-    pub max_image_size: u32,
-    /// SIFT's limit of features per image.
-    pub max_features: u32,
-    /// SIFT's threshold on the difference of Gaussians.
-    pub peak_threshold: f64,
-    /// SIFT's threshold on edge-like features.
-    pub edge_threshold: f64,
-}
-
-/// What triangulation needs to know.
-#[derive(Clone, Debug, Serialize)]
-pub struct Triangulation {
-    /// Database with features and matches.
-    pub database: PathBuf,
-    /// Folder of the images.
-    pub images: PathBuf,
-    /// Folder of the model with the poses.
-    pub input: PathBuf,
-    /// Existing folder for the model with the points.
-    pub output: PathBuf,
-    /// Threads; -1 = all.
-    pub threads: i64,
-    /// Greatest reprojection error, pixels.
-    pub max_error_px: f64,
-    /// Smallest angle between two rays of a point, degrees.
-    pub min_ray_angle_deg: f64,
-}
-
 /// Is told items done and in all.
 pub type Count<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
@@ -89,9 +44,9 @@ impl Colmap {
     /// Finds the COLMAP asked for and asks its version.
     ///
     /// # Errors
-    /// [`CloudError::ColmapMissing`], saying what was tried.
-    pub fn find(program: &ColmapProgram) -> Result<Self, CloudError> {
-        let missing = |tried: Vec<String>| CloudError::ColmapMissing { tried: tried.join("; ") };
+    /// [`RunError::Missing`], saying what was tried.
+    pub fn find(program: &ColmapProgram) -> Result<Self, RunError> {
+        let missing = |tried: Vec<String>| RunError::Missing { tried: tried.join("; ") };
         match program {
             ColmapProgram::Binary(path) => Self::binary(path).map_err(|why| missing(vec![why])),
             ColmapProgram::Pycolmap(python) => {
@@ -137,67 +92,9 @@ impl Colmap {
             Self::Pycolmap { version, .. } => format!("pycolmap {version}"),
         }
     }
-
-    /// Extracts features into a fresh database.
-    pub(super) fn extract(&self, job: &Extraction, progress: Count<'_>) -> Result<(), CloudError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("feature_extractor", python, "extract", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "feature_extractor")?;
-                let arguments = flags.choose(&[
-                    (&["log_to_stderr"], "1".into(), false),
-                    (&["database_path"], job.database.clone().into(), true),
-                    (&["image_path"], job.images.clone().into(), true),
-                    (&["image_list_path"], job.list.clone().into(), true),
-                    (&["ImageReader.camera_model"], "PINHOLE".into(), true),
-                    (&["ImageReader.camera_params"], job.camera_params.clone().into(), true),
-                    (&["ImageReader.single_camera_per_folder"], "1".into(), true),
-                    (&["FeatureExtraction.use_gpu", "SiftExtraction.use_gpu"], "0".into(), true),
-                    (&["FeatureExtraction.num_threads", "SiftExtraction.num_threads"], text(job.threads), false),
-                    (
-                        &["FeatureExtraction.max_image_size", "SiftExtraction.max_image_size"],
-                        text(job.max_image_size),
-                        true,
-                    ),
-                    (&["SiftExtraction.max_num_features"], text(job.max_features), true),
-                    (&["SiftExtraction.peak_threshold"], text(job.peak_threshold), true),
-                    (&["SiftExtraction.edge_threshold"], text(job.edge_threshold), true),
-                ])?;
-                binary_step("feature_extractor", path, arguments, progress)
-            }
-        }
-    }
-
-    /// Triangulates the matches, poses and intrinsics fixed.
-    pub(super) fn triangulate(&self, job: &Triangulation, progress: Count<'_>) -> Result<(), CloudError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("point_triangulator", python, "triangulate", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "point_triangulator")?;
-                let arguments = flags.choose(&[
-                    (&["log_to_stderr"], "1".into(), false),
-                    (&["database_path"], job.database.clone().into(), true),
-                    (&["image_path"], job.images.clone().into(), true),
-                    (&["input_path"], job.input.clone().into(), true),
-                    (&["output_path"], job.output.clone().into(), true),
-                    (&["clear_points"], "1".into(), true),
-                    (&["refine_intrinsics"], "0".into(), false),
-                    (&["Mapper.extract_colors"], "0".into(), false),
-                    (&["Mapper.num_threads"], text(job.threads), false),
-                    (&["Mapper.ba_refine_focal_length"], "0".into(), false),
-                    (&["Mapper.ba_refine_principal_point"], "0".into(), false),
-                    (&["Mapper.ba_refine_extra_params"], "0".into(), false),
-                    (&["Mapper.filter_max_reproj_error"], text(job.max_error_px), true),
-                    (&["Mapper.filter_min_tri_angle"], text(job.min_ray_angle_deg), true),
-                    (&["Mapper.tri_min_angle"], text(job.min_ray_angle_deg), true),
-                ])?;
-                binary_step("point_triangulator", path, arguments, progress)
-            }
-        }
-    }
 }
 
-fn text(value: impl ToString) -> OsString {
+pub(super) fn text(value: impl ToString) -> OsString {
     value.to_string().into()
 }
 
@@ -207,7 +104,7 @@ fn default_python() -> PathBuf {
 }
 
 /// The flags that a subcommand knows.
-struct Flags {
+pub(super) struct Flags {
     step: &'static str,
     known: HashSet<String>,
 }
@@ -216,9 +113,9 @@ struct Flags {
 type Wanted<'a> = (&'a [&'a str], OsString, bool);
 
 impl Flags {
-    fn of(path: &Path, step: &'static str) -> Result<Self, CloudError> {
+    pub(super) fn of(path: &Path, step: &'static str) -> Result<Self, RunError> {
         let output = Command::new(path).args([step, "--help"]).output();
-        let output = output.map_err(|error| CloudError::ColmapMissing {
+        let output = output.map_err(|error| RunError::Missing {
             tried: format!("running '{} {step} --help': {error}", path.display()),
         })?;
         let known = [output.stdout, output.stderr]
@@ -230,13 +127,13 @@ impl Flags {
     }
 
     /// The command line with the first known name of each flag.
-    fn choose(&self, wanted: &[Wanted<'_>]) -> Result<Vec<OsString>, CloudError> {
+    pub(super) fn choose(&self, wanted: &[Wanted<'_>]) -> Result<Vec<OsString>, RunError> {
         let mut arguments = Vec::with_capacity(2 * wanted.len());
         for (names, value, needed) in wanted {
             match names.iter().find(|name| self.known.contains(**name)) {
                 Some(name) => arguments.extend([format!("--{name}").into(), value.clone()]),
                 None if *needed => {
-                    return Err(CloudError::ColmapMissing {
+                    return Err(RunError::Missing {
                         tried: format!("this version's {} knows none of {names:?}; 3.8 to 4.x do", self.step),
                     });
                 }
@@ -247,40 +144,44 @@ impl Flags {
     }
 }
 
-fn binary_step(
+pub(super) fn binary_step(
     step: &'static str,
     path: &Path,
     arguments: Vec<OsString>,
     progress: Count<'_>,
-) -> Result<(), CloudError> {
+) -> Result<(), RunError> {
     let mut command = Command::new(path);
     command.arg(step).args(arguments);
     finish(step, command, progress)
 }
 
-fn python_step(
+pub(super) fn python_step(
     step: &'static str,
     python: &Path,
     name: &str,
     job: &impl Serialize,
     progress: Count<'_>,
-) -> Result<(), CloudError> {
-    let job = serde_json::to_string(job)
-        .map_err(|error| CloudError::Option { option: "work folder", why: error.to_string() })?;
+) -> Result<(), RunError> {
+    let job = serde_json::to_string(job).map_err(|error| RunError::Failed {
+        step,
+        status: "its job cannot be written down".into(),
+        command: python.display().to_string(),
+        log: error.to_string(),
+    })?;
     let mut command = Command::new(python);
     command.args(["-c", SCRIPT, name, &job]);
     finish(step, command, progress)
 }
 
-fn finish(step: &'static str, command: Command, progress: Count<'_>) -> Result<(), CloudError> {
+fn finish(step: &'static str, command: Command, progress: Count<'_>) -> Result<(), RunError> {
     let described = describe(&command);
     tracing::debug!("{described}");
     match run(command, progress) {
         Ok(Outcome { status, .. }) if status.success() => Ok(()),
         Ok(Outcome { status, tail }) => {
-            Err(CloudError::ColmapFailed { step, status: status.to_string(), command: described, log: tail })
+            Err(RunError::Failed { step, status: status.to_string(), command: described, log: tail })
         }
-        Err(error) => Err(CloudError::ColmapFailed {
+        Err(error) => Err(RunError::Failed {
             step,
             status: "it could not be run".into(),
             command: described,

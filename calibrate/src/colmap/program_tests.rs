@@ -1,4 +1,5 @@
 use super::*;
+use crate::colmap::{Extraction, Triangulation};
 
 fn extraction(folder: &Path) -> Extraction {
     Extraction {

@@ -1,4 +1,4 @@
-"""Stands in for the colmap program: one step of the initial point cloud by pycolmap 4.x.
+"""Stands in for the colmap program: one step by pycolmap 4.x.
 
 Called as `python -c <this> version` or `python -c <this> STEP JOB`, where JOB is a JSON object.
 """
@@ -42,7 +42,34 @@ def triangulate(job):
     pycolmap.triangulate_points(model, job["database"], job["images"], job["output"], True, options, False)
 
 
+def verify(job):
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = job["threads"]
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = job["seed"]
+    pycolmap.match_exhaustive(
+        job["database"],
+        matching_options=matching,
+        verification_options=verification,
+        device=pycolmap.Device.cpu,
+    )
+
+
+def build(job):
+    options = pycolmap.IncrementalPipelineOptions()
+    options.extract_colors = False
+    options.num_threads = job["threads"]
+    options.random_seed = job["seed"]
+    options.min_model_size = 3
+    options.ba_refine_focal_length = job["refine_intrinsics"]
+    options.ba_refine_extra_params = job["refine_intrinsics"]
+    options.ba_refine_principal_point = False
+    pycolmap.incremental_mapping(job["database"], job["images"], job["output"], options)
+
+
 if sys.argv[1] == "version":
     print(pycolmap.__version__)
 else:
-    {"extract": extract, "triangulate": triangulate}[sys.argv[1]](json.loads(sys.argv[2]))
+    STEPS = {"extract": extract, "triangulate": triangulate, "verify": verify, "map": build}
+    STEPS[sys.argv[1]](json.loads(sys.argv[2]))

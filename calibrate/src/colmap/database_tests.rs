@@ -1,4 +1,4 @@
-use erfgs_session::{Distortion, Pose};
+use erfgs_session::{Distortion, Intrinsics, Pose};
 
 use super::*;
 
@@ -68,7 +68,7 @@ fn images_come_ordered_by_id() {
 fn a_camera_is_replaced_by_the_known_pinhole() {
     let (_folder, database) = made("");
     let k = Intrinsics { width: 1280, height: 720, fx: 9.5, fy: 9.25, cx: 6.5, cy: 3.75, distortion: Distortion::None };
-    database.set_pinhole(2, &k).unwrap();
+    database.set_camera(2, &ColmapCamera::from_intrinsics(&k), true).unwrap();
     let (model, width, blob, prior): (i64, i64, Vec<u8>, i64) = database
         .connection
         .query_row("SELECT model, width, params, prior_focal_length FROM cameras WHERE camera_id = 2", [], |row| {
@@ -77,7 +77,13 @@ fn a_camera_is_replaced_by_the_known_pinhole() {
         .unwrap();
     assert_eq!((model, width, prior), (1, 1280, 1));
     assert_eq!(blob, [9.5_f64, 9.25, 6.5, 3.75].map(f64::to_le_bytes).concat());
-    assert!(database.set_pinhole(9, &k).unwrap_err().to_string().contains("no camera 9"));
+    assert!(
+        database
+            .set_camera(9, &ColmapCamera::from_intrinsics(&k), true)
+            .unwrap_err()
+            .to_string()
+            .contains("no camera 9")
+    );
 }
 
 #[test]
@@ -88,8 +94,8 @@ fn features_are_read_with_any_number_of_keypoint_columns() {
         (data[0], data[1], data[columns], data[columns + 1]) = (1.5, 2.5, 7.0, 8.0);
         keypoints(&database, 1, 2, columns as i64, &data);
         descriptors(&database, 1, 2, 128, &[3; 256]);
-        assert_eq!(database.features(1, 16, 16).unwrap().len(), 2);
-        assert_eq!(database.features(3, 16, 16).unwrap().len(), 0, "an image without rows has no features");
+        assert_eq!(database.keypoints(1).unwrap().positions.len(), 2);
+        assert_eq!(database.keypoints(3).unwrap().positions.len(), 0, "an image without rows has no features");
     }
 }
 
@@ -98,7 +104,7 @@ fn malformed_features_are_errors_that_name_the_image() {
     let wrong = |fill: &dyn Fn(&Database)| {
         let (_folder, database) = made("");
         fill(&database);
-        database.features(1, 16, 16).unwrap_err().to_string()
+        database.keypoints(1).unwrap_err().to_string()
     };
     let message = wrong(&|database| keypoints(database, 1, 3, 2, &[1.0; 4]));
     assert!(message.contains("image 1: 3 x 2 keypoints in 16 bytes"), "{message}");

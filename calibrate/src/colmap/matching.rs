@@ -173,16 +173,16 @@ fn inverse_calibration(k: &Intrinsics) -> DMat3 {
 
 /// The two best similarities (cosines) of a feature, and whose the best is.
 #[derive(Clone, Copy)]
-struct Best {
+pub(super) struct Best {
     first: f32,
     second: f32,
-    index: u32,
+    pub index: u32,
 }
 
 impl Best {
-    const NONE: Self = Self { first: -1.0, second: -1.0, index: u32::MAX };
+    pub const NONE: Self = Self { first: -1.0, second: -1.0, index: u32::MAX };
 
-    fn offer(&mut self, similarity: f32, index: u32) {
+    pub fn offer(&mut self, similarity: f32, index: u32) {
         if similarity > self.first || (similarity == self.first && index < self.index) {
             *self = Self { first: similarity, second: self.first, index };
         } else if similarity > self.second {
@@ -190,14 +190,15 @@ impl Best {
         }
     }
 
-    fn accepted(&self, limits: &Limits) -> bool {
+    /// Whether it is near enough, and nearer than the second by the ratio.
+    pub fn accepted(&self, ratio: f64, max_descriptor_angle: f64) -> bool {
         if self.index == u32::MAX {
             return false;
         }
         let angle = |similarity: f32| f64::from(similarity.clamp(-1.0, 1.0)).acos();
-        let rival = if self.second < 0.0 { limits.max_descriptor_angle } else { angle(self.second) };
+        let rival = if self.second < 0.0 { max_descriptor_angle } else { angle(self.second) };
         let nearest = angle(self.first);
-        nearest < limits.ratio * rival && nearest < limits.max_descriptor_angle
+        nearest < ratio * rival && nearest < max_descriptor_angle
     }
 }
 
@@ -273,9 +274,11 @@ pub fn match_pair(
     }
     of_a.iter()
         .enumerate()
-        .filter(|(_, best)| best.accepted(limits))
+        .filter(|(_, best)| best.accepted(limits.ratio, limits.max_descriptor_angle))
         .map(|(i, best)| [i as u32, best.index])
-        .filter(|&[i, j]| of_b[j as usize].index == i && of_b[j as usize].accepted(limits))
+        .filter(|&[i, j]| {
+            of_b[j as usize].index == i && of_b[j as usize].accepted(limits.ratio, limits.max_descriptor_angle)
+        })
         .collect()
 }
 

@@ -1,0 +1,137 @@
+//! The images: one of each camera, all of one instant.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use erfgs_session::{Dataset, Intrinsics, Modality, image::ImageGrey8};
+
+use super::SfmError;
+use crate::rig_file::RigFile;
+
+/// What one camera saw.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Name of the camera.
+    pub name: String,
+    /// What it records.
+    pub modality: Modality,
+    /// The image.
+    pub image: ImageGrey8,
+    /// Its intrinsics, where they are known.
+    pub intrinsics: Option<Intrinsics>,
+}
+
+/// Where intrinsics come from.
+#[derive(Clone, Debug)]
+pub enum KnownIntrinsics<'a> {
+    /// Nowhere: they are estimated.
+    Unknown,
+    /// The dataset's own.
+    Dataset,
+    /// A rig file.
+    Rig(&'a RigFile, &'a Path),
+}
+
+/// Reads the views of `path`: a dataset, a folder with an image of each camera, or a folder with a folder of images for each
+/// camera. `frame` counts images in the order of their names, from 0.
+///
+/// # Errors
+/// If there are fewer than three, one cannot be read, or the intrinsics do not fit.
+pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Result<Vec<View>, SfmError> {
+    let mut found: Vec<(String, Modality, PathBuf, Option<Intrinsics>)> = Vec::new();
+    if path.join("dataset.json").is_file() || path.is_file() {
+        let dataset = Dataset::load(path)?;
+        for camera in dataset.manifest.cameras.iter().filter(|camera| camera.modality.has_frames()) {
+            let file = camera.frames.get(frame).ok_or_else(|| SfmError::NoFrame {
+                camera: camera.name.clone(),
+                frame,
+                has: camera.frames.len(),
+            })?;
+            let intrinsics = matches!(known, KnownIntrinsics::Dataset).then_some(camera.intrinsics);
+            found.push((camera.name.clone(), camera.modality, dataset.root.join(&file.file), intrinsics));
+        }
+    } else {
+        let entries = entries(path)?;
+        let folders: Vec<&PathBuf> = entries.iter().filter(|entry| entry.is_dir()).collect();
+        for folder in &folders {
+            let images: Vec<PathBuf> = entries_of_images(folder)?;
+            if images.is_empty() {
+                continue;
+            }
+            let camera = name(folder);
+            let file = images.get(frame).cloned();
+            let has = images.len();
+            let file = file.ok_or(SfmError::NoFrame { camera: camera.clone(), frame, has })?;
+            found.push((camera, Modality::Rgb, file, None));
+        }
+        if found.is_empty() {
+            let images = entries_of_images(path)?;
+            found.extend(images.into_iter().map(|image| (stem(&image), Modality::Rgb, image, None)));
+        }
+    }
+    if found.len() < 3 {
+        return Err(SfmError::TooFewViews { path: path.into(), found: found.len() });
+    }
+    found
+        .into_iter()
+        .map(|(name, modality, file, intrinsics)| {
+            let image = ImageGrey8::read(&file).map_err(|source| SfmError::Image { camera: name.clone(), source })?;
+            let intrinsics = match known {
+                KnownIntrinsics::Rig(rig, path) => {
+                    let camera = rig.camera(&name);
+                    let missing = || SfmError::NoIntrinsics { camera: name.clone(), path: (*path).into() };
+                    Some(camera.ok_or_else(missing)?.intrinsics)
+                }
+                KnownIntrinsics::Dataset | KnownIntrinsics::Unknown => intrinsics,
+            };
+            let view = View { name, modality, image, intrinsics };
+            view.check()?;
+            Ok(view)
+        })
+        .collect()
+}
+
+impl View {
+    /// Whether the image is of the size that the intrinsics are for.
+    ///
+    /// # Errors
+    /// [`SfmError::Size`].
+    pub fn check(&self) -> Result<(), SfmError> {
+        let image = [self.image.width, self.image.height];
+        match &self.intrinsics {
+            Some(k) if [k.width, k.height] != image => {
+                Err(SfmError::Size { camera: self.name.clone(), image, intrinsics: [k.width, k.height] })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
+    let io = |source| SfmError::Io { doing: "listing", path: folder.into(), source };
+    let mut entries: Vec<PathBuf> = fs::read_dir(folder)
+        .map_err(io)?
+        .map(|entry| entry.map(|entry| entry.path()))
+        .collect::<Result<_, _>>()
+        .map_err(io)?;
+    entries.sort();
+    Ok(entries)
+}
+
+fn entries_of_images(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
+    let is_image = |path: &PathBuf| {
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+        path.is_file() && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
+    };
+    Ok(entries(folder)?.into_iter().filter(is_image).collect())
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
