@@ -1,65 +1,77 @@
-//! Errors of the calibration from images against known poses.
-use std::path::PathBuf;
+//! Errors of the calibration from images, against a dataset whose poses are known.
+//!
+//! `cargo run --release -p erfgs-calibrate --example sfm_quality -- DATASET known|unknown [COLMAP] [FRAME]`
+
+use std::{path::PathBuf, time::Instant};
 
 use erfgs_calibrate::{
     colmap::ColmapProgram,
+    rig_file::RigFile,
     sfm::{
         KnownIntrinsics, SfmOptions,
-        align::{self, Tolerance},
-        read_views, trial,
+        align::{Tolerance, align},
+        read_views, sfm,
     },
 };
 use erfgs_session::{Dataset, Pose};
 
-fn main() {
-    let args: Vec<String> = std::env::args().collect();
-    let path = PathBuf::from(&args[1]);
-    let known = if args[2] == "known" { KnownIntrinsics::Dataset } else { KnownIntrinsics::Unknown };
-    let colmap = ColmapProgram::from(args[3].clone());
-    let work = PathBuf::from(&args[4]);
-    let dataset = Dataset::load(&path).unwrap();
-    let views = read_views(&path, 0, &known).unwrap();
-    let truth: Vec<Option<Pose>> = views.iter().map(|v| dataset.camera(&v.name).map(|c| c.world_to_camera)).collect();
-    let options = SfmOptions { colmap, ..SfmOptions::default() };
-    trial(&views, &options, &work, &mut |name, poses, k| {
-        println!("{name}");
-        let Some(a) = align::align(poses, &truth, Tolerance { centre: 0.3, angle: 0.1 }) else {
-            println!("  none");
-            return;
-        };
-        let mut c = Vec::new();
-        let mut r = Vec::new();
-        for (p, t) in poses.iter().zip(&truth) {
-            if let (Some(p), Some(t)) = (p, t) {
-                let (d, q) = a.similarity.difference(p, t);
-                c.push(1000.0 * d);
-                r.push(q.to_degrees());
-            }
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [dataset, known, rest @ ..] = arguments.as_slice() else {
+        return Err("DATASET known|unknown [COLMAP] [FRAME]".into());
+    };
+    let path = PathBuf::from(dataset);
+    let known = if known == "known" { KnownIntrinsics::Dataset } else { KnownIntrinsics::Unknown };
+    let options =
+        SfmOptions { colmap: ColmapProgram::from(rest.first().cloned().unwrap_or_default()), ..SfmOptions::default() };
+    let frame = rest.get(1).map_or(Ok(0), |frame| frame.parse())?;
+    let dataset = Dataset::load(&path)?;
+    let views = read_views(&path, frame, &known)?;
+    let work = tempfile::tempdir()?;
+    let since = Instant::now();
+    let (rig, evidence) = sfm(&views, &options, work.path(), &|_, _, _| {})?;
+    println!("{:.1} s", since.elapsed().as_secs_f64());
+    for table in &evidence.tables {
+        println!("\n{}\n{}", table.title, table.head.join(" | "));
+        table.rows.iter().for_each(|row| println!("{}", row.join(" | ")));
+    }
+    compare(&rig, &dataset);
+    Ok(())
+}
+
+fn compare(rig: &RigFile, dataset: &Dataset) {
+    let poses: Vec<Option<Pose>> = rig.cameras.iter().map(|camera| camera.pose).collect();
+    let truth: Vec<_> = rig.cameras.iter().map(|camera| dataset.camera(&camera.name)).collect();
+    let true_poses: Vec<Option<Pose>> =
+        truth.iter().map(|camera| camera.map(|camera| camera.world_to_camera)).collect();
+    // A similarity over all cameras, good and bad.
+    let Some(found) = align(&poses, &true_poses, Tolerance { centre: 1e9, angle: 10.0 }) else { return };
+    let (mut centres, mut turns, mut focals, mut sigmas) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for ((camera, pose), (entry, true_pose)) in rig.cameras.iter().zip(&poses).zip(truth.iter().zip(&true_poses)) {
+        let (Some(pose), Some(true_pose), Some(entry)) = (pose, true_pose, entry) else { continue };
+        let (distance, angle) = found.similarity.difference(pose, true_pose);
+        centres.push(1e3 * distance);
+        turns.push(angle.to_degrees());
+        focals.push(100.0 * (camera.intrinsics.fx / entry.intrinsics.fx - 1.0).abs());
+        if let Some(sigma) = &camera.sigma {
+            let squares: f64 = sigma.centre_m.iter().map(|s| s.unwrap_or(f64::INFINITY).powi(2)).sum();
+            sigmas.push(1e3 * found.similarity.scale * squares.sqrt());
         }
-        let wrong: Vec<&str> = a.alike.iter().zip(&views).filter(|(a, _)| !**a).map(|(_, v)| v.name.as_str()).collect();
-        let st = |v: &mut Vec<f64>| {
-            v.sort_by(f64::total_cmp);
-            format!("{:.2}/{:.2}/{:.2}", v.iter().sum::<f64>() / v.len() as f64, v[v.len() / 2], v[v.len() - 1])
-        };
-        let mut f: Vec<f64> = k
-            .iter()
-            .zip(&views)
-            .filter_map(|(k, v)| {
-                Some(
-                    100.0
-                        * (k.as_ref()?.fx / dataset.manifest.cameras.iter().find(|c| c.name == v.name)?.intrinsics.fx
-                            - 1.0)
-                            .abs(),
-                )
-            })
-            .collect();
-        println!(
-            "  registered {} centre mm {} rot deg {} focal % {} wrong {wrong:?}",
-            c.len(),
-            st(&mut c),
-            st(&mut r),
-            st(&mut f)
-        );
-    })
-    .unwrap();
+    }
+    println!("\n{} of {} cameras placed", centres.len(), dataset.manifest.cameras.len());
+    println!("centre, mm      {}", summary(centres));
+    println!("  said to be    {}", summary(sigmas));
+    println!("rotation, deg   {}", summary(turns));
+    println!("focal length, % {}", summary(focals));
+    for camera in rig.cameras.iter().filter(|camera| !camera.warnings.is_empty()) {
+        println!("{}: {}", camera.name, camera.warnings.join("; "));
+    }
+}
+
+/// Mean, median and greatest.
+fn summary(mut values: Vec<f64>) -> String {
+    values.sort_by(f64::total_cmp);
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let at = |index: usize| values.get(index).copied().unwrap_or(f64::NAN);
+    format!("mean {mean:.2}, median {:.2}, max {:.2}", at(values.len() / 2), at(values.len().saturating_sub(1)))
 }

@@ -9,3 +9,4 @@ mod triangulate;
 pub use align::{Similarity, rigid, similarity};
 pub use forest::Forest;
 pub use triangulate::{Ray, nearest_point, triangulate};
+pub mod resection;

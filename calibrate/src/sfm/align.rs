@@ -34,6 +34,9 @@ pub struct Alignment {
 }
 
 impl Similarity {
+    /// Leaves everything where it is.
+    pub const IDENTITY: Self = Self { scale: 1.0, rotation: DQuat::IDENTITY, translation: DVec3::ZERO };
+
     /// Where a point goes.
     #[must_use]
     pub fn point(&self, point: DVec3) -> DVec3 {

@@ -22,7 +22,8 @@ pub struct Setting {
 pub struct SfmOptions {
     /// The COLMAP to use.
     pub colmap: ColmapProgram,
-    /// The independent runs. The first one's features are those that the result is adjusted to.
+    /// The independent runs; the later ones are left out where the earlier agree on all cameras. The first one's features are
+    /// those that the result is adjusted to.
     pub settings: Vec<Setting>,
     /// Names of two cameras, and how far apart their centres are, metres.
     pub scale: Option<(String, String, f64)>,
@@ -39,8 +40,8 @@ impl Default for SfmOptions {
             colmap: ColmapProgram::Auto,
             settings: vec![
                 double,
-                Setting { enlarge: 1.5, peak_threshold: 0.003, ratio: 0.85, seed: 1, ..double },
-                Setting { enlarge: 1.0, peak_threshold: 0.001, edge_threshold: 20.0, seed: 2, ..double },
+                Setting { enlarge: 1.0, peak_threshold: 0.001, edge_threshold: 20.0, seed: 1, ..double },
+                Setting { enlarge: 1.5, peak_threshold: 0.003, ratio: 0.85, seed: 2, ..double },
             ],
             scale: None,
             threads: 0,

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use erfgs_session::{Distortion, Intrinsics};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::{
@@ -25,12 +25,8 @@ use crate::{
 pub(super) struct Pass {
     /// Width of the epipolar band, pixels.
     pub band_px: f64,
-    /// Ratio of descriptor angles.
-    pub ratio: f64,
-    /// Greatest angle between rays, degrees.
-    pub max_ray_angle_deg: f64,
-    /// Fewest views of a point.
-    pub fewest: usize,
+    /// What the pass is called in the report.
+    pub name: &'static str,
 }
 
 /// What is free, and what lengths are tied to.
@@ -46,9 +42,17 @@ pub(super) struct Gauge {
 pub(super) struct Adjusted {
     pub bundle: Bundle,
     pub views: Vec<usize>,
+    /// What the placements are made of; their positions are from before the adjustment.
+    tracks: Vec<Track>,
     pub solutions: Vec<(String, Solution)>,
 }
 
+/// Fewest views of a point; of those with two, half are wrong.
+pub(super) const FEWEST_VIEWS: usize = 3;
+/// Ratio of descriptor angles.
+const RATIO: f64 = 0.85;
+/// Greatest angle between rays, degrees: SIFT does not survive more.
+const MAX_RAY_ANGLE_DEG: f64 = 40.0;
 /// Descriptor angle beyond which nothing matches, radians.
 const MAX_DESCRIPTOR_ANGLE: f64 = 0.7;
 /// Standard deviation of an unknown principal point from the middle of the image, as share of its longer side.
@@ -74,9 +78,9 @@ pub(super) fn matches(
         placed.iter().enumerate().flat_map(|(i, &a)| placed[i + 1..].iter().map(move |&b| (a, b))).collect();
     let limits = Limits {
         band_px: pass.band_px,
-        ratio: pass.ratio,
+        ratio: RATIO,
         max_descriptor_angle: MAX_DESCRIPTOR_ANGLE,
-        max_ray_angle: pass.max_ray_angle_deg.to_radians(),
+        max_ray_angle: MAX_RAY_ANGLE_DEG.to_radians(),
         depth_m: depths,
     };
     let done = AtomicUsize::new(0);
@@ -107,20 +111,17 @@ fn undistorted(k: &Intrinsics, keypoints: &Keypoints) -> (Intrinsics, Features) 
     (pinhole, Features::new(k.width, k.height, points, keypoints.descriptors.clone()))
 }
 
-/// Matches, triangulates and adjusts.
-pub(super) fn refine(
-    views: &[View],
+/// Matches and triangulates.
+pub(super) fn tracks(
     cameras: &[Option<Placed>],
     features: &[Keypoints],
     depths: [f64; 2],
     pass: &Pass,
-    gauge: &Gauge,
     progress: Progress<'_>,
-) -> Result<Adjusted, SfmError> {
+) -> Vec<Track> {
     let found = matches(cameras, features, depths, pass, progress);
-    let joined = components(features, &found, pass.fewest);
-    let tracks = triangulate(features, cameras, &joined, pass.fewest, 2.0 * pass.band_px);
-    adjust(views, cameras, features, &tracks, gauge)
+    let joined = components(features, &found, FEWEST_VIEWS);
+    triangulate(features, cameras, &joined, FEWEST_VIEWS, 2.0 * pass.band_px)
 }
 
 /// Adjusts cameras and points: first with a loss that outliers cannot pull, then without them and with the standard
@@ -129,7 +130,7 @@ pub(super) fn adjust(
     views: &[View],
     cameras: &[Option<Placed>],
     features: &[Keypoints],
-    tracks: &[Track],
+    tracks: Vec<Track>,
     gauge: &Gauge,
 ) -> Result<Adjusted, SfmError> {
     let placed: Vec<usize> = (0..views.len()).filter(|&view| cameras[view].is_some()).collect();
@@ -170,7 +171,7 @@ pub(super) fn adjust(
     if let (Some(a), Some(b)) = (index_of(ends[0]), index_of(ends[1])) {
         bundle.priors.push(Prior::Distance { cameras: [a, b], metres, sigma: 1e-6 * metres });
     }
-    for track in tracks {
+    for track in &tracks {
         let placement = bundle.placements.len();
         bundle.placements.push(Placement::Point(track.position));
         for &(view, feature) in &track.seen {
@@ -178,7 +179,7 @@ pub(super) fn adjust(
             bundle.observations.push(Observation {
                 camera,
                 placement,
-                on_target: glam::DVec3::ZERO,
+                on_target: DVec3::ZERO,
                 pixel: features[view].positions[feature as usize],
                 sigma_px: BASE_SIGMA * features[view].scales[feature as usize].max(0.5).powf(SIGMA_POWER),
                 velocity: DVec2::ZERO,
@@ -196,7 +197,7 @@ pub(super) fn adjust(
     outliers(&mut bundle);
     let squared = Options { iterations: 30, tolerance: 1e-9, ..Options::default() };
     solutions.push(("without outliers".into(), bundle.solve(&squared)?));
-    Ok(Adjusted { bundle, views: placed, solutions })
+    Ok(Adjusted { bundle, views: placed, tracks, solutions })
 }
 
 /// Standard deviation of a feature of scale 1 px before the residuals tell.
@@ -234,7 +235,7 @@ fn outliers(bundle: &mut Bundle) {
         seen[observation.placement] += 1;
     }
     for observation in &mut bundle.observations {
-        observation.used &= seen[observation.placement] >= 3;
+        observation.used &= seen[observation.placement] >= FEWEST_VIEWS;
     }
 }
 
@@ -247,5 +248,60 @@ impl Adjusted {
             cameras[view] = Some(Placed { intrinsics: camera.intrinsics, pose: camera.pose, points });
         }
         cameras
+    }
+
+    /// The points as adjusted, with the observations that took part.
+    pub fn points(&self) -> Vec<Track> {
+        let mut tracks: Vec<Track> = Vec::new();
+        let mut next = 0;
+        for (placement, track) in self.tracks.iter().enumerate() {
+            // Observations lie in the order of the tracks, less those of views that have no camera.
+            let mut seen = Vec::new();
+            for &(view, feature) in &track.seen {
+                if !self.views.contains(&view) {
+                    continue;
+                }
+                if self.bundle.observations[next].used {
+                    seen.push((view, feature));
+                }
+                next += 1;
+            }
+            if seen.len() >= FEWEST_VIEWS {
+                let position = self.bundle.placements[placement].world(DVec3::ZERO);
+                tracks.push(Track { position, seen });
+            }
+        }
+        tracks
+    }
+
+    /// Depths at which points are seen, with room: half the 2nd percentile to one and a half times the 98th.
+    pub fn depths(&self) -> Option<[f64; 2]> {
+        let used = self.bundle.observations.iter().filter(|o| o.used);
+        let depth = |o: &Observation| {
+            let world = self.bundle.placements[o.placement].world(o.on_target);
+            self.bundle.cameras[o.camera].pose.transform(world).z
+        };
+        let mut depths: Vec<f64> = used.map(depth).filter(|depth| *depth > 0.0).collect();
+        depths.sort_by(f64::total_cmp);
+        let at = |share: f64| depths.get((depths.len().saturating_sub(1) as f64 * share) as usize).copied();
+        Some([0.5 * at(0.02)?, 1.5 * at(0.98)?])
+    }
+
+    /// For each camera of the bundle: with how many others it shares at least ten points.
+    pub fn neighbours(&self) -> Vec<usize> {
+        let count = self.views.len();
+        let mut by_point: Vec<Vec<usize>> = vec![Vec::new(); self.bundle.placements.len()];
+        for observation in self.bundle.observations.iter().filter(|o| o.used) {
+            by_point[observation.placement].push(observation.camera);
+        }
+        let mut shared = vec![0usize; count * count];
+        for cameras in &by_point {
+            for &a in cameras {
+                for &b in cameras {
+                    shared[a * count + b] += 1;
+                }
+            }
+        }
+        (0..count).map(|a| (0..count).filter(|&b| a != b && shared[a * count + b] >= 10).count()).collect()
     }
 }
