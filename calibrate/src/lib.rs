@@ -12,6 +12,7 @@ pub mod colmap;
 pub mod evidence;
 pub mod geometry;
 pub mod report;
+pub mod intensity;
 pub mod rig_file;
 pub mod wand;
 pub mod sfm;

@@ -3,6 +3,8 @@
 mod board;
 mod check;
 mod convert;
+mod register;
+mod sfm;
 mod summary;
 mod target;
 mod wand;
@@ -24,6 +26,10 @@ pub enum Command {
     Target(target::Arguments),
     /// Write a rig in the format of another program, or read one from there.
     Convert(convert::Arguments),
+    /// Calibrate from images of whatever the cameras see, without a target.
+    Sfm(sfm::Arguments),
+    /// Add cameras to a calibrated rig, from images of what its cameras see too; event cameras from light that was switched on.
+    Register(register::Arguments),
 }
 
 /// Runs a subcommand.
@@ -34,5 +40,7 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Target(arguments) => target::run(arguments, terminal),
         Command::Convert(arguments) => convert::run(arguments, terminal),
         Command::Wand(arguments) => wand::run(arguments, terminal),
+        Command::Sfm(arguments) => sfm::run(arguments, terminal),
+        Command::Register(arguments) => register::run(arguments, terminal),
     }
 }

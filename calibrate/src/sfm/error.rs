@@ -109,6 +109,22 @@ pub enum SfmError {
         /// Names of the second.
         second: String,
     },
+    /// Cameras that cannot be registered.
+    #[error(
+        "{cameras} could not be registered: fewer than {needed} of the model's {points} points are seen ({found}); \
+         the images must show the same scene as the model's, from less than some 30 degrees off: use a brighter ramp, or place \
+         them with a wand"
+    )]
+    Unregistered {
+        /// Their names.
+        cameras: String,
+        /// How many points are needed.
+        needed: usize,
+        /// How many the model has.
+        points: usize,
+        /// How many each camera sees.
+        found: String,
+    },
     /// Runs that contradict each other.
     #[error(
         "independent runs do not agree on where the cameras stand, so that none of them can be believed: {agree} of \

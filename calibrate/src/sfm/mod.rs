@@ -12,6 +12,7 @@ mod error;
 mod options;
 mod place;
 mod refine;
+mod register;
 mod result;
 mod run;
 mod tracks;
@@ -24,7 +25,8 @@ use glam::{DQuat, DVec3};
 
 pub use error::SfmError;
 pub use options::{Setting, SfmOptions};
-pub use views::{KnownIntrinsics, View, read_views};
+pub use register::{RegisterOptions, register};
+pub use views::{KnownIntrinsics, View, read_model_views, read_views};
 
 use self::{
     agree::{Agreement, Candidate, agree, alike},
@@ -294,8 +296,9 @@ impl State<'_> {
         depths: &mut [f64; 2],
         scale: Option<([usize; 2], f64)>,
     ) -> Result<Gauge, SfmError> {
-        let gauge = self_gauge(cameras);
-        let Some(first) = cameras[gauge.reference] else { return Ok(gauge) };
+        let mut gauge = self_gauge(cameras);
+        let Some((own_ends, _)) = gauge.distance else { return Ok(gauge) };
+        let Some(first) = cameras[own_ends[0]] else { return Ok(gauge) };
         let centre = |view: usize| cameras[view].as_ref().map(|camera| camera.pose.centre());
         let (ends, factor) = match scale {
             Some((ends, metres)) => {
@@ -309,7 +312,7 @@ impl State<'_> {
             }
             None => {
                 let poses: Vec<Option<Pose>> = cameras.iter().map(|camera| camera.as_ref().map(|c| c.pose)).collect();
-                (gauge.distance.0, 1.0 / spread(&poses))
+                (own_ends, 1.0 / spread(&poses))
             }
         };
         let rotation: DQuat = first.pose.rotation;
@@ -320,7 +323,8 @@ impl State<'_> {
         *depths = depths.map(|depth| depth * factor);
         let centre = |view: usize| cameras[view].as_ref().map_or(DVec3::ZERO, |camera| camera.pose.centre());
         let length = scale.map_or_else(|| centre(ends[0]).distance(centre(ends[1])), |(_, metres)| metres);
-        Ok(Gauge { reference: gauge.reference, distance: (ends, length) })
+        gauge.distance = Some((ends, length));
+        Ok(gauge)
     }
 }
 
@@ -331,5 +335,5 @@ fn self_gauge(cameras: &[Option<Placed>]) -> Gauge {
     let centre = cameras[reference].as_ref().map_or(DVec3::ZERO, |camera| camera.pose.centre());
     let distance = |view: usize| cameras[view].as_ref().map_or(0.0, |camera| camera.pose.centre().distance(centre));
     let far = (0..cameras.len()).max_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(0);
-    Gauge { reference, distance: ([reference, far], distance(far)) }
+    Gauge { fixed: vec![reference], distance: Some(([reference, far], distance(far))) }
 }

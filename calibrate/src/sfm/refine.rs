@@ -32,10 +32,10 @@ pub(super) struct Pass {
 /// What is free, and what lengths are tied to.
 #[derive(Clone, Debug)]
 pub(super) struct Gauge {
-    /// The view whose pose stays.
-    pub reference: usize,
+    /// The views whose poses stay.
+    pub fixed: Vec<usize>,
     /// Two views, and how far apart they are.
-    pub distance: ([usize; 2], f64),
+    pub distance: Option<([usize; 2], f64)>,
 }
 
 /// A bundle of points, and the view that each of its cameras is.
@@ -156,7 +156,7 @@ pub(super) fn adjust(
                 bundle.priors.push(Prior::Value { camera: index, parameter, value, sigma });
             }
         }
-        if view != gauge.reference {
+        if !gauge.fixed.contains(&view) {
             free.extend(Parameter::POSE);
         }
         bundle.cameras.push(Camera {
@@ -167,8 +167,9 @@ pub(super) fn adjust(
             free,
         });
     }
-    let (ends, metres) = gauge.distance;
-    if let (Some(a), Some(b)) = (index_of(ends[0]), index_of(ends[1])) {
+    if let Some((ends, metres)) = gauge.distance
+        && let (Some(a), Some(b)) = (index_of(ends[0]), index_of(ends[1]))
+    {
         bundle.priors.push(Prior::Distance { cameras: [a, b], metres, sigma: 1e-6 * metres });
     }
     for track in &tracks {

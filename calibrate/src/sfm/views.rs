@@ -109,6 +109,24 @@ impl View {
     }
 }
 
+/// The images of a rig's cameras that have poses, of those that `path` has images of.
+///
+/// # Errors
+/// As [`read_views`].
+pub fn read_model_views(path: &Path, frame: usize, rig: &RigFile) -> Result<Vec<View>, SfmError> {
+    let placed = |view: &View| rig.camera(&view.name).filter(|camera| camera.pose.is_some());
+    let views = read_views(path, frame, &KnownIntrinsics::Unknown)?.into_iter().filter_map(|view| {
+        let camera = placed(&view)?;
+        Some(View { intrinsics: Some(camera.intrinsics), modality: camera.modality, ..view })
+    });
+    let views: Vec<View> = views.collect();
+    views.iter().try_for_each(View::check)?;
+    if views.len() < 3 {
+        return Err(SfmError::TooFewViews { path: path.into(), found: views.len() });
+    }
+    Ok(views)
+}
+
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
     let io = |source| SfmError::Io { doing: "listing", path: folder.into(), source };
     let mut entries: Vec<PathBuf> = fs::read_dir(folder)

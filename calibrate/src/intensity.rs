@@ -1,0 +1,251 @@
+//! Pictures of what an event camera sees, in which features can be found.
+//!
+//! COLMAP and its like need intensity. Counts of events over a movement look like edges, and their features match nothing;
+//! the logarithm of intensity does match. A camera that stands still sees it where light starts from darkness
+//! ([`dark_ramp`]: a shutter that opens, lights that are turned up), or where camera or light moves ([`leaky`]).
+
+use erfgs_session::{Events, image::ImageGrey8};
+
+/// The logarithm of intensity at each pixel, row-major, up to a constant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LogIntensity {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// Natural logarithm.
+    pub values: Vec<f32>,
+}
+
+/// How many of a pixel's events tell how bright it is.
+pub const FIRST: usize = 5;
+/// Shares of the pixels that become black and white.
+const CLIPPED: f64 = 0.01;
+
+/// Of light that rose from darkness, however fast and along whichever curve.
+///
+/// A bright pixel's first events come early. The clock that they are read on is the number of events of all pixels, which
+/// grows as the logarithm of the light does. Each pixel's first [`FIRST`] ON events are used and not their number in the end:
+/// thresholds differ from pixel to pixel by some percent, and over a whole ramp of thirty events that drowns what the scene's
+/// texture makes of one.
+#[must_use]
+pub fn dark_ramp(events: &Events, threshold: f64) -> LogIntensity {
+    let mut picture = LogIntensity::new(events.width, events.height);
+    let mut counts = vec![0usize; picture.values.len()];
+    let per_event = threshold / picture.values.len().max(1) as f64;
+    let mut clock = 0.0;
+    for event in events.iter().filter(|event| event.on) {
+        let Some(value) = picture.at(event.x, event.y) else { continue };
+        clock += per_event;
+        let index = usize::from(event.y) * events.width as usize + usize::from(event.x);
+        if counts[index] < FIRST {
+            *value -= clock as f32 / FIRST as f32;
+            counts[index] += 1;
+        }
+    }
+    for (value, count) in picture.values.iter_mut().zip(&counts) {
+        // What has not come would have come later than all else.
+        *value -= (FIRST - count) as f32 / FIRST as f32 * (clock + threshold) as f32;
+    }
+    picture
+}
+
+/// Of whatever moved: a leaky integral of the events up to `t_us`, that forgets with `cutoff_hz` (0.5 to 1 Hz are usual).
+#[must_use]
+pub fn leaky(events: &Events, threshold: f64, cutoff_hz: f64, t_us: i64) -> LogIntensity {
+    let mut picture = LogIntensity::new(events.width, events.height);
+    let mut last = vec![i64::MIN; picture.values.len()];
+    let decay = |from: i64, to: i64| {
+        let seconds = 1e-6 * to.saturating_sub(from) as f64;
+        (-std::f64::consts::TAU * cutoff_hz * seconds).exp() as f32
+    };
+    for event in events.iter().take_while(|event| event.t_us <= t_us) {
+        let index = usize::from(event.y) * picture.width as usize + usize::from(event.x);
+        let Some(value) = picture.at(event.x, event.y) else { continue };
+        if last[index] != i64::MIN {
+            *value *= decay(last[index], event.t_us);
+        }
+        *value += if event.on { threshold as f32 } else { -threshold as f32 };
+        last[index] = event.t_us;
+    }
+    for (value, &last) in picture.values.iter_mut().zip(&last) {
+        if last != i64::MIN {
+            *value *= decay(last, t_us);
+        }
+    }
+    picture
+}
+
+impl LogIntensity {
+    fn new(width: u32, height: u32) -> Self {
+        Self { width, height, values: vec![0.0; width as usize * height as usize] }
+    }
+
+    fn at(&mut self, x: u16, y: u16) -> Option<&mut f32> {
+        let (x, y) = (u32::from(x), u32::from(y));
+        if x >= self.width || y >= self.height {
+            return None;
+        }
+        self.values.get_mut(y as usize * self.width as usize + x as usize)
+    }
+
+    /// Of an ordinary image, so that its features look like an event camera's.
+    #[must_use]
+    pub fn of_image(image: &ImageGrey8) -> Self {
+        let linear = |level: u8| {
+            let value = f32::from(level) / 255.0;
+            if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        let values = image.data.iter().map(|&level| (linear(level) + 0.005).ln()).collect();
+        Self { width: image.width, height: image.height, values }
+    }
+
+    /// An image of 8 bits: what varies more slowly than `radius_px` is taken out, single wild pixels are replaced by the median
+    /// of their neighbours, and the rest is stretched.
+    #[must_use]
+    pub fn picture(&self, radius_px: u32) -> ImageGrey8 {
+        let (width, height) = (self.width as usize, self.height as usize);
+        let mut image = ImageGrey8::new(self.width, self.height);
+        if self.values.is_empty() {
+            return image;
+        }
+        let calm = without_wild_pixels(&self.values, width, height);
+        let mut slow = calm.clone();
+        // Three box filters are nearly a Gaussian.
+        for _ in 0..3 {
+            slow = box_filter(&slow, width, height, radius_px as usize);
+        }
+        let high: Vec<f32> = calm.iter().zip(&slow).map(|(value, slow)| value - slow).collect();
+        let mut sorted = high.clone();
+        sorted.sort_by(f32::total_cmp);
+        let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
+        let (low, top) = (at(CLIPPED), at(1.0 - CLIPPED));
+        let range = if top > low { top - low } else { 1.0 };
+        for (to, value) in image.data.iter_mut().zip(&high) {
+            *to = (255.0 * ((value - low) / range).clamp(0.0, 1.0) + 0.5) as u8;
+        }
+        image
+    }
+}
+
+/// Replaces what lies outside the range of its eight neighbours by the nearest end of that range.
+fn without_wild_pixels(values: &[f32], width: usize, height: usize) -> Vec<f32> {
+    let mut out = values.to_vec();
+    for y in 0..height {
+        for x in 0..width {
+            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+            for ny in y.saturating_sub(1)..(y + 2).min(height) {
+                for nx in x.saturating_sub(1)..(x + 2).min(width) {
+                    if (nx, ny) != (x, y) {
+                        low = low.min(values[ny * width + nx]);
+                        high = high.max(values[ny * width + nx]);
+                    }
+                }
+            }
+            if low <= high {
+                out[y * width + x] = values[y * width + x].clamp(low, high);
+            }
+        }
+    }
+    out
+}
+
+/// The mean over a square of side 2 `radius` + 1, cut off at the edges.
+fn box_filter(values: &[f32], width: usize, height: usize, radius: usize) -> Vec<f32> {
+    let mut rows = vec![0.0; values.len()];
+    let mut out = vec![0.0; values.len()];
+    line_means(values, &mut rows, height, width, width, 1, radius);
+    line_means(&rows, &mut out, width, height, 1, width, radius);
+    out
+}
+
+/// Moving means along `lines` lines of `length` values; a line starts `between` after the one before, its values are `step`
+/// apart.
+fn line_means(from: &[f32], to: &mut [f32], lines: usize, length: usize, between: usize, step: usize, radius: usize) {
+    let mut sums = vec![0.0_f64; length + 1];
+    for line in 0..lines {
+        let start = line * between;
+        for index in 0..length {
+            sums[index + 1] = sums[index] + f64::from(from[start + index * step]);
+        }
+        for index in 0..length {
+            let (first, last) = (index.saturating_sub(radius), (index + radius + 1).min(length));
+            to[start + index * step] = ((sums[last] - sums[first]) / (last - first) as f64) as f32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_session::Event;
+
+    use super::*;
+
+    fn events(list: &[(i64, u16, u16, bool)]) -> Events {
+        let mut events = Events::new(4, 3);
+        list.iter().for_each(|&(t_us, x, y, on)| events.push(Event { t_us, x, y, on }));
+        events
+    }
+
+    #[test]
+    fn a_ramp_shows_what_is_brighter_by_how_much_whatever_its_speed() {
+        // Intensities a factor e^0.6 apart; thresholds of 0.2, one of them 10 % high; light that grows steadily, and ever faster.
+        let logs = [0.0, 0.6, 1.2, 1.8, 0.0, 0.6, 1.2, 1.8, 0.0, 0.6, 1.2, 1.8];
+        let threshold = |pixel: usize| if pixel == 6 { 0.22 } else { 0.2 };
+        for curve in [|light: f64| light, |light: f64| light.exp()] {
+            let mut list = Vec::new();
+            for (pixel, log) in logs.iter().enumerate() {
+                for k in 1..=40 {
+                    let light = f64::from(k) * threshold(pixel) - log;
+                    if light < 5.0 {
+                        list.push(((1e5 * curve(light + 3.0)) as i64, (pixel % 4) as u16, (pixel / 4) as u16, true));
+                    }
+                }
+            }
+            list.sort();
+            let seen = dark_ramp(&events(&list), 0.2);
+            for pixel in 0..12 {
+                let darker = seen.values[pixel] - seen.values[pixel / 4 * 4];
+                assert!((f64::from(darker) - logs[pixel]).abs() < 0.35, "{pixel}: {darker} {}", logs[pixel]);
+            }
+            assert!((seen.values[6] - seen.values[2]).abs() < 0.15, "{} {}", seen.values[6], seen.values[2]);
+            assert!(
+                seen.values[3] > seen.values[2] && seen.values[2] > seen.values[1] && seen.values[1] > seen.values[0]
+            );
+        }
+    }
+
+    #[test]
+    fn the_leaky_integral_forgets_and_events_outside_the_sensor_count_nowhere() {
+        let seen = events(&[
+            (0, 1, 1, true),
+            (10, 1, 1, true),
+            (20, 2, 0, false),
+            (500_000, 1, 1, true),
+            (900_000, 9, 9, true),
+        ]);
+        // With a time constant of a second, half of it later.
+        let cutoff = 1.0 / std::f64::consts::TAU;
+        let half = leaky(&seen, 0.2, cutoff, 500_000);
+        assert!((half.values[5] - (0.4 * (-0.5_f32).exp() + 0.2)).abs() < 1e-4, "{}", half.values[5]);
+        assert_eq!(leaky(&seen, 0.2, cutoff, 5).values[5], 0.2 * (-5e-6_f32).exp());
+        assert_eq!(leaky(&seen, 0.2, cutoff, 900_000).values.iter().filter(|value| **value != 0.0).count(), 2);
+    }
+
+    #[test]
+    fn a_picture_keeps_edges_drops_gradients_and_wild_pixels() {
+        let mut seen = LogIntensity::new(64, 32);
+        for (index, value) in seen.values.iter_mut().enumerate() {
+            let x = index % 64;
+            *value = 0.05 * x as f32 + if (x / 4) % 2 == 0 { 0.0 } else { 0.3 };
+        }
+        seen.values[10 * 64 + 30] = 50.0;
+        let picture = seen.picture(6);
+        let row = |x: usize| i32::from(picture.data[16 * 64 + x]);
+        assert!(row(22) - row(18) > 80 && row(22) - row(26) > 80, "stripes stay");
+        assert!((row(18) - row(42)).abs() < 40, "the slope goes");
+        let wild = i32::from(picture.data[10 * 64 + 30]);
+        assert!((wild - row(30)).abs() < 60, "{wild} {}", row(30));
+        assert_eq!(LogIntensity::new(3, 3).picture(2).data.len(), 9);
+    }
+}

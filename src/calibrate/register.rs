@@ -1,0 +1,168 @@
+//! `erfgs calibrate register`: cameras added to a calibrated rig.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use erfgs_calibrate::{
+    ColmapProgram,
+    intensity::{LogIntensity, dark_ramp, leaky},
+    rig_file::RigFile,
+    sfm::{RegisterOptions, View, read_model_views, register},
+};
+use erfgs_session::{
+    Events, Modality,
+    codec::{Columns, EventFile},
+    image::ImageGrey8,
+    npz,
+};
+
+use super::summary::finish;
+use crate::{errors::Usage, terminal::Terminal};
+
+/// Add cameras to a calibrated rig, from images of what its cameras see too.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The rig's cameras keep their poses. A new camera is placed against points that the rig's images give, and adjusted to further \
+ones. It needs intrinsics: an entry without pose in the rig file, or --intrinsics.
+
+INPUT is a folder with one file for each new camera, named as the camera: an image, or an event file (npz, raw, dat, aedat, csv). \
+Edges and polarity frames match nothing; what matches is intensity. An event camera that stands still sees it where light comes \
+up from darkness:
+  --dark-ramp      a shutter that opens, lamps that are turned up from off: recorded from the dark on; the time it takes does not \
+matter
+  --leaky SECONDS  the camera or the light moves: a leaky integral of the events up to this time
+
+Examples:
+  erfgs calibrate register --rig rgb-rig.json --model images --images ramps --dark-ramp --intrinsics event-intrinsics.json
+  erfgs calibrate register --rig rgb-rig.json --model ds --images more --out rig.json")]
+pub struct Arguments {
+    /// The rig file.
+    #[arg(long, value_name = "RIG")]
+    rig: PathBuf,
+    /// Images of the rig's own cameras: as for `calibrate sfm`.
+    #[arg(long, value_name = "INPUT")]
+    model: PathBuf,
+    /// Images or event files of the new cameras.
+    #[arg(long, value_name = "INPUT")]
+    images: PathBuf,
+    /// Which image of each of the rig's cameras, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: usize,
+    /// A rig file with the intrinsics of the new cameras.
+    #[arg(long, value_name = "RIG")]
+    intrinsics: Option<PathBuf>,
+    /// Event files hold light that rises from darkness.
+    #[arg(long, conflicts_with = "leaky")]
+    dark_ramp: bool,
+    /// Event files hold movement; integrate up to this time, seconds after the first event.
+    #[arg(long, value_name = "SECONDS")]
+    leaky: Option<f64>,
+    /// Corner frequency of the leaky integral.
+    #[arg(long, value_name = "HZ", default_value_t = 0.7)]
+    cutoff_hz: f64,
+    /// Contrast threshold of the event cameras, natural-log intensity; only its sign and the mixture of both polarities matter.
+    #[arg(long, value_name = "C", default_value_t = 0.2)]
+    threshold: f64,
+    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
+    #[arg(long, value_name = "PROGRAM")]
+    colmap: Option<ColmapProgram>,
+    /// Threads; all without it.
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// The rig file to write; the report goes beside it, with the extension html.
+    #[arg(long, value_name = "FILE", default_value = "rig.json")]
+    out: PathBuf,
+}
+
+/// Registers.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let rig = RigFile::read(&arguments.rig)?;
+    let intrinsics = arguments.intrinsics.as_deref().map(RigFile::read).transpose()?;
+    let options = RegisterOptions {
+        colmap: arguments.colmap.clone().unwrap_or_default(),
+        threads: arguments.jobs.unwrap_or(0),
+        ..RegisterOptions::default()
+    };
+    let model = read_model_views(&arguments.model, arguments.frame, &rig)?;
+    let mut new = Vec::new();
+    for file in files(&arguments.images)? {
+        let name = file.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let known = intrinsics.as_ref().and_then(|rig| rig.camera(&name)).or_else(|| rig.camera(&name));
+        let Some(known) = known else {
+            bail!("{}: there are no intrinsics of camera '{name}'; give them with --intrinsics", file.display());
+        };
+        if model.iter().any(|view| view.name == name) {
+            terminal.note(format!("{name} is one of the rig's own cameras, and is left out"));
+            continue;
+        }
+        let size = [known.intrinsics.width, known.intrinsics.height];
+        let (image, modality) = picture(&file, size, arguments, options.radius_px)?;
+        new.push(View { name, modality, image, intrinsics: Some(known.intrinsics) });
+    }
+    if new.is_empty() {
+        bail!("{} holds no image and no event file of a new camera", arguments.images.display());
+    }
+    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let progress = terminal.progress("registering");
+    let (rig, evidence) = register(&rig, &model, &new, &options, work.path(), &|stage, done, total| {
+        progress.update(done as u64, total as u64, &stage.to_string());
+    })?;
+    drop(progress);
+    finish(&rig, &evidence, &arguments.out, terminal)
+}
+
+fn files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let listing = || format!("cannot list {}", folder.display());
+    let entries = std::fs::read_dir(folder).with_context(listing)?;
+    let mut files: Vec<PathBuf> =
+        entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>().with_context(listing)?;
+    files.retain(|file| file.is_file());
+    files.sort();
+    Ok(files)
+}
+
+/// An image as it is, or a picture of events.
+fn picture(
+    file: &Path,
+    size: [u32; 2],
+    arguments: &Arguments,
+    radius_px: u32,
+) -> anyhow::Result<(ImageGrey8, Modality)> {
+    let extension = file.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
+    if matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg")) {
+        let modality = if arguments.dark_ramp || arguments.leaky.is_some() { Modality::Event } else { Modality::Rgb };
+        return Ok((ImageGrey8::read(file)?, modality));
+    }
+    let events = match extension.as_deref() {
+        Some("npz") => npz::read_events(file, Some(size))?,
+        _ => decoded(file, size)?,
+    };
+    let log: LogIntensity = if arguments.dark_ramp {
+        dark_ramp(&events, arguments.threshold)
+    } else if let Some(seconds) = arguments.leaky {
+        let first = events.t_us.first().copied().unwrap_or(0);
+        leaky(&events, arguments.threshold, arguments.cutoff_hz, first + (1e6 * seconds) as i64)
+    } else {
+        return Err(Usage(format!(
+            "{} holds events: say with --dark-ramp or --leaky SECONDS how intensity is got from them",
+            file.display()
+        ))
+        .into());
+    };
+    Ok((log.picture(radius_px), Modality::Event))
+}
+
+fn decoded(file: &Path, [width, height]: [u32; 2]) -> anyhow::Result<Events> {
+    let mut columns = Columns::default();
+    EventFile::open(file)?.decode(&mut columns)?;
+    let mut events = Events::new(width, height);
+    for index in 0..columns.len() {
+        events.push(erfgs_session::Event {
+            t_us: columns.t_us[index] as i64,
+            x: columns.x[index],
+            y: columns.y[index],
+            on: columns.on[index],
+        });
+    }
+    Ok(events)
+}

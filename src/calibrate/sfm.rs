@@ -1,0 +1,89 @@
+//! `erfgs calibrate sfm`: poses from images of whatever the cameras see.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use erfgs_calibrate::{
+    ColmapProgram,
+    rig_file::RigFile,
+    sfm::{KnownIntrinsics, SfmOptions, read_views, sfm},
+};
+
+use super::summary::finish;
+use crate::terminal::Terminal;
+
+/// Calibrate from images of whatever the cameras see, without a target (structure from motion by COLMAP).
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+INPUT is a dataset, a folder with one image of each camera, or a folder with a folder of images for each camera.
+
+COLMAP arranges the cameras several times, with other features each time. A camera is believed where independent runs put it \
+at the same place; one that they do not agree on is placed against the points of the others, or left out, and named. If most \
+cameras are in doubt there is no result. What is agreed on is adjusted to some thousand further points that matching with known \
+poses finds.
+
+Images have no scale: without --scale-from the unit of length is the root mean square distance of the cameras from their middle.
+
+Examples:
+  erfgs calibrate sfm images --rig intrinsics.json --scale-from left:right:1.25 --out rig.json
+  erfgs calibrate sfm ds --known-intrinsics --frame 20
+  erfgs calibrate sfm images --colmap pycolmap:venv/bin/python")]
+pub struct Arguments {
+    /// The images.
+    input: PathBuf,
+    /// A rig file whose intrinsics are kept; they are estimated without it.
+    #[arg(long, value_name = "RIG", conflicts_with = "known_intrinsics")]
+    rig: Option<PathBuf>,
+    /// Keep the dataset's intrinsics.
+    #[arg(long)]
+    known_intrinsics: bool,
+    /// Which image of each camera, in the order of their names, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: usize,
+    /// Two cameras and the distance of their centres in metres.
+    #[arg(long, value_name = "A:B:METRES", value_parser = known_distance)]
+    scale_from: Option<(String, String, f64)>,
+    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
+    #[arg(long, value_name = "PROGRAM")]
+    colmap: Option<ColmapProgram>,
+    /// Threads; all without it.
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// The rig file to write; the report goes beside it, with the extension html.
+    #[arg(long, value_name = "FILE", default_value = "rig.json")]
+    out: PathBuf,
+}
+
+fn known_distance(text: &str) -> Result<(String, String, f64), String> {
+    let wrong = || format!("'{text}' is not two cameras and a distance in metres; write for example left:right:1.25");
+    let [a, b, metres] = text.split(':').collect::<Vec<_>>()[..] else { return Err(wrong()) };
+    let metres: f64 = metres.parse().map_err(|_| wrong())?;
+    if a.is_empty() || b.is_empty() || a == b || !(metres > 0.0 && metres.is_finite()) {
+        return Err(wrong());
+    }
+    Ok((a.into(), b.into(), metres))
+}
+
+/// Calibrates.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let rig = arguments.rig.as_deref().map(|path| RigFile::read(path).map(|rig| (rig, path))).transpose()?;
+    let known = match &rig {
+        Some((rig, path)) => KnownIntrinsics::Rig(rig, path),
+        None if arguments.known_intrinsics => KnownIntrinsics::Dataset,
+        None => KnownIntrinsics::Unknown,
+    };
+    let views = read_views(&arguments.input, arguments.frame, &known)?;
+    let options = SfmOptions {
+        colmap: arguments.colmap.clone().unwrap_or_default(),
+        scale: arguments.scale_from.clone(),
+        threads: arguments.jobs.unwrap_or(0),
+        ..SfmOptions::default()
+    };
+    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let progress = terminal.progress("calibrating");
+    let (rig, evidence) = sfm(&views, &options, work.path(), &|stage, done, total| {
+        progress.update(done as u64, total as u64, &stage.to_string());
+    })?;
+    drop(progress);
+    finish(&rig, &evidence, &arguments.out, terminal)
+}
