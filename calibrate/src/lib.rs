@@ -14,8 +14,8 @@ pub mod geometry;
 pub mod intensity;
 pub mod report;
 pub mod rig_file;
-pub mod wand;
 pub mod sfm;
+pub mod wand;
 
 pub use cloud::{
     Cloud, CloudError, CloudOptions, CloudPoint, Colmap, ColmapOptions, ColmapProgram, FrameChoice, MatchOptions,
