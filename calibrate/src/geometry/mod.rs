@@ -4,9 +4,9 @@
 mod align;
 mod forest;
 pub mod homography;
+pub mod resection;
 mod triangulate;
 
 pub use align::{Similarity, rigid, similarity};
 pub use forest::Forest;
 pub use triangulate::{Ray, nearest_point, triangulate};
-pub mod resection;
