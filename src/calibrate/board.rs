@@ -1,11 +1,16 @@
 //! `erfgs calibrate board`: cameras from a chessboard or ChArUco board.
 
-use std::path::PathBuf;
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
 
 use erfgs_calibrate::{
-    board::{BoardOptions, LensModel, Target, calibrate, look},
+    board::{BoardOptions, LensModel, Seen, Target, calibrate, look, look_session},
     rig_file::RigFile,
 };
+
+use erfgs_rig::sync::Synchronisation;
 
 use super::summary::finish;
 use crate::terminal::Terminal;
@@ -13,9 +18,9 @@ use crate::terminal::Terminal;
 /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-INPUT is a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
+INPUT is a session (S.mcap), or a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
 (left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
-file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer.
+file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
 
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
@@ -25,12 +30,13 @@ One camera gives intrinsics; several are tied by boards that two of them see at 
 
 Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
+  erfgs calibrate board take1.mcap --target chessboard:9x6:0.025
   erfgs calibrate board videos --target charuco:5x4:0.054:0.0405:DICT_4X4_50 --out rig.json
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
   erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
   erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]
 pub struct Arguments {
-    /// Images or videos of the board.
+    /// A session, or a folder of images or videos of the board.
     input: PathBuf,
     /// What is printed on the board.
     #[arg(long, value_name = "TARGET")]
@@ -73,6 +79,29 @@ fn lens_model(text: &str) -> Result<LensModel, String> {
     }
 }
 
+/// Looks for the board in a session, or in a folder.
+pub fn boards(input: &Path, target: &Target, blink: Option<f64>, terminal: &Terminal) -> anyhow::Result<Vec<Seen>> {
+    let progress = terminal.progress("looking for the board");
+    let tell = |done: usize, total: Option<usize>| match total {
+        Some(total) => progress.update(done as u64, total as u64, "frames"),
+        None => progress.share(0.0, || format!("{done} frames")),
+    };
+    if !input.is_file() {
+        return Ok(look(input, target, blink, &tell)?);
+    }
+    // The middle of the exposure, where `erfgs sync` found it.
+    let beside = Synchronisation::file_beside(input);
+    let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
+    let mut mids: HashMap<(&str, u64), i64> = HashMap::new();
+    for (stream, exposures) in
+        sync.iter().flat_map(|sync| &sync.streams).filter_map(|s| Some((s, s.exposures.as_ref()?)))
+    {
+        let times = std::iter::zip(&exposures.sequence, &exposures.mid_ns);
+        mids.extend(times.map(|(sequence, mid)| ((stream.id.as_str(), *sequence), *mid)));
+    }
+    Ok(look_session(input, target, blink, &|id, packet| mids.get(&(id, packet.sequence)).copied(), &tell)?)
+}
+
 /// Looks for boards and calibrates.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut options = BoardOptions {
@@ -86,11 +115,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let rig = RigFile::read(path)?;
         options.known = rig.cameras.into_iter().map(|camera| (camera.name, camera.intrinsics)).collect();
     }
-    let progress = terminal.progress("looking for the board");
-    let seen = look(&arguments.input, &arguments.target, arguments.blink, &|done, total| {
-        progress.update(done as u64, total.map_or(0, |total| total as u64), "frames");
-    })?;
-    drop(progress);
+    let seen = boards(&arguments.input, &arguments.target, arguments.blink, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
     }

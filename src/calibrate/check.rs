@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use erfgs_calibrate::{
-    board::{BoardOptions, Target, calibrate, look},
+    board::{BoardOptions, Target, calibrate},
     check::{Tolerance, compare},
     rig_file::RigFile,
 };
 
+use super::board::boards;
 use crate::{
     errors::Usage,
     terminal::{Terminal, table},
@@ -44,15 +45,12 @@ pub struct Arguments {
 /// Compares.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let earlier = RigFile::read(&arguments.rig)?;
-    let later = if arguments.later.is_dir() {
+    let session = arguments.later.extension().is_some_and(|extension| extension == "mcap");
+    let later = if session || arguments.later.is_dir() {
         let Some(target) = &arguments.target else {
             return Err(Usage("a recording needs --target, the board that it shows".into()).into());
         };
-        let progress = terminal.progress("looking for the board");
-        let seen = look(&arguments.later, target, None, &|done, total| {
-            progress.update(done as u64, total.map_or(0, |total| total as u64), "frames");
-        })?;
-        drop(progress);
+        let seen = boards(&arguments.later, target, None, terminal)?;
         let known = earlier.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)).collect();
         calibrate(&seen, target, &BoardOptions { known, ..BoardOptions::default() }, &|_, _, _| {})?.0
     } else {

@@ -36,7 +36,7 @@ impl Pixel {
 }
 
 /// Gathers the windows of a stream.
-struct Windows<'a> {
+pub(super) struct Windows<'a> {
     width: usize,
     height: usize,
     period_us: f64,
@@ -116,6 +116,28 @@ pub(super) fn of_events(
     let file = EventFile::open(path)?;
     let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
     let (width, height) = (usize::from(size.width), usize::from(size.height));
+    let mut failure = None;
+    let (frames, views) = blinks(path, [width, height], target, hz, tick, &mut |windows| {
+        failure = file.decode(windows).err();
+    });
+    match failure {
+        Some(error) => Err(error.into()),
+        None => {
+            let size = [u32::from(size.width), u32::from(size.height)];
+            Ok(Seen { camera: camera.into(), events: true, size, frames, views })
+        }
+    }
+}
+
+/// The number of windows in which something blinked, and those with a board that had moved. `decode` hands over the events.
+pub(super) fn blinks(
+    path: &Path,
+    [width, height]: [usize; 2],
+    target: &Target,
+    hz: f64,
+    tick: &dyn Fn(),
+    decode: &mut dyn FnMut(&mut Windows<'_>),
+) -> (usize, Vec<View>) {
     let (mut frames, mut views) = (0, Vec::<View>::new());
     let mut found = |end: i64, image: ImageRgb8| {
         frames += 1;
@@ -129,12 +151,11 @@ pub(super) fn of_events(
     };
     let pixels = vec![Pixel::NEW; width * height];
     let mut windows = Windows { width, height, period_us: 1e6 / hz, pixels, start: None, found: &mut found };
-    file.decode(&mut windows)?;
+    decode(&mut windows);
     if let Some(start) = windows.start {
         windows.close(start + (PERIODS * windows.period_us) as i64);
     }
-    let size = [u32::from(size.width), u32::from(size.height)];
-    Ok(Seen { camera: camera.into(), events: true, size, frames, views })
+    (frames, views)
 }
 
 /// How far corners moved between two views on average; infinite where they share none.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{codec::EventFileError, image::ImageError, video::VideoError};
+use erfgs_session::{codec::EventFileError, container::ContainerError, image::ImageError, video::VideoError};
 
 use crate::bundle::BundleError;
 
@@ -46,6 +46,15 @@ pub enum BoardError {
     #[error("{} holds events: say with --blink how often the board comes and goes in a second", path.display())]
     NoBlink {
         /// The file.
+        path: PathBuf,
+    },
+    /// A session cannot be read.
+    #[error(transparent)]
+    Session(#[from] ContainerError),
+    /// A session of which nothing can be looked at.
+    #[error("{} holds no frames; for event cameras say with --blink how often the board comes and goes in a second", path.display())]
+    NoFrames {
+        /// The session.
         path: PathBuf,
     },
     /// A camera's images are not all of one size.

@@ -13,6 +13,7 @@ mod input;
 mod intrinsics;
 mod print;
 mod rig;
+mod session;
 mod target;
 
 pub use detect::{Corner, detect};
@@ -21,4 +22,5 @@ pub use input::{Seen, View, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use print::{Paper, print};
 pub use rig::{BoardOptions, calibrate};
+pub use session::look_session;
 pub use target::Target;

@@ -1,0 +1,153 @@
+//! Boards in the streams of a recorded session.
+
+use std::{collections::HashSet, path::Path};
+
+use erfgs_session::{
+    ImageRgb8,
+    container::{ContainerError, Entry, Session},
+    pixel,
+    source::Packet,
+};
+use rayon::prelude::*;
+
+use super::{BoardError, Seen, Target, View, blink::blinks, detect};
+
+/// Frames that are looked at together.
+const BATCH: usize = 16;
+
+/// Looks for `target` in all streams of a session: in the frames, and, where `blink_hz` says how often the board comes and goes,
+/// in the events. `time_ns` says when a frame of a stream was taken, on the session's clock; frames of several cameras within
+/// half a frame's time of each other belong together. `progress` gets the number of frames looked at and, where there are only
+/// frames, that of all.
+///
+/// # Errors
+/// If the session cannot be read, or has no stream to look at.
+pub fn look_session(
+    path: &Path,
+    target: &Target,
+    blink_hz: Option<f64>,
+    time_ns: &dyn Fn(&str, &Packet) -> Option<i64>,
+    progress: &(dyn Fn(usize, Option<usize>) + Sync),
+) -> Result<Vec<Seen>, BoardError> {
+    let mut session = Session::open(path)?;
+    let streams = session.summary().streams.clone();
+    let start = session.summary().start.clone();
+    let mut seen: Vec<Option<Seen>> = streams
+        .iter()
+        .map(|stream| {
+            let d = &stream.description;
+            let looked_at = d.encoding.is_frames() || (d.encoding.is_events() && blink_hz.is_some());
+            looked_at.then(|| Seen {
+                camera: d.id.clone(),
+                events: d.encoding.is_events(),
+                size: [d.width, d.height],
+                frames: 0,
+                views: Vec::new(),
+            })
+        })
+        .collect();
+    if seen.iter().all(Option::is_none) {
+        return Err(BoardError::NoFrames { path: path.into() });
+    }
+    let is_frames = |stream: usize| streams[stream].description.encoding.is_frames();
+    let total =
+        (0..streams.len()).filter(|stream| is_frames(*stream)).map(|s| streams[s].totals.packets as usize).sum();
+    let mut done = 0;
+    let mut batch: Vec<(usize, i64, ImageRgb8)> = Vec::new();
+    let look_at = |batch: &mut Vec<(usize, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
+        let corners: Vec<_> = batch.par_iter().map(|(_, _, image)| detect(image, target)).collect();
+        for ((stream, t_ns, _), corners) in batch.drain(..).zip(corners) {
+            let Some(seen) = &mut seen[stream] else { continue };
+            seen.frames += 1;
+            if !corners.is_empty() {
+                let time_s = Some(1e-9 * t_ns as f64);
+                seen.views.push(View { instant: String::new(), time_s, file: path.into(), corners });
+            }
+        }
+    };
+    for entry in session.messages(None) {
+        let (stream, packet) = match entry {
+            Ok(Entry::Packet { stream, packet }) if is_frames(stream) => (stream, packet),
+            Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
+            _ => continue,
+        };
+        let d = &streams[stream].description;
+        done += 1;
+        progress(done, Some(total));
+        // A frame that was cut or damaged shows nothing.
+        let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) else { continue };
+        let t_ns = time_ns(&d.id, &packet).unwrap_or_else(|| start.session_ns(packet.host_ns));
+        batch.push((stream, t_ns, image));
+        if batch.len() == BATCH {
+            look_at(&mut batch, &mut seen);
+        }
+    }
+    look_at(&mut batch, &mut seen);
+    if let Some(hz) = blink_hz {
+        for (index, stream) in streams.iter().enumerate().filter(|(_, s)| s.description.encoding.is_events()) {
+            let Some(seen) = &mut seen[index] else { continue };
+            let size = seen.size.map(|side| side as usize);
+            let tick = || progress(done, None);
+            let mut failure = None;
+            (seen.frames, seen.views) = blinks(path, size, target, hz, &tick, &mut |windows| {
+                failure = session.decode_events(index, None, windows, |_| {}).err();
+            });
+            if let Some(error) = failure {
+                return Err(error.into());
+            }
+            tracing::debug!(stream = stream.description.id, views = seen.views.len(), "looked for a blinking board");
+        }
+    }
+    let mut seen: Vec<Seen> = seen.into_iter().flatten().collect();
+    let frame_s = streams
+        .iter()
+        .filter(|stream| stream.description.encoding.is_frames() && stream.totals.packets > 1)
+        .filter_map(|stream| {
+            let (first, last) = stream.totals.first_host_ns.zip(stream.totals.last_host_ns)?;
+            Some(1e-9 * last.saturating_sub(first) as f64 / (stream.totals.packets - 1) as f64)
+        })
+        .fold(f64::INFINITY, f64::min);
+    name_instants(&mut seen, 0.5 * frame_s.min(1.0));
+    Ok(seen)
+}
+
+/// Gives views that lie within `tolerance_s` of each other the same instant, one of each camera at most.
+fn name_instants(seen: &mut [Seen], tolerance_s: f64) {
+    let mut views: Vec<(f64, usize, usize)> = Vec::new();
+    for (camera, seen) in seen.iter().enumerate() {
+        views.extend(seen.views.iter().enumerate().filter_map(|(view, v)| Some((v.time_s?, camera, view))));
+    }
+    views.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut since, mut taken, mut number) = (f64::NEG_INFINITY, HashSet::new(), 0);
+    for (time, camera, view) in views {
+        if time - since > tolerance_s || taken.contains(&camera) {
+            (since, number) = (time, number + 1);
+            taken.clear();
+        }
+        taken.insert(camera);
+        seen[camera].views[view].instant = number.to_string();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_within_half_a_period_are_one_instant() {
+        let of = |times: &[f64]| Seen {
+            camera: String::new(),
+            events: false,
+            size: [4, 4],
+            frames: times.len(),
+            views: times
+                .iter()
+                .map(|t| View { instant: String::new(), time_s: Some(*t), file: "a".into(), corners: Vec::new() })
+                .collect(),
+        };
+        let mut seen = vec![of(&[0.0, 0.1, 0.2]), of(&[0.01, 0.12, 0.26])];
+        name_instants(&mut seen, 0.05);
+        let names = |seen: &Seen| seen.views.iter().map(|view| view.instant.clone()).collect::<Vec<_>>().join(" ");
+        assert_eq!([names(&seen[0]), names(&seen[1])], ["1 2 3", "1 2 4"]);
+    }
+}
