@@ -8,6 +8,7 @@ mod sfm;
 mod summary;
 mod target;
 mod wand;
+mod wand_session;
 
 use clap::Subcommand;
 

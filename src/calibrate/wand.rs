@@ -4,19 +4,20 @@ use std::path::PathBuf;
 
 use erfgs_calibrate::{
     rig_file::RigFile,
-    wand::{Matching, Stick, WandOptions, calibrate, read_points},
+    wand::{Matching, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points},
 };
 
-use super::summary::finish;
+use super::{summary::finish, wand_session};
 use crate::{errors::Usage, terminal::Terminal};
 
 /// Calibrate with a wand of three LEDs that was waved before the cameras.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-POINTS is a folder or a file of LED positions:
+INPUT is a recorded session, or a folder or a file of LED positions:
+  a session (S.mcap): blinking LEDs are looked for in events, bright spots in frames; --rig must have the cameras' intrinsics
   a folder in eWand's layout: frame_0.csv, event_1.csv, ... with rows t_ns;x1;y1;x2;y2;x3;y3 (-1 where nothing was seen), and
   beside each a YAML file of OpenCV intrinsics (frame_0.yaml); pixel centres are whole numbers there
-  a wand.json, or a folder that holds one (docs/calibration.md describes it): cameras with intrinsics and standard
+  a wand.json, or a folder that holds one (docs/wand.md describes it): cameras with intrinsics and standard
   deviations, and for each a CSV file t_ns,x1,y1,x2,y2,x3,y3; pixel centres are half-integers
 
 Nothing needs to be known of the poses. The gaps give the scale; if they differ, LEDs in the wrong order are put right. A \
@@ -24,12 +25,12 @@ fifth of the placements takes no part in a first solution, which measures their 
 
 Examples:
   erfgs calibrate wand points --wand 0.13+0.26
+  erfgs calibrate wand S.mcap --wand 0.13+0.26 --led-hz 400,500,640 --rig intrinsics.json
   erfgs calibrate wand points --wand 0.13+0.26 --rig intrinsics.json --out rig.json
   erfgs calibrate wand points --wand 0.13+0.26 --fix-focal --no-time-offsets      fixed lenses on one trigger
   erfgs calibrate wand points --wand 0.13+0.26 --without cam3 --json | jq .quality.measures")]
 pub struct Arguments {
-    /// The LED positions.
-    #[arg(value_name = "POINTS")]
+    /// A session, or LED positions.
     input: PathBuf,
     /// The gaps between the first and the second, and the second and the third LED, metres.
     #[arg(long, value_name = "GAP+GAP")]
@@ -37,6 +38,12 @@ pub struct Arguments {
     /// A rig file whose intrinsics are taken for the cameras that it names.
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
+    /// At which frequency the LEDs blink before event cameras, hertz: one that all share, or three in the order of the gaps.
+    #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "500")]
+    led_hz: Vec<f64>,
+    /// Over how long events are gathered into one place of a LED, milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 10.0)]
+    window: f64,
     /// Keep focal lengths as they are.
     #[arg(long)]
     fix_focal: bool,
@@ -73,6 +80,13 @@ pub struct Arguments {
 }
 
 impl Arguments {
+    fn blinks(&self) -> anyhow::Result<BlinkOptions> {
+        let window_us = (self.window * 1e3).round() as i64;
+        let blinks = BlinkOptions { led_hz: self.led_hz.clone(), window_us, ..BlinkOptions::default() };
+        blinks.check().map_err(Usage)?;
+        Ok(blinks)
+    }
+
     fn options(&self) -> anyhow::Result<WandOptions> {
         if !(self.tolerance >= 0.0 && self.tolerance < 1e3) {
             return Err(Usage("--tolerance must lie between 0 and 1000 ms".into()).into());
@@ -96,12 +110,16 @@ impl Arguments {
     }
 }
 
-/// Reads points and calibrates.
+/// Reads or looks for points, and calibrates.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let options = arguments.options()?;
-    let mut cameras = read_points(&arguments.input)?;
-    if let Some(path) = &arguments.rig {
-        let rig = RigFile::read(path)?;
+    let rig = arguments.rig.as_deref().map(RigFile::read).transpose()?;
+    let mut cameras = if arguments.input.extension().is_some_and(|extension| extension == "mcap") {
+        wand_session::look(&arguments.input, rig.as_ref(), &arguments.wand, &arguments.blinks()?, terminal)?
+    } else {
+        read_points(&arguments.input)?
+    };
+    if let Some(rig) = &rig {
         let mut named = 0;
         for camera in &mut cameras {
             if let Some(known) = rig.camera(&camera.name) {
@@ -111,8 +129,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         if named == 0 {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-            let what = format!("{} names none of the cameras {}", path.display(), names.join(", "));
-            return Err(Usage(what).into());
+            return Err(Usage(format!("the rig file names none of the cameras {}", names.join(", "))).into());
         }
     }
     if arguments.sigma.is_some() {

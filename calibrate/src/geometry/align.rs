@@ -62,7 +62,7 @@ fn umeyama(pairs: &[(DVec3, DVec3, f64)], scaled: bool) -> Option<Similarity> {
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| values[b].total_cmp(&values[a]));
     // Points on one line leave the turn about it open.
-    if !(values[order[1]] > 1e-10 * values[order[0]]) {
+    if values[order[1]] <= 1e-10 * values[order[0]] {
         return None;
     }
     let mut flip = Matrix3::identity();

@@ -11,6 +11,8 @@ use crate::{
 const OUTLIERS: f64 = 0.25;
 /// Residuals this many times what they are said to scatter by are doubtful.
 const EXCESS: f64 = 1.5;
+/// A focal length that moved by this many of its standard deviations beforehand is doubtful.
+const FOCAL: f64 = 1.5;
 
 /// How many placements each camera sees with two LEDs or more that take part.
 pub(super) fn placements(bundle: &Bundle) -> Vec<usize> {
@@ -64,7 +66,7 @@ pub(super) fn outcome(
             camera.warnings.push(format!("it hangs on {} placements", seen[index]));
         }
         let (known, found) = (cameras[index].intrinsics.fx, state.intrinsics.fx);
-        if !options.fix_focal && (found / known - 1.0).abs() > 3.0 * options.focal_sigma {
+        if !options.fix_focal && (found / known - 1.0).abs() > FOCAL * options.focal_sigma {
             let share = 100.0 * (found / known - 1.0);
             camera
                 .warnings

@@ -54,7 +54,7 @@ pub(super) fn spots(samples: &[Sample], reach: u16, pixels: usize) -> Vec<Light>
 fn centre<'a>(samples: impl Iterator<Item = &'a Sample> + Clone) -> Option<Light> {
     let place = |sample: &Sample| DVec2::new(f64::from(sample.x) + 0.5, f64::from(sample.y) + 0.5);
     let weight: f64 = samples.clone().map(|sample| sample.weight).sum();
-    if !(weight > 0.0) {
+    if weight <= 0.0 {
         return None;
     }
     let mean = samples.clone().map(|sample| place(sample) * sample.weight).sum::<DVec2>() / weight;

@@ -1,6 +1,6 @@
 //! eWand's layout: `frame_0.csv`, `frame_0.yaml`, `event_1.csv`, ... in one folder, in OpenCV's pixel convention.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use erfgs_session::Modality;
 
@@ -29,7 +29,7 @@ fn number(path: &Path) -> Option<u32> {
     stem.rsplit_once('_')?.1.parse().ok()
 }
 
-fn camera(path: &PathBuf) -> Result<WandCamera, WandError> {
+fn camera(path: &Path) -> Result<WandCamera, WandError> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let modality = if name.starts_with("event") { Modality::Event } else { Modality::Rgb };
     let intrinsics = yaml::read(&path.with_extension("yaml"))?;
