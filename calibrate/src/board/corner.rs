@@ -53,7 +53,7 @@ pub(super) fn refine(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
 mod tests {
     use super::*;
 
-    /// A corner of a slanted chessboard at `corner`, each pixel the mean of 16 by 16 samples.
+    /// A corner of a slanted chessboard at `corner`, through a lens that spreads a point over two pixels.
     fn picture(corner: DVec2) -> Grey {
         let (a, b) = (DVec2::from_angle(0.2), DVec2::from_angle(1.5));
         let mut pixels = Vec::new();
@@ -62,8 +62,8 @@ mod tests {
                 let mut bright = 0;
                 for sub in 0..256 {
                     let place = DVec2::new(
-                        f64::from(x) + (f64::from(sub % 16) + 0.5) / 16.0,
-                        f64::from(y) + (f64::from(sub / 16) + 0.5) / 16.0,
+                        f64::from(x) - 0.5 + (f64::from(sub % 16) + 0.5) / 8.0,
+                        f64::from(y) - 0.5 + (f64::from(sub / 16) + 0.5) / 8.0,
                     );
                     bright += i32::from((a.perp_dot(place - corner) > 0.0) == (b.perp_dot(place - corner) > 0.0));
                 }
@@ -74,10 +74,10 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_is_found_to_a_fiftieth_of_a_pixel() {
+    fn a_corner_is_found_to_a_twentieth_of_a_pixel() {
         for corner in [DVec2::new(20.0, 20.0), DVec2::new(19.3, 20.8), DVec2::new(20.47, 19.61)] {
             let found = refine(&picture(corner), DVec2::new(21.0, 19.0), 5).unwrap();
-            assert!((found - corner).length() < 0.02, "{found} {corner}");
+            assert!((found - corner).length() < 0.05, "{found} {corner}");
         }
     }
 

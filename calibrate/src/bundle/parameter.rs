@@ -182,8 +182,8 @@ impl Placement {
             Self::Board(pose) => {
                 let world = pose.transform(on_target);
                 by[3..].copy_from_slice(&[DVec3::X, DVec3::Y, DVec3::Z]);
-                for axis in 0..3 {
-                    by[axis] = DVec3::AXES[axis].cross(world);
+                for (by, axis) in by.iter_mut().zip(DVec3::AXES) {
+                    *by = axis.cross(world);
                 }
             }
             Self::Wand { direction, .. } => {

@@ -1,19 +1,27 @@
-use std::{path::Path, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use erfgs_calibrate::board::{BoardOptions, LensModel, Target, calibrate, look, single};
 use erfgs_session::{Distortion, Intrinsics};
 use glam::DVec3;
 use serde_json::Value;
 
-fn target() -> Target {
+/// OpenCV's pictures of a chessboard, and the board.
+pub fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/chessboards")
+}
+
+pub fn target() -> Target {
     "chessboard:9x6:0.025".parse().unwrap()
 }
 
 /// What OpenCV makes of the same pictures.
 fn opencv(folder: &Path) -> Value {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("ERFGS_ORACLES")
-        .map_or_else(|| here.join("../target/oracles/bin/python"), std::path::PathBuf::from);
+    let python =
+        std::env::var_os("ERFGS_ORACLES").map_or_else(|| here.join("../target/oracles/bin/python"), PathBuf::from);
     let output = Command::new(&python)
         .arg(here.join("tests/boards/opencv.py"))
         .arg(folder)
@@ -32,7 +40,7 @@ fn parameters(i: &Intrinsics) -> [f64; 9] {
 
 #[test]
 fn stereo_pairs_give_what_opencv_gives() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/chessboards");
+    let folder = folder();
     let seen = look(&folder, &target(), None, &|_, _| {}).unwrap();
     let reference = opencv(&folder);
     for seen in &seen {
@@ -73,7 +81,7 @@ fn stereo_pairs_give_what_opencv_gives() {
 
 #[test]
 fn views_that_never_tilt_and_too_few_views_are_refused() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/chessboards");
+    let folder = folder();
     let mut seen = look(&folder, &target(), None, &|_, _| {}).unwrap().remove(0);
     seen.views.truncate(2);
     let message = single(&seen, &target(), LensModel::Brown5, false).unwrap_err().to_string();
