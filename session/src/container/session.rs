@@ -143,7 +143,8 @@ impl<R: Read + Seek> Session<R> {
             chunk.or(self.chunks.last()).map_or(first, |chunk| chunk.offset)
         });
         self.walk.go_to(offset);
-        Messages { walk: &mut self.walk, from_ns: from_host_ns.unwrap_or(i64::MIN), over: false }
+        let streams = self.summary.streams.len();
+        Messages { walk: &mut self.walk, streams, from_ns: from_host_ns.unwrap_or(i64::MIN), over: false }
     }
 
     /// Gives the file back.
@@ -322,6 +323,8 @@ impl<R: Read + Seek> Session<R> {
 /// it is over.
 pub struct Messages<'a, R> {
     walk: &'a mut Walk<R>,
+    /// How many streams the summary has: a packet of another one would have no description.
+    streams: usize,
     from_ns: i64,
     over: bool,
 }
@@ -332,6 +335,11 @@ impl<R: Read + Seek> Iterator for Messages<'_, R> {
     fn next(&mut self) -> Option<Self::Item> {
         while !self.over {
             match self.walk.step() {
+                Ok(Item::Entry(Entry::Packet { stream, .. })) if stream >= self.streams => {
+                    let what = "the index at the end of the file does not know this packet's stream".to_owned();
+                    let (path, offset) = (self.walk.framing.path().to_owned(), self.walk.chunk_offset());
+                    return Some(Err(ContainerError::Damaged { path, offset, what }));
+                }
                 Ok(Item::Entry(entry)) if host_ns(&entry).is_none_or(|time| time >= self.from_ns) => {
                     return Some(Ok(entry));
                 }

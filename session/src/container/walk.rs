@@ -75,6 +75,11 @@ impl<R: Read + Seek> Walk<R> {
         self.content.clear();
     }
 
+    /// Where the chunk starts that was read last.
+    pub fn chunk_offset(&self) -> u64 {
+        self.chunk
+    }
+
     /// What comes next. After an error that concerns a chunk or a message, the walk goes on behind it.
     pub fn step(&mut self) -> Result<Item, ContainerError> {
         if let Some(entry) = self.pending.take() {

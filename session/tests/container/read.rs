@@ -211,6 +211,36 @@ fn decoding_from_a_time_on_gives_the_same_events_as_from_the_beginning() {
     }
 }
 
+#[test]
+fn packets_of_a_stream_that_the_index_lost_are_told_as_damage() {
+    let mut bytes = common::small_session();
+    // Over the records, each an opcode and a length, to the channels (opcode 4) of the index behind the data's end (15).
+    let (mut at, mut behind, mut renamed) = (8, false, 0);
+    while at + 9 <= bytes.len() - 8 {
+        behind |= bytes[at] == 15;
+        let end = at + 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        for name in at..if behind && bytes[at] == 4 { end - 3 } else { at } {
+            // The stream has another name and number in the index than in the chunks.
+            if &bytes[name..name + 4] == b"cam0" {
+                (bytes[name + 3], bytes[at + 9]) = (b'9', 0x40);
+                renamed += 1;
+            }
+        }
+        at = end;
+    }
+    assert!(renamed > 0, "the index declares the camera");
+    // Without a checksum, which is the last thing in the footer, nobody notices.
+    let checksum = bytes.len() - 12;
+    bytes[checksum..checksum + 4].fill(0);
+    let mut session = open(&bytes).unwrap();
+    let streams = session.summary().streams.len();
+    let (known, lost): (Vec<_>, Vec<_>) = session.messages(None).partition(Result::is_ok);
+    assert!(known.iter().flatten().all(|e| !matches!(e, Entry::Packet { stream, .. } if *stream >= streams)));
+    assert_eq!((streams, lost.len()), (2, 12));
+    let message = lost[0].as_ref().unwrap_err().to_string();
+    assert!(message.contains("erfgs recover") && message.contains("does not know"), "{message}");
+}
+
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig::with_cases(300))]
 
