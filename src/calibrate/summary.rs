@@ -67,6 +67,7 @@ fn rows(rig: &RigFile) -> Vec<Vec<String>> {
             with_sigma(camera.time_offset_s * 1e3, sigma.and_then(|sigma| sigma.time_offset_s).map(|s| s * 1e3), 2),
         ]
     };
-    let head = ["camera", "rms px", "observed", "outliers", "fx", "cx", "cy", "centre ± mm", "turn ± deg", "offset ms"];
+    let centre = if rig.metric { "centre ± mm" } else { "centre ± 1/1000" };
+    let head = ["camera", "rms px", "observed", "outliers", "fx", "cx", "cy", centre, "turn ± deg", "offset ms"];
     std::iter::once(head.map(String::from).to_vec()).chain(rig.cameras.iter().map(row)).collect()
 }

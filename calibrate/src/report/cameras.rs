@@ -12,13 +12,17 @@ pub(super) fn tables(rig: &RigFile) -> String {
         return String::new();
     }
     let places = rig.cameras.iter().map(place).collect::<String>();
-    let head = "<tr><th>Camera</th><th>Residual <small>px</small></th><th>Seen</th><th>Left out</th>\
-                <th>Centre <small>m</small></th><th>± <small>mm</small></th><th>Turn ± <small>deg</small></th>\
-                <th>Time offset <small>ms</small></th></tr>";
+    // Without a scale there are no metres.
+    let (unit, thousandth) = if rig.metric { ("m", "mm") } else { ("units", "1/1000") };
+    let head = format!(
+        "<tr><th>Camera</th><th>Residual <small>px</small></th><th>Seen</th><th>Left out</th>\
+         <th>Centre <small>{unit}</small></th><th>± <small>{thousandth}</small></th><th>Turn ± <small>deg</small></th>\
+         <th>Time offset <small>ms</small></th></tr>"
+    );
     let lenses = rig.cameras.iter().map(lens).collect::<String>();
     let lens_head = "<tr><th>Camera</th><th>Image</th><th>fx <small>px</small></th><th>fy <small>px</small></th>\
                      <th>cx <small>px</small></th><th>cy <small>px</small></th><th>Lens</th></tr>";
-    html::table("figures", head, &places)
+    html::table("figures", &head, &places)
         + "<p class=\"caption\">Centres in the rig's frame; standard deviations along its x, y and z, and about the camera's \
            axes. The camera whose deviations are zero is the reference.</p>\n"
         + &html::table("figures", lens_head, &lenses)
