@@ -41,7 +41,7 @@ pub struct Seen {
 /// The file with the times of videos' frames.
 const TIMES: &str = "timestamps.csv";
 const IMAGES: [&str; 4] = ["png", "jpg", "jpeg", "ppm"];
-const EVENTS: [&str; 5] = ["raw", "dat", "aedat4", "aedat", "csv"];
+const EVENTS: [&str; 4] = ["raw", "dat", "aedat4", "aedat"];
 const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
 
 /// One camera's input.
@@ -65,7 +65,7 @@ pub fn look(
     blink_hz: Option<f64>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
-    let cameras = cameras(folder)?;
+    let cameras = cameras(folder, blink_hz.is_some())?;
     if cameras.is_empty() {
         return Err(BoardError::NoImages { path: folder.into() });
     }
@@ -106,7 +106,8 @@ fn stem(path: &Path) -> String {
     path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-fn cameras(folder: &Path) -> Result<BTreeMap<String, Input>, BoardError> {
+/// Tables beside videos are often no events; `with_tables` says that events are looked for.
+fn cameras(folder: &Path, with_tables: bool) -> Result<BTreeMap<String, Input>, BoardError> {
     let mut cameras = BTreeMap::new();
     let mut loose: BTreeMap<String, Vec<(String, PathBuf)>> = BTreeMap::new();
     for path in list(folder)? {
@@ -122,7 +123,9 @@ fn cameras(folder: &Path) -> Result<BTreeMap<String, Input>, BoardError> {
             }
         } else if has_extension(&path, &VIDEOS) {
             cameras.insert(stem(&path), Input::Video(path));
-        } else if has_extension(&path, &EVENTS) && !path.ends_with(TIMES) {
+        } else if has_extension(&path, &EVENTS)
+            || (with_tables && has_extension(&path, &["csv"]) && !path.ends_with(TIMES))
+        {
             cameras.insert(stem(&path), Input::Events(path));
         } else if has_extension(&path, &IMAGES) {
             let name = stem(&path);
