@@ -1,4 +1,4 @@
-//! Calibration from images of a small textured room, through COLMAP where it is installed.
+//! Calibration from images of a small textured room, through COLMAP, which `scripts/setup.sh` installs.
 
 #[path = "initial_cloud/common.rs"]
 #[allow(dead_code, reason = "shared with the tests of the initial cloud, which use more of it")]
@@ -7,7 +7,7 @@ mod common;
 use std::path::Path;
 
 use erfgs_calibrate::{
-    colmap::{Colmap, ColmapProgram, RunError},
+    colmap::{ColmapProgram, RunError},
     rig_file::{RigCamera, RigFile},
     sfm::{
         KnownIntrinsics, RegisterOptions, Setting, SfmError, SfmOptions, View,
@@ -34,14 +34,6 @@ fn options() -> SfmOptions {
     options
 }
 
-fn has_colmap() -> bool {
-    let found = Colmap::find(&ColmapProgram::Auto).is_ok();
-    if !found {
-        eprintln!("COLMAP is not installed: nothing checked");
-    }
-    found
-}
-
 /// Greatest distance of a camera from where it is, metres, after a similarity; and the similarity's scale.
 fn worst(rig: &RigFile, dataset: &Dataset) -> (f64, f64) {
     let found: Vec<Option<Pose>> = rig.cameras.iter().map(|camera| camera.pose).collect();
@@ -54,9 +46,6 @@ fn worst(rig: &RigFile, dataset: &Dataset) -> (f64, f64) {
 
 #[test]
 fn a_rig_is_found_from_its_images_and_a_camera_is_added_to_it() {
-    if !has_colmap() {
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let dataset = room(folder.path(), 9);
     let views = read_views(folder.path(), 0, &KnownIntrinsics::Dataset).unwrap();
@@ -98,9 +87,6 @@ fn a_rig_is_found_from_its_images_and_a_camera_is_added_to_it() {
 
 #[test]
 fn unknown_intrinsics_are_found_with_the_poses() {
-    if !has_colmap() {
-        return;
-    }
     let folder = tempfile::tempdir().unwrap();
     let dataset = room(folder.path(), 9);
     let views = read_views(folder.path(), 0, &KnownIntrinsics::Unknown).unwrap();
@@ -156,8 +142,6 @@ fn images_of_nothing_are_refused_and_so_is_what_does_not_fit() {
     let options = SfmOptions { scale: Some(("a".into(), "x".into(), 1.0)), ..SfmOptions::default() };
     let scale = sfm(&views, &options, folder.path(), &|_, _, _| {}).unwrap_err().to_string();
     assert!(scale.contains("'x'") && scale.contains("a, b, c"), "{scale}");
-    if has_colmap() {
-        let none = sfm(&views, &SfmOptions::default(), folder.path(), &|_, _, _| {}).unwrap_err();
-        assert!(matches!(none, SfmError::NoModel { views: 3, .. }), "{none}");
-    }
+    let none = sfm(&views, &SfmOptions::default(), folder.path(), &|_, _, _| {}).unwrap_err();
+    assert!(matches!(none, SfmError::NoModel { views: 3, .. }), "{none}");
 }

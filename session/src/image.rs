@@ -124,6 +124,13 @@ impl ImageRgb8 {
             .map(|p| 0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2]))
             .collect()
     }
+
+    /// Luma, rounded to 8 bits.
+    #[must_use]
+    pub fn grey(&self) -> ImageGrey8 {
+        let data = self.luma().into_iter().map(|value| (value + 0.5) as u8).collect();
+        ImageGrey8 { width: self.width, height: self.height, data }
+    }
 }
 
 impl ImageGrey8 {

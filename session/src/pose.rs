@@ -61,6 +61,15 @@ impl Pose {
         self.rotation * world + self.translation
     }
 
+    /// This transform, and after it `second`.
+    #[must_use]
+    pub fn then(&self, second: &Self) -> Self {
+        Self {
+            rotation: (second.rotation * self.rotation).normalize(),
+            translation: second.rotation * self.translation + second.translation,
+        }
+    }
+
     /// The camera-to-world transform.
     #[must_use]
     pub fn inverse(&self) -> Self {

@@ -92,14 +92,9 @@ pub fn boards(input: &Path, target: &Target, blink: Option<f64>, terminal: &Term
     // The middle of the exposure, where `erfgs sync` found it.
     let beside = Synchronisation::file_beside(input);
     let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
-    let mut mids: HashMap<(&str, u64), i64> = HashMap::new();
-    for (stream, exposures) in
-        sync.iter().flat_map(|sync| &sync.streams).filter_map(|s| Some((s, s.exposures.as_ref()?)))
-    {
-        let times = std::iter::zip(&exposures.sequence, &exposures.mid_ns);
-        mids.extend(times.map(|(sequence, mid)| ((stream.id.as_str(), *sequence), *mid)));
-    }
-    Ok(look_session(input, target, blink, &|id, packet| mids.get(&(id, packet.sequence)).copied(), &tell)?)
+    let mids: HashMap<&str, HashMap<u64, i64>> =
+        sync.iter().flat_map(|sync| &sync.streams).map(|stream| (stream.id.as_str(), stream.exposure_mids())).collect();
+    Ok(look_session(input, target, blink, &|id, packet| mids.get(id)?.get(&packet.sequence).copied(), &tell)?)
 }
 
 /// Looks for boards and calibrates.

@@ -1,6 +1,6 @@
 //! The wand's LEDs in a recorded session: events and frames of all cameras, on the session's clock.
 
-use std::{collections::HashMap, path::Path};
+use std::path::Path;
 
 use anyhow::Context;
 use erfgs_calibrate::{
@@ -12,7 +12,6 @@ use erfgs_calibrate::{
 };
 use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, synchronise};
 use erfgs_session::{
-    ImageGrey8,
     codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
     pixel,
@@ -134,10 +133,7 @@ fn bright(
 ) -> anyhow::Result<Vec<Lights>> {
     let total = session.summary().streams[stream].totals.packets;
     let start = session.summary().start.clone();
-    let mut mids: HashMap<u64, i64> = HashMap::new();
-    if let Some(exposures) = sync.and_then(|sync| sync.exposures.as_ref()) {
-        mids.extend(std::iter::zip(&exposures.sequence, &exposures.mid_ns));
-    }
+    let mids = sync.map(StreamSync::exposure_mids).unwrap_or_default();
     let (mut found, mut done) = (Vec::new(), 0);
     for entry in session.messages(None) {
         let packet = match entry {
@@ -149,9 +145,7 @@ fn bright(
         progress(done, total);
         let (width, height) = (description.width, description.height);
         let Ok(image) = pixel::decode(description.encoding, width, height, &packet.payload) else { continue };
-        let data = image.luma().iter().map(|luma| luma.round().clamp(0.0, 255.0) as u8).collect();
-        let grey = ImageGrey8 { width: image.width, height: image.height, data };
-        let lights = bright_lights(&grey, &BrightOptions::default());
+        let lights = bright_lights(&image.grey(), &BrightOptions::default());
         if !lights.is_empty() {
             let t = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));
             found.push(Lights { t, by_frequency: vec![lights] });

@@ -1,13 +1,12 @@
 //! The frames of a session as pictures and videos.
 
 use std::{
-    collections::HashMap,
     fmt::Write,
     path::{Path, PathBuf},
 };
 
 use anyhow::Context;
-use erfgs_rig::sync::Synchronisation;
+use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
     ImageRgb8, atomic,
     container::{ContainerError, Entry, Session},
@@ -70,10 +69,7 @@ fn stream(
     let start = session.summary().start.clone();
     let span_ns = totals.first_host_ns.zip(totals.last_host_ns).map_or(0, |(first, last)| last.saturating_sub(first));
     let rate_hz = if span_ns > 0 { totals.packets.saturating_sub(1) as f64 / (span_ns as f64 * 1e-9) } else { 30.0 };
-    let mut mids: HashMap<u64, i64> = HashMap::new();
-    if let Some(exposures) = sync.and_then(|sync| sync.stream(&task.id)?.exposures.as_ref()) {
-        mids.extend(std::iter::zip(&exposures.sequence, &exposures.mid_ns));
-    }
+    let mids = sync.and_then(|sync| sync.stream(&task.id)).map(StreamSync::exposure_mids).unwrap_or_default();
     let mut out = match format {
         Format::Exr => Out::Exr,
         Format::Mp4 => Out::Mp4(None),

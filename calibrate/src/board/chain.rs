@@ -9,13 +9,6 @@ use super::BoardError;
 /// One camera's boards: by instant, the pose that takes the board to the camera.
 pub(super) type Boards = BTreeMap<String, Pose>;
 
-fn then(first: &Pose, second: &Pose) -> Pose {
-    Pose {
-        rotation: (second.rotation * first.rotation).normalize(),
-        translation: second.rotation * first.translation + second.translation,
-    }
-}
-
 /// World-to-camera poses, the first camera's being the world.
 pub(super) fn chain(names: &[String], boards: &[Boards]) -> Result<Vec<Pose>, BoardError> {
     let count = boards.len();
@@ -31,7 +24,7 @@ pub(super) fn chain(names: &[String], boards: &[Boards]) -> Result<Vec<Pose>, Bo
                 if let Some((agree, relative)) = relative(&boards[known], &boards[new])
                     && best.as_ref().is_none_or(|(most, ..)| agree > *most)
                 {
-                    best = Some((agree, new, then(pose, &relative)));
+                    best = Some((agree, new, pose.then(&relative)));
                 }
             }
         }
@@ -52,7 +45,7 @@ pub(super) fn chain(names: &[String], boards: &[Boards]) -> Result<Vec<Pose>, Bo
 fn relative(from: &Boards, to: &Boards) -> Option<(usize, Pose)> {
     let each: Vec<Pose> = from
         .iter()
-        .filter_map(|(instant, board)| Some(then(&board.inverse(), to.get(instant)?)))
+        .filter_map(|(instant, board)| Some(board.inverse().then(to.get(instant)?)))
         .filter(Pose::is_finite)
         .collect();
     let agree = |a: &Pose, b: &Pose| {
@@ -83,7 +76,7 @@ mod tests {
         let truth = vec![Pose::IDENTITY, pose(1.0), pose(2.0)];
         let seen = [vec![0, 1, 2, 3], vec![0, 1, 2, 3, 4, 5, 6], vec![4, 5, 6]];
         let boards = truth.iter().zip(seen).map(|(camera, instants)| {
-            let board = |i: i32| (i.to_string(), then(&pose(10.0 + f64::from(i)), camera));
+            let board = |i: i32| (i.to_string(), pose(10.0 + f64::from(i)).then(camera));
             instants.into_iter().map(board).collect()
         });
         let boards = boards.collect();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_session::{Intrinsics, Modality, Pose};
+use erfgs_session::{Intrinsics, Modality};
 use glam::DVec2;
 
 use super::{
@@ -151,11 +151,7 @@ fn tie(
         for (number, view) in seen.views.iter().enumerate() {
             let Some(board) = boards[index].get(&view.instant) else { continue };
             let (placement, time_s) = *placements.entry(&view.instant).or_insert_with(|| {
-                let to_world = poses[index].inverse();
-                bundle.placements.push(Placement::Board(Pose {
-                    rotation: to_world.rotation * board.rotation,
-                    translation: to_world.transform(board.translation),
-                }));
+                bundle.placements.push(Placement::Board(board.then(&poses[index].inverse())));
                 (bundle.placements.len() - 1, view.time_s)
             });
             // To the instant's time, at the speed at which each corner moves across the image.

@@ -111,15 +111,9 @@ fn coefficient(distortion: &Distortion, index: u8) -> Option<f64> {
     }
 }
 
-/// The rotation by a small (or not so small) vector, radians.
-pub(super) fn turn(vector: DVec3) -> DQuat {
-    DQuat::from_scaled_axis(vector)
-}
-
-/// A pose moved by a turn and a shift in the space that it leads to.
+/// A pose moved by a turn (a vector, radians) and a shift in the space that it leads to.
 fn moved(pose: &Pose, rotation: DVec3, translation: DVec3) -> Pose {
-    let turn = turn(rotation);
-    Pose { rotation: (turn * pose.rotation).normalize(), translation: turn * pose.translation + translation }
+    pose.then(&Pose { rotation: DQuat::from_scaled_axis(rotation), translation })
 }
 
 impl Camera {

@@ -22,8 +22,7 @@ impl Photo {
 
     /// Luma, rounded to 8 bits.
     pub fn grey(&self) -> ImageGrey8 {
-        let data = self.image.luma().into_iter().map(|value| (value + 0.5) as u8).collect();
-        ImageGrey8 { width: self.image.width, height: self.image.height, data }
+        self.image.grey()
     }
 
     /// Luma of the image enlarged `factor` times.

@@ -118,10 +118,7 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
                 DMat3::from_cols(row(0), row(1), row(2)).transpose(),
                 DVec3::new(m[0][3], m[1][3], m[2][3]),
             );
-            Pose {
-                rotation: (relative.rotation * before.rotation).normalize(),
-                translation: relative.transform(before.translation),
-            }
+            before.then(&relative)
         }
     };
     let topic = entry["rostopic"].as_str().and_then(|topic| topic.trim_matches('/').split('/').next());

@@ -1,10 +1,8 @@
 //! The adjustment of all cameras: robust first, then outliers are marked, then plain least squares.
 
-use glam::DVec3;
-
 use super::{Stick, WandOptions, instants::Instant, place};
 use crate::{
-    bundle::{Bundle, BundleError, Camera, Loss, Observation, Options, Parameter, Prior},
+    bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter, Prior},
     evidence::Evidence,
 };
 
@@ -85,23 +83,9 @@ fn build(stick: &Stick, cameras: &[Camera], instants: &[&Instant], scatter: &[Sc
     let mut bundle = Bundle { cameras: cameras.to_vec(), ..Bundle::default() };
     for instant in instants {
         let views: Vec<_> = instant.views.iter().map(|view| (view.camera, view)).collect();
-        let Some(placement) = place::placement(stick, cameras, &views) else { continue };
-        let index = bundle.placements.len();
-        bundle.placements.push(placement);
-        for (camera, view) in views {
-            for (led, offset) in view.leds.iter().zip(stick.offsets_m()) {
-                let Some(led) = led else { continue };
-                bundle.observations.push(Observation {
-                    camera,
-                    placement: index,
-                    on_target: DVec3::new(offset, 0.0, 0.0),
-                    pixel: led.pixel,
-                    sigma_px: scatter[camera].sigma_px.hypot(led.extra_px),
-                    velocity: led.velocity,
-                    used: true,
-                });
-            }
-        }
+        place::add(&mut bundle, stick, &views, |camera, led| {
+            (scatter[camera].sigma_px.hypot(led.extra_px), led.velocity)
+        });
     }
     bundle
 }

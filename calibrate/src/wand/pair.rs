@@ -14,7 +14,7 @@ use super::{
     place,
 };
 use crate::{
-    bundle::{Bundle, BundleError, Camera, Loss, Observation, Options, Parameter},
+    bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter},
     geometry::rigid,
 };
 
@@ -125,26 +125,9 @@ fn refine(
             free: if camera == 0 { Vec::new() } else { Parameter::POSE.to_vec() },
         });
     }
-    let offsets = stick.offsets_m();
     for views in views {
         let seen = [(0, views[0]), (1, views[1])];
-        let Some(placement) = place::placement(stick, &bundle.cameras, &seen) else { continue };
-        let index = bundle.placements.len();
-        bundle.placements.push(placement);
-        for (camera, view) in seen {
-            for (led, offset) in view.leds.iter().zip(offsets) {
-                let Some(led) = led else { continue };
-                bundle.observations.push(Observation {
-                    camera,
-                    placement: index,
-                    on_target: DVec3::new(offset, 0.0, 0.0),
-                    pixel: led.pixel,
-                    sigma_px: 1.0,
-                    velocity: glam::DVec2::ZERO,
-                    used: true,
-                });
-            }
-        }
+        place::add(&mut bundle, stick, &seen, |_, _| (1.0, glam::DVec2::ZERO));
     }
     if bundle.placements.is_empty() {
         return Ok(None);

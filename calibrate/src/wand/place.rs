@@ -1,10 +1,13 @@
 //! Where a wand is, from the cameras that see it and whose poses are about known.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-use super::{Stick, instants::View};
+use super::{
+    Stick,
+    instants::{Led, View},
+};
 use crate::{
-    bundle::{Camera, Placement},
+    bundle::{Bundle, Camera, Observation, Placement},
     geometry::{Ray, nearest_point},
 };
 
@@ -12,6 +15,35 @@ use crate::{
 const HALF_PX: f64 = 10.0;
 /// About so many pairs of views are tried, spread over all.
 const PAIRS: usize = 20;
+
+/// Adds a wand to a bundle, with what its views saw of it; nothing where no place fits. `weigh` gives a LED's standard deviation
+/// (pixels) and velocity (pixels per second) in a camera.
+pub(super) fn add(
+    bundle: &mut Bundle,
+    stick: &Stick,
+    views: &[(usize, &View)],
+    weigh: impl Fn(usize, &Led) -> (f64, DVec2),
+) {
+    let Some(held) = placement(stick, &bundle.cameras, views) else { return };
+    let placement = bundle.placements.len();
+    bundle.placements.push(held);
+    for &(camera, view) in views {
+        for (led, offset) in view.leds.iter().zip(stick.offsets_m()) {
+            let Some(led) = led else { continue };
+            let (sigma_px, velocity) = weigh(camera, led);
+            let (on_target, pixel) = (DVec3::new(offset, 0.0, 0.0), led.pixel);
+            bundle.observations.push(Observation {
+                camera,
+                placement,
+                on_target,
+                pixel,
+                sigma_px,
+                velocity,
+                used: true,
+            });
+        }
+    }
+}
 
 /// The wand that most of the views agree with, in the world of the cameras; `None` where nothing fits. The views come with
 /// the index of their camera.

@@ -1,6 +1,7 @@
 //! What synchronisation found, and the file beside the session that keeps it.
 
 use std::{
+    collections::HashMap,
     io,
     path::{Path, PathBuf},
 };
@@ -99,6 +100,15 @@ pub enum SyncFileError {
         /// What is wrong.
         what: String,
     },
+}
+
+impl StreamSync {
+    /// The middle of each exposure, session nanoseconds, by the frame's number; none where the stream has no frames.
+    #[must_use]
+    pub fn exposure_mids(&self) -> HashMap<u64, i64> {
+        let exposures = self.exposures.iter();
+        exposures.flat_map(|e| e.sequence.iter().copied().zip(e.mid_ns.iter().copied())).collect()
+    }
 }
 
 impl Synchronisation {
