@@ -46,8 +46,8 @@ pub(super) fn take_record(content: &mut Bytes) -> Option<(u8, Bytes)> {
 /// A message as it lies in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct RawMessage {
-    /// Where its record starts in the chunk's content.
-    pub offset: u64,
+    /// Where its record starts in the chunk's content; `None` if it lies outside the chunks, as some programs write it.
+    pub offset: Option<u64>,
     pub channel: u16,
     pub sequence: u32,
     pub log_time: u64,
@@ -56,10 +56,10 @@ pub(super) struct RawMessage {
 }
 
 impl RawMessage {
-    /// From the body of a message record that starts at `offset` of the chunk's content.
-    pub fn parse(mut body: Bytes, offset: usize) -> Option<Self> {
+    /// From the body of a message record that starts at `offset` of a chunk's content.
+    pub fn parse(mut body: Bytes, offset: Option<usize>) -> Option<Self> {
         Some(Self {
-            offset: offset as u64,
+            offset: offset.map(|offset| offset as u64),
             channel: body.try_get_u16_le().ok()?,
             sequence: body.try_get_u32_le().ok()?,
             log_time: body.try_get_u64_le().ok()?,

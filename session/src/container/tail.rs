@@ -66,7 +66,7 @@ pub(super) struct Tail {
     attachments: Vec<Vec<u8>>,
     counts: BTreeMap<u16, u64>,
     span: Option<[u64; 2]>,
-    /// Metadata or an attachment follows the last chunk.
+    /// Something that is no index follows the last chunk.
     more_after_chunk: bool,
 }
 
@@ -81,13 +81,16 @@ impl Tail {
         self.more_after_chunk = false;
     }
 
-    /// Takes note of a message of the last chunk.
+    /// Takes note of a message of the last chunk, or of one that lies outside the chunks and needs no index.
     pub fn count(&mut self, message: &RawMessage) {
         *self.counts.entry(message.channel).or_default() += 1;
         let [start, end] = self.span.unwrap_or([message.log_time; 2]);
         self.span = Some([start.min(message.log_time), end.max(message.log_time)]);
-        if let Some(chunk) = self.chunks.last_mut() {
-            chunk.messages.entry(message.channel).or_default().push((message.log_time, message.offset));
+        match (message.offset, self.chunks.last_mut()) {
+            (Some(offset), Some(chunk)) => {
+                chunk.messages.entry(message.channel).or_default().push((message.log_time, offset));
+            }
+            _ => self.more_after_chunk = true,
         }
     }
 
@@ -124,7 +127,9 @@ impl Tail {
                 put_text(&mut body, &header.media_type);
                 self.attachments.push(body);
             }
-            _ => {}
+            _ if head.opcode == op::MESSAGE_INDEX => {}
+            // A declaration, or what others may read.
+            _ => self.more_after_chunk = true,
         }
     }
 

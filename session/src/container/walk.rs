@@ -25,7 +25,7 @@ pub(super) enum Item {
     Entry(Entry),
     /// A message, before it is read; only if [`Walk::raw`] is set.
     Raw(RawMessage),
-    /// A record outside the chunks, for those who need its body.
+    /// A record outside the chunks that is no message, for those who need its body.
     Record(Head),
     /// The data is over: the footer or the end of what is whole. Nothing follows.
     End {
@@ -96,7 +96,7 @@ impl<R: Read + Seek> Walk<R> {
                     self.content.clear();
                     return Err(self.damaged(self.chunk, "a record in it is longer than the chunk"));
                 };
-                if let Some(item) = self.inside(opcode, body, self.chunk, offset)? {
+                if let Some(item) = self.inside(opcode, body, self.chunk, Some(offset))? {
                     return Ok(item);
                 }
             }
@@ -123,7 +123,8 @@ impl<R: Read + Seek> Walk<R> {
             op::CHUNK => self.chunk(head).map(Some),
             op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                 let body = self.framing.body(&head)?;
-                self.inside(head.opcode, body, head.offset, 0)
+                let item = self.inside(head.opcode, body, head.offset, None)?;
+                Ok(item.or((head.opcode != op::MESSAGE).then_some(Item::Record(head))))
             }
             _ => Ok(Some(Item::Record(head))),
         }
@@ -173,8 +174,8 @@ impl<R: Read + Seek> Walk<R> {
         Ok((header, body))
     }
 
-    /// A record of a chunk, or one that could be.
-    fn inside(&mut self, opcode: u8, body: Bytes, at: u64, offset: usize) -> Result<Option<Item>, ContainerError> {
+    /// A record of a chunk, at `offset` of its content, or one that could be and lies outside.
+    fn inside(&mut self, opcode: u8, body: Bytes, at: u64, offset: Option<usize>) -> Result<Option<Item>, ContainerError> {
         if opcode != op::MESSAGE {
             if opcode == op::SCHEMA || opcode == op::CHANNEL {
                 self.layout.learn(opcode, &body).map_err(|what| self.damaged(at, &what))?;

@@ -163,6 +163,32 @@ fn what_follows_a_chunk_whose_index_is_damaged_is_kept() {
 }
 
 #[test]
+fn messages_outside_of_chunks_are_kept_and_counted_though_nothing_indexes_them() {
+    let bytes = common::small_session();
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
+    let chunks = mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes;
+    let last = chunks.iter().max_by_key(|chunk| chunk.chunk_start_offset).unwrap();
+    let end = (last.chunk_start_offset + last.chunk_length) as usize;
+    let content = end - last.uncompressed_size as usize;
+    let is_message = bytes[content] == mcap::records::op::MESSAGE;
+    assert!(is_message, "the last chunk declares nothing");
+    let record = 9 + u64::from_le_bytes(bytes[content + 1..content + 9].try_into().unwrap()) as usize;
+    // The first message of the last chunk once more, behind the chunk, whose index is missing.
+    let cut = [&bytes[..end], &bytes[content..content + record]].concat();
+    let loose = common::entries(&bytes[..end]).len() + 1;
+    assert_eq!(common::entries(&cut).len(), loose);
+    fs::write(&source, &cut).unwrap();
+    let report = recover(&source, &out).unwrap();
+    assert_eq!((report.cut_bytes, report.messages as usize), (0, loose));
+    let copy = fs::read(&out).unwrap();
+    assert_eq!(common::entries(&copy), common::entries(&cut));
+    let counted = mcap::Summary::read(&copy).unwrap().unwrap().stats.unwrap().message_count;
+    assert_eq!(counted as usize, loose);
+    assert!(recover_in_place(&out).unwrap().was_whole);
+}
+
+#[test]
 fn zeros_that_a_power_cut_left_are_cut_off() {
     let mut bytes = common::small_session();
     bytes.truncate(bytes.len() - 400);
