@@ -9,8 +9,8 @@ cd "$(dirname "$0")/.."
 say() { printf '\n== %s\n' "$*"; }
 say "building the emulated devices, and the drivers of others that open them"
 make -C hardware-mocks/simavr BUILD="$PWD/target/trigger-board"
-cargo build --locked -p erfgs-hardware-mocks --bin erfgs-usbd
-cargo build --locked -p erfgs-rig --example follow_pattern
+# The whole workspace is named, so that the features and with them all that `cargo test` built are the same.
+cargo build --locked --workspace --bin erfgs-usbd --bin erfgs --example follow_pattern
 CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
 
 # The emulated cameras on this machine, without a kernel module.
@@ -47,12 +47,11 @@ for check in "$@"; do
   case $check in
     host) host ;;
     cameras)
-      binary=$(cargo test --locked -p erfgs-rig --test guest_cameras --no-run --message-format json |
+      binary=$(cargo test --locked --workspace --test guest_cameras --no-run --message-format json |
         grep -o '"executable":"[^"]*guest_cameras[^"]*"' | cut -d '"' -f 4)
       GUEST_CLOCK=instructions scripts/guest/run.sh cameras "$binary"
       ;;
     show)
-      cargo build --locked -p erfgs --bin erfgs
       GUEST_SECONDS=900 GUEST_CLOCK=instructions scripts/guest/run.sh show
       ;;
     *) scripts/guest/run.sh "$check" ;;

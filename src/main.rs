@@ -16,6 +16,7 @@ mod info;
 mod interrupt;
 mod parse;
 mod progress;
+mod quick;
 mod record;
 mod recover;
 mod render;

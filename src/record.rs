@@ -24,6 +24,7 @@ use crate::{
     errors::{Stopped, Usage},
     interrupt,
     progress::duration,
+    quick,
     terminal::{Terminal, bytes, table, thousands},
 };
 
@@ -40,6 +41,7 @@ Examples:
   erfgs record RIG.toml --out take1.mcap         until Ctrl-C
   erfgs record RIG.toml --out take1.mcap --seconds 30 --live
   erfgs record RIG.toml --out takes/ --wait --live 0.0.0.0:8100
+  erfgs record RIG.toml --out boards.mcap --live --quick chessboard:9x6:0.025
 
 With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder \
 of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
@@ -65,6 +67,8 @@ pub struct Arguments {
     /// Only show the cameras; record when the live page says so.
     #[arg(long, requires = "live")]
     wait: bool,
+    #[command(flatten)]
+    quick: quick::QuickOptions,
     /// Skip the checks of disk, buses and memory.
     #[arg(long)]
     no_preflight: bool,
@@ -98,6 +102,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         if arguments.no_preflight { Vec::new() } else { check(arguments, terminal, &rig, &inputs, &streams, &folder)? };
     let share = if arguments.live.is_some() { 0.25 } else { 0.05 };
     let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
+    arguments.quick.start(&streams, &monitor)?;
     let recorder = Arc::new(Recorder::new(inputs, options(&rig.record, info(&rig, &findings), folder, &monitor))?);
     record_until_told(arguments, terminal, &recorder, monitor, out)
 }

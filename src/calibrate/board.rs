@@ -69,7 +69,8 @@ fn rate(text: &str) -> Result<f64, String> {
     rate.ok_or_else(|| "write a rate between 0 and 10000 a second".into())
 }
 
-fn lens_model(text: &str) -> Result<LensModel, String> {
+/// A lens model by its name.
+pub fn lens_model(text: &str) -> Result<LensModel, String> {
     match text {
         "pinhole" => Ok(LensModel::Pinhole),
         "brown" => Ok(LensModel::Brown5),

@@ -12,6 +12,8 @@ mod wand_session;
 
 use clap::Subcommand;
 
+pub use board::lens_model;
+
 use crate::terminal::Terminal;
 
 /// Intrinsics, poses and time offsets of a rig's cameras, with their uncertainties.

@@ -2,7 +2,6 @@
 
 use std::{
     net::SocketAddr,
-    path::Path,
     sync::{
         Arc,
         atomic::{AtomicU64, Ordering},
@@ -16,7 +15,7 @@ use erfgs_rig::{
 };
 use erfgs_session::source::{Incident, Outlet, Packet, Source};
 
-use super::PlayedStream;
+use super::{Arguments, PlayedStream};
 use crate::record::options;
 
 /// Of each stream so many bytes may wait for the disk when what plays is recorded.
@@ -55,10 +54,12 @@ impl Audience {
     }
 
     /// The recorder watches the streams as it would watch devices, and serves its page.
-    pub fn live(player: &Player, session: &Path, address: SocketAddr, names: Vec<String>) -> anyhow::Result<Self> {
+    pub fn live(player: &Player, arguments: &Arguments, address: SocketAddr) -> anyhow::Result<Self> {
         let sources = player.sources();
         let descriptions: Vec<_> = sources.iter().map(|source| source.description().clone()).collect();
         let monitor = Monitor::new(&descriptions, MonitorOptions::default())?;
+        arguments.quick.start(&descriptions, &monitor)?;
+        let session = &arguments.session;
         let input =
             |source| Input { source: Box::new(source) as Box<dyn Source>, queue_bytes: QUEUE_BYTES, stall_after: None };
         let summary = player.summary();
@@ -72,7 +73,11 @@ impl Audience {
         };
         let options = options(&RecordConfig::default(), info, folder_of(session), &monitor);
         let recorder = Arc::new(Recorder::new(sources.into_iter().map(input).collect(), options)?);
-        let page = LivePage::serve(Arc::clone(&recorder), monitor, &LiveOptions { address, names })?;
+        let page = LivePage::serve(
+            Arc::clone(&recorder),
+            monitor,
+            &LiveOptions { address, names: arguments.live_name.clone() },
+        )?;
         Ok(Self::Live { recorder, page })
     }
 

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::{
     errors::Usage,
-    interrupt,
+    interrupt, quick,
     terminal::{Terminal, bytes, table, thousands},
 };
 
@@ -30,6 +30,7 @@ Examples:
   erfgs replay S.mcap
   erfgs replay S.mcap --speed 0.1 --seek 12.5
   erfgs replay S.mcap --live --loop
+  erfgs replay boards.mcap --live --quick chessboard:9x6:0.025
   erfgs replay S.mcap --speed max --json")]
 pub struct Arguments {
     /// The session, or an MCAP recording of ROS 2 with packets of events.
@@ -49,6 +50,8 @@ pub struct Arguments {
     /// A name that the live page may be opened by, besides `localhost` and bare addresses.
     #[arg(long, value_name = "NAME", requires = "live")]
     live_name: Vec<String>,
+    #[command(flatten)]
+    quick: quick::QuickOptions,
 }
 
 fn speed(text: &str) -> Result<Speed, String> {
@@ -96,7 +99,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let length_ns = summary.span_ns().map_or(0, |[_, last]| summary.start.session_ns(last)).max(1);
     let stop = interrupt::stop_flag("the playback ends")?;
     let mut audience = match arguments.live {
-        Some(address) => Audience::live(&player, &arguments.session, address, arguments.live_name.clone())?,
+        Some(address) => Audience::live(&player, arguments, address)?,
         None => Audience::counting(&player),
     };
     if let Some(url) = audience.url() {

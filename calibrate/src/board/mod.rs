@@ -2,7 +2,8 @@
 //!
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
 //! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
-//! one adjustment over all cameras ends it (`rig.rs`).
+//! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the
+//! second step while frames still come in.
 
 mod blink;
 mod chain;
@@ -12,6 +13,7 @@ mod error;
 mod input;
 mod intrinsics;
 mod print;
+mod quick;
 mod rig;
 mod session;
 mod target;
@@ -21,6 +23,7 @@ pub use error::BoardError;
 pub use input::{Seen, View, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use print::{Paper, print};
+pub use quick::{Fit, GRID, Quick};
 pub use rig::{BoardOptions, calibrate};
 pub use session::look_session;
 pub use target::Target;

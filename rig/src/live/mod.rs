@@ -8,6 +8,7 @@ mod clock;
 mod eye;
 mod files;
 mod frames;
+mod guide;
 mod monitor;
 mod picture;
 mod routes;
@@ -15,5 +16,6 @@ mod server;
 
 pub use access::{Access, Token};
 pub use files::{NameError, Recording, recordings};
+pub use guide::{Guidance, Guide};
 pub use monitor::{Monitor, MonitorOptions};
 pub use server::{LiveError, LiveOptions, LivePage};

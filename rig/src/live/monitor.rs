@@ -3,7 +3,7 @@
 use std::{
     collections::VecDeque,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicI64, Ordering::Relaxed},
     },
     thread::{self, JoinHandle},
@@ -13,7 +13,10 @@ use std::{
 use erfgs_session::source::{Description, Encoding, Packet};
 
 pub use super::eye::Look;
-use super::eye::{Eye, Inbox};
+use super::{
+    eye::{Eye, Inbox},
+    guide::{Guidance, Guide},
+};
 use crate::{
     host_time::host_ns,
     record::{StreamStatus, Tap},
@@ -56,6 +59,7 @@ struct Shared {
 pub struct Monitor {
     shared: Arc<Shared>,
     thread: Mutex<Option<JoinHandle<()>>>,
+    guide: OnceLock<Arc<dyn Guide>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -84,7 +88,18 @@ impl Monitor {
             let shared = Arc::clone(&shared);
             move || look(&shared, options)
         })?;
-        Ok(Arc::new(Self { shared, thread: Mutex::new(Some(thread)) }))
+        Ok(Arc::new(Self { shared, thread: Mutex::new(Some(thread)), guide: OnceLock::new() }))
+    }
+
+    /// Lets `guide` see the packets, too, and add to the page. The first one stays.
+    pub fn guide(&self, guide: Arc<dyn Guide>) {
+        let _ = self.guide.set(guide);
+    }
+
+    /// What the guide has to say.
+    #[must_use]
+    pub fn guidance(&self) -> Vec<Guidance> {
+        self.guide.get().map(|guide| guide.guidance()).unwrap_or_default()
     }
 
     /// What the page is told of the pictures.
@@ -104,6 +119,9 @@ impl Monitor {
 
 impl Tap for Monitor {
     fn packet(&self, stream: usize, packet: &Packet) {
+        if let Some(guide) = self.guide.get() {
+            guide.packet(stream, packet);
+        }
         if let Some(stream) = self.shared.streams.get(stream) {
             lock(&stream.inbox).put(stream.encoding, packet);
         }

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     access::{Access, COOKIE, parameter},
     files::{self, NameError},
+    guide::Guidance,
     monitor::{Look, Monitor},
 };
 use crate::record::{Level, RecordError, Recorder, Status};
@@ -97,13 +98,14 @@ fn page(kind: &'static str, text: &'static str) -> impl IntoResponse {
 struct Numbers<'a> {
     status: &'a Status,
     looks: Vec<Look>,
+    guidance: Vec<Guidance>,
     folder: String,
 }
 
 fn numbers_now(site: &Site) -> String {
     let status = site.recorder.status();
     let folder = site.recorder.folder().display().to_string();
-    let numbers = Numbers { status: &status, looks: site.monitor.looks(), folder };
+    let numbers = Numbers { status: &status, looks: site.monitor.looks(), guidance: site.monitor.guidance(), folder };
     serde_json::to_string(&numbers).unwrap_or_default()
 }
 

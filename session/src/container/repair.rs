@@ -16,7 +16,7 @@ use super::{
     layout::{Entry, Layout},
     record::{TOTALS_METADATA, Totals},
     session::Session,
-    tail::{ChunkEntry, Tail},
+    tail::{self, ChunkEntry, Tail},
     walk::{Item, Walk},
 };
 
@@ -40,6 +40,8 @@ struct Survey {
     recovered: Recovered,
     /// Ranges of the file to keep, in order.
     keep: Vec<[u64; 2]>,
+    /// What is put behind the first of them: declarations of channels, in place of the damaged chunk that may have had them.
+    declarations: Vec<u8>,
     tail: Tail,
     closed: bool,
 }
@@ -53,14 +55,17 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
     let file = File::open(path).map_err(|source| open_error("open", path, source))?;
-    let Survey { recovered, keep, tail, closed } = survey(&file, path)?;
+    let Survey { recovered, keep, declarations, tail, closed } = survey(&file, path)?;
     if closed && recovered.damaged.is_empty() {
         return Ok(Recovered { was_whole: true, ..recovered });
     }
     let mut file = file;
     let mut read_failure = None;
     let written = crate::atomic::write_with(out, |sink| {
-        for &[from, to] in &keep {
+        for (number, &[from, to]) in keep.iter().enumerate() {
+            if number == 1 {
+                sink.write_all(&declarations)?;
+            }
             file.seek(SeekFrom::Start(from))?;
             let copied = io::copy(&mut (&file).take(to - from), sink)?;
             if copied < to - from {
@@ -68,8 +73,8 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }
         }
-        let position = keep.iter().map(|[from, to]| to - from).sum();
-        sink.write_all(&tail.into_bytes(position))
+        let kept: u64 = keep.iter().map(|[from, to]| to - from).sum();
+        sink.write_all(&tail.into_bytes(kept + declarations.len() as u64))
     });
     written.map_err(|source| match read_failure {
         Some(offset) => ContainerError::Read { path: path.to_owned(), offset, source },
@@ -87,7 +92,7 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
 pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     let file = File::options().read(true).write(true).open(path);
     let mut file = file.map_err(|source| open_error("open", path, source))?;
-    let Survey { recovered, keep, tail, closed } = survey(&file, path)?;
+    let Survey { recovered, keep, tail, closed, .. } = survey(&file, path)?;
     if !recovered.damaged.is_empty() {
         return Err(ContainerError::DamagedWithin { path: path.to_owned(), places: recovered.damaged.len() });
     }
@@ -123,27 +128,38 @@ fn survey(file: &File, path: &Path) -> Result<Survey, ContainerError> {
 
 /// Reads the file through, in which the channels of `declared` are known from the beginning.
 fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, ContainerError> {
+    let declarations = tail::declarations(&declared);
     let mut walk = Walk::open(file, path)?;
     walk.raw = true;
     walk.layout = declared;
     let file_bytes = walk.framing.length();
-    let mut survey =
-        Survey { recovered: Recovered::default(), keep: vec![[0, 0]], tail: Tail::default(), closed: false };
+    let mut survey = Survey {
+        recovered: Recovered::default(),
+        keep: vec![[0, 0]],
+        declarations: Vec::new(),
+        tail: Tail::default(),
+        closed: false,
+    };
     let mut totals = Totals::default();
-    // Bytes that are left out so far, by which what follows moves forward.
-    let mut left_out = 0;
+    // By how many bytes what follows moves in the copy.
+    let mut shift = 0;
     let mut skipping_indexes = false;
     loop {
         match walk.step() {
             Ok(Item::Chunk(head, header)) => {
                 skipping_indexes = false;
                 survey.recovered.chunks += 1;
-                survey.tail.begin(ChunkEntry::new(head.offset - left_out, head.end() - head.offset, &header));
+                let offset = head.offset.saturating_add_signed(shift);
+                survey.tail.begin(ChunkEntry::new(offset, head.end() - head.offset, &header));
             }
             Ok(Item::BadChunk(head, error)) => {
                 skipping_indexes = true;
                 survey.recovered.damaged.push(error.to_string());
-                survey.leave_out(&head, &mut left_out);
+                survey.leave_out(&head, &mut shift);
+                if survey.keep.len() == 2 {
+                    shift += declarations.len() as i64;
+                    survey.declarations.clone_from(&declarations);
+                }
             }
             Ok(Item::Raw(message)) => {
                 survey.recovered.messages += 1;
@@ -151,11 +167,11 @@ fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, Con
             }
             Ok(Item::Entry(entry)) => count(&mut walk, &mut totals, entry),
             Ok(Item::Record(head)) if head.opcode == op::MESSAGE_INDEX && skipping_indexes => {
-                survey.leave_out(&head, &mut left_out);
+                survey.leave_out(&head, &mut shift);
             }
             Ok(Item::Record(head)) => {
                 let body = walk.framing.body(&head)?;
-                survey.tail.note(&head, &body, left_out);
+                survey.tail.note(&head, &body, shift);
             }
             Ok(Item::End { at, closed }) => {
                 if !closed && walk.is_closed()? {
@@ -167,7 +183,7 @@ fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, Con
                 survey.closed = closed;
                 survey.recovered.cut_bytes = if closed { 0 } else { file_bytes.saturating_sub(at) };
                 // The index of the last chunk may be cut, too: it is written anew.
-                let end = survey.tail.unindexed_chunk_end().map_or(at, |end| end + left_out);
+                let end = survey.tail.unindexed_chunk_end().map_or(at, |end| end.saturating_add_signed(-shift));
                 if let Some(last) = survey.keep.last_mut() {
                     last[1] = end.max(last[0]);
                 }
@@ -199,12 +215,12 @@ fn count<R: Read + Seek>(walk: &mut Walk<R>, totals: &mut Totals, entry: Entry) 
 }
 
 impl Survey {
-    fn leave_out(&mut self, head: &Head, left_out: &mut u64) {
+    fn leave_out(&mut self, head: &Head, shift: &mut i64) {
         if let Some(last) = self.keep.last_mut() {
             last[1] = head.offset;
         }
         self.keep.push([head.end(), head.end()]);
-        *left_out += head.end() - head.offset;
+        *shift -= (head.end() - head.offset) as i64;
     }
 }
 

@@ -100,9 +100,9 @@ impl Tail {
         last.filter(|chunk| chunk.lacks_indexes()).map(|chunk| chunk.offset + chunk.length)
     }
 
-    /// Takes note of a record outside the chunks, which moves forward by `left_out` bytes.
-    pub fn note(&mut self, head: &Head, body: &[u8], left_out: u64) {
-        let offset = head.offset - left_out;
+    /// Takes note of a record outside the chunks, which moves by `shift` bytes.
+    pub fn note(&mut self, head: &Head, body: &[u8], shift: i64) {
+        let offset = head.offset.saturating_add_signed(shift);
         let length = head.end() - head.offset;
         match parse_record(head.opcode, body) {
             Ok(Record::MessageIndex(index)) => {
@@ -189,12 +189,7 @@ impl Tail {
     }
 
     fn put_summary(&self, bytes: &mut Vec<u8>) {
-        for body in self.schemas.values() {
-            put_record(bytes, op::SCHEMA, body);
-        }
-        for body in self.channels.values() {
-            put_record(bytes, op::CHANNEL, body);
-        }
+        put_declarations(bytes, &self.schemas, &self.channels);
         put_record(bytes, op::STATISTICS, &self.statistics());
         for chunk in &self.chunks {
             let mut body = Vec::new();
@@ -241,6 +236,22 @@ impl Tail {
             body.put_u64_le(count);
         }
         body
+    }
+}
+
+/// The records that declare all schemas and channels of `layout`.
+pub(super) fn declarations(layout: &Layout) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    put_declarations(&mut bytes, &layout.schema_records, &layout.channel_records);
+    bytes
+}
+
+fn put_declarations(bytes: &mut Vec<u8>, schemas: &BTreeMap<u16, Vec<u8>>, channels: &BTreeMap<u16, Vec<u8>>) {
+    for body in schemas.values() {
+        put_record(bytes, op::SCHEMA, body);
+    }
+    for body in channels.values() {
+        put_record(bytes, op::CHANNEL, body);
     }
 }
 

@@ -175,7 +175,13 @@ impl<R: Read + Seek> Walk<R> {
     }
 
     /// A record of a chunk, at `offset` of its content, or one that could be and lies outside.
-    fn inside(&mut self, opcode: u8, body: Bytes, at: u64, offset: Option<usize>) -> Result<Option<Item>, ContainerError> {
+    fn inside(
+        &mut self,
+        opcode: u8,
+        body: Bytes,
+        at: u64,
+        offset: Option<usize>,
+    ) -> Result<Option<Item>, ContainerError> {
         if opcode != op::MESSAGE {
             if opcode == op::SCHEMA || opcode == op::CHANNEL {
                 self.layout.learn(opcode, &body).map_err(|what| self.damaged(at, &what))?;

@@ -159,9 +159,45 @@ function show(stream, look) {
   queue.classList.toggle('full', share(stream.waiting_bytes) > 80);
 }
 
+// What a calibration beside the recording has to say: tinted cells, marked corners, figures, advice.
+function guide(found, told) {
+  const canvas = found.node.querySelector('.guide');
+  const advice = found.node.querySelector('.advice');
+  canvas.hidden = advice.hidden = !told;
+  if (!told) return;
+  text(advice, told.advice);
+  advice.classList.toggle('done', told.done);
+  told.figures.forEach(([name, value]) => row(found, name, value));
+  const ratio = window.devicePixelRatio || 1;
+  const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+  if (width <= 0) return;
+  if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+  const context = canvas.getContext('2d');
+  context.clearRect(0, 0, width, height);
+  // The image keeps its shape within the view.
+  const { naturalWidth, naturalHeight } = found.image;
+  if (!naturalWidth) return;
+  const scale = Math.min(width / naturalWidth, height / naturalHeight);
+  const [w, h] = [naturalWidth * scale, naturalHeight * scale];
+  const [left, top] = [(width - w) / 2, (height - h) / 2];
+  const rows = Math.max(1, Math.round(told.coverage.length / Math.max(1, told.columns)));
+  told.coverage.forEach((count, at) => {
+    if (!count) return;
+    context.fillStyle = `rgba(95, 211, 141, ${0.12 + 0.06 * Math.min(count, 4)})`;
+    const [column, line] = [at % told.columns, Math.floor(at / told.columns)];
+    context.fillRect(left + w * column / told.columns + 1, top + h * line / rows + 1, w / told.columns - 2, h / rows - 2);
+  });
+  context.fillStyle = '#ffd68a';
+  told.points.forEach(([x, y]) => {
+    context.beginPath();
+    context.arc(left + w * x, top + h * y, 2 * ratio, 0, 2 * Math.PI);
+    context.fill();
+  });
+}
+
 // The whole ---------------------------------------------------------------------------------------------------------
 
-function update({ status, looks, folder }) {
+function update({ status, looks, guidance, folder }) {
   document.body.classList.remove('offline');
   text($('rig'), status.rig);
   text($('link'), `${status.streams.length} ${status.streams.length === 1 ? 'stream' : 'streams'}, live`);
@@ -192,7 +228,11 @@ function update({ status, looks, folder }) {
   $('button').disabled = busy || finishing;
   text($('folder'), `in ${folder}`);
   const byId = new Map(looks.map((look) => [look.id, look]));
-  status.streams.forEach((stream) => show(stream, byId.get(stream.id)));
+  const told = new Map(guidance.map((of) => [of.id, of]));
+  status.streams.forEach((stream) => {
+    show(stream, byId.get(stream.id));
+    guide(card(stream), told.get(stream.id));
+  });
   messages(status);
 }
 

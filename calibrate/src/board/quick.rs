@@ -1,0 +1,334 @@
+//! The calibration of one camera while its frames come in: which views are worth keeping, where in the image the board has
+//! been, how well the views fit so far, and what to show the camera next.
+
+use glam::{DVec2, DVec3};
+use serde::Serialize;
+
+use super::{BoardError, Corner, LensModel, Seen, Single, Target, View, single};
+use crate::bundle::{Parameter, Placement};
+
+/// Columns and rows of the grid over the image on which coverage is counted.
+pub const GRID: [usize; 2] = [12, 8];
+/// A view is worth keeping if its corners moved by this share of the image's diagonal from every view that is kept.
+const NEW_SHARE: f64 = 0.04;
+/// Views that are kept at most: more of them change next to nothing.
+const MOST_VIEWS: usize = 60;
+/// From this many views on, a fit waits for as many new ones again.
+const FIRST_VIEWS: usize = 8;
+/// New views between two fits from then on.
+const VIEWS_BETWEEN: usize = 4;
+/// A board that was never turned further from the image plane than this, degrees, leaves the focal length open.
+const LEAST_TILT_DEG: f64 = 25.0;
+/// Share of the image's width or height that the nearest board should fill.
+const LEAST_SPAN: f64 = 0.4;
+/// Relative standard deviation of the focal length that is good enough.
+const ENOUGH: f64 = 0.002;
+/// Names of the thirds of an image.
+const PLACES: [[&str; 3]; 3] =
+    [["upper left", "top", "upper right"], ["left", "middle", "right"], ["lower left", "bottom", "lower right"]];
+
+/// How well the views of a camera fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Fit {
+    /// Root mean square of the reprojection errors over both coordinates of all corners, pixels.
+    pub rms_px: f64,
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// Its standard deviation, pixels.
+    pub focal_sigma_px: f64,
+    /// Greatest angle between the board and the image plane, degrees.
+    pub tilt_deg: f64,
+    /// Views that took part.
+    pub views: usize,
+}
+
+/// One camera that is being calibrated.
+#[derive(Clone, Debug)]
+pub struct Quick {
+    target: Target,
+    model: LensModel,
+    seen: Seen,
+    frames_with_board: usize,
+    last: Vec<Corner>,
+    cells: [[u32; GRID[0]]; GRID[1]],
+    fitted_at: usize,
+    fit: Option<Fit>,
+    failure: Option<String>,
+}
+
+impl Quick {
+    /// Nothing seen yet by `camera`, whose images have `size` columns and rows.
+    #[must_use]
+    pub fn new(camera: &str, size: [u32; 2], target: Target, model: LensModel) -> Self {
+        Self {
+            target,
+            model,
+            seen: Seen { camera: camera.into(), events: false, size, frames: 0, views: Vec::new() },
+            frames_with_board: 0,
+            last: Vec::new(),
+            cells: [[0; GRID[0]]; GRID[1]],
+            fitted_at: 0,
+            fit: None,
+            failure: None,
+        }
+    }
+
+    /// Takes note of the corners that were found in a frame; none if the board is not in it.
+    pub fn see(&mut self, corners: Vec<Corner>) {
+        self.seen.frames += 1;
+        if corners.is_empty() {
+            self.last.clear();
+            return;
+        }
+        self.frames_with_board += 1;
+        if self.is_new(&corners) && self.seen.views.len() < MOST_VIEWS {
+            let [width, height] = self.seen.size.map(f64::from);
+            for corner in &corners {
+                let cell =
+                    |at: f64, side: f64, cells: usize| ((at / side * cells as f64).max(0.0) as usize).min(cells - 1);
+                self.cells[cell(corner.pixel.y, height, GRID[1])][cell(corner.pixel.x, width, GRID[0])] += 1;
+            }
+            let instant = self.seen.frames.to_string();
+            self.seen.views.push(View { instant, time_s: None, file: "live".into(), corners: corners.clone() });
+        }
+        self.last = corners;
+    }
+
+    /// Whether no view that is kept looks much like this one.
+    fn is_new(&self, corners: &[Corner]) -> bool {
+        let [width, height] = self.seen.size.map(f64::from);
+        let least = NEW_SHARE * width.hypot(height);
+        self.seen.views.iter().all(|view| {
+            let (mut sum, mut count) = (0.0, 0usize);
+            // Both are in the order of the ids.
+            let mut known = view.corners.iter().peekable();
+            for corner in corners {
+                while known.next_if(|other| other.id < corner.id).is_some() {}
+                if let Some(same) = known.next_if(|other| other.id == corner.id) {
+                    sum += same.pixel.distance_squared(corner.pixel);
+                    count += 1;
+                }
+            }
+            2 * count < corners.len() || sum > least * least * count as f64
+        })
+    }
+
+    /// Fits the camera to its views, if enough came since the last time; returns whether it did.
+    pub fn refit(&mut self) -> bool {
+        let views = self.seen.views.len();
+        let due = if views <= FIRST_VIEWS { self.fitted_at + 1 } else { self.fitted_at + VIEWS_BETWEEN };
+        if views < 3 || views < due.min(MOST_VIEWS) || views == self.fitted_at {
+            return false;
+        }
+        self.fitted_at = views;
+        match single(&self.seen, &self.target, self.model, false) {
+            Ok(single) => (self.fit, self.failure) = (Some(fit(&single)), None),
+            // The views do not determine a focal length yet: a matter of more of them.
+            Err(BoardError::NoFocal { .. } | BoardError::Open { .. } | BoardError::TooFewViews { .. }) => {
+                self.fit = None
+            }
+            Err(error) => (self.fit, self.failure) = (None, Some(error.to_string())),
+        }
+        true
+    }
+
+    /// The camera's name.
+    #[must_use]
+    pub fn camera(&self) -> &str {
+        &self.seen.camera
+    }
+
+    /// Width and height of the images, pixels.
+    #[must_use]
+    pub fn size(&self) -> [u32; 2] {
+        self.seen.size
+    }
+
+    /// The corners in the frame that was looked at last.
+    #[must_use]
+    pub fn last(&self) -> &[Corner] {
+        &self.last
+    }
+
+    /// Frames that were looked at, those with the board, and views that are kept.
+    #[must_use]
+    pub fn counts(&self) -> [usize; 3] {
+        [self.seen.frames, self.frames_with_board, self.seen.views.len()]
+    }
+
+    /// How many corners of the kept views lie in each cell of the image, row by row; see [`GRID`].
+    #[must_use]
+    pub fn coverage(&self) -> Vec<u32> {
+        self.cells.concat()
+    }
+
+    /// How well the views fit, if they determine a camera.
+    #[must_use]
+    pub fn fit(&self) -> Option<Fit> {
+        self.fit
+    }
+
+    /// What would help most now, for the person who holds the board; `None` if there is enough.
+    #[must_use]
+    pub fn advice(&self) -> Option<String> {
+        if let Some(failure) = &self.failure {
+            return Some(failure.clone());
+        }
+        if self.seen.views.len() < 3 {
+            return Some(format!("show the whole board ({} of 3 views)", self.seen.views.len()));
+        }
+        if let Some(place) = self.bare_place() {
+            return Some(format!("move the board to the {place} of the image"));
+        }
+        if self.nearest_span() < LEAST_SPAN {
+            return Some("bring the board nearer".into());
+        }
+        match self.fit {
+            Some(fit) if fit.tilt_deg < LEAST_TILT_DEG => {
+                Some(format!("tilt the board: {:.0} degrees at most so far", fit.tilt_deg))
+            }
+            None => Some("tilt the board about both axes: the focal length is open".into()),
+            Some(fit) if fit.focal_sigma_px > ENOUGH * fit.focal_px => Some("more views, near and tilted".into()),
+            Some(_) => None,
+        }
+    }
+
+    /// A ninth of the image where the board has hardly been, the emptiest first.
+    fn bare_place(&self) -> Option<&'static str> {
+        let (mut bare, mut least) = (None, f64::INFINITY);
+        for (row, names) in PLACES.iter().enumerate() {
+            for (column, name) in names.iter().enumerate() {
+                let range = |third: usize, cells: usize| third * cells / 3..(third + 1) * cells / 3;
+                let cells: Vec<u32> = range(row, GRID[1])
+                    .flat_map(|y| range(column, GRID[0]).map(move |x| (x, y)))
+                    .map(|(x, y)| self.cells[y][x])
+                    .collect();
+                let covered = cells.iter().filter(|count| **count > 0).count() as f64 / cells.len() as f64;
+                if covered < 0.25 && covered < least {
+                    (bare, least) = (Some(*name), covered);
+                }
+            }
+        }
+        bare
+    }
+
+    /// The greatest share of the image's width or height that a view of the board fills.
+    fn nearest_span(&self) -> f64 {
+        let size = DVec2::from(self.seen.size.map(f64::from));
+        let span = |view: &View| {
+            let pixels = || view.corners.iter().map(|corner| corner.pixel);
+            let low = pixels().fold(DVec2::INFINITY, DVec2::min);
+            let high = pixels().fold(DVec2::NEG_INFINITY, DVec2::max);
+            ((high - low) / size).max_element()
+        };
+        self.seen.views.iter().map(span).fold(0.0, f64::max)
+    }
+}
+
+fn fit(single: &Single) -> Fit {
+    let camera = &single.bundle.cameras[0];
+    let focal = camera.free.iter().position(|parameter| *parameter == Parameter::Fx);
+    let sigma = single.uncertainty.cameras.first().zip(focal).and_then(|(camera, at)| camera.sigma.get(at));
+    let tilt = |placement: &Placement| match placement {
+        Placement::Board(pose) => (pose.rotation * DVec3::Z).z.abs().min(1.0).acos().to_degrees(),
+        _ => 0.0,
+    };
+    Fit {
+        rms_px: single.bundle.rms_px(None).0,
+        focal_px: camera.intrinsics.fx,
+        focal_sigma_px: sigma.copied().unwrap_or(f64::INFINITY),
+        tilt_deg: single.bundle.placements.iter().map(tilt).fold(0.0, f64::max),
+        views: single.bundle.placements.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_session::{Distortion, Intrinsics, Pose};
+    use glam::DQuat;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [640, 480];
+
+    fn camera() -> Intrinsics {
+        let mut k = [0.0; 8];
+        k[0] = -0.1;
+        let distortion = Distortion::BrownConrady(k);
+        Intrinsics { width: SIZE[0], height: SIZE[1], fx: 600.0, fy: 600.0, cx: 322.0, cy: 238.0, distortion }
+    }
+
+    fn board() -> Target {
+        "chessboard:9x6:0.025".parse().unwrap()
+    }
+
+    /// The board's corners with its middle at `at`, turned about the camera's axes by `turn` degrees.
+    fn view(at: DVec3, turn: [f64; 2]) -> Vec<Corner> {
+        let rotation = DQuat::from_rotation_x(turn[0].to_radians()) * DQuat::from_rotation_y(turn[1].to_radians());
+        let middle = DVec3::new(4.0, 2.5, 0.0) * 0.025;
+        let pose = Pose { rotation, translation: at - rotation * middle };
+        let see = |id| Some(Corner { id, pixel: camera().project(pose.transform(board().point(id)?))? });
+        (0..54).filter_map(see).collect()
+    }
+
+    #[test]
+    fn a_board_that_is_held_still_is_one_view() {
+        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Brown5);
+        for jitter in 0..20 {
+            quick.see(view(DVec3::new(1e-4 * f64::from(jitter), 0.0, 0.6), [0.0, 10.0]));
+        }
+        quick.see(Vec::new());
+        assert_eq!(quick.counts(), [21, 20, 1]);
+        assert!(quick.last().is_empty() && quick.fit().is_none() && !quick.refit());
+        assert_eq!(quick.coverage().iter().sum::<u32>(), 54);
+        assert!(quick.advice().unwrap().contains("1 of 3"));
+    }
+
+    fn advice(quick: &Quick) -> String {
+        quick.advice().unwrap_or_default()
+    }
+
+    #[test]
+    fn advice_names_what_is_missing_until_there_is_enough() {
+        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Brown5);
+        for x in [-0.12, -0.06, 0.0] {
+            for y in [-0.07, 0.0, 0.07] {
+                quick.see(view(DVec3::new(x, y, 0.45), [3.0 * x, 2.0]));
+                quick.refit();
+            }
+        }
+        assert!(advice(&quick).contains("right of the image"), "{}", advice(&quick));
+        for y in [-0.07, 0.0, 0.07] {
+            quick.see(view(DVec3::new(0.12, y, 0.45), [0.0, 5.0]));
+            quick.refit();
+        }
+        assert!(advice(&quick).contains("tilt"), "{}", advice(&quick));
+        for turn in [
+            [35.0, 0.0],
+            [-35.0, 0.0],
+            [0.0, 35.0],
+            [0.0, -35.0],
+            [25.0, 25.0],
+            [-25.0, 25.0],
+            [-30.0, -30.0],
+            [30.0, -30.0],
+        ] {
+            quick.see(view(DVec3::new(0.0, 0.0, 0.35), turn));
+            quick.see(view(DVec3::new(0.04, 0.02, 0.4), turn));
+            quick.refit();
+        }
+        let fit = quick.fit().unwrap();
+        assert!((fit.focal_px - 600.0).abs() < 1e-3 && fit.rms_px < 1e-6 && fit.tilt_deg > 30.0, "{fit:?}");
+        assert_eq!(quick.advice(), None);
+    }
+
+    #[test]
+    fn any_number_of_frames_keeps_a_bounded_number_of_views() {
+        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Pinhole);
+        for number in 0..400 {
+            let (x, y) = (0.002 * f64::from(number % 100) - 0.1, 0.03 * f64::from(number / 100) - 0.05);
+            quick.see(view(DVec3::new(x, y, 0.5 + 0.001 * f64::from(number)), [0.0, f64::from(number % 40)]));
+        }
+        assert!(quick.counts()[2] <= MOST_VIEWS);
+    }
+}

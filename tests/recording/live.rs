@@ -1,0 +1,150 @@
+//! The live page of recordings that are played.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Lines, Read, Write},
+    net::TcpStream,
+    path::Path,
+    process::{Child, ChildStderr, Command, Stdio},
+    thread,
+    time::Duration,
+};
+
+use erfgs_session::{
+    container::{SessionStart, SessionWriter, Settings},
+    source::{Description, Encoding, Packet},
+};
+
+use crate::rig::recorded;
+
+/// A session that is played again and again with its page.
+struct Played {
+    process: Child,
+    address: String,
+    /// Kept open, so that the program can write there.
+    _stderr: Lines<BufReader<ChildStderr>>,
+}
+
+impl Played {
+    fn start(folder: &Path, session: &str, more: &[&str]) -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_erfgs"))
+            .current_dir(folder)
+            .args(["replay", session, "--live", "127.0.0.1:0", "--loop"])
+            .args(more)
+            .stderr(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .expect("erfgs runs");
+        let mut stderr = BufReader::new(process.stderr.take().expect("stderr")).lines();
+        let address = stderr.by_ref().map_while(Result::ok).find_map(|line| {
+            let (_, rest) = line.split_once("live page: http://")?;
+            Some(rest.split(['/', ' ']).next()?.to_owned())
+        });
+        Self { process, address: address.expect("an address"), _stderr: stderr }
+    }
+
+    fn get(&self, path: &str) -> Vec<u8> {
+        let mut stream = TcpStream::connect(&self.address).expect("a connection");
+        write!(stream, "GET {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.address).expect("sent");
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("an answer");
+        answer
+    }
+
+    /// Asks until it holds, for two minutes at most.
+    fn comes_to(&self, holds: impl Fn(&Self) -> bool) -> bool {
+        (0..2400).any(|_| {
+            thread::sleep(Duration::from_millis(50));
+            holds(self)
+        })
+    }
+
+    fn status(&self) -> serde_json::Value {
+        let answer = self.get("/api/status");
+        let from = answer.iter().position(|byte| *byte == b'{').expect("JSON");
+        let to = answer.iter().rposition(|byte| *byte == b'}').expect("JSON");
+        serde_json::from_slice(&answer[from..=to]).expect("JSON")
+    }
+}
+
+impl Drop for Played {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn a_recording_is_shown_on_the_live_page() {
+    let (kept, _) = recorded();
+    let page = Played::start(kept.path(), "take.mcap", &[]);
+    assert!(String::from_utf8_lossy(&page.get("/")).contains("Start recording"));
+    let shows = page.comes_to(|page| {
+        let answer = page.get("/api/preview/camera");
+        answer.starts_with(b"HTTP/1.1 200") && answer.windows(3).any(|bytes| bytes == [0xff, 0xd8, 0xff])
+    });
+    assert!(shows, "no picture of the camera");
+    assert_eq!(page.status()["guidance"], serde_json::json!([]));
+}
+
+/// The left pictures of a chessboard, five a second.
+fn write_boards(path: &Path) {
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("calibrate/tests/data/chessboards");
+    let start =
+        SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
+    let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
+    let description = Description {
+        id: "left".into(),
+        model: "camera".into(),
+        serial: String::new(),
+        encoding: Encoding::Mjpeg,
+        width: 640,
+        height: 480,
+        start_order: 0,
+        settings: serde_json::Map::new(),
+    };
+    let stream = writer.add_stream(&description).expect("a stream");
+    let files = (1..=14).map(|number| pictures.join(format!("left{number:02}.jpg"))).filter(|file| file.exists());
+    for (sequence, file) in (0..).zip(files) {
+        let packet = Packet {
+            sequence,
+            host_ns: 7_000_000_000 + sequence as i64 * 200_000_000,
+            discontinuity: false,
+            damaged: false,
+            stamp: None,
+            payload: fs::read(file).expect("read").into(),
+        };
+        writer.packet(stream, &packet).expect("written");
+    }
+    writer.finish().expect("written");
+}
+
+#[test]
+fn a_board_is_calibrated_while_it_is_played() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_boards(&folder.path().join("boards.mcap"));
+    let page = Played::start(folder.path(), "boards.mcap", &["--quick", "chessboard:9x6:0.025"]);
+    let error_px = |page: &Played| {
+        let status = page.status();
+        let guidance = &status["guidance"][0];
+        let figures = guidance["figures"].as_array()?;
+        let figure = |name: &str| figures.iter().find(|figure| figure[0] == name)?[1].as_str();
+        assert_eq!(guidance["id"], "left");
+        let views: usize = figure("board")?.rsplit(' ').nth(1)?.parse().ok()?;
+        // Of the thirteen pictures two are much alike.
+        (views >= 11).then_some(())?;
+        let covered = guidance["coverage"].as_array()?.iter().filter(|cell| **cell != 0).count();
+        assert!(covered > 40, "{covered} of 96 cells");
+        assert!(!guidance["advice"].as_str()?.is_empty());
+        figure("error")?.strip_suffix(" px")?.parse::<f64>().ok()
+    };
+    let fits = page.comes_to(|page| error_px(page).is_some_and(|error| error < 0.25));
+    assert!(fits, "{}", page.status()["guidance"]);
+}
+
+#[test]
+fn a_board_is_looked_for_only_where_there_is_a_page_to_tell() {
+    let (kept, _) = recorded();
+    let message = crate::rig::fail(kept.path(), 2, "replay take.mcap --quick chessboard:9x6:0.025");
+    assert!(message.contains("--live"), "{message}");
+}
