@@ -1,4 +1,4 @@
-//! `erfgs calibrate board`: cameras from a chessboard or ChArUco board.
+//! `erfgs calibrate board`: cameras from a chessboard, ChArUco board or AprilGrid.
 
 use std::{
     collections::HashMap,
@@ -15,7 +15,7 @@ use erfgs_rig::sync::Synchronisation;
 use super::summary::finish;
 use crate::terminal::Terminal;
 
-/// Calibrate with a chessboard or ChArUco board that was held before the cameras.
+/// Calibrate with a chessboard, ChArUco board or AprilGrid that was held before the cameras.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 INPUT is a session (S.mcap), or a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
@@ -25,6 +25,7 @@ file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
   charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print
+  aprilgrid:6x6:0.088:0.3                 Kalibr's grid of tags: tags, side of a tag, the space between two as a share of it
 
 One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world.
 
@@ -32,6 +33,7 @@ Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
   erfgs calibrate board take1.mcap --target chessboard:9x6:0.025
   erfgs calibrate board videos --target charuco:5x4:0.054:0.0405:DICT_4X4_50 --out rig.json
+  erfgs calibrate board images --target aprilgrid:6x6:0.088:0.3
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
   erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
   erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]

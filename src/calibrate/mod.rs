@@ -19,7 +19,7 @@ use crate::terminal::Terminal;
 /// Intrinsics, poses and time offsets of a rig's cameras, with their uncertainties.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Calibrate with a chessboard or ChArUco board that was held before the cameras.
+    /// Calibrate with a chessboard, ChArUco board or AprilGrid that was held before the cameras.
     Board(board::Arguments),
     /// Calibrate with a wand of three LEDs that was waved before the cameras.
     Wand(Box<wand::Arguments>),

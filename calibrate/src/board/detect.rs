@@ -7,7 +7,14 @@ use calib_targets_chessboard::{
 use erfgs_session::ImageRgb8;
 use glam::DVec2;
 
-use super::{Target, corner::refine};
+use super::{
+    Target,
+    aprilgrid::{aprilgrid, without_strays},
+    corner::refine,
+};
+
+/// Corners of an AprilGrid that are nearer than this to where their neighbours say are kept.
+const STRAY_PX: f64 = 0.3;
 
 /// One corner of a target in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +64,7 @@ impl Grey {
         Self { width, height, pixels }
     }
 
-    fn view(&self) -> GrayImageView<'_> {
+    pub fn view(&self) -> GrayImageView<'_> {
         GrayImageView { width: self.width, height: self.height, data: &self.pixels }
     }
 
@@ -77,7 +84,7 @@ impl Grey {
 }
 
 /// The corners of `target` in a frame; none where it is not seen. A chessboard must be seen with its whole outline, since a
-/// part of it does not tell which part; a ChArUco board may be partly hidden.
+/// part of it does not tell which part; a ChArUco board or an AprilGrid may be partly hidden.
 #[must_use]
 pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     if image.width < 16 || image.height < 16 {
@@ -90,6 +97,7 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     let look = |grey: &Grey| match target {
         Target::Chessboard { columns, rows, .. } => chessboard(grey, *columns, *rows),
         Target::Charuco { .. } => charuco(grey, target),
+        Target::AprilGrid { .. } => aprilgrid(grey, target),
     };
     let mut corners = look(&grey);
     // A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
@@ -105,12 +113,16 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
         }
     }
     exact(&grey, &mut corners, target);
+    if let Target::AprilGrid { .. } = target {
+        // What hides a corner in part pulls it aside.
+        corners = without_strays(corners, target, STRAY_PX);
+    }
     corners.sort_by_key(|corner| corner.id);
     corners
 }
 
 /// Detectors put the centre of the first pixel at 0.
-fn to_ours(x: f32, y: f32) -> DVec2 {
+pub(super) fn to_ours(x: f32, y: f32) -> DVec2 {
     DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
@@ -191,22 +203,30 @@ fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
 
 /// Refines each corner in a window that no other edge enters, and leaves out what is no corner.
 fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
+    // How near the next edge is, as a share of a square or a tag: on a ChArUco board a marker begins an eighth of a square away
+    // from the corner, or less; on an AprilGrid the small square ends, or a tag's code begins.
+    let share = match target {
+        Target::Chessboard { .. } => 0.35,
+        Target::Charuco { .. } => 0.12,
+        Target::AprilGrid { spacing, .. } => 0.5 * spacing.min(0.3),
+    };
     let (columns, _) = target.corners();
-    let spacing = |corner: &Corner| {
+    let square = |corner: &Corner| {
         let near = corners.iter().filter(|other| {
             let (a, b) = (other.id / columns, corner.id / columns);
             let (c, d) = (other.id % columns, corner.id % columns);
             a.abs_diff(b) + c.abs_diff(d) == 1
         });
-        near.map(|other| (other.pixel - corner.pixel).length()).fold(f64::INFINITY, f64::min)
+        let sides = near.filter_map(|other| {
+            let apart = (target.point(other.id)? - target.point(corner.id)?).length();
+            Some((other.pixel - corner.pixel).length() * target.square_m() / apart)
+        });
+        sides.fold(f64::INFINITY, f64::min)
     };
-    let markers = matches!(target, Target::Charuco { .. });
     let refined: Vec<Corner> = corners
         .iter()
         .filter_map(|corner| {
-            // A marker begins an eighth of a square away from the corner, or less.
-            let share = if markers { 0.12 } else { 0.35 };
-            let radius = (share * spacing(corner).min(1e3)).round().clamp(2.0, 9.0) as i32;
+            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 9.0) as i32;
             let pixel = refine(grey, corner.pixel, radius)?;
             Some(Corner { pixel, ..*corner })
         })

@@ -1,10 +1,11 @@
-//! Calibration with a board: chessboard or ChArUco, held before the cameras.
+//! Calibration with a board: chessboard, ChArUco or AprilGrid, held before the cameras.
 //!
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
 //! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
 //! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the
 //! second step while frames still come in.
 
+mod aprilgrid;
 mod blink;
 mod chain;
 mod corner;

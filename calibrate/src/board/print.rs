@@ -4,7 +4,10 @@ use std::fmt::Write as _;
 
 use calib_targets_charuco::resolve_dictionary;
 
-use super::Target;
+use super::{
+    Target,
+    aprilgrid::{BITS, BORDER, is_black},
+};
 
 /// What a target is drawn into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,7 +20,7 @@ pub enum Paper {
     BlinkingHtml,
 }
 
-/// White around the target, in squares: detectors need it.
+/// White around the target, in squares, or in spaces between tags: detectors need it.
 const MARGIN: f64 = 1.0;
 
 /// A filled rectangle, millimetres: x, y, width, height.
@@ -43,6 +46,9 @@ pub fn print(target: &Target, paper: Paper, blink_hz: f64) -> Vec<u8> {
 }
 
 fn draw(target: &Target) -> Drawing {
+    if let &Target::AprilGrid { columns, rows, tag_m, spacing } = target {
+        return draw_tags([columns, rows], 1e3 * tag_m, 1e3 * tag_m * spacing);
+    }
     let (inner_columns, inner_rows) = target.corners();
     let (columns, rows) = (inner_columns + 1, inner_rows + 1);
     let square = 1e3 * target.square_m();
@@ -67,6 +73,39 @@ fn draw(target: &Target) -> Drawing {
         height: f64::from(rows) * square + 2.0 * margin,
         filled,
         inverted: matches!(target, Target::Charuco { inverted: true, .. }),
+    }
+}
+
+/// Tags, lengths in millimetres: the first one below left, a black square in each space between four.
+fn draw_tags([columns, rows]: [u32; 2], tag: f64, space: f64) -> Drawing {
+    let (margin, pitch) = (MARGIN * space, tag + space);
+    let [width, height] = [columns, rows].map(|count| f64::from(count) * pitch + space + 2.0 * margin);
+    let mut filled = Vec::new();
+    for row in 0..=rows {
+        for column in 0..=columns {
+            let (x, y) = (margin + f64::from(column) * pitch, margin + f64::from(row) * pitch);
+            filled.push([x, y, space, space]);
+            if row < rows && column < columns {
+                let from_below = rows - 1 - row;
+                april_tag(from_below * columns + column, [x + space, y + space], tag, &mut filled);
+            }
+        }
+    }
+    Drawing { width, height, filled, inverted: false }
+}
+
+/// The black cells of an AprilTag.
+fn april_tag(id: u32, [x, y]: [f64; 2], side: f64, filled: &mut Vec<Rectangle>) {
+    let cells = BITS + 2 * BORDER;
+    let cell = side / cells as f64;
+    for row in 0..cells {
+        for column in 0..cells {
+            // A cell of the border wraps around to one beyond the code.
+            let of_code = is_black(id, row.wrapping_sub(BORDER), column.wrapping_sub(BORDER));
+            if of_code.unwrap_or(true) {
+                filled.push([x + column as f64 * cell, y + row as f64 * cell, cell, cell]);
+            }
+        }
     }
 }
 
@@ -161,6 +200,7 @@ fn blinking(target: &Target, drawing: &Drawing, blink_hz: f64) -> String {
 #[cfg(test)]
 mod tests {
     use erfgs_session::ImageRgb8;
+    use glam::DVec2;
 
     use super::*;
     use crate::board::detect;
@@ -187,6 +227,7 @@ mod tests {
             "chessboard:9x6:0.025",
             "charuco:5x7:0.03:0.0225:DICT_4X4_50",
             "charuco:4x5:0.03:0.024:DICT_5X5_100:inverted",
+            "aprilgrid:4x3:0.05:0.3",
         ] {
             let target: Target = text.parse().unwrap();
             let drawing = draw(&target);
@@ -194,10 +235,20 @@ mod tests {
             let corners = detect(&picture(&drawing, scale), &target);
             let (columns, rows) = target.corners();
             assert_eq!(corners.len(), (columns * rows) as usize, "{text}");
-            // A chessboard counts from its first inner corner, a ChArUco board from its edge.
-            let from = 1e3 * target.square_m() * if matches!(target, Target::Chessboard { .. }) { 2.0 } else { 1.0 };
             for corner in corners {
-                let place = (target.point(corner.id).unwrap().truncate() * 1e3 + from) * scale;
+                let point = target.point(corner.id).unwrap().truncate() * 1e3;
+                let square = 1e3 * target.square_m();
+                let place = scale
+                    * match target {
+                        // A chessboard counts from its first inner corner, a ChArUco board from its edge.
+                        Target::Chessboard { .. } => point + 2.0 * square,
+                        Target::Charuco { .. } => point + square,
+                        // From below, beyond the margin and the squares at the outer tags' corners.
+                        Target::AprilGrid { spacing, .. } => {
+                            let from = 2.0 * spacing * square;
+                            DVec2::new(from + point.x, drawing.height - from - point.y)
+                        }
+                    };
                 assert!((corner.pixel - place).length() < 0.6, "{text} {}: {} {place}", corner.id, corner.pixel);
             }
         }

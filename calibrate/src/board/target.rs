@@ -6,7 +6,8 @@ use calib_targets_charuco::{CharucoBoardSpec, Dictionary, resolve_dictionary};
 use glam::DVec3;
 
 /// A flat target. Its frame: origin at the first inner corner of a chessboard, or at the outer corner of a ChArUco board; x to
-/// the right, y down on the printed sheet, z into it.
+/// the right, y down on the printed sheet, z into it. That of an AprilGrid is Kalibr's: origin at the lower left corner of the
+/// lower left tag, x to the right, y up, z out of the sheet.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Target {
     /// `chessboard:COLUMNSxROWS:SQUARE`: inner corners, and the side of a square in metres.
@@ -33,10 +34,23 @@ pub enum Target {
         /// Whether black and white are exchanged on the print.
         inverted: bool,
     },
+    /// `aprilgrid:COLUMNSxROWS:TAG:SPACING`: tags of the family 36h11 with a black square at each corner, as Kalibr prints them;
+    /// they count from the lower left, row by row.
+    AprilGrid {
+        /// Tags in a row.
+        columns: u32,
+        /// Rows of tags.
+        rows: u32,
+        /// Side of a tag, its black border included, metres.
+        tag_m: f64,
+        /// The space between two tags as a share of a tag's side.
+        spacing: f64,
+    },
 }
 
 impl Target {
-    /// Where corner `id` is on the target, metres; ids count row by row from 0.
+    /// Where corner `id` is on the target, metres; ids count row by row from 0. An AprilGrid has two rows of corners for each
+    /// row of tags, from below.
     #[must_use]
     pub fn point(&self, id: u32) -> Option<DVec3> {
         let (columns, rows) = self.corners();
@@ -47,23 +61,30 @@ impl Target {
         Some(match self {
             Self::Chessboard { square_m, .. } => DVec3::new(column, row, 0.0) * *square_m,
             Self::Charuco { square_m, .. } => DVec3::new(column + 1.0, row + 1.0, 0.0) * *square_m,
+            Self::AprilGrid { tag_m, spacing, .. } => {
+                // Two corners for each tag; a tag and the space after it for each pair.
+                let along = |index: f64| (index / 2.0).floor() * (1.0 + spacing) + index % 2.0;
+                DVec3::new(along(column), along(row), 0.0) * *tag_m
+            }
         })
     }
 
-    /// Inner corners in a row, and rows of them.
+    /// Corners in a row, and rows of them: inner ones, or those of tags.
     #[must_use]
     pub fn corners(&self) -> (u32, u32) {
         match self {
             Self::Chessboard { columns, rows, .. } => (*columns, *rows),
             Self::Charuco { columns, rows, .. } => (columns - 1, rows - 1),
+            Self::AprilGrid { columns, rows, .. } => (2 * columns, 2 * rows),
         }
     }
 
-    /// Side of a square, metres.
+    /// Side of a square, or of a tag of an AprilGrid, metres.
     #[must_use]
     pub fn square_m(&self) -> f64 {
         match self {
             Self::Chessboard { square_m, .. } | Self::Charuco { square_m, .. } => *square_m,
+            Self::AprilGrid { tag_m, .. } => *tag_m,
         }
     }
 
@@ -84,6 +105,9 @@ impl Target {
     }
 }
 
+/// Tags of the family 36h11.
+const TAGS: u32 = 587;
+
 fn dictionary_named(name: &str) -> Option<Dictionary> {
     resolve_dictionary(name)
 }
@@ -94,8 +118,8 @@ impl FromStr for Target {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = |what: &str| {
             format!(
-                "'{text}' is not a target: {what}; write chessboard:9x6:0.025 (inner corners, metres) or \
-                 charuco:5x4:0.054:0.0405:DICT_4X4_50 (squares, metres)"
+                "'{text}' is not a target: {what}; write chessboard:9x6:0.025 (inner corners, metres), \
+                 charuco:5x4:0.054:0.0405:DICT_4X4_50 (squares, metres) or aprilgrid:6x6:0.088:0.3 (tags, metres, share of a tag)"
             )
         };
         let mut parts = text.split(':');
@@ -112,7 +136,7 @@ impl FromStr for Target {
                 .filter(|v| *v > 0.0 && *v <= 100.0)
                 .ok_or_else(|| wrong(&format!("its {what} is no length in metres")))
         };
-        let square_m = length("square")?;
+        let square_m = length(if kind == "aprilgrid" { "tag" } else { "square" })?;
         let target = match kind {
             "chessboard" => Self::Chessboard { columns, rows, square_m },
             "charuco" => {
@@ -134,7 +158,17 @@ impl FromStr for Target {
                 }
                 Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted }
             }
-            _ => return Err(wrong("its kind is neither chessboard nor charuco")),
+            "aprilgrid" => {
+                let spacing = parts.next().and_then(|text| text.parse::<f64>().ok());
+                let spacing = spacing
+                    .filter(|share| (0.05..=1.0).contains(share))
+                    .ok_or_else(|| wrong("its spacing is no share of a tag's side from 0.05 to 1"))?;
+                if columns * rows > TAGS {
+                    return Err(wrong(&format!("the family 36h11 has {TAGS} tags only")));
+                }
+                Self::AprilGrid { columns, rows, tag_m: square_m, spacing }
+            }
+            _ => return Err(wrong("its kind is none of chessboard, charuco and aprilgrid")),
         };
         if parts.next().is_some() { Err(wrong("it has too many parts")) } else { Ok(target) }
     }
@@ -148,6 +182,9 @@ impl fmt::Display for Target {
                 let inverted = if *inverted { ":inverted" } else { "" };
                 write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}")
             }
+            Self::AprilGrid { columns, rows, tag_m, spacing } => {
+                write!(f, "aprilgrid:{columns}x{rows}:{tag_m}:{spacing}")
+            }
         }
     }
 }
@@ -158,13 +195,27 @@ mod tests {
 
     #[test]
     fn targets_are_written_as_they_are_read() {
-        for text in ["chessboard:9x6:0.025", "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted"] {
+        for text in
+            ["chessboard:9x6:0.025", "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted", "aprilgrid:6x6:0.088:0.3"]
+        {
             assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
         }
         let board: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000".parse().unwrap();
         assert_eq!((board.corners(), board.point(3)), ((3, 4), Some(DVec3::new(0.054, 0.108, 0.0))));
         assert_eq!(board.point(12), None);
         assert!(board.charuco().is_some());
+    }
+
+    #[test]
+    fn corners_of_an_aprilgrid_count_as_kalibr_counts_them() {
+        let grid: Target = "aprilgrid:2x3:0.1:0.5".parse().unwrap();
+        assert_eq!(grid.corners(), (4, 6));
+        let point = |id| grid.point(id).unwrap();
+        for (id, x, y) in
+            [(0, 0.0, 0.0), (1, 0.1, 0.0), (2, 0.15, 0.0), (7, 0.25, 0.1), (8, 0.0, 0.15), (23, 0.25, 0.4)]
+        {
+            assert!((point(id) - DVec3::new(x, y, 0.0)).length() < 1e-12, "{id}: {}", point(id));
+        }
     }
 
     #[test]
@@ -176,6 +227,10 @@ mod tests {
             ("chessboard:9x6:0.02:1", "too many"),
             ("charuco:5x4:0.02:0.03", "smaller"),
             ("charuco:5x4:0.02:0.01:DICT_9", "dictionary"),
+            ("aprilgrid:6x6:0.088", "spacing"),
+            ("aprilgrid:6x6:0:0.3", "tag is no length"),
+            ("aprilgrid:6x6:0.088:1.5", "spacing"),
+            ("aprilgrid:30x20:0.088:0.3", "587"),
             ("circles:5x4:0.02", "kind"),
         ] {
             let message = text.parse::<Target>().unwrap_err();

@@ -1,5 +1,8 @@
-//! Boards in real pictures: OpenCV's chessboards, side by side with OpenCV, and a rig of four webcams.
+//! Boards in real pictures: OpenCV's chessboards, side by side with OpenCV, and a rig of four webcams; and in pictures of a
+//! camera that is known (`scene.rs`).
 
+mod aprilgrids;
 mod chessboards;
+mod scene;
 mod session;
 mod webcams;
