@@ -75,6 +75,12 @@ pub(super) fn uniform(bits: u64) -> f64 {
     (bits >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
 }
 
+/// The same from the 24 uppermost bits alone, as many as an `f32` near 1 tells apart.
+#[inline]
+pub(super) fn uniform24(bits: u64) -> f32 {
+    ((bits >> 40) as i32) as f32 * (1.0 / (1 << 24) as f32)
+}
+
 const TABLE: usize = 2048;
 
 /// A quick normal number from the lowest 11 bits, which [`uniform`] leaves alone: a draw from 2048 equally likely values

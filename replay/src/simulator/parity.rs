@@ -274,7 +274,7 @@ impl Scan<'_> {
         let config = self.config;
         let (low_pass, leaky, shot) = (config.cutoff_hz > 0.0, config.leak_hz > 0.0, config.shot_hz > 0.0);
         let bandwidth = self.delta_s * std::f64::consts::TAU * config.cutoff_hz;
-        let (mut log, mut intensity, mut bits) = ([0.0; CHUNK], [0.0; CHUNK], [0; CHUNK]);
+        let (mut log, mut intensity, mut bits, mut drawn) = ([0.0; CHUNK], [0.0; CHUNK], [0; CHUNK], [0.0; CHUNK]);
         let mut output = [T::default(); CHUNK];
         let (mut flags, mut shot_on, mut shot_off) = ([false; CHUNK], [false; CHUNK], [false; CHUNK]);
         let (mut most, mut total) = (0, 0);
@@ -303,10 +303,12 @@ impl Scan<'_> {
             }
             if leaky {
                 let (delta_s, jitter) = (self.delta_s as f32, config.leak_jitter as f32);
-                for ((base, &leak), &bits) in
-                    block.base[range.clone()].iter_mut().zip(&block.leak[range.clone()]).zip(&bits)
+                // Looking numbers up is not what vector units do: apart from the rest, which is.
+                drawn.iter_mut().zip(&bits[..len]).for_each(|(drawn, &bits)| *drawn = self.quick_normal.get(bits));
+                for ((base, &leak), &normal) in
+                    block.base[range.clone()].iter_mut().zip(&block.leak[range.clone()]).zip(&drawn)
                 {
-                    *base = *base - T::from(delta_s * leak * (1.0 - jitter * self.quick_normal.get(bits)));
+                    *base = *base - T::from(delta_s * leak * (1.0 - jitter * normal));
                 }
             }
             let base = &block.base[range.clone()];
@@ -319,13 +321,15 @@ impl Scan<'_> {
             }
             if shot {
                 let half = (config.shot_hz / 2.0 * self.delta_s) as f32;
-                let ratio = block.shot_ratio[0][range.clone()].iter().zip(&block.shot_ratio[1][range]);
-                for (index, (on, off)) in ratio.enumerate() {
-                    let half = half * ((SHOT_AT_WHITE - 1.0) * intensity[index] as f32 + 1.0);
-                    let draw = noise::uniform(bits[index]) as f32;
-                    shot_on[index] = draw > 1.0 - half * on;
-                    shot_off[index] = draw < half * off;
-                    flags[index] |= shot_on[index] | shot_off[index];
+                drawn.iter_mut().zip(&bits[..len]).for_each(|(drawn, &bits)| *drawn = noise::uniform24(bits));
+                let [on, off] = block.shot_ratio.each_ref().map(|ratio| &ratio[range.clone()]);
+                let made = shot_on.iter_mut().zip(&mut shot_off).zip(&mut flags);
+                for (((made, intensity), draw), (on, off)) in made.zip(&intensity).zip(&drawn).zip(on.iter().zip(off)) {
+                    let half = half * ((SHOT_AT_WHITE - 1.0) * *intensity as f32 + 1.0);
+                    let ((shot_on, shot_off), flag) = made;
+                    *shot_on = *draw > 1.0 - half * on;
+                    *shot_off = *draw < half * off;
+                    *flag |= *shot_on | *shot_off;
                 }
             }
             for index in super::set(&flags[..len]) {

@@ -1,5 +1,7 @@
 //! AEDAT 4, AEDAT 2 and DAVIS words.
 
+use std::io::Write;
+
 use erfgs_session::codec::{
     Aedat2Chip, Aedat2Decoder, Aedat4Compression, Aedat4Decoder, Aedat4Encoder, Anomalies, ApsFrame, CdEvent, Columns,
     DavisDecoder, DavisEncoder, DavisLayout, Decoder, Edge, ImuSample, Mark, SensorSize, Sink,
@@ -96,12 +98,7 @@ fn an_aedat4_file_that_ends_anywhere_gives_its_whole_packets() {
 #[test]
 fn damage_in_an_aedat4_packet_is_counted_and_does_not_spread() {
     let (bytes, expected) = aedat4(Aedat4Compression::Lz4, 9000);
-    let length = Aedat4Decoder::new();
-    let header = {
-        let mut decoder = length;
-        decoder.decode(&bytes, &mut Columns::default());
-        decoder.header().unwrap().length
-    };
+    let header = aedat4_header_length(&bytes);
     // The first packet holds 4096 events; its LZ4 frame's magic number is broken.
     let mut damaged = bytes.clone();
     damaged[header + 8] ^= 0xFF;
@@ -109,6 +106,47 @@ fn damage_in_an_aedat4_packet_is_counted_and_does_not_spread() {
     assert_eq!(anomalies, Anomalies { damaged: 1, ..Anomalies::default() });
     assert_eq!(columns.t_us, expected.t_us[4096..]);
     assert_eq!(columns.frames, expected.frames);
+}
+
+fn aedat4_header_length(bytes: &[u8]) -> usize {
+    let mut decoder = Aedat4Decoder::new();
+    decoder.decode(bytes, &mut Columns::default());
+    decoder.header().unwrap().length
+}
+
+#[test]
+fn an_aedat4_packet_that_claims_more_than_64_mib_ends_the_stream_and_reserves_nothing() {
+    let (bytes, _) = aedat4(Aedat4Compression::None, 9000);
+    let at = aedat4_header_length(&bytes) + 4;
+    let mut claimed = bytes.clone();
+    claimed[at..at + 4].copy_from_slice(&((1u32 << 26) + 1).to_le_bytes());
+    for cuts in [&[][..], &[at + 4]] {
+        let (columns, anomalies) = decode(Aedat4Decoder::new(), &claimed, cuts);
+        assert_eq!(anomalies, Anomalies { damaged: 1, ..Anomalies::default() });
+        assert!(columns.is_empty());
+    }
+    // A length that is allowed, and of which nothing comes, is waited for.
+    claimed[at..at + 4].copy_from_slice(&(1u32 << 26).to_le_bytes());
+    assert_eq!(decode(Aedat4Decoder::new(), &claimed, &[]).1.damaged, 0);
+}
+
+#[test]
+fn an_aedat4_packet_that_unpacks_to_more_than_64_mib_is_damaged_and_those_behind_it_are_read() {
+    let (bytes, expected) = aedat4(Aedat4Compression::Lz4, 9000);
+    let header = aedat4_header_length(&bytes);
+    let first = 8 + u32::from_le_bytes(bytes[header + 4..header + 8].try_into().unwrap()) as usize;
+    let mut blown = vec![0; (1 << 26) + 100];
+    blown[..4].copy_from_slice(&((1u32 << 26) + 96).to_le_bytes());
+    let mut packer = lz4_flex::frame::FrameEncoder::new(Vec::new());
+    packer.write_all(&blown).unwrap();
+    let body = packer.finish().unwrap();
+    assert!(body.len() < 1 << 20, "{} bytes stand for all of it", body.len());
+    let id = &bytes[header..header + 4];
+    let packet = [id, &(body.len() as u32).to_le_bytes(), &body, &bytes[header + first..]].concat();
+    let damaged = [&bytes[..header], &packet].concat();
+    let (columns, anomalies) = decode(Aedat4Decoder::new(), &damaged, &[]);
+    assert_eq!(anomalies.damaged, 1);
+    assert_eq!(columns.t_us, expected.t_us[4096..]);
 }
 
 #[test]
