@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use erfgs_calibrate::{
     rig_file::RigFile,
-    wand::{Matching, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points},
+    wand::{Frame, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points},
 };
 
 use super::{summary::finish, wand_session};
@@ -23,10 +23,15 @@ INPUT is a recorded session, or a folder or a file of LED positions:
 Nothing needs to be known of the poses. The gaps give the scale; if they differ, LEDs in the wrong order are put right. A \
 fifth of the placements takes no part in a first solution, which measures their lengths.
 
+With --keep-poses the cameras that have a pose in the rig file stay where they are, with their intrinsics, and the others are \
+placed among them, in the rig's own frame. Lengths are the rig's where it is metric, and the wand's otherwise; --scale-from \
+chooses. The report says by how much the two differ.
+
 Examples:
   erfgs calibrate wand points --wand 0.13+0.26
   erfgs calibrate wand S.mcap --wand 0.13+0.26 --led-hz 400,500,640 --rig intrinsics.json
   erfgs calibrate wand points --wand 0.13+0.26 --rig intrinsics.json --out rig.json
+  erfgs calibrate wand points --wand 0.13+0.26 --rig rgb-rig.json --keep-poses    event cameras added to a rig
   erfgs calibrate wand points --wand 0.13+0.26 --fix-focal --no-time-offsets      fixed lenses on one trigger
   erfgs calibrate wand points --wand 0.13+0.26 --without cam3 --json | jq .quality.measures")]
 pub struct Arguments {
@@ -38,6 +43,12 @@ pub struct Arguments {
     /// A rig file whose intrinsics are taken for the cameras that it names.
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
+    /// Cameras with a pose in the rig file keep it, and the others are placed among them.
+    #[arg(long, requires = "rig")]
+    keep_poses: bool,
+    /// Whose lengths hold with --keep-poses; those of a metric rig without it, and the wand's where the rig has no scale.
+    #[arg(long, value_enum, value_name = "WHICH", requires = "keep_poses")]
+    scale_from: Option<ScaleFrom>,
     /// At which frequency the LEDs blink before event cameras, hertz: one that all share, or three in the order of the gaps.
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "500")]
     led_hz: Vec<f64>,
@@ -59,7 +70,8 @@ pub struct Arguments {
     /// Standard deviation of a LED's position in all cameras, pixels; from the points, or from the residuals, without it.
     #[arg(long, value_name = "PX")]
     sigma: Option<f64>,
-    /// The camera in whose space the world lies; the first without it.
+    /// The camera in whose space the world lies, and to whose clock times are given; the first without it. With --keep-poses
+    /// the world is the rig's.
     #[arg(long, value_name = "CAMERA")]
     reference: Option<String>,
     /// Cameras to leave out, separated by commas.
@@ -77,6 +89,15 @@ pub struct Arguments {
     /// The rig file to write; the report goes beside it, with the extension html.
     #[arg(long, value_name = "FILE", default_value = "rig.json")]
     out: PathBuf,
+}
+
+/// What [`Arguments::scale_from`] can be.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum ScaleFrom {
+    /// The rig's lengths.
+    Rig,
+    /// The wand's; the rig is made larger or smaller as a whole.
+    Wand,
 }
 
 impl Arguments {
@@ -112,7 +133,7 @@ impl Arguments {
 
 /// Reads or looks for points, and calibrates.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let options = arguments.options()?;
+    let mut options = arguments.options()?;
     let rig = arguments.rig.as_deref().map(RigFile::read).transpose()?;
     let mut cameras = if arguments.input.extension().is_some_and(|extension| extension == "mcap") {
         wand_session::look(&arguments.input, rig.as_ref(), &arguments.wand, &arguments.blinks()?, terminal)?
@@ -131,6 +152,15 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
             return Err(Usage(format!("the rig file names none of the cameras {}", names.join(", "))).into());
         }
+    }
+    if let Some(rig) = rig.filter(|_| arguments.keep_poses) {
+        let mut frame = Frame::new(rig);
+        match arguments.scale_from {
+            Some(ScaleFrom::Rig) => frame.scale = Scale::Rig,
+            Some(ScaleFrom::Wand) => frame.scale = Scale::Wand,
+            None => {}
+        }
+        options.frame = Some(frame);
     }
     if arguments.sigma.is_some() {
         cameras.iter_mut().for_each(|camera| camera.sigma_px = arguments.sigma);

@@ -10,10 +10,33 @@ use crate::{
 const SIGMA_PX: f64 = 0.3;
 /// What lies farther from where it should, in standard deviations, is an outlier.
 const OUTLIER: f64 = 4.5;
+/// A camera that cannot move may fit this many times as badly as the others before that makes its observations outliers.
+const ELSEWHERE: f64 = 3.0;
 /// The median length of a normal residual in two dimensions, in standard deviations.
 const MEDIAN: f64 = 1.1774;
 /// A time offset is estimated where the wand moves fast enough to tell it to this, seconds.
 const TELLS_S: f64 = 0.01;
+
+/// Which placements are adjusted, and what went before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Round {
+    /// Those that are not held out; the poses come from chained pairs.
+    First,
+    /// The same, after the rig and the wand were brought to one scale.
+    Scaled,
+    /// All.
+    All,
+}
+
+impl Round {
+    fn name(self) -> &'static str {
+        match self {
+            Self::First => "without held-out",
+            Self::Scaled => "without held-out, one scale",
+            Self::All => "all placements",
+        }
+    }
+}
 
 /// What a camera's observations are thought to scatter by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,21 +54,21 @@ impl Scatter {
 }
 
 /// Adjusts `cameras` to what they saw at `instants`, `scatter` where it is not known, and returns the whole problem. `known`
-/// are the cameras' focal lengths as known beforehand, pixels; `rough` says that the poses come from chained pairs.
+/// are the cameras' focal lengths as known beforehand, pixels.
 pub(super) fn adjust(
     cameras: &[Camera],
     known: &[f64],
     instants: &[&Instant],
     scatter: &mut [Scatter],
     options: &WandOptions,
-    rough: bool,
+    round: Round,
     evidence: &mut Evidence,
 ) -> Result<Bundle, BundleError> {
-    let name = if rough { "without held-out" } else { "all placements" };
+    let name = round.name();
     let mut bundle = build(&options.stick, cameras, instants, scatter);
     let robust =
         |width, iterations| Options { loss: Loss::Cauchy(width), iterations, tolerance: 1e-7, ..Options::default() };
-    if rough {
+    if round == Round::First {
         // Poses first: what chained pairs leave of errors must not go into focal lengths.
         for camera in &mut bundle.cameras {
             camera.free.retain(|parameter| Parameter::POSE.contains(parameter));
@@ -126,9 +149,18 @@ fn excess(bundle: &Bundle, camera: usize) -> Option<f64> {
 /// Marks outliers, camera by camera; a wand that fewer than two cameras still see takes no part. The number of
 /// observations that take none.
 fn mark(bundle: &mut Bundle) -> usize {
-    let limits: Vec<f64> = (0..bundle.cameras.len())
-        .map(|camera| OUTLIER * excess(bundle, camera).filter(|excess| excess.is_finite()).unwrap_or(1.0).max(1.0))
+    let mut excesses: Vec<f64> = (0..bundle.cameras.len())
+        .map(|camera| excess(bundle, camera).filter(|excess| excess.is_finite()).unwrap_or(1.0).max(1.0))
         .collect();
+    // A camera that cannot move and fits far worse than the others that cannot is not where it is said to be.
+    let stays = |camera: &usize| !bundle.cameras[*camera].free.contains(&Parameter::Translation(0));
+    let staying: Vec<usize> = (0..bundle.cameras.len()).filter(stays).collect();
+    let mut sorted: Vec<f64> = staying.iter().map(|&camera| excesses[camera]).collect();
+    sorted.sort_by(f64::total_cmp);
+    for camera in staying {
+        excesses[camera] = excesses[camera].min(ELSEWHERE * sorted[sorted.len() / 2]);
+    }
+    let limits: Vec<f64> = excesses.iter().map(|excess| OUTLIER * excess).collect();
     let used: Vec<bool> = bundle
         .observations
         .iter()

@@ -55,6 +55,16 @@ pub enum WandError {
         /// Their names.
         cameras: Vec<String>,
     },
+    /// No camera of the rig that shall hold saw the wand.
+    #[error(
+        "none of {} has a pose in the rig whose cameras shall keep theirs; the wand must be seen by its cameras too, under \
+         the same names",
+        names(cameras)
+    )]
+    NoneKept {
+        /// The cameras that saw it.
+        cameras: Vec<String>,
+    },
     /// A camera with hardly any placement.
     #[error(
         "camera {camera} has {found} usable wand placements in common with other cameras, and needs {needed}; wave the \

@@ -1,6 +1,6 @@
 //! Lengths of wands that took no part, measured with the solution.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::{Stick, instants::Instant};
 use crate::{bundle::Camera, evidence::HeldOut, geometry::triangulate};
@@ -13,8 +13,13 @@ const COARSE_M: f64 = 0.02;
 /// The gaps of the wands of `instants`, each LED triangulated on its own. `sigma_px` is that of each camera.
 pub(super) fn lengths(stick: &Stick, cameras: &[Camera], sigma_px: &[f64], instants: &[&Instant]) -> Vec<HeldOut> {
     let mut lengths = Vec::new();
+    let cameras: Vec<Option<Camera>> = cameras.iter().cloned().map(Some).collect();
     for instant in instants {
-        let points: [Option<DVec3>; 3] = std::array::from_fn(|led| locate(cameras, sigma_px, instant, led));
+        let points: [Option<DVec3>; 3] = std::array::from_fn(|led| {
+            let (point, covariance) = locate(&cameras, sigma_px, instant, led)?;
+            let variance = covariance.col(0).x + covariance.col(1).y + covariance.col(2).z;
+            (variance.sqrt() < COARSE_M).then_some(point)
+        });
         let gaps = [("first gap", 0, 1), ("second gap", 1, 2), ("whole wand", 0, 2)];
         let known = [stick.gaps_m()[0], stick.gaps_m()[1], stick.length_m()];
         for ((what, from, to), known_m) in gaps.into_iter().zip(known) {
@@ -26,12 +31,18 @@ pub(super) fn lengths(stick: &Stick, cameras: &[Camera], sigma_px: &[f64], insta
     lengths
 }
 
-fn locate(cameras: &[Camera], sigma_px: &[f64], instant: &Instant, led: usize) -> Option<DVec3> {
+/// A LED by the cameras that are there, and its covariance.
+pub(super) fn locate(
+    cameras: &[Option<Camera>],
+    sigma_px: &[f64],
+    instant: &Instant,
+    led: usize,
+) -> Option<(DVec3, DMat3)> {
     let mut views: Vec<_> = instant
         .views
         .iter()
         .filter_map(|view| {
-            let (camera, seen) = (&cameras[view.camera], view.leds[led]?);
+            let (camera, seen) = (cameras[view.camera].as_ref()?, view.leds[led]?);
             let pixel = seen.pixel - seen.velocity * camera.time_offset_s;
             Some((&camera.intrinsics, &camera.pose, pixel, sigma_px[view.camera].hypot(seen.extra_px)))
         })
@@ -44,8 +55,7 @@ fn locate(cameras: &[Camera], sigma_px: &[f64], instant: &Instant, led: usize) -
             };
         let worst = (0..views.len()).max_by(|&a, &b| off(&views[a]).total_cmp(&off(&views[b])))?;
         if off(&views[worst]) <= LIMIT {
-            let variance = covariance.col(0).x + covariance.col(1).y + covariance.col(2).z;
-            return (variance.sqrt() < COARSE_M).then_some(point);
+            return Some((point, covariance));
         }
         views.swap_remove(worst);
     }

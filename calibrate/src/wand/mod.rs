@@ -3,11 +3,13 @@
 //! What the cameras saw ([`WandCamera`]) is matched in time (`instants.rs`). Each view alone places the wand (`view.rs`),
 //! pairs of cameras are aligned by wands that both saw (`pair.rs`) and chained (`start.rs`), and one adjustment makes the
 //! poses, focal lengths and time offsets what all observations say (`adjust.rs`). A fifth of the placements is held out of
-//! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric.
+//! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric. Cameras of a rig
+//! that is calibrated already may keep their poses, and the others are placed among them (`frame.rs`).
 
 mod adjust;
 pub mod detect;
 mod error;
+mod frame;
 mod held_out;
 mod instants;
 mod outcome;
@@ -23,13 +25,17 @@ mod view;
 use erfgs_session::Pose;
 
 pub use error::WandError;
+pub use frame::{Frame, Scale};
 pub use instants::Matching;
 pub use points::read_points;
 pub use sighting::{Sighting, WandCamera};
 pub use stick::Stick;
 
+use adjust::Round;
+use frame::Fixed;
+
 use crate::{
-    bundle::{Camera, Loss, Parameter},
+    bundle::{Bundle, Camera, Loss, Parameter},
     evidence::Evidence,
     rig_file::RigFile,
 };
@@ -44,8 +50,11 @@ pub struct WandOptions {
     pub stick: Stick,
     /// How sightings are matched in time.
     pub matching: Matching,
-    /// The camera in whose space the world lies and to whose clock times are given; the first without it.
+    /// The camera in whose space the world lies and to whose clock times are given; the first without it. With a `frame` it
+    /// stands for the clock alone, and is the first camera of the frame without it.
     pub reference: Option<String>,
+    /// A rig whose cameras keep their poses and intrinsics, and in whose space the world lies.
+    pub frame: Option<Frame>,
     /// Cameras that are left out.
     pub without: Vec<String>,
     /// Whether focal lengths stay as they are.
@@ -70,6 +79,7 @@ impl WandOptions {
             stick,
             matching: Matching::default(),
             reference: None,
+            frame: None,
             without: Vec::new(),
             fix_focal: false,
             focal_sigma: 0.01,
@@ -91,11 +101,16 @@ impl WandOptions {
         if self.most < 10 {
             return wrong("fewer than 10 placements cannot make a calibration");
         }
-        Ok(())
+        self.frame.as_ref().map_or(Ok(()), Frame::check)
+    }
+
+    fn keeps(&self, camera: &str) -> bool {
+        self.frame.as_ref().is_some_and(|frame| frame.kept(camera).is_some())
     }
 }
 
-/// Calibrates a rig by what its cameras saw of a wand. The world is the reference camera's space.
+/// Calibrates a rig by what its cameras saw of a wand. The world is the reference camera's space, or that of the rig whose
+/// cameras keep their poses; the result then holds all of its cameras that have a pose.
 ///
 /// # Errors
 /// If the observations cannot make a calibration; the error names what is missing.
@@ -103,7 +118,7 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     options.check()?;
     let cameras = chosen(cameras, options)?;
     let reference = match &options.reference {
-        None => 0,
+        None => cameras.iter().position(|camera| options.keeps(&camera.name)).unwrap_or(0),
         Some(name) => cameras
             .iter()
             .position(|camera| camera.name == *name)
@@ -111,29 +126,56 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     };
     let instants = instants::instants(&cameras, &options.stick, &options.matching);
     let instants = select::thin(instants, cameras.len(), options.most, options.seed);
-    enough(&cameras, &select::counts(instants.iter(), cameras.len()))?;
+    enough(&cameras, &select::counts(instants.iter(), cameras.len()), options)?;
     let held = select::hold_out(&instants, cameras.len(), options.hold_out, options.seed);
     let (held, kept): (Vec<_>, Vec<_>) = instants.iter().zip(held).partition(|(_, held)| *held);
     let (held, kept): (Vec<_>, Vec<_>) =
         (held.into_iter().map(|(i, _)| i).collect(), kept.into_iter().map(|(i, _)| i).collect());
 
-    let poses = start::poses(&cameras, &kept, reference, options)?;
-    let states = states(&cameras, &poses, reference, options);
+    let mut scatter: Vec<_> = cameras.iter().map(|camera| adjust::Scatter::new(camera.sigma_px)).collect();
+    let mut fixed = match &options.frame {
+        None => Fixed::reference(cameras.len(), reference, options.stick),
+        Some(frame) => Fixed::of(frame, &cameras, &vec![0.0; cameras.len()], &sigmas(&scatter), &kept, options)?,
+    };
+    let mut scaled = WandOptions { stick: fixed.stick, ..options.clone() };
+    let poses = start::poses(&cameras, &kept, &fixed.poses, &scaled)?;
+    let states = states(&cameras, &poses, &fixed, reference, options);
     let known: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx).collect();
     let mut evidence = Evidence::default();
-    let mut scatter: Vec<_> = cameras.iter().map(|camera| adjust::Scatter::new(camera.sigma_px)).collect();
-    let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, options, true, &mut evidence)?;
-    if !held.is_empty() {
-        let sigma: Vec<f64> = scatter.iter().map(|scatter| scatter.sigma_px).collect();
-        evidence.held_out = held_out::lengths(&options.stick, &bundle.cameras, &sigma, &held);
-        let all: Vec<_> = instants.iter().collect();
-        let start: Vec<Camera> =
-            bundle.cameras.iter().zip(&states).map(|(c, s)| Camera { free: s.free.clone(), ..c.clone() }).collect();
-        bundle = adjust::adjust(&start, &known, &all, &mut scatter, options, false, &mut evidence)?;
+    let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, &scaled, Round::First, &mut evidence)?;
+    let freed = |bundle: &Bundle| -> Vec<Camera> {
+        bundle.cameras.iter().zip(&states).map(|(c, s)| Camera { free: s.free.clone(), ..c.clone() }).collect()
+    };
+    if let Some(frame) = &options.frame {
+        // Late stamps make lengths wrong, so that the scale is measured again when they are known.
+        let offsets: Vec<f64> = bundle.cameras.iter().map(|camera| camera.time_offset_s).collect();
+        let again = Fixed::of(frame, &cameras, &offsets, &sigmas(&scatter), &kept, options)?;
+        let change = again.divisor(frame) / fixed.divisor(frame);
+        let mut start = freed(&bundle);
+        for (camera, pose) in start.iter_mut().zip(&again.poses) {
+            camera.pose = pose.unwrap_or(Pose { translation: camera.pose.translation / change, ..camera.pose });
+        }
+        scaled.stick = again.stick;
+        fixed = again;
+        bundle = adjust::adjust(&start, &known, &kept, &mut scatter, &scaled, Round::Scaled, &mut evidence)?;
     }
-    enough(&cameras, &outcome::placements(&bundle))?;
+    if !held.is_empty() {
+        evidence.held_out = held_out::lengths(&scaled.stick, &bundle.cameras, &sigmas(&scatter), &held);
+        let all: Vec<_> = instants.iter().collect();
+        let start = freed(&bundle);
+        bundle = adjust::adjust(&start, &known, &all, &mut scatter, &scaled, Round::All, &mut evidence)?;
+    }
+    enough(&cameras, &outcome::placements(&bundle), options)?;
     let uncertainty = bundle.uncertainty(Loss::Squared)?;
-    outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)
+    let (mut rig, evidence) = outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)?;
+    if let Some(frame) = &options.frame {
+        frame.complete(&mut rig, &fixed);
+    }
+    Ok((rig, evidence))
+}
+
+fn sigmas(scatter: &[adjust::Scatter]) -> Vec<f64> {
+    scatter.iter().map(|scatter| scatter.sigma_px).collect()
 }
 
 /// The cameras that take part.
@@ -141,34 +183,58 @@ fn chosen(cameras: &[WandCamera], options: &WandOptions) -> Result<Vec<WandCamer
     if let Some(name) = options.without.iter().find(|name| !cameras.iter().any(|camera| camera.name == **name)) {
         return Err(WandError::Option(format!("there is no camera '{name}' to leave out")));
     }
-    let chosen: Vec<_> = cameras.iter().filter(|c| !options.without.contains(&c.name)).cloned().collect();
+    let mut chosen: Vec<_> = cameras.iter().filter(|c| !options.without.contains(&c.name)).cloned().collect();
+    let sees = |camera: &WandCamera| camera.sightings.iter().any(|s| s.leds.iter().any(Option::is_some));
+    if let Some(frame) = &options.frame {
+        // A camera of the rig that did not see the wand needs none.
+        chosen.retain(|camera| !options.keeps(&camera.name) || sees(camera));
+        let mut kept = 0;
+        for camera in &mut chosen {
+            if let Some((known, _)) = frame.kept(&camera.name) {
+                camera.intrinsics = known.intrinsics;
+                kept += 1;
+            }
+        }
+        if kept == 0 {
+            return Err(WandError::NoneKept { cameras: chosen.into_iter().map(|camera| camera.name).collect() });
+        }
+        if kept == chosen.len() {
+            return Err(WandError::Option("all cameras that saw the wand have a pose in the rig, and keep it".into()));
+        }
+    }
     if chosen.len() < 2 {
         return Err(WandError::TooFewCameras { cameras: chosen.len() });
     }
-    let sees = |camera: &WandCamera| camera.sightings.iter().any(|s| s.leds.iter().any(Option::is_some));
     let unseen: Vec<_> = chosen.iter().filter(|camera| !sees(camera)).map(|camera| camera.name.clone()).collect();
     if unseen.is_empty() { Ok(chosen) } else { Err(WandError::Unseen { cameras: unseen }) }
 }
 
-fn enough(cameras: &[WandCamera], counts: &[usize]) -> Result<(), WandError> {
-    match cameras.iter().zip(counts).find(|(_, count)| **count < NEEDED) {
+fn enough(cameras: &[WandCamera], counts: &[usize], options: &WandOptions) -> Result<(), WandError> {
+    let few = |(camera, count): &(&WandCamera, &usize)| **count < NEEDED && !options.keeps(&camera.name);
+    match cameras.iter().zip(counts).find(few) {
         Some((camera, &found)) => Err(WandError::TooFew { camera: camera.name.clone(), found, needed: NEEDED }),
         None => Ok(()),
     }
 }
 
 /// The cameras as the adjustment starts with them.
-fn states(cameras: &[WandCamera], poses: &[Pose], reference: usize, options: &WandOptions) -> Vec<Camera> {
+fn states(
+    cameras: &[WandCamera],
+    poses: &[Pose],
+    fixed: &Fixed,
+    reference: usize,
+    options: &WandOptions,
+) -> Vec<Camera> {
     let state = |(index, (camera, pose)): (usize, (&WandCamera, &Pose))| {
         let mut free = Vec::new();
-        if !options.fix_focal {
+        if !options.fix_focal && !options.keeps(&camera.name) {
             free.push(Parameter::Focal);
         }
-        if index != reference {
+        if fixed.poses[index].is_none() {
             free.extend(Parameter::POSE);
-            if options.time_offsets {
-                free.push(Parameter::TimeOffset);
-            }
+        }
+        if options.time_offsets && index != reference {
+            free.push(Parameter::TimeOffset);
         }
         let (name, intrinsics) = (camera.name.clone(), camera.intrinsics);
         Camera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free }

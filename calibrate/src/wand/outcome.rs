@@ -62,7 +62,7 @@ pub(super) fn outcome(
         if share > OUTLIERS {
             camera.warnings.push(format!("{:.0} % of its observations are outliers", 100.0 * share));
         }
-        if seen[index] < 20 {
+        if seen[index] < 20 && !options.keeps(&camera.name) {
             camera.warnings.push(format!("it hangs on {} placements", seen[index]));
         }
         let (known, found) = (cameras[index].intrinsics.fx, state.intrinsics.fx);

@@ -21,14 +21,14 @@ struct Tie {
     count: usize,
 }
 
-/// World-to-camera poses in the frame of camera `reference`.
+/// World-to-camera poses, from those that are `fixed` on.
 ///
 /// # Errors
 /// If some cameras are not tied to the others, by name.
 pub(super) fn poses(
     cameras: &[WandCamera],
     instants: &[&Instant],
-    reference: usize,
+    fixed: &[Option<Pose>],
     options: &WandOptions,
 ) -> Result<Vec<Pose>, WandError> {
     let count = cameras.len();
@@ -38,6 +38,10 @@ pub(super) fn poses(
     // The most views first; among equals the order of the cameras decides.
     shared.sort_by_key(|(_, views)| std::cmp::Reverse(views.len()));
     let mut forest = Forest::new(count);
+    let mut there = (0..count).filter(|camera| fixed[*camera].is_some());
+    if let Some(first) = there.next() {
+        there.for_each(|camera| _ = forest.tie(first, camera));
+    }
     let (mut sure, mut doubtful) = (Vec::new(), Vec::new());
     for (cameras_of, views) in shared.iter().filter(|(_, views)| views.len() >= AGREE) {
         let [a, b] = *cameras_of;
@@ -67,14 +71,13 @@ pub(super) fn poses(
         let groups = groups.into_iter().map(|group| group.into_iter().map(|c| cameras[c].name.clone()).collect());
         return Err(WandError::Groups { groups: groups.collect(), shared: across.max().unwrap_or(0), needed: AGREE });
     }
-    Ok(chain(count, reference, &sure))
+    Ok(chain(fixed, &sure))
 }
 
-/// Poses along the ties, from the reference on.
-fn chain(count: usize, reference: usize, ties: &[Tie]) -> Vec<Pose> {
-    let mut poses: Vec<Option<Pose>> = vec![None; count];
-    poses[reference] = Some(Pose::IDENTITY);
-    for _ in 0..count {
+/// Poses along the ties, from the fixed ones on.
+fn chain(fixed: &[Option<Pose>], ties: &[Tie]) -> Vec<Pose> {
+    let mut poses = fixed.to_vec();
+    for _ in fixed {
         for tie in ties {
             let [a, b] = tie.cameras;
             match (poses[a], poses[b]) {
@@ -108,7 +111,8 @@ mod tests {
             agreeing: 1.0,
             count: 9,
         };
-        let found = chain(4, 2, &[tie(0, 3), tie(1, 0), tie(1, 2)]);
+        let fixed = [None, None, Some(Pose::IDENTITY), None];
+        let found = chain(&fixed, &[tie(0, 3), tie(1, 0), tie(1, 2)]);
         let to_world = truth[2].inverse();
         for (pose, known) in found.iter().zip(&truth) {
             let back = after(pose, &truth[2]);

@@ -3,6 +3,7 @@
 mod accuracy;
 mod ewand;
 mod extreme;
+mod frame;
 mod refusals;
 mod rig;
 mod time;
