@@ -195,7 +195,10 @@ fn between(track: &[Sighting], before: usize, led: usize, t_ns: i64, matching: &
     let pixel =
         from * (2.0 * u3 - 3.0 * u2 + 1.0) + start * (u3 - 2.0 * u2 + u) + to * (3.0 * u2 - 2.0 * u3) + end * (u3 - u2);
     let straight = from.lerp(to, u);
-    Some(Led { pixel, velocity: slope(before, t_ns), extra_px: 0.25 * (pixel - straight).length() })
+    // Of the slopes at both ends, and not one at the instant itself: its noise would be correlated with the position's, which
+    // makes offsets that are not there fit better.
+    let velocity = start.lerp(end, u) / span;
+    Some(Led { pixel, velocity, extra_px: 0.25 * (pixel - straight).length() })
 }
 
 #[cfg(test)]

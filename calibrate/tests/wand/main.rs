@@ -1,9 +1,11 @@
 //! Calibration by wand: rigs that are simulated, and one that was recorded.
 
 mod accuracy;
+mod dome;
 mod ewand;
 mod extreme;
 mod frame;
+mod panoptic;
 mod refusals;
 mod rig;
 mod time;
