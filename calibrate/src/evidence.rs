@@ -1,6 +1,7 @@
 //! What a calibration saw and how it went: the raw material of the report.
 
-use glam::DVec2;
+use erfgs_session::{ImageRgb8, image::Resample};
+use glam::{DVec2, DVec3};
 
 use crate::bundle::{Bundle, Solution, Step};
 
@@ -11,12 +12,39 @@ pub struct Residual {
     pub camera: usize,
     /// Number of the placement (board or wand position, or point).
     pub placement: usize,
+    /// Where it is on what was held, metres; together with the placement, it tells which feature of the scene it is.
+    pub on_target: DVec3,
     /// Where it was seen, pixels.
     pub pixel: DVec2,
+    /// Where it was at the placement's instant, if the camera's time offset is as estimated, pixels.
+    pub at_instant: DVec2,
     /// Predicted minus seen, pixels; `None` where the solution cannot see it at all.
     pub residual: Option<DVec2>,
     /// Whether it took part.
     pub used: bool,
+}
+
+/// When something was held before the cameras.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// What the instant is called in the recording.
+    pub name: String,
+    /// When it was, on the recording's clock, where that is known.
+    pub t_ns: Option<i64>,
+}
+
+/// A picture of what a camera saw, for the report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Index of the camera in the rig.
+    pub camera: usize,
+    /// The placement that it shows; `None` where all were seen at one instant.
+    pub placement: Option<usize>,
+    /// The picture, reduced.
+    pub image: ImageRgb8,
+    /// What was found in it, as far as it is not where the residuals say: on the target (metres), and in the camera's image
+    /// (pixels).
+    pub found: Vec<(DVec3, DVec2)>,
 }
 
 /// A known length that took no part, measured with the solution.
@@ -46,6 +74,10 @@ pub struct Evidence {
     pub residuals: Vec<Residual>,
     /// The passes, in order.
     pub passes: Vec<Pass>,
+    /// When each placement was seen; empty where all were seen at one instant.
+    pub moments: Vec<Moment>,
+    /// Pictures, one of a camera at most.
+    pub pictures: Vec<Picture>,
     /// Lengths that took no part.
     pub held_out: Vec<HeldOut>,
     /// Tables of the method's own: a title, a head, rows.
@@ -65,6 +97,19 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
+impl Picture {
+    /// Wider pictures are reduced to this, pixels: a report holds one or two of each camera.
+    pub const WIDEST: u32 = 640;
+
+    /// A picture of a camera, reduced.
+    #[must_use]
+    pub fn new(camera: usize, placement: Option<usize>, image: &ImageRgb8) -> Self {
+        let width = image.width.min(Self::WIDEST);
+        let height = (u64::from(image.height) * u64::from(width)).div_ceil(u64::from(image.width.max(1))).max(1) as u32;
+        Self { camera, placement, image: image.resized(width, height, Resample::Area), found: Vec::new() }
+    }
+}
+
 impl Evidence {
     /// Adds a pass.
     pub fn pass(&mut self, name: impl Into<String>, solution: &Solution) {
@@ -76,7 +121,9 @@ impl Evidence {
         let of = |o: &crate::bundle::Observation| Residual {
             camera: o.camera,
             placement: o.placement,
+            on_target: o.on_target,
             pixel: o.pixel,
+            at_instant: o.pixel - o.velocity * bundle.cameras[o.camera].time_offset_s,
             residual: bundle.residual_px(o),
             used: o.used,
         };

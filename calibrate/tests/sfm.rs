@@ -8,6 +8,7 @@ use std::path::Path;
 
 use erfgs_calibrate::{
     colmap::{ColmapProgram, RunError},
+    report::page,
     rig_file::{RigCamera, RigFile},
     sfm::{
         KnownIntrinsics, RegisterOptions, Setting, SfmError, SfmOptions, View,
@@ -64,6 +65,9 @@ fn a_rig_is_found_from_its_images_and_a_camera_is_added_to_it() {
     }
     assert_eq!(evidence.tables[1].rows.len(), 9);
     assert!(!evidence.residuals.is_empty() && !evidence.passes.is_empty());
+    assert_eq!(evidence.pictures.len(), 9);
+    let page = page(&rig, &evidence);
+    assert!(page.matches("data:image/jpeg").count() == 9 && page.matches("<use").count() >= 10, "a neighbour for each");
 
     // The fifth camera is taken out and comes back, in the rig's own frame.
     let mut eight = rig.clone();
@@ -71,10 +75,12 @@ fn a_rig_is_found_from_its_images_and_a_camera_is_added_to_it() {
     let model = read_model_views(folder.path(), 0, &eight).unwrap();
     assert_eq!(model.len(), 8);
     let new = [views[4].clone()];
-    let (nine, _) = register(&eight, &model, &new, &RegisterOptions::default(), folder.path(), &|_, _, _| {}).unwrap();
+    let (nine, evidence) =
+        register(&eight, &model, &new, &RegisterOptions::default(), folder.path(), &|_, _, _| {}).unwrap();
     let back = nine.camera("view_4").unwrap();
     let apart = back.pose.unwrap().centre().distance(taken.pose.unwrap().centre());
     assert!(apart < 0.01, "{apart} m");
+    assert_eq!(evidence.pictures.iter().map(|picture| picture.camera).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
     assert_eq!(nine.cameras[..8], eight.cameras[..], "the others stay");
 
     // An image of something else is not registered anywhere.

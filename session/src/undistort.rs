@@ -213,6 +213,16 @@ fn sample<const C: usize>(map: &[DVec2], data: &[u8], width: u32, height: u32) -
     out
 }
 
+/// An image of `from` as `to` (see [`pinhole`]) sees it, resampled bilinearly.
+#[must_use]
+pub fn undistort_picture(from: &Intrinsics, to: &Intrinsics, image: &ImageRgb8) -> ImageRgb8 {
+    if from == to {
+        return image.clone();
+    }
+    let image = undistort_image(&pixel_map(from, to), image);
+    ImageRgb8 { width: to.width, height: to.height, ..image }
+}
+
 fn undistort_image(map: &[DVec2], image: &ImageRgb8) -> ImageRgb8 {
     let (width, height) = (image.width, image.height);
     ImageRgb8 { width, height, data: sample::<3>(map, &image.data, width, height) }

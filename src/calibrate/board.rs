@@ -6,7 +6,8 @@ use std::{
 };
 
 use erfgs_calibrate::{
-    board::{BoardOptions, LensModel, Seen, Target, calibrate, look, look_session},
+    board::{BoardOptions, LensModel, Seen, Target, calibrate, look, look_session, pictures},
+    report::telling,
     rig_file::RigFile,
 };
 
@@ -118,9 +119,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
     }
     let progress = terminal.progress("calibrating");
-    let (rig, evidence) = calibrate(&seen, &arguments.target, &options, &|done, total, what| {
+    let (rig, mut evidence) = calibrate(&seen, &arguments.target, &options, &|done, total, what| {
         progress.update(done as u64, total as u64, what);
     })?;
     drop(progress);
+    match pictures(&seen, &arguments.target, arguments.blink, &evidence, &telling(&rig, &evidence)) {
+        Ok(pictures) => evidence.pictures = pictures,
+        Err(error) => terminal.note(format!("the report has no pictures: {error}")),
+    }
     finish(&rig, &evidence, &arguments.out, terminal)
 }

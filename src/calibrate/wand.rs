@@ -7,7 +7,10 @@ use erfgs_calibrate::{
     wand::{Frame, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points},
 };
 
-use super::{summary::finish, wand_session};
+use super::{
+    summary::finish,
+    wand_session::{Recording, look, pictures},
+};
 use crate::{errors::Usage, terminal::Terminal};
 
 /// Calibrate with a wand of three LEDs that was waved before the cameras.
@@ -135,10 +138,11 @@ impl Arguments {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut options = arguments.options()?;
     let rig = arguments.rig.as_deref().map(RigFile::read).transpose()?;
-    let mut cameras = if arguments.input.extension().is_some_and(|extension| extension == "mcap") {
-        wand_session::look(&arguments.input, rig.as_ref(), &arguments.wand, &arguments.blinks()?, terminal)?
-    } else {
-        read_points(&arguments.input)?
+    let is_session = arguments.input.extension().is_some_and(|extension| extension == "mcap");
+    let mut recording = is_session.then(|| Recording::open(&arguments.input, terminal)).transpose()?;
+    let mut cameras = match &mut recording {
+        Some(recording) => look(recording, rig.as_ref(), &arguments.wand, &arguments.blinks()?, terminal)?,
+        None => read_points(&arguments.input)?,
     };
     if let Some(rig) = &rig {
         let mut named = 0;
@@ -165,6 +169,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if arguments.sigma.is_some() {
         cameras.iter_mut().for_each(|camera| camera.sigma_px = arguments.sigma);
     }
-    let (rig, evidence) = calibrate(&cameras, &options)?;
+    let (rig, mut evidence) = calibrate(&cameras, &options)?;
+    if let Some(recording) = &mut recording {
+        match pictures(recording, &rig, &evidence) {
+            Ok(pictures) => evidence.pictures = pictures,
+            Err(error) => terminal.note(format!("the report has no pictures: {error}")),
+        }
+    }
     finish(&rig, &evidence, &arguments.out, terminal)
 }

@@ -1,9 +1,11 @@
 //! The wand's LEDs in a recorded session: events and frames of all cameras, on the session's clock.
 
-use std::path::Path;
+use std::{collections::HashMap, path::Path};
 
 use anyhow::Context;
 use erfgs_calibrate::{
+    evidence::{Evidence, Picture},
+    report::{EventPicture, telling},
     rig_file::RigFile,
     wand::{
         Sighting, Stick, WandCamera,
@@ -12,24 +14,39 @@ use erfgs_calibrate::{
 };
 use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, synchronise};
 use erfgs_session::{
+    clock::Clock,
     codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
     pixel,
-    source::Description,
+    source::{Description, Packet},
 };
 
 use crate::{errors::Usage, terminal::Terminal};
 
+/// A session, and its clocks.
+pub struct Recording {
+    session: Session,
+    sync: Synchronisation,
+}
+
+impl Recording {
+    /// Opens a session.
+    pub fn open(path: &Path, terminal: &Terminal) -> anyhow::Result<Self> {
+        let mut session = Session::open(path)?;
+        let sync = synchronisation(&mut session, terminal)?;
+        Ok(Self { session, sync })
+    }
+}
+
 /// Looks for the wand in all cameras of a session that `rig` has intrinsics for.
 pub fn look(
-    path: &Path,
+    recording: &mut Recording,
     rig: Option<&RigFile>,
     stick: &Stick,
     options: &BlinkOptions,
     terminal: &Terminal,
 ) -> anyhow::Result<Vec<WandCamera>> {
-    let mut session = Session::open(path)?;
-    let sync = synchronisation(&mut session, terminal)?;
+    let Recording { session, sync } = recording;
     let mut cameras = Vec::new();
     let mut without = Vec::new();
     for index in 0..session.summary().streams.len() {
@@ -45,11 +62,11 @@ pub fn look(
         let clock = sync.stream(&description.id);
         let progress = terminal.progress(&description.id);
         let lights = if description.encoding.is_events() {
-            blinking(&mut session, index, &description, clock, options, |bytes, total| {
+            blinking(session, index, &description, clock, options, |bytes, total| {
                 progress.update(bytes, total, "bytes");
             })?
         } else {
-            bright(&mut session, index, &description, clock, |frames, total| progress.update(frames, total, "frames"))?
+            bright(session, index, &description, clock, |frames, total| progress.update(frames, total, "frames"))?
         };
         drop(progress);
         let total = lights.len();
@@ -80,6 +97,73 @@ pub fn look(
         terminal.note(format!("left out, as the rig file has no intrinsics for them: {}", without.join(", ")));
     }
     Ok(cameras)
+}
+
+/// A picture of each camera at the instant of the wand that tells most.
+pub fn pictures(recording: &mut Recording, rig: &RigFile, evidence: &Evidence) -> anyhow::Result<Vec<Picture>> {
+    let Recording { session, sync } = recording;
+    let start = session.summary().start.clone();
+    let streams = session.summary().streams.clone();
+    let (mut pictures, mut frames) = (Vec::new(), HashMap::new());
+    for (camera, placement) in telling(rig, evidence) {
+        let known = &rig.cameras[camera];
+        let Some(stream) = streams.iter().position(|stream| stream.description.id == known.name) else { continue };
+        let Some(t_ns) = evidence.moments.get(placement).and_then(|moment| moment.t_ns) else { continue };
+        // By the camera's own clock.
+        let t_ns = t_ns - (1e9 * known.time_offset_s).round() as i64;
+        let (description, clock) = (&streams[stream].description, sync.stream(&known.name));
+        if description.encoding.is_frames() {
+            let mids = clock.map(StreamSync::exposure_mids).unwrap_or_default();
+            frames.insert(stream, (camera, placement, t_ns, mids, None::<(i64, Packet)>));
+        } else if let Some(clock) = clock.and_then(|clock| clock.clock.as_ref()) {
+            let picture = EventPicture::new(description.width, description.height);
+            let mut sink = Around { clock, t_ns, picture };
+            let from = start.host_ns.saturating_add(t_ns).saturating_sub(EARLIER_NS);
+            session.decode_events(stream, Some(from), &mut sink, |_| {})?;
+            pictures.push(Picture::new(camera, Some(placement), &sink.picture.picture()));
+        }
+    }
+    for entry in session.messages(None) {
+        let (stream, packet) = match entry {
+            Ok(Entry::Packet { stream, packet }) => (stream, packet),
+            Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
+            _ => continue,
+        };
+        let Some((_, _, t_ns, mids, nearest)) = frames.get_mut(&stream) else { continue };
+        let mid = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));
+        let away = mid.saturating_sub(*t_ns).saturating_abs();
+        if nearest.as_ref().is_none_or(|(least, _)| away < *least) {
+            *nearest = Some((away, packet));
+        }
+    }
+    for (stream, (camera, placement, _, _, nearest)) in frames {
+        let d = &streams[stream].description;
+        let image = nearest.and_then(|(_, packet)| pixel::decode(d.encoding, d.width, d.height, &packet.payload).ok());
+        pictures.extend(image.map(|image| Picture::new(camera, Some(placement), &image)));
+    }
+    pictures.sort_by_key(|picture| picture.camera);
+    Ok(pictures)
+}
+
+/// Events of this time before and after an instant make a picture of it.
+const AROUND_NS: i64 = 5_000_000;
+/// Packets arrive later than what they hold.
+const EARLIER_NS: i64 = 500_000_000;
+
+/// Gathers the events around an instant.
+struct Around<'a> {
+    clock: &'a Clock,
+    t_ns: i64,
+    picture: EventPicture,
+}
+
+impl Sink for Around<'_> {
+    fn event(&mut self, event: CdEvent) {
+        let t_ns = self.clock.session_ns(i64::try_from(event.t_us).unwrap_or(i64::MAX));
+        if t_ns.saturating_sub(self.t_ns).saturating_abs() <= AROUND_NS {
+            self.picture.add(event.x, event.y, event.on);
+        }
+    }
 }
 
 /// The session's clocks, from the file beside it where `erfgs sync` wrote one.

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use erfgs_calibrate::evidence::Residual;
+use erfgs_calibrate::report::page;
 use erfgs_calibrate::rig_file::RigCamera;
 use erfgs_calibrate::wand::{WandOptions, calibrate};
 use erfgs_session::{
@@ -131,16 +133,31 @@ fn a_recorded_wand_calibrates_cameras_of_both_kinds() {
     let path = folder.path().join("s.mcap");
     record(&path);
     let terminal = Terminal::default();
-    let cameras = look(&path, Some(&rig()), &stick(), &BlinkOptions::default(), &terminal).unwrap();
+    let mut recording = Recording::open(&path, &terminal).unwrap();
+    let cameras = look(&mut recording, Some(&rig()), &stick(), &BlinkOptions::default(), &terminal).unwrap();
     assert_eq!(cameras.len(), 3);
-    let (found, _) = calibrate(&cameras, &WandOptions::new(stick())).unwrap();
+    let (found, mut evidence) = calibrate(&cameras, &WandOptions::new(stick())).unwrap();
     let known = rig();
     let centre = |rig: &RigFile, index: usize| rig.cameras[index].pose.unwrap().centre();
     for (a, b) in [(0, 1), (0, 2), (1, 2)] {
         let apart = |rig: &RigFile| (centre(rig, a) - centre(rig, b)).length();
         assert!((apart(&found) - apart(&known)).abs() < 5e-3, "{a} {b}: {} {}", apart(&found), apart(&known));
     }
-    assert!(found.quality.unwrap().rms_px < 0.25);
-    let error = look(&path, None, &stick(), &BlinkOptions::default(), &terminal).unwrap_err().to_string();
+    assert!(found.quality.as_ref().unwrap().rms_px < 0.25);
+    evidence.pictures = pictures(&mut recording, &found, &evidence).unwrap();
+    assert_eq!(evidence.pictures.iter().map(|picture| picture.camera).collect::<Vec<_>>(), [0, 1, 2]);
+    for picture in &evidence.pictures {
+        // It is bright where the LEDs were found.
+        let own = |r: &&Residual| r.camera == picture.camera && Some(r.placement) == picture.placement;
+        let leds: Vec<DVec2> = evidence.residuals.iter().filter(own).map(|r| r.at_instant).collect();
+        assert!(leds.len() >= 2);
+        for led in leds {
+            let [red, ..] = picture.image.pixel(led.x as u32, led.y as u32);
+            assert!(red > 60, "{}: {red} at {led}", picture.camera);
+        }
+    }
+    let page = page(&found, &evidence);
+    assert!(page.contains("RGB on events") && page.matches("data:image/jpeg").count() == 3);
+    let error = look(&mut recording, None, &stick(), &BlinkOptions::default(), &terminal).unwrap_err().to_string();
     assert!(error.contains("--rig") && error.contains("left, right, film"), "{error}");
 }

@@ -146,16 +146,44 @@ pub(super) fn blinks(
         let still = views.last().is_some_and(|last| moved(&last.corners, &corners) < MOVED_PX);
         if !corners.is_empty() && !still {
             let time_s = 1e-6 * end as f64;
-            views.push(View { instant: format!("{time_s:.2}"), time_s: Some(time_s), file: path.into(), corners });
+            let (instant, frame) = (format!("{time_s:.2}"), end as u64);
+            views.push(View { instant, time_s: Some(time_s), file: path.into(), frame, corners });
         }
     };
+    walk([width, height], hz, &mut found, decode);
+    (frames, views)
+}
+
+/// The picture of the window that ends at `end_us`, as the board was looked for in it.
+pub(super) fn window(
+    size: [usize; 2],
+    hz: f64,
+    end_us: u64,
+    decode: &mut dyn FnMut(&mut Windows<'_>),
+) -> Option<ImageRgb8> {
+    let mut wanted = None;
+    let mut keep = |end: i64, image: ImageRgb8| {
+        if end as u64 == end_us {
+            wanted = Some(image);
+        }
+    };
+    walk(size, hz, &mut keep, decode);
+    wanted
+}
+
+/// Hands the picture of each window in which something blinked to `found`.
+fn walk(
+    [width, height]: [usize; 2],
+    hz: f64,
+    found: &mut dyn FnMut(i64, ImageRgb8),
+    decode: &mut dyn FnMut(&mut Windows<'_>),
+) {
     let pixels = vec![Pixel::NEW; width * height];
-    let mut windows = Windows { width, height, period_us: 1e6 / hz, pixels, start: None, found: &mut found };
+    let mut windows = Windows { width, height, period_us: 1e6 / hz, pixels, start: None, found };
     decode(&mut windows);
     if let Some(start) = windows.start {
         windows.close(start + (PERIODS * windows.period_us) as i64);
     }
-    (frames, views)
 }
 
 /// How far corners moved between two views on average; infinite where they share none.
@@ -245,6 +273,14 @@ mod tests {
         std::fs::write(&raw, as_evt2(&text)).unwrap();
         let seen = super::super::look(folder.path(), &target, Some(20.0), &|_, _| {}).unwrap();
         assert!(seen[0].events && seen[0].views.len() >= 7, "{} views", seen[0].views.len());
+        // The picture for the report is the one that the board was found in.
+        let view = &seen[0].views[3];
+        let file = EventFile::open(&raw).unwrap();
+        let decode = &mut |windows: &mut Windows<'_>| {
+            file.decode(windows).unwrap();
+        };
+        let picture = window([320, 240], 20.0, view.frame, decode).unwrap();
+        assert_eq!(detect(&picture, &target), view.corners);
         let found = single(&seen[0], &target, LensModel::Pinhole, true).unwrap();
         let i = found.bundle.cameras[0].intrinsics;
         assert!((i.fx - 300.0).abs() < 3.0 && (i.cx - 163.0).abs() < 3.0 && (i.cy - 118.0).abs() < 3.0, "{i:?}");

@@ -48,6 +48,14 @@ pub enum BoardError {
         /// The file.
         path: PathBuf,
     },
+    /// A frame that was there before.
+    #[error("{} no longer holds frame {frame}, in which the board was found; was it changed meanwhile?", path.display())]
+    NoFrame {
+        /// The file.
+        path: PathBuf,
+        /// The frame.
+        frame: u64,
+    },
     /// A session cannot be read.
     #[error(transparent)]
     Session(#[from] ContainerError),

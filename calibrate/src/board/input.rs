@@ -9,6 +9,7 @@ use erfgs_session::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
 use super::{BoardError, Corner, Target, blink::of_events, detect};
+use crate::evidence::Moment;
 
 /// A frame in which the board was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,10 +18,21 @@ pub struct View {
     pub instant: String,
     /// When it was taken, seconds, where that is known.
     pub time_s: Option<f64>,
-    /// The image, or the video.
+    /// The image, the video, the events or the session.
     pub file: PathBuf,
+    /// Which frame of it: the number from 0 in a video, the packet's in a session's stream, in events the end of the time that
+    /// was looked at, microseconds.
+    pub frame: u64,
     /// The corners.
     pub corners: Vec<Corner>,
+}
+
+impl View {
+    /// When it was taken.
+    #[must_use]
+    pub fn moment(&self) -> Moment {
+        Moment { name: self.instant.clone(), t_ns: self.time_s.map(|seconds| (1e9 * seconds).round() as i64) }
+    }
 }
 
 /// What one camera saw.
@@ -42,7 +54,7 @@ pub struct Seen {
 const TIMES: &str = "timestamps.csv";
 const IMAGES: [&str; 4] = ["png", "jpg", "jpeg", "ppm"];
 const EVENTS: [&str; 4] = ["raw", "dat", "aedat4", "aedat"];
-const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
+pub(super) const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
 
 /// One camera's input.
 enum Input {
@@ -98,7 +110,7 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, BoardError> {
     Ok(entries)
 }
 
-fn has_extension(path: &Path, of: &[&str]) -> bool {
+pub(super) fn has_extension(path: &Path, of: &[&str]) -> bool {
     path.extension().is_some_and(|e| of.iter().any(|known| e.eq_ignore_ascii_case(known)))
 }
 
@@ -153,8 +165,13 @@ fn of_images(
         .par_iter()
         .map(|(instant, file)| {
             let image = ImageRgb8::read(file)?;
-            let view =
-                View { instant: instant.clone(), time_s: None, file: file.clone(), corners: detect(&image, target) };
+            let view = View {
+                instant: instant.clone(),
+                time_s: None,
+                file: file.clone(),
+                frame: 0,
+                corners: detect(&image, target),
+            };
             tick();
             Ok(([image.width, image.height], view))
         })
@@ -200,8 +217,8 @@ fn of_video(
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
                 let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
-                let view =
-                    View { instant, time_s: label.map(|l| l.1), file: path.into(), corners: detect(image, target) };
+                let (time_s, corners) = (label.map(|l| l.1), detect(image, target));
+                let view = View { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
                 view
             })

@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 use super::{BoardError, Seen, Target, View};
 use crate::{
     bundle::{Bundle, Camera, Loss, Observation, Options, Parameter, Placement, Solution, Uncertainty, free_lens},
+    evidence::Moment,
     geometry::homography::plane_pose,
 };
 
@@ -37,6 +38,8 @@ pub struct Single {
     pub solution: Solution,
     /// How well it is determined.
     pub uncertainty: Uncertainty,
+    /// When each board was seen.
+    pub moments: Vec<Moment>,
 }
 
 impl LensModel {
@@ -75,7 +78,7 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
             target: target.to_string(),
         });
     }
-    let mut bundle = start(seen, &views, target, model)?;
+    let (mut bundle, moments) = start(seen, &views, target, model)?;
     let mut free = model.parameters();
     if aspect {
         free.retain(|parameter| !matches!(parameter, Parameter::Fx | Parameter::Fy));
@@ -98,7 +101,7 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
         let what = format!("{} of camera {}", names.collect::<Vec<_>>().join(", "), seen.camera);
         return Err(BoardError::Open { what });
     }
-    Ok(Single { bundle, solution, uncertainty })
+    Ok(Single { bundle, solution, uncertainty, moments })
 }
 
 /// The median length of the residuals, pixels.
@@ -135,9 +138,9 @@ pub(super) fn observations<'a>(
 }
 
 /// A first guess: of several focal lengths, the one with which boards fit best after a few steps.
-fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Result<Bundle, BoardError> {
+fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Result<(Bundle, Vec<Moment>), BoardError> {
     let [width, height] = seen.size;
-    let mut best: Option<(f64, Bundle)> = None;
+    let mut best: Option<(f64, Bundle, Vec<Moment>)> = None;
     for share in FOCALS {
         let focal = share * f64::from(width.max(height));
         let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
@@ -152,8 +155,10 @@ fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Res
             }],
             ..Bundle::default()
         };
+        let mut moments = Vec::new();
         for view in views {
             let Some(pose) = board_pose(view, target, &intrinsics) else { continue };
+            moments.push(view.moment());
             bundle.observations.extend(observations(view, target, 0, bundle.placements.len(), 1.0));
             bundle.placements.push(Placement::Board(pose));
         }
@@ -169,12 +174,12 @@ fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Res
         let missing = (views.len() - bundle.placements.len()) as f64;
         let cost = solution.steps.iter().filter(|step| step.taken).map(|step| step.cost).fold(f64::INFINITY, f64::min);
         let cost = cost / bundle.observations.len() as f64 * (1.0 + missing);
-        if cost.is_finite() && best.as_ref().is_none_or(|(least, _)| cost < *least) {
-            best = Some((cost, bundle));
+        if cost.is_finite() && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+            best = Some((cost, bundle, moments));
         }
     }
     match best {
-        Some((_, bundle)) => Ok(bundle),
+        Some((_, bundle, moments)) => Ok((bundle, moments)),
         None => Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len() }),
     }
 }

@@ -89,7 +89,13 @@ impl Quick {
                 self.cells[cell(corner.pixel.y, height, GRID[1])][cell(corner.pixel.x, width, GRID[0])] += 1;
             }
             let instant = self.seen.frames.to_string();
-            self.seen.views.push(View { instant, time_s: None, file: "live".into(), corners: corners.clone() });
+            self.seen.views.push(View {
+                instant,
+                time_s: None,
+                file: "live".into(),
+                frame: 0,
+                corners: corners.clone(),
+            });
         }
         self.last = corners;
     }

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     bundle::{Bundle, Camera, Loss, Options, Parameter, Placement},
-    evidence::Evidence,
+    evidence::{Evidence, Moment},
     rig_file::{RigFile, Sigma},
 };
 
@@ -58,6 +58,7 @@ pub fn calibrate(
         && let Some(single) = &camera.single
     {
         evidence.observe(&single.bundle);
+        evidence.moments.clone_from(&single.moments);
         let mut rig = RigFile::from_bundle("board", &single.bundle, &single.uncertainty, &[modality(one)]);
         // One camera stands nowhere but where it is.
         if let [camera] = rig.cameras.as_mut_slice() {
@@ -66,7 +67,7 @@ pub fn calibrate(
         }
         return Ok((rig, evidence));
     }
-    let (mut bundle, names) = tie(seen, target, options, &cameras)?;
+    let (mut bundle, moments) = tie(seen, target, options, &cameras)?;
     progress(seen.len(), seen.len(), "all cameras");
     let first = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
     evidence.pass("all cameras, robust", &first);
@@ -76,6 +77,7 @@ pub fn calibrate(
     evidence.pass("all cameras", &solution);
     let uncertainty = bundle.uncertainty(Loss::Squared)?;
     evidence.observe(&bundle);
+    evidence.moments = moments;
     let modalities: Vec<Modality> = seen.iter().map(modality).collect();
     let mut rig = RigFile::from_bundle("board", &bundle, &uncertainty, &modalities);
     if let Some(open) = rig.quality.as_ref().and_then(|quality| quality.open.first()) {
@@ -91,7 +93,7 @@ pub fn calibrate(
         }
     }
     if let Some(quality) = &mut rig.quality {
-        quality.measures.insert("instants".into(), names.len() as f64);
+        quality.measures.insert("instants".into(), evidence.moments.len() as f64);
     }
     Ok((rig, evidence))
 }
@@ -111,7 +113,7 @@ fn tie(
     target: &Target,
     options: &BoardOptions,
     cameras: &[One],
-) -> Result<(Bundle, Vec<String>), BoardError> {
+) -> Result<(Bundle, Vec<Moment>), BoardError> {
     let boards: Vec<Boards> = seen
         .iter()
         .zip(cameras)
@@ -147,11 +149,13 @@ fn tie(
         .map(|one| one.single.as_ref().map_or(0.3, |s| (s.bundle.rms_px(None).0 / 2f64.sqrt()).max(0.02)))
         .collect();
     let mut placements: BTreeMap<&str, (usize, Option<f64>)> = BTreeMap::new();
+    let mut moments = Vec::new();
     for (index, seen) in seen.iter().enumerate() {
         for (number, view) in seen.views.iter().enumerate() {
             let Some(board) = boards[index].get(&view.instant) else { continue };
             let (placement, time_s) = *placements.entry(&view.instant).or_insert_with(|| {
                 bundle.placements.push(Placement::Board(board.then(&poses[index].inverse())));
+                moments.push(view.moment());
                 (bundle.placements.len() - 1, view.time_s)
             });
             // To the instant's time, at the speed at which each corner moves across the image.
@@ -170,7 +174,7 @@ fn tie(
             }
         }
     }
-    Ok((bundle, placements.into_keys().map(String::from).collect()))
+    Ok((bundle, moments))
 }
 
 /// How fast a corner moves, pixels per second, from the views before and after.

@@ -53,15 +53,15 @@ pub fn look_session(
     let total =
         (0..streams.len()).filter(|stream| is_frames(*stream)).map(|s| streams[s].totals.packets as usize).sum();
     let mut done = 0;
-    let mut batch: Vec<(usize, i64, ImageRgb8)> = Vec::new();
-    let look_at = |batch: &mut Vec<(usize, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
-        let corners: Vec<_> = batch.par_iter().map(|(_, _, image)| detect(image, target)).collect();
-        for ((stream, t_ns, _), corners) in batch.drain(..).zip(corners) {
+    let mut batch: Vec<(usize, u64, i64, ImageRgb8)> = Vec::new();
+    let look_at = |batch: &mut Vec<(usize, u64, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
+        let corners: Vec<_> = batch.par_iter().map(|(.., image)| detect(image, target)).collect();
+        for ((stream, frame, t_ns, _), corners) in batch.drain(..).zip(corners) {
             let Some(seen) = &mut seen[stream] else { continue };
             seen.frames += 1;
             if !corners.is_empty() {
                 let time_s = Some(1e-9 * t_ns as f64);
-                seen.views.push(View { instant: String::new(), time_s, file: path.into(), corners });
+                seen.views.push(View { instant: String::new(), time_s, file: path.into(), frame, corners });
             }
         }
     };
@@ -77,7 +77,7 @@ pub fn look_session(
         // A frame that was cut or damaged shows nothing.
         let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) else { continue };
         let t_ns = time_ns(&d.id, &packet).unwrap_or_else(|| start.session_ns(packet.host_ns));
-        batch.push((stream, t_ns, image));
+        batch.push((stream, packet.sequence, t_ns, image));
         if batch.len() == BATCH {
             look_at(&mut batch, &mut seen);
         }
@@ -142,7 +142,13 @@ mod tests {
             frames: times.len(),
             views: times
                 .iter()
-                .map(|t| View { instant: String::new(), time_s: Some(*t), file: "a".into(), corners: Vec::new() })
+                .map(|t| View {
+                    instant: String::new(),
+                    time_s: Some(*t),
+                    file: "a".into(),
+                    frame: 0,
+                    corners: Vec::new(),
+                })
                 .collect(),
         };
         let mut seen = vec![of(&[0.0, 0.1, 0.2]), of(&[0.01, 0.12, 0.26])];

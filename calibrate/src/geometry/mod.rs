@@ -1,12 +1,14 @@
-//! Geometry that stands before any adjustment: first guesses from what was seen, alignment of points, triangulation, and
-//! what is tied to what.
+//! Geometry that stands before any adjustment: first guesses from what was seen, alignment of points, triangulation,
+//! epipolar lines, and what is tied to what.
 
 mod align;
+mod epipolar;
 mod forest;
 pub mod homography;
 pub mod resection;
 mod triangulate;
 
 pub use align::{Similarity, rigid, similarity};
+pub use epipolar::EpipolarCurve;
 pub use forest::Forest;
 pub use triangulate::{Ray, nearest_point, triangulate};

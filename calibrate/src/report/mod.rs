@@ -1,7 +1,12 @@
 //! The report of a calibration: one HTML file.
 
 mod cameras;
+mod choose;
+mod events;
+mod overlays;
+mod pairs;
 mod placements;
+mod previews;
 mod residuals;
 mod rig;
 
@@ -14,6 +19,9 @@ use erfgs_session::{
         plot::{self, Plot, Series},
     },
 };
+
+pub use choose::telling;
+pub use events::EventPicture;
 
 use crate::{
     evidence::{Evidence, Pass, Table},
@@ -37,6 +45,8 @@ pub fn page(rig: &RigFile, evidence: &Evidence) -> String {
         section("cameras", "Cameras", cameras::tables(rig)),
         section("rig", "Where they stand", rig::picture(rig)),
         section("residuals", "Residuals", residuals::maps(rig, evidence)),
+        section("pictures", "Pictures, and without distortion", previews::figures(rig, evidence)),
+        section("epipolar", "Epipolar lines", overlays::figures(rig, evidence)),
         section("placements", "Placements that fit worst", placements::table(evidence)),
         section("held-out", "Lengths that took no part", held_out(evidence)),
         section("passes", "Error against solver time", passes(&evidence.passes)),
@@ -195,7 +205,9 @@ mod tests {
         let residual = |camera, residual: Option<DVec2>| Residual {
             camera,
             placement: 3,
+            on_target: glam::DVec3::ZERO,
             pixel: DVec2::new(100.0, 200.0),
+            at_instant: DVec2::new(100.0, 200.0),
             residual,
             used: residual.is_some(),
         };
@@ -210,6 +222,7 @@ mod tests {
                 head: vec!["h".into()],
                 rows: vec![vec!["<r>".into()]],
             }],
+            ..Evidence::default()
         };
         let page = page(&rig, &evidence);
         for part in [

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_session::page::html::{self, number};
+use erfgs_session::page::html::{self, Escaped, number};
 
 use crate::evidence::Evidence;
 
@@ -31,7 +31,10 @@ pub(super) fn table(evidence: &Evidence) -> String {
         return String::new();
     }
     let rows = worst.iter().map(|(placement, rms, used, out)| {
-        format!("<tr><td>{placement}</td><td>{}</td><td>{used}</td><td>{out}</td></tr>\n", number(*rms, 3))
+        let moment =
+            evidence.moments.get(*placement).map_or_else(|| placement.to_string(), |moment| moment.name.clone());
+        let moment = Escaped(&moment);
+        format!("<tr><td>{moment}</td><td>{}</td><td>{used}</td><td>{out}</td></tr>\n", number(*rms, 3))
     });
     let head = "<tr><th>Placement</th><th>Root mean square <small>px</small></th><th>Seen</th><th>Left out</th></tr>";
     html::table("figures", head, &rows.collect::<String>())

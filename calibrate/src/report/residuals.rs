@@ -27,9 +27,22 @@ pub(super) fn maps(rig: &RigFile, evidence: &Evidence) -> String {
     }
     format!(
         "<div class=\"maps\">{figures}</div>\n<p class=\"caption\">Each line leads from where something was seen towards where \
-         the calibration puts it, drawn larger by the factor below its image. Crosses were left out. An image should be \
-         covered to its corners, and neighbouring lines should not lean the same way.</p>\n"
+         the calibration puts it, drawn larger by the factor below its image. Crosses were left out. In dark \
+         parts nothing was seen that took part: an image should be covered to its corners, and neighbouring lines should not lean the same way.</p>\n"
     )
+}
+
+/// An image is divided into so many columns and rows of parts to say where something was seen.
+const GRID: usize = 6;
+
+/// Row by row, the parts of the image in which something was seen that took part.
+fn covered(residuals: &[&Residual], width: f64, height: f64) -> [[bool; GRID]; GRID] {
+    let mut cells = [[false; GRID]; GRID];
+    for residual in residuals.iter().filter(|residual| residual.used) {
+        let cell = |value: f64, size: f64| ((value / size * GRID as f64).max(0.0) as usize).min(GRID - 1);
+        cells[cell(residual.pixel.y, height)][cell(residual.pixel.x, width)] = true;
+    }
+    cells
 }
 
 fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
@@ -51,6 +64,12 @@ fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
         "<figure><svg viewBox=\"0 0 {width} {height}\" stroke-width=\"{stroke:.2}\" role=\"img\" aria-label=\"Residuals of {}\">",
         Escaped(&camera.name)
     );
+    let cells = covered(residuals, width, height);
+    for (index, _) in cells.iter().flatten().enumerate().filter(|(_, covered)| !**covered) {
+        let (w, h) = (width / GRID as f64, height / GRID as f64);
+        let (x, y) = (w * (index % GRID) as f64, h * (index / GRID) as f64);
+        let _ = write!(svg, "<rect class=\"bare\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\"/>");
+    }
     let every = residuals.len().div_ceil(DRAWN).max(1);
     let (mut kept, mut left, mut spots) = (String::new(), String::new(), String::new());
     for residual in residuals.iter().step_by(every) {
@@ -76,11 +95,14 @@ fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
     let _ = write!(
         svg,
         "<path class=\"residual\" d=\"{kept}\"/><path class=\"residual\" stroke-linecap=\"round\" stroke-width=\"{:.2}\" \
-         d=\"{spots}\"/><path class=\"outlier\" d=\"{left}\"/></svg><figcaption><b>{}</b> drawn {} times larger; median {} px",
+         d=\"{spots}\"/><path class=\"outlier\" d=\"{left}\"/></svg><figcaption><b>{}</b> drawn {} times larger; median {} px; \
+         seen in {} of {} parts",
         3.0 * stroke,
         Escaped(&camera.name),
         number(factor, 0),
-        number(typical, 3)
+        number(typical, 3),
+        cells.iter().flatten().filter(|covered| **covered).count(),
+        GRID * GRID
     );
     if every > 1 {
         let _ = write!(svg, "; one in {every} is drawn");

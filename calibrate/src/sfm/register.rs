@@ -13,7 +13,7 @@ use super::{
     align::spread,
     place::{Known, Resected},
     refine::{Adjusted, FEWEST_VIEWS, Gauge, Pass, adjust, tracks},
-    result::names,
+    result::{names, pictures},
     run::{Placed, extract},
 };
 use crate::{
@@ -176,6 +176,7 @@ pub fn register(
     for residual in &mut evidence.residuals {
         residual.camera = place(adjusted.views[residual.camera]);
     }
+    evidence.pictures = pictures(&result, model.iter().chain(new));
     Ok((result, evidence))
 }
 

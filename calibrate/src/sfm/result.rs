@@ -1,11 +1,11 @@
 //! The rig file and its evidence.
 
-use erfgs_session::Modality;
+use erfgs_session::{ImageRgb8, Modality};
 
 use super::{Doubt, SfmError, State, View, agree::Agreement, refine::Adjusted, run::Run};
 use crate::{
     bundle::{Loss, Parameter},
-    evidence::{Evidence, Table},
+    evidence::{Evidence, Picture, Table},
     rig_file::{RigCamera, RigFile},
 };
 
@@ -143,7 +143,19 @@ pub(super) fn result(
     });
     evidence.observe(bundle);
     renumber(&mut evidence, &rig, adjusted, views);
+    evidence.pictures = pictures(&rig, views);
     Ok((rig, evidence))
+}
+
+/// The views' images, for the cameras that have a pose.
+pub(super) fn pictures<'a>(rig: &RigFile, views: impl IntoIterator<Item = &'a View>) -> Vec<Picture> {
+    let of = |view: &View| {
+        let placed = |camera: &RigCamera| camera.name == view.name && camera.pose.is_some();
+        let (width, height) = (view.image.width, view.image.height);
+        let data = view.image.data.iter().flat_map(|grey| [*grey; 3]).collect();
+        Some(Picture::new(rig.cameras.iter().position(placed)?, None, &ImageRgb8 { width, height, data }))
+    };
+    views.into_iter().filter_map(of).collect()
 }
 
 /// Residuals count cameras as the rig does.

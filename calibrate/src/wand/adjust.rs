@@ -3,7 +3,7 @@
 use super::{Stick, WandOptions, instants::Instant, place};
 use crate::{
     bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter, Prior},
-    evidence::Evidence,
+    evidence::{Evidence, Moment},
 };
 
 /// The standard deviation of a LED where none is given, until the residuals tell it, pixels.
@@ -54,7 +54,7 @@ impl Scatter {
 }
 
 /// Adjusts `cameras` to what they saw at `instants`, `scatter` where it is not known, and returns the whole problem. `known`
-/// are the cameras' focal lengths as known beforehand, pixels.
+/// are the cameras' focal lengths as known beforehand, pixels. The evidence gets the placements' moments.
 pub(super) fn adjust(
     cameras: &[Camera],
     known: &[f64],
@@ -65,7 +65,8 @@ pub(super) fn adjust(
     evidence: &mut Evidence,
 ) -> Result<Bundle, BundleError> {
     let name = round.name();
-    let mut bundle = build(&options.stick, cameras, instants, scatter);
+    let mut bundle;
+    (bundle, evidence.moments) = build(&options.stick, cameras, instants, scatter);
     let robust =
         |width, iterations| Options { loss: Loss::Cauchy(width), iterations, tolerance: 1e-7, ..Options::default() };
     if round == Round::First {
@@ -76,7 +77,7 @@ pub(super) fn adjust(
         let solution = bundle.solve(&robust(30.0, 15))?;
         evidence.pass(format!("{name}: poses, Cauchy loss 30"), &solution);
         // Wands that started at a wrong place get another start.
-        bundle = build(&options.stick, &bundle.cameras, instants, scatter);
+        (bundle, evidence.moments) = build(&options.stick, &bundle.cameras, instants, scatter);
         for (camera, before) in bundle.cameras.iter_mut().zip(cameras) {
             camera.free.clone_from(&before.free);
         }
@@ -102,15 +103,19 @@ pub(super) fn adjust(
     Ok(bundle)
 }
 
-fn build(stick: &Stick, cameras: &[Camera], instants: &[&Instant], scatter: &[Scatter]) -> Bundle {
+fn build(stick: &Stick, cameras: &[Camera], instants: &[&Instant], scatter: &[Scatter]) -> (Bundle, Vec<Moment>) {
     let mut bundle = Bundle { cameras: cameras.to_vec(), ..Bundle::default() };
+    let mut moments = Vec::new();
     for instant in instants {
         let views: Vec<_> = instant.views.iter().map(|view| (view.camera, view)).collect();
         place::add(&mut bundle, stick, &views, |camera, led| {
             (scatter[camera].sigma_px.hypot(led.extra_px), led.velocity)
         });
+        if bundle.placements.len() > moments.len() {
+            moments.push(Moment { name: format!("{:.3} s", 1e-9 * instant.t_ns as f64), t_ns: Some(instant.t_ns) });
+        }
     }
-    bundle
+    (bundle, moments)
 }
 
 fn add_priors(bundle: &mut Bundle, known: &[f64], options: &WandOptions) {

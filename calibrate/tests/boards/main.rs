@@ -3,6 +3,7 @@
 
 mod aprilgrids;
 mod chessboards;
+mod report;
 mod scene;
 mod session;
 mod webcams;

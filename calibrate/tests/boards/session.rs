@@ -9,7 +9,7 @@ use erfgs_session::{
 use super::chessboards::{folder, target};
 
 /// The stereo pairs as two cameras recorded them, ten a second, the right one 3 ms later; as JPEG files.
-fn record(path: &Path) {
+pub fn record(path: &Path) {
     let start =
         SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).unwrap();

@@ -50,7 +50,7 @@ fn their_corners(file: &Path) -> Vec<Seen> {
     }
     let mut cameras: BTreeMap<String, Vec<View>> = BTreeMap::new();
     for ((camera, instant), corners) in views {
-        let view = View { instant: instant.to_string(), time_s: None, file: file.into(), corners };
+        let view = View { instant: instant.to_string(), time_s: None, file: file.into(), frame: 0, corners };
         cameras.entry(camera).or_default().push(view);
     }
     let seen =

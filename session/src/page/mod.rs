@@ -1,4 +1,5 @@
 //! Pages of results: HTML that is one file, with plots as inline SVG. What the reports of the stages have in common.
 
 pub mod html;
+pub mod picture;
 pub mod plot;

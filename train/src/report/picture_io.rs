@@ -6,6 +6,7 @@ use std::{
     path::Path,
 };
 
+use erfgs_session::page::picture;
 use image::{
     ExtendedColorType, ImageEncoder, ImageReader, Limits, RgbImage,
     codecs::{jpeg::JpegEncoder, png::PngEncoder},
@@ -154,34 +155,12 @@ fn reduced(picture: &RgbImage) -> std::borrow::Cow<'_, RgbImage> {
 
 /// Encoding into memory fails for no picture that `read` lets through; if it did, the page would show a gap.
 fn uri(kind: &str, written: image::ImageResult<()>, bytes: &[u8]) -> String {
-    if written.is_ok() { format!("data:{kind};base64,{}", base64(bytes)) } else { "data:,".into() }
-}
-
-/// RFC 4648, with padding.
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for group in bytes.chunks(3) {
-        let word = group.iter().enumerate().fold(0u32, |word, (at, &byte)| word | u32::from(byte) << (16 - 8 * at));
-        for digit in 0..4 {
-            let value = (word >> (18 - 6 * digit)) & 63;
-            text.push(if digit <= group.len() { char::from(DIGITS[value as usize]) } else { '=' });
-        }
-    }
-    text
+    if written.is_ok() { picture::data_uri(kind, bytes) } else { "data:,".into() }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_is_that_of_the_standard() {
-        let texts = ["", "f", "fo", "foo", "foob", "fooba", "foobar"];
-        let expected = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"];
-        assert_eq!(texts.map(|text| base64(text.as_bytes())), expected);
-        assert_eq!(base64(&[0xff, 0xfe, 0xfd]), "//79");
-    }
 
     #[test]
     fn the_window_goes_where_the_errors_are() {

@@ -1,0 +1,102 @@
+//! Frames in which the board was found, read once more for the report.
+
+use std::collections::BTreeMap;
+
+use erfgs_session::{
+    ImageRgb8,
+    codec::EventFile,
+    container::{ContainerError, Entry, Session},
+    pixel,
+    video::Video,
+};
+
+use super::{
+    BoardError, Seen, Target, View,
+    blink::window,
+    input::{VIDEOS, has_extension},
+};
+use crate::evidence::{Evidence, Picture};
+
+/// The frames of cameras (indices in `seen`) that show placements (numbers in `evidence`), reduced, with the corners that were
+/// found. Those of events are pictures of what blinked `blink_hz` times a second. Frames are read one at a time.
+///
+/// # Errors
+/// If a file can no longer be read.
+pub fn pictures(
+    seen: &[Seen],
+    target: &Target,
+    blink_hz: Option<f64>,
+    evidence: &Evidence,
+    wanted: &[(usize, usize)],
+) -> Result<Vec<Picture>, BoardError> {
+    let mut pictures = Vec::new();
+    // Sessions are walked once for all their streams.
+    let mut packets: BTreeMap<(&str, u64), (usize, usize, &View)> = BTreeMap::new();
+    for &(camera, placement) in wanted {
+        let (Some(seen), Some(moment)) = (seen.get(camera), evidence.moments.get(placement)) else { continue };
+        let Some(view) = seen.views.iter().find(|view| view.instant == moment.name) else { continue };
+        if !seen.events && has_extension(&view.file, &["mcap"]) {
+            packets.insert((&seen.camera, view.frame), (camera, placement, view));
+            continue;
+        }
+        let image = if seen.events { of_events(seen, view, blink_hz)? } else { of_file(view)? };
+        pictures.push(picture(camera, placement, &image, view, target));
+    }
+    let Some((_, _, first)) = packets.values().next() else { return Ok(pictures) };
+    let mut session = Session::open(&first.file)?;
+    let streams = session.summary().streams.clone();
+    for entry in session.messages(None) {
+        let (stream, packet) = match entry {
+            Ok(Entry::Packet { stream, packet }) => (stream, packet),
+            Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
+            _ => continue,
+        };
+        let d = &streams[stream].description;
+        let Some((camera, placement, view)) = packets.remove(&(d.id.as_str(), packet.sequence)) else { continue };
+        if let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) {
+            pictures.push(picture(camera, placement, &image, view, target));
+        }
+        if packets.is_empty() {
+            break;
+        }
+    }
+    pictures.sort_by_key(|picture| picture.camera);
+    Ok(pictures)
+}
+
+fn picture(camera: usize, placement: usize, image: &ImageRgb8, view: &View, target: &Target) -> Picture {
+    let found = view.corners.iter().filter_map(|corner| Some((target.point(corner.id)?, corner.pixel)));
+    Picture { found: found.collect(), ..Picture::new(camera, Some(placement), image) }
+}
+
+fn of_file(view: &View) -> Result<ImageRgb8, BoardError> {
+    if !has_extension(&view.file, &VIDEOS) {
+        return Ok(ImageRgb8::read(&view.file)?);
+    }
+    let mut video = Video::open(&view.file)?;
+    for _ in 0..view.frame {
+        video.next_frame()?;
+    }
+    video.next_frame()?.ok_or_else(|| gone(view))
+}
+
+fn of_events(seen: &Seen, view: &View, blink_hz: Option<f64>) -> Result<ImageRgb8, BoardError> {
+    let hz = blink_hz.ok_or_else(|| BoardError::NoBlink { path: view.file.clone() })?;
+    let size = seen.size.map(|side| side as usize);
+    let mut failure: Option<BoardError> = None;
+    let image = if has_extension(&view.file, &["mcap"]) {
+        let mut session = Session::open(&view.file)?;
+        let (stream, _) = session.stream(&seen.camera)?;
+        window(size, hz, view.frame, &mut |windows| {
+            failure = session.decode_events(stream, None, windows, |_| {}).err().map(BoardError::from);
+        })
+    } else {
+        let file = EventFile::open(&view.file)?;
+        window(size, hz, view.frame, &mut |windows| failure = file.decode(windows).err().map(BoardError::from))
+    };
+    failure.map_or_else(|| image.ok_or_else(|| gone(view)), Err)
+}
+
+fn gone(view: &View) -> BoardError {
+    BoardError::NoFrame { path: view.file.clone(), frame: view.frame }
+}

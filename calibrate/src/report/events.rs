@@ -1,0 +1,67 @@
+//! What an event camera saw in a short time, as a picture.
+
+use erfgs_session::ImageRgb8;
+
+/// How much of its full colour one event gives a pixel.
+const ONE: f32 = 0.35;
+/// Colours of a pixel without events, of one that grew mostly brighter, and mostly darker.
+const STILL: [f32; 3] = [24.0, 27.0, 34.0];
+const ON: [f32; 3] = [255.0, 214.0, 138.0];
+const OFF: [f32; 3] = [66.0, 150.0, 255.0];
+
+/// Events that are gathered.
+#[derive(Clone, Debug)]
+pub struct EventPicture {
+    width: u32,
+    height: u32,
+    /// Events of each pixel: off and on.
+    counts: Vec<[u16; 2]>,
+}
+
+impl EventPicture {
+    /// No events yet, on a sensor of `width` x `height` pixels.
+    #[must_use]
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, counts: vec![[0; 2]; width as usize * height as usize] }
+    }
+
+    /// Adds an event; one outside the sensor is nowhere.
+    pub fn add(&mut self, x: u16, y: u16, on: bool) {
+        if u32::from(x) < self.width {
+            let at = usize::from(y) * self.width as usize + usize::from(x);
+            if let Some(counts) = self.counts.get_mut(at) {
+                let count = &mut counts[usize::from(on)];
+                *count = count.saturating_add(1);
+            }
+        }
+    }
+
+    /// The picture: the more events, the brighter.
+    #[must_use]
+    pub fn picture(&self) -> ImageRgb8 {
+        let colour = |[off, on]: &[u16; 2]| {
+            let weight = (ONE * (f32::from(*off) + f32::from(*on))).min(1.0);
+            let full = if on >= off { ON } else { OFF };
+            std::array::from_fn::<u8, 3, _>(|c| (STILL[c] + weight * (full[c] - STILL[c])) as u8)
+        };
+        let data = self.counts.iter().flat_map(colour).collect();
+        ImageRgb8 { width: self.width, height: self.height, data }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_take_the_colour_of_most_of_their_events() {
+        let mut events = EventPicture::new(4, 3);
+        for (x, y, on) in [(1, 1, true), (1, 1, true), (1, 1, false), (2, 0, false), (4, 0, true), (0, 3, true)] {
+            events.add(x, y, on);
+        }
+        let picture = events.picture();
+        assert_eq!((picture.pixel(1, 1), picture.pixel(0, 0)), ([255, 214, 138], [24, 27, 34]));
+        assert!(picture.pixel(2, 0)[2] > 80 && picture.pixel(2, 0)[0] < 60);
+        assert_eq!(picture.data.chunks(3).filter(|pixel| **pixel != [24, 27, 34]).count(), 2);
+    }
+}
