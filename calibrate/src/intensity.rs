@@ -4,6 +4,8 @@
 //! the logarithm of intensity does match. A camera that stands still sees it where light starts from darkness
 //! ([`dark_ramp`]: a shutter that opens, lights that are turned up), or where camera or light moves ([`leaky`]).
 
+use std::ops::Range;
+
 use erfgs_session::{Events, image::ImageGrey8};
 
 /// The logarithm of intensity at each pixel, row-major, up to a constant.
@@ -18,36 +20,119 @@ pub struct LogIntensity {
 }
 
 /// How many of a pixel's events tell how bright it is.
-pub const FIRST: usize = 5;
+pub const FIRST: usize = 8;
 /// Shares of the pixels that become black and white.
 const CLIPPED: f64 = 0.01;
+/// The last share of a ramp's events, in which all pixels see light well above the dark: how many come there tells a pixel's
+/// threshold.
+const LATE: f64 = 0.35;
+/// Fewer late events than this in the median pixel tell no thresholds.
+const FEWEST_LATE: f64 = 4.0;
+/// How much of the threshold that late events tell is corrected for: they are few, and tell it with an error of their own.
+const CORRECTED: f64 = 0.75;
 
-/// Of light that rose from darkness, however fast and along whichever curve.
+/// Of light that rose from darkness, once or several times, however fast and along whichever curve.
 ///
 /// A bright pixel's first events come early. The clock that they are read on is the number of events of all pixels, which
-/// grows as the logarithm of the light does once all of them see it, and slower before. Each pixel's first [`FIRST`] ON events are used and not their number in the end:
-/// thresholds differ from pixel to pixel by some percent, and over a whole ramp of thirty events that drowns what the scene's
-/// texture makes of one.
+/// grows as the logarithm of the light does once all of them see it, and slower before. Each pixel's first [`FIRST`] ON events
+/// are used and not their number in the end, which says little of the scene: once a pixel is well above the dark, the same
+/// growth of the light makes the same change of its logarithm, whatever it looks at. So the late events tell its threshold
+/// instead. Thresholds differ from pixel to pixel by some percent to some tens of percent, and a pixel with a high one seems
+/// darker; that is corrected for. Noise events are averaged out by repeated ramps.
 #[must_use]
 pub fn dark_ramp(events: &Events, threshold: f64) -> LogIntensity {
     let mut picture = LogIntensity::new(events.width, events.height);
-    let mut counts = vec![0usize; picture.values.len()];
-    let per_event = threshold / picture.values.len().max(1) as f64;
-    let mut clock = 0.0;
-    for event in events.iter().filter(|event| event.on) {
-        let Some(value) = picture.at(event.x, event.y) else { continue };
-        clock += per_event;
-        let index = usize::from(event.y) * events.width as usize + usize::from(event.x);
-        if counts[index] < FIRST {
-            *value -= clock as f32 / FIRST as f32;
-            counts[index] += 1;
+    let ramps = ramps(events);
+    let mut late = vec![0_u32; picture.values.len()];
+    for ramp in &ramps {
+        let values = one_ramp(events, ramp.clone(), threshold, &mut late);
+        // Each ramp has a darkness of its own to start from.
+        let middle = median(&values);
+        picture.values.iter_mut().zip(&values).for_each(|(to, value)| *to += (value - middle) / ramps.len() as f32);
+    }
+    let usual = median(&late.iter().map(|count| *count as f32).collect::<Vec<_>>());
+    if f64::from(usual) >= FEWEST_LATE {
+        for (value, count) in picture.values.iter_mut().zip(&late) {
+            *value += CORRECTED as f32 * (usual / (*count).max(1) as f32).ln();
         }
     }
-    for (value, count) in picture.values.iter_mut().zip(&counts) {
+    picture
+}
+
+/// Minus the clock at a pixel's first events in a ramp, the mean; `late` is increased by its late events.
+fn one_ramp(events: &Events, ramp: Range<usize>, threshold: f64, late: &mut [u32]) -> Vec<f32> {
+    let (width, height) = (events.width as usize, events.height as usize);
+    let pixel = |index: usize| {
+        let (x, y) = (usize::from(events.x[index]), usize::from(events.y[index]));
+        (events.on[index] && x < width && y < height).then_some(y * width + x)
+    };
+    let (mut values, mut counts) = (vec![0.0_f32; late.len()], vec![0_usize; late.len()]);
+    let per_event = threshold / late.len().max(1) as f64;
+    let total = ramp.clone().filter_map(pixel).count() as f64;
+    let mut clock = 0.0;
+    for at in ramp.filter_map(pixel) {
+        clock += per_event;
+        if counts[at] < FIRST {
+            values[at] -= clock as f32 / FIRST as f32;
+            counts[at] += 1;
+        }
+        late[at] += u32::from(clock > (1.0 - LATE) * total * per_event);
+    }
+    for (value, count) in values.iter_mut().zip(&counts) {
         // What has not come would have come later than all else.
         *value -= (FIRST - count) as f32 / FIRST as f32 * (clock + threshold) as f32;
     }
-    picture
+    values
+}
+
+/// The light rises and falls by this many events in the mean pixel.
+const SWING: f64 = 1.0;
+/// A ramp starts where this share of its rise has come: what comes before is noise of the dark.
+const START: f64 = 0.003;
+
+/// The ranges of events in which the light rises; everything where it never does.
+fn ramps(events: &Events) -> Vec<Range<usize>> {
+    let swing = (SWING * f64::from(events.width) * f64::from(events.height)).max(1.0) as i64;
+    let signs = |range: Range<usize>| events.on[range].iter().map(|on| if *on { 1_i64 } else { -1 });
+    // From the lowest place to the highest one after it.
+    let (mut level, mut low, mut high) = (0_i64, (0_i64, 0), None);
+    let mut found = Vec::new();
+    for (index, sign) in signs(0..events.on.len()).enumerate() {
+        level += sign;
+        match &mut high {
+            None if level <= low.0 => low = (level, index + 1),
+            None if level - low.0 >= swing => high = Some((level, index + 1)),
+            Some((most, end)) if level >= *most => (*most, *end) = (level, index + 1),
+            Some((most, end)) if *most - level >= swing => {
+                found.push((low.1..*end, *most - low.0));
+                (low, high) = ((level, index + 1), None);
+            }
+            _ => {}
+        }
+    }
+    if let Some((most, end)) = high {
+        found.push((low.1..end, most - low.0));
+    }
+    if found.is_empty() {
+        return vec![0..events.on.len()];
+    }
+    let trimmed = found.into_iter().map(|(range, rise)| {
+        let (mut level, mut start) = (0, range.start);
+        for (index, sign) in range.clone().zip(signs(range.clone())) {
+            level += sign;
+            if level as f64 <= START * rise as f64 {
+                start = index + 1;
+            }
+        }
+        start..range.end
+    });
+    trimmed.collect()
+}
+
+fn median(values: &[f32]) -> f32 {
+    let mut sorted = values.to_vec();
+    let middle = sorted.len() / 2;
+    if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
 
 /// Of whatever moved: a leaky integral of the events up to `t_us`, that forgets with `cutoff_hz` (0.5 to 1 Hz are usual).

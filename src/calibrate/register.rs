@@ -29,7 +29,7 @@ INPUT is a folder with one file for each new camera, named as the camera: an ima
 Edges and polarity frames match nothing; what matches is intensity. An event camera that stands still sees it where light comes \
 up from darkness:
   --dark-ramp      a shutter that opens, lamps that are turned up from off: recorded from the dark on; the time it takes does not \
-matter
+matter; repeat it some times in one recording if the sensor is noisy
   --leaky SECONDS  the camera or the light moves: a leaky integral of the events up to this time
 
 Examples:
@@ -51,7 +51,7 @@ pub struct Arguments {
     /// A rig file with the intrinsics of the new cameras.
     #[arg(long, value_name = "RIG")]
     intrinsics: Option<PathBuf>,
-    /// Event files hold light that rises from darkness.
+    /// Event files hold light that rises from darkness, once or several times.
     #[arg(long, conflicts_with = "leaky")]
     dark_ramp: bool,
     /// Event files hold movement; integrate up to this time, seconds after the first event.
