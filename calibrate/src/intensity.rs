@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use erfgs_session::{Events, image::ImageGrey8};
+use erfgs_session::{Event, Events, image::ImageGrey8};
 
 /// The logarithm of intensity at each pixel, row-major, up to a constant.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,27 +138,55 @@ fn median(values: &[f32]) -> f32 {
 /// Of whatever moved: a leaky integral of the events up to `t_us`, that forgets with `cutoff_hz` (0.5 to 1 Hz are usual).
 #[must_use]
 pub fn leaky(events: &Events, threshold: f64, cutoff_hz: f64, t_us: i64) -> LogIntensity {
-    let mut picture = LogIntensity::new(events.width, events.height);
-    let mut last = vec![i64::MIN; picture.values.len()];
-    let decay = |from: i64, to: i64| {
-        let seconds = 1e-6 * to.saturating_sub(from) as f64;
-        (-std::f64::consts::TAU * cutoff_hz * seconds).exp() as f32
-    };
-    for event in events.iter().take_while(|event| event.t_us <= t_us) {
-        let index = usize::from(event.y) * picture.width as usize + usize::from(event.x);
-        let Some(value) = picture.at(event.x, event.y) else { continue };
-        if last[index] != i64::MIN {
-            *value *= decay(last[index], event.t_us);
-        }
-        *value += if event.on { threshold as f32 } else { -threshold as f32 };
-        last[index] = event.t_us;
+    let mut integral = Leaky::new(events.width, events.height, threshold, cutoff_hz);
+    events.iter().take_while(|event| event.t_us <= t_us).for_each(|event| integral.push(event));
+    integral.at(t_us)
+}
+
+/// The leaky integral of a stream, event by event: each pixel's sum of thresholds, which decays between its events.
+#[derive(Clone, Debug)]
+pub struct Leaky {
+    /// As it was at each pixel's last event.
+    sums: LogIntensity,
+    last_us: Vec<i64>,
+    threshold: f32,
+    cutoff_hz: f64,
+}
+
+impl Leaky {
+    /// Nothing seen yet. `threshold` is an event's share of the logarithm of intensity; what is older than
+    /// 1 / (2 pi `cutoff_hz`) seconds is forgotten.
+    #[must_use]
+    pub fn new(width: u32, height: u32, threshold: f64, cutoff_hz: f64) -> Self {
+        let sums = LogIntensity::new(width, height);
+        let last_us = vec![i64::MIN; sums.values.len()];
+        Self { sums, last_us, threshold: threshold as f32, cutoff_hz }
     }
-    for (value, &last) in picture.values.iter_mut().zip(&last) {
-        if last != i64::MIN {
-            *value *= decay(last, t_us);
-        }
+
+    /// Takes the next event; one outside the sensor counts nowhere.
+    pub fn push(&mut self, event: Event) {
+        let index = usize::from(event.y) * self.sums.width as usize + usize::from(event.x);
+        let (decay, threshold) = (self.decay(self.last_us.get(index).copied(), event.t_us), self.threshold);
+        let Some(value) = self.sums.at(event.x, event.y) else { return };
+        *value = *value * decay + if event.on { threshold } else { -threshold };
+        self.last_us[index] = event.t_us;
     }
-    picture
+
+    /// The picture at a time not before the last event.
+    #[must_use]
+    pub fn at(&self, t_us: i64) -> LogIntensity {
+        let mut picture = self.sums.clone();
+        for (value, &last) in picture.values.iter_mut().zip(&self.last_us) {
+            *value *= self.decay(Some(last), t_us);
+        }
+        picture
+    }
+
+    /// What is left at a later time of what was there after a pixel's last event.
+    fn decay(&self, last_us: Option<i64>, t_us: i64) -> f32 {
+        let seconds = 1e-6 * last_us.map_or(0, |last| t_us.saturating_sub(last)) as f64;
+        (-std::f64::consts::TAU * self.cutoff_hz * seconds).exp() as f32
+    }
 }
 
 impl LogIntensity {
@@ -262,8 +290,6 @@ fn line_means(from: &[f32], to: &mut [f32], lines: usize, length: usize, between
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::Event;
-
     use super::*;
 
     fn events(list: &[(i64, u16, u16, bool)]) -> Events {

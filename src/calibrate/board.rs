@@ -6,7 +6,7 @@ use std::{
 };
 
 use erfgs_calibrate::{
-    board::{BoardOptions, LensModel, Seen, Target, calibrate, look, look_session, pictures},
+    board::{BoardOptions, EventBoard, LensModel, Seen, Target, calibrate, look, look_session, pictures},
     report::telling,
     rig_file::RigFile,
 };
@@ -21,7 +21,7 @@ use crate::terminal::Terminal;
 #[command(after_help = "\
 INPUT is a session (S.mcap), or a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
 (left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
-file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
+file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer; or, with --moving, a printed board that was waved. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
 
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
@@ -37,6 +37,7 @@ Examples:
   erfgs calibrate board images --target aprilgrid:6x6:0.088:0.3
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
   erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
+  erfgs calibrate board events --target chessboard:9x6:0.025 --moving
   erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]
 pub struct Arguments {
     /// A session, or a folder of images or videos of the board.
@@ -59,6 +60,9 @@ pub struct Arguments {
     /// How often the board on the screen comes and goes in a second, for event cameras.
     #[arg(long, value_name = "HZ", value_parser = rate)]
     blink: Option<f64>,
+    /// Event cameras saw a printed board that moved.
+    #[arg(long, conflicts_with = "blink")]
+    moving: bool,
     /// Estimate each camera's time offset; needs frame times and a board that moves.
     #[arg(long)]
     time_offsets: bool,
@@ -84,21 +88,26 @@ pub fn lens_model(text: &str) -> Result<LensModel, String> {
 }
 
 /// Looks for the board in a session, or in a folder.
-pub fn boards(input: &Path, target: &Target, blink: Option<f64>, terminal: &Terminal) -> anyhow::Result<Vec<Seen>> {
+pub fn boards(
+    input: &Path,
+    target: &Target,
+    events: Option<EventBoard>,
+    terminal: &Terminal,
+) -> anyhow::Result<Vec<Seen>> {
     let progress = terminal.progress("looking for the board");
     let tell = |done: usize, total: Option<usize>| match total {
         Some(total) => progress.update(done as u64, total as u64, "frames"),
         None => progress.share(0.0, || format!("{done} frames")),
     };
     if !input.is_file() {
-        return Ok(look(input, target, blink, &tell)?);
+        return Ok(look(input, target, events, &tell)?);
     }
     // The middle of the exposure, where `erfgs sync` found it.
     let beside = Synchronisation::file_beside(input);
     let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
     let mids: HashMap<&str, HashMap<u64, i64>> =
         sync.iter().flat_map(|sync| &sync.streams).map(|stream| (stream.id.as_str(), stream.exposure_mids())).collect();
-    Ok(look_session(input, target, blink, &|id, packet| mids.get(id)?.get(&packet.sequence).copied(), &tell)?)
+    Ok(look_session(input, target, events, &|id, packet| mids.get(id)?.get(&packet.sequence).copied(), &tell)?)
 }
 
 /// Looks for boards and calibrates.
@@ -114,7 +123,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let rig = RigFile::read(path)?;
         options.known = rig.cameras.into_iter().map(|camera| (camera.name, camera.intrinsics)).collect();
     }
-    let seen = boards(&arguments.input, &arguments.target, arguments.blink, terminal)?;
+    let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
+    let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
+    let seen = boards(&arguments.input, &arguments.target, events, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
     }
@@ -123,7 +134,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         progress.update(done as u64, total as u64, what);
     })?;
     drop(progress);
-    match pictures(&seen, &arguments.target, arguments.blink, &evidence, &telling(&rig, &evidence)) {
+    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence)) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),
     }

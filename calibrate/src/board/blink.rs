@@ -4,22 +4,15 @@
 //! the room. For each window of time the pixels whose changes come at the right rate make a picture of the board, dark where it
 //! blinks, in which corners are found as in any other.
 
-use std::path::Path;
-
 use erfgs_session::{
     ImageRgb8,
-    codec::{CdEvent, EventFile, Sink},
+    codec::{CdEvent, Sink},
 };
-use glam::DVec2;
-
-use super::{BoardError, Corner, Seen, Target, View, detect};
 
 /// Share of a period by which a change may come early or late: screens show whole frames only.
 const TOLERANCE: f64 = 0.35;
 /// Periods in a window.
 const PERIODS: f64 = 6.0;
-/// A board that moved less than this (mean over its corners, pixels) since the last view adds nothing.
-const MOVED_PX: f64 = 3.0;
 /// Fewer blinking pixels are no board.
 const LEAST_PIXELS: usize = 300;
 
@@ -46,7 +39,19 @@ pub(super) struct Windows<'a> {
     found: &'a mut dyn FnMut(i64, ImageRgb8),
 }
 
-impl Windows<'_> {
+impl<'a> Windows<'a> {
+    pub fn new([width, height]: [usize; 2], hz: f64, found: &'a mut dyn FnMut(i64, ImageRgb8)) -> Self {
+        let pixels = vec![Pixel::NEW; width * height];
+        Self { width, height, period_us: 1e6 / hz, pixels, start: None, found }
+    }
+
+    /// Closes the last window.
+    pub fn finish(&mut self) {
+        if let Some(start) = self.start.take() {
+            self.close(start + (PERIODS * self.period_us) as i64);
+        }
+    }
+
     fn close(&mut self, end: i64) {
         // Half of the changes that a window has room for: two each period, the first without one before it.
         let enough = (PERIODS - 1.0) as u16;
@@ -102,109 +107,14 @@ fn picture(blinks: &[bool], width: usize, height: usize) -> ImageRgb8 {
     image
 }
 
-/// What a camera saw of a target that blinks `hz` times a second, from a file of its events.
-///
-/// # Errors
-/// If the file cannot be read or does not say how large the sensor is.
-pub(super) fn of_events(
-    camera: &str,
-    path: &Path,
-    target: &Target,
-    hz: f64,
-    tick: &(dyn Fn() + Sync),
-) -> Result<Seen, BoardError> {
-    let file = EventFile::open(path)?;
-    let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
-    let (width, height) = (usize::from(size.width), usize::from(size.height));
-    let mut failure = None;
-    let (frames, views) = blinks(path, [width, height], target, hz, tick, &mut |windows| {
-        failure = file.decode(windows).err();
-    });
-    match failure {
-        Some(error) => Err(error.into()),
-        None => {
-            let size = [u32::from(size.width), u32::from(size.height)];
-            Ok(Seen { camera: camera.into(), events: true, size, frames, views })
-        }
-    }
-}
-
-/// The number of windows in which something blinked, and those with a board that had moved. `decode` hands over the events.
-pub(super) fn blinks(
-    path: &Path,
-    [width, height]: [usize; 2],
-    target: &Target,
-    hz: f64,
-    tick: &dyn Fn(),
-    decode: &mut dyn FnMut(&mut Windows<'_>),
-) -> (usize, Vec<View>) {
-    let (mut frames, mut views) = (0, Vec::<View>::new());
-    let mut found = |end: i64, image: ImageRgb8| {
-        frames += 1;
-        tick();
-        let corners = detect(&image, &target.as_inked());
-        let still = views.last().is_some_and(|last| moved(&last.corners, &corners) < MOVED_PX);
-        if !corners.is_empty() && !still {
-            let time_s = 1e-6 * end as f64;
-            let (instant, frame) = (format!("{time_s:.2}"), end as u64);
-            views.push(View { instant, time_s: Some(time_s), file: path.into(), frame, corners });
-        }
-    };
-    walk([width, height], hz, &mut found, decode);
-    (frames, views)
-}
-
-/// The picture of the window that ends at `end_us`, as the board was looked for in it.
-pub(super) fn window(
-    size: [usize; 2],
-    hz: f64,
-    end_us: u64,
-    decode: &mut dyn FnMut(&mut Windows<'_>),
-) -> Option<ImageRgb8> {
-    let mut wanted = None;
-    let mut keep = |end: i64, image: ImageRgb8| {
-        if end as u64 == end_us {
-            wanted = Some(image);
-        }
-    };
-    walk(size, hz, &mut keep, decode);
-    wanted
-}
-
-/// Hands the picture of each window in which something blinked to `found`.
-fn walk(
-    [width, height]: [usize; 2],
-    hz: f64,
-    found: &mut dyn FnMut(i64, ImageRgb8),
-    decode: &mut dyn FnMut(&mut Windows<'_>),
-) {
-    let pixels = vec![Pixel::NEW; width * height];
-    let mut windows = Windows { width, height, period_us: 1e6 / hz, pixels, start: None, found };
-    decode(&mut windows);
-    if let Some(start) = windows.start {
-        windows.close(start + (PERIODS * windows.period_us) as i64);
-    }
-}
-
-/// How far corners moved between two views on average; infinite where they share none.
-fn moved(before: &[Corner], after: &[Corner]) -> f64 {
-    let pairs = after.iter().filter_map(|corner| {
-        let other = before.iter().find(|other| other.id == corner.id)?;
-        Some(DVec2::distance(corner.pixel, other.pixel))
-    });
-    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), far| (sum + far, count + 1));
-    if count == 0 { f64::INFINITY } else { sum / f64::from(count) }
-}
-
 #[cfg(test)]
 mod tests {
     use std::fmt::Write as _;
 
-    use erfgs_session::{Distortion, Intrinsics, Pose, random};
-    use glam::{DQuat, DVec3};
+    use erfgs_session::{Distortion, Intrinsics, Pose, codec::EventFile, random};
+    use glam::{DQuat, DVec2, DVec3};
 
-    use super::*;
-    use crate::board::{LensModel, single};
+    use crate::board::{EventBoard, LensModel, Target, detect, look, single, stream::picture_at};
 
     /// Events of a board that blinks at 20 Hz at eight places, as CSV; every thirtieth pixel is a lamp at 100 Hz.
     fn recording(target: &Target, camera: &Intrinsics) -> String {
@@ -264,28 +174,27 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("left.csv");
         std::fs::write(&path, recording(&target, &truth)).unwrap();
-        let seen = super::super::look(folder.path(), &target, Some(20.0), &|_, _| {});
+        let seen = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 20.0 }), &|_, _| {});
         // CSV does not say the sensor's size.
         assert!(seen.unwrap_err().to_string().contains("left.csv"));
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
         let raw = folder.path().join("left.raw");
         std::fs::write(&raw, as_evt2(&text)).unwrap();
-        let seen = super::super::look(folder.path(), &target, Some(20.0), &|_, _| {}).unwrap();
+        let seen = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 20.0 }), &|_, _| {}).unwrap();
         assert!(seen[0].events && seen[0].views.len() >= 7, "{} views", seen[0].views.len());
         // The picture for the report is the one that the board was found in.
         let view = &seen[0].views[3];
         let file = EventFile::open(&raw).unwrap();
-        let decode = &mut |windows: &mut Windows<'_>| {
-            file.decode(windows).unwrap();
-        };
-        let picture = window([320, 240], 20.0, view.frame, decode).unwrap();
-        assert_eq!(detect(&picture, &target), view.corners);
+        let picture = picture_at([320, 240], EventBoard::Blinking { hz: 20.0 }, view.frame, &mut |watcher| {
+            file.decode(watcher).unwrap();
+        });
+        assert_eq!(detect(&picture.unwrap(), &target), view.corners);
         let found = single(&seen[0], &target, LensModel::Pinhole, true).unwrap();
         let i = found.bundle.cameras[0].intrinsics;
         assert!((i.fx - 300.0).abs() < 3.0 && (i.cx - 163.0).abs() < 3.0 && (i.cy - 118.0).abs() < 3.0, "{i:?}");
         assert!(found.bundle.rms_px(None).0 < 0.3, "{}", found.bundle.rms_px(None).0);
-        let without = super::super::look(folder.path(), &target, Some(31.0), &|_, _| {}).unwrap();
+        let without = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 31.0 }), &|_, _| {}).unwrap();
         assert!(without[0].views.is_empty(), "another rate is not the board's");
     }
 

@@ -42,8 +42,8 @@ pub enum BoardError {
         /// The file.
         path: PathBuf,
     },
-    /// Events of a board that nobody said how it blinks.
-    #[error("{} holds events: say with --blink how often the board comes and goes in a second", path.display())]
+    /// Events of a board of which nobody said whether it blinks or moves.
+    #[error("{} holds events: say with --blink how often the board comes and goes in a second, or with --moving that a printed one moves", path.display())]
     NoBlink {
         /// The file.
         path: PathBuf,
@@ -60,7 +60,7 @@ pub enum BoardError {
     #[error(transparent)]
     Session(#[from] ContainerError),
     /// A session of which nothing can be looked at.
-    #[error("{} holds no frames; for event cameras say with --blink how often the board comes and goes in a second", path.display())]
+    #[error("{} holds no frames; for event cameras say with --blink how often the board comes and goes in a second, or with --moving that a printed one moves", path.display())]
     NoFrames {
         /// The session.
         path: PathBuf,

@@ -8,7 +8,7 @@ use std::{
 use erfgs_session::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
-use super::{BoardError, Corner, Target, blink::of_events, detect};
+use super::{BoardError, Corner, EventBoard, Target, detect, stream::of_events};
 use crate::evidence::Moment;
 
 /// A frame in which the board was found.
@@ -66,7 +66,7 @@ enum Input {
 /// Looks for `target` in all frames below `folder`: a folder of images for each camera, or a video for each camera, or images
 /// whose names begin with the camera's name. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
 /// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. A file of events
-/// for a camera is searched for a board that blinks `blink_hz` times a second. `progress` gets the
+/// for a camera is searched for what `events` says. `progress` gets the
 /// number of frames that were looked at and, where it is known, that of all.
 ///
 /// # Errors
@@ -74,10 +74,10 @@ enum Input {
 pub fn look(
     folder: &Path,
     target: &Target,
-    blink_hz: Option<f64>,
+    events: Option<EventBoard>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
-    let cameras = cameras(folder, blink_hz.is_some())?;
+    let cameras = cameras(folder, events.is_some())?;
     if cameras.is_empty() {
         return Err(BoardError::NoImages { path: folder.into() });
     }
@@ -91,8 +91,8 @@ pub fn look(
         .map(|(camera, input)| match input {
             Input::Images(images) => of_images(&camera, &images, target, &tick),
             Input::Events(path) => {
-                let hz = blink_hz.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
-                of_events(&camera, &path, target, hz, &tick)
+                let board = events.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
+                of_events(&camera, &path, target, board, &tick)
             }
             Input::Video(path) => of_video(&camera, &path, times.as_ref(), target, &tick),
         })

@@ -2,8 +2,8 @@
 //!
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
 //! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
-//! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the
-//! second step while frames still come in.
+//! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the second step while frames still
+//! come in. Event cameras see boards that blink on a screen (`blink.rs`) and printed ones that move (`moving.rs`).
 
 mod aprilgrid;
 mod blink;
@@ -13,11 +13,13 @@ mod detect;
 mod error;
 mod input;
 mod intrinsics;
+mod moving;
 mod picture;
 mod print;
 mod quick;
 mod rig;
 mod session;
+mod stream;
 mod target;
 
 pub use detect::{Corner, detect};
@@ -29,4 +31,5 @@ pub use print::{Paper, print};
 pub use quick::{Fit, GRID, Quick};
 pub use rig::{BoardOptions, calibrate};
 pub use session::look_session;
+pub use stream::EventBoard;
 pub use target::Target;

@@ -12,20 +12,20 @@ use erfgs_session::{
 
 use super::{
     BoardError, Seen, Target, View,
-    blink::window,
     input::{VIDEOS, has_extension},
+    stream::{EventBoard, picture_at},
 };
 use crate::evidence::{Evidence, Picture};
 
 /// The frames of cameras (indices in `seen`) that show placements (numbers in `evidence`), reduced, with the corners that were
-/// found. Those of events are pictures of what blinked `blink_hz` times a second. Frames are read one at a time.
+/// found. Those of events are pictures of what `events` says. Frames are read one at a time.
 ///
 /// # Errors
 /// If a file can no longer be read.
 pub fn pictures(
     seen: &[Seen],
     target: &Target,
-    blink_hz: Option<f64>,
+    events: Option<EventBoard>,
     evidence: &Evidence,
     wanted: &[(usize, usize)],
 ) -> Result<Vec<Picture>, BoardError> {
@@ -39,7 +39,7 @@ pub fn pictures(
             packets.insert((&seen.camera, view.frame), (camera, placement, view));
             continue;
         }
-        let image = if seen.events { of_events(seen, view, blink_hz)? } else { of_file(view)? };
+        let image = if seen.events { of_events(seen, view, events)? } else { of_file(view)? };
         pictures.push(picture(camera, placement, &image, view, target));
     }
     let Some((_, _, first)) = packets.values().next() else { return Ok(pictures) };
@@ -80,19 +80,19 @@ fn of_file(view: &View) -> Result<ImageRgb8, BoardError> {
     video.next_frame()?.ok_or_else(|| gone(view))
 }
 
-fn of_events(seen: &Seen, view: &View, blink_hz: Option<f64>) -> Result<ImageRgb8, BoardError> {
-    let hz = blink_hz.ok_or_else(|| BoardError::NoBlink { path: view.file.clone() })?;
+fn of_events(seen: &Seen, view: &View, events: Option<EventBoard>) -> Result<ImageRgb8, BoardError> {
+    let board = events.ok_or_else(|| BoardError::NoBlink { path: view.file.clone() })?;
     let size = seen.size.map(|side| side as usize);
     let mut failure: Option<BoardError> = None;
     let image = if has_extension(&view.file, &["mcap"]) {
         let mut session = Session::open(&view.file)?;
         let (stream, _) = session.stream(&seen.camera)?;
-        window(size, hz, view.frame, &mut |windows| {
-            failure = session.decode_events(stream, None, windows, |_| {}).err().map(BoardError::from);
+        picture_at(size, board, view.frame, &mut |watcher| {
+            failure = session.decode_events(stream, None, watcher, |_| {}).err().map(BoardError::from);
         })
     } else {
         let file = EventFile::open(&view.file)?;
-        window(size, hz, view.frame, &mut |windows| failure = file.decode(windows).err().map(BoardError::from))
+        picture_at(size, board, view.frame, &mut |watcher| failure = file.decode(watcher).err().map(BoardError::from))
     };
     failure.map_or_else(|| image.ok_or_else(|| gone(view)), Err)
 }

@@ -10,12 +10,12 @@ use erfgs_session::{
 };
 use rayon::prelude::*;
 
-use super::{BoardError, Seen, Target, View, blink::blinks, detect};
+use super::{BoardError, EventBoard, Seen, Target, View, detect, stream::watch};
 
 /// Frames that are looked at together.
 const BATCH: usize = 16;
 
-/// Looks for `target` in all streams of a session: in the frames, and, where `blink_hz` says how often the board comes and goes,
+/// Looks for `target` in all streams of a session: in the frames, and, where `events` says what to look for,
 /// in the events. `time_ns` says when a frame of a stream was taken, on the session's clock; frames of several cameras within
 /// half a frame's time of each other belong together. `progress` gets the number of frames looked at and, where there are only
 /// frames, that of all.
@@ -25,7 +25,7 @@ const BATCH: usize = 16;
 pub fn look_session(
     path: &Path,
     target: &Target,
-    blink_hz: Option<f64>,
+    events: Option<EventBoard>,
     time_ns: &dyn Fn(&str, &Packet) -> Option<i64>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
@@ -36,7 +36,7 @@ pub fn look_session(
         .iter()
         .map(|stream| {
             let d = &stream.description;
-            let looked_at = d.encoding.is_frames() || (d.encoding.is_events() && blink_hz.is_some());
+            let looked_at = d.encoding.is_frames() || (d.encoding.is_events() && events.is_some());
             looked_at.then(|| Seen {
                 camera: d.id.clone(),
                 events: d.encoding.is_events(),
@@ -83,19 +83,19 @@ pub fn look_session(
         }
     }
     look_at(&mut batch, &mut seen);
-    if let Some(hz) = blink_hz {
+    if let Some(board) = events {
         for (index, stream) in streams.iter().enumerate().filter(|(_, s)| s.description.encoding.is_events()) {
             let Some(seen) = &mut seen[index] else { continue };
             let size = seen.size.map(|side| side as usize);
             let tick = || progress(done, None);
             let mut failure = None;
-            (seen.frames, seen.views) = blinks(path, size, target, hz, &tick, &mut |windows| {
-                failure = session.decode_events(index, None, windows, |_| {}).err();
+            (seen.frames, seen.views) = watch(path, size, target, board, &tick, &mut |watcher| {
+                failure = session.decode_events(index, None, watcher, |_| {}).err();
             });
             if let Some(error) = failure {
                 return Err(error.into());
             }
-            tracing::debug!(stream = stream.description.id, views = seen.views.len(), "looked for a blinking board");
+            tracing::debug!(stream = stream.description.id, views = seen.views.len(), "looked for a board in events");
         }
     }
     let mut seen: Vec<Seen> = seen.into_iter().flatten().collect();

@@ -50,7 +50,7 @@ fn corners_are_exact_near_and_far_tilted_blurred_and_through_a_fisheye() {
     ] {
         let sheet = sheet();
         let pose = sheet.pose(place, turn);
-        let picture = photograph(&light(&sheet, &camera, &pose, blur), [640, 480], 3.0, 1);
+        let picture = photograph(&light::<5>(&sheet, &camera, &pose, blur), [640, 480], 3.0, 1);
         keep(&picture, what);
         let corners = detect(&picture, &target());
         let (rms, worst) = summary(&errors(&corners, &target(), &camera, &pose));
@@ -82,7 +82,7 @@ fn a_board_that_leaves_the_picture_or_is_covered_gives_what_is_left_of_it() {
     let (sheet, camera) = (sheet(), camera());
     for (case, place) in [DVec3::new(0.35, 0.25, 0.8), DVec3::new(-0.4, 0.1, 0.9)].into_iter().enumerate() {
         let pose = sheet.pose(place, DVec3::new(0.2, -0.3, 0.3));
-        let mut picture = photograph(&light(&sheet, &camera, &pose, 0.7), [640, 480], 3.0, 2);
+        let mut picture = photograph(&light::<5>(&sheet, &camera, &pose, 0.7), [640, 480], 3.0, 2);
         // Three hands before it.
         let covers: Vec<[f64; 3]> = (0..3)
             .map(|n| {
@@ -122,7 +122,7 @@ fn tags_that_contradict_their_neighbours_change_no_corner() {
         (0..100).for_each(|i| sheet.black[(y + i / 10) * width + x + i % 10] = code[i]);
     }
     let pose = sheet.pose(DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.4, 0.3, 0.2));
-    let corners = detect(&photograph(&light(&sheet, &camera, &pose, 0.7), [640, 480], 3.0, 3), &target());
+    let corners = detect(&photograph(&light::<5>(&sheet, &camera, &pose, 0.7), [640, 480], 3.0, 3), &target());
     let (rms, worst) = summary(&errors(&corners, &target(), &camera, &pose));
     println!("{} corners, {rms:.3} px rms, {worst:.2} at worst", corners.len());
     assert!(corners.len() >= 140 && worst < 0.3, "{} {worst}", corners.len());
@@ -134,7 +134,7 @@ fn pictures_without_the_board_give_no_corner() {
     let other: Target = "chessboard:9x6:0.03".parse().unwrap();
     let board = Sheet::of(&other, 0.03);
     let pose = board.pose(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.2, 0.3, 0.1));
-    let picture = photograph(&light(&board, &camera, &pose, 0.7), [640, 480], 3.0, 4);
+    let picture = photograph(&light::<5>(&board, &camera, &pose, 0.7), [640, 480], 3.0, 4);
     assert_eq!(detect(&picture, &target()), []);
     assert_eq!(detect(&photograph(&vec![128.0; 640 * 480], [640, 480], 40.0, 5), &target()), []);
 }
@@ -186,7 +186,7 @@ fn a_camera_is_calibrated_from_pictures_within_its_standard_deviations() {
         let draw = |of, from, to| random::range(random::key(8, &[view, of]), from, to);
         let place = DVec3::new(draw(0, -0.25, 0.25), draw(1, -0.2, 0.2), draw(2, 0.8, 1.4));
         let turn = DVec3::new(draw(3, -0.7, 0.7), draw(4, -0.7, 0.7), draw(5, -0.4, 0.4));
-        let picture = photograph(&light(&sheet, &truth, &sheet.pose(place, turn), 0.7), [640, 480], 4.0, view);
+        let picture = photograph(&light::<5>(&sheet, &truth, &sheet.pose(place, turn), 0.7), [640, 480], 4.0, view);
         picture.write_png(&folder.path().join(format!("left/{view:02}.png"))).unwrap();
     }
     let seen = look(folder.path(), &target(), None, &|_, _| {}).unwrap();

@@ -3,6 +3,7 @@
 
 mod aprilgrids;
 mod chessboards;
+mod moving;
 mod report;
 mod scene;
 mod session;

@@ -3,6 +3,7 @@
 use erfgs_calibrate::board::{Corner, Paper, Target, print};
 use erfgs_session::{ImageRgb8, Intrinsics, Pose, random};
 use glam::{DQuat, DVec2, DVec3};
+use rayon::prelude::*;
 
 /// A board as it is printed, cut into squares so small that no edge runs through one.
 pub struct Sheet {
@@ -88,10 +89,8 @@ impl Sheet {
 }
 
 /// A picture of the sheet before a wall, from 0 to 255: the mean over each pixel, then a lens that spreads a point over
-/// `blur_px` (standard deviation).
-pub fn light(sheet: &Sheet, camera: &Intrinsics, pose: &Pose, blur_px: f64) -> Vec<f64> {
-    /// Rays in each direction of a pixel.
-    const SUB: usize = 5;
+/// `blur_px` (standard deviation). `SUB` rays in each direction of a pixel.
+pub fn light<const SUB: usize>(sheet: &Sheet, camera: &Intrinsics, pose: &Pose, blur_px: f64) -> Vec<f64> {
     let (width, height) = (camera.width as usize, camera.height as usize);
     let ray = |x: usize, y: usize| camera.unproject(DVec2::new(x as f64, y as f64)).unwrap();
     let rays: Vec<DVec3> = (0..(width + 1) * (height + 1)).map(|i| ray(i % (width + 1), i / (width + 1))).collect();
@@ -113,7 +112,7 @@ pub fn light(sheet: &Sheet, camera: &Intrinsics, pose: &Pose, blur_px: f64) -> V
         }
         sum / (SUB * SUB) as f64
     };
-    let sharp: Vec<f64> = (0..width * height).map(seen).collect();
+    let sharp: Vec<f64> = (0..width * height).into_par_iter().map(seen).collect();
     blurred(&blurred(&sharp, width, 1, blur_px), width, width, blur_px)
 }
 

@@ -1,0 +1,147 @@
+//! Boards in the events of a camera: those that blink on a screen, and printed ones that move.
+
+use std::path::Path;
+
+use erfgs_session::{
+    ImageRgb8,
+    codec::{CdEvent, EventFile, Sink},
+};
+use glam::DVec2;
+
+use super::{
+    BoardError, Corner, Seen, Target, View,
+    blink::Windows,
+    detect,
+    moving::{self, Looks},
+};
+
+/// What an event camera saw of a board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EventBoard {
+    /// It came and went on a screen.
+    Blinking {
+        /// How often in a second.
+        hz: f64,
+    },
+    /// It was printed, and moved.
+    Moving,
+}
+
+/// A blinking board that moved less than this (mean over its corners, pixels) since the last view adds nothing.
+const MOVED_PX: f64 = 3.0;
+
+/// Takes a stream and makes pictures of it.
+pub(super) enum Watcher<'a> {
+    Blinking(Windows<'a>),
+    Moving(Looks<'a>),
+}
+
+impl Sink for Watcher<'_> {
+    fn event(&mut self, event: CdEvent) {
+        match self {
+            Self::Blinking(windows) => windows.event(event),
+            Self::Moving(looks) => looks.event(event),
+        }
+    }
+}
+
+/// What a camera saw of a target, from a file of its events.
+///
+/// # Errors
+/// If the file cannot be read or does not say how large the sensor is.
+pub(super) fn of_events(
+    camera: &str,
+    path: &Path,
+    target: &Target,
+    board: EventBoard,
+    tick: &(dyn Fn() + Sync),
+) -> Result<Seen, BoardError> {
+    let file = EventFile::open(path)?;
+    let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
+    let mut failure = None;
+    let (frames, views) =
+        watch(path, [size.width, size.height].map(usize::from), target, board, tick, &mut |watcher| {
+            failure = file.decode(watcher).err();
+        });
+    match failure {
+        Some(error) => Err(error.into()),
+        None => {
+            let size = [u32::from(size.width), u32::from(size.height)];
+            Ok(Seen { camera: camera.into(), events: true, size, frames, views })
+        }
+    }
+}
+
+/// The number of pictures that were looked at, and those with a board that had moved. `decode` hands over the events.
+pub(super) fn watch(
+    path: &Path,
+    size: [usize; 2],
+    target: &Target,
+    board: EventBoard,
+    tick: &dyn Fn(),
+    decode: &mut dyn FnMut(&mut Watcher<'_>),
+) -> (usize, Vec<View>) {
+    let (mut frames, mut views) = (0, Vec::<View>::new());
+    let (target, least_px) = match board {
+        // Whatever colour it is printed in, a picture of what blinks is dark there.
+        EventBoard::Blinking { .. } => (target.as_inked(), MOVED_PX),
+        EventBoard::Moving => (target.clone(), moving::MOVED * size[0] as f64),
+    };
+    let mut found = |t_us: i64, image: ImageRgb8| {
+        frames += 1;
+        tick();
+        let corners = detect(&image, &target);
+        let still = views.last().is_some_and(|last| moved(&last.corners, &corners) < least_px);
+        if !corners.is_empty() && !still {
+            let time_s = 1e-6 * t_us as f64;
+            let (instant, frame) = (format!("{time_s:.2}"), t_us as u64);
+            views.push(View { instant, time_s: Some(time_s), file: path.into(), frame, corners });
+        }
+    };
+    walk(size, board, &mut found, decode);
+    (frames, views)
+}
+
+/// The picture of the time `t_us`, as the board was looked for in it.
+pub(super) fn picture_at(
+    size: [usize; 2],
+    board: EventBoard,
+    t_us: u64,
+    decode: &mut dyn FnMut(&mut Watcher<'_>),
+) -> Option<ImageRgb8> {
+    let mut wanted = None;
+    let mut keep = |time: i64, image: ImageRgb8| {
+        if time as u64 == t_us {
+            wanted = Some(image);
+        }
+    };
+    walk(size, board, &mut keep, decode);
+    wanted
+}
+
+/// Hands each picture of a stream and its time, microseconds, to `found`.
+fn walk(
+    size: [usize; 2],
+    board: EventBoard,
+    found: &mut dyn FnMut(i64, ImageRgb8),
+    decode: &mut dyn FnMut(&mut Watcher<'_>),
+) {
+    let mut watcher = match board {
+        EventBoard::Blinking { hz } => Watcher::Blinking(Windows::new(size, hz, found)),
+        EventBoard::Moving => Watcher::Moving(Looks::new(size, found)),
+    };
+    decode(&mut watcher);
+    if let Watcher::Blinking(windows) = &mut watcher {
+        windows.finish();
+    }
+}
+
+/// How far corners moved between two views on average; infinite where they share none.
+fn moved(before: &[Corner], after: &[Corner]) -> f64 {
+    let pairs = after.iter().filter_map(|corner| {
+        let other = before.iter().find(|other| other.id == corner.id)?;
+        Some(DVec2::distance(corner.pixel, other.pixel))
+    });
+    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), far| (sum + far, count + 1));
+    if count == 0 { f64::INFINITY } else { sum / f64::from(count) }
+}
