@@ -10,13 +10,14 @@ use crate::terminal::Terminal;
 /// Write a rig in the format of another program, or read one from there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-RIG is a rig.json, a folder with a COLMAP model, a folder with OpenCV's YAML files, a Kalibr camchain (YAML) or a nerfstudio \
+RIG is a rig.json, a folder with a COLMAP model, a folder with YAML files of OpenCV or ROS (or one such file), a Kalibr camchain (YAML) or a nerfstudio \
 transforms.json.
 
 Formats:
   colmap      a model without points (text): a folder
   kalibr      a camchain: a YAML file
   opencv      camera_matrix, distortion_coefficients, R and T: a YAML file for each camera, in a folder
+  ros         camera_info: a YAML file for each camera, without poses, in a folder
   nerfstudio  transforms.json
   llff        poses_bounds.npy
   rig         rig.json
@@ -51,6 +52,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         Format::Colmap => "colmap",
         Format::Kalibr => "camchain.yaml",
         Format::OpenCv => "opencv",
+        Format::Ros => "camera_info",
         Format::Nerfstudio => "transforms.json",
         Format::Llff => "poses_bounds.npy",
         Format::Rig => "rig.json",

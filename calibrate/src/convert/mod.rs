@@ -4,16 +4,19 @@
 //! (nerfstudio's and LLFF's cameras look along -z), and which lenses a format can hold. What a format has no place for is said,
 //! never dropped in silence; a lens that it would distort differently is refused.
 
+mod camera_yaml;
 mod colmap;
 mod error;
 mod kalibr;
 mod llff;
 mod nerfstudio;
 mod opencv;
+mod ros;
 mod yaml;
 
 use std::{fmt, path::Path, str::FromStr};
 
+pub(crate) use camera_yaml::read_intrinsics;
 use erfgs_session::{Distortion, Intrinsics};
 pub use error::ConvertError;
 
@@ -26,8 +29,10 @@ pub enum Format {
     Colmap,
     /// Kalibr's camchain: a YAML file.
     Kalibr,
-    /// OpenCV's matrices, one YAML file for each camera in a folder; also what ROS's `camera_info` is made of.
+    /// OpenCV's matrices, one YAML file for each camera in a folder.
     OpenCv,
+    /// ROS's `camera_info`, one YAML file for each camera in a folder.
+    Ros,
     /// nerfstudio's `transforms.json`.
     Nerfstudio,
     /// LLFF's `poses_bounds.npy`.
@@ -44,10 +49,11 @@ impl FromStr for Format {
             "colmap" => Self::Colmap,
             "kalibr" => Self::Kalibr,
             "opencv" => Self::OpenCv,
+            "ros" => Self::Ros,
             "nerfstudio" => Self::Nerfstudio,
             "llff" => Self::Llff,
             "rig" => Self::Rig,
-            _ => return Err("the formats are colmap, kalibr, opencv, nerfstudio, llff and rig".into()),
+            _ => return Err("the formats are colmap, kalibr, opencv, ros, nerfstudio, llff and rig".into()),
         })
     }
 }
@@ -58,6 +64,7 @@ impl fmt::Display for Format {
             Self::Colmap => "COLMAP model",
             Self::Kalibr => "Kalibr camchain",
             Self::OpenCv => "OpenCV YAML",
+            Self::Ros => "ROS camera_info",
             Self::Nerfstudio => "nerfstudio transforms.json",
             Self::Llff => "LLFF poses_bounds.npy",
             Self::Rig => "rig.json",
@@ -74,14 +81,15 @@ pub fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<String>, C
         Format::Colmap => colmap::write(rig, out),
         Format::Kalibr => kalibr::write(rig, out),
         Format::OpenCv => opencv::write(rig, out),
+        Format::Ros => ros::write(rig, out),
         Format::Nerfstudio => nerfstudio::write(rig, out),
         Format::Llff => llff::write(rig, out),
         Format::Rig => rig.write(out).map(|()| Vec::new()).map_err(ConvertError::from),
     }
 }
 
-/// Reads a rig in any format but LLFF's, told by what is there: a folder with a COLMAP model or with OpenCV's YAML files, a
-/// `camchain` (YAML), `transforms.json` or `rig.json`.
+/// Reads a rig in any format but LLFF's, told by what is there: a folder with a COLMAP model or with YAML files of
+/// OpenCV or ROS, one such file, a `camchain` (YAML), `transforms.json` or `rig.json`.
 ///
 /// # Errors
 /// If it is none of them, or malformed.
@@ -91,6 +99,7 @@ pub fn read(path: &Path) -> Result<RigFile, ConvertError> {
         return if model { colmap::read(path) } else { opencv::read(path) };
     }
     match path.extension().and_then(|extension| extension.to_str()) {
+        Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path),
         Some("yaml" | "yml") => kalibr::read(path),
         _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path),
         _ => Ok(RigFile::read(path)?),

@@ -3,11 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::{Distortion, Intrinsics, Modality, Pose, atomic};
+use erfgs_session::{Modality, Pose, atomic};
 use glam::{DMat3, DVec3};
+use yaml_rust2::Yaml;
 
 use super::{
-    ConvertError, Format, Lens, common_losses, lens,
+    ConvertError, Format,
+    camera_yaml::{self, model, quoted},
+    common_losses, ros,
     yaml::{load, malformed, numbers},
 };
 use crate::rig_file::{RigCamera, RigFile};
@@ -23,12 +26,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertErr
 
 fn file(camera: &RigCamera) -> String {
     let i = &camera.intrinsics;
-    let (model, coefficients) = match lens(i) {
-        Lens::None => ("plumb_bob", vec![0.0; 5]),
-        Lens::Brown(k) if k.len() <= 5 => ("plumb_bob", [k, vec![0.0]].concat()[..5].to_vec()),
-        Lens::Brown(k) => ("rational_polynomial", k),
-        Lens::Fisheye(k) => ("equidistant", k.to_vec()),
-    };
+    let (model, coefficients) = model(i);
     let matrix = |name: &str, rows: usize, columns: usize, data: &[f64]| {
         format!(
             "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: {}\n",
@@ -37,11 +35,11 @@ fn file(camera: &RigCamera) -> String {
     };
     let mut text = format!(
         "%YAML:1.0\n---\ncamera_name: \"{}\"\nimage_width: {}\nimage_height: {}\ndistortion_model: {model}\n",
-        camera.name.replace(['"', '\\', '\n'], "_"),
+        quoted(&camera.name),
         i.width,
         i.height
     );
-    text += &matrix("camera_matrix", 3, 3, &[i.fx, 0.0, i.cx - 0.5, 0.0, i.fy, i.cy - 0.5, 0.0, 0.0, 1.0]);
+    text += &matrix("camera_matrix", 3, 3, &camera_yaml::matrix(i));
     text += &matrix("distortion_coefficients", 1, coefficients.len(), &coefficients);
     if let Some(pose) = camera.pose {
         let rotation = DMat3::from_quat(pose.rotation).transpose().to_cols_array();
@@ -62,39 +60,21 @@ pub(super) fn read(folder: &Path) -> Result<RigFile, ConvertError> {
         entries.into_iter().filter(|path| path.extension().is_some_and(|e| e == "yaml" || e == "yml")).collect();
     files.sort();
     if files.is_empty() {
-        return Err(malformed(folder, "the folder holds neither a COLMAP model nor OpenCV's YAML files".into()));
+        return Err(malformed(
+            folder,
+            "the folder holds neither a COLMAP model nor YAML files of OpenCV or ROS".into(),
+        ));
     }
-    let cameras = files.iter().map(|path| camera(path)).collect::<Result<_, _>>()?;
-    Ok(RigFile::new("opencv", true, cameras))
+    let mut rigs = files.iter().map(|path| read_file(path)).collect::<Result<Vec<RigFile>, _>>()?;
+    let cameras: Vec<RigCamera> = rigs.iter_mut().flat_map(|rig| rig.cameras.drain(..)).collect();
+    let method = rigs.first().map_or("opencv", |rig| rig.method.as_str());
+    Ok(RigFile::new(method, true, cameras))
 }
 
-fn camera(path: &Path) -> Result<RigCamera, ConvertError> {
+/// Reads the file of one camera, OpenCV's or ROS's. Its name is the file's: what files call their cameras need not differ.
+pub(super) fn read_file(path: &Path) -> Result<RigFile, ConvertError> {
     let document = load(path)?;
-    let missing = |what: &str| malformed(path, format!("{what} is missing or is not what it should be"));
-    let size =
-        |name: &str| document[name].as_i64().and_then(|size| u32::try_from(size).ok()).ok_or_else(|| missing(name));
-    let matrix =
-        numbers(&document["camera_matrix"]).filter(|m| m.len() == 9).ok_or_else(|| missing("camera_matrix"))?;
-    let k = numbers(&document["distortion_coefficients"]).unwrap_or_default();
-    let distortion = match (document["distortion_model"].as_str(), k.as_slice()) {
-        (Some("equidistant" | "fisheye"), &[k1, k2, k3, k4]) => Distortion::KannalaBrandt([k1, k2, k3, k4]),
-        (_, k) if k.iter().all(|value| *value == 0.0) => Distortion::None,
-        (_, k) if k.len() <= 8 => {
-            let mut all = [0.0; 8];
-            all[..k.len()].copy_from_slice(k);
-            Distortion::BrownConrady(all)
-        }
-        _ => return Err(malformed(path, format!("{} distortion coefficients are not supported", k.len()))),
-    };
-    let intrinsics = Intrinsics {
-        width: size("image_width")?,
-        height: size("image_height")?,
-        fx: matrix[0],
-        fy: matrix[4],
-        cx: matrix[2] + 0.5,
-        cy: matrix[5] + 0.5,
-        distortion,
-    };
+    let intrinsics = camera_yaml::intrinsics(&document).map_err(|what| malformed(path, what))?;
     let pose = match (numbers(&document["R"]), numbers(&document["T"])) {
         (Some(r), Some(t)) if r.len() == 9 && t.len() == 3 => {
             Some(Pose::from_matrix(DMat3::from_cols_slice(&r).transpose(), DVec3::from_slice(&t)))
@@ -102,5 +82,11 @@ fn camera(path: &Path) -> Result<RigCamera, ConvertError> {
         _ => None,
     };
     let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(RigCamera::new(&name, Modality::Rgb, intrinsics, pose))
+    let method = if document[ros::OWN_KEY].is_badvalue() { "opencv" } else { "ros" };
+    Ok(RigFile::new(method, true, vec![RigCamera::new(&name, Modality::Rgb, intrinsics, pose)]))
+}
+
+/// Whether a document describes one camera in this way.
+pub(super) fn is_camera(document: &Yaml) -> bool {
+    !document["camera_matrix"].is_badvalue()
 }

@@ -57,6 +57,49 @@ fn rigs_come_back_from_every_format_that_can_be_read() {
 }
 
 #[test]
+fn ros_keeps_intrinsics_and_says_that_it_has_no_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    for distortion in [
+        Distortion::None,
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]),
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.1, 0.02, 1e-3]),
+        Distortion::KannalaBrandt([0.05, -0.01, 1e-3, 2e-4]),
+    ] {
+        let (rig, path) = (rig(distortion), folder.path().join("camera_info"));
+        let lost = write(&rig, Format::Ros, &path).unwrap().join("\n");
+        assert!(lost.contains("no poses"), "{lost}");
+        for found in [read(&path).unwrap(), read(&path.join("a.yaml")).unwrap()] {
+            assert_eq!((found.method.as_str(), found.cameras[0].name.as_str()), ("ros", "a"));
+            for (one, other) in found.cameras.iter().zip(&rig.cameras) {
+                assert_eq!((one.intrinsics, one.pose), (other.intrinsics, None));
+            }
+        }
+    }
+}
+
+/// As `camera_calibration` writes it: its own order, and a name that is not the file's.
+#[test]
+fn a_camera_info_of_others_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ost.yaml");
+    let text = "image_width: 640\nimage_height: 480\ncamera_name: narrow_stereo\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: \
+                [438.8, 0.0, 305.6, 0.0, 437.3, 243.7, 0.0, 0.0, 1.0]\ndistortion_model: plumb_bob\n\
+                distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.36, 0.11, 0.001, -0.0002, 0.0]\n\
+                rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n\
+                projection_matrix:\n  rows: 3\n  cols: 4\n  data: [393.7, 0.0, 322.8, 0.0, 0.0, 393.0, 241.1, 0.0, 0.0, 0.0, \
+                1.0, 0.0]\n";
+    std::fs::write(&path, text).unwrap();
+    let camera = read(&path).unwrap().cameras.remove(0);
+    let i = camera.intrinsics;
+    assert_eq!((camera.name.as_str(), i.width, i.height), ("ost", 640, 480));
+    assert_eq!((i.fx, i.fy, i.cx, i.cy), (438.8, 437.3, 306.1, 244.2));
+    assert_eq!(i.distortion, Distortion::BrownConrady([-0.36, 0.11, 0.001, -0.0002, 0.0, 0.0, 0.0, 0.0]));
+    std::fs::write(&path, text.replace("plumb_bob", "thin_prism")).unwrap();
+    let message = read(&path).unwrap_err().to_string();
+    assert!(message.contains("ost.yaml") && message.contains("thin_prism"), "{message}");
+}
+
+#[test]
 fn longer_polynomials_go_where_they_fit_and_are_refused_elsewhere() {
     let folder = tempfile::tempdir().unwrap();
     let rig = rig(Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.001, 0.0, 0.0]));

@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use crate::{bundle::BundleError, rig_file::RigFileError};
+use crate::{bundle::BundleError, convert::ConvertError, rig_file::RigFileError};
 
 /// What can go wrong with a calibration by wand.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +25,9 @@ pub enum WandError {
         /// What is wrong.
         what: String,
     },
+    /// A file of intrinsics cannot be read.
+    #[error(transparent)]
+    Intrinsics(#[from] ConvertError),
     /// A folder without points.
     #[error(
         "{} holds no wand points: neither wand.json nor files such as frame_0.csv with frame_0.yaml beside them",

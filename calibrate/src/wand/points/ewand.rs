@@ -4,7 +4,8 @@ use std::path::Path;
 
 use erfgs_session::Modality;
 
-use super::{super::WandCamera, WandError, csv, yaml};
+use super::{super::WandCamera, WandError, csv};
+use crate::convert::read_intrinsics;
 
 /// Reads all cameras of the folder, in the order of their numbers.
 pub fn read(folder: &Path) -> Result<Vec<WandCamera>, WandError> {
@@ -32,7 +33,7 @@ fn number(path: &Path) -> Option<u32> {
 fn camera(path: &Path) -> Result<WandCamera, WandError> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let modality = if name.starts_with("event") { Modality::Event } else { Modality::Rgb };
-    let intrinsics = yaml::read(&path.with_extension("yaml"))?;
+    let intrinsics = read_intrinsics(&path.with_extension("yaml"))?;
     let sightings = csv::read(path, ';', true, 0.5)?;
     Ok(WandCamera { name, modality, intrinsics, sigma_px: None, sightings })
 }

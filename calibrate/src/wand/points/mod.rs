@@ -5,7 +5,6 @@
 mod csv;
 mod ewand;
 mod own;
-mod yaml;
 
 use std::path::Path;
 
