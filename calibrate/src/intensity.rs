@@ -114,7 +114,7 @@ fn ramps(events: &Events) -> Vec<Range<usize>> {
         found.push((low.1..end, most - low.0));
     }
     if found.is_empty() {
-        return vec![0..events.on.len()];
+        return std::iter::once(0..events.on.len()).collect();
     }
     let trimmed = found.into_iter().map(|(range, rise)| {
         let (mut level, mut start) = (0, range.start);
