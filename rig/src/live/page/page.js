@@ -133,6 +133,8 @@ function show(stream, look) {
   if (events !== null && events !== undefined) {
     const share = stream.decoded_share < 0.95 ? ` (from ${Math.round(100 * stream.decoded_share)} % of the data)` : '';
     row(found, 'events', `${scaled(events, 'ev/s')}${share}`);
+  } else if (/^(evt|davis)/.test(stream.encoding)) {
+    row(found, 'events', 'not known yet');
   } else if (found.pictures) {
     row(found, 'frames', `${stream.packets_per_s.toFixed(1)} /s`);
   } else {
