@@ -101,7 +101,7 @@ impl QuickBoard {
         anyhow::ensure!(
             cameras.iter().any(Option::is_some),
             "--quick looks for the board in frames, and no camera of this rig gives any; event cameras are calibrated \
-             afterwards, by `erfgs calibrate board --blink`"
+             afterwards, by `erfgs calibrate board --blink` or `--moving`"
         );
         let shared = Arc::new(Shared { target: target.clone(), cameras, quit: AtomicBool::new(false) });
         let thread = thread::Builder::new().name("quick-board".into()).spawn({
