@@ -30,8 +30,6 @@ use crate::{
 
 /// Between two status lines: on a terminal, elsewhere.
 const LINE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];
-/// How long the disk is written to before a recording.
-const DISK_TEST: Duration = Duration::from_secs(2);
 
 /// Record a rig of cameras into a session file.
 #[derive(Debug, clap::Args)]
@@ -69,12 +67,20 @@ pub struct Arguments {
     wait: bool,
     #[command(flatten)]
     quick: quick::QuickOptions,
+    /// Write to the disk for so many seconds before the recording, to see how fast it is; 0 for not at all.
+    #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = disk_test, conflicts_with = "no_preflight")]
+    disk_test: f64,
     /// Skip the checks of disk, buses and memory.
     #[arg(long)]
     no_preflight: bool,
     /// Print an annotated RIG.toml with every field, and do nothing else.
     #[arg(long, exclusive = true)]
     example: bool,
+}
+
+fn disk_test(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| (0.0..=60.0).contains(seconds));
+    seconds.ok_or_else(|| "write 0 to 60 seconds".into())
 }
 
 /// Records.
@@ -146,7 +152,7 @@ fn check(
         duration: arguments.seconds.map(Duration::from_secs_f64),
         reserve_bytes: rig.record.reserve_mib << 20,
         queue_bytes: inputs.iter().map(|input| input.queue_bytes as u64).sum(),
-        disk_test: DISK_TEST,
+        disk_test: Duration::from_secs_f64(arguments.disk_test),
     };
     let findings = preflight::check(&plan);
     for finding in &findings {
