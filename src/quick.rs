@@ -50,16 +50,15 @@ impl QuickOptions {
     }
 }
 
-/// A frame camera of the rig.
+/// A frame camera of the rig, as the threads of the rig and of the page see it.
 struct Camera {
     description: Description,
     /// The latest frame; older ones that nobody looked at are gone.
     frame: Mutex<Option<Packet>>,
-    quick: Mutex<Quick>,
+    guidance: Mutex<Guidance>,
 }
 
 struct Shared {
-    target: Target,
     /// By stream; `None` for streams without frames.
     cameras: Vec<Option<Camera>>,
     quit: AtomicBool,
@@ -86,48 +85,41 @@ impl QuickBoard {
         model: LensModel,
     ) -> anyhow::Result<Arc<Self>> {
         let camera = |description: &Description| {
-            description.encoding.is_frames().then(|| Camera {
-                description: description.clone(),
-                frame: Mutex::default(),
-                quick: Mutex::new(Quick::new(
-                    &description.id,
-                    [description.width, description.height],
-                    target.clone(),
-                    model,
-                )),
+            description.encoding.is_frames().then(|| {
+                let quick = Quick::new(&description.id, [description.width, description.height], target.clone(), model);
+                let guidance = Mutex::new(guidance(&quick));
+                (Camera { description: description.clone(), frame: Mutex::default(), guidance }, quick)
             })
         };
-        let cameras: Vec<_> = descriptions.into_iter().map(camera).collect();
+        let (cameras, quicks): (Vec<_>, Vec<_>) = descriptions.into_iter().map(|d| camera(d).unzip()).unzip();
         anyhow::ensure!(
             cameras.iter().any(Option::is_some),
             "--quick looks for the board in frames, and no camera of this rig gives any; event cameras are calibrated \
              afterwards, by `erfgs calibrate board --blink` or `--moving`"
         );
-        let shared = Arc::new(Shared { target: target.clone(), cameras, quit: AtomicBool::new(false) });
+        let shared = Arc::new(Shared { cameras, quit: AtomicBool::new(false) });
         let thread = thread::Builder::new().name("quick-board".into()).spawn({
-            let shared = Arc::clone(&shared);
-            move || look(&shared)
+            let (shared, target) = (Arc::clone(&shared), target.clone());
+            move || look(&shared, &target, quicks.into_iter().flatten().collect())
         })?;
         Ok(Arc::new(Self { shared, thread: Mutex::new(Some(thread)) }))
     }
 }
 
 /// Goes round the cameras and rests between to keep to the share.
-fn look(shared: &Shared) {
+fn look(shared: &Shared, target: &Target, mut quicks: Vec<Quick>) {
     while !shared.quit.load(Ordering::Relaxed) {
         let begun = Instant::now();
-        for camera in shared.cameras.iter().flatten() {
+        for (camera, quick) in shared.cameras.iter().flatten().zip(&mut quicks) {
             let Some(packet) = lock(&camera.frame).take() else { continue };
             let d = &camera.description;
             let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) else { continue };
             if [image.width, image.height] != [d.width, d.height] {
                 continue;
             }
-            let corners = detect(&image, &shared.target);
-            let mut quick = lock(&camera.quick).clone();
-            quick.see(corners);
+            quick.see(detect(&image, target));
             quick.refit();
-            *lock(&camera.quick) = quick;
+            *lock(&camera.guidance) = guidance(quick);
         }
         let rest = begun.elapsed().mul_f64(1.0 / SHARE - 1.0);
         thread::park_timeout(rest.clamp(REST[0], REST[1]));
@@ -144,7 +136,7 @@ impl Guide for QuickBoard {
     }
 
     fn guidance(&self) -> Vec<Guidance> {
-        self.shared.cameras.iter().flatten().map(|camera| guidance(&lock(&camera.quick))).collect()
+        self.shared.cameras.iter().flatten().map(|camera| lock(&camera.guidance).clone()).collect()
     }
 }
 

@@ -6,7 +6,7 @@
 //! the dome's floor.
 
 #[path = "../tests/wand/dome.rs"]
-#[allow(dead_code)]
+#[allow(dead_code, reason = "shared with the tests of the wand, which use more of it")]
 mod dome;
 
 use std::path::Path;

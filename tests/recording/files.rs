@@ -30,7 +30,8 @@ pub fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{arguments:?}: {error}"))
 }
 
-fn description(id: &str, encoding: Encoding, size: [u32; 2], settings: serde_json::Value) -> Description {
+/// A stream of this name.
+pub fn description(id: &str, encoding: Encoding, size: [u32; 2], settings: serde_json::Value) -> Description {
     Description {
         id: id.into(),
         model: if encoding == Encoding::Evt3 { "Prophesee EVK4".into() } else { "Model".into() },

@@ -12,10 +12,10 @@ use std::{
 
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
-    source::{Description, Encoding, Packet},
+    source::{Encoding, Packet},
 };
 
-use crate::rig::recorded;
+use crate::{files::description, rig::recorded};
 
 /// A session that is played again and again with its page.
 struct Played {
@@ -93,16 +93,7 @@ fn write_boards(path: &Path) {
     let start =
         SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
-    let description = Description {
-        id: "left".into(),
-        model: "camera".into(),
-        serial: String::new(),
-        encoding: Encoding::Mjpeg,
-        width: 640,
-        height: 480,
-        start_order: 0,
-        settings: serde_json::Map::new(),
-    };
+    let description = description("left", Encoding::Mjpeg, [640, 480], serde_json::json!({}));
     let stream = writer.add_stream(&description).expect("a stream");
     let files = (1..=14).map(|number| pictures.join(format!("left{number:02}.jpg"))).filter(|file| file.exists());
     for (sequence, file) in (0..).zip(files) {
