@@ -3,7 +3,8 @@
 //! The models are OpenCV's: Brown-Conrady in its rational form with eight coefficients, and Kannala-Brandt's fisheye
 //! (Kannala and Brandt 2006, "A generic camera model and calibration method", equation 9 as OpenCV has it). Both are
 //! polynomials that are only right where they were fitted: far from the axis they may fold back, so that two rays meet
-//! one pixel. The folded part is refused in both directions.
+//! one pixel. The folded part is refused in both directions; of a fisheye, which is one polynomial of the angle, so is all that
+//! lies beyond.
 
 use glam::{DMat2, DVec2, DVec3};
 
@@ -56,8 +57,8 @@ impl Distortion {
                 if radius == 0.0 {
                     return (camera.z > 0.0).then_some(DVec2::ZERO);
                 }
-                let (distorted, slope) = kannala_brandt(k, radius.atan2(camera.z));
-                (slope > 0.0 && distorted.is_finite()).then(|| camera.truncate() * (distorted / radius))
+                let (distorted, _) = unfolded(k, radius.atan2(camera.z))?;
+                Some(camera.truncate() * (distorted / radius))
             }
             Self::None | Self::BrownConrady(_) => None,
         }
@@ -140,6 +141,44 @@ fn kannala_brandt(&[k1, k2, k3, k4]: &[f64; 4], angle: f64) -> (f64, f64) {
     (distorted, slope)
 }
 
+/// As [`kannala_brandt`], up to the first fold: beyond it the polynomial may grow again, but no lens does that.
+fn unfolded(k: &[f64; 4], angle: f64) -> Option<(f64, f64)> {
+    let (distorted, slope) = kannala_brandt(k, angle);
+    (distorted.is_finite() && grows(k, angle)).then_some((distorted, slope))
+}
+
+/// Whether the distorted angle grows all the way from the axis to `angle`.
+///
+/// Its slope is a polynomial of degree 4 in the square of the angle, which lies between the least and the greatest of its
+/// Bernstein coefficients over the interval; where these do not decide, the halves do.
+fn grows(&[k1, k2, k3, k4]: &[f64; 4], angle: f64) -> bool {
+    /// Halvings after which what is still not decided is a fold.
+    const DEPTH: u32 = 40;
+    fn positive(b: [f64; 5], depth: u32) -> bool {
+        if !(b[0] > 0.0 && b[4] > 0.0) || depth == DEPTH {
+            return false;
+        }
+        if b.iter().all(|value| *value > 0.0) {
+            return true;
+        }
+        // De Casteljau: the means of neighbours, row below row; the halves' coefficients are at the ends of the rows.
+        let (mut row, mut first, mut last) = (b, b, b);
+        for level in 1..5 {
+            for i in 0..5 - level {
+                row[i] = 0.5 * (row[i] + row[i + 1]);
+            }
+            first[level] = row[0];
+            last[4 - level] = row[4 - level];
+        }
+        positive(first, depth + 1) && positive(last, depth + 1)
+    }
+    let x = angle * angle;
+    let [a, b, c, d] = [3.0 * k1 * x, 5.0 * k2 * x * x, 7.0 * k3 * x.powi(3), 9.0 * k4 * x.powi(4)];
+    let bernstein =
+        [1.0, 1.0 + a / 4.0, 1.0 + a / 2.0 + b / 6.0, 1.0 + 0.75 * a + b / 2.0 + c / 4.0, 1.0 + a + b + c + d];
+    positive(bernstein, 0)
+}
+
 fn invert_kannala_brandt(k: &[f64; 4], target: f64) -> Option<f64> {
     let (mut angle, (mut distorted, mut slope)) = (0.0, kannala_brandt(k, 0.0));
     for _ in 0..ITERATIONS {
@@ -149,9 +188,8 @@ fn invert_kannala_brandt(k: &[f64; 4], target: f64) -> Option<f64> {
         }
         let better = (0..40).find_map(|halvings| {
             let next = angle + residual / slope * 0.5_f64.powi(halvings);
-            let value = kannala_brandt(k, next);
-            let holds = (0.0..=std::f64::consts::PI).contains(&next) && value.1 > 0.0;
-            (holds && (target - value.0).abs() < residual.abs()).then_some((next, value))
+            let value = (0.0..=std::f64::consts::PI).contains(&next).then(|| unfolded(k, next)).flatten()?;
+            ((target - value.0).abs() < residual.abs()).then_some((next, value))
         });
         (angle, (distorted, slope)) = better?;
     }
@@ -211,7 +249,39 @@ mod tests {
         assert_eq!(brown.undistort(DVec2::new(f64::NAN, 0.0)), None);
     }
 
+    #[test]
+    fn a_fisheye_that_folds_twice_ends_at_the_first_fold() {
+        // The slope 1 + 3 k1 x + 5 k2 x^2 of x, the angle squared, is (1 - x)(1 - x / 2): it falls below nothing between 1 and 2.
+        let fisheye = Distortion::KannalaBrandt([-0.5, 0.1, 0.0, 0.0]);
+        let at = |angle: f64| fisheye.distort(DVec3::new(angle.sin(), 0.0, angle.cos()));
+        assert!(at(0.99).is_some());
+        for angle in [1.01, 1.2, 1.40, 1.43, 1.6, 2.5] {
+            assert_eq!(at(angle), None, "{angle}");
+        }
+        // Where it grows again it takes rays to pixels that the first part has, and to pixels that no ray has.
+        let (far, _) = kannala_brandt(&[-0.5, 0.1, 0.0, 0.0], 2.5);
+        assert!(far > at(0.99).unwrap().x && fisheye.undistort(DVec2::new(far, 0.0)).is_none());
+        let ray = fisheye.undistort(DVec2::new(0.55, 0.0)).unwrap();
+        assert!(ray.x.atan2(ray.z) < 1.0, "{ray}");
+        // 1 - 2 x + x^2 just touches nothing: a little less and there are two folds, a little more and there is none.
+        let behind = DVec3::new(1.0, 0.0, -0.5);
+        assert_eq!(Distortion::KannalaBrandt([-0.667, 0.2, 0.0, 0.0]).distort(behind), None);
+        assert!(Distortion::KannalaBrandt([-0.666, 0.2, 0.0, 0.0]).distort(behind).is_some());
+    }
+
     proptest! {
+        #[test]
+        fn no_fisheye_has_a_fold_before_a_ray_that_it_projects(
+            k in prop::array::uniform4(-1.0..1.0_f64),
+            angle in 0.01..3.1_f64,
+        ) {
+            let lens = Distortion::KannalaBrandt(k);
+            let least = (0..=1000).map(|i| kannala_brandt(&k, angle * f64::from(i) / 1000.0).1).fold(f64::INFINITY, f64::min);
+            prop_assume!(least.abs() > 1e-3);
+            let seen = lens.distort(DVec3::new(angle.sin(), 0.0, angle.cos()));
+            prop_assert_eq!(seen.is_some(), least > 0.0);
+        }
+
         #[test]
         fn pixels_come_back_through_moderate_lenses(
             k in prop::array::uniform8(-1.0..1.0_f64),

@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::{brown_conrady, kannala_brandt};
+use super::{brown_conrady, unfolded};
 use crate::{Distortion, Intrinsics};
 
 /// Number of intrinsic parameters that a derivative is given for: fx, fy, cx, cy, then eight coefficients in the order
@@ -97,10 +97,7 @@ fn by_kannala_brandt(k: &[f64; 4], camera: DVec3) -> Option<Bent> {
         return Some(Bent { point, by_point, by_coefficients: [[0.0; 8]; 2] });
     }
     let angle = radius.atan2(camera.z);
-    let (distorted, slope) = kannala_brandt(k, angle);
-    if !(slope > 0.0 && distorted.is_finite()) {
-        return None;
-    }
+    let (distorted, slope) = unfolded(k, angle)?;
     let out = flat / radius;
     let by_angle = DVec3::new(camera.z * out.x, camera.z * out.y, -radius) / squared;
     let stretch = distorted / radius;
