@@ -8,9 +8,10 @@ use std::{path::PathBuf, time::Instant};
 
 use erfgs_calibrate::{
     colmap::ColmapProgram,
+    geometry::angle,
     intensity::dark_ramp,
     rig_file::{RigCamera, RigFile},
-    sfm::{KnownIntrinsics, RegisterOptions, View, align::angle, read_views, register},
+    sfm::{KnownIntrinsics, RegisterOptions, View, read_views, register},
 };
 use erfgs_replay::{
     Luma, Mode, Simulator, SimulatorConfig,

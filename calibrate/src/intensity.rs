@@ -8,6 +8,8 @@ use std::ops::Range;
 
 use erfgs_session::{Event, Events, image::ImageGrey8};
 
+use crate::statistics::median;
+
 /// The logarithm of intensity at each pixel, row-major, up to a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LogIntensity {
@@ -47,13 +49,13 @@ pub fn dark_ramp(events: &Events, threshold: f64) -> LogIntensity {
     for ramp in &ramps {
         let values = one_ramp(events, ramp.clone(), threshold, &mut late);
         // Each ramp has a darkness of its own to start from.
-        let middle = median(&values);
+        let middle = median(values.iter().copied().map(f64::from)).unwrap_or(0.0) as f32;
         picture.values.iter_mut().zip(&values).for_each(|(to, value)| *to += (value - middle) / ramps.len() as f32);
     }
-    let usual = median(&late.iter().map(|count| *count as f32).collect::<Vec<_>>());
-    if f64::from(usual) >= FEWEST_LATE {
+    let usual = median(late.iter().copied().map(f64::from)).unwrap_or(0.0);
+    if usual >= FEWEST_LATE {
         for (value, count) in picture.values.iter_mut().zip(&late) {
-            *value += CORRECTED as f32 * (usual / (*count).max(1) as f32).ln();
+            *value += (CORRECTED * (usual / f64::from((*count).max(1))).ln()) as f32;
         }
     }
     picture
@@ -127,12 +129,6 @@ fn ramps(events: &Events) -> Vec<Range<usize>> {
         start..range.end
     });
     trimmed.collect()
-}
-
-fn median(values: &[f32]) -> f32 {
-    let mut sorted = values.to_vec();
-    let middle = sorted.len() / 2;
-    if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
 
 /// Of whatever moved: a leaky integral of the events up to `t_us`, that forgets with `cutoff_hz` (0.5 to 1 Hz are usual).
@@ -290,6 +286,8 @@ fn line_means(from: &[f32], to: &mut [f32], lines: usize, length: usize, between
 
 #[cfg(test)]
 mod tests {
+    use erfgs_session::random;
+
     use super::*;
 
     fn events(list: &[(i64, u16, u16, bool)]) -> Events {
@@ -325,6 +323,75 @@ mod tests {
                 seen.values[3] > seen.values[2] && seen.values[2] > seen.values[1] && seen.values[1] > seen.values[0]
             );
         }
+    }
+
+    /// Events of light that rises from black at `start_us` within 0.2 s and goes off again, onto a sensor that is linear in the
+    /// dark: pixels of these intensities and thresholds, with noise events at times of their own.
+    fn rise(start_us: i64, intensities: &[f64], thresholds: &[f64], noise: u64) -> Vec<(i64, usize, bool)> {
+        let mut list = Vec::new();
+        for (pixel, (intensity, threshold)) in intensities.iter().zip(thresholds).enumerate() {
+            let mut level = 0.0;
+            for step in 0..2000 {
+                let light = intensity * (10.0 * f64::from(step) / 2000.0 - 7.0).exp();
+                while (1.0 + 10.0 * light).ln() > level + threshold {
+                    level += threshold;
+                    list.push((start_us + 100 * i64::from(step), pixel, true));
+                }
+            }
+            let count = (level / threshold).round() as i64;
+            list.extend((0..count).map(|off| (start_us + 200_000 + 50 * off, pixel, false)));
+            for draw in 0..6 {
+                let key = random::key(noise, &[pixel as u64, draw]);
+                let t_us = start_us + (2e5 * random::uniform(key)) as i64;
+                list.push((t_us, pixel, draw % 2 == 0));
+            }
+        }
+        list.sort_unstable();
+        list
+    }
+
+    /// Correlation of a ramp's picture with the intensities' logarithms.
+    fn correlation(seen: &LogIntensity, intensities: &[f64]) -> f64 {
+        let count = intensities.len() as f64;
+        let centred = |values: Vec<f64>| -> Vec<f64> {
+            let mean = values.iter().sum::<f64>() / count;
+            values.into_iter().map(|value| value - mean).collect()
+        };
+        let a = centred(seen.values.iter().copied().map(f64::from).collect());
+        let b = centred(intensities.iter().map(|value| value.ln()).collect());
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt()
+    }
+
+    #[test]
+    fn repeated_ramps_are_told_apart_and_take_noise_out() {
+        let (width, height) = (24, 18);
+        let key = |purpose: u64, pixel: u32| random::key(purpose, &[u64::from(pixel)]);
+        let varied = |purpose: u64, by: f64| -> Vec<f64> {
+            (0..width * height).map(|pixel| (by * random::normal(key(purpose, pixel))).clamp(-1.0, 1.0).exp()).collect()
+        };
+        let intensities = varied(1, 0.4);
+        let (even, uneven) =
+            (vec![0.1; intensities.len()], varied(2, 0.2).iter().map(|by| 0.1 * by).collect::<Vec<_>>());
+        let seen = |thresholds: &[f64], count: u64| {
+            let mut events = Events::new(width, height);
+            for ramp in 0..count {
+                for (t_us, pixel, on) in rise(500_000 * ramp as i64, &intensities, thresholds, 7 + ramp) {
+                    let (x, y) = ((pixel as u32 % width) as u16, (pixel as u32 / width) as u16);
+                    events.push(Event { t_us, x, y, on });
+                }
+            }
+            assert_eq!(ramps(&events).len(), count as usize);
+            correlation(&dark_ramp(&events, 0.1), &intensities)
+        };
+        let mut best = Vec::new();
+        for thresholds in [even, uneven] {
+            let (once, often) = (seen(&thresholds, 1), seen(&thresholds, 4));
+            assert!(often > once + 0.05, "{once} {often}");
+            best.push(often);
+        }
+        // Thresholds that differ cost something, which late events give back in part.
+        assert!(best[0] > 0.9 && best[1] > 0.75, "{best:?}");
     }
 
     #[test]

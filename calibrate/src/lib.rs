@@ -9,12 +9,14 @@ pub mod check;
 pub mod cloud;
 pub mod colmap;
 pub mod convert;
+mod coverage;
 pub mod evidence;
 pub mod geometry;
 pub mod intensity;
 pub mod report;
 pub mod rig_file;
 pub mod sfm;
+mod statistics;
 pub mod wand;
 
 pub use cloud::{

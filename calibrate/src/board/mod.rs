@@ -13,6 +13,7 @@ mod detect;
 mod error;
 mod input;
 mod intrinsics;
+mod moved;
 mod moving;
 mod picture;
 mod print;

@@ -22,7 +22,7 @@ const THRESHOLD: f64 = 0.2;
 const SLOW: u32 = 16;
 /// With fewer events (share of the pixels) since the last look nothing moved.
 const LEAST_EVENTS: f64 = 0.02;
-/// A board that moved less than this (mean over its corners, share of the sensor's width) since the last view adds nothing.
+/// A board that moved less than this (root mean square over its corners, share of the sensor's width) since the last view adds nothing.
 pub(super) const MOVED: f64 = 0.03;
 
 /// Makes pictures of a stream.

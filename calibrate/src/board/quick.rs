@@ -4,8 +4,11 @@
 use glam::{DVec2, DVec3};
 use serde::Serialize;
 
-use super::{BoardError, Corner, LensModel, Seen, Single, Target, View, single};
-use crate::bundle::{Parameter, Placement};
+use super::{BoardError, Corner, LensModel, Seen, Single, Target, View, moved::moved_px, single};
+use crate::{
+    bundle::{Parameter, Placement},
+    coverage::Coverage,
+};
 
 /// Columns and rows of the grid over the image on which coverage is counted.
 pub const GRID: [usize; 2] = [12, 8];
@@ -50,7 +53,7 @@ pub struct Quick {
     seen: Seen,
     frames_with_board: usize,
     last: Vec<Corner>,
-    cells: [[u32; GRID[0]]; GRID[1]],
+    coverage: Coverage,
     fitted_at: usize,
     fit: Option<Fit>,
     failure: Option<String>,
@@ -66,7 +69,7 @@ impl Quick {
             seen: Seen { camera: camera.into(), events: false, size, frames: 0, views: Vec::new() },
             frames_with_board: 0,
             last: Vec::new(),
-            cells: [[0; GRID[0]]; GRID[1]],
+            coverage: Coverage::new(size, GRID),
             fitted_at: 0,
             fit: None,
             failure: None,
@@ -82,12 +85,7 @@ impl Quick {
         }
         self.frames_with_board += 1;
         if self.is_new(&corners) && self.seen.views.len() < MOST_VIEWS {
-            let [width, height] = self.seen.size.map(f64::from);
-            for corner in &corners {
-                let cell =
-                    |at: f64, side: f64, cells: usize| ((at / side * cells as f64).max(0.0) as usize).min(cells - 1);
-                self.cells[cell(corner.pixel.y, height, GRID[1])][cell(corner.pixel.x, width, GRID[0])] += 1;
-            }
+            corners.iter().for_each(|corner| self.coverage.see(corner.pixel));
             let instant = self.seen.frames.to_string();
             self.seen.views.push(View {
                 instant,
@@ -104,19 +102,7 @@ impl Quick {
     fn is_new(&self, corners: &[Corner]) -> bool {
         let [width, height] = self.seen.size.map(f64::from);
         let least = NEW_SHARE * width.hypot(height);
-        self.seen.views.iter().all(|view| {
-            let (mut sum, mut count) = (0.0, 0usize);
-            // Both are in the order of the ids.
-            let mut known = view.corners.iter().peekable();
-            for corner in corners {
-                while known.next_if(|other| other.id < corner.id).is_some() {}
-                if let Some(same) = known.next_if(|other| other.id == corner.id) {
-                    sum += same.pixel.distance_squared(corner.pixel);
-                    count += 1;
-                }
-            }
-            2 * count < corners.len() || sum > least * least * count as f64
-        })
+        self.seen.views.iter().all(|view| moved_px(&view.corners, corners) > least)
     }
 
     /// Fits the camera to its views, if enough came since the last time; returns whether it did.
@@ -165,7 +151,7 @@ impl Quick {
     /// How many corners of the kept views lie in each cell of the image, row by row; see [`GRID`].
     #[must_use]
     pub fn coverage(&self) -> Vec<u32> {
-        self.cells.concat()
+        self.coverage.counts().to_vec()
     }
 
     /// How well the views fit, if they determine a camera.
@@ -207,7 +193,7 @@ impl Quick {
                 let range = |third: usize, cells: usize| third * cells / 3..(third + 1) * cells / 3;
                 let cells: Vec<u32> = range(row, GRID[1])
                     .flat_map(|y| range(column, GRID[0]).map(move |x| (x, y)))
-                    .map(|(x, y)| self.cells[y][x])
+                    .map(|(x, y)| self.coverage.at(x, y))
                     .collect();
                 let covered = cells.iter().filter(|count| **count > 0).count() as f64 / cells.len() as f64;
                 if covered < 0.25 && covered < least {

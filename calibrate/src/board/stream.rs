@@ -6,12 +6,12 @@ use erfgs_session::{
     ImageRgb8,
     codec::{CdEvent, EventFile, Sink},
 };
-use glam::DVec2;
 
 use super::{
-    BoardError, Corner, Seen, Target, View,
+    BoardError, Seen, Target, View,
     blink::Windows,
     detect,
+    moved::moved_px,
     moving::{self, Looks},
 };
 
@@ -27,7 +27,7 @@ pub enum EventBoard {
     Moving,
 }
 
-/// A blinking board that moved less than this (mean over its corners, pixels) since the last view adds nothing.
+/// A blinking board that moved less than this (root mean square over its corners, pixels) since the last view adds nothing.
 const MOVED_PX: f64 = 3.0;
 
 /// Takes a stream and makes pictures of it.
@@ -91,7 +91,7 @@ pub(super) fn watch(
         frames += 1;
         tick();
         let corners = detect(&image, &target);
-        let still = views.last().is_some_and(|last| moved(&last.corners, &corners) < least_px);
+        let still = views.last().is_some_and(|last| moved_px(&last.corners, &corners) < least_px);
         if !corners.is_empty() && !still {
             let time_s = 1e-6 * t_us as f64;
             let (instant, frame) = (format!("{time_s:.2}"), t_us as u64);
@@ -134,14 +134,4 @@ fn walk(
     if let Watcher::Blinking(windows) = &mut watcher {
         windows.finish();
     }
-}
-
-/// How far corners moved between two views on average; infinite where they share none.
-fn moved(before: &[Corner], after: &[Corner]) -> f64 {
-    let pairs = after.iter().filter_map(|corner| {
-        let other = before.iter().find(|other| other.id == corner.id)?;
-        Some(DVec2::distance(corner.pixel, other.pixel))
-    });
-    let (sum, count) = pairs.fold((0.0, 0), |(sum, count), far| (sum + far, count + 1));
-    if count == 0 { f64::INFINITY } else { sum / f64::from(count) }
 }

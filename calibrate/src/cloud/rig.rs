@@ -7,6 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::{CloudError, FrameChoice, photo::Photo};
+use crate::statistics::median;
 
 /// Frames count as simultaneous when their labels differ by at most this.
 const SIMULTANEOUS_NS: i64 = 2_000_000;
@@ -254,10 +255,10 @@ fn focus(stations: &[Station<'_>]) -> (f64, bool) {
         return (fallback, false);
     }
     let target = normal.inverse() * right;
-    let mut depths: Vec<f64> = stations.iter().map(|station| station.pose().transform(target).z).collect();
-    depths.sort_by(f64::total_cmp);
-    let median = depths[depths.len() / 2];
-    if median.is_finite() && median > 0.05 * spread { (median, widest < 0.0) } else { (fallback, false) }
+    match median(stations.iter().map(|station| station.pose().transform(target).z)) {
+        Some(depth) if depth.is_finite() && depth > 0.05 * spread => (depth, widest < 0.0),
+        _ => (fallback, false),
+    }
 }
 
 /// The depths at which a box is seen.

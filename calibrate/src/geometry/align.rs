@@ -2,7 +2,7 @@
 //! parameters between two point patterns").
 
 use erfgs_session::Pose;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{Matrix3, SVD};
 
 /// A change of frame with a change of scale: `x' = scale * R x + t`.
@@ -15,6 +15,9 @@ pub struct Similarity {
 }
 
 impl Similarity {
+    /// Leaves everything where it is.
+    pub const IDENTITY: Self = Self { scale: 1.0, pose: Pose::IDENTITY };
+
     /// A point in the other frame.
     #[must_use]
     pub fn transform(&self, point: DVec3) -> DVec3 {
@@ -27,6 +30,56 @@ impl Similarity {
         let rotation = (camera.rotation * self.pose.rotation.conjugate()).normalize();
         Pose { rotation, translation: -(rotation * self.transform(camera.centre())) }
     }
+
+    /// Distance of the centres and angle of the orientations after alignment.
+    #[must_use]
+    pub fn difference(&self, from: &Pose, to: &Pose) -> (f64, f64) {
+        let moved = self.of_camera(from);
+        (moved.centre().distance(to.centre()), angle(moved.rotation, to.rotation))
+    }
+
+    /// The least-squares similarity of several pairs of poses (Umeyama's, with the orientations taking part, so that
+    /// cameras on a line are enough). `None` for fewer than two, or where all centres of one side coincide.
+    #[must_use]
+    pub fn of_poses(pairs: &[(Pose, Pose)]) -> Option<Self> {
+        if pairs.len() < 2 {
+            return None;
+        }
+        let n = pairs.len() as f64;
+        let mean = |centre: &dyn Fn(&(Pose, Pose)) -> DVec3| pairs.iter().map(centre).sum::<DVec3>() / n;
+        let (from, to) = (mean(&|p| p.0.centre()), mean(&|p| p.1.centre()));
+        let spread =
+            |centre: &dyn Fn(&(Pose, Pose)) -> DVec3| pairs.iter().map(|p| centre(p).length_squared()).sum::<f64>();
+        let from_spread = spread(&|p| p.0.centre() - from);
+        let to_spread = spread(&|p| p.1.centre() - to);
+        if !(from_spread > 0.0 && to_spread > 0.0) {
+            return None;
+        }
+        // How a turn shows in the centres, and (much less) in the orientations.
+        let orientation = 0.01 * (from_spread * to_spread).sqrt() / n;
+        let mut covariance = DMat3::ZERO;
+        for (a, b) in pairs {
+            let (x, y) = (a.centre() - from, b.centre() - to);
+            covariance += DMat3::from_cols(y * x.x, y * x.y, y * x.z);
+            covariance += DMat3::from_quat(b.rotation.conjugate() * a.rotation) * orientation;
+        }
+        let svd = Matrix3::from_column_slice(&covariance.to_cols_array()).svd(true, true);
+        let (u, v_t) = (svd.u?, svd.v_t?);
+        let mut sign = Matrix3::identity();
+        sign[(2, 2)] = (u * v_t).determinant().signum();
+        let rotation = u * sign * v_t;
+        let rotation = DQuat::from_mat3(&DMat3::from_cols_slice(rotation.as_slice())).normalize();
+        let along: f64 = pairs.iter().map(|(a, b)| (rotation * (a.centre() - from)).dot(b.centre() - to)).sum();
+        let scale = along / from_spread;
+        let sound = scale > 0.0 && scale.is_finite() && rotation.is_finite();
+        sound.then(|| Self { scale, pose: Pose { rotation, translation: to - rotation * from * scale } })
+    }
+}
+
+/// Angle between two rotations, radians.
+#[must_use]
+pub fn angle(a: DQuat, b: DQuat) -> f64 {
+    2.0 * (a.conjugate() * b).normalize().w.abs().min(1.0).acos()
 }
 
 /// The rigid motion that takes the first of each pair of points to the second with the least sum of squares, each square
@@ -78,8 +131,6 @@ fn umeyama(pairs: &[(DVec3, DVec3, f64)], scaled: bool) -> Option<Similarity> {
 
 #[cfg(test)]
 mod tests {
-    use glam::DQuat;
-
     use super::*;
 
     fn truth() -> Similarity {

@@ -8,7 +8,7 @@ pub mod homography;
 pub mod resection;
 mod triangulate;
 
-pub use align::{Similarity, rigid, similarity};
+pub use align::{Similarity, angle, rigid, similarity};
 pub use epipolar::EpipolarCurve;
 pub use forest::Forest;
 pub use triangulate::{Ray, nearest_point, triangulate};

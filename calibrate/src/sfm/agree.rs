@@ -3,9 +3,10 @@
 use erfgs_session::Pose;
 
 use super::{
-    align::{Alignment, Similarity, Tolerance, align, spread},
+    align::{Alignment, Tolerance, align, spread},
     run::Placed,
 };
+use crate::geometry::Similarity;
 
 /// A run's arrangement after its own adjustment.
 #[derive(Clone, Debug)]
@@ -81,7 +82,7 @@ pub(super) fn agree(candidates: &[Candidate], share: f64, angle: f64) -> Option<
                     return Some((run, placed));
                 }
                 let similarity = alignments[run].as_ref()?.similarity;
-                Some((run, Placed { pose: similarity.pose(&placed.pose), ..placed }))
+                Some((run, Placed { pose: similarity.of_camera(&placed.pose), ..placed }))
             })
             .collect();
         judge(&entries, tolerance, size, reference)
@@ -123,14 +124,14 @@ mod tests {
             if wrong.contains(&index) {
                 eye = DVec3::new(-eye.x, eye.y, -eye.z);
             }
-            let pose = moved.pose(&Pose::look_at(eye, DVec3::ZERO, DVec3::Y));
+            let pose = moved.of_camera(&Pose::look_at(eye, DVec3::ZERO, DVec3::Y));
             (!missing.contains(&index)).then_some(Placed { intrinsics: LENS, pose, points: 100 })
         };
         Candidate { name: name.into(), cameras: (0..8).map(camera).collect() }
     }
 
     fn turned(scale: f64) -> Similarity {
-        Similarity { scale, rotation: DQuat::from_rotation_x(scale), translation: DVec3::splat(scale) }
+        Similarity { scale, pose: Pose { rotation: DQuat::from_rotation_x(scale), translation: DVec3::splat(scale) } }
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub use views::{KnownIntrinsics, View, read_model_views, read_views};
 
 use self::{
     agree::{Agreement, Candidate, agree, alike},
-    align::{Similarity, spread},
+    align::spread,
     place::Known,
     refine::{Adjusted, Gauge, Pass, adjust, tracks},
     run::{Placed, Run},
@@ -38,6 +38,7 @@ use self::{
 use crate::{
     colmap::{Colmap, database::Keypoints},
     evidence::Evidence,
+    geometry::Similarity,
     rig_file::RigFile,
 };
 
@@ -316,9 +317,10 @@ impl State<'_> {
             }
         };
         let rotation: DQuat = first.pose.rotation;
-        let to = Similarity { scale: factor, rotation, translation: -(rotation * first.pose.centre() * factor) };
+        let pose = Pose { rotation, translation: -(rotation * first.pose.centre() * factor) };
+        let to = Similarity { scale: factor, pose };
         for camera in cameras.iter_mut().flatten() {
-            camera.pose = to.pose(&camera.pose);
+            camera.pose = to.of_camera(&camera.pose);
         }
         *depths = depths.map(|depth| depth * factor);
         let centre = |view: usize| cameras[view].as_ref().map_or(DVec3::ZERO, |camera| camera.pose.centre());

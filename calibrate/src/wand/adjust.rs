@@ -4,6 +4,7 @@ use super::{Stick, WandOptions, instants::Instant, place};
 use crate::{
     bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter, Prior},
     evidence::{Evidence, Moment},
+    statistics::median,
 };
 
 /// The standard deviation of a LED where none is given, until the residuals tell it, pixels.
@@ -145,10 +146,8 @@ fn drop_offsets_that_nothing_tells(bundle: &mut Bundle) {
 /// The median residual of a camera's observations that take part, over what is expected of normal ones.
 fn excess(bundle: &Bundle, camera: usize) -> Option<f64> {
     let of = bundle.observations.iter().filter(|o| o.used && o.camera == camera);
-    let mut lengths: Vec<f64> =
-        of.map(|o| bundle.residual_px(o).map_or(f64::INFINITY, |r| r.length() / o.sigma_px)).collect();
-    let middle = lengths.len() / 2;
-    (!lengths.is_empty()).then(|| *lengths.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN)
+    let lengths = of.map(|o| bundle.residual_px(o).map_or(f64::INFINITY, |r| r.length() / o.sigma_px));
+    median(lengths).map(|length| length / MEDIAN)
 }
 
 /// Marks outliers, camera by camera; a wand that fewer than two cameras still see takes no part. The number of
@@ -160,10 +159,9 @@ fn mark(bundle: &mut Bundle) -> usize {
     // A camera that cannot move and fits far worse than the others that cannot is not where it is said to be.
     let stays = |camera: &usize| !bundle.cameras[*camera].free.contains(&Parameter::Translation(0));
     let staying: Vec<usize> = (0..bundle.cameras.len()).filter(stays).collect();
-    let mut sorted: Vec<f64> = staying.iter().map(|&camera| excesses[camera]).collect();
-    sorted.sort_by(f64::total_cmp);
+    let usual = median(staying.iter().map(|&camera| excesses[camera])).unwrap_or(1.0);
     for camera in staying {
-        excesses[camera] = excesses[camera].min(ELSEWHERE * sorted[sorted.len() / 2]);
+        excesses[camera] = excesses[camera].min(ELSEWHERE * usual);
     }
     let limits: Vec<f64> = excesses.iter().map(|excess| OUTLIER * excess).collect();
     let used: Vec<bool> = bundle

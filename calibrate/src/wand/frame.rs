@@ -10,6 +10,7 @@ use super::{Stick, WandCamera, WandError, WandOptions, held_out::locate, instant
 use crate::{
     bundle::Camera,
     rig_file::{RigCamera, RigFile, Sigma},
+    statistics::median,
 };
 
 /// A length less certain than this share of it takes no part in the scale.
@@ -59,8 +60,8 @@ impl Frame {
     pub(super) fn complete(&self, rig: &mut RigFile, fixed: &Fixed) {
         let factor = fixed.divisor(self);
         let scatter = |camera: &RigCamera| camera.rms_px.unwrap_or(0.0);
-        let kept: Vec<f64> = rig.cameras.iter().filter(|c| self.kept(&c.name).is_some()).map(scatter).collect();
-        let usual = median(kept.into_iter());
+        let kept = rig.cameras.iter().filter(|c| self.kept(&c.name).is_some());
+        let usual = median(kept.map(scatter)).unwrap_or(f64::INFINITY);
         for camera in &mut rig.cameras {
             let Some((known, _)) = self.kept(&camera.name) else { continue };
             let time_offset_s = camera.sigma.take().and_then(|sigma| sigma.time_offset_s);
@@ -220,18 +221,12 @@ fn ratio(
     if lengths.len() < FEWEST {
         return None;
     }
-    let median = median(lengths.iter().map(|(length, _)| *length));
+    let middle = median(lengths.iter().map(|(length, _)| *length))?;
     // The median of the absolute values of normal deviates is 0.6745.
-    let spread = self::median(lengths.iter().map(|(length, sigma)| (length - median).abs() / sigma)) / 0.6745;
-    lengths.retain(|(length, sigma)| (length - median).abs() <= OUTLIER * spread.max(1e-6) * sigma);
+    let spread = median(lengths.iter().map(|(length, sigma)| (length - middle).abs() / sigma))? / 0.6745;
+    lengths.retain(|(length, sigma)| (length - middle).abs() <= OUTLIER * spread.max(1e-6) * sigma);
     let weight: f64 = lengths.iter().map(|(_, sigma)| sigma.powi(-2)).sum();
     let value = lengths.iter().map(|(length, sigma)| length * sigma.powi(-2)).sum::<f64>() / weight;
     let count = lengths.len();
     (value > 0.0 && value.is_finite()).then_some(Ratio { value, sigma: spread / weight.sqrt(), count })
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

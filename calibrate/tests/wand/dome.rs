@@ -3,9 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
-    geometry::{Similarity, rigid},
+    geometry::{Similarity, angle, rigid},
     rig_file::RigFile,
-    sfm::align::angle,
     wand::{Sighting, Stick, WandCamera},
 };
 use erfgs_session::{

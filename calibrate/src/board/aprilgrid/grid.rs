@@ -8,6 +8,7 @@ use super::{Saddle, tag::Tag};
 use crate::{
     board::{Corner, Target, detect::Grey},
     geometry::homography::homography,
+    statistics::median,
 };
 
 /// Tags farther apart than this, in rows or columns, are not compared: lenses bend the plane.
@@ -68,9 +69,7 @@ pub(super) fn complete(grey: &Grey, tags: &[Tag], saddles: &[Saddle], target: &T
     let &Target::AprilGrid { columns, rows, .. } = target else { return Vec::new() };
     let mut known: BTreeMap<u32, DVec2> =
         tags.iter().flat_map(|tag| ids(tag.id, columns).into_iter().zip(tag.corners)).collect();
-    let mut contrasts: Vec<f64> = tags.iter().map(|tag| tag.contrast).collect();
-    contrasts.sort_by(f64::total_cmp);
-    let contrast = contrasts.get(contrasts.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let contrast = median(tags.iter().map(|tag| tag.contrast)).unwrap_or(f64::INFINITY);
     // What is found tells where more is.
     loop {
         let missing = (0..4 * columns * rows).filter(|id| !known.contains_key(id));

@@ -20,6 +20,7 @@ use super::{
     rig::{Reach, Rig, Station, spread},
     thin::merge_instants,
 };
+use crate::statistics::median;
 
 /// Neighbours that see the focus at a greater angle look too different.
 const WIDEST_DEG: f64 = 60.0;
@@ -131,12 +132,10 @@ fn views<'a>(rig: &'a Rig<'_>, instant: usize, photos: &[Photo], options: &Cloud
 /// How many planes make steps of `step_px` in the middle one of the neighbours.
 fn planes(view: &View<'_>, neighbours: &[&View<'_>], [near, far]: [f64; 2], step_px: f64) -> u32 {
     let own = view.station.centre;
-    let mut disparities: Vec<f64> = neighbours
+    let disparities = neighbours
         .iter()
-        .map(|other| other.station.centre.distance(own) * other.intrinsics.fx.max(other.intrinsics.fy))
-        .collect();
-    disparities.sort_by(f64::total_cmp);
-    let per_inverse_metre = disparities.get(disparities.len() / 2).copied().unwrap_or(0.0);
+        .map(|other| other.station.centre.distance(own) * other.intrinsics.fx.max(other.intrinsics.fy));
+    let per_inverse_metre = median(disparities).unwrap_or(0.0);
     (per_inverse_metre * (1.0 / near - 1.0 / far) / step_px).clamp(8.0, MOST_PLANES) as u32
 }
 
