@@ -98,7 +98,11 @@ pub enum WandError {
         needed: usize,
     },
     /// Observations that leave parameters open.
-    #[error("the wand placements do not determine {}; add placements of other directions and distances", what.join("; "))]
+    #[error(
+        "the wand placements do not determine {}; wave the wand where that camera and others see it, in other places, \
+         directions and distances",
+        what.join("; ")
+    )]
     Open {
         /// What, in words.
         what: Vec<String>,

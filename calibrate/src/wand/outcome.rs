@@ -14,6 +14,11 @@ const EXCESS: f64 = 1.5;
 /// A focal length that moved by this many of its standard deviations beforehand is doubtful.
 const FOCAL: f64 = 1.5;
 
+/// A centre less certain than this share of the distance to the wands that its camera saw is none.
+const VAGUE: f64 = 0.05;
+/// A direction less certain than this is none, degrees.
+const VAGUE_DEG: f64 = 2.0;
+
 /// How many placements each camera sees with two LEDs or more that take part.
 pub(super) fn placements(bundle: &Bundle) -> Vec<usize> {
     let mut leds = vec![vec![0_u8; bundle.placements.len()]; bundle.cameras.len()];
@@ -37,11 +42,14 @@ pub(super) fn outcome(
 ) -> Result<(RigFile, Evidence), WandError> {
     let modalities: Vec<_> = cameras.iter().map(|camera| camera.modality).collect();
     let mut rig = RigFile::from_bundle("wand", &bundle, uncertainty, &modalities);
-    let Some(quality) = &mut rig.quality else { return Err(WandError::Open { what: Vec::new() }) };
-    if !quality.open.is_empty() {
-        return Err(WandError::Open { what: quality.open.clone() });
+    let mut open = rig.quality.as_ref().map_or(Vec::new(), |quality| quality.open.clone());
+    if open.is_empty() {
+        open = vague(&bundle, uncertainty);
     }
-    let measures = &mut quality.measures;
+    if !open.is_empty() {
+        return Err(WandError::Open { what: open });
+    }
+    let measures = &mut rig.quality.get_or_insert_default().measures;
     let seen = placements(&bundle);
     measures.insert("placements".into(), bundle.placements.len() as f64);
     for (what, name) in [("first gap", "first_gap"), ("second gap", "second_gap"), ("whole wand", "whole_wand")] {
@@ -84,6 +92,39 @@ pub(super) fn outcome(
     evidence.tables.push(camera_table(&bundle, uncertainty, scatter, &rig, &seen));
     evidence.tables.push(together(&bundle));
     Ok((rig, evidence))
+}
+
+/// Poses that the placements leave open within the scatter of what was seen, in words. Of a camera before which the wand rested,
+/// say, noise alone tells how it is turned about the wand: that is no open direction of the equations, but as good as one.
+fn vague(bundle: &Bundle, uncertainty: &Uncertainty) -> Vec<String> {
+    let mut seen = vec![(0.0, 0_usize); bundle.cameras.len()];
+    for observation in bundle.observations.iter().filter(|o| o.used) {
+        let wand = bundle.placements[observation.placement].world(observation.on_target);
+        let (sum, count) = &mut seen[observation.camera];
+        *sum += wand.distance(bundle.cameras[observation.camera].pose.centre());
+        *count += 1;
+    }
+    let free: Vec<usize> = (0..bundle.cameras.len())
+        .filter(|&index| bundle.cameras[index].free.contains(&Parameter::Rotation(0)))
+        .collect();
+    let describe = |index: usize| {
+        let known = &uncertainty.cameras[index];
+        let centre_m = (known.centre.col(0).x + known.centre.col(1).y + known.centre.col(2).z).sqrt();
+        let (turn_deg, distance_m) =
+            (known.rotation.max_element().to_degrees(), seen[index].0 / seen[index].1.max(1) as f64);
+        (centre_m > VAGUE * distance_m || turn_deg > VAGUE_DEG).then(|| {
+            format!("(centre ± {centre_m:.2} m at {distance_m:.1} m from the wand, direction ± {turn_deg:.1} degrees)")
+        })
+    };
+    let vague: Vec<(usize, String)> = free.iter().filter_map(|&index| Some((index, describe(index)?))).collect();
+    // Where none of several stands to the reference, it is the reference that stands to none.
+    let reference = bundle.cameras.iter().find(|camera| !camera.free.contains(&Parameter::Rotation(0)));
+    match (reference, vague.as_slice()) {
+        (Some(reference), [(first, how), _, ..]) if vague.len() + 1 == bundle.cameras.len() => {
+            vec![format!("how {} stands to the others, such as {} {how}", reference.name, bundle.cameras[*first].name)]
+        }
+        _ => vague.iter().map(|(index, how)| format!("the pose of {} {how}", bundle.cameras[*index].name)).collect(),
+    }
 }
 
 fn camera_table(

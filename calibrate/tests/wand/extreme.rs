@@ -33,6 +33,13 @@ fn a_wand_that_stays_in_a_plane_is_enough() {
 }
 
 #[test]
+fn a_wand_that_turns_about_one_point_is_enough() {
+    let stations = rig::arc(4, 50.0, |_| false);
+    let wands: Vec<_> = rig::wands(60, 1).iter().map(|(_, along)| (DVec3::new(0.2, 0.1, 0.0), *along)).collect();
+    check(&rig::observe(&stations, &wands, 1, |_, _| true), &stations, 40.0, 0.3);
+}
+
+#[test]
 fn pairs_of_cameras_are_chained() {
     // Camera i shares wands with i - 1 and i + 1 alone, 25 with each.
     let stations = rig::arc(8, 69.0, |i| i % 3 == 1);

@@ -1,6 +1,7 @@
 //! What cannot be solved is refused, and the refusal names what is missing.
 
 use erfgs_calibrate::wand::{WandError, WandOptions, calibrate};
+use glam::DVec3;
 
 use crate::rig;
 
@@ -61,4 +62,30 @@ fn options_that_make_no_sense_are_refused() {
     let all_but_one = vec!["rgb0".into(), "rgb2".into()];
     assert!(refused(WandOptions { without: all_but_one, ..rig::options() }).contains("only one"));
     assert!(matches!(calibrate(&[], &rig::options()), Err(WandError::TooFewCameras { cameras: 0 })));
+}
+
+#[test]
+fn a_wand_that_rests_determines_nothing_and_the_camera_is_named() {
+    let stations = rig::arc(4, 50.0, |_| false);
+    let refused = |wands: &[(DVec3, DVec3)], sees: &dyn Fn(usize, usize) -> bool| {
+        let error = calibrate(&rig::observe(&stations, wands, 1, sees), &rig::options()).unwrap_err();
+        assert!(matches!(error, WandError::Open { .. }), "{error}");
+        error.to_string()
+    };
+    let rest = rig::wands(1, 1)[0];
+    // Noise alone would tell how the cameras are turned about the wand, to 8 degrees or so.
+    let message = refused(&[rest; 60], &|_, _| true);
+    assert!(message.contains("how rgb0 stands to the others"), "{message}");
+    // Before one of them it rests, and is waved where the others alone see it.
+    let wands = [rig::wands(60, 51), vec![rest; 60]].concat();
+    let message = refused(&wands, &|camera, wand| camera != 3 || wand >= 60);
+    assert!(
+        message.contains("the pose of rgb3 (centre ±") && message.contains("wave the wand where that camera"),
+        "{message}"
+    );
+    let message = refused(&wands, &|camera, wand| camera != 0 || wand >= 60);
+    assert!(message.contains("how rgb0 stands to the others"), "{message}");
+    // Along one line is not enough, either; in one plane, and about one point, is: `extreme.rs`.
+    let line: Vec<_> = rig::wands(60, 1).iter().map(|(middle, _)| (DVec3::X * middle.x, DVec3::X)).collect();
+    refused(&line, &|_, _| true);
 }
