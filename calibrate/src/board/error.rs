@@ -104,14 +104,17 @@ pub enum BoardError {
     },
     /// No focal length follows from the views.
     #[error(
-        "camera {camera}: its {views} views of the board do not determine the focal length, because the board never tilts \
-         against the image; add views tilted by 30 degrees or more about both axes"
+        "camera {camera}: its {views} views of the board do not determine the focal length{}, because the board hardly tilts \
+         against the image; add views tilted by 30 degrees or more about both axes, near and far, or give the intrinsics (--rig)",
+        found.map(|[focal, sigma]| format!(" ({focal:.0} ± {sigma:.0} px)")).unwrap_or_default()
     )]
     NoFocal {
         /// The camera.
         camera: String,
         /// Number of views.
         views: usize,
+        /// The focal length that fits best and its standard deviation, pixels, where there is one.
+        found: Option<[f64; 2]>,
     },
     /// The adjustment leaves something open.
     #[error("the views do not determine {what}; add views that differ in tilt and distance, or fix what is known")]

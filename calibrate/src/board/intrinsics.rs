@@ -5,9 +5,13 @@ use glam::{DVec2, DVec3};
 
 use super::{BoardError, Seen, Target, View};
 use crate::{
-    bundle::{Bundle, Camera, Loss, Observation, Options, Parameter, Placement, Solution, Uncertainty, free_lens},
+    bundle::{
+        Bundle, Camera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution, Uncertainty,
+        free_lens,
+    },
     evidence::Moment,
     geometry::homography::plane_pose,
+    statistics::median,
 };
 
 /// How the lens is modelled.
@@ -26,6 +30,9 @@ pub enum LensModel {
 
 /// Views that are needed at least.
 const LEAST_VIEWS: usize = 3;
+/// A focal length whose standard deviation is a greater share of it is none: so far from the truth the cost is no parabola, and
+/// the standard deviation itself much too small.
+const VAGUE: f64 = 0.05;
 /// Focal lengths that are tried at the start, in image widths.
 const FOCALS: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
@@ -95,21 +102,30 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
         let focal =
             open.parameters.iter().any(|(_, p, _)| matches!(p, Parameter::Focal | Parameter::Fx | Parameter::Fy));
         if focal {
-            return Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len() });
+            return Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len(), found: None });
         }
         let names = open.parameters.iter().map(|(_, parameter, _)| parameter.name(&bundle.cameras[0]));
         let what = format!("{} of camera {}", names.collect::<Vec<_>>().join(", "), seen.camera);
         return Err(BoardError::Open { what });
     }
+    let vague = focals(&bundle.cameras[0], &uncertainty.cameras[0]).find(|[focal, sigma]| *sigma > VAGUE * focal);
+    if vague.is_some() {
+        return Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len(), found: vague });
+    }
     Ok(Single { bundle, solution, uncertainty, moments })
+}
+
+/// The focal lengths that were estimated, with their standard deviations, pixels.
+pub(super) fn focals<'a>(camera: &'a Camera, known: &'a CameraUncertainty) -> impl Iterator<Item = [f64; 2]> + 'a {
+    let is_focal = |parameter: &Parameter| matches!(parameter, Parameter::Focal | Parameter::Fx | Parameter::Fy);
+    let both = camera.free.iter().zip(&known.sigma).filter(move |(parameter, _)| is_focal(parameter));
+    both.map(|(parameter, sigma)| [parameter.value(camera), *sigma])
 }
 
 /// The median length of the residuals, pixels.
 pub(super) fn median_residual(bundle: &Bundle) -> f64 {
-    let mut lengths: Vec<f64> =
-        bundle.observations.iter().filter_map(|o| bundle.residual_px(o)).map(DVec2::length).collect();
-    lengths.sort_by(f64::total_cmp);
-    lengths.get(lengths.len() / 2).copied().unwrap_or(0.0)
+    let residuals = bundle.observations.iter().filter_map(|o| bundle.residual_px(o));
+    median(residuals.map(DVec2::length)).unwrap_or(0.0)
 }
 
 /// The board's pose before a camera with these intrinsics.
@@ -180,6 +196,6 @@ fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Res
     }
     match best {
         Some((_, bundle, moments)) => Ok((bundle, moments)),
-        None => Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len() }),
+        None => Err(BoardError::NoFocal { camera: seen.camera.clone(), views: views.len(), found: None }),
     }
 }

@@ -12,8 +12,9 @@ use super::{
 };
 use crate::{
     bundle::{Bundle, Camera, Loss, Options, Parameter, Placement},
+    coverage::Coverage,
     evidence::{Evidence, Moment},
-    rig_file::{RigFile, Sigma},
+    rig_file::{RigCamera, RigFile, Sigma},
 };
 
 /// How a board calibration is done.
@@ -63,7 +64,7 @@ pub fn calibrate(
         // One camera stands nowhere but where it is.
         if let [camera] = rig.cameras.as_mut_slice() {
             camera.pose = None;
-            camera.warnings = coverage_warnings(one);
+            camera.warnings = coverage_warnings(one).into_iter().chain(focal_warning(camera)).collect();
         }
         return Ok((rig, evidence));
     }
@@ -91,6 +92,7 @@ pub fn calibrate(
             let before = alone.cameras.into_iter().next().and_then(|camera| camera.sigma);
             camera.sigma.get_or_insert_with(Sigma::default).intrinsics = before.unwrap_or_default().intrinsics;
         }
+        camera.warnings.extend(focal_warning(camera));
     }
     if let Some(quality) = &mut rig.quality {
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
@@ -195,20 +197,32 @@ fn velocity(id: u32, view: &super::View, around: [Option<&super::View>; 2]) -> D
     }
 }
 
+/// A focal length less certain than this share of it is doubtful.
+const DOUBTFUL: f64 = 0.01;
+
+/// Says so where the focal length is doubtful.
+fn focal_warning(camera: &RigCamera) -> Option<String> {
+    let sigma = (*camera.sigma.as_ref()?.intrinsics.get("fx")?)?;
+    let share = sigma / camera.intrinsics.fx;
+    (share > DOUBTFUL).then(|| {
+        format!(
+            "its focal length is known to {:.1} % only, and its poses are no better; show it the board tilted by 30 degrees and \
+             more about both axes",
+            100.0 * share
+        )
+    })
+}
+
 /// What a camera's views lack.
 fn coverage_warnings(seen: &Seen) -> Vec<String> {
     const GRID: usize = 4;
-    let mut cells = [[false; GRID]; GRID];
-    for corner in seen.views.iter().flat_map(|view| &view.corners) {
-        let cell = |value: f64, size: u32| ((value / f64::from(size) * GRID as f64) as usize).min(GRID - 1);
-        cells[cell(corner.pixel.y, seen.size[1])][cell(corner.pixel.x, seen.size[0])] = true;
-    }
-    let covered = cells.iter().flatten().filter(|cell| **cell).count();
+    let mut coverage = Coverage::new(seen.size, [GRID; 2]);
+    seen.views.iter().flat_map(|view| &view.corners).for_each(|corner| coverage.see(corner.pixel));
+    let (covered, parts) = (coverage.covered(), coverage.parts());
     let mut warnings = Vec::new();
-    if covered < GRID * GRID * 3 / 4 {
+    if covered < parts * 3 / 4 {
         warnings.push(format!(
-            "the board covers {covered} of {} parts of the image; distortion is not known where it never was",
-            GRID * GRID
+            "the board covers {covered} of {parts} parts of the image; distortion is not known where it never was"
         ));
     }
     if seen.views.len() < 10 {

@@ -3,6 +3,7 @@
 
 mod aprilgrids;
 mod chessboards;
+mod focal;
 mod moving;
 mod report;
 mod scene;
