@@ -8,7 +8,7 @@ use erfgs_session::{Distortion, ImageRgb8, Intrinsics, random};
 use glam::{DVec2, DVec3};
 use serde_json::Value;
 
-use super::scene::{Sheet, errors, light, photograph, summary};
+use super::scene::{Rays, Sheet, errors, light, photograph, summary};
 
 fn target() -> Target {
     "aprilgrid:6x6:0.088:0.3".parse().unwrap()
@@ -180,13 +180,14 @@ fn opencv_reads_the_tags_that_are_printed_where_and_as_kalibr_has_them() {
 #[test]
 fn a_camera_is_calibrated_from_pictures_within_its_standard_deviations() {
     let (sheet, truth) = (sheet(), camera());
+    let rays = Rays::<5>::of(&truth);
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("left")).unwrap();
     for view in 0..14_u64 {
         let draw = |of, from, to| random::range(random::key(8, &[view, of]), from, to);
         let place = DVec3::new(draw(0, -0.25, 0.25), draw(1, -0.2, 0.2), draw(2, 0.8, 1.4));
         let turn = DVec3::new(draw(3, -0.7, 0.7), draw(4, -0.7, 0.7), draw(5, -0.4, 0.4));
-        let picture = photograph(&light::<5>(&sheet, &truth, &sheet.pose(place, turn), 0.7), [640, 480], 4.0, view);
+        let picture = photograph(&rays.light(&sheet, &sheet.pose(place, turn), 0.7), [640, 480], 4.0, view);
         picture.write_png(&folder.path().join(format!("left/{view:02}.png"))).unwrap();
     }
     let seen = look(folder.path(), &target(), None, &|_, _| {}).unwrap();

@@ -7,7 +7,7 @@ use erfgs_replay::simulator::{Luma, Mode, Simulator, SimulatorConfig, camera_key
 use erfgs_session::{Distortion, Events, Intrinsics, Pose};
 use glam::DVec3;
 
-use super::scene::{Sheet, light};
+use super::scene::{Rays, Sheet};
 
 fn camera() -> Intrinsics {
     Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 163.0, cy: 118.0, distortion: Distortion::None }
@@ -23,10 +23,11 @@ fn film(
     config: &SimulatorConfig,
 ) -> Events {
     let mut events = Events::new(camera.width, camera.height);
+    let rays = Rays::<2>::of(camera);
     let mut simulator = Simulator::new(camera.width, camera.height, config, camera_key("left")).unwrap();
     for frame in 0..=(seconds * fps) as u64 {
         let t = frame as f64 / fps;
-        let luma: Vec<f32> = light::<2>(sheet, camera, &path(t), 0.6).into_iter().map(|level| level as f32).collect();
+        let luma: Vec<f32> = rays.light(sheet, &path(t), 0.6).into_iter().map(|level| level as f32).collect();
         simulator.step(Luma::F32(&luma), (1e9 * t) as i64, &mut events).unwrap();
     }
     events

@@ -2,7 +2,7 @@
 
 use erfgs_calibrate::board::{Corner, Paper, Target, print};
 use erfgs_session::{ImageRgb8, Intrinsics, Pose, random};
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
 /// A board as it is printed, cut into squares so small that no edge runs through one.
@@ -88,53 +88,72 @@ impl Sheet {
     }
 }
 
-/// A picture of the sheet before a wall, from 0 to 255: the mean over each pixel, then a lens that spreads a point over
-/// `blur_px` (standard deviation). `SUB` rays in each direction of a pixel.
-pub fn light<const SUB: usize>(sheet: &Sheet, camera: &Intrinsics, pose: &Pose, blur_px: f64) -> Vec<f64> {
-    let (width, height) = (camera.width as usize, camera.height as usize);
-    let ray = |x: usize, y: usize| camera.unproject(DVec2::new(x as f64, y as f64)).unwrap();
-    let rays: Vec<DVec3> = (0..(width + 1) * (height + 1)).map(|i| ray(i % (width + 1), i / (width + 1))).collect();
-    let back = pose.inverse();
-    let seen = |i: usize| {
-        let at = i / width * (width + 1) + i % width;
-        let mut sum = 0.0;
-        for sub in 0..SUB * SUB {
-            // Anywhere in its part of the pixel: edges along the rows would else lie at fifths of a pixel only.
-            let share = |index: usize, of| {
-                (index as f64 + random::uniform(random::key(of, &[i as u64, sub as u64]))) / SUB as f64
-            };
-            let (x, y) = (share(sub % SUB, 11), share(sub / SUB, 12));
-            let above = rays[at].lerp(rays[at + 1], x);
-            let below = rays[at + width + 1].lerp(rays[at + width + 2], x);
-            let (from, along) = (back.translation, back.rotation * above.lerp(below, y));
-            let colour = sheet.colour((from - along * (from.z / along.z)).truncate());
-            sum += colour.map_or(110.0, |black| if black { 25.0 } else { 225.0 });
-        }
-        sum / (SUB * SUB) as f64
-    };
-    let sharp: Vec<f64> = (0..width * height).into_par_iter().map(seen).collect();
-    blurred(&blurred(&sharp, width, 1, blur_px), width, width, blur_px)
+/// The rays of a camera: of each pixel, row by row, `SUB` in each direction.
+pub struct Rays<const SUB: usize> {
+    width: usize,
+    rays: Vec<DVec3>,
 }
 
-/// A Gaussian along rows (`step` 1) or columns (`step` = width).
-fn blurred(values: &[f64], width: usize, step: usize, sigma: f64) -> Vec<f64> {
-    if sigma == 0.0 {
-        return values.to_vec();
+impl<const SUB: usize> Rays<SUB> {
+    pub fn of(camera: &Intrinsics) -> Self {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let ray = |x: usize, y: usize| camera.unproject(DVec2::new(x as f64, y as f64)).unwrap();
+        let corners: Vec<DVec3> =
+            (0..(width + 1) * (height + 1)).map(|i| ray(i % (width + 1), i / (width + 1))).collect();
+        let of_pixel = |i: usize| {
+            let at = i / width * (width + 1) + i % width;
+            let around = [corners[at], corners[at + 1], corners[at + width + 1], corners[at + width + 2]];
+            (0..SUB * SUB).map(move |sub| {
+                // Anywhere in its part of the pixel: edges along the rows would else lie at fifths of a pixel only.
+                let share = |index: usize, of| {
+                    (index as f64 + random::uniform(random::key(of, &[i as u64, sub as u64]))) / SUB as f64
+                };
+                let (x, y) = (share(sub % SUB, 11), share(sub / SUB, 12));
+                around[0].lerp(around[1], x).lerp(around[2].lerp(around[3], x), y)
+            })
+        };
+        Self { width, rays: (0..width * height).into_par_iter().flat_map_iter(of_pixel).collect() }
     }
-    let reach = (3.0 * sigma).ceil() as isize;
-    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+
+    /// A picture of the sheet before a wall, from 0 to 255: the mean over each pixel, then a lens that spreads a point over
+    /// `blur_px` (standard deviation).
+    pub fn light(&self, sheet: &Sheet, pose: &Pose, blur_px: f64) -> Vec<f64> {
+        let back = pose.inverse();
+        let (from, turn) = (back.translation, DMat3::from_quat(back.rotation));
+        let seen = |rays: &[DVec3]| {
+            let level = |ray: &DVec3| {
+                let along = turn * *ray;
+                let colour = sheet.colour((from - along * (from.z / along.z)).truncate());
+                colour.map_or(110.0, |black| if black { 25.0 } else { 225.0 })
+            };
+            rays.iter().map(level).sum::<f64>() / (SUB * SUB) as f64
+        };
+        let sharp: Vec<f64> = self.rays.par_chunks_exact(SUB * SUB).map(seen).collect();
+        let height = sharp.len() / self.width;
+        blurred(&blurred(&sharp, self.width, blur_px), height, blur_px)
+    }
+}
+
+/// A picture as [`Rays::light`] makes it.
+pub fn light<const SUB: usize>(sheet: &Sheet, camera: &Intrinsics, pose: &Pose, blur_px: f64) -> Vec<f64> {
+    Rays::<SUB>::of(camera).light(sheet, pose, blur_px)
+}
+
+/// A Gaussian along the rows; the result is transposed.
+fn blurred(values: &[f64], width: usize, sigma: f64) -> Vec<f64> {
+    let reach = (3.0 * sigma).ceil() as usize;
+    let weight = |k: usize| if sigma > 0.0 { (-0.5 * ((k as f64 - reach as f64) / sigma).powi(2)).exp() } else { 1.0 };
+    let weights: Vec<f64> = (0..=2 * reach).map(weight).collect();
     let sum: f64 = weights.iter().sum();
-    let (length, height) = (if step == 1 { width } else { values.len() / width }, values.len() / width);
-    assert_eq!(values.len(), width * height);
-    let value = |i: usize| {
-        let (along, start) = if step == 1 { (i % width, i / width * width) } else { (i / width, i % width) };
-        let each = weights.iter().enumerate().map(|(k, weight)| {
-            let at = (along as isize + k as isize - reach).clamp(0, length as isize - 1) as usize;
-            weight * values[start + at * step]
-        });
-        each.sum::<f64>() / sum
-    };
-    (0..values.len()).map(value).collect()
+    let height = values.len() / width;
+    let mut out = vec![0.0; values.len()];
+    for (y, row) in values.chunks_exact(width).enumerate() {
+        let padded = [vec![row[0]; reach], row.to_vec(), vec![row[width - 1]; reach]].concat();
+        for (x, near) in padded.windows(2 * reach + 1).enumerate() {
+            out[x * height + y] = near.iter().zip(&weights).map(|(value, weight)| value * weight).sum::<f64>() / sum;
+        }
+    }
+    out
 }
 
 /// As a camera takes it, with noise of `noise` (standard deviation, of 255).
