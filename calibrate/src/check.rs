@@ -37,12 +37,18 @@ pub struct Drift {
     pub shift_mm: f64,
     /// Standard deviation of that, from both calibrations.
     pub shift_sigma_mm: f64,
+    /// What of it is let pass: the tolerance, or four standard deviations where that is more.
+    pub shift_limit_mm: f64,
     /// By how much it turned, degrees.
     pub turn_deg: f64,
     /// Standard deviation of that.
     pub turn_sigma_deg: f64,
-    /// Whether this is more than tolerance and uncertainty allow.
+    /// What of it is let pass.
+    pub turn_limit_deg: f64,
+    /// Whether one of them is beyond its limit.
     pub moved: bool,
+    /// Its world-to-camera pose in the later calibration, in the world of the earlier one.
+    pub now: Pose,
 }
 
 /// A comparison.
@@ -50,6 +56,8 @@ pub struct Drift {
 pub struct Comparison {
     /// The cameras that both have, in the order of the earlier rig.
     pub cameras: Vec<Drift>,
+    /// The camera by which the later calibration is laid over the earlier one.
+    pub anchor: String,
     /// Whether more than half of the cameras agree, so that those that do not are the ones that moved.
     pub majority: bool,
     /// Cameras that only one of the two has with a pose.
@@ -88,12 +96,17 @@ pub fn compare(earlier: &RigFile, later: &RigFile, tolerance: Tolerance) -> Resu
         // From the later world through the anchor camera to the earlier world.
         let to_earlier = |point: DVec3| before.inverse().transform(after.transform(point));
         let turn = before.rotation.conjugate() * after.rotation;
+        let placed = |later: &Pose| {
+            let rotation = (later.rotation * turn.conjugate()).normalize();
+            Pose { rotation, translation: -(rotation * to_earlier(later.centre())) }
+        };
         pairs
             .iter()
             .enumerate()
             .map(|(index, &(camera, earlier, other, later))| {
-                let shift = (to_earlier(later.centre()) - earlier.centre()).length();
-                let turned = (later.rotation * turn.conjugate()).angle_between(earlier.rotation).to_degrees();
+                let now = placed(&later);
+                let shift = (now.centre() - earlier.centre()).length();
+                let turned = now.rotation.angle_between(earlier.rotation).to_degrees();
                 let mut of = [spread(camera), spread(other)].to_vec();
                 if index != anchor {
                     of.extend([spread(own), spread(own_later)]);
@@ -103,27 +116,37 @@ pub fn compare(earlier: &RigFile, later: &RigFile, tolerance: Tolerance) -> Resu
                 let swing = if index == anchor { 0.0 } else { distance * (of[2][1].hypot(of[3][1])).to_radians() };
                 let shift_sigma = of.iter().map(|s| s[0] * s[0]).sum::<f64>().sqrt().hypot(swing);
                 let turn_sigma = of.iter().map(|s| s[1] * s[1]).sum::<f64>().sqrt();
-                let moved = shift > tolerance.shift_m.max(SIGNIFICANT * shift_sigma)
-                    || turned > tolerance.turn_deg.max(SIGNIFICANT * turn_sigma);
+                let shift_limit = tolerance.shift_m.max(SIGNIFICANT * shift_sigma);
+                let turn_limit = tolerance.turn_deg.max(SIGNIFICANT * turn_sigma);
                 Drift {
                     camera: camera.name.clone(),
                     shift_mm: 1e3 * shift,
                     shift_sigma_mm: 1e3 * shift_sigma,
+                    shift_limit_mm: 1e3 * shift_limit,
                     turn_deg: turned,
                     turn_sigma_deg: turn_sigma,
-                    moved,
+                    turn_limit_deg: turn_limit,
+                    moved: shift > shift_limit || turned > turn_limit,
+                    now,
                 }
             })
             .collect()
     };
     let agree = |drifts: &[Drift]| drifts.iter().filter(|drift| !drift.moved).count();
     let total = |drifts: &[Drift]| drifts.iter().map(|drift| drift.shift_mm).sum::<f64>();
-    let cameras = (0..pairs.len())
-        .map(by_anchor)
-        .max_by(|a, b| agree(a).cmp(&agree(b)).then(total(b).total_cmp(&total(a))))
+    let (anchor, cameras) = (0..pairs.len())
+        .map(|anchor| (pairs[anchor].0.name.clone(), by_anchor(anchor)))
+        .max_by(|(_, a), (_, b)| agree(a).cmp(&agree(b)).then(total(b).total_cmp(&total(a))))
         .unwrap_or_default();
     let majority = 2 * agree(&cameras) > cameras.len();
-    Ok(Comparison { cameras, majority, missing })
+    Ok(Comparison { cameras, anchor, majority, missing })
+}
+
+impl Comparison {
+    /// The cameras that moved.
+    pub fn moved(&self) -> impl Iterator<Item = &Drift> {
+        self.cameras.iter().filter(|drift| drift.moved)
+    }
 }
 
 /// Standard deviations of a camera's centre (metres) and of its turn (degrees); 0 where they are not known.

@@ -6,6 +6,7 @@ use anyhow::bail;
 use erfgs_calibrate::{
     board::{BoardOptions, Target, calibrate},
     check::{Tolerance, compare},
+    report::write_drift,
     rig_file::RigFile,
 };
 
@@ -40,6 +41,9 @@ pub struct Arguments {
     /// Turns up to this are let pass, degrees.
     #[arg(long, value_name = "DEG", default_value_t = 0.05)]
     turn: f64,
+    /// The page to write: each camera's shift and turn against what is known of them, and the rig before and after.
+    #[arg(long, value_name = "FILE", default_value = "check.html")]
+    out: PathBuf,
 }
 
 /// Compares.
@@ -58,7 +62,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     };
     let tolerance = Tolerance { shift_m: 1e-3 * arguments.shift, turn_deg: arguments.turn };
     let comparison = compare(&earlier, &later, tolerance)?;
-    let moved: Vec<&str> = comparison.cameras.iter().filter(|drift| drift.moved).map(|d| d.camera.as_str()).collect();
+    let moved: Vec<&str> = comparison.moved().map(|drift| drift.camera.as_str()).collect();
+    write_drift(&earlier, &comparison, &arguments.out)?;
     terminal.result(&comparison, || {
         let head = ["camera", "shift mm", "± mm", "turn deg", "± deg", ""].map(String::from).to_vec();
         let rows = comparison.cameras.iter().map(|drift| {
@@ -75,6 +80,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         if !comparison.missing.is_empty() {
             text.push_str(&format!("not in both: {}\n", comparison.missing.join(", ")));
         }
+        text.push_str(&format!("\n{}\n", arguments.out.display()));
         text
     })?;
     if moved.is_empty() {

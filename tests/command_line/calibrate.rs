@@ -65,5 +65,7 @@ fn a_check_passes_on_the_same_pictures_and_tells_when_cameras_moved() {
     std::fs::write(folder.path("moved.json"), rig.to_string()).unwrap();
     let message = folder.fail(1, "calibrate check rig.json moved.json");
     assert!(message.contains("against each other"), "{message}");
+    let page = std::fs::read_to_string(folder.path("check.html")).unwrap();
+    assert!(page.contains("moved against each other") && page.contains("Before and after"), "{page}");
     assert!(folder.fail(2, "calibrate check rig.json pairs").contains("--target"));
 }

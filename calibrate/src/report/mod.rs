@@ -2,6 +2,7 @@
 
 mod cameras;
 mod choose;
+mod drift;
 mod events;
 mod overlays;
 mod pairs;
@@ -9,6 +10,7 @@ mod placements;
 mod previews;
 mod residuals;
 mod rig;
+mod space;
 
 use std::path::Path;
 
@@ -21,6 +23,7 @@ use erfgs_session::{
 };
 
 pub use choose::telling;
+pub use drift::{drift_page, write_drift};
 pub use events::EventPicture;
 
 use crate::{
@@ -52,8 +55,22 @@ pub fn page(rig: &RigFile, evidence: &Evidence) -> String {
         section("passes", "Error against solver time", passes(&evidence.passes)),
         evidence.tables.iter().map(table).collect(),
     ];
-    let style = format!("<style>\n{}</style>\n", include_str!("style.css"));
-    html::page(&format!("Calibration of {} cameras", rig.cameras.len()), &head(rig), &(style + &body.concat()))
+    html::page(&format!("Calibration of {} cameras", rig.cameras.len()), &head(rig), &styled(&body.concat()))
+}
+
+/// A page's body with the style of reports.
+fn styled(body: &str) -> String {
+    format!("<style>\n{}</style>\n{body}", include_str!("style.css"))
+}
+
+/// The greatest of 1, 2, 5, 10, 20, 50 and so on, and of 0.5, 0.2, 0.1 and so on, that is not above `value`; 1 where that is not
+/// positive.
+fn round_down(value: f64) -> f64 {
+    if !(value > 0.0 && value.is_finite()) {
+        return 1.0;
+    }
+    let decade = 10f64.powf(value.log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * decade).find(|step| *step <= value).unwrap_or(decade)
 }
 
 fn head(rig: &RigFile) -> String {
@@ -87,10 +104,20 @@ fn head(rig: &RigFile) -> String {
     text
 }
 
-/// A measure of the method as people read it; whole numbers without a point.
+/// A measure of the method as people read it: whole numbers without a point, ratios with six significant digits, since they
+/// are near 1 and what counts is by how little they are not, and their standard deviations with two.
 #[must_use]
 pub fn measure(name: &str, value: f64) -> String {
-    let digits = if value.fract() == 0.0 { 0 } else { 3 };
+    let significant = |digits: f64| {
+        let before = if value == 0.0 { 1.0 } else { value.abs().log10().floor() + 1.0 };
+        (digits - before).clamp(0.0, 12.0) as usize
+    };
+    let digits = match name {
+        _ if value.fract() == 0.0 => 0,
+        _ if name.contains("_over_") && name.ends_with("_sigma") => significant(2.0),
+        _ if name.contains("_over_") => significant(6.0),
+        _ => 3,
+    };
     format!("{}: {value:.digits$}", name.replace('_', " "))
 }
 
@@ -239,6 +266,16 @@ mod tests {
             assert!(page.contains(part), "{part}");
         }
         assert!(!page.contains("<a>") && !page.contains("NaN"));
+    }
+
+    #[test]
+    fn measures_have_as_many_digits_as_they_mean() {
+        assert_eq!(measure("placements", 240.0), "placements: 240");
+        assert_eq!(measure("held_out_first_gap_rms_mm", 0.123_456), "held out first gap rms mm: 0.123");
+        assert_eq!(measure("rig_length_over_wand", 1.000_412_34), "rig length over wand: 1.00041");
+        assert_eq!(measure("rig_length_over_wand", 0.999_587_66), "rig length over wand: 0.999588");
+        assert_eq!(measure("rig_length_over_wand", 37.254_312), "rig length over wand: 37.2543");
+        assert_eq!(measure("rig_length_over_wand_sigma", 0.000_123_4), "rig length over wand sigma: 0.00012");
     }
 
     #[test]

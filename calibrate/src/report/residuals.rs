@@ -4,9 +4,12 @@ use std::fmt::Write as _;
 
 use erfgs_session::page::html::{Escaped, number};
 
+use super::round_down;
 use crate::{
+    coverage::Coverage,
     evidence::{Evidence, Residual},
     rig_file::{RigCamera, RigFile},
+    statistics::median,
 };
 
 /// Residuals that are drawn for one camera at most.
@@ -35,37 +38,20 @@ pub(super) fn maps(rig: &RigFile, evidence: &Evidence) -> String {
 /// An image is divided into so many columns and rows of parts to say where something was seen.
 const GRID: usize = 6;
 
-/// Row by row, the parts of the image in which something was seen that took part.
-fn covered(residuals: &[&Residual], width: f64, height: f64) -> [[bool; GRID]; GRID] {
-    let mut cells = [[false; GRID]; GRID];
-    for residual in residuals.iter().filter(|residual| residual.used) {
-        let cell = |value: f64, size: f64| ((value / size * GRID as f64).max(0.0) as usize).min(GRID - 1);
-        cells[cell(residual.pixel.y, height)][cell(residual.pixel.x, width)] = true;
-    }
-    cells
-}
-
 fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
     let (width, height) = (f64::from(camera.intrinsics.width), f64::from(camera.intrinsics.height));
-    let mut lengths: Vec<f64> =
-        residuals.iter().filter(|r| r.used).filter_map(|r| r.residual).map(|off| off.length()).collect();
-    lengths.sort_by(f64::total_cmp);
-    let typical = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    let used = || residuals.iter().filter(|residual| residual.used);
+    let typical = median(used().filter_map(|r| r.residual).map(|off| off.length())).unwrap_or(0.0);
     // A typical residual becomes a fortieth of the image; a round factor.
-    let factor = if typical > 0.0 {
-        let exact = (0.025 * width / typical).max(1.0);
-        let decade = 10f64.powf(exact.log10().floor());
-        [5.0, 2.0, 1.0].into_iter().find(|step| step * decade <= exact).unwrap_or(1.0) * decade
-    } else {
-        1.0
-    };
+    let factor = if typical > 0.0 { round_down((0.025 * width / typical).max(1.0)) } else { 1.0 };
     let stroke = width / 450.0;
     let mut svg = format!(
         "<figure><svg viewBox=\"0 0 {width} {height}\" stroke-width=\"{stroke:.2}\" role=\"img\" aria-label=\"Residuals of {}\">",
         Escaped(&camera.name)
     );
-    let cells = covered(residuals, width, height);
-    for (index, _) in cells.iter().flatten().enumerate().filter(|(_, covered)| !**covered) {
+    let mut coverage = Coverage::new([camera.intrinsics.width, camera.intrinsics.height], [GRID; 2]);
+    used().for_each(|residual| coverage.see(residual.pixel));
+    for (index, _) in coverage.counts().iter().enumerate().filter(|(_, count)| **count == 0) {
         let (w, h) = (width / GRID as f64, height / GRID as f64);
         let (x, y) = (w * (index % GRID) as f64, h * (index / GRID) as f64);
         let _ = write!(svg, "<rect class=\"bare\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{w:.1}\" height=\"{h:.1}\"/>");
@@ -101,8 +87,8 @@ fn map(camera: &RigCamera, residuals: &[&Residual]) -> String {
         Escaped(&camera.name),
         number(factor, 0),
         number(typical, 3),
-        cells.iter().flatten().filter(|covered| **covered).count(),
-        GRID * GRID
+        coverage.covered(),
+        coverage.parts()
     );
     if every > 1 {
         let _ = write!(svg, "; one in {every} is drawn");
