@@ -132,22 +132,17 @@ fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
     let detections = configurations.into_iter().filter_map(|parameters| ChessboardDetector::new(parameters).ok());
     let (columns, rows) = (columns as i32, rows as i32);
     for detection in detections.filter_map(|detector| detector.detect(&found)) {
-        let mut grid: Vec<(i32, i32, DVec2)> = detection
+        let grid: Vec<(i32, i32, DVec2)> = detection
             .corners
             .iter()
             .map(|corner| (corner.grid.u, corner.grid.v, to_ours(corner.position.x, corner.position.y)))
             .collect();
-        let (Some(width), Some(height)) = (grid.iter().map(|c| c.0 + 1).max(), grid.iter().map(|c| c.1 + 1).max())
-        else {
-            continue;
-        };
-        if (width, height) == (rows, columns) && rows != columns {
+        let Some((mut grid, size)) = trimmed(grid, [columns, rows]) else { continue };
+        if size != [columns, rows] {
             // Lying on its side: a quarter turn, no reflection.
             for corner in &mut grid {
                 (corner.0, corner.1) = (corner.1, rows - 1 - corner.0);
             }
-        } else if (width, height) != (columns, rows) {
-            continue;
         }
         if 10 * grid.len() < 9 * (columns * rows) as usize {
             continue;
@@ -161,6 +156,35 @@ fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
         return grid.into_iter().map(|(u, v, pixel)| Corner { id: (v * columns + u) as u32, pixel }).collect();
     }
     Vec::new()
+}
+
+/// The grid without stray corners beyond the board's outline, such as where a black square meets the margin; its columns and
+/// rows, which are the board's or, on its side, the other way round. `None` of another size.
+fn trimmed(mut grid: Vec<(i32, i32, DVec2)>, board: [i32; 2]) -> Option<(Vec<(i32, i32, DVec2)>, [i32; 2])> {
+    loop {
+        let (low, high) = grid.iter().fold(([i32::MAX; 2], [i32::MIN; 2]), |(low, high), &(u, v, _)| {
+            ([low[0].min(u), low[1].min(v)], [high[0].max(u), high[1].max(v)])
+        });
+        if grid.is_empty() {
+            return None;
+        }
+        let size = [high[0] - low[0] + 1, high[1] - low[1] + 1];
+        if size == board || size == [board[1], board[0]] {
+            grid.iter_mut().for_each(|corner| (corner.0, corner.1) = (corner.0 - low[0], corner.1 - low[1]));
+            return Some((grid, size));
+        }
+        // The emptiest of the four outer lines, if less than half of it is there.
+        let on = |corner: &(i32, i32, DVec2), axis: usize, at: i32| [corner.0, corner.1][axis] == at;
+        let lines = [(0, low[0]), (0, high[0]), (1, low[1]), (1, high[1])].map(|(axis, at)| {
+            let count = grid.iter().filter(|corner| on(corner, axis, at)).count();
+            (count as f64 / f64::from(size[1 - axis]), axis, at)
+        });
+        let (share, axis, at) = lines.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        if share >= 0.5 {
+            return None;
+        }
+        grid.retain(|corner| !on(corner, axis, at));
+    }
 }
 
 /// Whether the square right below the first corner is bright: on a board, it has the colour of the square at its outer corner,
@@ -232,4 +256,24 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
         })
         .collect();
     *corners = refined;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stray_corners_beyond_the_outline_do_not_hide_a_board() {
+        let corner = |u: i32, v: i32| (u, v, DVec2::new(f64::from(u), f64::from(v)));
+        let board: Vec<_> = (0..54).map(|i| corner(1 + i % 6, i / 6)).collect();
+        let strays = [board.clone(), vec![corner(0, 8), corner(7, 2), corner(7, 3)]].concat();
+        let (grid, size) = trimmed(strays, [9, 6]).unwrap();
+        assert_eq!((grid.len(), size), (54, [6, 9]));
+        assert!(grid.iter().all(|&(u, v, at)| (0..6).contains(&u) && at == DVec2::new(f64::from(u + 1), f64::from(v))));
+        // A line of which half is there belongs to a larger board.
+        let larger = [board.clone(), (0..5).map(|v| corner(0, v)).collect()].concat();
+        assert_eq!(trimmed(larger, [9, 6]), None);
+        assert_eq!(trimmed(board, [9, 7]), None);
+        assert_eq!(trimmed(Vec::new(), [9, 6]), None);
+    }
 }
