@@ -29,8 +29,8 @@ fn room(folder: &Path, count: usize) -> Dataset {
 
 fn options() -> SfmOptions {
     // Two are enough in a room where nothing repeats, and larger images would show no more of it.
-    let first = Setting { enlarge: 1.5, ..SfmOptions::default().settings[0] };
-    let second = Setting { enlarge: 1.25, peak_threshold: 0.004, ..first };
+    let first = Setting { enlarge: 1.25, ..SfmOptions::default().settings[0] };
+    let second = Setting { enlarge: 1.0, peak_threshold: 0.004, ..first };
     SfmOptions { settings: vec![first, second], ..SfmOptions::default() }
 }
 
