@@ -126,13 +126,16 @@ pub(super) fn to_ours(x: f32, y: f32) -> DVec2 {
     DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
+/// A corner's column and row on the grid that was found, and where it is, pixels.
+type OnGrid = (i32, i32, DVec2);
+
 fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
     let found = detect_corners(&grey.view(), &default_chess_config());
     let configurations = ChessboardParams::sweep_default();
     let detections = configurations.into_iter().filter_map(|parameters| ChessboardDetector::new(parameters).ok());
     let (columns, rows) = (columns as i32, rows as i32);
     for detection in detections.filter_map(|detector| detector.detect(&found)) {
-        let grid: Vec<(i32, i32, DVec2)> = detection
+        let grid: Vec<OnGrid> = detection
             .corners
             .iter()
             .map(|corner| (corner.grid.u, corner.grid.v, to_ours(corner.position.x, corner.position.y)))
@@ -160,7 +163,7 @@ fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
 
 /// The grid without stray corners beyond the board's outline, such as where a black square meets the margin; its columns and
 /// rows, which are the board's or, on its side, the other way round. `None` of another size.
-fn trimmed(mut grid: Vec<(i32, i32, DVec2)>, board: [i32; 2]) -> Option<(Vec<(i32, i32, DVec2)>, [i32; 2])> {
+fn trimmed(mut grid: Vec<OnGrid>, board: [i32; 2]) -> Option<(Vec<OnGrid>, [i32; 2])> {
     loop {
         let (low, high) = grid.iter().fold(([i32::MAX; 2], [i32::MIN; 2]), |(low, high), &(u, v, _)| {
             ([low[0].min(u), low[1].min(v)], [high[0].max(u), high[1].max(v)])
@@ -174,7 +177,7 @@ fn trimmed(mut grid: Vec<(i32, i32, DVec2)>, board: [i32; 2]) -> Option<(Vec<(i3
             return Some((grid, size));
         }
         // The emptiest of the four outer lines, if less than half of it is there.
-        let on = |corner: &(i32, i32, DVec2), axis: usize, at: i32| [corner.0, corner.1][axis] == at;
+        let on = |corner: &OnGrid, axis: usize, at: i32| [corner.0, corner.1][axis] == at;
         let lines = [(0, low[0]), (0, high[0]), (1, low[1]), (1, high[1])].map(|(axis, at)| {
             let count = grid.iter().filter(|corner| on(corner, axis, at)).count();
             (count as f64 / f64::from(size[1 - axis]), axis, at)
@@ -189,7 +192,7 @@ fn trimmed(mut grid: Vec<(i32, i32, DVec2)>, board: [i32; 2]) -> Option<(Vec<(i3
 
 /// Whether the square right below the first corner is bright: on a board, it has the colour of the square at its outer corner,
 /// which is black.
-fn upside_down(grey: &Grey, grid: &[(i32, i32, DVec2)]) -> bool {
+fn upside_down(grey: &Grey, grid: &[OnGrid]) -> bool {
     let at = |u: i32, v: i32| grid.iter().find(|c| (c.0, c.1) == (u, v)).map(|c| c.2);
     let mut difference = 0.0;
     for &(u, v, pixel) in grid {
