@@ -23,8 +23,8 @@ A session gives its event streams as
   npz  NumPy arrays t, x, y, p
   h5   HDF5 in the layout of the DSEC data set (if erfgs was built with --features hdf5)
 and the frames of its cameras as
-  png  one file for each frame, and their times in frames.csv
-  exr  the same in linear light
+  png  one file for each frame, and their times in frames.csv; of 16 bits where the camera gave more than 8
+  exr  the same in linear light; of Bayer and deep grey frames all that the sensor gave
   mp4  a video for each camera (ffmpeg), at its mean rate
 All streams that fit the format are written, or the one named with --stream.
 
@@ -137,7 +137,7 @@ fn tasks(session: &Session, path: &Path, format: Format, arguments: &Arguments) 
             if !fits(found.description.encoding) {
                 let encoding = found.description.encoding;
                 return Err(
-                    Usage(format!("stream '{id}' is {encoding:?}, which cannot be written as {extension}")).into()
+                    Usage(format!("stream '{id}' is {encoding}, which cannot be written as {extension}")).into()
                 );
             }
             vec![stream]

@@ -113,7 +113,7 @@ fn look(shared: &Shared, target: &Target, mut quicks: Vec<Quick>) {
         for (camera, quick) in shared.cameras.iter().flatten().zip(&mut quicks) {
             let Some(packet) = lock(&camera.frame).take() else { continue };
             let d = &camera.description;
-            let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) else { continue };
+            let Ok(image) = pixel::picture(d, &packet.payload) else { continue };
             if [image.width, image.height] != [d.width, d.height] {
                 continue;
             }

@@ -69,10 +69,22 @@ static long fail(int error) {
   return -1;
 }
 
+// Bits of a pixel in a row: 10 and 12 where a format of V4L2 packs them (its documentation, 2.8 and 2.9), 16 in words.
+static unsigned bits(unsigned fourcc) {
+  const char code[5] = {fourcc, fourcc >> 8, fourcc >> 16, fourcc >> 24, 0};
+  static const char *const words[] = {"YUYV", "UYVY", "Y10 ", "Y12 ", "RG10", "BG10", "BA10", "GB10", "RG12", "BG12", "BA12", "GB12"};
+  for (unsigned i = 0; i < sizeof words / sizeof *words; i++) {
+    if (!strcmp(code, words[i])) return 16;
+  }
+  if (!strcmp(code, "RGB3") || !strcmp(code, "BGR3")) return 24;
+  if (!strcmp(code, "Y10P") || (code[0] == 'p' && code[2] == 'A')) return 10;
+  if (!strcmp(code, "Y12P") || (code[0] == 'p' && code[2] == 'C')) return 12;
+  return 8;
+}
+
 static unsigned stride(const struct camera *c) {
   if (c->fourcc == V4L2_PIX_FMT_MJPEG) return 0;
-  int bytes = c->fourcc == V4L2_PIX_FMT_YUYV || c->fourcc == V4L2_PIX_FMT_Y10 || c->fourcc == V4L2_PIX_FMT_Y12 ? 2 : 1;
-  return c->width * bytes + c->padding;
+  return c->width * bits(c->fourcc) / 8 + c->padding;
 }
 
 static void describe(struct camera *c, const char *path) {

@@ -8,12 +8,12 @@ use std::{collections::BTreeSet, env, path::Path, process::Command, sync::Arc};
 
 use erfgs_hardware_mocks::v4l2::Cameras;
 use erfgs_rig::{
-    frame::{FoundCamera, FrameConfig, FrameError, Lock, NamedLock, PixelEncoding, PreciseCamera, list_in},
+    frame::{FoundCamera, FrameConfig, FrameError, Lock, NamedLock, PreciseCamera, list_in},
     host_time::host_ns,
 };
 use erfgs_session::{
-    pixel,
-    source::{Encoding, Incident, Packet, Source, StampClock, StampPoint},
+    pixel::{self, RawLook},
+    source::{BayerOrder, Encoding, Incident, Packet, Samples, Source, StampClock, StampPoint},
 };
 use kept::Kept;
 
@@ -34,7 +34,7 @@ fn among_cameras(test: &str, body: impl FnOnce(&Cameras)) {
     assert!(output.status.success() && text.contains("1 passed"), "{text}");
 }
 
-fn config(format: PixelEncoding) -> FrameConfig {
+fn config(format: Encoding) -> FrameConfig {
     FrameConfig { format, width: 64, height: 48, rate_hz: 100.0, ..Default::default() }
 }
 
@@ -74,7 +74,7 @@ fn metadata_nodes_are_no_cameras() {
 fn frames_carry_the_kernels_stamps_and_counts() {
     among_cameras("frames_carry_the_kernels_stamps_and_counts", |cameras| {
         let before = host_ns();
-        let (packets, camera) = film(cameras, "card Left\nbus usb-1\n", &config(PixelEncoding::Yuyv), 20);
+        let (packets, camera) = film(cameras, "card Left\nbus usb-1\n", &config(Encoding::Yuyv), 20);
         for (at, packet) in packets.iter().enumerate() {
             assert_eq!(packet.sequence, at as u64);
             assert_eq!(packet.payload, vec![at as u8; 64 * 48 * 2]);
@@ -97,7 +97,7 @@ fn frames_carry_the_kernels_stamps_and_counts() {
 #[test]
 fn other_clocks_and_points_are_told() {
     among_cameras("other_clocks_and_points_are_told", |cameras| {
-        let (packets, _) = film(cameras, "card L\nclock other\npoint eof\n", &config(PixelEncoding::Yuyv), 2);
+        let (packets, _) = film(cameras, "card L\nclock other\npoint eof\n", &config(Encoding::Yuyv), 2);
         let stamp = packets[0].stamp.unwrap();
         assert_eq!((stamp.clock, stamp.point), (StampClock::Unknown, StampPoint::EndOfFrame));
     });
@@ -106,22 +106,71 @@ fn other_clocks_and_points_are_told() {
 #[test]
 fn every_format_arrives_as_its_encoding_says() {
     among_cameras("every_format_arrives_as_its_encoding_says", |cameras| {
-        let formats = [
-            (PixelEncoding::Nv12, "NV12", 64 * 48 * 3 / 2),
-            (PixelEncoding::Grey8, "GREY", 64 * 48),
-            (PixelEncoding::Grey10, "Y10 ", 64 * 48 * 2),
-            (PixelEncoding::Grey12, "Y12 ", 64 * 48 * 2),
-            (PixelEncoding::Mjpeg, "MJPG", 1000),
+        let pixels = 64 * 48;
+        let plain = [
+            ("mjpeg", "MJPG", 1000),
+            ("uyvy", "UYVY", 2 * pixels),
+            ("nv12", "NV12", pixels * 3 / 2),
+            ("rgb8", "RGB3", 3 * pixels),
+            ("bgr8", "BGR3", 3 * pixels),
+            ("grey8", "GREY", pixels),
+            ("grey10", "Y10 ", 2 * pixels),
+            ("grey12", "Y12 ", 2 * pixels),
+            ("grey10p", "Y10P", pixels * 5 / 4),
+            ("grey12p", "Y12P", pixels * 3 / 2),
         ];
-        for (format, code, bytes) in formats {
+        // The codes of linux/videodev2.h, in its order: 8 bits, words of 10 and 12, packed ones.
+        let bayer = [
+            ("bggr8", "BA81", pixels),
+            ("gbrg8", "GBRG", pixels),
+            ("grbg8", "GRBG", pixels),
+            ("rggb8", "RGGB", pixels),
+            ("bggr10", "BG10", 2 * pixels),
+            ("gbrg10", "GB10", 2 * pixels),
+            ("grbg10", "BA10", 2 * pixels),
+            ("rggb10", "RG10", 2 * pixels),
+            ("bggr10p", "pBAA", pixels * 5 / 4),
+            ("gbrg10p", "pGAA", pixels * 5 / 4),
+            ("grbg10p", "pgAA", pixels * 5 / 4),
+            ("rggb10p", "pRAA", pixels * 5 / 4),
+            ("bggr12", "BG12", 2 * pixels),
+            ("gbrg12", "GB12", 2 * pixels),
+            ("grbg12", "BA12", 2 * pixels),
+            ("rggb12", "RG12", 2 * pixels),
+            ("bggr12p", "pBCC", pixels * 3 / 2),
+            ("gbrg12p", "pGCC", pixels * 3 / 2),
+            ("grbg12p", "pgCC", pixels * 3 / 2),
+            ("rggb12p", "pRCC", pixels * 3 / 2),
+        ];
+        for (name, code, bytes) in plain.into_iter().chain(bayer) {
+            let format: Encoding = name.parse().unwrap();
             for padding in [0, 32] {
-                let description = format!("card L\nformat {code} 64 48 {padding}\n");
-                let (packets, camera) = film(cameras, &description, &config(format), 3);
+                let description = format!("card L\nfps 500\nformat {code} 64 48 {padding}\n");
+                let (packets, camera) =
+                    film(cameras, &description, &FrameConfig { rate_hz: 500.0, ..config(format) }, 3);
                 assert_eq!(packets[2].payload.len(), bytes, "{code} with {padding}");
                 assert!(!packets[2].damaged, "{code} with {padding}");
-                assert_eq!(camera.description().encoding, format.encoding());
+                assert_eq!(camera.description().encoding, format);
+                if format != Encoding::Mjpeg {
+                    pixel::picture(camera.description(), &packets[2].payload).unwrap();
+                }
             }
         }
+    });
+}
+
+#[test]
+fn how_raw_frames_look_is_recorded_with_them() {
+    among_cameras("how_raw_frames_look_is_recorded_with_them", |cameras| {
+        let raw = RawLook { black_level: 4.0, white_balance: [1.5, 1.0, 2.0], response: None };
+        let config = FrameConfig { raw: Some(raw), ..config(Encoding::Bayer(BayerOrder::Rggb, Samples::Bits8)) };
+        let (packets, camera) = film(cameras, "card L\nformat RGGB 64 48\n", &config, 5);
+        assert_eq!(RawLook::of(camera.description()), raw);
+        // Frame 4 is filled with the value of black.
+        assert_eq!(packets[4].payload, vec![4; 64 * 48]);
+        assert!(
+            pixel::picture(camera.description(), &packets[4].payload).unwrap().data.iter().all(|&level| level == 0)
+        );
     });
 }
 
@@ -129,7 +178,7 @@ fn every_format_arrives_as_its_encoding_says() {
 fn lost_damaged_cut_and_empty_frames_are_told_apart() {
     among_cameras("lost_damaged_cut_and_empty_frames_are_told_apart", |cameras| {
         let description = "card L\nformat MJPG 64 48\nskip 3\ndamage 5\ncut 7\nempty 9\n";
-        let (packets, camera) = film(cameras, description, &config(PixelEncoding::Mjpeg), 12);
+        let (packets, camera) = film(cameras, description, &config(Encoding::Mjpeg), 12);
         let counts: Vec<_> = packets.iter().map(|packet| packet.stamp.unwrap().sequence).collect();
         assert_eq!(counts[..10], [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]);
         let damaged: Vec<_> =
@@ -144,7 +193,7 @@ fn lost_damaged_cut_and_empty_frames_are_told_apart() {
 fn a_camera_that_is_unplugged_comes_back_under_another_node() {
     among_cameras("a_camera_that_is_unplugged_comes_back_under_another_node", |cameras| {
         cameras.plug(0, "A1", "card Left\nbus usb-1\nunplug 10\n").unwrap();
-        let mut camera = open(cameras, &config(PixelEncoding::Yuyv)).unwrap();
+        let mut camera = open(cameras, &config(Encoding::Yuyv)).unwrap();
         let kept = Arc::new(Kept::default());
         camera.start(kept.clone()).unwrap();
         kept.wait("the loss", |kept| !kept.incidents().is_empty());
@@ -169,7 +218,7 @@ fn a_camera_that_is_unplugged_comes_back_under_another_node() {
 fn a_dead_camera_blocks_nothing_and_is_opened_anew() {
     among_cameras("a_dead_camera_blocks_nothing_and_is_opened_anew", |cameras| {
         cameras.plug(0, "A1", "card Left\nbus usb-1\ndie 5\n").unwrap();
-        let config = FrameConfig { timeout_ms: 200, ..config(PixelEncoding::Yuyv) };
+        let config = FrameConfig { timeout_ms: 200, ..config(Encoding::Yuyv) };
         let mut camera = open(cameras, &config).unwrap();
         let kept = Arc::new(Kept::default());
         camera.start(kept.clone()).unwrap();
@@ -186,7 +235,7 @@ fn a_triggered_camera_may_wait_as_long_as_it_likes() {
     among_cameras("a_triggered_camera_may_wait_as_long_as_it_likes", |cameras| {
         cameras.plug(0, "A1", "card Left\nbus usb-1\nfps 2\n").unwrap();
         let waiting = |triggered| {
-            let config = FrameConfig { rate_hz: 2.0, timeout_ms: 20, triggered, ..config(PixelEncoding::Yuyv) };
+            let config = FrameConfig { rate_hz: 2.0, timeout_ms: 20, triggered, ..config(Encoding::Yuyv) };
             let mut camera = open(cameras, &config).unwrap();
             let kept = Arc::new(Kept::default());
             camera.start(kept.clone()).unwrap();
@@ -208,7 +257,7 @@ fn a_triggered_camera_may_wait_as_long_as_it_likes() {
 fn exposure_gain_and_white_balance_are_locked_and_read_back() {
     among_cameras("exposure_gain_and_white_balance_are_locked_and_read_back", |cameras| {
         cameras.plug(0, "A1", "card Left\nbus usb-1\n").unwrap();
-        let held = open(cameras, &config(PixelEncoding::Yuyv)).unwrap();
+        let held = open(cameras, &config(Encoding::Yuyv)).unwrap();
         let settings = &held.description().settings;
         assert_eq!((&settings["exposure_us"], &settings["exposure_us_locked"]), (&25_000.0.into(), &true.into()));
         assert_eq!((&settings["white_balance_k"], &settings["white_balance_k_locked"]), (&4600.0.into(), &true.into()));
@@ -219,7 +268,7 @@ fn exposure_gain_and_white_balance_are_locked_and_read_back() {
             exposure_us: Lock::At(5020.0),
             gain: Lock::At(10.0),
             white_balance_k: Lock::Named(NamedLock::Auto),
-            ..config(PixelEncoding::Yuyv)
+            ..config(Encoding::Yuyv)
         };
         let set = open(cameras, &wanted).unwrap();
         let settings = &set.description().settings;
@@ -239,19 +288,22 @@ fn what_a_camera_cannot_do_is_said_with_what_it_can() {
     among_cameras("what_a_camera_cannot_do_is_said_with_what_it_can", |cameras| {
         cameras.plug(0, "A1", "card Left\nbus usb-1\nbusy 1\n").unwrap();
         let refused = |config: &FrameConfig| open(cameras, config).map(|_| ()).unwrap_err().to_string();
-        let format = refused(&config(PixelEncoding::Mjpeg));
+        let format = refused(&config(Encoding::Mjpeg));
         assert!(format.contains("no MJPG of 64 x 48") && format.contains("Formats that it has: YUYV"), "{format}");
-        let size = refused(&FrameConfig { width: 640, ..config(PixelEncoding::Yuyv) });
+        // A format that it has, by both of its names.
+        let raw = refused(&config(Encoding::Bayer(BayerOrder::Grbg, Samples::Packed10)));
+        assert!(raw.contains("no pgAA of 64 x 48") && raw.contains("YUYV (format = \"yuyv\")"), "{raw}");
+        let size = refused(&FrameConfig { width: 640, ..config(Encoding::Yuyv) });
         assert!(size.contains("it would give YUYV of 64 x 48"), "{size}");
-        let absent = refused(&FrameConfig { camera: "B2".into(), ..config(PixelEncoding::Yuyv) });
+        let absent = refused(&FrameConfig { camera: "B2".into(), ..config(Encoding::Yuyv) });
         assert!(absent.contains("none is \"B2\"") && absent.contains("Left"), "{absent}");
 
-        let mut camera = open(cameras, &config(PixelEncoding::Yuyv)).unwrap();
+        let mut camera = open(cameras, &config(Encoding::Yuyv)).unwrap();
         let busy = camera.start(Arc::new(Kept::default())).unwrap_err().to_string();
         assert!(busy.contains("Another program uses it"), "{busy}");
 
         cameras.plug(0, "A1", "card Left\nbus usb-1\nfps 25\n").unwrap();
-        let wanted = FrameConfig { gain: Lock::Named(NamedLock::Auto), ..config(PixelEncoding::Yuyv) };
+        let wanted = FrameConfig { gain: Lock::Named(NamedLock::Auto), ..config(Encoding::Yuyv) };
         let mut slow = open(cameras, &wanted).unwrap();
         assert_eq!(slow.description().settings["rate_hz"], 25.0);
         // The checks before a recording tell it.
@@ -273,7 +325,7 @@ fn four_cameras_stream_at_once_and_again_after_a_stop() {
         let mut sources: Vec<_> = (0..4)
             .map(|number| {
                 cameras.plug(number, &format!("S{number}"), &format!("card L\nbus usb-{number}\n")).unwrap();
-                let config = FrameConfig { camera: format!("S{number}"), ..config(PixelEncoding::Yuyv) };
+                let config = FrameConfig { camera: format!("S{number}"), ..config(Encoding::Yuyv) };
                 (open(cameras, &config), Arc::new(Kept::default()))
             })
             .map(|(camera, kept)| (camera.unwrap(), kept))

@@ -7,16 +7,17 @@ mod kept;
 use std::sync::Arc;
 
 use erfgs_rig::{
-    frame::{self, Backend, FrameConfig, Lock, PixelEncoding},
+    frame::{self, Backend, FrameConfig, Lock},
     host_time::host_ns,
 };
 use erfgs_session::{
-    pixel,
-    source::{Packet, StampClock, StampPoint},
+    ImageRgb8,
+    pixel::{self, RawLook, Response},
+    source::{BayerOrder, Description, Encoding, Packet, Samples, StampClock, StampPoint},
 };
 use kept::Kept;
 
-fn film(config: &FrameConfig, count: usize) -> Vec<Packet> {
+fn film(config: &FrameConfig, count: usize) -> (Description, Vec<Packet>) {
     let mut camera = frame::open(config).unwrap();
     let kept = Arc::new(Kept::default());
     camera.start(kept.clone()).unwrap();
@@ -24,7 +25,8 @@ fn film(config: &FrameConfig, count: usize) -> Vec<Packet> {
     camera.stop().unwrap();
     assert_eq!(camera.counters().packets, kept.packets().len() as u64);
     println!("{}", serde_json::to_string(camera.description()).unwrap());
-    std::mem::take(&mut *kept.packets())
+    let packets = std::mem::take(&mut *kept.packets());
+    (camera.description().clone(), packets)
 }
 
 /// Small and slow, because of how vivid counts: it waits for the next frame from when it began to fill the last, as long
@@ -37,7 +39,7 @@ const PERIOD_NS: i64 = 100_000_000;
 fn vivid(number: u32) -> FrameConfig {
     FrameConfig {
         camera: format!("/dev/video{number}"),
-        format: PixelEncoding::Yuyv,
+        format: Encoding::Yuyv,
         width: WIDTH,
         height: HEIGHT,
         rate_hz: 1e9 / PERIOD_NS as f64,
@@ -55,10 +57,10 @@ fn vivid_cameras_are_listed_without_their_other_nodes() {
 #[test]
 #[ignore = "needs the guest: scripts/emulation.sh cameras"]
 fn the_kernels_frames_come_with_its_stamps() {
-    for format in [PixelEncoding::Yuyv, PixelEncoding::Nv12, PixelEncoding::Grey8, PixelEncoding::Rgb8] {
+    for format in [Encoding::Yuyv, Encoding::Nv12, Encoding::Grey8, Encoding::Rgb8] {
         let config = FrameConfig { format, ..vivid(0) };
         let before_ns = host_ns();
-        let packets = film(&config, 15);
+        let (_, packets) = film(&config, 15);
         let stamps: Vec<_> = packets.iter().map(|packet| packet.stamp.unwrap()).collect();
         for pair in stamps.windows(2) {
             assert!(pair[1].kernel_ns > pair[0].kernel_ns && pair[1].sequence > pair[0].sequence, "{pair:?}");
@@ -71,8 +73,43 @@ fn the_kernels_frames_come_with_its_stamps() {
             let latest = packet.host_ns + PERIOD_NS * 9 / 10;
             assert!((earliest..=latest).contains(&stamp.kernel_ns), "{stamp:?} is not in {earliest}..={latest}");
         }
-        let image = pixel::decode(format.encoding(), WIDTH, HEIGHT, &packets[14].payload).unwrap();
+        let image = pixel::decode(format, WIDTH, HEIGHT, &packets[14].payload).unwrap();
         assert!(image.data.iter().any(|&byte| byte != image.data[0]), "{format:?} shows nothing");
+    }
+}
+
+/// The mean colours of the eight bars of vivid's picture, away from their borders.
+fn bars(image: &ImageRgb8) -> Vec<[f64; 3]> {
+    let bar = WIDTH / 8;
+    let mean = |from: u32, channel: usize| {
+        let places = (HEIGHT * 3 / 4..HEIGHT).flat_map(|y| (from + bar / 4..from + bar * 3 / 4).map(move |x| (x, y)));
+        let levels: Vec<f64> = places.map(|(x, y)| image.pixel(x, y)[channel].into()).collect();
+        levels.iter().sum::<f64>() / levels.len() as f64
+    };
+    (0..8).map(|at| [0, 1, 2].map(|channel| mean(at * bar, channel))).collect()
+}
+
+#[test]
+#[ignore = "needs the guest: scripts/emulation.sh cameras"]
+fn the_same_bars_have_the_same_colours_in_every_format() {
+    // vivid's mosaics hold codes of pictures, not light.
+    let coded = Some(RawLook { response: Some(Response::Srgb), ..RawLook::default() });
+    let seen = |format: Encoding| {
+        let raw = coded.filter(|_| matches!(format, Encoding::Bayer(..)));
+        let (description, packets) = film(&FrameConfig { format, raw, ..vivid(0) }, 2);
+        assert!(!packets[1].damaged, "{format}");
+        bars(&pixel::picture(&description, &packets[1].payload).unwrap())
+    };
+    let reference = seen(Encoding::Rgb8);
+    let spread = |channel: usize| reference.iter().map(|bar| bar[channel]).fold(0.0, f64::max);
+    assert!((0..3).all(|channel| spread(channel) > 150.0), "{reference:?} are no colours");
+    let words = [Samples::Bits8, Samples::Bits10, Samples::Bits12];
+    let bayer = words.into_iter().flat_map(|samples| BayerOrder::ALL.map(|order| Encoding::Bayer(order, samples)));
+    for format in [Encoding::Bgr8, Encoding::Yuyv, Encoding::Uyvy, Encoding::Nv12].into_iter().chain(bayer) {
+        for (bar, expected) in std::iter::zip(seen(format), &reference) {
+            let off = std::iter::zip(bar, expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < 4.0, "{format}: {bar:?} is not {expected:?}");
+        }
     }
 }
 
@@ -89,7 +126,7 @@ fn gain_is_set_and_read_back_by_the_kernel() {
 #[ignore = "needs the guest: scripts/emulation.sh cameras"]
 fn the_portable_driver_reads_the_same_camera() {
     let config = FrameConfig { backend: Backend::Portable, ..vivid(10) };
-    let packets = film(&config, 10);
+    let (_, packets) = film(&config, 10);
     assert!(packets.iter().all(|packet| packet.stamp.is_none() && !packet.damaged));
     assert!(packets.windows(2).all(|pair| pair[1].host_ns > pair[0].host_ns));
 }

@@ -1,4 +1,4 @@
-//! 8-bit images in memory and in PNG and JPEG files.
+//! Images in memory and in PNG and JPEG files.
 
 use std::{
     fs::File,
@@ -63,6 +63,17 @@ pub struct ImageRgb8 {
     pub height: u32,
     /// `width * height * 3` bytes.
     pub data: Vec<u8>,
+}
+
+/// A colour image of 16 bits: `data` holds `height` rows of `width` pixels of red, green, blue, sRGB-encoded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ImageRgb16 {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `width * height * 3` values.
+    pub data: Vec<u16>,
 }
 
 /// A grey image: `data` holds `height` rows of `width` values.
@@ -133,6 +144,16 @@ impl ImageRgb8 {
     }
 }
 
+impl ImageRgb16 {
+    /// Writes a PNG file of 16 bits a colour, making its folder where needed.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or `data` has the wrong length.
+    pub fn write_png(&self, path: &Path) -> Result<(), ImageError> {
+        encode(path, bytemuck::cast_slice(&self.data), self.width, self.height, ExtendedColorType::Rgb16)
+    }
+}
+
 impl ImageGrey8 {
     /// A black image.
     #[must_use]
@@ -197,8 +218,8 @@ fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedCol
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(io)?;
     }
-    let channels = if colour == ExtendedColorType::L8 { 1 } else { 3 };
-    if data.len() != width as usize * height as usize * channels {
+    let bytes = usize::from(colour.bits_per_pixel()) / 8;
+    if data.len() != width as usize * height as usize * bytes {
         let what = format!("{} bytes do not make {width} x {height} pixels", data.len());
         return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)));
     }
@@ -279,6 +300,9 @@ mod tests {
         let image = gradient(37, 21);
         image.write_png(&path).unwrap();
         assert_eq!(ImageRgb8::read(&path).unwrap(), image);
+        let deep = ImageRgb16 { width: 2, height: 1, data: vec![1, 2, 65_535, 256, 40_000, 0] };
+        deep.write_png(&path).unwrap();
+        assert_eq!(image::open(&path).unwrap().into_rgb16().into_raw(), deep.data);
         let grey = ImageGrey8 { width: 3, height: 2, data: vec![0, 255, 7, 9, 128, 127] };
         grey.write_png(&path).unwrap();
         assert_eq!(ImageGrey8::read(&path).unwrap(), grey);

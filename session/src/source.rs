@@ -9,51 +9,7 @@ use std::{error::Error, sync::Arc};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-/// How the payloads of a stream are to be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Encoding {
-    /// Prophesee EVT 2.0: 32-bit little-endian words.
-    Evt2,
-    /// Prophesee EVT 2.1: 64-bit little-endian words.
-    Evt21,
-    /// EVT 2.1 with the 32-bit halves of every word swapped, as the IMX636 sends it.
-    Evt21Legacy,
-    /// Prophesee EVT 3.0: 16-bit little-endian words.
-    Evt3,
-    /// iniVation DAVIS: 16-bit little-endian words of events, frames, inertial samples and external edges.
-    Davis,
-    /// One JPEG image for each packet.
-    Mjpeg,
-    /// Packed 4:2:2, bytes Y0 U Y1 V.
-    Yuyv,
-    /// A plane of Y, then a plane of interleaved UV at half resolution.
-    Nv12,
-    /// 8-bit grey, one byte a pixel.
-    Grey8,
-    /// 10-bit grey in the low bits of 16-bit little-endian words.
-    Grey10,
-    /// 12-bit grey in the low bits of 16-bit little-endian words.
-    Grey12,
-    /// 8-bit RGB, three bytes a pixel.
-    Rgb8,
-    /// Lines of the trigger board's protocol (`rig/firmware/PROTOCOL.md`), as received.
-    TriggerLines,
-}
-
-impl Encoding {
-    /// Whether a packet is a piece of a stream of events (and not one frame, or lines of a trigger board).
-    #[must_use]
-    pub fn is_events(self) -> bool {
-        matches!(self, Self::Evt2 | Self::Evt21 | Self::Evt21Legacy | Self::Evt3 | Self::Davis)
-    }
-
-    /// Whether a packet is one frame.
-    #[must_use]
-    pub fn is_frames(self) -> bool {
-        !self.is_events() && self != Self::TriggerLines
-    }
-}
+pub use crate::encoding::{BayerOrder, Encoding, Samples, UnknownEncoding, names};
 
 /// What a stream is: written once into a recording, before its packets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

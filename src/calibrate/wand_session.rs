@@ -138,7 +138,7 @@ pub fn pictures(recording: &mut Recording, rig: &RigFile, evidence: &Evidence) -
     }
     for (stream, (camera, placement, _, _, nearest)) in frames {
         let d = &streams[stream].description;
-        let image = nearest.and_then(|(_, packet)| pixel::decode(d.encoding, d.width, d.height, &packet.payload).ok());
+        let image = nearest.and_then(|(_, packet)| pixel::picture(d, &packet.payload).ok());
         pictures.extend(image.map(|image| Picture::new(camera, Some(placement), &image)));
     }
     pictures.sort_by_key(|picture| picture.camera);
@@ -227,8 +227,7 @@ fn bright(
         };
         done += 1;
         progress(done, total);
-        let (width, height) = (description.width, description.height);
-        let Ok(image) = pixel::decode(description.encoding, width, height, &packet.payload) else { continue };
+        let Ok(image) = pixel::picture(description, &packet.payload) else { continue };
         let lights = bright_lights(&image.grey(), &BrightOptions::default());
         if !lights.is_empty() {
             let t = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));

@@ -95,7 +95,7 @@ fn failed(source: io::Error) -> ContainerError {
 fn raw(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<()> {
     let description = session.summary().streams[task.stream].description.clone();
     let header = raw_header(&description, session.summary().start.epoch_ns)
-        .with_context(|| format!("{:?} has no RAW file", description.encoding))?;
+        .with_context(|| format!("{} has no RAW file", description.encoding))?;
     write_file(task, |sink| {
         sink.write_all(&header.encode()).map_err(failed)?;
         let mut done = 0;

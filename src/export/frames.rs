@@ -8,10 +8,10 @@ use std::{
 use anyhow::Context;
 use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
-    ImageRgb8, atomic,
+    atomic,
     container::{ContainerError, Entry, Session},
     pixel,
-    source::{Description, Packet},
+    source::{Description, Encoding},
 };
 use serde::Serialize;
 
@@ -88,12 +88,11 @@ fn stream(
             Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
             _ => continue,
         };
-        let Some(image) = decoded(&description, &packet) else {
+        let index = exported.frames;
+        if !out.push(&task.out, index, &description, &packet.payload, rate_hz)? {
             exported.damaged += 1;
             continue;
-        };
-        let index = exported.frames;
-        out.push(&task.out, index, &image, rate_hz)?;
+        }
         let mid = mids.get(&packet.sequence).map_or(String::new(), |mid| mid.to_string());
         let _ = writeln!(times, "{index},{},{},{mid}", packet.sequence, start.session_ns(packet.host_ns));
         exported.frames += 1;
@@ -107,25 +106,45 @@ fn stream(
     Ok(exported)
 }
 
-fn decoded(description: &Description, packet: &Packet) -> Option<ImageRgb8> {
-    pixel::decode(description.encoding, description.width, description.height, &packet.payload).ok()
-}
-
 impl Out {
-    fn push(&mut self, path: &Path, index: u64, image: &ImageRgb8, rate_hz: f64) -> anyhow::Result<()> {
-        let (width, height) = (image.width, image.height);
+    /// Decodes a frame and writes it, with all the bits that the format and the frame have; `false` if it does not decode.
+    fn push(
+        &mut self,
+        path: &Path,
+        index: u64,
+        description: &Description,
+        payload: &[u8],
+        rate_hz: f64,
+    ) -> anyhow::Result<bool> {
+        let file = |extension: &str| path.join(format!("{index:06}.{extension}"));
+        let is_deep = pixel::is_deep(description.encoding);
         match self {
-            Self::Png => Ok(image.write_png(&path.join(format!("{index:06}.png")))?),
-            Self::Exr => exr::write_rgb8(&path.join(format!("{index:06}.exr")), image),
+            Self::Png if is_deep => {
+                let Ok(image) = pixel::deep_picture(description, payload) else { return Ok(false) };
+                image.write_png(&file("png"))?;
+            }
+            Self::Png => {
+                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
+                image.write_png(&file("png"))?;
+            }
+            Self::Exr if is_deep || matches!(description.encoding, Encoding::Bayer(..)) => {
+                let Ok(light) = pixel::light(description, payload) else { return Ok(false) };
+                exr::write_light(&file("exr"), &light)?;
+            }
+            Self::Exr => {
+                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
+                exr::write_rgb8(&file("exr"), &image)?;
+            }
             Self::Mp4(video) => {
+                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
                 if video.is_none() {
-                    *video = Some(Video::create(path, width, height, rate_hz)?);
+                    *video = Some(Video::create(path, image.width, image.height, rate_hz)?);
                 }
-                match video {
-                    Some(video) => video.push(&image.data),
-                    None => Ok(()),
+                if let Some(video) = video {
+                    video.push(&image.data)?;
                 }
             }
         }
+        Ok(true)
     }
 }

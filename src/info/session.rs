@@ -159,7 +159,6 @@ fn text(session: &SessionSummary<'_>) -> String {
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
     for stream in &session.streams {
         let description = stream.description;
-        let encoding = serde_json::to_value(description.encoding).ok();
         let device = match description.serial.as_str() {
             "" => description.model.clone(),
             serial => format!("{} {serial}", description.model),
@@ -169,7 +168,7 @@ fn text(session: &SessionSummary<'_>) -> String {
         rows.push(vec![
             description.id.clone(),
             device,
-            encoding.as_ref().and_then(|name| name.as_str()).unwrap_or("?").to_owned(),
+            description.encoding.name().to_owned(),
             size,
             thousands(stream.packets),
             format!("{:.1}", stream.packets_per_second),

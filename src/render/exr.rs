@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use erfgs_session::ImageRgb8;
+use erfgs_session::{ImageRgb8, pixel::LightRgb, srgb::decode as to_linear};
 use erfgs_train::trainer::Rendered;
 use exr::prelude::{Image, SpecificChannels, WritableImage, f16};
 
@@ -45,10 +45,17 @@ pub fn write_rgb8(path: &Path, image: &ImageRgb8) -> anyhow::Result<()> {
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// The inverse of sRGB's transfer function.
-fn to_linear(encoded: f32) -> f32 {
-    let encoded = encoded.max(0.0);
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+/// Writes the `R`, `G`, `B` (float, linear light, nothing cut) of a frame as a sensor gave it.
+pub fn write_light(path: &Path, light: &LightRgb) -> anyhow::Result<()> {
+    let [width, height] = [light.width as usize, light.height as usize];
+    let channels = SpecificChannels::rgb(|position: exr::math::Vec2<usize>| {
+        let index = 3 * (position.y() * width + position.x());
+        (light.data[index], light.data[index + 1], light.data[index + 2])
+    });
+    Image::from_channels((width, height), channels)
+        .write()
+        .to_file(path)
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]

@@ -2,5 +2,6 @@
 
 mod files;
 mod live;
+mod raw;
 mod rig;
 mod session;

@@ -180,7 +180,7 @@ fn what_cannot_be_done_is_said_with_what_can() {
         assert!(words.iter().all(|word| stderr.contains(word)), "{arguments:?}: {stderr}");
     };
     fails(&["export", "s.mcap"], &["--to", "raw"]);
-    fails(&["export", "s.mcap", "--to", "raw", "--stream", "cam0"], &["cam0", "Grey8"]);
+    fails(&["export", "s.mcap", "--to", "raw", "--stream", "cam0"], &["cam0", "grey8"]);
     fails(&["export", "s.mcap", "--to", "png", "--stream", "nobody"], &["nobody", "ev0, cam0, mcu"]);
     fs::write(folder.join("text.mcap"), "no session").unwrap();
     for command in ["info", "recover", "replay", "sync"] {

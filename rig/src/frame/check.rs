@@ -1,6 +1,9 @@
 //! Whether a frame came whole.
 
-use erfgs_session::{pixel::frame_bytes, source::Encoding};
+use erfgs_session::{
+    pixel::{frame_bytes, row_bytes},
+    source::Encoding,
+};
 
 /// Whether a frame is cut: too short, or a JPEG image without beginning or end.
 pub fn is_cut(encoding: Encoding, width: u32, height: u32, payload: &[u8]) -> bool {
@@ -16,10 +19,7 @@ pub fn is_cut(encoding: Encoding, width: u32, height: u32, payload: &[u8]) -> bo
 
 /// The rows of a frame without what the driver puts between them; `None` if there is nothing between.
 pub fn without_padding(encoding: Encoding, width: u32, stride: u32, payload: &[u8]) -> Option<Vec<u8>> {
-    let row = match encoding {
-        Encoding::Nv12 => width as usize,
-        _ => frame_bytes(encoding, width, 1)?,
-    };
+    let row = row_bytes(encoding, width)?;
     let stride = stride as usize;
     if stride <= row {
         return None;
@@ -45,12 +45,34 @@ mod tests {
     }
 
     #[test]
+    fn every_other_frame_has_one_length() {
+        let bytes = |encoding: Encoding| match encoding.name().trim_start_matches(char::is_alphabetic) {
+            _ if [Encoding::Yuyv, Encoding::Uyvy].contains(&encoding) => 128,
+            _ if [Encoding::Rgb8, Encoding::Bgr8].contains(&encoding) => 192,
+            _ if encoding == Encoding::Nv12 => 96,
+            "8" => 64,
+            "10" | "12" => 128,
+            "10p" => 80,
+            _ => 96,
+        };
+        for encoding in Encoding::all().filter(|&encoding| encoding.is_frames() && encoding != Encoding::Mjpeg) {
+            let whole = vec![0; bytes(encoding)];
+            assert!(!is_cut(encoding, 8, 8, &whole), "{encoding}");
+            assert!(
+                is_cut(encoding, 8, 8, &whole[1..]) && is_cut(encoding, 8, 8, &[&whole[..], &[0]].concat()),
+                "{encoding}"
+            );
+        }
+    }
+
+    #[test]
     fn padding_between_rows_is_taken_out() {
         let padded = [1, 2, 3, 4, 0, 0, 5, 6, 7, 8, 0, 0];
         assert_eq!(without_padding(Encoding::Yuyv, 2, 6, &padded), Some(vec![1, 2, 3, 4, 5, 6, 7, 8]));
         assert_eq!(without_padding(Encoding::Grey8, 4, 6, &padded[..10]), Some(vec![1, 2, 3, 4, 5, 6, 7, 8]));
         assert_eq!(without_padding(Encoding::Grey8, 6, 6, &padded), None);
         assert_eq!(without_padding(Encoding::Mjpeg, 6, 0, &padded), None);
+        assert_eq!(without_padding(Encoding::Grey10Packed, 4, 6, &padded), Some(vec![1, 2, 3, 4, 0, 5, 6, 7, 8, 0]));
         // Two rows of luma, one of chroma.
         assert_eq!(without_padding(Encoding::Nv12, 2, 3, &[1, 2, 0, 3, 4, 0, 5, 6, 0]), Some(vec![1, 2, 3, 4, 5, 6]));
     }

@@ -1,4 +1,7 @@
-use erfgs_session::source::Encoding;
+use erfgs_session::{
+    pixel::{RawLook, check_size},
+    source::Encoding,
+};
 use serde::{Deserialize, Serialize};
 
 use super::FrameError;
@@ -16,7 +19,8 @@ pub struct FrameConfig {
     /// How it is read.
     pub backend: Backend,
     /// What it sends.
-    pub format: PixelEncoding,
+    #[serde(deserialize_with = "super::format::deserialize")]
+    pub format: Encoding,
     /// Columns, pixels.
     pub width: u32,
     /// Rows, pixels.
@@ -31,6 +35,8 @@ pub struct FrameConfig {
     pub white_balance_k: Lock,
     /// Focus, in the camera's own units. An autofocus that moves spoils the calibration.
     pub focus: Lock,
+    /// What grey and Bayer frames look like; goes into the recording, and changes no frame.
+    pub raw: Option<RawLook>,
     /// Whether its shutter waits for the trigger board. Then no frame for a long time is no fault.
     pub triggered: bool,
     /// Frames that the kernel may hold until we take them.
@@ -45,7 +51,7 @@ impl Default for FrameConfig {
             id: "camera".into(),
             camera: String::new(),
             backend: Backend::Auto,
-            format: PixelEncoding::Mjpeg,
+            format: Encoding::Mjpeg,
             width: 1920,
             height: 1080,
             rate_hz: 30.0,
@@ -53,6 +59,7 @@ impl Default for FrameConfig {
             gain: Lock::default(),
             white_balance_k: Lock::default(),
             focus: Lock::default(),
+            raw: None,
             triggered: false,
             buffers: 8,
             timeout_ms: 2000,
@@ -69,6 +76,12 @@ impl FrameConfig {
         let fail = |problem: String| Err(FrameError::Config { id: self.id.clone(), problem });
         if self.width == 0 || self.height == 0 {
             return fail(format!("{} x {} pixels; give width and height", self.width, self.height));
+        }
+        if let Err(error) = check_size(self.format, self.width, self.height) {
+            return fail(error.to_string());
+        }
+        if let Some(problem) = self.raw.and_then(|raw| raw.problem(self.format)) {
+            return fail(problem);
         }
         if !(0.1..=1000.0).contains(&self.rate_hz) {
             return fail(format!("rate_hz is {}; it can be 0.1 to 1000", self.rate_hz));
@@ -108,56 +121,6 @@ pub enum Backend {
     Portable,
 }
 
-/// What a camera sends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PixelEncoding {
-    /// A JPEG image a frame.
-    Mjpeg,
-    /// 4:2:2, packed.
-    Yuyv,
-    /// 4:2:0, two planes.
-    Nv12,
-    /// 8-bit grey.
-    Grey8,
-    /// 10-bit grey in 16-bit words.
-    Grey10,
-    /// 12-bit grey in 16-bit words.
-    Grey12,
-    /// 8-bit RGB.
-    Rgb8,
-}
-
-impl PixelEncoding {
-    /// As recordings name it.
-    #[must_use]
-    pub fn encoding(self) -> Encoding {
-        match self {
-            Self::Mjpeg => Encoding::Mjpeg,
-            Self::Yuyv => Encoding::Yuyv,
-            Self::Nv12 => Encoding::Nv12,
-            Self::Grey8 => Encoding::Grey8,
-            Self::Grey10 => Encoding::Grey10,
-            Self::Grey12 => Encoding::Grey12,
-            Self::Rgb8 => Encoding::Rgb8,
-        }
-    }
-
-    /// The four-character codes by which V4L2 knows it, the usual one first.
-    #[must_use]
-    pub fn fourccs(self) -> &'static [&'static [u8; 4]] {
-        match self {
-            Self::Mjpeg => &[b"MJPG", b"JPEG"],
-            Self::Yuyv => &[b"YUYV"],
-            Self::Nv12 => &[b"NV12"],
-            Self::Grey8 => &[b"GREY"],
-            Self::Grey10 => &[b"Y10 "],
-            Self::Grey12 => &[b"Y12 "],
-            Self::Rgb8 => &[b"RGB3"],
-        }
-    }
-}
-
 /// What becomes of a quantity that cameras set by themselves. Training needs frames of one look, so that the default is
 /// to hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -195,9 +158,18 @@ mod tests {
         let config: FrameConfig = serde_json::from_str(table).unwrap();
         assert_eq!((config.exposure_us, config.gain), (Lock::At(5000.0), Lock::Named(NamedLock::Auto)));
         assert_eq!(config.white_balance_k, Lock::Named(NamedLock::Hold));
-        assert_eq!(config.format.encoding(), Encoding::Grey12);
+        assert_eq!(config.format, Encoding::Grey12);
+        assert_eq!(config.raw, None);
         assert!(config.check().is_ok());
         assert!(serde_json::from_str::<FrameConfig>(r#"{"exposure": 5000}"#).is_err());
+        let unknown = serde_json::from_str::<FrameConfig>(r#"{"format": "evt3"}"#).unwrap_err().to_string();
+        assert!(unknown.contains("no format \"evt3\"; there are mjpeg") && unknown.contains("rggb10p"), "{unknown}");
+
+        let table = r#"{"format": "gbrg12p", "raw": {"black_level": 240, "white_balance": [1.9, 1, 1.6]}}"#;
+        let config: FrameConfig = serde_json::from_str(table).unwrap();
+        assert!(config.check().is_ok());
+        assert_eq!(config.raw.unwrap().black_level, 240.0);
+        assert!(serde_json::from_str::<FrameConfig>(r#"{"raw": {"gamma": 2}}"#).is_err());
     }
 
     #[test]
@@ -208,6 +180,10 @@ mod tests {
             config.check().unwrap_err().to_string()
         };
         assert!(refused(|c| c.width = 0).contains("0 x 1080"));
+        assert!(refused(|c| (c.format, c.width) = (Encoding::Grey10Packed, 1922)).contains("a multiple of 4"));
+        assert!(
+            refused(|c| c.raw = Some(RawLook::default())).contains("raw is for grey and Bayer formats, not for mjpeg")
+        );
         assert!(refused(|c| c.rate_hz = f64::INFINITY).contains("rate_hz"));
         assert!(refused(|c| c.buffers = 1).contains("2 to 32"));
         assert!(refused(|c| c.timeout_ms = 0).contains("timeout_ms"));

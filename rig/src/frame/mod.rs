@@ -3,6 +3,7 @@
 mod check;
 mod config;
 mod error;
+mod format;
 mod portable;
 #[cfg(target_os = "linux")]
 mod v4l2;
@@ -12,8 +13,9 @@ use std::path::PathBuf;
 use erfgs_session::source::Source;
 use serde::Serialize;
 
-pub use config::{Backend, FrameConfig, Lock, NamedLock, PixelEncoding};
+pub use config::{Backend, FrameConfig, Lock, NamedLock};
 pub use error::FrameError;
+pub use format::{encoding_of, fourccs};
 pub use portable::PortableCamera;
 #[cfg(target_os = "linux")]
 pub use v4l2::{PreciseCamera, list_in};

@@ -11,7 +11,7 @@ use std::{
     time::Duration,
 };
 
-use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError};
+use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError, names};
 use nokhwa::{
     Camera,
     pixel_format::RgbFormat,
@@ -19,7 +19,7 @@ use nokhwa::{
 };
 use serde_json::{Map, Value, json};
 
-use super::{FoundCamera, FrameConfig, FrameError, Lock, PixelEncoding, check::is_cut, config::NamedLock};
+use super::{FoundCamera, FrameConfig, FrameError, Lock, check::is_cut, config::NamedLock};
 use crate::{host_time::host_ns, not_applied::NotApplied};
 
 /// How long `stop` waits for a frame under way; a dead camera never gives one.
@@ -67,20 +67,26 @@ fn failed(config: &FrameConfig, doing: &'static str) -> impl FnOnce(nokhwa::Nokh
     move |error| FrameError::Portable { id, system: SYSTEM, doing, reason: error.to_string() }
 }
 
-/// nokhwa's name of a format; it has none for deep grey.
+/// The encodings that nokhwa has a name for. What its YUYV is on systems that send UYVY is not known, so that there is none.
+const FORMATS: [(Encoding, FrameFormat); 6] = [
+    (Encoding::Mjpeg, FrameFormat::MJPEG),
+    (Encoding::Yuyv, FrameFormat::YUYV),
+    (Encoding::Nv12, FrameFormat::NV12),
+    (Encoding::Grey8, FrameFormat::GRAY),
+    (Encoding::Rgb8, FrameFormat::RAWRGB),
+    (Encoding::Bgr8, FrameFormat::RAWBGR),
+];
+
 fn frame_format(config: &FrameConfig) -> Result<FrameFormat, FrameError> {
-    match config.format {
-        PixelEncoding::Mjpeg => Ok(FrameFormat::MJPEG),
-        PixelEncoding::Yuyv => Ok(FrameFormat::YUYV),
-        PixelEncoding::Nv12 => Ok(FrameFormat::NV12),
-        PixelEncoding::Grey8 => Ok(FrameFormat::GRAY),
-        PixelEncoding::Rgb8 => Ok(FrameFormat::RAWRGB),
-        PixelEncoding::Grey10 | PixelEncoding::Grey12 => Err(FrameError::Config {
-            id: config.id.clone(),
-            problem: "the portable backend has no 10 and 12-bit grey; take backend \"precise\" (Linux), or \"grey8\""
-                .into(),
-        }),
-    }
+    let found = FORMATS.iter().find(|(encoding, _)| *encoding == config.format);
+    found.map(|(_, format)| *format).ok_or_else(|| FrameError::Config {
+        id: config.id.clone(),
+        problem: format!(
+            "the portable backend has no {}; take backend \"precise\" (Linux), or one of {}",
+            config.format,
+            names(FORMATS.iter().map(|(encoding, _)| *encoding))
+        ),
+    })
 }
 
 impl PortableCamera {
@@ -100,13 +106,14 @@ impl PortableCamera {
                         .into(),
             });
         }
+        frame_format(config)?;
         let index = choose(config)?;
         let camera = prepare(config, &index)?;
         let description = Description {
             id: config.id.clone(),
             model: camera.info().human_name(),
             serial: String::new(),
-            encoding: config.format.encoding(),
+            encoding: config.format,
             width: config.width,
             height: config.height,
             start_order: 0,
@@ -161,21 +168,26 @@ fn prepare(config: &FrameConfig, index: &CameraIndex) -> Result<Camera, FrameErr
 /// What the camera says of itself, controls included.
 fn described(config: &FrameConfig, camera: &Camera) -> Map<String, Value> {
     let controls = camera.camera_controls().unwrap_or_default();
-    let controls =
-        controls.iter().map(|control| (control.name().to_owned(), json!(control.value().to_string()))).collect();
+    let controls = controls.iter().map(|control| (control.name().to_owned(), json!(control.value().to_string())));
+    settings(config, camera.frame_rate(), controls.collect())
+}
+
+/// The settings of a camera that gives `rate_hz` frames a second, and what it did not take.
+fn settings(config: &FrameConfig, rate_hz: u32, controls: Map<String, Value>) -> Map<String, Value> {
     let automatic =
         [config.exposure_us, config.gain, config.white_balance_k, config.focus].contains(&Lock::Named(NamedLock::Auto));
     let mut missed = NotApplied::default();
-    missed.compare("rate_hz", config.rate_hz.round(), camera.frame_rate().into());
+    missed.compare("rate_hz", config.rate_hz.round(), rate_hz.into());
     let mut settings = Map::from_iter([
         ("backend".to_owned(), json!("nokhwa")),
-        ("rate_hz".to_owned(), json!(camera.frame_rate())),
+        ("rate_hz".to_owned(), json!(rate_hz)),
         ("asked_rate_hz".to_owned(), json!(config.rate_hz)),
         ("triggered".to_owned(), json!(config.triggered)),
         ("automatic_allowed".to_owned(), json!(automatic)),
         ("controls".to_owned(), Value::Object(controls)),
     ]);
     missed.tell(&mut settings);
+    settings.extend(config.raw.map(|raw| ("raw".to_owned(), json!(raw))));
     settings
 }
 
@@ -249,7 +261,7 @@ fn stream(
             return;
         }
     };
-    let encoding: Encoding = config.format.encoding();
+    let encoding = config.format;
     let mut sequence = 0;
     while !state.stopping.load(Ordering::Relaxed) {
         let frame = camera.frame();
@@ -279,5 +291,38 @@ fn stream(
     }
     if let Err(error) = camera.stop_stream() {
         tracing::debug!("while camera {} is stopped: {error}", config.id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_session::{
+        pixel::RawLook,
+        source::{BayerOrder, Samples},
+    };
+
+    use super::*;
+
+    #[test]
+    fn another_rate_than_asked_for_is_told_as_not_applied() {
+        let config = FrameConfig { rate_hz: 29.97, ..FrameConfig::default() };
+        // nokhwa knows whole frames a second alone.
+        assert!(!settings(&config, 30, Map::new()).contains_key("not_applied"));
+        let slow = settings(&config, 15, Map::from_iter([("Gain".into(), json!("3"))]));
+        assert_eq!(slow["not_applied"], json!(["rate_hz = 30 (it has 15)"]));
+        assert_eq!((&slow["rate_hz"], &slow["controls"]["Gain"]), (&json!(15), &json!("3")));
+        assert_eq!((&slow["automatic_allowed"], slow.get("raw")), (&json!(false), None));
+        let config = FrameConfig { gain: Lock::Named(NamedLock::Auto), raw: Some(RawLook::default()), ..config };
+        let told = settings(&config, 30, Map::new());
+        assert_eq!((&told["automatic_allowed"], &told["raw"]["black_level"]), (&json!(true), &json!(0.0)));
+    }
+
+    #[test]
+    fn formats_that_the_library_does_not_know_are_refused_before_a_camera_is_looked_for() {
+        for format in [Encoding::Grey10, Encoding::Uyvy, Encoding::Bayer(BayerOrder::Rggb, Samples::Bits8)] {
+            let error = frame_format(&FrameConfig { format, ..FrameConfig::default() }).unwrap_err().to_string();
+            assert!(error.contains(&format!("has no {format}; take backend")) && error.contains("bgr8"), "{error}");
+        }
+        assert_eq!(frame_format(&FrameConfig::default()).unwrap(), FrameFormat::MJPEG);
     }
 }

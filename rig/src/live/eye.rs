@@ -168,7 +168,7 @@ impl Eye {
             Some(self.canvas.render())
         } else {
             let frame = self.frame.take();
-            frame.and_then(|frame| frames::picture(encoding, self.description.width, self.description.height, &frame))
+            frame.and_then(|frame| frames::picture(&self.description, &frame))
         };
         let Some(jpeg) = picture.and_then(|picture| picture.jpeg()) else { return };
         self.jpeg = Some(jpeg);

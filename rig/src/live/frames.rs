@@ -1,8 +1,9 @@
 //! Frames of every encoding to small pictures.
 
-use bytes::Bytes;
-use erfgs_session::source::Encoding;
-use image::{ImageFormat, ImageReader, Limits};
+use erfgs_session::{
+    pixel::{self, RawLook, frame_bytes, yuv_to_rgb},
+    source::{BayerOrder, Description, Encoding, Samples},
+};
 
 use super::picture::Picture;
 
@@ -10,77 +11,88 @@ use super::picture::Picture;
 const LARGEST: u32 = 8192;
 
 /// A small picture of a frame; `None` if the payload is shorter than its encoding asks for, or damaged.
-pub(super) fn picture(encoding: Encoding, width: u32, height: u32, payload: &Bytes) -> Option<Picture> {
+pub(super) fn picture(description: &Description, payload: &[u8]) -> Option<Picture> {
+    let Description { encoding, width, height, .. } = *description;
     if encoding == Encoding::Mjpeg {
-        return jpeg(payload);
+        let image = pixel::decode(encoding, width, height, payload).ok()?;
+        return Some(Picture::shrunk(image.width, image.height, |x, y| image.pixel(x, y)));
     }
-    if !(1..=LARGEST).contains(&width) || !(1..=LARGEST).contains(&height) {
+    if width > LARGEST || height > LARGEST || pixel::check_size(encoding, width, height).is_err() {
         return None;
     }
-    let pixels = width as usize * height as usize;
-    let needs = match encoding {
-        Encoding::Yuyv | Encoding::Grey10 | Encoding::Grey12 => 2 * pixels,
-        Encoding::Nv12 => pixels + pixels / 2,
-        Encoding::Grey8 => pixels,
-        Encoding::Rgb8 => 3 * pixels,
-        _ => return None,
-    };
-    if payload.len() < needs {
-        return None;
-    }
+    let payload = payload.get(..frame_bytes(encoding, width, height)?)?;
     let byte = |at: usize| payload.get(at).copied().unwrap_or(0);
     let index = |x: u32, y: u32| y as usize * width as usize + x as usize;
-    let deep = |at: usize, shift: u32| (u16::from_le_bytes([byte(2 * at), byte(2 * at + 1)]) >> shift).min(255) as u8;
-    let grey = |value: u8| [value; 3];
-    Some(match encoding {
-        Encoding::Grey8 => Picture::shrunk(width, height, |x, y| grey(byte(index(x, y)))),
-        Encoding::Grey10 => Picture::shrunk(width, height, |x, y| grey(deep(index(x, y), 2))),
-        Encoding::Grey12 => Picture::shrunk(width, height, |x, y| grey(deep(index(x, y), 4))),
-        Encoding::Rgb8 => Picture::shrunk(width, height, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + c))),
-        Encoding::Yuyv => Picture::shrunk(width, height, |x, y| {
+    Some(match (encoding, encoding.samples()) {
+        (Encoding::Bayer(order, samples), _) => binned(description, order, samples, payload),
+        (_, Some(samples)) => {
+            let levels = RawLook::of(description).levels(encoding, 1);
+            Picture::shrunk(width, height, |x, y| [levels[usize::from(samples.at(payload, index(x, y)))]; 3])
+        }
+        (Encoding::Rgb8, _) => {
+            Picture::shrunk(width, height, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + c)))
+        }
+        (Encoding::Bgr8, _) => {
+            Picture::shrunk(width, height, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + 2 - c)))
+        }
+        (Encoding::Yuyv, _) => Picture::shrunk(width, height, |x, y| {
             let pair = 2 * index(x & !1, y);
-            rgb(byte(2 * index(x, y)), byte(pair + 1), byte(pair + 3))
+            yuv_to_rgb(byte(2 * index(x, y)), byte(pair + 1), byte(pair + 3))
+        }),
+        (Encoding::Uyvy, _) => Picture::shrunk(width, height, |x, y| {
+            let pair = 2 * index(x & !1, y);
+            yuv_to_rgb(byte(2 * index(x, y) + 1), byte(pair), byte(pair + 2))
         }),
         _ => Picture::shrunk(width, height, |x, y| {
-            let pair = pixels + (y / 2) as usize * width as usize + (x & !1) as usize;
-            rgb(byte(index(x, y)), byte(pair), byte(pair + 1))
+            let pair = width as usize * (height + y / 2) as usize + (x & !1) as usize;
+            yuv_to_rgb(byte(index(x, y)), byte(pair), byte(pair + 1))
         }),
     })
 }
 
-fn jpeg(payload: &Bytes) -> Option<Picture> {
-    let mut reader = ImageReader::with_format(std::io::Cursor::new(payload), ImageFormat::Jpeg);
-    let mut limits = Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST), Some(LARGEST));
-    reader.limits(limits);
-    let image = reader.decode().ok()?.into_rgb8();
-    Some(Picture::shrunk(image.width(), image.height(), |x, y| image.get_pixel(x, y).0))
-}
-
-/// BT.601, studio range: what UVC cameras send.
-fn rgb(y: u8, u: u8, v: u8) -> [u8; 3] {
-    let (y, u, v) = (1.164 * (f32::from(y) - 16.0), f32::from(u) - 128.0, f32::from(v) - 128.0);
-    [y + 1.596 * v, y - 0.392 * u - 0.813 * v, y + 2.017 * u].map(|value| value.clamp(0.0, 255.0) as u8)
+/// A Bayer frame at half its size: two by two pixels hold a red, a blue and two greens.
+fn binned(description: &Description, order: BayerOrder, samples: Samples, payload: &[u8]) -> Picture {
+    let look = RawLook::of(description);
+    let levels: [Vec<u8>; 3] = std::array::from_fn(|colour| look.levels(description.encoding, colour));
+    let (width, height) = (description.width, description.height);
+    Picture::shrunk(width / 2, height / 2, |x, y| {
+        let mut sums = [0; 3];
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let at = (2 * y as usize + dy) * width as usize + 2 * x as usize + dx;
+            sums[order.colour(dx, dy)] += samples.at(payload, at);
+        }
+        let values = [sums[0], sums[1] / 2, sums[2]];
+        std::array::from_fn(|colour| levels[colour][usize::from(values[colour])])
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn description(encoding: Encoding, width: u32, height: u32) -> Description {
+        let (id, model, serial, settings) = ("cam".into(), String::new(), String::new(), serde_json::Map::new());
+        Description { id, model, serial, encoding, width, height, start_order: 0, settings }
+    }
+
     fn first(encoding: Encoding, payload: Vec<u8>) -> Option<Vec<u8>> {
-        picture(encoding, 2, 2, &Bytes::from(payload)).map(|picture| picture.rgb[..3].to_vec())
+        picture(&description(encoding, 4, 2), &payload).map(|picture| picture.rgb[..3].to_vec())
     }
 
     #[test]
     fn every_encoding_shows_white_as_white_and_black_as_black() {
-        let white = [
-            (Encoding::Grey8, vec![255; 4]),
-            (Encoding::Grey10, [0xff, 0x03].repeat(4)),
-            (Encoding::Grey12, [0xff, 0x0f].repeat(4)),
-            (Encoding::Rgb8, vec![255; 12]),
-            (Encoding::Yuyv, [235, 128].repeat(4)),
-            (Encoding::Nv12, [[235; 4].to_vec(), vec![128; 2]].concat()),
+        let yuv = [
+            (Encoding::Yuyv, [235, 128].repeat(8)),
+            (Encoding::Uyvy, [128, 235].repeat(8)),
+            (Encoding::Nv12, [[235; 8].to_vec(), vec![128; 4]].concat()),
         ];
+        let plain = Encoding::all().filter(|&encoding| encoding.is_frames() && encoding != Encoding::Mjpeg);
+        let plain = plain.filter(|encoding| yuv.iter().all(|(other, _)| other != encoding));
+        let full = |encoding: Encoding| match encoding.samples() {
+            Some(samples) => samples.pack(&[u16::MAX; 8]),
+            None => vec![255; 24],
+        };
+        let white = yuv.clone().into_iter().chain(plain.map(|encoding| (encoding, full(encoding))));
         for (encoding, payload) in white {
             let pixel = first(encoding, payload.clone()).unwrap();
             assert!(pixel.iter().all(|&value| value >= 253), "{encoding:?}: {pixel:?}");
@@ -104,22 +116,38 @@ mod tests {
     #[test]
     fn red_is_red_in_both_orders_of_chroma() {
         // BT.601: red is Y 81, U 90, V 240.
-        for (encoding, payload) in
-            [(Encoding::Yuyv, [81, 90, 81, 240].repeat(2)), (Encoding::Nv12, vec![81, 81, 81, 81, 90, 240])]
-        {
+        for (encoding, payload) in [
+            (Encoding::Yuyv, [81, 90, 81, 240].repeat(4)),
+            (Encoding::Uyvy, [90, 81, 240, 81].repeat(4)),
+            (Encoding::Nv12, [[81; 8].to_vec(), [90, 240].repeat(2)].concat()),
+            (Encoding::Rgb8, [255, 0, 0].repeat(8)),
+            (Encoding::Bgr8, [0, 0, 255].repeat(8)),
+        ] {
             let pixel = first(encoding, payload).unwrap();
             assert!(pixel[0] > 240 && pixel[1] < 15 && pixel[2] < 15, "{encoding:?}: {pixel:?}");
         }
     }
 
     #[test]
+    fn two_by_two_pixels_of_a_mosaic_make_one_of_the_preview() {
+        for (encoding, samples) in Encoding::all().filter_map(|encoding| Some((encoding, encoding.samples()?))) {
+            let Encoding::Bayer(order, _) = encoding else { continue };
+            // Red at half of white, green at a quarter, blue at none.
+            let light = [0.5, 0.25, 0.0].map(|light| (light * f64::from(samples.white())) as u16);
+            let values: Vec<u16> = (0..32).map(|at| light[order.colour(at % 8, at / 8)]).collect();
+            let picture = picture(&description(encoding, 8, 4), &samples.pack(&values)).unwrap();
+            assert_eq!((picture.width, picture.height), (4, 2));
+            let near = |pixel: &[u8]| pixel[0].abs_diff(188) <= 1 && pixel[1].abs_diff(137) <= 1 && pixel[2] == 0;
+            assert!(picture.rgb.chunks(3).all(near), "{encoding}: {:?}", picture.rgb);
+        }
+    }
+
+    #[test]
     fn short_and_damaged_frames_give_no_picture() {
-        for encoding in
-            [Encoding::Grey8, Encoding::Grey10, Encoding::Yuyv, Encoding::Nv12, Encoding::Rgb8, Encoding::Mjpeg]
-        {
+        for encoding in Encoding::all() {
             assert_eq!(first(encoding, vec![1; 3]), None, "{encoding:?}");
-            assert!(picture(encoding, 0, 0, &Bytes::new()).is_none(), "{encoding:?}");
-            assert!(picture(encoding, u32::MAX, u32::MAX, &Bytes::from_static(&[0; 64])).is_none(), "{encoding:?}");
+            assert!(picture(&description(encoding, 0, 0), &[]).is_none(), "{encoding:?}");
+            assert!(picture(&description(encoding, u32::MAX, u32::MAX), &[0; 64]).is_none(), "{encoding:?}");
         }
     }
 }

@@ -80,7 +80,7 @@ impl Lamp {
 
 /// Mean level of a frame, 0 to 255; `None` if it cannot be decoded.
 pub(super) fn brightness(description: &Description, payload: &[u8]) -> Option<f64> {
-    let image = pixel::decode(description.encoding, description.width, description.height, payload).ok()?;
+    let image = pixel::picture(description, payload).ok()?;
     let sum: u64 = image.data.iter().map(|&level| u64::from(level)).sum();
     Some(sum as f64 / image.data.len().max(1) as f64)
 }

@@ -215,10 +215,7 @@ pub fn topic(id: &str, encoding: Encoding) -> String {
     match encoding {
         Encoding::TriggerLines => format!("/trigger/{id}/raw"),
         events if events.is_events() => format!("/event/{id}/raw"),
-        frames => {
-            let name = serde_json::to_value(frames).ok().and_then(|name| name.as_str().map(str::to_owned));
-            format!("/frame/{id}/{}", name.unwrap_or_default())
-        }
+        frames => format!("/frame/{id}/{frames}"),
     }
 }
 

@@ -23,6 +23,7 @@ use crate::{
     frame::{
         FoundCamera, FrameConfig, FrameError,
         check::{is_cut, without_padding},
+        encoding_of, fourccs,
     },
     host_time::host_ns,
     not_applied::NotApplied,
@@ -91,7 +92,7 @@ impl PreciseCamera {
             id: config.id.clone(),
             model: found.name.clone(),
             serial: found.serial.clone(),
-            encoding: config.format.encoding(),
+            encoding: config.format,
             width: ready.format.width,
             height: ready.format.height,
             start_order: 0,
@@ -134,7 +135,7 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
 
     let (width, height) = (config.width, config.height);
     let offered = node.formats();
-    let known = config.format.fourccs().iter().map(|code| u32::from_le_bytes(**code));
+    let known = fourccs(config.format).iter().map(|code| u32::from_le_bytes(**code));
     let asked = known.clone().find(|code| offered.contains(code)).or(known.clone().next());
     let asked = asked.ok_or_else(|| fail("name its format", io::ErrorKind::Unsupported.into()))?;
     let format = node.set_format(asked, width, height).map_err(|error| fail("set its format", error))?;
@@ -145,7 +146,7 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
             node: node_name,
             asked: told(asked, width, height),
             offered: told(format.fourcc, format.width, format.height),
-            formats: offered.into_iter().map(fourcc_text).collect::<Vec<_>>().join(", "),
+            formats: offered.into_iter().map(format_text).collect::<Vec<_>>().join(", "),
         });
     }
     let mut missed = NotApplied::default();
@@ -172,7 +173,14 @@ fn prepare(config: &FrameConfig, found: &FoundCamera) -> Result<(Ready, Map<Stri
         missed.compare("rate_hz", config.rate_hz, rate);
     }
     missed.tell(&mut settings);
+    settings.extend(config.raw.map(|raw| ("raw".to_owned(), json!(raw))));
     Ok((Ready { node: Arc::new(node), format }, settings))
+}
+
+/// A four-character code, and the name of the format in `RIG.toml` if it has one.
+fn format_text(fourcc: u32) -> String {
+    let code = fourcc_text(fourcc);
+    encoding_of(fourcc).map_or(code.clone(), |encoding| format!("{code} (format = \"{encoding}\")"))
 }
 
 /// Whether a rate is another than was asked for, by more than the way in which drivers count intervals.
@@ -332,7 +340,7 @@ impl Watch {
     }
 
     fn deliver(&mut self, host_ns: i64, stream: &Stream, frame: &super::sys::Filled, format: PixelFormat) {
-        let encoding = self.config.format.encoding();
+        let encoding = self.config.format;
         let raw = stream.bytes(frame);
         let payload = match without_padding(encoding, format.width, format.stride, raw) {
             Some(rows) if encoding != Encoding::Mjpeg => Bytes::from(rows),

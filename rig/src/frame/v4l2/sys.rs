@@ -124,7 +124,7 @@ impl Node {
                 self.call(vidioc::VIDIOC_ENUM_FMT, &mut format).map(|()| format.pixelformat)
             }
         };
-        (0..64).map_while(|index| describe(index).ok()).collect()
+        (0..256).map_while(|index| describe(index).ok()).collect()
     }
 
     pub fn set_format(&self, fourcc: u32, width: u32, height: u32) -> io::Result<PixelFormat> {

@@ -1,6 +1,9 @@
 //! How much the streams of a rig send.
 
-use erfgs_session::source::{Description, Encoding};
+use erfgs_session::{
+    pixel::frame_bytes,
+    source::{Description, Encoding},
+};
 
 /// Bytes a second of an EVK4 whose sensor saturates, as measured on USB (ROS metavision_driver's sample log).
 const EVK4_PEAK: f64 = 106e6;
@@ -39,7 +42,6 @@ pub(super) fn rates_of(stream: &Description) -> Rates {
         .find_map(|name| stream.settings.get(*name)?.as_f64())
         .filter(|hz| (0.01..=10_000.0).contains(hz))
         .unwrap_or(FRAMES_HZ);
-    let raw = |bytes: f64| Rates { steady: pixels * bytes * hz, peak: pixels * bytes * hz };
     match stream.encoding {
         Encoding::Evt2 | Encoding::Evt21 | Encoding::Evt21Legacy | Encoding::Evt3 => {
             // What a moving scene gives is a small part of what the sensor can.
@@ -47,10 +49,27 @@ pub(super) fn rates_of(stream: &Description) -> Rates {
         }
         Encoding::Davis => Rates { steady: 0.1 * DAVIS_PEAK, peak: DAVIS_PEAK },
         Encoding::Mjpeg => Rates { steady: MJPEG_BYTES[0] * pixels * hz, peak: MJPEG_BYTES[1] * pixels * hz },
-        Encoding::Yuyv | Encoding::Grey10 | Encoding::Grey12 => raw(2.0),
-        Encoding::Nv12 => raw(1.5),
-        Encoding::Grey8 => raw(1.0),
-        Encoding::Rgb8 => raw(3.0),
         Encoding::TriggerLines => Rates { steady: 10e3, peak: 100e3 },
+        frames => {
+            let bytes = frame_bytes(frames, stream.width, stream.height).unwrap_or_default() as f64;
+            Rates { steady: bytes * hz, peak: bytes * hz }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_fixed_size_send_what_their_layout_takes() {
+        let sends = |name: &str| {
+            let settings = serde_json::json!({"rate_hz": 60.0}).as_object().cloned().unwrap_or_default();
+            let (id, model, serial, encoding) = ("a".into(), String::new(), String::new(), name.parse().unwrap());
+            let of = Description { id, model, serial, encoding, width: 1920, height: 1080, start_order: 0, settings };
+            rates_of(&of).steady / 60.0 / (1920.0 * 1080.0)
+        };
+        let formats = ["rggb8", "gbrg10p", "grey12p", "nv12", "bggr12", "uyvy", "bgr8"];
+        assert_eq!(formats.map(sends), [1.0, 1.25, 1.5, 1.5, 2.0, 2.0, 3.0]);
     }
 }

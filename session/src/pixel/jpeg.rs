@@ -1,0 +1,124 @@
+//! Motion JPEG frames: JPEG images, often without their Huffman tables.
+
+use std::{borrow::Cow, io::Cursor, sync::OnceLock};
+
+use image::{ImageFormat, ImageReader};
+
+use super::PixelError;
+use crate::image::ImageRgb8;
+
+pub(super) fn decode(payload: &[u8]) -> Result<ImageRgb8, PixelError> {
+    let payload = with_huffman_tables(payload);
+    let mut reader = ImageReader::with_format(Cursor::new(&payload[..]), ImageFormat::Jpeg);
+    // Larger than any camera: a damaged header must not ask for all memory.
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(1 << 14);
+    limits.max_image_height = Some(1 << 14);
+    reader.limits(limits);
+    let image = reader.decode()?.into_rgb8();
+    Ok(ImageRgb8 { width: image.width(), height: image.height(), data: image.into_raw() })
+}
+
+const SOI: [u8; 2] = [0xff, 0xd8];
+const DHT: u8 = 0xc4;
+const SOS: u8 = 0xda;
+
+/// The segments of a JPEG header as (marker, start, end), up to the start of the scan.
+fn segments(jpeg: &[u8]) -> impl Iterator<Item = (u8, usize, usize)> + '_ {
+    let mut at = SOI.len();
+    std::iter::from_fn(move || {
+        let &[0xff, marker, high, low] = jpeg.get(at..at + 4)? else { return None };
+        let end = at + 2 + usize::from(u16::from_be_bytes([high, low]));
+        let segment = (marker, at, end);
+        at = if marker == SOS { jpeg.len() } else { end };
+        (end <= jpeg.len()).then_some(segment)
+    })
+}
+
+/// Many cameras leave the Huffman tables out and mean the standard ones (ITU-T T.81, annex K.3): puts them in.
+fn with_huffman_tables(jpeg: &[u8]) -> Cow<'_, [u8]> {
+    if !jpeg.starts_with(&SOI) || segments(jpeg).any(|(marker, ..)| marker == DHT) {
+        return Cow::Borrowed(jpeg);
+    }
+    Cow::Owned([&SOI, standard_tables(), &jpeg[SOI.len()..]].concat())
+}
+
+/// The standard tables as DHT segments, as every plain encoder writes them.
+fn standard_tables() -> &'static [u8] {
+    static TABLES: OnceLock<Vec<u8>> = OnceLock::new();
+    TABLES.get_or_init(|| {
+        let mut plain = Vec::new();
+        let encoder = image::codecs::jpeg::JpegEncoder::new(&mut plain);
+        match image::ImageEncoder::write_image(encoder, &[0; 3], 1, 1, image::ExtendedColorType::Rgb8) {
+            Ok(()) => segments(&plain)
+                .filter(|(marker, ..)| *marker == DHT)
+                .flat_map(|(_, start, end)| plain[start..end].to_vec())
+                .collect(),
+            Err(_) => Vec::new(),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn jpeg(image: &ImageRgb8) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95);
+        image::ImageEncoder::write_image(
+            encoder,
+            &image.data,
+            image.width,
+            image.height,
+            image::ExtendedColorType::Rgb8,
+        )
+        .unwrap();
+        bytes
+    }
+
+    fn gradient() -> ImageRgb8 {
+        let data = (0..16 * 48).flat_map(|i| [(i % 48 * 5) as u8, (i / 48 * 15) as u8, 128]).collect();
+        ImageRgb8 { width: 48, height: 16, data }
+    }
+
+    #[test]
+    fn motion_jpeg_is_decoded_with_and_without_its_huffman_tables() {
+        let image = gradient();
+        let whole = jpeg(&image);
+        let decoded = decode(&whole).unwrap();
+        assert_eq!((decoded.width, decoded.height), (48, 16));
+        let worst = decoded.data.iter().zip(&image.data).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(worst <= Some(12), "{worst:?}");
+
+        let mut bare = SOI.to_vec();
+        let mut scan = 0;
+        for (marker, start, end) in segments(&whole) {
+            if marker == SOS {
+                scan = start;
+            } else if marker != DHT {
+                bare.extend(&whole[start..end]);
+            }
+        }
+        bare.extend(&whole[scan..]);
+        assert!(bare.len() + 400 < whole.len(), "the tables are left out");
+        assert_eq!(decode(&bare).unwrap(), decoded);
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_jpeg_is_an_error_or_a_picture(
+            place in any::<prop::sample::Index>(),
+            wrong in any::<u8>(),
+            cut in any::<prop::sample::Index>(),
+        ) {
+            let mut bytes = jpeg(&gradient());
+            let place = place.index(bytes.len());
+            bytes[place] = wrong;
+            bytes.truncate(cut.index(bytes.len()) + 1);
+            let _ = decode(&bytes);
+        }
+    }
+}
