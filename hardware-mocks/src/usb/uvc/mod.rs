@@ -353,7 +353,9 @@ impl UsbDevice for Uvc {
 
     fn wake_ns(&mut self, now_ns: i64) -> i64 {
         let ready = self.payloads.front().map(|payload| payload.ready_ns);
-        let next = self.streaming.as_ref().map(|streaming| streaming.next_ns.unwrap_or(now_ns + 1_000_000));
+        // A pulse may come at any time, and nothing is due before the readout that follows it.
+        let look_ns = (self.options.readout_ns / 2).max(1_000_000);
+        let next = self.streaming.as_ref().map(|streaming| streaming.next_ns.unwrap_or(now_ns + look_ns));
         ready.or(next).unwrap_or(now_ns + 5_000_000).max(now_ns)
     }
 }
