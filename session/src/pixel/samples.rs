@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(Samples::Bits12.unpack(&[0x34, 0x0a, 0xff, 0x0f]), [0xa34, 0xfff]);
         // pixfmt-srggb10p: B00[9:2] G01[9:2] B02[9:2] G03[9:2], then G03[1:0] B02[1:0] G01[1:0] B00[1:0].
         let packed = [0b1000_0001, 0x00, 0xff, 0x12, 0b01_11_10_11];
-        assert_eq!(Samples::Packed10.unpack(&packed), [0b10_0000_0111, 0b10, 0x3ff, 0b0001_0010_01]);
+        assert_eq!(Samples::Packed10.unpack(&packed), [0b10_0000_0111, 0b10, 0x3ff, 0x049]);
         // pixfmt-srggb12p: B00[11:4] G01[11:4], then G01[3:0] B00[3:0].
         assert_eq!(Samples::Packed12.unpack(&[0xab, 0x12, 0x5c]), [0xabc, 0x125]);
         assert_eq!(Samples::Bits8.unpack(&[0, 7, 255]), [0, 7, 255]);
