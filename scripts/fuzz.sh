@@ -20,7 +20,9 @@ done
 host=$(rustc -vV | sed -n 's/^host: //p')
 export folder=target/fuzz binaries=target/fuzz/$host/release
 rm -rf "$folder/seeds"
-cargo run --quiet --locked -p erfgs-session --example fuzz_seeds -- "$folder/seeds"
+# The whole workspace is named, so that what `cargo test` built will do.
+cargo build --quiet --locked --workspace --example fuzz_seeds
+target/debug/examples/fuzz_seeds "$folder/seeds"
 # The same versions of everything as in the workspace.
 cp Cargo.lock session/fuzz/Cargo.lock
 # What cargo-fuzz passes with --sanitizer none: the compiler counts the edges that run, and hands comparisons to libFuzzer.

@@ -17,7 +17,7 @@ job=$1; shift
 [ -e "$job" ] || { echo "run.sh: there is no job $job" >&2; exit 2; }
 job=$(realpath "$job")
 for tool in qemu-system-x86_64 busybox cpio depmod python3; do
-  command -v $tool >/dev/null || { echo "run.sh: $tool is missing: run scripts/setup.sh --guest" >&2; exit 1; }
+  command -v $tool >/dev/null || { echo "run.sh: $tool is missing: run scripts/setup.sh --emulation" >&2; exit 1; }
 done
 
 case ${GUEST_CLOCK:-host} in
