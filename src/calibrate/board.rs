@@ -58,7 +58,7 @@ pub struct Arguments {
     #[arg(long)]
     keep_intrinsics: bool,
     /// How often the board on the screen comes and goes in a second, for event cameras.
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = blink_rate)]
     blink: Option<f64>,
     /// Event cameras saw a printed board that moved.
     #[arg(long, conflicts_with = "blink")]
@@ -71,7 +71,8 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-fn rate(text: &str) -> Result<f64, String> {
+/// How often a board blinks in a second.
+pub fn blink_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 10_000.0);
     rate.ok_or_else(|| "write a rate between 0 and 10000 a second".into())
 }

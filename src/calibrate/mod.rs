@@ -12,7 +12,7 @@ mod wand_session;
 
 use clap::Subcommand;
 
-pub use board::lens_model;
+pub use board::{blink_rate, lens_model};
 
 use crate::terminal::Terminal;
 

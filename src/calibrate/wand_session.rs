@@ -119,7 +119,7 @@ pub fn pictures(recording: &mut Recording, rig: &RigFile, evidence: &Evidence) -
             let picture = EventPicture::new(description.width, description.height);
             let mut sink = Around { clock, t_ns, picture };
             let from = start.host_ns.saturating_add(t_ns).saturating_sub(EARLIER_NS);
-            session.decode_events(stream, Some(from), &mut sink, |_| {})?;
+            session.decode_events(stream, Some([from, i64::MAX]), &mut sink, |_| {})?;
             pictures.push(Picture::new(camera, Some(placement), &sink.picture.picture()));
         }
     }

@@ -11,11 +11,15 @@ use std::{
 };
 
 use erfgs_session::{
+    Distortion, Intrinsics,
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, Packet},
 };
 
 use crate::{files::description, rig::recorded};
+
+#[path = "../../calibrate/tests/common/blinking.rs"]
+mod blinking;
 
 /// A session that is played again and again with its page.
 struct Played {
@@ -130,6 +134,55 @@ fn a_board_is_calibrated_while_it_is_played() {
         figure("error")?.strip_suffix(" px")?.parse::<f64>().ok()
     };
     let fits = page.comes_to(|page| error_px(page).is_some_and(|error| error < 0.25));
+    assert!(fits, "{}", page.status()["guidance"]);
+}
+
+/// An event camera before a screen, as a recorded session: the file's packets hold 20 ms each.
+fn write_blinking(path: &Path) {
+    let truth = Intrinsics {
+        width: 320,
+        height: 240,
+        fx: 300.0,
+        fy: 300.0,
+        cx: 163.0,
+        cy: 118.0,
+        distortion: Distortion::None,
+    };
+    let start =
+        SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
+    let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
+    let description = description("ev", Encoding::Evt2, [320, 240], serde_json::json!({}));
+    let stream = writer.add_stream(&description).expect("a stream");
+    let events = blinking::events([8, 5], 0.03, &truth);
+    for (sequence, part) in (0..).zip(events.chunk_by(|a, b| a.t_us / 20_000 == b.t_us / 20_000)) {
+        let packet = Packet {
+            sequence,
+            host_ns: 7_000_000_000 + (part[part.len() - 1].t_us + 100) * 1000,
+            discontinuity: false,
+            damaged: false,
+            stamp: None,
+            payload: blinking::as_evt2(part).into(),
+        };
+        writer.packet(stream, &packet).expect("written");
+    }
+    writer.finish().expect("written");
+}
+
+#[test]
+fn an_event_camera_is_calibrated_while_it_looks_at_a_board_that_blinks() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_blinking(&folder.path().join("screen.mcap"));
+    let options = ["--quick", "chessboard:8x5:0.03", "--quick-lens", "pinhole", "--quick-blink", "20"];
+    let page = Played::start(folder.path(), "screen.mcap", &options);
+    let focal_px = |page: &Played| {
+        let status = page.status();
+        let guidance = &status["guidance"][0];
+        assert_eq!(guidance["id"], "ev");
+        let figures = guidance["figures"].as_array()?;
+        let figure = figures.iter().find(|figure| figure[0] == "focal length")?[1].as_str()?;
+        figure.split(' ').next()?.parse::<f64>().ok()
+    };
+    let fits = page.comes_to(|page| focal_px(page).is_some_and(|focal| (focal - 300.0).abs() < 6.0));
     assert!(fits, "{}", page.status()["guidance"]);
 }
 

@@ -4,10 +4,7 @@
 //! the room. For each window of time the pixels whose changes come at the right rate make a picture of the board, dark where it
 //! blinks, in which corners are found as in any other.
 
-use erfgs_session::{
-    ImageRgb8,
-    codec::{CdEvent, Sink},
-};
+use erfgs_session::{ImageRgb8, codec::CdEvent};
 
 /// Share of a period by which a change may come early or late: screens show whole frames only.
 const TOLERANCE: f64 = 0.35;
@@ -28,47 +25,44 @@ impl Pixel {
     const NEW: Self = Self { turned: [i64::MIN; 2], on: None, hits: 0 };
 }
 
-/// Gathers the windows of a stream.
-pub(super) struct Windows<'a> {
+/// Gathers the windows of a stream. `found` gets the end of each window, microseconds, and its picture.
+#[derive(Clone)]
+pub(super) struct Windows {
     width: usize,
     height: usize,
     period_us: f64,
     pixels: Vec<Pixel>,
     start: Option<i64>,
-    /// Gets the end of each window, microseconds, and its picture.
-    found: &'a mut dyn FnMut(i64, ImageRgb8),
 }
 
-impl<'a> Windows<'a> {
-    pub fn new([width, height]: [usize; 2], hz: f64, found: &'a mut dyn FnMut(i64, ImageRgb8)) -> Self {
+impl Windows {
+    pub fn new([width, height]: [usize; 2], hz: f64) -> Self {
         let pixels = vec![Pixel::NEW; width * height];
-        Self { width, height, period_us: 1e6 / hz, pixels, start: None, found }
+        Self { width, height, period_us: 1e6 / hz, pixels, start: None }
     }
 
     /// Closes the last window.
-    pub fn finish(&mut self) {
+    pub fn finish(&mut self, found: &mut dyn FnMut(i64, ImageRgb8)) {
         if let Some(start) = self.start.take() {
-            self.close(start + (PERIODS * self.period_us) as i64);
+            self.close(start + (PERIODS * self.period_us) as i64, found);
         }
     }
 
-    fn close(&mut self, end: i64) {
+    fn close(&mut self, end: i64, found: &mut dyn FnMut(i64, ImageRgb8)) {
         // Half of the changes that a window has room for: two each period, the first without one before it.
         let enough = (PERIODS - 1.0) as u16;
         let blinks: Vec<bool> = self.pixels.iter().map(|pixel| pixel.hits >= enough).collect();
         if blinks.iter().filter(|blinks| **blinks).count() >= LEAST_PIXELS {
-            (self.found)(end, picture(&blinks, self.width, self.height));
+            found(end, picture(&blinks, self.width, self.height));
         }
         self.pixels.iter_mut().for_each(|pixel| pixel.hits = 0);
     }
-}
 
-impl Sink for Windows<'_> {
-    fn event(&mut self, event: CdEvent) {
+    pub fn event(&mut self, event: CdEvent, found: &mut dyn FnMut(i64, ImageRgb8)) {
         let t_us = event.t_us as i64;
         let start = *self.start.get_or_insert(t_us);
         if (t_us - start) as f64 >= PERIODS * self.period_us {
-            self.close(t_us);
+            self.close(t_us, found);
             self.start = Some(t_us);
         }
         let (x, y) = (usize::from(event.x), usize::from(event.y));
@@ -108,56 +102,15 @@ fn picture(blinks: &[bool], width: usize, height: usize) -> ImageRgb8 {
 }
 
 #[cfg(test)]
+#[path = "../../tests/common/blinking.rs"]
+mod blinking;
+
+#[cfg(test)]
 mod tests {
-    use std::fmt::Write as _;
+    use erfgs_session::{Distortion, Intrinsics, codec::EventFile};
 
-    use erfgs_session::{Distortion, Intrinsics, Pose, codec::EventFile, random};
-    use glam::{DQuat, DVec2, DVec3};
-
+    use super::blinking;
     use crate::board::{EventBoard, LensModel, Target, detect, look, single, stream::picture_at};
-
-    /// Events of a board that blinks at 20 Hz at eight places, as CSV; every thirtieth pixel is a lamp at 100 Hz.
-    fn recording(target: &Target, camera: &Intrinsics) -> String {
-        let (columns, rows) = target.corners();
-        let square = target.square_m();
-        let mut text = String::from("t,x,y,p\n");
-        for place in 0..8_u64 {
-            let angle = |axis| random::range(random::key(3, &[place, axis]), -0.45, 0.45);
-            let board = Pose {
-                rotation: DQuat::from_scaled_axis(DVec3::new(angle(0), angle(1), 0.5 * angle(2))),
-                translation: DVec3::new(-0.12 + 0.1 * angle(3), -0.08 + 0.1 * angle(4), 0.42 + 0.15 * angle(5)),
-            };
-            let back = board.inverse();
-            let mut events = Vec::new();
-            for y in 0..camera.height {
-                for x in 0..camera.width {
-                    let ray = camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap();
-                    let (from, along) = (back.translation, back.rotation * ray);
-                    let at = from - along * (from.z / along.z);
-                    let cell = (at / square).floor();
-                    let on_board =
-                        cell.x >= -1.0 && cell.y >= -1.0 && cell.x < f64::from(columns) && cell.y < f64::from(rows);
-                    let inked = on_board && (cell.x + cell.y) as i64 % 2 == 0;
-                    let period = if inked {
-                        50_000
-                    } else if (x + y) % 30 == 0 {
-                        10_000
-                    } else {
-                        continue;
-                    };
-                    for half in 0..700_000 / (period / 2) {
-                        let late = random::below(random::key(4, &[place, u64::from(x), u64::from(y), half]), 2000);
-                        events.push((place * 1_000_000 + half * period / 2 + late as u64, x, y, half % 2));
-                    }
-                }
-            }
-            events.sort_unstable();
-            for (t, x, y, on) in events {
-                let _ = writeln!(text, "{t},{x},{y},{on}");
-            }
-        }
-        text
-    }
 
     #[test]
     fn an_event_camera_is_calibrated_by_a_board_that_blinks() {
@@ -173,14 +126,15 @@ mod tests {
         };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("left.csv");
-        std::fs::write(&path, recording(&target, &truth)).unwrap();
+        std::fs::write(&path, "t,x,y,p\n0,1,1,1\n").unwrap();
         let seen = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 20.0 }), &|_, _| {});
         // CSV does not say the sensor's size.
         assert!(seen.unwrap_err().to_string().contains("left.csv"));
-        let text = std::fs::read_to_string(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
         let raw = folder.path().join("left.raw");
-        std::fs::write(&raw, as_evt2(&text)).unwrap();
+        let mut file = b"% evt 2.0\n% format EVT2;height=240;width=320\n% end\n".to_vec();
+        file.extend(blinking::as_evt2(&blinking::events([8, 5], 0.03, &truth)));
+        std::fs::write(&raw, file).unwrap();
         let seen = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 20.0 }), &|_, _| {}).unwrap();
         assert!(seen[0].events && seen[0].views.len() >= 7, "{} views", seen[0].views.len());
         // The picture for the report is the one that the board was found in.
@@ -196,20 +150,5 @@ mod tests {
         assert!(found.bundle.rms_px(None).0 < 0.3, "{}", found.bundle.rms_px(None).0);
         let without = look(folder.path(), &target, Some(EventBoard::Blinking { hz: 31.0 }), &|_, _| {}).unwrap();
         assert!(without[0].views.is_empty(), "another rate is not the board's");
-    }
-
-    /// The events as a RAW file of EVT2 words.
-    fn as_evt2(text: &str) -> Vec<u8> {
-        let mut file = b"% evt 2.0\n% format EVT2;height=240;width=320\n% end\n".to_vec();
-        let mut high = u32::MAX;
-        for line in text.lines().skip(1) {
-            let v: Vec<u32> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
-            if v[0] >> 6 != high {
-                high = v[0] >> 6;
-                file.extend((0x8000_0000 | high).to_le_bytes());
-            }
-            file.extend((v[3] << 28 | (v[0] & 63) << 22 | v[1] << 11 | v[2]).to_le_bytes());
-        }
-        file
     }
 }

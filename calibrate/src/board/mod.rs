@@ -32,5 +32,5 @@ pub use print::{Paper, print};
 pub use quick::{Fit, GRID, Quick};
 pub use rig::{BoardOptions, calibrate};
 pub use session::look_session;
-pub use stream::EventBoard;
+pub use stream::{EventBoard, EventPictures, Watcher};
 pub use target::Target;

@@ -4,10 +4,7 @@
 //! board moves, corners are found in it as in a frame. Edges along which the board moves make no events, but what lies on either
 //! side of them does, and differently.
 
-use erfgs_session::{
-    Event, ImageRgb8,
-    codec::{CdEvent, Sink},
-};
+use erfgs_session::{Event, ImageRgb8, codec::CdEvent};
 
 use crate::intensity::{Leaky, LogIntensity};
 
@@ -25,25 +22,22 @@ const LEAST_EVENTS: f64 = 0.02;
 /// A board that moved less than this (root mean square over its corners, share of the sensor's width) since the last view adds nothing.
 pub(super) const MOVED: f64 = 0.03;
 
-/// Makes pictures of a stream.
-pub(super) struct Looks<'a> {
+/// Makes pictures of a stream. `found` gets the time of each picture, microseconds, and the picture.
+#[derive(Clone)]
+pub(super) struct Looks {
     integral: Leaky,
     size: [u32; 2],
     next_us: Option<i64>,
     fresh: usize,
-    /// Gets the time of each picture, microseconds, and the picture.
-    found: &'a mut dyn FnMut(i64, ImageRgb8),
 }
 
-impl<'a> Looks<'a> {
-    pub fn new([width, height]: [usize; 2], found: &'a mut dyn FnMut(i64, ImageRgb8)) -> Self {
+impl Looks {
+    pub fn new([width, height]: [usize; 2]) -> Self {
         let size = [width as u32, height as u32];
-        Self { integral: Leaky::new(size[0], size[1], THRESHOLD, CUTOFF_HZ), size, next_us: None, fresh: 0, found }
+        Self { integral: Leaky::new(size[0], size[1], THRESHOLD, CUTOFF_HZ), size, next_us: None, fresh: 0 }
     }
-}
 
-impl Sink for Looks<'_> {
-    fn event(&mut self, event: CdEvent) {
+    pub fn event(&mut self, event: CdEvent, found: &mut dyn FnMut(i64, ImageRgb8)) {
         const PERIOD_US: i64 = 1_000_000 / LOOKS_HZ;
         let t_us = event.t_us as i64;
         // At the same times in the streams of all cameras.
@@ -52,7 +46,7 @@ impl Sink for Looks<'_> {
         if t_us >= next {
             let [width, height] = self.size;
             if self.fresh as f64 >= LEAST_EVENTS * f64::from(width) * f64::from(height) {
-                (self.found)(next, picture(&self.integral.at(next), width / SLOW));
+                found(next, picture(&self.integral.at(next), width / SLOW));
             }
             (self.next_us, self.fresh) = (Some(after(t_us)), 0);
         }

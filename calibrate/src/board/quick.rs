@@ -60,13 +60,13 @@ pub struct Quick {
 }
 
 impl Quick {
-    /// Nothing seen yet by `camera`, whose images have `size` columns and rows.
+    /// Nothing seen yet by `camera`, whose images have `size` columns and rows; `events` tells where they come from.
     #[must_use]
-    pub fn new(camera: &str, size: [u32; 2], target: Target, model: LensModel) -> Self {
+    pub fn new(camera: &str, events: bool, size: [u32; 2], target: Target, model: LensModel) -> Self {
         Self {
             target,
             model,
-            seen: Seen { camera: camera.into(), events: false, size, frames: 0, views: Vec::new() },
+            seen: Seen { camera: camera.into(), events, size, frames: 0, views: Vec::new() },
             frames_with_board: 0,
             last: Vec::new(),
             coverage: Coverage::new(size, GRID),
@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn a_board_that_is_held_still_is_one_view() {
-        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Brown5);
+        let mut quick = Quick::new("cam", false, SIZE, board(), LensModel::Brown5);
         for jitter in 0..20 {
             quick.see(view(DVec3::new(1e-4 * f64::from(jitter), 0.0, 0.6), [0.0, 10.0]));
         }
@@ -282,7 +282,7 @@ mod tests {
 
     #[test]
     fn advice_names_what_is_missing_until_there_is_enough() {
-        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Brown5);
+        let mut quick = Quick::new("cam", false, SIZE, board(), LensModel::Brown5);
         for x in [-0.12, -0.06, 0.0] {
             for y in [-0.07, 0.0, 0.07] {
                 quick.see(view(DVec3::new(x, y, 0.45), [3.0 * x, 2.0]));
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn any_number_of_frames_keeps_a_bounded_number_of_views() {
-        let mut quick = Quick::new("cam", SIZE, board(), LensModel::Pinhole);
+        let mut quick = Quick::new("cam", false, SIZE, board(), LensModel::Pinhole);
         for number in 0..400 {
             let (x, y) = (0.002 * f64::from(number % 100) - 0.1, 0.03 * f64::from(number / 100) - 0.05);
             quick.see(view(DVec3::new(x, y, 0.5 + 0.001 * f64::from(number)), [0.0, f64::from(number % 40)]));

@@ -30,17 +30,63 @@ pub enum EventBoard {
 /// A blinking board that moved less than this (root mean square over its corners, pixels) since the last view adds nothing.
 const MOVED_PX: f64 = 3.0;
 
-/// Takes a stream and makes pictures of it.
-pub(super) enum Watcher<'a> {
-    Blinking(Windows<'a>),
-    Moving(Looks<'a>),
+impl EventBoard {
+    /// `target` as it looks in the pictures that a stream gives: of what blinks they are dark, in whatever colour it is printed.
+    #[must_use]
+    pub fn as_seen(&self, target: &Target) -> Target {
+        match self {
+            Self::Blinking { .. } => target.as_inked(),
+            Self::Moving => target.clone(),
+        }
+    }
+}
+
+/// The pictures of a stream of events in which a board is looked for.
+#[derive(Clone)]
+pub struct EventPictures(Kind);
+
+#[derive(Clone)]
+enum Kind {
+    Blinking(Windows),
+    Moving(Looks),
+}
+
+impl EventPictures {
+    /// None yet, of a sensor of `size` columns and rows.
+    #[must_use]
+    pub fn new(size: [usize; 2], board: EventBoard) -> Self {
+        Self(match board {
+            EventBoard::Blinking { hz } => Kind::Blinking(Windows::new(size, hz)),
+            EventBoard::Moving => Kind::Moving(Looks::new(size)),
+        })
+    }
+
+    /// Takes events; hands each picture, as soon as it is complete, and its time, microseconds, to `found`.
+    pub fn watch<'a>(&'a mut self, found: &'a mut dyn FnMut(i64, ImageRgb8)) -> Watcher<'a> {
+        Watcher { pictures: self, found }
+    }
+}
+
+/// See [`EventPictures::watch`].
+pub struct Watcher<'a> {
+    pictures: &'a mut EventPictures,
+    found: &'a mut dyn FnMut(i64, ImageRgb8),
+}
+
+impl Watcher<'_> {
+    /// There are no more events.
+    fn finish(&mut self) {
+        if let Kind::Blinking(windows) = &mut self.pictures.0 {
+            windows.finish(self.found);
+        }
+    }
 }
 
 impl Sink for Watcher<'_> {
     fn event(&mut self, event: CdEvent) {
-        match self {
-            Self::Blinking(windows) => windows.event(event),
-            Self::Moving(looks) => looks.event(event),
+        match &mut self.pictures.0 {
+            Kind::Blinking(windows) => windows.event(event, self.found),
+            Kind::Moving(looks) => looks.event(event, self.found),
         }
     }
 }
@@ -82,10 +128,10 @@ pub(super) fn watch(
     decode: &mut dyn FnMut(&mut Watcher<'_>),
 ) -> (usize, Vec<View>) {
     let (mut frames, mut views) = (0, Vec::<View>::new());
-    let (target, least_px) = match board {
-        // Whatever colour it is printed in, a picture of what blinks is dark there.
-        EventBoard::Blinking { .. } => (target.as_inked(), MOVED_PX),
-        EventBoard::Moving => (target.clone(), moving::MOVED * size[0] as f64),
+    let target = board.as_seen(target);
+    let least_px = match board {
+        EventBoard::Blinking { .. } => MOVED_PX,
+        EventBoard::Moving => moving::MOVED * size[0] as f64,
     };
     let mut found = |t_us: i64, image: ImageRgb8| {
         frames += 1;
@@ -126,12 +172,8 @@ fn walk(
     found: &mut dyn FnMut(i64, ImageRgb8),
     decode: &mut dyn FnMut(&mut Watcher<'_>),
 ) {
-    let mut watcher = match board {
-        EventBoard::Blinking { hz } => Watcher::Blinking(Windows::new(size, hz, found)),
-        EventBoard::Moving => Watcher::Moving(Looks::new(size, found)),
-    };
+    let mut pictures = EventPictures::new(size, board);
+    let mut watcher = pictures.watch(found);
     decode(&mut watcher);
-    if let Watcher::Blinking(windows) = &mut watcher {
-        windows.finish();
-    }
+    watcher.finish();
 }
