@@ -4,11 +4,13 @@
 //! a single point. A placement has few parameters of its own and is seen by a few cameras, so that the normal equations
 //! are solved on the cameras alone (the Schur complement, `reduced.rs`), by Levenberg's and Marquardt's damped steps
 //! (`solve.rs`). The inverse of the same matrix at the solution is the covariance (`uncertainty.rs`), and where it has no
-//! inverse the parameters that the observations leave open are named.
+//! inverse the parameters that the observations leave open are named. Where errors are shared by neighbours, `clusters.rs`
+//! finds the covariance from how much clusters of them differ.
 //!
 //! Gauge: the world is where the fixed pose of a reference camera says. Lengths come from boards and wands, or, with points
 //! alone, from a [`Prior::Distance`].
 
+pub mod clusters;
 mod normal;
 mod parameter;
 mod reduced;

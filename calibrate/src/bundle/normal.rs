@@ -112,6 +112,20 @@ struct PriorRow {
     by: Vec<(usize, Vec<f64>)>,
 }
 
+impl PriorRow {
+    /// The columns that it depends on, and its slopes by them.
+    fn row(&self, layout: &Layout) -> (Vec<usize>, Vec<f64>) {
+        let entries =
+            self.by.iter().flat_map(|(camera, slopes)| layout.columns[*camera].clone().zip(slopes.iter().copied()));
+        entries.unzip()
+    }
+}
+
+/// The columns that each prior depends on, and its slopes by them, in standard deviations.
+pub(super) fn prior_rows(bundle: &Bundle, layout: &Layout) -> Vec<(Vec<usize>, Vec<f64>)> {
+    priors(bundle).map(|prior| prior.row(layout)).collect()
+}
+
 fn priors(bundle: &Bundle) -> impl Iterator<Item = PriorRow> {
     bundle.priors.iter().map(|prior| match prior {
         Prior::Value { camera, parameter, value, sigma } => {
@@ -177,14 +191,10 @@ pub(super) fn linearise(bundle: &Bundle, loss: Loss, layout: &Layout) -> Normal 
     }
     for prior in priors(bundle) {
         cost += prior.residual.powi(2);
-        let row: Vec<(usize, f64)> = prior
-            .by
-            .iter()
-            .flat_map(|(camera, slopes)| layout.columns[*camera].clone().zip(slopes.iter().copied()))
-            .collect();
-        for &(i, a) in &row {
+        let (columns, slopes) = prior.row(layout);
+        for (&i, a) in columns.iter().zip(&slopes) {
             gradient[i] += a * prior.residual;
-            for &(j, b) in &row {
+            for (&j, b) in columns.iter().zip(&slopes) {
                 shared[(i, j)] += a * b;
             }
         }

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::{
     Bundle, BundleError,
+    clusters::gradient_variance,
     normal::{Layout, cost, linearise},
     reduced::{Method, step},
     uncertainty::{Uncertainty, uncertainty},
@@ -180,7 +181,25 @@ impl Bundle {
         if layout.observations == 0 {
             return Err(BundleError::Empty);
         }
-        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout)))
+        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), None))
+    }
+
+    /// The same, for errors that placements of one cluster share: `clusters` has a number for each placement.
+    ///
+    /// # Errors
+    /// If the problem cannot be set up.
+    ///
+    /// # Panics
+    /// If there are fewer entries than placements.
+    pub fn uncertainty_of_clusters(&self, loss: Loss, clusters: &[usize]) -> Result<Uncertainty, BundleError> {
+        self.check()?;
+        assert!(clusters.len() >= self.placements.len(), "each placement needs a cluster");
+        let layout = Layout::new(self);
+        if layout.observations == 0 {
+            return Err(BundleError::Empty);
+        }
+        let between = gradient_variance(self, &layout, loss, clusters);
+        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), Some(&between)))
     }
 
     fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> Self {

@@ -159,6 +159,42 @@ fn the_covariance_is_that_of_repeated_trials() {
 }
 
 #[test]
+fn errors_that_neighbours_share_widen_the_covariance() {
+    let cameras = arc(4);
+    let (seeds, mut apart, mut together) = (30, 0.0, 0.0);
+    for seed in 0..seeds {
+        let mut bundle = Bundle { cameras: cameras.clone(), ..Bundle::default() };
+        let points: Vec<DVec3> = (0..480).map(|index| vector(200 + seed, index, 0.4)).collect();
+        let neighbours = clusters::boxes(&points, 32);
+        for (index, &point) in points.iter().enumerate() {
+            bundle.placements.push(Placement::Point(point));
+            for camera in 0..cameras.len() {
+                see(&mut bundle, camera, index, DVec3::ZERO, 0.1, random::key(300 + seed, &[index as u64]));
+                let shared = vector(400 + seed, (neighbours[index] * cameras.len() + camera) as u64, 0.4);
+                bundle.observations.last_mut().unwrap().pixel += shared.truncate();
+            }
+        }
+        let metres = (cameras[0].pose.centre() - cameras[3].pose.centre()).length();
+        bundle.priors.push(Prior::Distance { cameras: [0, 3], metres, sigma: 1e-6 });
+        bundle.solve(&Options::default()).unwrap();
+        let own = bundle.uncertainty(Loss::Squared).unwrap();
+        let shared = bundle.uncertainty_of_clusters(Loss::Squared, &neighbours).unwrap();
+        assert_eq!(
+            (own.variance_factor, own.rank, own.condition),
+            (shared.variance_factor, shared.rank, shared.condition)
+        );
+        for index in 1..3 {
+            let error = bundle.cameras[index].pose.centre() - cameras[index].pose.centre();
+            apart += error.dot(own.cameras[index].centre.inverse() * error);
+            together += error.dot(shared.cameras[index].centre.inverse() * error);
+        }
+    }
+    // Chi-square of 180 degrees of freedom, were the covariance known; from 32 clusters it is known to a quarter.
+    assert!((120.0..300.0).contains(&together), "{together}");
+    assert!(apart > 3.0 * together, "{apart} {together}");
+}
+
+#[test]
 fn what_is_not_determined_is_named() {
     // A camera that sees nothing, and a focal length that one plane seen head on cannot tell from its distance.
     let mut bundle = wands(&arc(4), 20, 0.1, 3);

@@ -57,7 +57,14 @@ pub struct Uncertainty {
     pub covariance: DMatrix<f64>,
 }
 
-pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal) -> Uncertainty {
+/// `gradient_variance`: what stands between the two inverses where errors are shared; without it, what follows if each
+/// observation's error is its own.
+pub(super) fn uncertainty(
+    bundle: &Bundle,
+    layout: &Layout,
+    normal: &Normal,
+    gradient_variance: Option<&DMatrix<f64>>,
+) -> Uncertainty {
     let inverses: Vec<Vec<(Matrix6, usize)>> =
         normal.blocks.par_iter().map(|part| part.iter().map(|block| pseudo_inverse(&block.own)).collect()).collect();
     let open_of_placements: usize = inverses.iter().flatten().map(|(_, open)| open).sum();
@@ -89,10 +96,14 @@ pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal) -> 
             open.push(OpenDirection { parameters });
         } else {
             let column = vector.component_mul(&scale);
-            covariance.syger(variance_factor / value, &column, &column, 1.0);
+            covariance.syger(1.0 / value, &column, &column, 1.0);
         }
     }
     covariance.fill_upper_triangle_with_lower_triangle();
+    let covariance = match gradient_variance {
+        Some(between) => &covariance * between * &covariance,
+        None => covariance * variance_factor,
+    };
     let (least, most) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
     let cameras = (0..bundle.cameras.len()).map(|c| camera(bundle, layout, &covariance, &open, c)).collect();
     Uncertainty {

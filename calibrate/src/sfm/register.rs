@@ -13,11 +13,10 @@ use super::{
     align::spread,
     place::{Known, Resected},
     refine::{Adjusted, FEWEST_VIEWS, Gauge, Pass, adjust, tracks},
-    result::{names, pictures},
+    result::{names, pictures, uncertainty},
     run::{Placed, extract},
 };
 use crate::{
-    bundle::Loss,
     colmap::{Colmap, ColmapProgram, database::Keypoints},
     evidence::{Evidence, Table},
     intensity::LogIntensity,
@@ -140,7 +139,7 @@ pub fn register(
         adjusted = pass(&cameras, depths, step)?;
         cameras = adjusted.cameras(views.len());
     }
-    let uncertainty = adjusted.bundle.uncertainty(Loss::Squared)?;
+    let uncertainty = uncertainty(&adjusted.bundle)?;
     let modalities: Vec<Modality> = adjusted.views.iter().map(|&view| views[view].modality).collect();
     let solved = RigFile::from_bundle("register", &adjusted.bundle, &uncertainty, &modalities);
     let neighbours = adjusted.neighbours();
