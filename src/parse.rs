@@ -61,6 +61,21 @@ impl FromStr for FrameRange {
     }
 }
 
+/// Two contrast thresholds, ON and OFF; one alone stands for both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds(pub [f64; 2]);
+
+impl FromStr for Thresholds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("'{text}' are no thresholds; write ON,OFF between 0.01 and 2, for example 0.22,0.25");
+        let one = |part: &str| part.trim().parse().ok().filter(|c| (0.01..=2.0).contains(c)).ok_or_else(wrong);
+        let (on, off) = text.split_once(',').unwrap_or((text, text));
+        Ok(Self([one(on)?, one(off)?]))
+    }
+}
+
 /// Cameras by number (a count that is spread evenly) or by name, separated by commas.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CameraChoice {

@@ -183,6 +183,12 @@ impl Encoding {
         !self.is_events() && self != Self::TriggerLines
     }
 
+    /// Whether a packet is one frame without colour.
+    #[must_use]
+    pub fn is_grey(self) -> bool {
+        self.samples().is_some() && !matches!(self, Self::Bayer(..))
+    }
+
     /// How the values of a frame lie in memory, if it has one value a pixel (grey and Bayer).
     #[must_use]
     pub fn samples(self) -> Option<Samples> {

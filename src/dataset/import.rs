@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use erfgs_session::{
     Dataset,
     image::Resample,
-    import::{ImportOptions, Layout, import},
+    import::{ImportOptions, Layout, import, session::SessionOptions},
 };
 
+use super::session::{self, SessionArguments};
 use crate::{info, parse::FrameRange, terminal::Terminal};
 
 /// Make a dataset from a recording in another tool's layout.
@@ -19,16 +20,18 @@ Layouts:
   nvidia      Nvidia dynamic scenes, multi-view packaging: mv_images/ and poses_bounds.npy
   nerfstudio  transforms.json and what it names
   colmap      a COLMAP model and folders of images
+  session     what erfgs record made (an MCAP file), and the calibrated rig (--rig rig.json)
 
 Examples:
+  erfgs dataset import session take1.mcap --rig rig.json --from 2.5 --seconds 1 --scale 0.5 --out ds
   erfgs dataset import panoptic basketball --frames 40..84 --scale 0.5 --out ds
   erfgs dataset import neu3d flame_steak --frames 0..299 --scale 0.5 --out ds
   erfgs dataset import colmap scene --test cam00,cam07 --fps 60 --out ds")]
 pub struct Arguments {
     /// How the recording is laid out.
     layout: LayoutName,
-    /// The folder of the recording.
-    #[arg(value_name = "DIR")]
+    /// The folder of the recording, or the session.
+    #[arg(value_name = "DIR|S.mcap")]
     source: PathBuf,
     /// The folder of the new dataset.
     #[arg(long, value_name = "DATASET")]
@@ -51,6 +54,8 @@ pub struct Arguments {
     /// Threads; one for each core without it.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
+    #[command(flatten)]
+    session: SessionArguments,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -60,6 +65,7 @@ enum LayoutName {
     Nvidia,
     Nerfstudio,
     Colmap,
+    Session,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -70,14 +76,16 @@ enum ResampleName {
     Lanczos,
 }
 
-impl From<LayoutName> for Layout {
-    fn from(name: LayoutName) -> Self {
-        match name {
-            LayoutName::Panoptic => Self::Panoptic,
-            LayoutName::Neu3d => Self::Neu3d,
-            LayoutName::Nvidia => Self::Nvidia,
-            LayoutName::Nerfstudio => Self::Nerfstudio,
-            LayoutName::Colmap => Self::Colmap,
+impl LayoutName {
+    /// As another tool's layout; `None` for a session, which is erfgs's own.
+    fn of_others(self) -> Option<Layout> {
+        match self {
+            Self::Panoptic => Some(Layout::Panoptic),
+            Self::Neu3d => Some(Layout::Neu3d),
+            Self::Nvidia => Some(Layout::Nvidia),
+            Self::Nerfstudio => Some(Layout::Nerfstudio),
+            Self::Colmap => Some(Layout::Colmap),
+            Self::Session => None,
         }
     }
 }
@@ -91,19 +99,37 @@ fn scale(text: &str) -> Result<f64, String> {
 
 /// Imports and says what came of it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let resample = match arguments.resample {
+        ResampleName::Area => Resample::Area,
+        ResampleName::Lanczos => Resample::Lanczos,
+    };
+    let test_cameras = arguments.test.clone();
+    let Some(layout) = arguments.layout.of_others() else {
+        anyhow::ensure!(
+            arguments.frames.is_none() && arguments.fps.is_none(),
+            "a session tells its own times: choose with --from, --seconds and --every instead of --frames and --fps"
+        );
+        let scale = arguments.scale.unwrap_or(1.0);
+        let options =
+            SessionOptions { scale, resample, test_cameras, jobs: arguments.jobs, ..SessionOptions::default() };
+        let imported = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
+        return info::dataset(&imported.dataset, terminal);
+    };
+    anyhow::ensure!(
+        arguments.session.rig.is_none(),
+        "--rig goes with the layout session; {:?} has poses of its own",
+        layout
+    );
     let options = ImportOptions {
         frames: arguments.frames.map(|range| (range.first, range.last)),
         scale: arguments.scale,
-        resample: match arguments.resample {
-            ResampleName::Area => Resample::Area,
-            ResampleName::Lanczos => Resample::Lanczos,
-        },
+        resample,
         fps: arguments.fps,
-        test_cameras: arguments.test.clone(),
+        test_cameras,
         jobs: arguments.jobs,
     };
     let progress = terminal.progress("importing");
-    let dataset: Dataset = import(arguments.layout.into(), &arguments.source, &options, &arguments.out, &mut |step| {
+    let dataset: Dataset = import(layout, &arguments.source, &options, &arguments.out, &mut |step| {
         progress.update(step.done, step.total, step.what);
     })?;
     drop(progress);

@@ -3,6 +3,7 @@
 mod check;
 mod import;
 pub mod points;
+mod session;
 mod undistort;
 mod variant;
 

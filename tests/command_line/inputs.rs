@@ -16,7 +16,7 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         ("train ds --out run --set batch=0", "batch"),
         ("train ds --out run --deterministic --minutes 3", "--minutes"),
         ("dataset import panoptic x --frames 84..40 --out y", "ends before it starts"),
-        ("dataset import tape x --out y", "panoptic"),
+        ("dataset import tape x --out y", "session"),
         ("dataset points ds --method guess", "colmap"),
         ("simulate x.npz --fps 30 --threshold 0 --out y.npz", "threshold_on"),
         ("render run --path camera --out x", "--path camera 03"),

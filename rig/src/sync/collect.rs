@@ -298,7 +298,7 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
             Some(Ok((lag_ns, note))) => {
                 sync.tier = Tier::Flash;
                 sync.notes.push(note);
-                sync.exposures = Some(frames::lagging(arrived, lag_ns));
+                sync.exposures = Some(frames::lagging(arrived, lag_ns, exposure_ns));
             }
             failed => {
                 sync.notes.push(match failed {

@@ -26,6 +26,10 @@ pub struct Exposures {
     pub pulse: Vec<u64>,
     /// The middle of each exposure, nanoseconds of session time.
     pub mid_ns: Vec<i64>,
+    /// How long frames were exposed, nanoseconds: as the camera was set, or while its trigger was high; absent where nothing
+    /// tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_ns: Option<i64>,
     /// How long after the middle of the exposure a frame is stamped, nanoseconds: the median that was found (triggered),
     /// or what was assumed or found by a flash and has been taken off.
     pub lag_ns: i64,
@@ -67,7 +71,9 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
     }
     let middle = lags.len() / 2;
     let lag_ns = *lags.select_nth_unstable(middle).1;
-    let mut exposures = Exposures { lag_ns, ..Exposures::default() };
+    let mut widths: Vec<i64> = rises.iter().map(|&(_, _, exposure)| exposure).collect();
+    let width = *widths.select_nth_unstable(rises.len() / 2).1;
+    let mut exposures = Exposures { lag_ns, exposure_ns: Some(width), ..Exposures::default() };
     let mut distances = Vec::new();
     for frame in frames {
         // The pulse whose exposure lies nearest to where the lag puts this frame's.
@@ -103,12 +109,12 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
 /// that the middle lies half an exposure before. What the camera takes to read its sensor is not known and not taken off.
 #[must_use]
 pub fn free_running(frames: &[Arrived], exposure_ns: Option<i64>) -> Exposures {
-    lagging(frames, exposure_ns.unwrap_or(0) / 2)
+    lagging(frames, exposure_ns.unwrap_or(0) / 2, exposure_ns)
 }
 
 /// Frames that are stamped `lag_ns` after the middle of their exposure. The residuals are those of an even rate.
 #[must_use]
-pub fn lagging(frames: &[Arrived], lag_ns: i64) -> Exposures {
+pub fn lagging(frames: &[Arrived], lag_ns: i64, exposure_ns: Option<i64>) -> Exposures {
     let mut steps: Vec<i64> = frames.windows(2).map(|pair| pair[1].stamp_ns.saturating_sub(pair[0].stamp_ns)).collect();
     let middle = steps.len() / 2;
     let period = if steps.is_empty() { 0 } else { *steps.clone().select_nth_unstable(middle).1 };
@@ -120,6 +126,7 @@ pub fn lagging(frames: &[Arrived], lag_ns: i64) -> Exposures {
         sequence: frames.iter().map(|frame| frame.sequence).collect(),
         mid_ns: frames.iter().map(|frame| frame.stamp_ns.saturating_sub(lag_ns)).collect(),
         lag_ns,
+        exposure_ns,
         residuals: Residuals::of(steps.iter().map(|step| step.unsigned_abs() as f64).collect()),
         ..Exposures::default()
     }

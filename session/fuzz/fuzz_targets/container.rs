@@ -43,8 +43,8 @@ fn read(bytes: &[u8]) {
         assert!(count <= most);
     }
     for stream in 0..streams {
-        for from in [None, middle] {
-            let _ = session.decode_events(stream, from, &mut Nothing, |_| {});
+        for window in [None, Some([middle, i64::MAX]), Some([i64::MIN, middle])] {
+            let _ = session.decode_events(stream, window, &mut Nothing, |_| {});
         }
     }
 }

@@ -10,6 +10,8 @@ use crate::{
 
 /// States lie about a second apart: one is looked for in so much time before the start.
 const STATE_SEARCH_NS: i64 = 3_000_000_000;
+/// Streams lie a little out of order in the file, but not by seconds.
+const DISORDER_NS: i64 = 3_000_000_000;
 
 /// What came of decoding.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,8 +35,8 @@ pub fn sensor_size(description: &Description) -> Option<SensorSize> {
 }
 
 impl<R: Read + Seek> Session<R> {
-    /// Decodes the events of a stream into `sink`, from the first packet or from those that arrived at `from_host_ns` on:
-    /// then decoding starts at the last decoder state before (or at the beginning, where none was recorded), and what is
+    /// Decodes the events of a stream into `sink`: all of them, or those of packets that arrived within `window_host_ns`.
+    /// Then decoding starts at the last decoder state before (or at the beginning, where none was recorded), and what is
     /// older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if the stream has no
     /// events, or events that erfgs does not decode.
     ///
@@ -43,15 +45,16 @@ impl<R: Read + Seek> Session<R> {
     pub fn decode_events(
         &mut self,
         stream: usize,
-        from_host_ns: Option<i64>,
+        window_host_ns: Option<[i64; 2]>,
         sink: &mut impl Sink,
         mut progress: impl FnMut(u64),
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
         let description = recorded.description.clone();
         let size = sensor_size(&description);
-        let state = match from_host_ns {
-            Some(from) => self.state_before(&description.id, from)?,
+        let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
+        let state = match window_host_ns {
+            Some([from, _]) => self.state_before(&description.id, from)?,
             None => None,
         };
         let begun = match &state {
@@ -63,7 +66,8 @@ impl<R: Read + Seek> Session<R> {
         let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
         for entry in self.messages(state.map(|state| state.host_ns)) {
             let packet = match entry {
-                Ok(Entry::Packet { stream: of, packet }) if of == stream => packet,
+                Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(DISORDER_NS) => break,
+                Ok(Entry::Packet { stream: of, packet }) if of == stream && packet.host_ns <= to => packet,
                 Ok(_) => continue,
                 Err(error @ ContainerError::Read { .. }) => return Err(error),
                 Err(error) => {
@@ -75,7 +79,7 @@ impl<R: Read + Seek> Session<R> {
                 continue;
             }
             hand_over(&mut decoder, &packet, decoded.packets > 0);
-            if from_host_ns.is_none_or(|from| packet.host_ns >= from) {
+            if packet.host_ns >= from {
                 decoder.decode(&packet.payload, sink);
             } else {
                 decoder.decode(&packet.payload, &mut Nowhere);
@@ -95,8 +99,7 @@ impl<R: Read + Seek> Session<R> {
         for entry in self.messages(Some(host_ns.saturating_sub(STATE_SEARCH_NS))) {
             match entry {
                 Ok(Entry::DecoderState(state)) if state.stream == id && state.host_ns <= host_ns => found = Some(state),
-                // Streams lie a little out of order, but not by seconds.
-                Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(STATE_SEARCH_NS) => break,
+                Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(DISORDER_NS) => break,
                 Err(error @ ContainerError::Read { .. }) => return Err(error),
                 _ => {}
             }

@@ -136,23 +136,30 @@ pub(super) fn number(name: &str) -> Option<u64> {
 /// also be a camera's number. Without the option nothing changes.
 pub(super) fn override_split(views: &mut [View], options: &ImportOptions) -> Result<(), ImportError> {
     let Some(wanted) = &options.test_cameras else { return Ok(()) };
-    views.iter_mut().for_each(|view| view.split = Split::Train);
-    for wanted in wanted {
-        let by_name = views.iter().position(|view| view.name == *wanted);
+    let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+    let splits = splits(&names, wanted)?;
+    views.iter_mut().zip(splits).for_each(|(view, split)| view.split = split);
+    Ok(())
+}
+
+/// The split of each camera where `tested` names the test cameras; a name may also be a camera's number.
+pub(super) fn splits(names: &[&str], tested: &[String]) -> Result<Vec<Split>, ImportError> {
+    let mut splits = vec![Split::Train; names.len()];
+    for wanted in tested {
+        let by_name = names.iter().position(|name| *name == wanted);
         let by_number = || {
             let wanted: u64 = wanted.parse().ok()?;
-            views.iter().position(|view| number(&view.name) == Some(wanted))
+            names.iter().position(|name| number(name) == Some(wanted))
         };
         match by_name.or_else(by_number) {
-            Some(at) => views[at].split = Split::Test,
+            Some(at) => splits[at] = Split::Test,
             None => {
-                let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
                 let what = format!("there is no camera {wanted} to test on; there are {}", names.join(", "));
                 return Err(ImportError::Options(what));
             }
         }
     }
-    Ok(())
+    Ok(splits)
 }
 
 /// Every eighth view for testing, from the first, as LLFF and its successors split a set without a split of its own.

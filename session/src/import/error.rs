@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::{colmap::ColmapError, dataset::DatasetError, image::ImageError, npy::NpyError, video::VideoError};
+use crate::{
+    colmap::ColmapError, container::ContainerError, dataset::DatasetError, image::ImageError, npy::NpyError,
+    npz::NpzError, video::VideoError,
+};
 
 /// What can go wrong with an import. Each message names the file and, where there is one, the camera.
 #[derive(Debug, thiserror::Error)]
@@ -69,6 +72,17 @@ pub enum ImportError {
         path: PathBuf,
         /// Why.
         source: NpyError,
+    },
+    /// A recorded session cannot be read.
+    #[error(transparent)]
+    Session(#[from] ContainerError),
+    /// Events cannot be written.
+    #[error("camera {camera}: {source}")]
+    Events {
+        /// The camera's name.
+        camera: String,
+        /// Why.
+        source: NpzError,
     },
     /// A COLMAP model cannot be used.
     #[error(transparent)]

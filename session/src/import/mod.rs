@@ -20,6 +20,7 @@ pub mod nerfstudio;
 pub mod neu3d;
 pub mod nvidia;
 pub mod panoptic;
+pub mod session;
 mod write;
 
 pub use error::ImportError;
