@@ -41,6 +41,14 @@ use crate::terminal::Terminal;
     arg_required_else_help = true,
     subcommand_required = true,
     after_help = "\
+Examples: from a rig to a reconstruction
+  erfgs record RIG.toml --out boards.mcap --live --quick chessboard:9x6:0.025
+  erfgs calibrate board boards.mcap --target chessboard:9x6:0.025 --out rig.json
+  erfgs record RIG.toml --out take1.mcap --seconds 10
+  erfgs dataset import session take1.mcap --rig rig.json --from 2.5 --seconds 1 --out ds
+  erfgs dataset points ds
+  erfgs train ds --out run
+
 Examples: from a multi-view recording to a report
   erfgs dataset import panoptic DIR --frames 40..84 --scale 0.5 --out ds
   erfgs dataset variant ds --subsample 4 --blur 3 --event-only 4 --out ds-dv
