@@ -183,8 +183,8 @@ fn errors_that_neighbours_share_widen_the_covariance() {
             (own.variance_factor, own.rank, own.condition),
             (shared.variance_factor, shared.rank, shared.condition)
         );
-        for index in 1..3 {
-            let error = bundle.cameras[index].pose.centre() - cameras[index].pose.centre();
+        for (index, truth) in cameras.iter().enumerate().take(3).skip(1) {
+            let error = bundle.cameras[index].pose.centre() - truth.pose.centre();
             apart += error.dot(own.cameras[index].centre.inverse() * error);
             together += error.dot(shared.cameras[index].centre.inverse() * error);
         }

@@ -12,7 +12,7 @@ pub struct Bins {
     pub edges_us: Vec<i64>,
     /// The edges, in [0, 1].
     pub edges: Vec<f64>,
-    /// Bins an RGB interval.
+    /// Bins from a camera's frame to its next one.
     pub per_interval: usize,
     /// Indices into `edges` that are RGB frame times.
     pub anchors: Vec<usize>,
@@ -49,6 +49,21 @@ impl Bins {
         let edges = edges_ns.iter().map(|&t| ((t - span_ns[0]) as f64 / length).clamp(0.0, 1.0)).collect();
         let edges_us = edges_ns.iter().map(|t| t.div_euclid(1000)).collect();
         Self { edges_us, edges, per_interval, anchors }
+    }
+
+    /// Of cameras that run freely, each at instants of its own: `instants` of them lie between a camera's frame and its next
+    /// one, so that the intervals between neighbours are split into fewer bins.
+    #[must_use]
+    pub fn shared(
+        frame_times_ns: &[i64],
+        per_interval: usize,
+        instants: usize,
+        span_ns: [i64; 2],
+        end_ns: i64,
+    ) -> Self {
+        let instants = instants.max(1);
+        let split = ((per_interval + instants / 2) / instants).max(1);
+        Self { per_interval: split * instants, ..Self::new(frame_times_ns, split, span_ns, end_ns) }
     }
 
     /// How many bins there are.
@@ -204,6 +219,16 @@ mod tests {
         assert_eq!(bins.edges_us, [0, 10_000, 20_000, 30_000, 40_000, 50_000]);
         assert_eq!(bins.anchors, [0, 2, 4]);
         assert!((bins.edges[1] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn cameras_that_run_freely_share_the_bins_of_one_frame() {
+        // Four cameras at 25 frames a second, a quarter of a period apart.
+        let times: Vec<i64> = (0..40).map(|n| n * 10_000_000).collect();
+        let bins = Bins::shared(&times, 8, 4, [0, 390_000_000], 390_000_000);
+        assert_eq!((bins.len(), bins.per_interval), (78, 8));
+        assert_eq!(Bins::shared(&times, 8, 1, [0, 390_000_000], 390_000_000).len(), 8 * 39);
+        assert_eq!(Bins::shared(&times, 2, 30, [0, 390_000_000], 390_000_000).per_interval, 30);
     }
 
     #[test]

@@ -63,7 +63,8 @@ impl Scene {
         times_ns.dedup();
         scene.frame_times = times_ns.iter().map(|&t| scene.to_unit(t)).collect();
         if config.earl.enabled || config.eds.enabled {
-            scene.bins = Bins::new(&times_ns, scene.bins_per_interval(config), span_ns, scene.events_end());
+            let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
+            scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
             scene.events = scene.read_events(config.earl.denoise)?;
         }
         scene.points = match (random_init, scene.dataset.read_points()?) {
@@ -158,6 +159,21 @@ impl Scene {
         let well_posed = normal.determinant() > 1e-9 * count * count * count;
         if well_posed { (normal.inverse() * right).to_array() } else { (mean / f64::max(count, 1.0)).to_array() }
     }
+}
+
+/// How many instants of all training cameras there are from a camera's frame to its next one: 1 where they film together.
+fn instants(dataset: &Dataset, times_ns: &[i64]) -> usize {
+    let frames = dataset.cameras(Split::Train).map(|camera| &camera.frames);
+    let mut periods: Vec<i64> =
+        frames.flat_map(|frames| frames.windows(2).map(|pair| pair[1].t_ns - pair[0].t_ns)).collect();
+    let [first, .., last] = times_ns else { return 1 };
+    if periods.is_empty() {
+        return 1;
+    }
+    let middle = periods.len() / 2;
+    let period = *periods.select_nth_unstable(middle).1 as f64;
+    let apart = (last - first) as f64 / (times_ns.len() - 1) as f64;
+    ((period / apart).round() as usize).max(1)
 }
 
 /// 1.1 times the largest distance of a training camera from the mean of their centres, metres (3DGS).
