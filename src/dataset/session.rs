@@ -133,8 +133,8 @@ pub fn run(
         .iter()
         .any(|camera| camera.intrinsics.distortion != erfgs_session::Distortion::None)
     {
-        let (from, to) = (out.display(), out.with_extension("pinhole"));
-        terminal.note(format!("before training: erfgs dataset undistort {from} --out {}", to.display()));
+        let ds = out.display();
+        terminal.note(format!("before training: erfgs dataset undistort {ds} --out {ds}-pinhole"));
     }
     Ok(imported)
 }
