@@ -75,7 +75,7 @@ pub enum ImportError {
     },
     /// A recorded session cannot be read.
     #[error(transparent)]
-    Session(#[from] ContainerError),
+    Session(Box<ContainerError>),
     /// Events cannot be written.
     #[error("camera {camera}: {source}")]
     Events {
@@ -90,4 +90,10 @@ pub enum ImportError {
     /// The dataset cannot be written, or the recording makes no valid one.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+}
+
+impl From<ContainerError> for ImportError {
+    fn from(error: ContainerError) -> Self {
+        Self::Session(Box::new(error))
+    }
 }
