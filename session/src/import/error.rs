@@ -82,7 +82,7 @@ pub enum ImportError {
         /// The camera's name.
         camera: String,
         /// Why.
-        source: NpzError,
+        source: Box<NpzError>,
     },
     /// A COLMAP model cannot be used.
     #[error(transparent)]

@@ -172,7 +172,8 @@ pub fn import(
             Some(found) => {
                 let events = found.finish(zero_ns, span_ns[1]);
                 let file = layout::events(&viewpoint.stream);
-                let failed = |source| ImportError::Events { camera: viewpoint.stream.clone(), source };
+                let failed =
+                    |source| ImportError::Events { camera: viewpoint.stream.clone(), source: Box::new(source) };
                 npz::write_events(&building.path().join(&file), &events).map_err(failed)?;
                 let [threshold_on, threshold_off] =
                     viewpoint.thresholds.map(|threshold| threshold / f64::from(merged * merged));
