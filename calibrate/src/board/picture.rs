@@ -53,7 +53,7 @@ pub fn pictures(
         };
         let d = &streams[stream].description;
         let Some((camera, placement, view)) = packets.remove(&(d.id.as_str(), packet.sequence)) else { continue };
-        if let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) {
+        if let Ok(image) = pixel::picture(d, &packet.payload) {
             pictures.push(picture(camera, placement, &image, view, target));
         }
         if packets.is_empty() {

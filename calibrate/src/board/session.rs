@@ -75,7 +75,7 @@ pub fn look_session(
         done += 1;
         progress(done, Some(total));
         // A frame that was cut or damaged shows nothing.
-        let Ok(image) = pixel::decode(d.encoding, d.width, d.height, &packet.payload) else { continue };
+        let Ok(image) = pixel::picture(d, &packet.payload) else { continue };
         let t_ns = time_ns(&d.id, &packet).unwrap_or_else(|| start.session_ns(packet.host_ns));
         batch.push((stream, packet.sequence, t_ns, image));
         if batch.len() == BATCH {
