@@ -1,10 +1,11 @@
 //! Twins and kernels against the oracles: the same equations written again in JAX (`*.py` in this folder), whose gradients
-//! come from automatic differentiation.
+//! come from automatic differentiation; and files against the programs of others (`exchange.rs`).
 //!
 //! `scripts/setup.sh --oracles` makes the Python environment; the environment variable `ERFGS_ORACLES` names another
 //! Python that has JAX.
 
 mod event;
+mod exchange;
 mod field;
 mod raster;
 
@@ -16,11 +17,16 @@ use std::{
 use erfgs_train::gpu::{AdapterChoice, Gpu, Shape};
 use serde_json::Value;
 
+/// The Python of the oracles.
+fn python() -> PathBuf {
+    let usual = || Path::new(env!("CARGO_MANIFEST_DIR")).join("target/oracles/bin/python");
+    std::env::var_os("ERFGS_ORACLES").map_or_else(usual, PathBuf::from)
+}
+
 /// Asks the oracles; one answer for each question, in order.
 fn ask(questions: &[Value]) -> Vec<Value> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| root.join("target/oracles/bin/python"), PathBuf::from);
+    let python = python();
     let folder = tempfile::tempdir().expect("a temporary folder");
     let [asked, answered] = ["questions.json", "answers.json"].map(|name| folder.path().join(name));
     std::fs::write(&asked, serde_json::to_vec(questions).expect("JSON")).expect("questions written");

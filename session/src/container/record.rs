@@ -111,6 +111,7 @@ pub struct Status {
     /// Bytes handed to the file so far.
     pub written_bytes: u64,
     /// Bytes free on the disk; absent where the system does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub disk_free_bytes: Option<u64>,
     /// Every stream, by its id.
     pub streams: BTreeMap<String, StreamStatus>,

@@ -8,6 +8,8 @@ use super::{
 
 /// Events, samples and marks in a packet, at most.
 const PACKET: usize = 4096;
+/// Where a frame comes from: the pixels of the sensor, and no reconstruction.
+const FROM_SENSOR: u8 = 1;
 
 /// Encodes a file as a sink: feed it, take the bytes from time to time, and [`Aedat4Encoder::finish`] it.
 ///
@@ -175,12 +177,15 @@ impl Sink for Aedat4Encoder {
             (frame.pixels.iter().flat_map(|&pixel| (pixel << shift).to_le_bytes()).collect(), 2)
         };
         let format = depth | frame.channels.saturating_sub(1) << 3;
-        let fields = [4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56];
-        let (mut layout, table) = Layout::new(b"FRME", &fields, 60);
+        // Newer readers take the time, the start of the exposure, and its length; older ones look at the four others.
+        let fields = [4, 12, 20, 28, 36, 52, 44, 46, 48, 50, 56, 60, 68];
+        let (mut layout, table) = Layout::new(b"FRME", &fields, 72);
         let (start, end) = (frame.exposure_start_us, frame.exposure_end_us);
-        for (offset, t_us) in [(4, end), (12, start), (20, end), (28, start), (36, end)] {
+        let length = end.saturating_sub(start);
+        for (offset, t_us) in [(4, start), (12, start), (20, end), (28, start), (36, end), (60, length)] {
             layout.set(table, offset, t_us.to_le_bytes());
         }
+        layout.set(table, 68, [FROM_SENSOR]);
         layout.set(table, 44, frame.width.to_le_bytes());
         layout.set(table, 46, frame.height.to_le_bytes());
         layout.set(table, 52, [format]);

@@ -30,7 +30,8 @@ impl Evt3Encoder {
         }
         self.finish(out);
         self.time(event.t_us, out)?;
-        self.pending = Some(Vector::new(event, 1));
+        // Aligned as a sensor aligns them: a vector never reaches past the last column, where OpenEB would drop it.
+        self.pending = Some(Vector::new(event, 32));
         Ok(())
     }
 
@@ -54,8 +55,8 @@ impl Evt3Encoder {
             self.row = Some(y);
         }
         let polarity = u16::from(on) << 11;
-        // A vector takes four words, and its columns must exist.
-        if mask.count_ones() > 4 && base <= 0x7FF - 31 {
+        // A vector takes four words.
+        if mask.count_ones() > 4 {
             word(3, polarity | base, out);
             word(4, (mask & 0xFFF) as u16, out);
             word(4, (mask >> 12 & 0xFFF) as u16, out);
