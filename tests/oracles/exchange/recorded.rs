@@ -64,7 +64,8 @@ pub struct Davis {
 fn events(first_us: u64, (width, height): (u16, u16)) -> Vec<CdEvent> {
     let event = |n: u64| {
         let burst = n / 10;
-        let (t_us, on, x) = if n % 10 < 7 { (0, burst % 2 == 0, n % 10) } else { (n % 10 * 3, n % 3 == 0, n * 31) };
+        let (t_us, on, x) =
+            if n % 10 < 7 { (0, burst.is_multiple_of(2), n % 10) } else { (n % 10 * 3, n.is_multiple_of(3), n * 31) };
         CdEvent {
             t_us: first_us + burst * 37 + t_us,
             x: ((burst * 13 + x) % u64::from(width)) as u16,
@@ -203,7 +204,7 @@ pub fn write(path: &Path) -> Recorded {
     // EVT 3 rolls over amid them.
     let first_us = 16_760_000;
     let seen = events(first_us, (1280, 720));
-    let edge = |n: u64| Edge { t_us: first_us + n * 1111, channel: 0, rising: n % 2 == 0 };
+    let edge = |n: u64| Edge { t_us: first_us + n * 1111, channel: 0, rising: n.is_multiple_of(2) };
     let edges: Vec<Edge> = (0..20).map(edge).collect();
     let [evt3, evt21, evt2] = evt(&seen, &edges);
     let (davis, davis_words) = davis();
