@@ -15,6 +15,7 @@ use erfgs_calibrate::board::{EventBoard, EventPictures, GRID, LensModel, Quick, 
 use erfgs_rig::live::{Guidance, Guide, Monitor};
 use erfgs_session::{
     codec::{Decoder as _, SensorSize, StreamDecoder},
+    container::hand_over,
     pixel,
     source::{Description, Packet},
 };
@@ -211,13 +212,15 @@ impl Eye {
                 }
             }
             Some(EventEye { decoder, fresh, pictures }) => {
-                let mut gap = lost;
+                if lost {
+                    decoder.restart();
+                    pictures.clone_from(fresh);
+                }
                 for packet in packets {
-                    if std::mem::take(&mut gap) || packet.discontinuity {
-                        decoder.restart();
+                    if packet.discontinuity {
                         pictures.clone_from(fresh);
                     }
-                    decoder.hint_host_us((packet.host_ns / 1000).max(0).cast_unsigned());
+                    hand_over(decoder, &packet, true);
                     decoder.decode(&packet.payload, &mut pictures.watch(&mut |_, image| see(image)));
                 }
             }

@@ -36,15 +36,25 @@ pub struct Arguments {
     plot: Option<PathBuf>,
 }
 
+/// The session's clocks: as `erfgs sync` left them in the file beside it, or fitted now.
+pub fn of_session(session: &mut Session, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
+    let beside = Synchronisation::file_beside(session.path());
+    if beside.is_file() {
+        return Ok(Synchronisation::load(&beside)?);
+    }
+    fit(session, SyncOptions::default(), terminal)
+}
+
+fn fit(session: &mut Session, options: SyncOptions, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
+    let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
+    let progress = terminal.progress("fitting clocks");
+    Ok(synchronise(session, options, |bytes| progress.update(bytes, total, "bytes"))?)
+}
+
 /// Fits, writes and tells.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut session = Session::open(&arguments.session)?;
-    let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
-    let progress = terminal.progress("reading");
-    let sync = synchronise(&mut session, SyncOptions { flash: arguments.flash }, |bytes| {
-        progress.update(bytes, total, "bytes")
-    })?;
-    drop(progress);
+    let sync = fit(&mut session, SyncOptions { flash: arguments.flash }, terminal)?;
     let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(&arguments.session));
     let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));
     sync.save(&out)?;

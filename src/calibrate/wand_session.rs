@@ -12,7 +12,7 @@ use erfgs_calibrate::{
         detect::{BlinkDetector, BlinkOptions, BrightOptions, Lights, bright_lights, choose},
     },
 };
-use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, synchronise};
+use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
     clock::Clock,
     codec::{CdEvent, Sink},
@@ -21,7 +21,7 @@ use erfgs_session::{
     source::{Description, Packet},
 };
 
-use crate::{errors::Usage, terminal::Terminal};
+use crate::{errors::Usage, sync, terminal::Terminal};
 
 /// A session, and its clocks.
 pub struct Recording {
@@ -33,7 +33,7 @@ impl Recording {
     /// Opens a session.
     pub fn open(path: &Path, terminal: &Terminal) -> anyhow::Result<Self> {
         let mut session = Session::open(path)?;
-        let sync = synchronisation(&mut session, terminal)?;
+        let sync = sync::of_session(&mut session, terminal)?;
         Ok(Self { session, sync })
     }
 }
@@ -164,17 +164,6 @@ impl Sink for Around<'_> {
             self.picture.add(event.x, event.y, event.on);
         }
     }
-}
-
-/// The session's clocks, from the file beside it where `erfgs sync` wrote one.
-fn synchronisation(session: &mut Session, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
-    let beside = Synchronisation::file_beside(session.path());
-    if beside.is_file() {
-        return Ok(Synchronisation::load(&beside)?);
-    }
-    let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
-    let progress = terminal.progress("clocks");
-    Ok(synchronise(session, SyncOptions { flash: false }, |bytes| progress.update(bytes, total, "bytes"))?)
 }
 
 /// Hands events to the detector.

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use anyhow::Context;
 use erfgs_calibrate::rig_file::{RigCamera, RigFile};
-use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, synchronise};
+use erfgs_rig::sync::StreamSync;
 use erfgs_session::{
     container::{Session, Stream},
     import::session::{Imported, SessionOptions, Timing, Viewpoint, import},
 };
 
-use crate::{parse::Thresholds, terminal::Terminal};
+use crate::{parse::Thresholds, sync, terminal::Terminal};
 
 /// What comes on top of the importer's options.
 #[derive(Debug, clap::Args)]
@@ -42,17 +42,6 @@ fn usual_thresholds(model: &str) -> [f64; 2] {
     if model.to_ascii_uppercase().contains("DAVIS") { [0.134, 0.203] } else { [0.223, 0.223] }
 }
 
-/// The session on its clock: as `erfgs sync` left it beside the session, or fitted now.
-fn synchronisation(session: &mut Session, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
-    let beside = Synchronisation::file_beside(session.path());
-    if beside.is_file() {
-        return Ok(Synchronisation::load(&beside)?);
-    }
-    let total: u64 = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
-    let progress = terminal.progress("fitting clocks");
-    Ok(synchronise(session, SyncOptions::default(), |bytes| progress.update(bytes, total, "bytes"))?)
-}
-
 fn timing(camera: &RigCamera, stream: &Stream, sync: Option<&StreamSync>) -> Timing {
     let exposures = sync.and_then(|sync| sync.exposures.as_ref());
     let set_us = stream.description.settings.get("exposure_us").and_then(serde_json::Value::as_f64);
@@ -79,7 +68,7 @@ pub fn run(
     )?;
     let rig = RigFile::read(rig)?;
     let mut session = Session::open(path)?;
-    let sync = synchronisation(&mut session, terminal)?;
+    let sync = sync::of_session(&mut session, terminal)?;
     let span_s = session.summary().span_ns().map_or(0.0, |[first, last]| 1e-9 * last.saturating_sub(first) as f64);
     options.window_ns = (arguments.from.is_some() || arguments.seconds.is_some()).then(|| {
         let from = arguments.from.unwrap_or(0.0);

@@ -5,6 +5,7 @@ use std::{collections::VecDeque, time::Instant};
 use bytes::Bytes;
 use erfgs_session::{
     codec::{ApsFrame, CdEvent, Decoder, EventBatch, SensorSize, Sink, StreamDecoder},
+    container::hand_over,
     source::{Description, Encoding, Packet},
 };
 use serde::Serialize;
@@ -128,10 +129,7 @@ impl Eye {
 
     fn events(&mut self, packet: &Packet) {
         let Some(decoder) = &mut self.decoder else { return };
-        if packet.discontinuity {
-            decoder.restart();
-        }
-        decoder.hint_host_us((packet.host_ns / 1000).max(0).cast_unsigned());
+        hand_over(decoder, packet, true);
         let mut seen = Seen { canvas: &mut self.canvas, events: 0, last_us: None };
         decoder.decode(&packet.payload, &mut seen);
         let (events, last_us) = (seen.events, seen.last_us);
