@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use erfgs_session::{Event, Events, image::ImageGrey8};
+use erfgs_session::{Event, Events, image::ImageGrey8, srgb};
 
 use crate::statistics::median;
 
@@ -201,11 +201,8 @@ impl LogIntensity {
     /// Of an ordinary image, so that its features look like an event camera's.
     #[must_use]
     pub fn of_image(image: &ImageGrey8) -> Self {
-        let linear = |level: u8| {
-            let value = f32::from(level) / 255.0;
-            if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-        };
-        let values = image.data.iter().map(|&level| (linear(level) + 0.005).ln()).collect();
+        let light = |level: u8| srgb::decode(f32::from(level) / 255.0);
+        let values = image.data.iter().map(|&level| (light(level) + 0.005).ln()).collect();
         Self { width: image.width, height: image.height, values }
     }
 
