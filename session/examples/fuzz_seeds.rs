@@ -11,7 +11,7 @@ use erfgs_session::{
         SensorSize, Sink, WordOrder,
     },
     container::Settings,
-    npy, npz,
+    npy, npz, pixel,
     source::{Encoding, Packet},
 };
 
@@ -209,6 +209,29 @@ fn sessions(seeds: &mut Seeds<'_>, evt3: &[u8], davis: &[u8]) -> io::Result<()> 
     Ok(())
 }
 
+/// A frame of 8 x 4 pixels in each encoding; as JPEG with tables and, as cameras send it, without.
+fn frames(seeds: &mut Seeds<'_>) -> io::Result<()> {
+    let levels: Vec<u8> = (0..8 * 4 * 3).map(|n| (n * 37) as u8).collect();
+    for (index, encoding) in Encoding::all().enumerate() {
+        let head = [index as u8, 8, 4, 20 | (index as u8 & 1) << 6, 0, 0];
+        let Some(bytes) = pixel::frame_bytes(encoding, 8, 4) else { continue };
+        seeds.put("frames", &[&head[..], &levels[..bytes]].concat())?;
+    }
+    let mjpeg = Encoding::all().position(|encoding| encoding == Encoding::Mjpeg).unwrap_or_default();
+    let mut jpeg = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut jpeg)
+        .encode(&levels, 8, 4, image::ExtendedColorType::Rgb8)
+        .map_err(io::Error::other)?;
+    let is_table = |at: &usize| jpeg[*at..].starts_with(&[0xff, 0xc4]);
+    let tables = (0..jpeg.len()).find(is_table).unwrap_or_default();
+    let scan = (tables..jpeg.len()).find(|&at| jpeg[at..].starts_with(&[0xff, 0xda])).unwrap_or_default();
+    let bare = [&jpeg[..tables], &jpeg[scan..]].concat();
+    for jpeg in [&jpeg, &bare] {
+        seeds.put("frames", &[&[mjpeg as u8, 8, 4, 128, 0, 0], &jpeg[..]].concat())?;
+    }
+    Ok(())
+}
+
 fn main() -> io::Result<()> {
     let Some(folder) = std::env::args_os().nth(1) else {
         return Err(io::Error::other("usage: fuzz_seeds FOLDER"));
@@ -217,5 +240,6 @@ fn main() -> io::Result<()> {
     let evt3 = prophesee(&mut seeds)?;
     let davis = inivation(&mut seeds)?;
     text_and_arrays(&mut seeds)?;
+    frames(&mut seeds)?;
     sessions(&mut seeds, &evt3, &davis)
 }

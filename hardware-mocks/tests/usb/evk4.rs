@@ -221,6 +221,17 @@ fn temperature_and_illumination_are_there_when_their_converters_run() {
 }
 
 #[test]
+fn the_dead_time_is_there_when_its_counter_runs() {
+    let mut host = device(0);
+    assert_eq!(read(&mut host, 0x0020), 0);
+    write(&mut host, 0x0020, 1 << 31 | 1 << 30);
+    let count = read(&mut host, 0x0020);
+    assert_eq!((count >> 28 & 1, (count & 0xfff_ffff) / 200), (1, 20));
+    write(&mut host, 0x0020, 0);
+    assert_eq!(read(&mut host, 0x0020), 0);
+}
+
+#[test]
 fn nothing_streams_before_the_start_sequence_nor_after_the_stop_sequence() {
     let mut host = device(1_000_000);
     assert!(host.listen(STREAM, 16384, 20_000).is_empty());
@@ -365,6 +376,33 @@ fn masks_and_hot_pixel_slots_take_events_away() {
     let events = evt3(&host.listen(STREAM, 16_384, 20_000)).events;
     assert!(events.iter().any(|event| event.x == 5 && event.y == 1));
     assert!(!events.iter().any(|event| (event.x, event.y) == (5, 0) || (32..64).contains(&event.x)));
+}
+
+#[test]
+fn a_window_is_made_of_its_corners_and_counts_while_it_is_switched_on() {
+    for on in [true, false] {
+        let mut host = device(1_000_000);
+        run(&mut host, INIT);
+        assert_eq!(read(&mut host, 0x003c), 719 << 16 | 1279);
+        // Rows of the window count from the bottom, as those of the masks do.
+        write(&mut host, 0x0038, 719 << 16 | 10);
+        write(&mut host, 0x003c, 719 << 16 | 40);
+        assert_eq!(read(&mut host, 0x0034), 0);
+        write(&mut host, 0x0034, 1);
+        assert_eq!(read(&mut host, 0x0034), 0b11, "begun, and done");
+        // The last word of rows keeps bit 15 alone, row 719.
+        assert_eq!([0x2000, 0x2004, 0x4058].map(|address| read(&mut host, address)), [0x3ff, !0x1ff, !0x8000]);
+        write(&mut host, 0x0004, 0xf000_5062);
+        write(&mut host, 0x0034, 0);
+        assert_eq!(read(&mut host, 0x0034), 0);
+        run(&mut host, START);
+        let control = read(&mut host, 0x0004);
+        write(&mut host, 0x0004, control & !2 | u32::from(on) << 1);
+        let events = evt3(&host.listen(STREAM, 16_384, 20_000)).events;
+        let within = events.iter().filter(|event| event.y == 0 && (10..=40).contains(&event.x)).count();
+        assert!(within > 0);
+        assert_eq!(within == events.len(), on);
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::{borrow::Cow, io::Cursor, sync::OnceLock};
 
-use image::{ImageFormat, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use super::PixelError;
 use crate::image::ImageRgb8;
@@ -15,9 +15,17 @@ pub(super) fn decode(payload: &[u8]) -> Result<ImageRgb8, PixelError> {
     limits.max_image_width = Some(1 << 14);
     limits.max_image_height = Some(1 << 14);
     reader.limits(limits);
-    let image = reader.decode()?.into_rgb8();
+    let decoder = reader.into_decoder()?;
+    let (width, height) = decoder.dimensions();
+    if width as usize * height as usize > MOST_PIXELS_PER_BYTE * payload.len() {
+        return Err(PixelError::Short { width, height, found: payload.len() });
+    }
+    let image = DynamicImage::from_decoder(decoder)?.into_rgb8();
     Ok(ImageRgb8 { width: image.width(), height: image.height(), data: image.into_raw() })
 }
+
+/// A block of 8 x 8 pixels takes a bit at least: the shortest code of its mean.
+const MOST_PIXELS_PER_BYTE: usize = 8 * 64;
 
 const SOI: [u8; 2] = [0xff, 0xd8];
 const DHT: u8 = 0xc4;
@@ -105,6 +113,19 @@ mod tests {
         bare.extend(&whole[scan..]);
         assert!(bare.len() + 400 < whole.len(), "the tables are left out");
         assert_eq!(decode(&bare).unwrap(), decoded);
+    }
+
+    #[test]
+    fn a_size_that_the_bytes_cannot_fill_is_refused() {
+        let mut bytes = jpeg(&gradient());
+        let (_, start, _) = segments(&bytes).find(|(marker, ..)| *marker == 0xc0).unwrap();
+        // Behind marker, length and precision: rows, then columns.
+        bytes[start + 5..start + 9].copy_from_slice(&[0x3f, 0xff, 0x3f, 0xff]);
+        let error = decode(&bytes).unwrap_err();
+        assert!(matches!(error, PixelError::Short { width: 0x3fff, height: 0x3fff, .. }), "{error}");
+        // One colour, most of a frame of it: the fewest bytes that a camera's picture takes.
+        let plain = ImageRgb8 { width: 2048, height: 2048, data: vec![90; 2048 * 2048 * 3] };
+        assert_eq!(decode(&jpeg(&plain)).unwrap().width, 2048);
     }
 
     proptest! {

@@ -54,6 +54,16 @@ pub enum PixelError {
         /// Bytes that it has.
         found: usize,
     },
+    /// The JPEG image has too few bytes for the size that it says.
+    #[error("a Motion JPEG frame of {width} x {height} pixels cannot have only {found} bytes: it is cut, or damaged")]
+    Short {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes that it has.
+        found: usize,
+    },
     /// The JPEG image is damaged.
     #[error("a Motion JPEG frame cannot be decoded: {0}")]
     Jpeg(#[from] image::ImageError),

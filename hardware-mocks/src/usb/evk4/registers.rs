@@ -27,6 +27,9 @@ pub const BIASES: [(u32, u8); 13] = [
     (0x1050, 0x51),
 ];
 
+/// How long a pixel is blind after an event, as the sensor measures it, microseconds.
+const DEAD_TIME_US: u32 = 20;
+
 /// Columns and rows.
 pub const SIZE: (u16, u16) = (1280, 720);
 
@@ -49,6 +52,7 @@ impl Registers {
             (0x0014, 0xa040_1806), // chip identification
             (0x0044, 0xccff_fccf), // pads
             (0x0004, 0xf000_5042),
+            (0x003c, u32::from(SIZE.1 - 1) << 16 | u32::from(SIZE.0 - 1)), // last row and column of the window
             (0x9008, 0x0000_0644),
             (0x9028, 0x0000_0002),
         ]);
@@ -80,6 +84,8 @@ impl Registers {
             }
             // Illumination: the time of a discharge, valid while the counter runs.
             0x0010 if self.stored(0x000c) & 7 == 7 => 1 << 29 | 12_345,
+            // The pixels' dead time: counted, at 200 a microsecond, while the circuit and its counter are on.
+            0x0020 if self.stored(0x0020) >> 30 == 0b11 => 0b11 << 30 | 1 << 28 | 200 * DEAD_TIME_US,
             // Initialisation of the filters' memories is done as soon as it is asked for.
             0xc0c4 | 0xd0c4 => self.stored(address) | 1 << 2,
             _ => self.stored(address),
@@ -103,6 +109,11 @@ impl Registers {
         if (0x9100..0x9200).contains(&address) {
             self.masks += 1;
         }
+        // Bit 0 makes window masks of the two corners, and bit 1 tells that they are made until it is written.
+        if address == 0x0034 && value & !self.stored(address) & 1 == 1 {
+            self.make_window();
+            value |= 1 << 1;
+        }
         match address {
             0x0014 | 0x0050 | 0x0010 | 0xf128 => {}
             _ => {
@@ -111,10 +122,22 @@ impl Registers {
         }
     }
 
+    /// Masks all columns and rows but those of the window, whose last ones belong to it: so the register of the end says
+    /// before anybody writes to it.
+    fn make_window(&mut self) {
+        let [start, end] = [0x0038, 0x003c].map(|address| self.stored(address));
+        for (base, length, at, field) in [(0x2000, SIZE.0, 0, 0x7ff), (0x4000, SIZE.1, 16, 0x3ff)] {
+            let kept = (start >> at & field)..=(end >> at & field);
+            for word in 0..u32::from(length).div_ceil(32) {
+                let mask = (0..32).fold(0, |bits, bit| bits | u32::from(!kept.contains(&(32 * word + bit))) << bit);
+                self.values.insert(base + 4 * word, mask);
+            }
+        }
+    }
+
     /// Whether pixels are read out and words leave the sensor: clocks up, link up, readout not held in reset.
     pub(super) fn is_streaming(&self) -> bool {
-        self.bit(0x0004, 1)
-            && self.bit(0x0004, 10)
+        self.bit(0x0004, 10)
             && self.bit(0x002c, 10)
             && self.bit(0x9008, 0)
             && !self.bit(0x9028, 1)
@@ -177,11 +200,13 @@ impl Registers {
         let (width, height) = (u32::from(SIZE.0), u32::from(SIZE.1));
         let slots: Vec<u32> =
             (0..64).map(|index| self.stored(0x9100 + 4 * index)).filter(|slot| slot >> 31 == 1).collect();
-        if slots.is_empty() && self.applied.values().all(|&word| word == 0) {
+        // Bit 1: whether the window masks count.
+        let windows = self.bit(0x0004, 1) && self.applied.values().any(|&word| word != 0);
+        if slots.is_empty() && !windows {
             return None;
         }
         let flag = |base: u32, index: u32| {
-            self.applied.get(&(base + index / 32 * 4)).is_some_and(|word| word >> (index % 32) & 1 == 1)
+            windows && self.applied.get(&(base + index / 32 * 4)).is_some_and(|word| word >> (index % 32) & 1 == 1)
         };
         let columns: Vec<bool> = (0..width).map(|x| flag(0x2000, x)).collect();
         // Bit 6: a pixel is off if its column or its row is; otherwise if both are.
