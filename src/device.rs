@@ -42,6 +42,11 @@ pub struct TrainedRun {
 }
 
 impl TrainedRun {
+    /// A run by its folder.
+    pub fn new(run: &Path, dataset: Option<&Path>, adapter: &Adapter) -> Self {
+        Self { run: run.to_owned(), dataset: dataset.map(Path::to_owned), adapter: adapter.clone() }
+    }
+
     /// The run folder.
     pub fn folder(&self) -> anyhow::Result<RunFolder> {
         Ok(RunFolder::open(&self.run)?)

@@ -1,11 +1,21 @@
 //! How a command ends when it does not succeed.
 
-use std::process::ExitCode;
+use std::{path::Path, process::ExitCode};
 
 /// The command line asks for something that cannot be asked for (exit code 2).
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Usage(pub String);
+
+/// Refuses a path at which there is no file that could be a recording.
+pub fn recording_at(path: &Path) -> Result<(), Usage> {
+    let shown = path.display();
+    match (path.exists(), path.is_dir()) {
+        (false, _) => Err(Usage(format!("'{shown}' does not exist"))),
+        (true, true) => Err(Usage(format!("'{shown}' is a folder: give a session (.mcap) or an event file"))),
+        (true, false) => Ok(()),
+    }
+}
 
 /// The user stopped the command, and what was done so far is kept (exit code 130).
 #[derive(Debug, thiserror::Error)]

@@ -1,50 +1,74 @@
-//! `erfgs export`: runs and sessions in the formats of other programs.
+//! `erfgs export`: runs, sessions and event files in the formats of other programs.
 
 mod events;
 mod frames;
 mod run;
+mod sensor_frames;
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::container::Session;
+use erfgs_session::{
+    codec::{RawHeader, SensorSize, StreamDecoder},
+    container::Recording,
+    source::Encoding,
+};
 
-use crate::{device::TrainedRun, errors::Usage, terminal::Terminal};
+use crate::{
+    device::{Adapter, TrainedRun},
+    errors::Usage,
+    terminal::Terminal,
+};
 
-/// Write the Gaussians of a run, or the streams of a session, in the formats of other programs.
+/// Write the Gaussians of a run, or the streams of a session or an event file, in the formats of other programs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording.
 
-A session gives its event streams as
-  raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for
+A session, a recording of ROS 2 or an event file gives its event streams as
+  raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for; DAT and AEDAT 2 as EVT 2
   aedat4  events, edges, frames and inertial samples, as DV reads them
   csv  lines of t, x, y, on
   npz  NumPy arrays t, x, y, p
   h5   HDF5 in the layout of the DSEC data set (if erfgs was built with --features hdf5)
-and the frames of its cameras as
+and the frames of its cameras, and of event sensors that have frames, as
   png  one file for each frame, and their times in frames.csv; of 16 bits where the camera gave more than 8
   exr  the same in linear light; of Bayer and deep grey frames all that the sensor gave
   mp4  a video for each camera (ffmpeg), at its mean rate
-All streams that fit the format are written, or the one named with --stream.
+All streams that fit the format are written, or the one named with --stream. What exists is overwritten with --force alone.
 
 Examples:
   erfgs export run --instants 10 --out splats
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
-  erfgs export S.mcap --to mp4 --out videos")]
+  erfgs export S.mcap --to mp4 --out videos
+  erfgs export davis346.aedat4 --to png --out frames
+  erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
+    /// A run folder, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
+    #[arg(value_name = "RUN|S.mcap|FILE")]
+    input: PathBuf,
+    /// The dataset, where it is no longer where the run was trained on it.
+    #[arg(long, value_name = "DATASET", help_heading = "Of a run")]
+    dataset: Option<PathBuf>,
     #[command(flatten)]
-    run: TrainedRun,
+    adapter: Adapter,
     /// At how many instants, from the first to the last of the recording; as many as the held-out cameras have without it.
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
-    #[arg(long, value_enum, help_heading = "Of a session")]
+    #[arg(long, value_enum, help_heading = "Of a session or an event file")]
     to: Option<Format>,
     /// One stream, by its name in `erfgs info`.
-    #[arg(long, value_name = "ID", help_heading = "Of a session")]
+    #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
-    /// The folder to write to, or the file if --stream makes it one; beside the input without it.
+    /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
+    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
+    size: Option<SensorSize>,
+    /// Overwrite what exists.
+    #[arg(long, help_heading = "Of a session or an event file")]
+    force: bool,
+    /// The folder to write to, or the file if --stream makes it one or the input is an event file; beside the input without
+    /// it.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
 }
@@ -84,25 +108,43 @@ impl Format {
     fn is_folder(self) -> bool {
         matches!(self, Self::Png | Self::Exr)
     }
+
+    /// What an earlier export to `out` left there.
+    fn left_behind(self, out: &Path) -> Option<PathBuf> {
+        let left = if self.is_folder() { out.join("frames.csv") } else { out.to_owned() };
+        left.exists().then_some(left)
+    }
 }
 
 /// Looks at what the path is, and exports it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let path = &arguments.run.run;
-    let is_session = path.is_file() && path.extension().is_some_and(|extension| extension == "mcap");
-    match (is_session, arguments.to) {
-        (true, Some(format)) => session(path, format, arguments, terminal),
-        (true, None) => Err(Usage(
-            "say in which format to export the session: --to raw, aedat4, csv, npz, h5, png, exr or mp4".into(),
-        )
-        .into()),
+    let input = &arguments.input;
+    if !input.exists() {
+        return Err(Usage(format!("'{}' does not exist", input.display())).into());
+    }
+    match (input.is_file(), arguments.to) {
+        (true, Some(format)) => recording(input, format, arguments, terminal),
+        (true, None) => {
+            let what = "say in which format to export the recording: --to raw, aedat4, csv, npz, h5, png, exr or mp4";
+            Err(Usage(what.into()).into())
+        }
         (false, Some(_)) => Err(Usage(format!(
-            "--to is for sessions, and '{}' is none; without it, the Gaussians of a run are exported",
-            path.display()
+            "--to is for sessions and event files, and '{}' is a folder; without it, the Gaussians of a run are exported",
+            input.display()
         ))
         .into()),
-        (false, None) => run::run(&arguments.run, arguments.instants, arguments.out.as_deref(), terminal),
+        (false, None) => {
+            let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
+            run::run(&of_run, arguments.instants, arguments.out.as_deref(), terminal)
+        }
     }
+}
+
+/// An error if something was lost to damage, of which everything else was exported.
+fn complain(recording: &Recording, lost: &[String]) -> anyhow::Result<()> {
+    let Some(first) = lost.first() else { return Ok(()) };
+    let path = recording.path().display();
+    anyhow::bail!("what is whole was exported; {path} lost data in {} damaged places, the first: {first}", lost.len())
 }
 
 /// One stream and where it goes.
@@ -112,28 +154,42 @@ struct Task {
     out: PathBuf,
 }
 
-fn session(path: &Path, format: Format, arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let mut session = Session::open(path)?;
-    let tasks = tasks(&session, path, format, arguments)?;
+fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut recording = Recording::open(path, arguments.size)?;
+    let tasks = tasks(&recording, format, arguments)?;
+    let same =
+        |out: &Path| std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(path).ok() == Some(out));
+    if let Some(task) = tasks.iter().find(|task| same(&task.out)) {
+        return Err(Usage(format!("'{}' is what is to be exported; give another --out", task.out.display())).into());
+    }
+    if !arguments.force
+        && let Some(there) = tasks.iter().find_map(|task| format.left_behind(&task.out))
+    {
+        return Err(Usage(format!(
+            "'{}' exists already; --force overwrites it, or give another --out",
+            there.display()
+        ))
+        .into());
+    }
     if format.is_of_events() {
-        events::export(&mut session, format, &tasks, terminal)
+        events::export(&mut recording, format, &tasks, terminal)
     } else {
-        frames::export(&mut session, format, &tasks, terminal)
+        frames::export(&mut recording, format, &tasks, terminal)
     }
 }
 
-fn tasks(session: &Session, path: &Path, format: Format, arguments: &Arguments) -> anyhow::Result<Vec<Task>> {
-    let fits = |encoding: erfgs_session::source::Encoding| match format {
-        Format::Raw => {
-            erfgs_session::codec::RawHeader::new(encoding, erfgs_session::codec::SensorSize::ALL, "", "").is_some()
-        }
-        format if format.is_of_events() => erfgs_session::codec::StreamDecoder::new(encoding, None).is_some(),
-        _ => encoding.is_frames(),
+fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow::Result<Vec<Task>> {
+    let path = recording.path();
+    let fits = |encoding: Encoding| match format {
+        Format::Raw => RawHeader::new(encoding, SensorSize::ALL, "", "").is_some(),
+        format if format.is_of_events() => StreamDecoder::new(encoding, None).is_some(),
+        _ => encoding.is_frames() || encoding.has_sensor_frames(),
     };
     let extension = format.extension();
+    let streams = &recording.summary().streams;
     let chosen: Vec<usize> = match &arguments.stream {
         Some(id) => {
-            let (stream, found) = session.stream(id)?;
+            let (stream, found) = recording.stream(id)?;
             if !fits(found.description.encoding) {
                 let encoding = found.description.encoding;
                 return Err(
@@ -142,21 +198,24 @@ fn tasks(session: &Session, path: &Path, format: Format, arguments: &Arguments) 
             }
             vec![stream]
         }
-        None => {
-            let streams = session.summary().streams.iter().enumerate();
-            streams.filter(|(_, stream)| fits(stream.description.encoding)).map(|(stream, _)| stream).collect()
-        }
+        None => (0..streams.len()).filter(|&stream| fits(streams[stream].description.encoding)).collect(),
     };
     if chosen.is_empty() {
-        return Err(Usage(format!("{} has no stream that can be written as {extension}", path.display())).into());
+        let are: Vec<&str> = streams.iter().map(|stream| stream.description.encoding.name()).collect();
+        let are = if are.is_empty() { String::new() } else { format!(": they are {}", are.join(", ")) };
+        return Err(Usage(format!("{} has no stream that can be written as {extension}{are}", path.display())).into());
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let is_event_file = matches!(recording, Recording::EventFile(_));
     let task = |stream: usize| {
-        let id = session.summary().streams[stream].description.id.clone();
+        let id = streams[stream].description.id.clone();
         let name = if format.is_folder() { id.clone() } else { format!("{id}.{extension}") };
         let out = match &arguments.out {
             Some(out) if arguments.stream.is_some() => out.clone(),
+            Some(out) if is_event_file && (format.is_folder() || !out.is_dir()) => out.clone(),
             Some(folder) => folder.join(name),
+            None if is_event_file && format.is_folder() => path.with_extension("frames"),
+            None if is_event_file => path.with_extension(extension),
             None => path.with_file_name(format!("{stem}.{name}")),
         };
         Task { stream, id, out }

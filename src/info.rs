@@ -2,6 +2,7 @@
 
 mod events;
 mod session;
+mod settings;
 
 use std::path::{Path, PathBuf};
 
@@ -27,10 +28,14 @@ Examples:
   erfgs info ds-dv/events/03.npz
   erfgs info recording.raw --digest --json
   erfgs info events.h5 --digest
-  erfgs info S.mcap")]
+  erfgs info S.mcap
+  erfgs info S.mcap --check")]
 pub struct Arguments {
     /// A session, a dataset or run folder, a .ply point cloud, or an event file.
     path: PathBuf,
+    /// Read all of a session and verify its checksums; exit code 1 if anything is damaged.
+    #[arg(long)]
+    check: bool,
     /// Print the SHA3-224 of each field of the events of an event file or a session.
     #[arg(long)]
     digest: bool,
@@ -49,9 +54,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let what = format!("--digest is for sessions and event files, and '{}' is none", path.display());
         return Err(Usage(what).into());
     }
+    if arguments.check && extension != "mcap" {
+        return Err(Usage(format!("--check is for sessions, and '{}' is none", path.display())).into());
+    }
     match (path.is_dir(), extension) {
+        (false, "mcap") if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
         (false, "ply") => points(path, terminal),
-        (false, "mcap") => session::run(path, arguments.digest, terminal),
+        (false, "mcap") => session::run(path, arguments.digest, arguments.check, terminal),
         (false, "npz") => events::describe_npz(path, arguments.size, arguments.digest, terminal),
         (false, "h5" | "hdf5") => events::describe_hdf5(path, arguments.size, arguments.digest, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
@@ -62,7 +71,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (false, _) if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
         (false, _) => match EventFile::open(path) {
             Err(error @ EventFileError::Unknown { .. }) => Err(Usage(format!(
-                "'{}' is nothing that erfgs writes or reads: give a dataset or run folder, a .ply or an event file ({error})",
+                "'{}' is nothing that erfgs writes or reads: give a session, a dataset or run folder, a .ply or an event file ({error})",
                 path.display()
             ))
             .into()),

@@ -6,12 +6,14 @@
 mod bench;
 mod calibrate;
 mod dataset;
+mod date;
 mod device;
 mod devices;
 mod doctor;
 mod errors;
 mod eval;
 mod export;
+mod import;
 mod info;
 mod interrupt;
 mod parse;
@@ -86,11 +88,13 @@ enum Command {
     Eval(eval::Arguments),
     /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
     Render(render::Arguments),
-    /// Write the Gaussians of a run, or the streams of a session, in the formats of other programs.
+    /// Write the Gaussians of a run, or the streams of a session or an event file, in the formats of other programs.
     Export(export::Arguments),
+    /// Make a session of an event file of another program.
+    Import(import::Arguments),
     /// Repair a session whose recording was cut off.
     Recover(recover::Arguments),
-    /// Play a session as if its devices were there.
+    /// Play a session or an event file as if its devices were there.
     Replay(replay::Arguments),
     /// Fit the clocks of a session anew and plot how well they fit.
     Sync(sync::Arguments),
@@ -101,7 +105,15 @@ enum Command {
     /// Check this machine: adapter, driver, COLMAP, ffmpeg, and what to install.
     Doctor(doctor::Arguments),
     /// Measure the stages on this machine.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "\
+Examples:
+  erfgs bench decode recording.raw
+  erfgs bench simulate
+  erfgs bench raster
+  erfgs bench train ds"
+    )]
     Bench(bench::Command),
 }
 
@@ -118,6 +130,7 @@ fn main() -> ExitCode {
         Command::Eval(arguments) => eval::run(&arguments, &terminal),
         Command::Render(arguments) => render::run(&arguments, &terminal),
         Command::Export(arguments) => export::run(&arguments, &terminal),
+        Command::Import(arguments) => import::run(&arguments, &terminal),
         Command::Recover(arguments) => recover::run(&arguments, &terminal),
         Command::Replay(arguments) => replay::run(&arguments, &terminal),
         Command::Sync(arguments) => sync::run(&arguments, &terminal),

@@ -2,7 +2,7 @@
 
 use std::{
     io::{IsTerminal, Write},
-    net::SocketAddr,
+    net::{SocketAddr, TcpListener},
     path::{Path, PathBuf},
     sync::{Arc, atomic::Ordering},
     thread,
@@ -28,6 +28,8 @@ use crate::{
     terminal::{Terminal, bytes, table, thousands},
 };
 
+/// No recording lasts longer, seconds: 31 years.
+const LONGEST_S: f64 = 1e9;
 /// Between two status lines: on a terminal, elsewhere.
 const LINE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(10)];
 
@@ -92,15 +94,26 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let (Some(rig), Some(out)) = (&arguments.rig, &arguments.out) else {
         return Err(Usage("give a RIG.toml and --out".into()).into());
     };
-    if arguments.seconds.is_some_and(|seconds| !(seconds > 0.0 && seconds < 1e9)) {
-        return Err(Usage("--seconds must be positive".into()).into());
+    if let Some(seconds) = arguments.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds < LONGEST_S)) {
+        let what = format!("--seconds {seconds}: write a number above 0 and below {LONGEST_S}, or leave it out");
+        return Err(Usage(what).into());
     }
+    named_as_it_will_be(out, arguments.wait)?;
     let folder = if arguments.wait { out.clone() } else { folder_of(out) };
     if !arguments.wait && out.exists() {
         return Err(Usage(format!("'{}' exists already: recordings are never overwritten", out.display())).into());
     }
+    let path = rig;
+    let rig = RigConfig::load(path)?;
+    if rig.devices.is_empty() {
+        let path = path.display();
+        let what = format!(
+            "{path} names no devices: add [[evk4]], [[davis346]], [[camera]] or others (erfgs record --example)"
+        );
+        return Err(Usage(what).into());
+    }
+    let listener = arguments.live.map(LivePage::listen).transpose()?;
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder '{}'", folder.display()))?;
-    let rig = RigConfig::load(rig)?;
     terminal.note(format!("opening {} devices", rig.devices.len()));
     let inputs = record::open(&rig)?;
     let streams: Vec<Description> = inputs.iter().map(|input| input.source.description().clone()).collect();
@@ -110,7 +123,27 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
     arguments.quick.start(&streams, &monitor)?;
     let recorder = Arc::new(Recorder::new(inputs, options(&rig.record, info(&rig, &findings), folder, &monitor))?);
-    record_until_told(arguments, terminal, &recorder, monitor, out)
+    record_until_told(arguments, terminal, &recorder, monitor, listener, out)
+}
+
+/// Refuses a name that would surprise: a folder that looks like a session, or a session that no command would take for one.
+fn named_as_it_will_be(out: &Path, is_folder: bool) -> Result<(), Usage> {
+    let is_session = out.extension().is_some_and(|extension| extension == "mcap");
+    let shown = out.display();
+    match (is_folder, is_session) {
+        (true, true) if !out.is_dir() => {
+            let folder = out.with_extension("");
+            Err(Usage(format!(
+                "with --wait, --out is the folder for recordings, and '{shown}' is named as a session: write --out {}",
+                folder.display()
+            )))
+        }
+        (false, false) => {
+            let named = out.with_extension("mcap");
+            Err(Usage(format!("'{shown}' is not named as a session: write --out {}", named.display())))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn info(rig: &RigConfig, findings: &[Finding]) -> SessionInfo {
@@ -180,15 +213,16 @@ fn record_until_told(
     terminal: &Terminal,
     recorder: &Arc<Recorder>,
     monitor: Arc<Monitor>,
+    listener: Option<TcpListener>,
     out: &Path,
 ) -> anyhow::Result<()> {
     let stop = interrupt::stop_flag("the session is being completed")?;
-    let page = match arguments.live {
-        Some(address) => {
+    let page = match (arguments.live, listener) {
+        (Some(address), Some(listener)) => {
             let options = LiveOptions { address, names: arguments.live_name.clone() };
-            Some(LivePage::serve(Arc::clone(recorder), monitor, &options)?)
+            Some(LivePage::serve_at(listener, Arc::clone(recorder), monitor, &options)?)
         }
-        None => None,
+        _ => None,
     };
     if let Some(page) = &page {
         terminal.note(format!("live page: {}", page.url()));

@@ -12,7 +12,10 @@ use crate::terminal::{Terminal, bytes, thousands};
 #[command(after_help = "\
 What lies in whole chunks stays byte for byte; at most the last chunk (half a second) is lost. The session itself is left \
 alone, and the copy gets the index that was never written. --in-place appends the index to the session itself, which \
-needs next to no room on the disk. A session can be read, replayed and exported without being repaired.
+needs next to no room on the disk. A session can be read, replayed and exported without being repaired. Of a session that is \
+whole no copy is written. What is damaged within (`erfgs info --check`) is left out of the copy, and told.
+
+Exit codes: 0 repaired, or whole already; 1 nothing could be saved, or the copy could not be written.
 
 Examples:
   erfgs recover S.mcap
@@ -21,7 +24,7 @@ Examples:
 pub struct Arguments {
     /// The session.
     session: PathBuf,
-    /// The file to write; beside the session, named *.recovered.mcap, without it.
+    /// The file to write, if there is something to repair; beside the session, named *.recovered.mcap, without it.
     #[arg(long, value_name = "FILE", conflicts_with = "in_place")]
     out: Option<PathBuf>,
     /// Repair the session itself.
@@ -54,7 +57,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     };
     let report = Report { file: (!was_whole).then_some(out), was_whole, messages, chunks, cut_bytes, damaged };
     terminal.result(&report, || match &report.file {
-        None => format!("{} is whole: nothing to repair", arguments.session.display()),
+        None if arguments.out.is_some() => format!(
+            "{} is whole: nothing to repair, and no copy was written; `cp` makes one",
+            arguments.session.display()
+        ),
+        None => format!("{} is whole: nothing to repair, nothing was written", arguments.session.display()),
         Some(file) => {
             let mut text = format!(
                 "{}: {} messages in {} chunks; {} behind the last whole chunk are lost",

@@ -17,6 +17,9 @@ pub enum Encoding {
     Evt3,
     /// iniVation DAVIS: 16-bit little-endian words of events, frames, inertial samples and external edges.
     Davis,
+    /// Whole packets of AEDAT 4, each an LZ4 frame, of the streams 0 (events), 1 (frames), 2 (inertial samples) and 3
+    /// (triggers), without the header of a file: how event files without the words of a device lie in a session.
+    Aedat4,
     /// One JPEG image for each packet.
     Mjpeg,
     /// Packed 4:2:2, bytes Y0 U Y1 V.
@@ -114,12 +117,13 @@ impl Samples {
 impl Encoding {
     /// All encodings.
     pub fn all() -> impl Iterator<Item = Self> {
-        const PLAIN: [Encoding; 17] = [
+        const PLAIN: [Encoding; 18] = [
             Encoding::Evt2,
             Encoding::Evt21,
             Encoding::Evt21Legacy,
             Encoding::Evt3,
             Encoding::Davis,
+            Encoding::Aedat4,
             Encoding::TriggerLines,
             Encoding::Mjpeg,
             Encoding::Yuyv,
@@ -146,6 +150,7 @@ impl Encoding {
             Self::Evt21Legacy => "evt21-legacy",
             Self::Evt3 => "evt3",
             Self::Davis => "davis",
+            Self::Aedat4 => "aedat4",
             Self::Mjpeg => "mjpeg",
             Self::Yuyv => "yuyv",
             Self::Uyvy => "uyvy",
@@ -174,7 +179,13 @@ impl Encoding {
     /// Whether a packet is a piece of a stream of events (and not one frame, or lines of a trigger board).
     #[must_use]
     pub fn is_events(self) -> bool {
-        matches!(self, Self::Evt2 | Self::Evt21 | Self::Evt21Legacy | Self::Evt3 | Self::Davis)
+        matches!(self, Self::Evt2 | Self::Evt21 | Self::Evt21Legacy | Self::Evt3 | Self::Davis | Self::Aedat4)
+    }
+
+    /// Whether a stream of events may hold frames of the same pixels.
+    #[must_use]
+    pub fn has_sensor_frames(self) -> bool {
+        matches!(self, Self::Davis | Self::Aedat4)
     }
 
     /// Whether a packet is one frame.
@@ -240,7 +251,7 @@ mod tests {
     fn every_encoding_is_found_again_by_its_name() {
         let all: Vec<_> = Encoding::all().collect();
         let names: BTreeSet<_> = all.iter().map(|encoding| encoding.name()).collect();
-        assert_eq!((all.len(), names.len()), (37, 37), "no name is given twice");
+        assert_eq!((all.len(), names.len()), (38, 38), "no name is given twice");
         for encoding in all {
             let text = serde_json::to_string(&encoding).unwrap();
             assert_eq!(text, format!("\"{encoding}\""));

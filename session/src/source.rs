@@ -98,6 +98,11 @@ pub enum Incident {
         /// What it is and what to do.
         message: String,
     },
+    /// The recording ended as it should, or was ended: of the recorder itself, and the last of a session.
+    Ended {
+        /// Why.
+        reason: String,
+    },
 }
 
 /// Where packets go. Shared by the threads of all sources; never blocks.

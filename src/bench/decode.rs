@@ -79,6 +79,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
                     CSV file";
         return Err(Usage(what.to_owned()).into());
     }
+    if extension == "mcap" {
+        let file = arguments.file.display();
+        let what =
+            format!("{file} is a session: `erfgs export {file} --to raw` gives a file of its words, or --to aedat4");
+        return Err(Usage(what).into());
+    }
     let mut file = EventFile::open(&arguments.file)?;
     if let Some(size) = arguments.size {
         file = file.with_size(size);

@@ -1,4 +1,4 @@
-//! The event streams of a session as files.
+//! The event streams of a recording as files.
 
 use std::{
     io::{self, Write},
@@ -12,14 +12,17 @@ use erfgs_session::{
         Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, Edge, EventBatch, ImuSample, Mark,
         RawHeader, SensorSize, Sink,
     },
-    container::{ContainerError, Entry, Session, sensor_size},
+    container::{ContainerError, Entry, Recording, sensor_size},
     hdf5, npz,
     source::Description,
 };
 use serde::Serialize;
 
 use super::{Format, Task};
-use crate::terminal::{Terminal, bytes, thousands};
+use crate::{
+    date::utc,
+    terminal::{Terminal, bytes, thousands},
+};
 
 #[derive(Serialize)]
 struct Exported {
@@ -33,25 +36,26 @@ struct Exported {
 }
 
 /// Writes the streams and lists them.
-pub fn export(session: &mut Session, format: Format, tasks: &[Task], terminal: &Terminal) -> anyhow::Result<()> {
+pub fn export(recording: &mut Recording, format: Format, tasks: &[Task], terminal: &Terminal) -> anyhow::Result<()> {
     let mut files = Vec::new();
+    let lost = &mut Vec::new();
     for task in tasks {
-        let total = session.summary().streams[task.stream].totals.bytes;
+        let total = recording.summary().streams[task.stream].totals.bytes;
         let progress = terminal.progress(&task.id);
         let mut exported = Exported {
             stream: task.id.clone(),
             file: task.out.clone(),
             bytes: 0,
             events: None,
-            discontinuities: session.summary().streams[task.stream].totals.discontinuities,
+            discontinuities: recording.summary().streams[task.stream].totals.discontinuities,
         };
         let update = |done: u64| progress.update(done, total, "bytes");
         match format {
-            Format::Raw => raw(session, task, update)?,
-            Format::Aedat4 => exported.events = Some(aedat4(session, task, update)?),
-            Format::Csv => exported.events = Some(csv(session, task, update)?),
-            Format::H5 => exported.events = Some(h5(session, task, update)?),
-            _ => exported.events = Some(npz(session, task, update)?),
+            Format::Raw => raw(recording, task, lost, update)?,
+            Format::Aedat4 => exported.events = Some(aedat4(recording, task, lost, update)?),
+            Format::Csv => exported.events = Some(csv(recording, task, lost, update)?),
+            Format::H5 => exported.events = Some(h5(recording, task, lost, update)?),
+            _ => exported.events = Some(npz(recording, task, lost, update)?),
         }
         exported.bytes = std::fs::metadata(&task.out).map_or(0, |metadata| metadata.len());
         files.push(exported);
@@ -66,7 +70,8 @@ pub fn export(session: &mut Session, format: Format, tasks: &[Task], terminal: &
             format!("{}: {}{events}{cuts}", file.file.display(), bytes(file.bytes))
         };
         files.iter().map(line).collect::<Vec<_>>().join("\n")
-    })
+    })?;
+    super::complain(recording, lost)
 }
 
 /// Gives the content of a file to `fill`, whose own errors pass the file system's by.
@@ -77,7 +82,7 @@ fn write_file(task: &Task, fill: impl FnOnce(&mut dyn Write) -> Result<(), Conta
             ContainerError::Write { source, .. } => source,
             other => {
                 failure = Some(other);
-                io::Error::other("the session cannot be read")
+                io::Error::other("the recording cannot be read")
             }
         })
     });
@@ -92,49 +97,54 @@ fn failed(source: io::Error) -> ContainerError {
     ContainerError::Write { path: PathBuf::new(), offset: 0, source }
 }
 
-fn raw(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<()> {
-    let description = session.summary().streams[task.stream].description.clone();
-    let header = raw_header(&description, session.summary().start.epoch_ns)
+fn raw(recording: &mut Recording, task: &Task, lost: &mut Vec<String>, progress: impl Fn(u64)) -> anyhow::Result<()> {
+    let description = recording.summary().streams[task.stream].description.clone();
+    let header = raw_header(&description, recording.summary().start.epoch_ns)
         .with_context(|| format!("{} has no RAW file", description.encoding))?;
     write_file(task, |sink| {
         sink.write_all(&header.encode()).map_err(failed)?;
         let mut done = 0;
-        for entry in session.messages(None) {
+        for entry in recording.messages(None) {
             match entry {
                 Ok(Entry::Packet { stream, packet }) if stream == task.stream => {
                     sink.write_all(&packet.payload).map_err(failed)?;
                     done += packet.payload.len() as u64;
                     progress(done);
                 }
-                Err(error @ ContainerError::Read { .. }) => return Err(error),
-                _ => {}
+                Ok(_) => {}
+                Err(error) if is_passed_over(&error) => lost.push(error.to_string()),
+                Err(error) => return Err(error),
             }
         }
         Ok(())
     })
 }
 
+/// Whether reading goes on behind the place of an error.
+pub fn is_passed_over(error: &ContainerError) -> bool {
+    matches!(error, ContainerError::Damaged { .. })
+}
+
+/// Decodes a stream, and tells what of it was lost to damage.
+fn decode(
+    recording: &mut Recording,
+    task: &Task,
+    sink: &mut impl Sink,
+    lost: &mut Vec<String>,
+    progress: impl Fn(u64),
+) -> Result<(), ContainerError> {
+    let decoded = recording.decode_events(task.stream, sink, progress)?;
+    lost.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
+    Ok(())
+}
+
 /// The header of a RAW file, from what the device said of itself.
 fn raw_header(description: &Description, epoch_ns: i64) -> Option<RawHeader> {
     let size = sensor_size(description).unwrap_or(SensorSize { width: 1280, height: 720 });
-    let header = RawHeader::new(description.encoding, size, &description.serial, &date(epoch_ns))?;
+    let header = RawHeader::new(description.encoding, size, &description.serial, &utc(epoch_ns))?;
     let firmware = description.settings.get("firmware").and_then(serde_json::Value::as_str).unwrap_or("");
     let is_imx636 = description.model.contains("EVK4") || description.model.contains("IMX636");
     Some(if is_imx636 { header.with_imx636(firmware) } else { header })
-}
-
-/// `YYYY-MM-DD hh:mm:ss` in UTC (days to dates after H. Hinnant, "chrono-Compatible Low-Level Date Algorithms").
-fn date(epoch_ns: i64) -> String {
-    let seconds = epoch_ns.div_euclid(1_000_000_000);
-    let (days, second) = (seconds.div_euclid(86_400) + 719_468, seconds.rem_euclid(86_400));
-    let (era, day) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let month = (5 * day + 2) / 153;
-    let day = day - (153 * month + 2) / 5 + 1;
-    let month = if month < 10 { month + 3 } else { month - 9 };
-    let year = year + era * 400 + i64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}", second / 3600, second / 60 % 60, second % 60)
 }
 
 /// Writes events as they are decoded; the first error ends the writing.
@@ -165,12 +175,12 @@ impl CsvSink<'_> {
     }
 }
 
-fn csv(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<u64> {
+fn csv(recording: &mut Recording, task: &Task, lost: &mut Vec<String>, progress: impl Fn(u64)) -> anyhow::Result<u64> {
     let mut events = 0;
     write_file(task, |out| {
         out.write_all(CSV_HEADER).map_err(failed)?;
         let mut sink = CsvSink { out, encoder: CsvEncoder, text: Vec::new(), events: 0, error: None };
-        session.decode_events(task.stream, None, &mut sink, progress)?;
+        decode(recording, task, &mut sink, lost, progress)?;
         sink.flush();
         events = sink.events;
         sink.error.map_or(Ok(()), |error| Err(failed(error)))
@@ -225,15 +235,20 @@ impl Sink for Aedat4Sink<'_> {
     }
 }
 
-fn aedat4(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<u64> {
-    let description = session.summary().streams[task.stream].description.clone();
+fn aedat4(
+    recording: &mut Recording,
+    task: &Task,
+    lost: &mut Vec<String>,
+    progress: impl Fn(u64),
+) -> anyhow::Result<u64> {
+    let description = recording.summary().streams[task.stream].description.clone();
     let size = sensor_size(&description).unwrap_or(SensorSize::ALL);
     let source = format!("{}_{}", description.model.replace(' ', "_"), description.serial);
     let mut events = 0;
     write_file(task, |out| {
         let encoder = Aedat4Encoder::new(size, &source, Aedat4Compression::Lz4);
         let mut sink = Aedat4Sink { out, encoder, events: 0, error: None };
-        session.decode_events(task.stream, None, &mut sink, progress)?;
+        decode(recording, task, &mut sink, lost, progress)?;
         sink.flush();
         events = sink.events;
         if let Some(error) = sink.error {
@@ -254,33 +269,16 @@ impl Sink for Gather {
     }
 }
 
-fn npz(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<u64> {
-    let description = &session.summary().streams[task.stream].description;
+fn npz(recording: &mut Recording, task: &Task, lost: &mut Vec<String>, progress: impl Fn(u64)) -> anyhow::Result<u64> {
+    let description = &recording.summary().streams[task.stream].description;
     let mut gather = Gather(Events::new(description.width, description.height));
-    session.decode_events(task.stream, None, &mut gather, progress)?;
+    decode(recording, task, &mut gather, lost, progress)?;
     npz::write_events(&task.out, &gather.0)?;
     Ok(gather.0.len() as u64)
 }
 
-fn h5(session: &mut Session, task: &Task, progress: impl Fn(u64)) -> anyhow::Result<u64> {
-    let mut writer = hdf5::create(&task.out, sensor_size(&session.summary().streams[task.stream].description))?;
-    session.decode_events(task.stream, None, &mut writer, progress)?;
+fn h5(recording: &mut Recording, task: &Task, lost: &mut Vec<String>, progress: impl Fn(u64)) -> anyhow::Result<u64> {
+    let mut writer = hdf5::create(&task.out, sensor_size(&recording.summary().streams[task.stream].description))?;
+    decode(recording, task, &mut writer, lost, progress)?;
     Ok(writer.finish()?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn dates_are_those_of_the_calendar() {
-        for (seconds, text) in [
-            (0, "1970-01-01 00:00:00"),
-            (951_782_399, "2000-02-28 23:59:59"),
-            (951_782_400, "2000-02-29 00:00:00"),
-            (1_750_000_000, "2025-06-15 15:06:40"),
-        ] {
-            assert_eq!(date(seconds * 1_000_000_000), text);
-        }
-    }
 }

@@ -1,6 +1,7 @@
-//! The frames of a session as pictures and videos.
+//! The frames of a recording as pictures and videos.
 
 use std::{
+    collections::HashMap,
     fmt::Write,
     path::{Path, PathBuf},
 };
@@ -9,13 +10,13 @@ use anyhow::Context;
 use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
     atomic,
-    container::{ContainerError, Entry, Session},
+    container::{Entry, Recording, SessionStart},
     pixel,
-    source::{Description, Encoding},
+    source::{Description, Encoding, Packet},
 };
 use serde::Serialize;
 
-use super::{Format, Task};
+use super::{Format, Task, events::is_passed_over, sensor_frames};
 use crate::{
     render::{exr, video::Video},
     terminal::Terminal,
@@ -40,12 +41,36 @@ enum Out {
 }
 
 /// Writes the streams and lists them.
-pub fn export(session: &mut Session, format: Format, tasks: &[Task], terminal: &Terminal) -> anyhow::Result<()> {
-    let beside = Synchronisation::file_beside(session.path());
+pub fn export(recording: &mut Recording, format: Format, tasks: &[Task], terminal: &Terminal) -> anyhow::Result<()> {
+    let beside = Synchronisation::file_beside(recording.path());
     let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
-    let mut exported = Vec::new();
+    let (mut exported, mut lost) = (Vec::new(), Vec::new());
     for task in tasks {
-        exported.push(stream(session, format, task, sync.as_ref(), terminal)?);
+        let mut writing = Writing::begin(recording, format, task, sync.as_ref());
+        let total = recording.summary().streams[task.stream].totals;
+        let progress = terminal.progress(&task.id);
+        if recording.summary().streams[task.stream].description.encoding.has_sensor_frames() {
+            sensor_frames::decode(recording, task, &mut writing, &mut lost, |bytes| {
+                progress.update(bytes, total.bytes, "bytes");
+            })?;
+        } else {
+            for entry in recording.messages(None) {
+                match entry {
+                    Ok(Entry::Packet { stream, packet }) if stream == task.stream => {
+                        writing.push_packet(&packet)?;
+                        progress.update(writing.exported.frames, total.packets, "frames");
+                    }
+                    Ok(_) => {}
+                    Err(error) if is_passed_over(&error) => lost.push(error.to_string()),
+                    Err(error) => return Err(error.into()),
+                }
+            }
+        }
+        exported.push(writing.finish()?);
+    }
+    // An event camera that made no pictures is no failure, unless there is nothing else.
+    if exported.iter().all(|stream| stream.frames + stream.damaged == 0) {
+        anyhow::bail!("{} has no frames", recording.path().display());
     }
     terminal.result(&exported, || {
         let line = |stream: &Exported| {
@@ -54,56 +79,125 @@ pub fn export(session: &mut Session, format: Format, tasks: &[Task], terminal: &
             format!("{}: {} frames, {:.3} a second{damaged}", stream.path.display(), stream.frames, stream.rate_hz)
         };
         exported.iter().map(line).collect::<Vec<_>>().join("\n")
-    })
+    })?;
+    super::complain(recording, &lost)
 }
 
-fn stream(
-    session: &mut Session,
-    format: Format,
-    task: &Task,
-    sync: Option<&Synchronisation>,
-    terminal: &Terminal,
-) -> anyhow::Result<Exported> {
-    let recorded = &session.summary().streams[task.stream];
-    let (description, totals) = (recorded.description.clone(), recorded.totals);
-    let start = session.summary().start.clone();
-    let span_ns = totals.first_host_ns.zip(totals.last_host_ns).map_or(0, |(first, last)| last.saturating_sub(first));
-    let rate_hz = if span_ns > 0 { totals.packets.saturating_sub(1) as f64 / (span_ns as f64 * 1e-9) } else { 30.0 };
-    let mids = sync.and_then(|sync| sync.stream(&task.id)).map(StreamSync::exposure_mids).unwrap_or_default();
-    let mut out = match format {
-        Format::Exr => Out::Exr,
-        Format::Mp4 => Out::Mp4(None),
-        _ => Out::Png,
-    };
-    let folder = if format.is_folder() { task.out.as_path() } else { task.out.parent().unwrap_or(Path::new(".")) };
-    if !folder.as_os_str().is_empty() {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+/// The file with the times of the frames.
+fn list_beside(out: &Path, is_folder: bool, is_of_sensor: bool) -> PathBuf {
+    match (is_folder, is_of_sensor) {
+        (true, _) => out.join("frames.csv"),
+        // The name with `.csv` alone is that of the events.
+        (false, true) => out.with_extension("frames.csv"),
+        (false, false) => out.with_extension("csv"),
     }
-    let mut times = String::from("frame,sequence,arrival_ns,exposure_mid_ns\n");
-    let mut exported = Exported { stream: task.id.clone(), path: task.out.clone(), frames: 0, damaged: 0, rate_hz };
-    let progress = terminal.progress(&task.id);
-    for entry in session.messages(None) {
-        let packet = match entry {
-            Ok(Entry::Packet { stream, packet }) if stream == task.stream => packet,
-            Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
-            _ => continue,
-        };
-        let index = exported.frames;
-        if !out.push(&task.out, index, &description, &packet.payload, rate_hz)? {
-            exported.damaged += 1;
-            continue;
+}
+
+/// A stream that is being written.
+pub struct Writing<'a> {
+    task: &'a Task,
+    is_folder: bool,
+    is_of_sensor: bool,
+    out: Out,
+    description: Description,
+    start: SessionStart,
+    sync: Option<&'a StreamSync>,
+    mids: HashMap<u64, i64>,
+    times: String,
+    exported: Exported,
+}
+
+impl<'a> Writing<'a> {
+    fn begin(recording: &Recording, format: Format, task: &'a Task, sync: Option<&'a Synchronisation>) -> Self {
+        let summary = recording.summary();
+        let recorded = &summary.streams[task.stream];
+        let totals = recorded.totals;
+        let span_ns =
+            totals.first_host_ns.zip(totals.last_host_ns).map_or(0, |(first, last)| last.saturating_sub(first));
+        let rate_hz =
+            if span_ns > 0 { totals.packets.saturating_sub(1) as f64 / (span_ns as f64 * 1e-9) } else { 30.0 };
+        let sync = sync.and_then(|sync| sync.stream(&task.id));
+        let is_of_sensor = recorded.description.encoding.has_sensor_frames();
+        Self {
+            task,
+            is_folder: format.is_folder(),
+            is_of_sensor,
+            out: match format {
+                Format::Exr => Out::Exr,
+                Format::Mp4 => Out::Mp4(None),
+                _ => Out::Png,
+            },
+            description: recorded.description.clone(),
+            start: summary.start.clone(),
+            sync,
+            mids: sync.map(StreamSync::exposure_mids).unwrap_or_default().into_iter().collect(),
+            times: match is_of_sensor {
+                true => "frame,exposure_start_us,exposure_end_us,exposure_mid_ns\n".to_owned(),
+                false => "frame,sequence,arrival_ns,exposure_mid_ns\n".to_owned(),
+            },
+            exported: Exported { stream: task.id.clone(), path: task.out.clone(), frames: 0, damaged: 0, rate_hz },
         }
-        let mid = mids.get(&packet.sequence).map_or(String::new(), |mid| mid.to_string());
-        let _ = writeln!(times, "{index},{},{},{mid}", packet.sequence, start.session_ns(packet.host_ns));
-        exported.frames += 1;
-        progress.update(index + 1, totals.packets, "frames");
     }
-    if let Out::Mp4(Some(video)) = out {
-        video.finish()?;
+
+    /// Takes this for the rate of the frames.
+    pub fn set_rate(&mut self, rate_hz: f64) {
+        self.exported.rate_hz = rate_hz;
     }
-    let list = if format.is_folder() { folder.join("frames.csv") } else { task.out.with_extension("csv") };
-    atomic::write(&list, times.as_bytes()).with_context(|| format!("cannot write {}", list.display()))?;
-    Ok(exported)
+
+    /// Writes a frame of a camera.
+    fn push_packet(&mut self, packet: &Packet) -> anyhow::Result<()> {
+        let mid = self.mids.get(&packet.sequence).map_or(String::new(), |mid| mid.to_string());
+        let times = format!("{},{},{mid}", packet.sequence, self.start.session_ns(packet.host_ns));
+        self.push(&times, &packet.payload)
+    }
+
+    /// Writes a frame of an event sensor, which is exposed at these device times.
+    pub fn push_exposed(
+        &mut self,
+        encoding: Encoding,
+        [width, height]: [u16; 2],
+        exposure_us: [u64; 2],
+        payload: &[u8],
+    ) -> anyhow::Result<()> {
+        let description = &mut self.description;
+        (description.encoding, description.width, description.height) = (encoding, width.into(), height.into());
+        description.settings.clear();
+        let [start_us, end_us] = exposure_us;
+        let mid_us = i64::try_from(start_us.midpoint(end_us)).unwrap_or(i64::MAX);
+        let clock = self.sync.and_then(|sync| sync.clock.as_ref());
+        let mid = clock.map_or(String::new(), |clock| clock.session_ns(mid_us).to_string());
+        self.push(&format!("{start_us},{end_us},{mid}"), payload)
+    }
+
+    fn push(&mut self, times: &str, payload: &[u8]) -> anyhow::Result<()> {
+        let out = &self.task.out;
+        let index = self.exported.frames;
+        if index == 0 {
+            let folder = if self.is_folder { out.as_path() } else { out.parent().unwrap_or(Path::new(".")) };
+            if !folder.as_os_str().is_empty() {
+                std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            }
+        }
+        if !self.out.push(out, index, &self.description, payload, self.exported.rate_hz)? {
+            self.exported.damaged += 1;
+            return Ok(());
+        }
+        let _ = writeln!(self.times, "{index},{times}");
+        self.exported.frames += 1;
+        Ok(())
+    }
+
+    fn finish(self) -> anyhow::Result<Exported> {
+        if let Out::Mp4(Some(video)) = self.out {
+            video.finish()?;
+        }
+        if self.exported.frames > 0 {
+            let out = &self.task.out;
+            let list = list_beside(out, self.is_folder, self.is_of_sensor);
+            atomic::write(&list, self.times.as_bytes()).with_context(|| format!("cannot write {}", list.display()))?;
+        }
+        Ok(self.exported)
+    }
 }
 
 impl Out {

@@ -2,15 +2,20 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use erfgs_rig::{record::RigConfig, sync::Synchronisation};
 use erfgs_session::{
-    clock::ClockFit,
+    clock::{ClockFit, Residuals},
     codec::{Anomalies, Digests},
     container::{IncidentEntry, Session, Status, Stream, Summary},
-    source::Incident,
+    source::{Description, Incident},
 };
 use serde::Serialize;
 
-use crate::terminal::{Terminal, bytes, table, thousands};
+use super::settings;
+use crate::{
+    date::utc,
+    terminal::{Terminal, bytes, table, thousands},
+};
 
 #[derive(Serialize)]
 struct SessionSummary<'a> {
@@ -23,13 +28,19 @@ struct SessionSummary<'a> {
     recorded_with: &'a str,
     machine: &'a BTreeMap<String, String>,
     epoch_ns: i64,
+    /// The rig's name in its configuration.
+    rig_name: Option<String>,
+    /// Whether everything was read and all checksums were verified.
+    checked: bool,
     span_seconds: f64,
     streams: Vec<StreamSummary<'a>>,
     incidents: &'a [IncidentEntry],
     incident_count: u64,
     clocks: &'a BTreeMap<String, ClockFit>,
     last_status: &'a Option<Status>,
-    damage: &'a [String],
+    damage: Vec<String>,
+    /// `S.sync.json` beside the session, if there is one.
+    sync: Option<&'a Synchronisation>,
     unknown_encodings: &'a [String],
     rig: &'a Option<String>,
 }
@@ -62,27 +73,59 @@ struct DecodedSummary {
     sha3_224_of_field: BTreeMap<&'static str, String>,
 }
 
-/// Describes a session; decodes its events where their digests are wanted.
-pub fn run(path: &Path, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
+/// Describes a session; decodes its events where their digests are wanted, and reads all of it where it is to be checked.
+pub fn run(path: &Path, digest: bool, check: bool, terminal: &Terminal) -> anyhow::Result<()> {
     let mut session = Session::open(path)?;
+    let checked = check || session.was_read_through();
+    let mut damage = session.summary().damage.clone();
+    if check {
+        let total = session.summary().streams.iter().map(|stream| stream.totals.bytes).sum();
+        let progress = terminal.progress("checking");
+        for place in session.check(|bytes| progress.update(bytes, total, "bytes"))? {
+            if !damage.contains(&place) {
+                damage.push(place);
+            }
+        }
+    }
     let mut decoded = Vec::new();
     for stream in 0..session.summary().streams.len() {
-        decoded.push(if digest { decode(&mut session, stream, terminal)? } else { None });
+        decoded.push(if digest { decode(&mut session, stream, &mut damage, terminal)? } else { None });
     }
     let summary = session.summary();
-    let mut described = describe(path, summary);
+    let beside = Synchronisation::file_beside(path);
+    let sync = beside.is_file().then(|| Synchronisation::load(&beside));
+    if let Some(Err(error)) = &sync {
+        terminal.note(format!("clocks by `erfgs sync` are left out: {error}"));
+    }
+    let sync = sync.and_then(Result::ok);
+    let places = damage.len();
+    let mut described = SessionSummary { checked, damage, sync: sync.as_ref(), ..describe(path, summary) };
     for (stream, decoded) in std::iter::zip(&mut described.streams, decoded) {
         stream.decoded = decoded;
     }
-    terminal.result(&described, || text(&described))
+    terminal.result(&described, || text(&described))?;
+    if places > 0 && (check || digest) {
+        anyhow::bail!("{} is damaged in {places} places; `erfgs recover` saves what is whole", path.display());
+    }
+    Ok(())
 }
 
-fn decode(session: &mut Session, stream: usize, terminal: &Terminal) -> anyhow::Result<Option<DecodedSummary>> {
+fn decode(
+    session: &mut Session,
+    stream: usize,
+    damage: &mut Vec<String>,
+    terminal: &Terminal,
+) -> anyhow::Result<Option<DecodedSummary>> {
     let recorded = &session.summary().streams[stream];
     let (id, total) = (recorded.description.id.clone(), recorded.totals.bytes);
     let progress = terminal.progress(&id);
     let mut digests = Digests::new();
     let decoded = session.decode_events(stream, None, &mut digests, |bytes| progress.update(bytes, total, "bytes"))?;
+    for place in decoded.iter().flat_map(|decoded| &decoded.damage) {
+        if !damage.contains(place) {
+            damage.push(place.clone());
+        }
+    }
     Ok(decoded.map(|decoded| DecodedSummary {
         events: digests.events,
         edges: digests.edges,
@@ -103,13 +146,16 @@ fn describe<'a>(path: &'a Path, summary: &'a Summary) -> SessionSummary<'a> {
         recorded_with: &summary.start.program,
         machine: &summary.start.machine,
         epoch_ns: summary.start.epoch_ns,
+        rig_name: summary.rig.as_ref().and_then(|rig| Some(RigConfig::parse(rig, path).ok()?.name)),
+        checked: false,
         span_seconds: summary.span_ns().map_or(0.0, |[first, last]| last.saturating_sub(first) as f64 * 1e-9),
         streams: summary.streams.iter().map(|stream| describe_stream(summary, stream)).collect(),
         incidents: &summary.totals.incidents,
         incident_count: summary.totals.incident_count,
         clocks: &summary.totals.clocks,
         last_status: &summary.totals.status,
-        damage: &summary.damage,
+        damage: Vec::new(),
+        sync: None,
         unknown_encodings: &summary.unknown_encodings,
         rig: &summary.rig,
     }
@@ -137,6 +183,53 @@ fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'
     }
 }
 
+/// `2025-06-15 15:06:40 UTC, 2.600 s, with erfgs 0.1.0`.
+fn recorded(session: &SessionSummary<'_>) -> String {
+    // What no clock told is not the year 1970.
+    let when = if session.epoch_ns > 0 { format!("{} UTC, ", utc(session.epoch_ns)) } else { String::new() };
+    format!("{when}{:.3} s, with {}", session.span_seconds, session.recorded_with)
+}
+
+/// What is known of a stream besides its counts: settings as read back, the last readings, its clock.
+fn details(session: &SessionSummary<'_>, description: &Description) -> String {
+    let id = &description.id;
+    let residuals = |residuals: Residuals, samples: u64| {
+        let us = |ns: f64| ns / 1e3;
+        format!(
+            "residual p50 {:.1} µs, p95 {:.1} µs, max {:.1} µs over {} samples",
+            us(residuals.p50_ns),
+            us(residuals.p95_ns),
+            us(residuals.max_ns),
+            thousands(samples)
+        )
+    };
+    let mut rows = settings::rows(&description.settings);
+    if let Some(stream) = session.last_status.as_ref().and_then(|status| status.streams.get(id)) {
+        let reading = |(name, value): (&String, &Option<f64>)| Some(format!("{name} {:.3}", (*value)?));
+        let readings: Vec<String> = stream.readings.iter().filter_map(reading).collect();
+        if !readings.is_empty() {
+            rows.push(["readings at the end".to_owned(), readings.join(", ")]);
+        }
+    }
+    if let Some(fit) = session.clocks.get(id) {
+        rows.push(["clock while recording".to_owned(), residuals(fit.residuals, fit.samples)]);
+    }
+    if let Some(sync) = session.sync.and_then(|sync| sync.stream(id)) {
+        let fitted = match (&sync.clock, &sync.exposures) {
+            (Some(clock), _) => Some(residuals(clock.residuals, clock.samples)),
+            (None, Some(exposures)) => Some(residuals(exposures.residuals, exposures.sequence.len() as u64)),
+            (None, None) => None,
+        };
+        let fitted = fitted.map_or(String::new(), |fitted| format!("; {fitted}"));
+        rows.push(["clock by `erfgs sync`".to_owned(), format!("tier {}{fitted}", sync.tier.name())]);
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    let rows: Vec<Vec<String>> = rows.into_iter().map(|[key, value]| vec![format!("  {key}"), value]).collect();
+    format!("\n{id}\n{}", table(&rows))
+}
+
 fn text(session: &SessionSummary<'_>) -> String {
     let file = session.file.display();
     let mut rows = vec![
@@ -144,8 +237,11 @@ fn text(session: &SessionSummary<'_>) -> String {
             "session".to_owned(),
             format!("{file}, {}, {} chunks", bytes(session.bytes), thousands(session.chunks as u64)),
         ],
-        vec!["recorded".to_owned(), format!("{:.3} s with {}", session.span_seconds, session.recorded_with)],
+        vec!["recorded".to_owned(), recorded(session)],
     ];
+    if let Some(name) = &session.rig_name {
+        rows.push(vec!["rig".to_owned(), name.clone()]);
+    }
     let machine: Vec<String> = session.machine.iter().map(|(key, value)| format!("{key} {value}")).collect();
     if !machine.is_empty() {
         rows.push(vec!["machine".to_owned(), machine.join(", ")]);
@@ -154,6 +250,12 @@ fn text(session: &SessionSummary<'_>) -> String {
         let whole = format!("was not ended: whole up to byte {}; `erfgs recover {file}` repairs", session.whole_bytes);
         rows.push(vec!["recording".to_owned(), whole]);
     }
+    let contents = match (session.checked, session.damage.len()) {
+        (true, 0) => "read through: nothing is damaged".to_owned(),
+        (true, places) => format!("read through: DAMAGED in {places} places, see below"),
+        (false, _) => format!("not checked; `erfgs info {file} --check` reads everything and verifies the checksums"),
+    };
+    rows.push(vec!["contents".to_owned(), contents]);
     let mut text = table(&rows);
     let heading = ["stream", "device", "encoding", "size", "packets", "per s", "bytes", "missing", "cuts", "damaged"];
     let mut rows = vec![heading.map(str::to_owned).to_vec()];
@@ -188,14 +290,8 @@ fn text(session: &SessionSummary<'_>) -> String {
             text.push_str(&format!("{id}: {field} {digest}\n"));
         }
     }
-    for (id, fit) in session.clocks {
-        text.push_str(&format!(
-            "clock {id}: residual p50 {:.1} µs, p95 {:.1} µs, max {:.1} µs over {} samples\n",
-            fit.residuals.p50_ns / 1e3,
-            fit.residuals.p95_ns / 1e3,
-            fit.residuals.max_ns / 1e3,
-            thousands(fit.samples)
-        ));
+    for stream in &session.streams {
+        text.push_str(&details(session, stream.description));
     }
     if let Some(status) = session.last_status {
         for (id, stream) in &status.streams {
@@ -216,7 +312,8 @@ fn text(session: &SessionSummary<'_>) -> String {
         let what = match &entry.incident {
             Incident::Lost { reason } => format!("lost: {reason}"),
             Incident::Back => "back".to_owned(),
-            Incident::Warning { message } => message.clone(),
+            Incident::Warning { message } => format!("warning: {message}"),
+            Incident::Ended { reason } => format!("the recording ended: {reason}"),
         };
         let stream = if entry.stream.is_empty() { "recorder" } else { &entry.stream };
         text.push_str(&format!("{stream}: {what}\n"));
@@ -224,7 +321,7 @@ fn text(session: &SessionSummary<'_>) -> String {
     if session.incident_count > 20 {
         text.push_str(&format!("and {} incidents more; --json lists them\n", session.incident_count - 20));
     }
-    for damage in session.damage {
+    for damage in &session.damage {
         text.push_str(&format!("damaged: {damage}\n"));
     }
     for encoding in session.unknown_encodings {

@@ -1,4 +1,4 @@
-//! `erfgs replay`: play a session as if its devices were there.
+//! `erfgs replay`: play a recording as if its devices were there.
 
 mod audience;
 
@@ -11,29 +11,34 @@ use std::{
 
 use audience::Audience;
 use erfgs_replay::{Player, PlayerOptions, Speed};
+use erfgs_session::codec::SensorSize;
 use serde::Serialize;
 
 use crate::{
-    errors::Usage,
+    errors::{Usage, recording_at},
     interrupt, quick,
     terminal::{Terminal, bytes, table, thousands},
 };
 
-/// Play a session as if its devices were there.
+/// Play a session or an event file as if its devices were there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The session's streams are played with the times between their packets, into the same interface that devices record \
+The recording's streams are played with the times between their packets, into the same interface that devices record \
 through. A line says where the playback is and what passes. With --live they are shown on the page on which a rig is shown \
-while it is recorded, until Ctrl-C; what plays can be recorded there into the session's folder.
+while it is recorded, until Ctrl-C; what plays can be recorded there into the recording's folder. An event file of another program is one stream; it is read through once before, for its length.
+
+Exit codes: 0 played, 1 data was lost to damage of the file (all else was played), 2 wrong usage.
 
 Examples:
   erfgs replay S.mcap
   erfgs replay S.mcap --speed 0.1 --seek 12.5
   erfgs replay S.mcap --live --loop
   erfgs replay boards.mcap --live --quick chessboard:9x6:0.025
+  erfgs replay davis346.aedat4 --live
   erfgs replay S.mcap --speed max --json")]
 pub struct Arguments {
-    /// The session, or an MCAP recording of ROS 2 with packets of events.
+    /// The session, an MCAP recording of ROS 2 with packets of events, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
+    #[arg(value_name = "S.mcap|FILE")]
     session: PathBuf,
     /// How fast: 0.1 is ten times slower than it was recorded, max as fast as the disk gives it.
     #[arg(long, value_name = "TIMES", default_value = "1", value_parser = speed)]
@@ -44,6 +49,9 @@ pub struct Arguments {
     /// Start so many seconds after the beginning.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = seconds)]
     seek: f64,
+    /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
+    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
+    size: Option<SensorSize>,
     /// Show it on the live page.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
     live: Option<SocketAddr>,
@@ -86,8 +94,9 @@ struct PlayedStream {
 
 /// Plays until the end, or until the user stops.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let options =
-        PlayerOptions { speed: arguments.speed, repeat: arguments.repeat, seek_ns: (arguments.seek * 1e9) as i64 };
+    recording_at(&arguments.session)?;
+    let seek_ns = (arguments.seek * 1e9) as i64;
+    let options = PlayerOptions { speed: arguments.speed, repeat: arguments.repeat, seek_ns, size: arguments.size };
     let player = Player::open(&arguments.session, options)?;
     let summary = player.summary();
     if summary.streams.is_empty() {
@@ -97,6 +106,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         );
     }
     let length_ns = summary.span_ns().map_or(0, |[_, last]| summary.start.session_ns(last)).max(1);
+    if seek_ns > length_ns {
+        let (path, seconds) = (arguments.session.display(), length_ns as f64 * 1e-9);
+        let what = format!("--seek {} is behind the end: {path} is {seconds:.3} s long", arguments.seek);
+        return Err(Usage(what).into());
+    }
     let stop = interrupt::stop_flag("the playback ends")?;
     let mut audience = match arguments.live {
         Some(address) => Audience::live(&player, arguments, address)?,
@@ -121,9 +135,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     audience.stop()?;
     drop(progress);
-    if let Some(failure) = controls.failure() {
-        terminal.note(format!("passed over: {failure}"));
-    }
     let played = Played { seconds: begun.elapsed().as_secs_f64(), streams: audience.streams() };
     terminal.result(&played, || {
         let mut rows = vec![["stream", "packets", "bytes"].map(str::to_owned).to_vec()];
@@ -131,7 +142,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             rows.push(vec![stream.id.clone(), thousands(stream.packets), thousands(stream.bytes)]);
         }
         format!("{}in {:.2} s", table(&rows), played.seconds)
-    })
+    })?;
+    match (controls.damaged(), controls.failure()) {
+        (0, Some(failure)) => anyhow::bail!("{failure}"),
+        (places, Some(failure)) => {
+            anyhow::bail!("what is whole was played; {places} damaged places were passed over, the last: {failure}")
+        }
+        (_, None) => Ok(()),
+    }
 }
 
 #[cfg(test)]

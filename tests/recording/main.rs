@@ -1,8 +1,12 @@
-//! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised.
+//! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised; event files of other
+//! programs, and what is said of wrong input.
 
+mod damage;
 mod dataset;
+mod event_files;
 mod files;
 mod live;
 mod raw;
 mod rig;
 mod session;
+mod told;

@@ -1,9 +1,9 @@
-//! The thread that reads a session and sends every packet when its time has come.
+//! The thread that reads a recording and sends every packet when its time has come.
 
 use std::time::{Duration, Instant};
 
 use erfgs_session::{
-    container::{ContainerError, Entry, Session},
+    container::{ContainerError, Entry, Recording},
     source::{Packet, StampClock},
 };
 
@@ -52,22 +52,24 @@ enum Ended {
     Stopped,
     Jump,
     End,
+    /// There was nothing to play.
+    Nothing,
 }
 
 /// Plays until the end, or until all sources are stopped.
-pub(super) fn conduct(mut session: Session, shared: &Shared) {
-    let count = session.summary().streams.len();
+pub(super) fn conduct(mut recording: Recording, shared: &Shared) {
+    let count = recording.summary().streams.len();
     let now = now_ns();
     let mut streams = Streams { shift_ns: 0, last_ns: now - GAP_NS, streams: vec![(0, 0, false); count] };
     let mut jumps = shared.orders().jumps;
     let mut first = true;
     shared.set_finished(false);
     loop {
-        match round(&mut session, shared, &mut streams, jumps, first) {
+        match round(&mut recording, shared, &mut streams, jumps, first) {
             Ok(Ended::Stopped) => return,
             Ok(Ended::Jump) => {}
             Ok(Ended::End) if shared.orders().options.repeat => {}
-            Ok(Ended::End) => {
+            Ok(Ended::End | Ended::Nothing) => {
                 shared.set_finished(true);
                 while shared.orders().jumps == jumps {
                     if shared.all_stopped() {
@@ -90,14 +92,15 @@ pub(super) fn conduct(mut session: Session, shared: &Shared) {
 
 /// Plays from the time that the orders name to the end.
 fn round(
-    session: &mut Session,
+    recording: &mut Recording,
     shared: &Shared,
     streams: &mut Streams,
     jumps: u64,
     first: bool,
 ) -> Result<Ended, ContainerError> {
     let Orders { options, .. } = shared.orders();
-    let summary = session.summary();
+    shared.forget_damage();
+    let summary = recording.summary();
     let seek = options.seek_ns > 0;
     let from = seek.then(|| summary.start.host_ns.saturating_add(options.seek_ns));
     let ids: Vec<String> = summary.streams.iter().map(|stream| stream.description.id.clone()).collect();
@@ -107,7 +110,7 @@ fn round(
     let mut pace = Pace { speed: options.speed, anchor: None };
     let mut begun = false;
     let mut first_sequences: Vec<Option<u64>> = vec![None; ids.len()];
-    for entry in session.messages(from) {
+    for entry in recording.messages(from) {
         let (stream, packet) = match entry {
             Ok(Entry::Packet { stream, packet }) => (stream, packet),
             Ok(Entry::Status(status)) => {
@@ -121,11 +124,11 @@ fn round(
                 continue;
             }
             Ok(_) => continue,
-            Err(error @ ContainerError::Read { .. }) => return Err(error),
-            Err(error) => {
-                shared.fail(error.to_string());
+            Err(error @ ContainerError::Damaged { .. }) => {
+                shared.pass_over(error.to_string());
                 continue;
             }
+            Err(error) => return Err(error),
         };
         if stream >= ids.len() {
             continue;
@@ -164,7 +167,7 @@ fn round(
             shared.wait(RETRY);
         }
     }
-    Ok(if begun || !options.repeat { Ended::End } else { Ended::Stopped })
+    Ok(if begun { Ended::End } else { Ended::Nothing })
 }
 
 impl Streams {

@@ -4,7 +4,7 @@ use std::{
     path::PathBuf,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, AtomicI64, Ordering},
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
     },
     thread::JoinHandle,
     time::Duration,
@@ -63,6 +63,8 @@ pub(super) struct Shared {
     position_ns: AtomicI64,
     finished: AtomicBool,
     failure: Mutex<Option<String>>,
+    /// Damaged places that the last round passed over.
+    damaged: AtomicU64,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -83,6 +85,7 @@ impl Shared {
             position_ns: AtomicI64::new(i64::MIN),
             finished: AtomicBool::new(false),
             failure: Mutex::new(None),
+            damaged: AtomicU64::new(0),
         }
     }
 
@@ -159,6 +162,17 @@ impl Shared {
         self.finished.store(finished, Ordering::Release);
     }
 
+    /// A round begins.
+    pub fn forget_damage(&self) {
+        self.damaged.store(0, Ordering::Relaxed);
+    }
+
+    /// A damaged place is passed over.
+    pub fn pass_over(&self, damage: String) {
+        self.damaged.fetch_add(1, Ordering::Relaxed);
+        self.fail(damage);
+    }
+
     pub fn fail(&self, failure: String) {
         *locked(&self.failure) = Some(failure);
     }
@@ -217,7 +231,13 @@ impl Controls {
         self.shared.finished.load(Ordering::Acquire)
     }
 
-    /// Why the playback ended before its end; also damaged places that it passed over.
+    /// Damaged places that the last round passed over, whose packets were not played.
+    #[must_use]
+    pub fn damaged(&self) -> u64 {
+        self.shared.damaged.load(Ordering::Relaxed)
+    }
+
+    /// Why the playback ended before its end; also the last damaged place that it passed over.
     #[must_use]
     pub fn failure(&self) -> Option<String> {
         locked(&self.shared.failure).clone()

@@ -23,7 +23,8 @@ use std::{
 };
 
 use erfgs_session::{
-    container::{ContainerError, Session, Summary},
+    codec::SensorSize,
+    container::{ContainerError, Recording, Summary},
     source::{Counters, Description, Outlet, Source, SourceError},
 };
 
@@ -39,21 +40,23 @@ pub struct PlayerOptions {
     pub repeat: bool,
     /// Where to start, nanoseconds of session time.
     pub seek_ns: i64,
+    /// Size of the sensor, where the recording is an event file that does not say it.
+    pub size: Option<SensorSize>,
 }
 
-/// A session that is open for playing.
+/// A recording that is open for playing.
 pub struct Player {
     summary: Summary,
     shared: Arc<Shared>,
 }
 
 impl Player {
-    /// Opens a session.
+    /// Opens a session, a recording of ROS 2 or an event file.
     ///
     /// # Errors
     /// If it cannot be read.
     pub fn open(path: &Path, options: PlayerOptions) -> Result<Self, ContainerError> {
-        let summary = Session::open(path)?.summary().clone();
+        let summary = Recording::open(path, options.size)?.summary().clone();
         let shared = Arc::new(Shared::new(path.to_owned(), options, summary.streams.len()));
         Ok(Self { summary, shared })
     }
@@ -102,10 +105,10 @@ impl Source for PlayedSource {
         if self.shared.all_started() {
             let mut conductor = self.shared.conductor.lock().unwrap_or_else(PoisonError::into_inner);
             if conductor.as_ref().is_none_or(JoinHandle::is_finished) {
-                let session = Session::open(&self.shared.path)?;
+                let recording = Recording::open(&self.shared.path, self.shared.orders().options.size)?;
                 let shared = self.shared.clone();
                 let thread = std::thread::Builder::new().name("erfgs-replay".into());
-                *conductor = Some(thread.spawn(move || conductor::conduct(session, &shared))?);
+                *conductor = Some(thread.spawn(move || conductor::conduct(recording, &shared))?);
             }
         }
         Ok(())

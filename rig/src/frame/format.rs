@@ -46,6 +46,7 @@ pub fn fourccs(encoding: Encoding) -> &'static [&'static [u8; 4]] {
         | Encoding::Evt21Legacy
         | Encoding::Evt3
         | Encoding::Davis
+        | Encoding::Aedat4
         | Encoding::TriggerLines => &[],
     }
 }

@@ -135,12 +135,15 @@ fn choose(config: &FrameConfig) -> Result<CameraIndex, FrameError> {
     let found: Vec<_> = cameras.iter().filter(means).collect();
     let [camera] = found[..] else {
         let told = cameras.iter().map(|camera| format!("{} ({})", camera.name, camera.node.display()));
-        let count = if found.is_empty() { "none is" } else { "several are" };
-        return Err(FrameError::Find {
-            id: config.id.clone(),
-            problem: format!("{count} {:?}", config.camera),
-            found: told.collect::<Vec<_>>().join("; "),
-        });
+        let told = told.collect::<Vec<_>>().join("; ");
+        let problem = match (found.is_empty(), config.camera.as_str()) {
+            (true, "") => "none is plugged in".to_owned(),
+            (false, "") => "several are plugged in; name one as `camera`".to_owned(),
+            (true, wanted) => format!("none is {wanted:?}"),
+            (false, wanted) => format!("several are {wanted:?}; name one by its place"),
+        };
+        let found = if told.is_empty() { "none".to_owned() } else { told };
+        return Err(FrameError::Find { id: config.id.clone(), problem, found });
     };
     let text = camera.node.display().to_string();
     Ok(text.parse().map_or(CameraIndex::String(text), CameraIndex::Index))

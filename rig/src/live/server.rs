@@ -53,16 +53,38 @@ pub struct LivePage {
 }
 
 impl LivePage {
+    /// Takes the address, for [`LivePage::serve_at`] later: who is to wait for checks and devices need not wait to be told
+    /// that it is taken.
+    ///
+    /// # Errors
+    /// If the address is taken, or the system refuses.
+    pub fn listen(address: SocketAddr) -> Result<TcpListener, LiveError> {
+        let failed = |source| LiveError::Listen { address, source };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        listener.set_nonblocking(true).map_err(failed)?;
+        Ok(listener)
+    }
+
     /// Starts to serve.
     ///
     /// # Errors
     /// If the address is taken, or the system refuses.
     pub fn serve(recorder: Arc<Recorder>, monitor: Arc<Monitor>, options: &LiveOptions) -> Result<Self, LiveError> {
-        let listen = |source| LiveError::Listen { address: options.address, source };
+        Self::serve_at(Self::listen(options.address)?, recorder, monitor, options)
+    }
+
+    /// Starts to serve where [`LivePage::listen`] listens, which is `options.address`.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn serve_at(
+        listener: TcpListener,
+        recorder: Arc<Recorder>,
+        monitor: Arc<Monitor>,
+        options: &LiveOptions,
+    ) -> Result<Self, LiveError> {
         let access = Access::for_address(&options.address, options.names.clone()).map_err(LiveError::Token)?;
-        let listener = TcpListener::bind(options.address).map_err(listen)?;
-        listener.set_nonblocking(true).map_err(listen)?;
-        let address = listener.local_addr().map_err(listen)?;
+        let address = listener.local_addr().map_err(|source| LiveError::Listen { address: options.address, source })?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
         let (quit, told) = oneshot::channel();
         let site = Arc::new(Site { recorder, monitor, access: access.clone() });

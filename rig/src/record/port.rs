@@ -95,6 +95,7 @@ impl Outlet for Port {
                 (Level::Info, "back, and streaming again".to_owned())
             }
             Incident::Warning { message } => (Level::Warning, message.clone()),
+            Incident::Ended { reason } => (Level::Info, format!("the recording ended: {reason}")),
         };
         self.log.lock().unwrap_or_else(PoisonError::into_inner).say(level, &self.id, text);
         self.note(incident);

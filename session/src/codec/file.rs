@@ -32,7 +32,7 @@ pub enum EventFileError {
     },
     /// The file's content is none of the formats.
     #[error(
-        "{} is no event file that erfgs reads: {what}; formats are RAW (EVT 2, 2.1, 3), DAT, AEDAT 2 and 4, NPZ and CSV",
+        "{} is no event file that erfgs reads: {what}; formats are RAW (EVT 2, 2.1, 3), DAT, AEDAT 2 and 4, CSV, NPZ, HDF5 and MCAP",
         path.display()
     )]
     Unknown {
@@ -152,12 +152,24 @@ impl EventFile {
         }
     }
 
-    /// Decodes the file piece by piece. A file that was cut short gives what is there, and
-    /// [`Anomalies::truncated_bytes`].
+    /// Decodes the file piece by piece; see [`EventFile::decode_while`].
     ///
     /// # Errors
     /// If the file cannot be read.
     pub fn decode(&self, sink: &mut impl Sink) -> Result<Anomalies, EventFileError> {
+        self.decode_while(sink, |_| true)
+    }
+
+    /// Decodes the file piece by piece, as long as `go_on`, which is told the bytes read so far, says so. A file that was cut short gives what is there, and
+    /// [`Anomalies::truncated_bytes`].
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode_while(
+        &self,
+        sink: &mut impl Sink,
+        mut go_on: impl FnMut(u64) -> bool,
+    ) -> Result<Anomalies, EventFileError> {
         let mut offset = self.body;
         let io = |doing, offset| move |source| EventFileError::Io { doing, path: self.path.clone(), offset, source };
         let mut file = File::open(&self.path).map_err(io("open", 0))?;
@@ -173,6 +185,9 @@ impl EventFile {
             };
             decoder.decode(&piece[..count], sink);
             offset += count as u64;
+            if !go_on(offset - self.body) {
+                break;
+            }
         }
         decoder.finish(sink);
         Ok(decoder.anomalies())

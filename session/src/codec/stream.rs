@@ -43,6 +43,7 @@ impl StreamDecoder {
             Encoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::new(WordOrder::Legacy, size))),
             Encoding::Evt3 => Some(Self::Evt3(Evt3Decoder::new(size))),
             Encoding::Davis => Some(Self::Davis(DavisDecoder::new(layout(size)))),
+            Encoding::Aedat4 => Some(Self::Aedat4(Aedat4Decoder::packets(size))),
             _ => None,
         }
     }

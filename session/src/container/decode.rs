@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 use super::{ContainerError, DecoderState, Entry, Session};
 use crate::{
     codec::{Anomalies, Decoder, SensorSize, Sink, StreamDecoder},
-    source::{Description, Packet},
+    source::{Description, Encoding, Packet},
 };
 
 /// States lie about a second apart: one is looked for in so much time before the start.
@@ -64,7 +64,9 @@ impl<R: Read + Seek> Session<R> {
         let Some(mut decoder) = begun else { return Ok(None) };
         let mut decoded = DecodedStream::default();
         let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
-        for entry in self.messages(state.map(|state| state.host_ns)) {
+        // Packets of AEDAT 4 remember nothing of each other.
+        let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| description.encoding == Encoding::Aedat4);
+        for entry in self.messages(state.map(|state| state.host_ns).or(anywhere)) {
             let packet = match entry {
                 Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(DISORDER_NS) => break,
                 Ok(Entry::Packet { stream: of, packet }) if of == stream && packet.host_ns <= to => packet,

@@ -48,6 +48,12 @@ pub enum ContainerError {
         /// Why.
         source: io::Error,
     },
+    /// The file is empty.
+    #[error("{path} is empty: the recording did not begin, or what it held is lost", path = path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
     /// The file is not MCAP.
     #[error("{path} is not an MCAP file: its first bytes are others; `erfgs info` says what files erfgs reads", path = path.display())]
     NotMcap {
@@ -94,6 +100,14 @@ pub enum ContainerError {
         /// How many chunks are damaged.
         places: usize,
     },
+    /// All that a file holds is damaged.
+    #[error("nothing can be saved from {path}: all of it that holds data is damaged, in {places} places", path = path.display())]
+    NothingWhole {
+        /// The file.
+        path: PathBuf,
+        /// How many places are damaged.
+        places: usize,
+    },
     /// A chunk is compressed in a way that is not supported.
     #[error("{path} holds a chunk compressed with '{compression}' at byte {offset}; `mcap compress --compression none` (the MCAP tools) unpacks the file", path = path.display())]
     Compression {
@@ -130,6 +144,31 @@ pub enum ContainerError {
         /// The names that there are.
         known: String,
     },
+    /// An event file cannot be read, or not as a recording.
+    #[error("{source}", source = in_context(path, source.as_ref()))]
+    EventFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// An event file has a time that a recording cannot have.
+    #[error(
+        "{path} has an event at {t_us} µs, before zero, where no recording begins; add a constant to `t`",
+        path = path.display()
+    )]
+    BeforeZero {
+        /// The file.
+        path: PathBuf,
+        /// The time.
+        t_us: i64,
+    },
+    /// No thread can be had.
+    #[error("cannot start a thread to read with: {source}; close other programs")]
+    Thread {
+        /// Why.
+        source: io::Error,
+    },
     /// A payload is longer than a message can say.
     #[error("a packet of stream '{id}' has {bytes} bytes; a session takes less than 4 GiB in one packet")]
     TooLong {
@@ -140,7 +179,18 @@ pub enum ContainerError {
     },
 }
 
+/// The message of an error about a file, which names the file.
+fn in_context(path: &Path, error: &dyn std::error::Error) -> String {
+    let (name, message) = (path.display().to_string(), error.to_string());
+    if message.contains(&name) { message } else { format!("{name} {message}") }
+}
+
 impl ContainerError {
+    /// An error of an event file.
+    pub(super) fn event_file(path: &Path, error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self::EventFile { path: path.to_owned(), source: error.into() }
+    }
+
     /// An error of the MCAP writer, as an error of writing `path`.
     pub(super) fn writing(path: &Path, offset: u64, error: mcap::McapError) -> Self {
         let source = match error {

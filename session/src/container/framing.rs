@@ -52,6 +52,9 @@ impl<R: Read + Seek> Framing<R> {
         let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
         file.rewind().map_err(failed)?;
         let mut framing = Self { file, path: path.to_owned(), length, position: 0 };
+        if length == 0 {
+            return Err(ContainerError::Empty { path: path.to_owned() });
+        }
         if framing.left() < mcap::MAGIC.len() as u64 || framing.array::<8>()? != mcap::MAGIC {
             return Err(ContainerError::NotMcap { path: path.to_owned() });
         }

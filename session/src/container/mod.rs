@@ -5,11 +5,13 @@
 mod chunk;
 mod decode;
 mod error;
+mod event_file;
 mod framing;
 mod layout;
 pub mod packet;
 mod parse;
 pub mod record;
+mod recording;
 mod repair;
 mod ros;
 mod session;
@@ -20,8 +22,10 @@ mod writer;
 
 pub use decode::{DecodedStream, hand_over, sensor_size};
 pub use error::ContainerError;
+pub use event_file::{EventFileRecording, import_events};
 pub use layout::{DecoderState, Entry, Stream};
 pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};
+pub use recording::Recording;
 pub use repair::{Recovered, recover, recover_in_place};
 pub use session::{Messages, Session, Summary};
 pub use writer::{Finished, SessionWriter, Settings, StreamId};

@@ -8,13 +8,14 @@ use std::{
     path::Path,
 };
 
-use mcap::records::op;
+use mcap::records::{Record, op};
 
 use super::{
     error::ContainerError,
     framing::Head,
     layout::{Entry, Layout},
-    record::{TOTALS_METADATA, Totals},
+    parse::parse_record,
+    record::{SESSION_METADATA, TOTALS_METADATA, Totals},
     session::Session,
     tail::{self, ChunkEntry, Tail},
     walk::{Item, Walk},
@@ -49,7 +50,7 @@ struct Survey {
 /// Writes what is whole of `path` to the new file `out`, with an index. Does nothing if `path` is whole.
 ///
 /// # Errors
-/// If `path` cannot be read or is no MCAP file, or `out` exists or cannot be written.
+/// If `path` cannot be read or is no MCAP file, if nothing of it is whole, or `out` exists or cannot be written.
 pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
     if out.exists() {
         return Err(ContainerError::Exists { path: out.to_owned() });
@@ -59,6 +60,7 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
     if closed && recovered.damaged.is_empty() {
         return Ok(Recovered { was_whole: true, ..recovered });
     }
+    worth_saving(&recovered, &tail, path)?;
     let mut file = file;
     let mut read_failure = None;
     let written = crate::atomic::write_with(out, |sink| {
@@ -99,6 +101,7 @@ pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     if closed {
         return Ok(Recovered { was_whole: true, ..recovered });
     }
+    worth_saving(&recovered, &tail, path)?;
     let end = keep.last().map_or(0, |[_, to]| *to);
     let write_error = |source| ContainerError::Write { path: path.to_owned(), offset: end, source };
     file.set_len(end).map_err(write_error)?;
@@ -106,6 +109,23 @@ pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     file.write_all(&tail.into_bytes(end)).map_err(write_error)?;
     file.sync_all().map_err(write_error)?;
     Ok(recovered)
+}
+
+/// Refuses to make a session of nothing.
+fn worth_saving(recovered: &Recovered, tail: &Tail, path: &Path) -> Result<(), ContainerError> {
+    let path = || path.to_owned();
+    if recovered.messages == 0 && !recovered.damaged.is_empty() {
+        return Err(ContainerError::NothingWhole { path: path(), places: recovered.damaged.len() });
+    }
+    if recovered.messages == 0 && !tail.has_metadata(SESSION_METADATA) {
+        let what = "neither the start of a session nor any message in it is whole";
+        return Err(ContainerError::NotASession { path: path(), what });
+    }
+    Ok(())
+}
+
+fn is_totals(opcode: u8, body: &[u8]) -> bool {
+    matches!(parse_record(opcode, body), Ok(Record::Metadata(metadata)) if metadata.name == TOTALS_METADATA)
 }
 
 fn open_error(what: &'static str, path: &Path, source: io::Error) -> ContainerError {
@@ -171,6 +191,11 @@ fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, Con
             }
             Ok(Item::Record(head)) => {
                 let body = walk.framing.body(&head)?;
+                if !survey.recovered.damaged.is_empty() && is_totals(head.opcode, &body) {
+                    // They count what is left out; the copy's are counted anew.
+                    survey.leave_out(&head, &mut shift);
+                    continue;
+                }
                 survey.tail.note(&head, &body, shift);
             }
             Ok(Item::End { at, closed }) => {

@@ -147,6 +147,42 @@ impl<R: Read + Seek> Session<R> {
         Messages { walk: &mut self.walk, streams, from_ns: from_host_ns.unwrap_or(i64::MIN), over: false }
     }
 
+    /// Whether the whole file was read when it was opened, as its end did not say what it holds: what is damaged is known
+    /// then.
+    #[must_use]
+    pub fn was_read_through(&self) -> bool {
+        !self.indexed
+    }
+
+    /// Reads everything, and verifies the checksums: one message for each place that is damaged, and one if the packets are
+    /// others than the end of the file says. `progress` is called with the bytes of packets so far.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn check(&mut self, mut progress: impl FnMut(u64)) -> Result<Vec<String>, ContainerError> {
+        let mut found: Vec<StreamTotals> = vec![StreamTotals::default(); self.summary.streams.len()];
+        let (mut damage, mut bytes) = (Vec::new(), 0);
+        for entry in self.messages(None) {
+            match entry {
+                Ok(Entry::Packet { stream, packet }) => {
+                    found[stream].count(&packet);
+                    bytes += packet.payload.len() as u64;
+                    progress(bytes);
+                }
+                Ok(_) => {}
+                Err(error @ ContainerError::Damaged { .. }) => damage.push(error.to_string()),
+                Err(error) => return Err(error),
+            }
+        }
+        for (stream, found) in self.summary.streams.iter().zip(found) {
+            let (said, id) = (stream.totals.packets, &stream.description.id);
+            if found.packets != said {
+                damage.push(format!("stream '{id}' has {} packets of the {said} that were recorded", found.packets));
+            }
+        }
+        Ok(damage)
+    }
+
     /// Gives the file back.
     pub fn into_inner(self) -> R {
         self.walk.framing.into_inner()

@@ -35,6 +35,8 @@ impl StateKeeper {
     /// For a stream of events that erfgs decodes.
     pub fn new(description: &Description) -> Option<Self> {
         let decoder = StreamDecoder::new(description.encoding, super::sensor_size(description))?;
+        // What has no state needs none: it can be decoded from any packet on.
+        decoder.state()?;
         let word = match description.encoding {
             Encoding::Evt21 | Encoding::Evt21Legacy => 8,
             Encoding::Evt2 => 4,

@@ -47,7 +47,7 @@ pub(super) fn rates_of(stream: &Description) -> Rates {
             // What a moving scene gives is a small part of what the sensor can.
             Rates { steady: 0.1 * EVK4_PEAK, peak: EVK4_PEAK }
         }
-        Encoding::Davis => Rates { steady: 0.1 * DAVIS_PEAK, peak: DAVIS_PEAK },
+        Encoding::Davis | Encoding::Aedat4 => Rates { steady: 0.1 * DAVIS_PEAK, peak: DAVIS_PEAK },
         Encoding::Mjpeg => Rates { steady: MJPEG_BYTES[0] * pixels * hz, peak: MJPEG_BYTES[1] * pixels * hz },
         Encoding::TriggerLines => Rates { steady: 10e3, peak: 100e3 },
         frames => {

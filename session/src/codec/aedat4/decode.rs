@@ -106,6 +106,18 @@ impl Aedat4Decoder {
         }
     }
 
+    /// A decoder of packets without the header of a file ([`crate::source::Encoding::Aedat4`]) of a sensor of this size; it
+    /// can start before any packet.
+    #[must_use]
+    pub fn packets(size: Option<SensorSize>) -> Self {
+        let streams = (0..).zip(Aedat4Kind::ALL);
+        let streams = streams
+            .map(|(id, (kind, ..))| Aedat4Stream { id, kind: Some(kind), size, source: String::new() })
+            .collect();
+        let header = Aedat4Header { compression: Aedat4Compression::Lz4, table: None, streams, length: 0 };
+        Self { place: Place::Packet, header: Some(header), ..Self::new() }
+    }
+
     /// Decodes these streams, and no others.
     #[must_use]
     pub fn with_streams(mut self, ids: Vec<u32>) -> Self {

@@ -8,6 +8,8 @@ use super::{
 
 /// Events, samples and marks in a packet, at most.
 const PACKET: usize = 4096;
+/// Time from the first to the last of them, at most, microseconds; so that what lies together in a file is of one time.
+const PACKET_US: u64 = 10_000;
 /// Where a frame comes from: the pixels of the sensor, and no reconstruction.
 const FROM_SENSOR: u8 = 1;
 
@@ -21,6 +23,8 @@ pub struct Aedat4Encoder {
     events: Vec<CdEvent>,
     samples: Vec<ImuSample>,
     marks: Vec<(u64, Mark)>,
+    /// Time of the first that is gathered.
+    since_us: Option<u64>,
     out: Vec<u8>,
 }
 
@@ -48,7 +52,30 @@ impl Aedat4Encoder {
         header.bytes.push(0);
         let mut out = AEDAT4_MAGIC.to_vec();
         out.extend(header.finish());
-        Self { compression, events: Vec::new(), samples: Vec::new(), marks: Vec::new(), out }
+        Self { compression, events: Vec::new(), samples: Vec::new(), marks: Vec::new(), since_us: None, out }
+    }
+
+    /// Begins a stream of packets without the header of a file: [`crate::source::Encoding::Aedat4`].
+    #[must_use]
+    pub fn packets() -> Self {
+        let (compression, out) = (Aedat4Compression::Lz4, Vec::new());
+        Self { compression, events: Vec::new(), samples: Vec::new(), marks: Vec::new(), since_us: None, out }
+    }
+
+    /// Encodes all that is gathered into packets, whole ones or not.
+    pub fn flush(&mut self) {
+        self.flush_events();
+        self.flush_samples();
+        self.flush_marks();
+        self.since_us = None;
+    }
+
+    /// An item of this time comes.
+    fn at(&mut self, t_us: u64) {
+        if self.since_us.is_some_and(|since_us| t_us.saturating_sub(since_us) >= PACKET_US) {
+            self.flush();
+        }
+        self.since_us.get_or_insert(t_us);
     }
 
     /// The bytes since the last call.
@@ -58,9 +85,7 @@ impl Aedat4Encoder {
 
     /// Encodes all that is gathered, and gives the last bytes.
     pub fn finish(mut self) -> Vec<u8> {
-        self.flush_events();
-        self.flush_samples();
-        self.flush_marks();
+        self.flush();
         self.out
     }
 
@@ -139,6 +164,7 @@ fn lz4(buffer: &[u8]) -> Vec<u8> {
 
 impl Sink for Aedat4Encoder {
     fn event(&mut self, event: CdEvent) {
+        self.at(event.t_us);
         self.events.push(event);
         if self.events.len() == PACKET {
             self.flush_events();
@@ -150,6 +176,7 @@ impl Sink for Aedat4Encoder {
     }
 
     fn imu(&mut self, sample: ImuSample) {
+        self.at(sample.t_us);
         self.samples.push(sample);
         if self.samples.len() == PACKET {
             self.flush_samples();
@@ -157,6 +184,7 @@ impl Sink for Aedat4Encoder {
     }
 
     fn mark(&mut self, t_us: u64, mark: Mark) {
+        self.at(t_us);
         self.marks.push((t_us, mark));
         if self.marks.len() == PACKET {
             self.flush_marks();
@@ -169,6 +197,7 @@ impl Sink for Aedat4Encoder {
     }
 
     fn frame(&mut self, frame: ApsFrame) {
+        self.flush();
         let (bytes, depth): (Vec<u8>, u8) = if frame.bits <= 8 {
             (frame.pixels.iter().map(|&pixel| pixel as u8).collect(), 0)
         } else {

@@ -1,0 +1,158 @@
+//! What an event file says of itself, as a session says it.
+
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::{
+    super::{
+        layout::Stream,
+        record::{SessionStart, StreamTotals, topic},
+        session::Summary,
+    },
+    source::EventSource,
+    survey::Survey,
+};
+use crate::{codec::EventFormat, source::Description};
+
+/// Times from here on, September 2001, are taken for microseconds since 1970, as those of AEDAT 4 are.
+const SINCE_1970_US: u64 = 1_000_000_000_000_000;
+
+/// The summary of a session that holds the file.
+pub(super) fn summary(path: &Path, source: &EventSource, survey: &Survey, of_addresses: bool) -> Summary {
+    let description = description(path, source, of_addresses);
+    let file_bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    let bytes = match source {
+        EventSource::Stream(file) => file_bytes.saturating_sub(file.body),
+        _ => file_bytes,
+    };
+    let totals = StreamTotals {
+        bytes,
+        first_host_ns: survey.last_ns.map(|_| 0),
+        last_host_ns: survey.last_ns,
+        ..StreamTotals::default()
+    };
+    let topic = topic(&description.id, description.encoding);
+    let start = SessionStart {
+        host_ns: 0,
+        epoch_ns: recorded_ns(source, survey.first_us).unwrap_or(0),
+        program: format!("another program, as {}", source.name()),
+        ..SessionStart::default()
+    };
+    Summary {
+        start,
+        streams: vec![Stream { description, topic, totals }],
+        complete: true,
+        file_bytes,
+        whole_bytes: file_bytes,
+        ..Summary::default()
+    }
+}
+
+fn description(path: &Path, source: &EventSource, of_addresses: bool) -> Description {
+    let header = |key: &str| header(source, key).unwrap_or_default();
+    let (mut model, mut serial) = (String::new(), header("serial_number"));
+    if let EventSource::Stream(file) = source {
+        match file.format {
+            EventFormat::Raw(_) | EventFormat::Dat(_) if !header("sensor_name").is_empty() => {
+                model = format!("Prophesee {}", header("sensor_name"));
+            }
+            // "events DAVIS346_00000002": model and serial number of the camera.
+            EventFormat::Aedat4 => {
+                let camera = file.header.iter().find_map(|(_, value)| value.split_once(' ')?.1.rsplit_once('_'));
+                if let Some((of_model, of_serial)) = camera {
+                    (model, serial) = (of_model.to_owned(), of_serial.to_owned());
+                }
+            }
+            _ => {}
+        }
+    }
+    if model.is_empty() {
+        model = format!("{} file", source.name());
+    }
+    let mut settings = Map::new();
+    let mut set = |key: &str, value: Value| drop(settings.insert(key.to_owned(), value));
+    set("file", path.file_name().unwrap_or_default().to_string_lossy().into());
+    set("file_format", source.name().into());
+    if !header("firmware_version").is_empty() {
+        set("firmware", header("firmware_version").into());
+    }
+    if of_addresses {
+        set("size_from", "addresses of events".into());
+    }
+    let size = source.size();
+    Description {
+        id: id(path),
+        model,
+        serial,
+        encoding: source.encoding(),
+        width: size.map_or(0, |size| size.width.into()),
+        height: size.map_or(0, |size| size.height.into()),
+        start_order: 0,
+        settings,
+    }
+}
+
+/// The stream's name: that of the file, as far as topics can have it.
+fn id(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let name: String =
+        stem.chars().map(|letter| if letter.is_ascii_alphanumeric() || letter == '_' { letter } else { '-' }).collect();
+    if name.chars().any(|letter| letter.is_ascii_alphanumeric()) { name } else { "events".to_owned() }
+}
+
+fn header(source: &EventSource, key: &str) -> Option<String> {
+    let EventSource::Stream(file) = source else { return None };
+    let field = file.header.iter().rev().find(|(name, _)| name.eq_ignore_ascii_case(key));
+    field.map(|(_, value)| value.clone())
+}
+
+/// Time since 1970 of the first item, nanoseconds: from the file's times, or from the date in its header.
+fn recorded_ns(source: &EventSource, first_us: u64) -> Option<i64> {
+    if first_us >= SINCE_1970_US {
+        return i64::try_from(first_us).ok()?.checked_mul(1000);
+    }
+    date_ns(&header(source, "date")?)
+}
+
+/// Nanoseconds since 1970 of `YYYY-MM-DD hh:mm:ss` (dates to days after H. Hinnant, "chrono-Compatible Low-Level Date
+/// Algorithms").
+fn date_ns(text: &str) -> Option<i64> {
+    let numbers: Vec<i64> =
+        text.split(|letter: char| !letter.is_ascii_digit()).map(|number| number.parse().ok()).collect::<Option<_>>()?;
+    let &[year, month, day, hour, minute, second] = &numbers[..] else { return None };
+    if !(1970..=2261).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+        return None;
+    }
+    let year = year - i64::from(month <= 2);
+    let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
+    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
+    let days = era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468;
+    let seconds = hour.checked_mul(3600)?.checked_add(minute.checked_mul(60)?)?.checked_add(second)?;
+    days.checked_mul(86_400)?.checked_add(seconds)?.checked_mul(1_000_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        for (seconds, text) in [
+            (0, "1970-01-01 00:00:00"),
+            (951_782_399, "2000-02-28 23:59:59"),
+            (951_782_400, "2000-02-29 00:00:00"),
+            (1_750_000_000, "2025-06-15 15:06:40"),
+        ] {
+            assert_eq!(date_ns(text), Some(seconds * 1_000_000_000));
+        }
+        for wrong in ["", "yesterday", "2025-13-01 00:00:00", "2025-06-15", "99999999999999999999-01-01 0:0:0"] {
+            assert_eq!(date_ns(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_streams_name_is_one_that_topics_can_have() {
+        assert_eq!(["a/evt 3.raw", "x/.raw", "é.dat"].map(|path| id(Path::new(path))), ["evt-3", "-raw", "events"]);
+    }
+}

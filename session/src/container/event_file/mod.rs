@@ -1,0 +1,98 @@
+//! Event files as recordings: one stream, whose packets are made while the file is read.
+//!
+//! | File | Packets |
+//! |---|---|
+//! | RAW | the file's own words, cut where 5 ms are over |
+//! | DAT, AEDAT 2, HDF5 in Metavision's layout | EVT 2 words, which have edges of all inputs |
+//! | AEDAT 4, CSV, NPZ, HDF5 in DSEC's layout | packets of AEDAT 4, which have frames, inertial samples, marks and times of 64 bits |
+//!
+//! Either way a decoder gives what the file gives: the same events in the same order with the same times. A packet's host
+//! time is the time of its last item, counted from the first item of the file.
+
+mod cut;
+mod describe;
+mod host_clock;
+mod pack;
+mod packets;
+mod source;
+mod survey;
+mod write;
+
+use std::path::{Path, PathBuf};
+
+pub use write::import_events;
+
+use self::{packets::Packets, source::EventSource};
+use super::{ContainerError, DecodedStream, Entry, Summary};
+use crate::{
+    codec::{SensorSize, Sink},
+    source::Encoding,
+};
+
+/// An event file that was read through once.
+pub struct EventFileRecording {
+    path: PathBuf,
+    source: EventSource,
+    summary: Summary,
+    first_us: u64,
+}
+
+impl EventFileRecording {
+    /// Opens an event file and reads it through for its span; `size` is taken for the sensor's, whatever the file says.
+    /// Where nothing says it, it is what holds all addresses.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is none that erfgs reads.
+    pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
+        let mut source = EventSource::open(path, size)?;
+        let survey = survey::survey(&source)?;
+        let of_addresses = source.size().is_none();
+        if of_addresses {
+            source.set_size(survey.extent);
+        }
+        let summary = describe::summary(path, &source, &survey, of_addresses);
+        Ok(Self { path: path.to_owned(), source, summary, first_us: survey.first_us })
+    }
+
+    /// The file's name.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the file holds, as a session would say it. Packets are not counted.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
+    /// The packets, from host time `from_host_ns` on; `None` for all.
+    pub fn messages(&self, from_host_ns: Option<i64>) -> impl Iterator<Item = Result<Entry, ContainerError>> + use<> {
+        let from = from_host_ns.unwrap_or(i64::MIN);
+        let packets = Packets::start(self.source.clone(), self.encoding(), self.first_us);
+        packets
+            .filter(move |packet| packet.as_ref().map_or(true, |packet| packet.host_ns >= from))
+            .map(|packet| packet.map(|packet| Entry::Packet { stream: 0, packet }))
+    }
+
+    /// Decodes the file into `sink`; `progress` is called with the bytes read so far, where the format is read piece by
+    /// piece.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode_events(
+        &self,
+        sink: &mut impl Sink,
+        mut progress: impl FnMut(u64),
+    ) -> Result<DecodedStream, ContainerError> {
+        let anomalies = self.source.decode(sink, |bytes| {
+            progress(bytes);
+            true
+        })?;
+        Ok(DecodedStream { anomalies, ..DecodedStream::default() })
+    }
+
+    fn encoding(&self) -> Encoding {
+        self.source.encoding()
+    }
+}

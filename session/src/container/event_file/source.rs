@@ -1,0 +1,149 @@
+//! Reading an event file of whatever format.
+
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
+
+use super::super::ContainerError;
+use crate::{
+    Events,
+    codec::{Anomalies, EventBatch, EventFile, EventFileError, EventFormat, SensorSize, Sink},
+    hdf5::{self, Hdf5Layout},
+    npz,
+    source::Encoding,
+};
+
+/// Events handed over at once.
+const BATCH: usize = 4096;
+
+/// A file whose format is known.
+#[derive(Clone)]
+pub(super) enum EventSource {
+    /// A stream of bytes.
+    Stream(EventFile),
+    /// An archive of arrays, held in memory while it is read.
+    Npz { path: PathBuf, size: Option<SensorSize> },
+    /// Opened anew for each reading.
+    Hdf5 { path: PathBuf, layout: Hdf5Layout, size: Option<SensorSize> },
+}
+
+impl EventSource {
+    pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
+        let failed = |error: EventFileError| ContainerError::event_file(path, error);
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        let mut head = Vec::new();
+        let file = File::open(path);
+        let file = file.map_err(|source| ContainerError::Open { what: "open", path: path.to_owned(), source })?;
+        let read = file.take(8).read_to_end(&mut head);
+        read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
+        if extension.eq_ignore_ascii_case("npz") || head.starts_with(b"PK\x03\x04") {
+            let events = read_npz(path, size)?;
+            let side = |side| u16::try_from(side).unwrap_or(u16::MAX);
+            let size = Some(SensorSize { width: side(events.width), height: side(events.height) });
+            return Ok(Self::Npz { path: path.to_owned(), size });
+        }
+        if head.starts_with(b"\x89HDF")
+            || extension.eq_ignore_ascii_case("h5")
+            || extension.eq_ignore_ascii_case("hdf5")
+        {
+            let file = hdf5::open(path).map_err(|error| ContainerError::event_file(path, error))?;
+            let size = size.or(file.size());
+            return Ok(Self::Hdf5 { path: path.to_owned(), layout: file.layout(), size });
+        }
+        let file = EventFile::open(path).map_err(failed)?;
+        Ok(Self::Stream(match size {
+            Some(size) => file.with_size(size),
+            None => file,
+        }))
+    }
+
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Stream(file) => &file.path,
+            Self::Npz { path, .. } | Self::Hdf5 { path, .. } => path,
+        }
+    }
+
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Stream(file) => file.format.name(),
+            Self::Npz { .. } => "npz",
+            Self::Hdf5 { layout, .. } => layout.name(),
+        }
+    }
+
+    pub fn size(&self) -> Option<SensorSize> {
+        match self {
+            Self::Stream(file) => file.size,
+            Self::Npz { size, .. } | Self::Hdf5 { size, .. } => *size,
+        }
+    }
+
+    /// Takes `found` for the sensor's size.
+    pub fn set_size(&mut self, found: Option<SensorSize>) {
+        match self {
+            Self::Stream(file) => file.size = found,
+            // The archive knows its own.
+            Self::Npz { .. } => {}
+            Self::Hdf5 { size, .. } => *size = found,
+        }
+    }
+
+    /// How its packets are encoded.
+    pub fn encoding(&self) -> Encoding {
+        match self {
+            Self::Stream(EventFile { format: EventFormat::Raw(encoding), .. }) => *encoding,
+            Self::Stream(EventFile { format: EventFormat::Dat(_) | EventFormat::Aedat2(_), .. })
+            | Self::Hdf5 { layout: Hdf5Layout::Metavision, .. } => Encoding::Evt2,
+            _ => Encoding::Aedat4,
+        }
+    }
+
+    /// Decodes the file as long as `go_on` says so, which is told how many bytes were read.
+    pub fn decode(&self, sink: &mut impl Sink, go_on: impl FnMut(u64) -> bool) -> Result<Anomalies, ContainerError> {
+        match self {
+            Self::Stream(file) => {
+                file.decode_while(sink, go_on).map_err(|error| ContainerError::event_file(&file.path, error))
+            }
+            Self::Npz { path, size } => decode_npz(path, *size, sink, go_on),
+            Self::Hdf5 { path, size, .. } => {
+                let decoded = hdf5::open(path).and_then(|file| file.decode(*size, sink));
+                decoded.map_err(|error| ContainerError::event_file(path, error))
+            }
+        }
+    }
+}
+
+fn read_npz(path: &Path, size: Option<SensorSize>) -> Result<Events, ContainerError> {
+    npz::read_events(path, size.map(|size| [size.width.into(), size.height.into()]))
+        .map_err(|error| ContainerError::event_file(path, error))
+}
+
+fn decode_npz(
+    path: &Path,
+    size: Option<SensorSize>,
+    sink: &mut impl Sink,
+    mut go_on: impl FnMut(u64) -> bool,
+) -> Result<Anomalies, ContainerError> {
+    let events = read_npz(path, size)?;
+    let mut t_us = Vec::with_capacity(BATCH);
+    for from in (0..events.len()).step_by(BATCH) {
+        let to = events.len().min(from + BATCH);
+        t_us.clear();
+        for &t in &events.t_us[from..to] {
+            t_us.push(u64::try_from(t).map_err(|_| ContainerError::BeforeZero { path: path.to_owned(), t_us: t })?);
+        }
+        sink.events(EventBatch {
+            t_us: &t_us,
+            x: &events.x[from..to],
+            y: &events.y[from..to],
+            on: &events.on[from..to],
+        });
+        if !go_on(to as u64) {
+            break;
+        }
+    }
+    Ok(Anomalies::default())
+}

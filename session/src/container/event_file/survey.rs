@@ -1,0 +1,79 @@
+//! What is to be known of a file before its packets: its span and its addresses.
+
+use super::{super::ContainerError, host_clock::HostClock, source::EventSource};
+use crate::codec::{ApsFrame, CdEvent, Edge, ImuSample, Mark, SensorSize, Sink};
+
+/// What was found.
+pub(super) struct Survey {
+    /// The earliest time, microseconds; 0 without any.
+    pub first_us: u64,
+    /// From there to the end, nanoseconds of host time; `None` if the file holds nothing.
+    pub last_ns: Option<i64>,
+    /// What holds all addresses and frames; `None` without any.
+    pub extent: Option<SensorSize>,
+}
+
+#[derive(Default)]
+struct Seen {
+    /// The first time that came, and the earliest.
+    first: Option<[u64; 2]>,
+    clock: HostClock,
+    width: u16,
+    height: u16,
+}
+
+impl Seen {
+    fn time(&mut self, t_us: u64) {
+        match &mut self.first {
+            Some([_, earliest]) => *earliest = t_us.min(*earliest),
+            None => (self.first, self.clock) = (Some([t_us; 2]), HostClock::new(t_us)),
+        }
+        self.clock.host_ns(t_us);
+    }
+
+    fn reaches(&mut self, width: u16, height: u16) {
+        (self.width, self.height) = (self.width.max(width), self.height.max(height));
+    }
+}
+
+impl Sink for Seen {
+    fn event(&mut self, event: CdEvent) {
+        self.time(event.t_us);
+        self.reaches(event.x.saturating_add(1), event.y.saturating_add(1));
+    }
+
+    fn edge(&mut self, edge: Edge) {
+        self.time(edge.t_us);
+    }
+
+    fn mark(&mut self, t_us: u64, _mark: Mark) {
+        self.time(t_us);
+    }
+
+    fn imu(&mut self, sample: ImuSample) {
+        self.time(sample.t_us);
+    }
+
+    fn frame(&mut self, frame: ApsFrame) {
+        self.time(frame.exposure_start_us);
+        self.time(frame.exposure_end_us);
+        self.reaches(frame.width, frame.height);
+    }
+
+    fn discontinuity(&mut self, t_us: u64) {
+        self.clock.discontinuity(t_us);
+    }
+}
+
+/// Reads the file through.
+pub(super) fn survey(source: &EventSource) -> Result<Survey, ContainerError> {
+    let mut seen = Seen::default();
+    source.decode(&mut seen, |_| true)?;
+    let before_ns =
+        |[came, earliest]: [u64; 2]| i64::try_from(came - earliest).unwrap_or(i64::MAX).saturating_mul(1000);
+    Ok(Survey {
+        first_us: seen.first.map_or(0, |[_, earliest]| earliest),
+        last_ns: seen.first.map(|first| seen.clock.last_ns().saturating_add(before_ns(first))),
+        extent: (seen.width > 0 && seen.height > 0).then_some(SensorSize { width: seen.width, height: seen.height }),
+    })
+}

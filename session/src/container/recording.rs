@@ -1,0 +1,91 @@
+//! A recording, whatever file holds it: a session, or an event file of another program.
+
+use std::{fs::File, io::Read, path::Path};
+
+use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary};
+use crate::codec::{SensorSize, Sink};
+
+/// A session, a recording of ROS 2, or an event file, read in the same way.
+pub enum Recording {
+    /// An MCAP file.
+    Session(Box<Session>),
+    /// Any other.
+    EventFile(EventFileRecording),
+}
+
+impl Recording {
+    /// Opens a recording. Of an event file `size` is taken for the sensor's, whatever the file says; a session knows its own.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is none of the formats.
+    pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
+        let mut head = Vec::new();
+        let file = File::open(path);
+        let file = file.map_err(|source| ContainerError::Open { what: "open", path: path.to_owned(), source })?;
+        let read = file.take(mcap::MAGIC.len() as u64).read_to_end(&mut head);
+        read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
+        let named_session = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
+        if named_session || head == mcap::MAGIC {
+            return Session::open(path).map(|session| Self::Session(Box::new(session)));
+        }
+        EventFileRecording::open(path, size).map(Self::EventFile)
+    }
+
+    /// The file's name.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Session(session) => session.path(),
+            Self::EventFile(file) => file.path(),
+        }
+    }
+
+    /// What it holds. Packets of an event file are not counted.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        match self {
+            Self::Session(session) => session.summary(),
+            Self::EventFile(file) => file.summary(),
+        }
+    }
+
+    /// The stream of this name.
+    ///
+    /// # Errors
+    /// If there is none; the message lists those that there are.
+    pub fn stream(&self, id: &str) -> Result<(usize, &Stream), ContainerError> {
+        let summary = self.summary();
+        summary.stream(id).ok_or_else(|| {
+            let known: Vec<&str> = summary.streams.iter().map(|stream| stream.description.id.as_str()).collect();
+            ContainerError::UnknownStream { path: self.path().to_owned(), id: id.to_owned(), known: known.join(", ") }
+        })
+    }
+
+    /// The messages in the order of the file: see [`Session::messages`] and [`EventFileRecording::messages`].
+    pub fn messages(
+        &mut self,
+        from_host_ns: Option<i64>,
+    ) -> Box<dyn Iterator<Item = Result<Entry, ContainerError>> + '_> {
+        match self {
+            Self::Session(session) => Box::new(session.messages(from_host_ns)),
+            Self::EventFile(file) => Box::new(file.messages(from_host_ns)),
+        }
+    }
+
+    /// Decodes all events of a stream: see [`Session::decode_events`] and [`EventFileRecording::decode_events`].
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode_events(
+        &mut self,
+        stream: usize,
+        sink: &mut impl Sink,
+        progress: impl FnMut(u64),
+    ) -> Result<Option<DecodedStream>, ContainerError> {
+        match self {
+            Self::Session(session) => session.decode_events(stream, None, sink, progress),
+            Self::EventFile(file) if stream == 0 => file.decode_events(sink, progress).map(Some),
+            Self::EventFile(_) => Ok(None),
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Frames of the pixels of an event sensor: a DAVIS's, and those of AEDAT 4.
+
+use erfgs_session::{
+    codec::{ApsFrame, CdEvent, EventBatch, Sink},
+    container::Recording,
+    source::Encoding,
+};
+
+use super::{Task, frames::Writing};
+
+/// Frames from which the rate of a video is taken.
+const RATED: usize = 32;
+
+/// Decodes a stream of events and writes the frames in it.
+pub fn decode(
+    recording: &mut Recording,
+    task: &Task,
+    writing: &mut Writing<'_>,
+    lost: &mut Vec<String>,
+    progress: impl Fn(u64),
+) -> anyhow::Result<()> {
+    let mut sink = Frames { writing, waiting: Vec::new(), begun: false, error: None };
+    let decoded = recording.decode_events(task.stream, &mut sink, progress)?;
+    sink.flush();
+    lost.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
+    sink.error.map_or(Ok(()), Err)
+}
+
+/// Writes frames as they are decoded; the first error ends the writing.
+struct Frames<'a, 'b> {
+    writing: &'a mut Writing<'b>,
+    /// The first frames, which wait until their rate is known.
+    waiting: Vec<ApsFrame>,
+    begun: bool,
+    error: Option<anyhow::Error>,
+}
+
+impl Sink for Frames<'_, '_> {
+    fn event(&mut self, _event: CdEvent) {}
+
+    fn events(&mut self, _batch: EventBatch<'_>) {}
+
+    fn frame(&mut self, frame: ApsFrame) {
+        self.waiting.push(frame);
+        if self.begun || self.waiting.len() == RATED {
+            self.flush();
+        }
+    }
+}
+
+impl Frames<'_, '_> {
+    fn flush(&mut self) {
+        let frames = std::mem::take(&mut self.waiting);
+        if !self.begun
+            && let [first, .., last] = &frames[..]
+        {
+            let span_us = last.exposure_start_us.saturating_sub(first.exposure_start_us);
+            let rate = if span_us > 0 { (frames.len() - 1) as f64 / (span_us as f64 * 1e-6) } else { 30.0 };
+            self.writing.set_rate(rate);
+        }
+        self.begun |= !frames.is_empty();
+        for frame in frames {
+            let written = self.error.is_none().then(|| self.write(&frame));
+            if let Some(Err(error)) = written {
+                self.error = Some(error);
+            }
+        }
+    }
+
+    fn write(&mut self, frame: &ApsFrame) -> anyhow::Result<()> {
+        let (encoding, payload) = samples(frame);
+        let exposure_us = [frame.exposure_start_us, frame.exposure_end_us];
+        self.writing.push_exposed(encoding, [frame.width, frame.height], exposure_us, &payload)
+    }
+}
+
+/// A frame as the cameras' encodings have it: of 16 bits the upper 12, of colour the upper 8, alpha left out.
+fn samples(frame: &ApsFrame) -> (Encoding, Vec<u8>) {
+    let words = |shift: u8| frame.pixels.iter().flat_map(|pixel| (pixel >> shift).to_le_bytes()).collect();
+    match (frame.channels, frame.bits) {
+        (1, ..=8) => (Encoding::Grey8, frame.pixels.iter().map(|&pixel| pixel as u8).collect()),
+        (1, 10) => (Encoding::Grey10, words(0)),
+        (1, bits) => (Encoding::Grey12, words(bits.saturating_sub(12))),
+        (channels, bits) => {
+            let shift = bits.saturating_sub(8);
+            let pixels = frame.pixels.chunks_exact(channels.max(1).into());
+            let colours = pixels.flat_map(|pixel| pixel.iter().take(3).map(|&level| (level >> shift) as u8));
+            (Encoding::Bgr8, colours.collect())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(channels: u8, bits: u8, pixels: &[u16]) -> ApsFrame {
+        let width = (pixels.len() / usize::from(channels)) as u16;
+        let (exposure_start_us, exposure_end_us) = (1, 2);
+        ApsFrame { exposure_start_us, exposure_end_us, width, height: 1, channels, pixels: pixels.to_vec(), bits }
+    }
+
+    #[test]
+    fn samples_keep_the_bits_that_cameras_have() {
+        assert_eq!(samples(&frame(1, 8, &[7, 255])), (Encoding::Grey8, vec![7, 255]));
+        assert_eq!(samples(&frame(1, 10, &[1023])), (Encoding::Grey10, vec![0xFF, 3]));
+        assert_eq!(samples(&frame(1, 16, &[0xFFC0])), (Encoding::Grey12, vec![0xFC, 0xF]));
+        assert_eq!(samples(&frame(4, 8, &[1, 2, 3, 4])), (Encoding::Bgr8, vec![1, 2, 3]));
+        assert_eq!(samples(&frame(3, 16, &[256, 512, 768])), (Encoding::Bgr8, vec![1, 2, 3]));
+    }
+}

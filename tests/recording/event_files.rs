@@ -1,0 +1,293 @@
+//! Event files of other programs, imported, played and exported as they are.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use erfgs_session::{
+    Event, Events,
+    codec::{
+        Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Edge,
+        Evt2Encoder, Evt3Encoder, ImuSample, Mark, RawHeader, SensorSize, Sink,
+    },
+    npz,
+    source::Encoding,
+};
+
+use crate::{
+    files::{erfgs, json},
+    rig::fail,
+};
+
+const SIZE: SensorSize = SensorSize { width: 64, height: 48 };
+const EVENTS: u64 = 6000;
+
+/// A tenth of a second of events from `first_us` on.
+fn events(first_us: u64) -> impl Iterator<Item = CdEvent> {
+    (0..EVENTS).map(move |n| CdEvent {
+        t_us: first_us + n * 17,
+        x: (n * 7 % 64) as u16,
+        y: (n * 3 % 48) as u16,
+        on: n.is_multiple_of(3),
+    })
+}
+
+/// Four frames, samples, marks and events, dated as DV dates them.
+fn aedat4() -> Vec<u8> {
+    const FIRST_US: u64 = 1_600_000_000_000_000;
+    let mut encoder = Aedat4Encoder::new(SIZE, "DAVIS346_00000042", Aedat4Compression::Zstd);
+    let mut bytes = Vec::new();
+    for (n, event) in (0..).zip(events(FIRST_US)) {
+        encoder.event(event);
+        if n % 1500 == 700 {
+            let pixels = (0..64 * 48).map(|pixel| (pixel + n as u16) % 256).collect();
+            let (exposure_start_us, exposure_end_us) = (event.t_us, event.t_us + 4000);
+            let (width, height, channels, bits) = (64, 48, 1, 8);
+            encoder.mark(event.t_us, Mark::ExposureBegin);
+            encoder.frame(ApsFrame { exposure_start_us, exposure_end_us, width, height, channels, pixels, bits });
+            let of = n as f32;
+            let (temperature, accelerometer, gyroscope) = (31.7, [0.1, of, -0.3], [of * 0.1, 2.0, 1e-7]);
+            let t_us = event.t_us;
+            encoder.imu(ImuSample { t_us, temperature, accelerometer, gyroscope, magnetometer: [0.0, 1.0, of] });
+        }
+        bytes.extend(encoder.take());
+    }
+    bytes.extend(encoder.finish());
+    bytes
+}
+
+/// The files, by name.
+fn write_files(folder: &Path) -> Vec<&'static str> {
+    let header = |encoding| RawHeader::new(encoding, SIZE, "00050423", "2025-06-15 15:06:40").unwrap().encode();
+    let (mut evt3, mut evt2) = (header(Encoding::Evt3), header(Encoding::Evt2));
+    let mut dat = DatFormat::header(SIZE, "2025-06-15 15:06:40");
+    let mut csv = CSV_HEADER.to_vec();
+    let mut columns = Events::new(64, 48);
+    let (mut encoder3, mut encoder2, mut items) =
+        (Evt3Encoder::default(), Evt2Encoder::default(), DatEncoder::default());
+    for (n, event) in (0..).zip(events(5_000_000)) {
+        let edge = Edge { t_us: event.t_us, channel: 1, rising: n % 1000 == 0 };
+        if n % 500 == 0 {
+            encoder3.edge(edge, &mut evt3).unwrap();
+            encoder2.edge(edge, &mut evt2).unwrap();
+        }
+        encoder3.event(event, &mut evt3).unwrap();
+        encoder2.event(event, &mut evt2).unwrap();
+        items.event(event, &mut dat).unwrap();
+        CsvEncoder.event(event, &mut csv);
+        columns.push(Event { t_us: event.t_us as i64, x: event.x, y: event.y, on: event.on });
+    }
+    encoder3.finish(&mut evt3);
+    let mut aedat2 = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n".to_vec();
+    for event in events(100) {
+        let address = u32::from(179 - event.y) << 22 | u32::from(239 - event.x) << 12 | u32::from(event.on) << 11;
+        aedat2.extend([address, event.t_us as u32].into_iter().flat_map(u32::to_be_bytes));
+    }
+    npz::write_events(&folder.join("e-npz.npz"), &columns).unwrap();
+    let files = [
+        ("e-evt3.raw", evt3),
+        ("e-evt2.raw", evt2),
+        ("e-dat.dat", dat),
+        ("e-csv.csv", csv),
+        ("e-aedat2.aedat", aedat2),
+        ("e-aedat4.aedat4", aedat4()),
+    ];
+    for (name, bytes) in &files {
+        fs::write(folder.join(name), bytes).unwrap();
+    }
+    files.iter().map(|file| file.0).chain(["e-npz.npz"]).collect()
+}
+
+/// What `info --digest` says of a file.
+fn digests(folder: &Path, file: &str) -> serde_json::Value {
+    let info = json(folder, &["info", file, "--digest", "--json"]);
+    match &info["streams"][0]["decoded"] {
+        serde_json::Value::Null => info["sha3_224_of_field"].clone(),
+        decoded => decoded["sha3_224_of_field"].clone(),
+    }
+}
+
+/// Imports, plays and exports a file.
+fn check(folder: &Path, file: &str, encoding: &str) {
+    let expected = digests(folder, file);
+    assert_eq!(expected["t"].as_str().map(str::len), Some(56), "{file}");
+    let imported = json(folder, &["import", file, "--out", "i.mcap", "--json"]);
+    assert_eq!(imported["encoding"], encoding, "{file}: {imported}");
+    assert_eq!(digests(folder, "i.mcap"), expected, "{file} imported");
+    json(folder, &["info", "i.mcap", "--check", "--json"]);
+    let of_session = json(folder, &["replay", "i.mcap", "--speed", "max", "--json"]);
+    let of_file = json(folder, &["replay", file, "--speed", "max", "--json"]);
+    assert_eq!(of_file["streams"], of_session["streams"], "{file}");
+    let mut formats = vec!["aedat4", "csv", "npz"];
+    if encoding != "aedat4" {
+        formats.push("raw");
+    }
+    for format in formats {
+        let out = format!("x.{format}");
+        let exported = json(folder, &["export", file, "--to", format, "--out", &out, "--json"]);
+        assert_eq!(exported[0]["file"], out.as_str());
+        let found = digests(folder, &out);
+        for field in ["t", "x", "y", "on"] {
+            assert_eq!(found[field], expected[field], "{file} as {format}: {field}");
+        }
+        fs::remove_file(folder.join(out)).unwrap();
+    }
+    fs::remove_file(folder.join("i.mcap")).unwrap();
+}
+
+fn encoding_of(file: &str) -> &'static str {
+    match file {
+        "e-evt3.raw" => "evt3",
+        "e-csv.csv" | "e-npz.npz" | "e-aedat4.aedat4" => "aedat4",
+        _ => "evt2",
+    }
+}
+
+#[test]
+fn every_event_file_is_imported_played_and_exported_without_a_change() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in write_files(folder.path()) {
+        check(folder.path(), file, encoding_of(file));
+    }
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn hdf5_files_are_imported_played_and_exported_without_a_change() {
+    let folder = tempfile::tempdir().unwrap();
+    write_files(folder.path());
+    json(folder.path(), &["export", "e-evt3.raw", "--to", "h5", "--out", "e.h5", "--json"]);
+    check(folder.path(), "e.h5", "aedat4");
+}
+
+#[test]
+fn packets_are_of_a_few_milliseconds_and_played_in_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for file in write_files(folder) {
+        let packets = |words: &[&str]| {
+            let played = json(folder, &[&["replay", file, "--json"], words].concat());
+            (played["streams"][0]["packets"].as_u64().unwrap(), played["seconds"].as_f64().unwrap())
+        };
+        // 102 ms.
+        let (all, seconds) = packets(&["--speed", "0.5"]);
+        assert!((12..=60).contains(&all), "{file}: {all}");
+        assert!(seconds > 0.19, "{file}: {seconds}");
+        let (half, _) = packets(&["--seek", "0.05"]);
+        assert!(half > 0 && half <= all / 2 + 2, "{file}: {half} of {all}");
+        let said = fail(folder, 2, &format!("replay {file} --seek 7 --loop"));
+        assert!(said.contains("--seek 7") && said.contains("0.10"), "{file}: {said}");
+    }
+}
+
+#[test]
+fn frames_of_a_sensor_are_exported_as_pictures_with_their_exposures() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_files(folder);
+    json(folder, &["import", "e-aedat4.aedat4", "--out", "s.mcap", "--json"]);
+    for (input, out) in [("e-aedat4.aedat4", "pictures"), ("s.mcap", "of-session")] {
+        let exported = json(folder, &["export", input, "--to", "png", "--out", out, "--json"]);
+        assert_eq!((&exported[0]["frames"], &exported[0]["damaged"]), (&4.into(), &0.into()));
+    }
+    let times = fs::read_to_string(folder.join("pictures/frames.csv")).unwrap();
+    assert_eq!(times.lines().nth(1), Some("0,1600000000011900,1600000000015900,"));
+    let picture = image::open(folder.join("pictures/000003.png")).unwrap().into_luma8();
+    assert_eq!((picture.dimensions(), picture.get_pixel(5, 0).0), ((64, 48), [((5 + 5200) % 256) as u8]));
+    assert_eq!(
+        fs::read(folder.join("pictures/000003.png")).unwrap(),
+        fs::read(folder.join("of-session/e-aedat4/000003.png")).unwrap()
+    );
+    json(folder, &["export", "e-aedat4.aedat4", "--to", "mp4", "--out", "v.mp4", "--json"]);
+    assert!(folder.join("v.frames.csv").is_file());
+    let said = fail(folder, 2, "export e-evt3.raw --to png --out p");
+    assert!(said.contains("evt3") && !folder.join("p").exists(), "{said}");
+}
+
+#[test]
+fn a_file_without_a_size_has_that_of_its_addresses_or_the_one_that_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_files(folder);
+    json(folder, &["import", "e-csv.csv", "--out", "a.mcap", "--json"]);
+    json(folder, &["import", "e-csv.csv", "--size", "100x80", "--out", "b.mcap", "--json"]);
+    for (file, size) in [("a.mcap", [64, 46]), ("b.mcap", [100, 80])] {
+        let stream = &json(folder, &["info", file, "--json"])["streams"][0];
+        assert_eq!([stream["width"].as_u64().unwrap(), stream["height"].as_u64().unwrap()], size, "{file}");
+    }
+    json(folder, &["export", "e-csv.csv", "--to", "npz", "--out", "sized.npz", "--size", "100x80", "--json"]);
+    assert_eq!(npz::read_events(&folder.join("sized.npz"), None).unwrap().width, 100);
+}
+
+#[test]
+fn what_cannot_be_imported_is_said_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_files(folder);
+    fs::write(folder.join("empty.raw"), "").unwrap();
+    fs::write(folder.join("text.raw"), "no events").unwrap();
+    let mut dat = DatFormat::header(SIZE, "");
+    dat.extend([900_u32, 0, 500, 1].into_iter().flat_map(u32::to_le_bytes));
+    fs::write(folder.join("back.dat"), dat).unwrap();
+    let mut early = Events::new(4, 4);
+    early.push(Event { t_us: -5, x: 0, y: 0, on: true });
+    npz::write_events(&folder.join("early.npz"), &early).unwrap();
+    for (code, words, hints) in [
+        (2, "import nothing.raw", &["nothing.raw", "does not exist"][..]),
+        (1, "import empty.raw", &["empty.raw", "empty"]),
+        (1, "import text.raw", &["text.raw", "HDF5"]),
+        (1, "replay text.raw", &["text.raw", "MCAP"]),
+        (1, "import back.dat --out x.mcap", &["back.dat", "500", "sort"]),
+        (1, "import early.npz --out x.mcap", &["early.npz", "-5"]),
+        (2, "import e-evt3.raw --out x.raw", &["x.raw", ".mcap"]),
+        (2, "export e-evt3.raw --to raw", &["e-evt3.raw", "--out"]),
+        (2, "export e-evt3.raw", &["--to raw"]),
+    ] {
+        let said = fail(folder, code, words);
+        assert!(hints.iter().all(|hint| said.contains(hint)), "erfgs {words}: {said}");
+    }
+    assert!(!folder.join("x.mcap").exists() && !folder.join("text.mcap").exists());
+    json(folder, &["import", "e-evt3.raw", "--json"]);
+    assert!(fail(folder, 1, "import e-evt3.raw").contains("e-evt3.mcap exists"));
+    assert!(fail(folder, 2, "import e-evt3.mcap --out y.mcap").contains("already"));
+}
+
+#[test]
+fn what_exists_is_overwritten_with_force_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_files(folder);
+    for words in ["export e-evt3.raw --to csv --out x.csv", "export e-aedat4.aedat4 --to png --out p"] {
+        json(folder, &[words.split(' ').collect::<Vec<_>>(), vec!["--json"]].concat());
+        assert!(fail(folder, 2, words).contains("--force"), "{words}");
+        json(folder, &[words.split(' ').collect::<Vec<_>>(), vec!["--force", "--json"]].concat());
+    }
+    let before = fs::read(folder.join("e-evt3.raw")).unwrap();
+    assert!(!erfgs(folder, &["export", "e-evt3.raw", "--to", "raw", "--force"]).status.success());
+    assert_eq!(fs::read(folder.join("e-evt3.raw")).unwrap(), before, "never the input");
+}
+
+#[test]
+fn real_recordings_are_imported_played_and_exported_without_a_change() {
+    let Some(shared) = std::env::var_os("ERFGS_SHARED") else {
+        return eprintln!("ERFGS_SHARED is not set: no real event files to import");
+    };
+    let shared = PathBuf::from(shared).join("data/events_faery");
+    let folder = tempfile::tempdir().unwrap();
+    let references: serde_json::Value =
+        serde_json::from_slice(&fs::read(shared.join("reference_digests.json")).unwrap()).unwrap();
+    for (file, encoding) in
+        [("evt2.raw", "evt2"), ("evt3.raw", "evt3"), ("gen4.dat", "evt2"), ("davis346.aedat4", "aedat4")]
+    {
+        let path = shared.join(file);
+        check(folder.path(), path.to_str().unwrap(), encoding);
+        json(folder.path(), &["import", path.to_str().unwrap(), "--out", "r.mcap", "--json"]);
+        assert_eq!(digests(folder.path(), "r.mcap"), references[file]["sha3_224_of_field"], "{file}");
+        fs::remove_file(folder.path().join("r.mcap")).unwrap();
+    }
+    let davis = shared.join("davis346.aedat4");
+    let exported = json(folder.path(), &["export", davis.to_str().unwrap(), "--to", "png", "--out", "p", "--json"]);
+    assert_eq!(exported[0]["frames"], 59);
+    assert!((exported[0]["rate_hz"].as_f64().unwrap() - 25.0).abs() < 0.01, "{exported}");
+}
