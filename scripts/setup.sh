@@ -78,6 +78,7 @@ if [ "$oracles" = yes ]; then
     "$venv/bin/pip" install --quiet --disable-pip-version-check -r tests/oracles/requirements.txt
     cp tests/oracles/requirements.txt "$stamp"
   fi
+  "$venv/bin/python" tests/oracles/recordings.py target/recordings
 fi
 
 if [ "$emulation" = yes ]; then

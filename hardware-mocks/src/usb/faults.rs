@@ -10,7 +10,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de};
 
 use super::{Reply, Speed, Urb, UsbDevice, clock::ClockError};
 
@@ -32,8 +32,7 @@ pub struct Faults {
 }
 
 /// A fault at a time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fault {
     /// When, milliseconds after the device's first transfer. A fault of a transfer hits the first one after that.
     pub at_ms: u64,
@@ -42,9 +41,21 @@ pub struct Fault {
     pub kind: FaultKind,
 }
 
+impl<'de> Deserialize<'de> for Fault {
+    /// Unknown fields are refused, which serde does not do beside a flattened field.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let mut fields = serde_json::Map::deserialize(deserializer)?;
+        let at_ms = fields.remove("at_ms").ok_or_else(|| de::Error::missing_field("at_ms"))?;
+        Ok(Self {
+            at_ms: u64::deserialize(at_ms).map_err(|error| de::Error::custom(format!("at_ms: {error}")))?,
+            kind: FaultKind::deserialize(serde_json::Value::Object(fields)).map_err(de::Error::custom)?,
+        })
+    }
+}
+
 /// What can happen to transfers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", tag = "kind")]
+#[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum FaultKind {
     /// The endpoint answers nothing for a while, and then goes on.
     Nak {

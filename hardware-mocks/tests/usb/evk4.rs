@@ -14,18 +14,18 @@ use erfgs_session::codec::CdEvent;
 use super::host::{Bench, words};
 
 /// The vendor's sequences (OpenEB: `imx636_evk3_issd.h`): `address=value` in hexadecimal, `~` microseconds.
-const INIT: &str = "001C=1 ~1000000 400004=1 ~500000 400004=0 ~1000000 B000=158 ~300 B044=0 B004=0A B040=0 B0C8=0 B040=0 \
+pub const INIT: &str = "001C=1 ~1000000 400004=1 ~500000 400004=0 ~1000000 B000=158 ~300 B044=0 B004=0A B040=0 B0C8=0 B040=0 \
 B040=0 0000=4F006442 0000=0F006442 00B8=400 00B8=400 B07C=0 B074=2 B078=A0 00C0=110 00C0=210 B120=1 E120=0 B068=4 B07C=1 \
 ~10 B07C=3 ~1000 00B8=401 00B8=409 0000=4F006442 0000=4F00644A B080=77 B084=0F B088=37 B08C=37 B090=DF B094=57 B098=37 \
 B09C=67 B0A0=37 B0A4=2F B0AC=28 B0CC=1 B000=2F8 B004=8A B01C=30 B020=2000 B02C=FF B030=3E80 B028=FA0 A000=B0501 ~200 \
 A008=2405 ~200 A004=B0501 ~200 A020=150 ~200 B040=7 B064=6 B040=F ~100 B004=8A ~200 B0C8=3 ~200 B044=1 B000=2F9 7008=1 \
 7000=70001 8000=1E085 9008=644 0004=F0005042 0018=200 1014=11A1504D 9004=0 ~1000 9000=200";
-const START: &str = "B000=2F9 9028=0 9008=645 002C=22C724 0004=F0005442";
+pub const START: &str = "B000=2F9 9028=0 9008=645 002C=22C724 0004=F0005442";
 const STOP: &str = "0004=F0005042 002C=22C324 9028=2 ~1000 9008=644 B000=2F8 ~300";
 
 type Host = Bench<Evk4>;
 
-fn request(host: &mut Host, property: u32, payload: &[u32]) -> Vec<u8> {
+fn request<D: UsbDevice>(host: &mut Bench<D>, property: u32, payload: &[u32]) -> Vec<u8> {
     let mut frame = property.to_le_bytes().to_vec();
     frame.extend((payload.len() as u32 * 4).to_le_bytes());
     frame.extend(payload.iter().flat_map(|word| word.to_le_bytes()));
@@ -50,12 +50,12 @@ fn read(host: &mut Host, address: u32) -> u32 {
     u32::from_le_bytes(reply[16..20].try_into().unwrap())
 }
 
-fn write(host: &mut Host, address: u32, value: u32) {
+fn write<D: UsbDevice>(host: &mut Bench<D>, address: u32, value: u32) {
     let reply = request(host, 0x4001_0102, &[0, address, value]);
     assert_eq!(property(&reply), 0x4001_0102);
 }
 
-fn run(host: &mut Host, sequence: &str) {
+pub fn run<D: UsbDevice>(host: &mut Bench<D>, sequence: &str) {
     for step in sequence.split_whitespace() {
         match step.split_once('=') {
             Some((address, value)) => {
@@ -76,13 +76,13 @@ fn device(rate_hz: u64) -> Host {
 
 /// What a stream says: events, edges, counts of the rate controller. Times are continued over roll-overs.
 #[derive(Debug, Default, PartialEq)]
-struct Decoded {
-    events: Vec<CdEvent>,
+pub struct Decoded {
+    pub events: Vec<CdEvent>,
     edges: Vec<(u64, bool)>,
     monitors: Vec<(u64, u16, u32)>,
 }
 
-fn evt3(bytes: &[u8]) -> Decoded {
+pub fn evt3(bytes: &[u8]) -> Decoded {
     let mut decoded = Decoded::default();
     let (mut high, mut loops, mut low, mut y, mut x, mut on) = (None::<u64>, 0_u64, 0, 0, 0, false);
     let mut monitor: Option<(u16, u32, u32)> = None;

@@ -4,4 +4,5 @@ mod davis346;
 mod evk4;
 mod host;
 mod plug;
+mod rigfile;
 mod uvc;

@@ -1,7 +1,7 @@
 //! The UVC camera.
 
 use erfgs_hardware_mocks::usb::{
-    Faults, Reply, TriggerLine, Urb, Uvc, UvcOptions,
+    Faults, Reply, TriggerLine, Urb, UsbDevice, Uvc, UvcOptions,
     clock::ClockError,
     line::PulseTrain,
     scene::{FrameScene as _, PatternFrames},
@@ -17,7 +17,7 @@ fn camera(options: UvcOptions) -> Host {
 }
 
 /// Probes and commits a format, size and interval (100 ns); returns what the camera made of it.
-fn commit(host: &mut Host, format: u8, size: u8, interval: u32) -> Vec<u8> {
+pub fn commit<D: UsbDevice>(host: &mut Bench<D>, format: u8, size: u8, interval: u32) -> Vec<u8> {
     let mut wish = vec![1, 0, format, size];
     wish.extend(interval.to_le_bytes());
     wish.resize(26, 0);
@@ -28,15 +28,15 @@ fn commit(host: &mut Host, format: u8, size: u8, interval: u32) -> Vec<u8> {
     answer
 }
 
-struct Frame {
+pub struct Frame {
     arrived_ns: i64,
     presented: u32,
     id: bool,
-    bytes: Vec<u8>,
+    pub bytes: Vec<u8>,
 }
 
 /// Reads frames payload by payload, as `uvcvideo` does.
-fn frames(host: &mut Host, for_ms: i64) -> Vec<Frame> {
+pub fn frames<D: UsbDevice>(host: &mut Bench<D>, for_ms: i64) -> Vec<Frame> {
     let mut all = Vec::new();
     let mut bytes = Vec::new();
     for _ in 0..for_ms {

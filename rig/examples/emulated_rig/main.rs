@@ -28,7 +28,7 @@ use erfgs_hardware_mocks::{
     usb::{
         Davis346, Davis346Options, Evk4, Evk4Options, UsbDevice,
         evk4::Stimulus,
-        scene::{StageEvents, StageFrames},
+        scene::{TakeEvents, TakeFrames},
     },
 };
 use erfgs_rig::{
@@ -124,18 +124,18 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Two EVK4 and a DAVIS346 that look at the stage from different places.
 fn devices() -> Result<Vec<Box<dyn UsbDevice>>, Box<dyn Error>> {
     let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
-    let events = |number: usize, width: u32, height: u32| -> Result<StageEvents, Box<dyn Error>> {
+    let events = |number: usize, width: u32, height: u32| -> Result<TakeEvents, Box<dyn Error>> {
         let cameras = RigOptions { width, height, rgb: 0, event: 3, test: 0, ..RigOptions::default() }.cameras(1)?;
         let view = View::new(&stage, &cameras[number].intrinsics, &cameras[number].world_to_camera)?;
         // Dull sensors: the models make their events while they are recorded, on the same machine.
         let dull = EventOptions { threshold_on: 0.4, threshold_off: 0.4, ..EventOptions::default() };
-        Ok(StageEvents::record(&view, TAKE_US, &dull, number as u64)?)
+        Ok(TakeEvents::record(&view, TAKE_US, &dull, number as u64)?)
     };
     let frames = {
         let rig = RigOptions { width: 346, height: 260, rgb: 0, event: 3, test: 0, ..RigOptions::default() };
         let camera = rig.cameras(1)?.swap_remove(1);
         let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        StageFrames::film(&view, 3, TAKE_US as i64 * 1000 / 3, 4_000_000)
+        TakeFrames::film(&view, 3, TAKE_US as i64 * 1000 / 3, 4_000_000)
     };
     let evk4 =
         |serial, events| Evk4::new(Evk4Options { serial, ..Default::default() }, Stimulus::Scene(Box::new(events)));

@@ -9,6 +9,7 @@ use std::{
 };
 
 use erfgs_session::{
+    clock::{ClockFit, Evidence, Residuals},
     container::{self, ContainerError, SessionStart, SessionWriter, Settings, StreamId},
     source::{Description, Incident, Packet},
 };
@@ -17,7 +18,7 @@ use crate::host_time::host_ns;
 
 use super::{
     sink::{OpenSession, SessionInfo, SessionSink, SinkError},
-    status::Status,
+    status::{ClockStatus, Status},
 };
 
 /// Opens session files.
@@ -57,7 +58,7 @@ impl Mcap {
         }
         // The streams are in the file before anything can go wrong.
         writer.flush().map_err(failed)?;
-        Ok(Box::new(McapSink { path: path.to_path_buf(), writer, ids }))
+        Ok(Box::new(McapSink { path: path.to_path_buf(), writer, ids, begin }))
     }
 }
 
@@ -77,6 +78,24 @@ struct McapSink<W: Write> {
     path: PathBuf,
     writer: SessionWriter<W>,
     ids: Vec<StreamId>,
+    /// Host time of the session's zero, nanoseconds.
+    begin: i64,
+}
+
+/// What is known while recording, as a fit of an event camera's ticks, which are microseconds.
+fn fit(clock: &ClockStatus, begin: i64) -> ClockFit {
+    let line = clock.line;
+    let [p50_ns, p95_ns] = [clock.residual_p50_us, clock.residual_p95_us].map(|us| 1e3 * us);
+    ClockFit {
+        evidence: Evidence::Arrival,
+        origin_ticks: line.device_ns / 1000,
+        origin_ns: line.host_ns.saturating_sub(begin),
+        ns_per_tick: 1e3 * line.rate,
+        window_ticks: line.window_ns.map(|ns| ns / 1000),
+        residuals: Residuals { p50_ns, p95_ns, max_ns: line.max_ns },
+        samples: clock.samples as u64,
+        outliers: 0,
+    }
 }
 
 impl<W: Write + Send> SessionSink for McapSink<W> {
@@ -90,6 +109,11 @@ impl<W: Write + Send> SessionSink for McapSink<W> {
     }
 
     fn status(&mut self, status: &Status) -> Result<(), SinkError> {
+        for (stream, &id) in status.streams.iter().zip(&self.ids) {
+            let Some(clock) = stream.clock.as_ref().filter(|_| stream.encoding.is_events()) else { continue };
+            let written = self.writer.clock(id, status.host_ns, &fit(clock, self.begin));
+            written.map_err(|error| sort(&self.path, error))?;
+        }
         let streams = status.streams.iter().map(|stream| {
             let drops = stream.drops;
             let dropped = [("queue", drops.queue), ("writer", drops.writer)];
@@ -161,5 +185,73 @@ impl MachineFacts {
             }
         }
         facts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        io::{self, Cursor},
+        sync::{Arc, Mutex, PoisonError},
+    };
+
+    use erfgs_session::{container::Session, source::Encoding};
+
+    use super::*;
+    use crate::record::{ClockLine, StreamStatus, recorder::blank};
+
+    #[derive(Clone, Default)]
+    struct Held(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Held {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_is_known_of_the_clocks_of_event_cameras_is_in_the_session() {
+        let description = |id: &str, encoding| Description {
+            id: id.into(),
+            model: String::new(),
+            serial: String::new(),
+            encoding,
+            width: 640,
+            height: 480,
+            start_order: 0,
+            settings: serde_json::Map::new(),
+        };
+        let streams = [description("left", Encoding::Evt3), description("cam", Encoding::Mjpeg)];
+        let held = Held::default();
+        let path = Path::new("s.mcap");
+        let mut sink = Mcap::default().write_to(held.clone(), path, &SessionInfo::default(), &streams).unwrap();
+        let begin = host_ns();
+        let line = ClockLine {
+            device_ns: 7_000_000_000,
+            host_ns: begin + 2_000_000_000,
+            rate: 1.000_04,
+            window_ns: [4_000_000_000, 9_000_000_000],
+            max_ns: 900.0,
+        };
+        let clock = ClockStatus { residual_p95_us: 0.5, samples: 5000, line, ..ClockStatus::default() };
+        let stream = |description: &Description| StreamStatus { clock: Some(clock.clone()), ..blank(description) };
+        let status = Status { host_ns: begin, streams: streams.iter().map(stream).collect(), ..Status::default() };
+        sink.status(&status).unwrap();
+        sink.finish().unwrap();
+
+        let bytes = held.0.lock().unwrap().clone();
+        let session = Session::read(Cursor::new(bytes), path).unwrap();
+        let clocks = &session.summary().totals.clocks;
+        assert_eq!(clocks.keys().collect::<Vec<_>>(), ["left"]);
+        let fit = &clocks["left"];
+        // A second of the device, which is slow by 40 ppm, after the moment at which both are known; the session began before.
+        let later = fit.session_ns(8_000_000) - 3_000_040_000;
+        assert!((0..1_000_000_000).contains(&later) && fit.window_ticks == [4_000_000, 9_000_000], "{later}");
+        assert_eq!((fit.samples, fit.residuals.p95_ns), (5000, 500.0));
     }
 }

@@ -37,5 +37,5 @@ pub use recorder::{Input, Options, Recorder, is_id};
 pub use rig::{OpenError, open, open_on};
 pub use sink::{OpenSession, SessionInfo, SessionSink, SinkError};
 pub use status::{
-    ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,
+    ClockLine, ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,
 };

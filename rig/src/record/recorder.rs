@@ -245,13 +245,10 @@ impl Recorder {
             move || writer::write(&queue, sink, flush_every, &progress)
         });
         let writer = writer.map_err(|source| RecordError::Thread { name, source })?;
-        for (slot, lane) in shared.slots.iter().zip(&queue.lanes) {
+        for slot in &shared.slots {
             let mut watch = lock(&slot.watch);
             watch.baseline = watch.counters;
             (watch.drops_seen, watch.drop_seen_at) = (0, None);
-            if slot.port.arrived.packets() > 0 {
-                lane.mark_gap();
-            }
             slot.port.attach(Some(Arc::clone(&queue)));
         }
         let (path, started, meter) = (path.to_path_buf(), Instant::now(), Meter::default());

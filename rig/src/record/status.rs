@@ -37,6 +37,24 @@ pub struct ClockStatus {
     pub residual_p95_us: f64,
     /// Samples that the fit rests on.
     pub samples: usize,
+    /// The fit itself.
+    #[serde(skip)]
+    pub line: ClockLine,
+}
+
+/// A device clock on the host's, as far as it is known while recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ClockLine {
+    /// A time of the device, nanoseconds.
+    pub device_ns: i64,
+    /// The host time of that moment, nanoseconds.
+    pub host_ns: i64,
+    /// Nanoseconds of the host for one of the device.
+    pub rate: f64,
+    /// First and last device time that the line rests on, nanoseconds.
+    pub window_ns: [i64; 2],
+    /// The farthest arrival from it, nanoseconds.
+    pub max_ns: f64,
 }
 
 /// One stream.

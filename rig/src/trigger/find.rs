@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use serialport::SerialPortType;
 
 use super::{Link, TriggerError, protocol::Identity};
@@ -17,6 +19,10 @@ pub struct FoundBoard {
 /// Serial ports at which a trigger board may be: those on USB converters as Arduino boards have them. Opens none.
 #[must_use]
 pub fn ports() -> Vec<String> {
+    // A container may have no such folder, and then no ports; `serialport` panics there.
+    if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").exists() {
+        return Vec::new();
+    }
     let ports = serialport::available_ports().unwrap_or_else(|error| {
         tracing::warn!("cannot list serial ports: {error}");
         Vec::new()

@@ -2,7 +2,7 @@
 //! what was written stays, and the user is told.
 
 use std::{
-    io::{self, Write},
+    io::{self, Cursor, Write},
     path::Path,
     sync::{Arc, Mutex, atomic::Ordering::SeqCst},
     time::Duration,
@@ -11,7 +11,10 @@ use std::{
 use erfgs_rig::record::{
     Input, Level, Mcap, OpenSession, RecordError, Recorder, SessionInfo, SessionSink, SinkError, StreamState,
 };
-use erfgs_session::source::{Description, Incident};
+use erfgs_session::{
+    container::{Entry, Session, Settings, recover},
+    source::{Description, Incident},
+};
 
 use crate::support::{Disk, Opener, Puppet, one, options, packet, wait_until};
 
@@ -103,12 +106,13 @@ impl OpenSession for OpenTiny {
         streams: &[Description],
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let file = Tiny { bytes: Arc::clone(&self.0), room: self.1 };
-        Mcap::default().write_to(file, path, info, streams)
+        let settings = Settings { chunk_bytes: 20_000, ..Settings::default() };
+        Mcap { settings }.write_to(file, path, info, streams)
     }
 }
 
 #[test]
-fn a_session_file_cut_by_a_full_disk_holds_every_packet_that_was_counted_as_written_before_the_last_flush() {
+fn a_session_file_cut_by_a_full_disk_holds_every_packet_but_those_of_the_chunk_that_was_cut() {
     let bytes = Arc::new(Mutex::new(Vec::new()));
     let (puppet, handle) = Puppet::new("one", 0);
     let recorder = Recorder::new(vec![puppet.input(1 << 24)], options(OpenTiny(Arc::clone(&bytes), 200_000))).unwrap();
@@ -122,7 +126,26 @@ fn a_session_file_cut_by_a_full_disk_holds_every_packet_that_was_counted_as_writ
     });
     let summary = recorder.last().unwrap();
     assert!(summary.failure.as_ref().is_some_and(|failure| failure.contains("is full")), "{summary:?}");
-    assert_eq!(bytes.lock().unwrap().len(), 200_000);
+    let bytes = bytes.lock().unwrap().clone();
+    assert_eq!(bytes.len(), 200_000);
+    let read = |bytes: Vec<u8>| -> u64 {
+        let mut session = Session::read(Cursor::new(bytes), Path::new(PATH)).unwrap();
+        let mut next = 0;
+        for entry in session.messages(None).map_while(Result::ok) {
+            let Entry::Packet { packet: found, .. } = entry else { continue };
+            assert_eq!((found.sequence, &found.payload), (next, &packet(next, 1000).payload));
+            next += 1;
+        }
+        next
+    };
+    // The chunk that was cut has 20 kB at most, and what is not packets takes a quarter of the rest at most.
+    let held = read(bytes.clone());
+    assert!(held >= 130, "{held} packets of 1000 bytes");
+    let folder = tempfile::tempdir().unwrap();
+    let [cut, whole] = ["cut.mcap", "whole.mcap"].map(|name| folder.path().join(name));
+    std::fs::write(&cut, bytes).unwrap();
+    assert!(!recover(&cut, &whole).unwrap().was_whole);
+    assert_eq!(read(std::fs::read(&whole).unwrap()), held);
 }
 
 #[test]

@@ -105,8 +105,9 @@ impl Layout {
     pub fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
         match parse_record(opcode, body)? {
             mcap::records::Record::Schema { header, .. } => {
+                // As with channels, what was said first holds: a repaired copy repeats that.
                 self.schema_records.entry(header.id).or_insert_with(|| body.to_vec());
-                self.schemas.insert(header.id, header.name);
+                self.schemas.entry(header.id).or_insert(header.name);
             }
             mcap::records::Record::Channel(channel) if !self.roles.contains_key(&channel.id) => {
                 self.channel_records.entry(channel.id).or_insert_with(|| body.to_vec());
@@ -211,8 +212,6 @@ impl Layout {
                 };
                 let known = self.streams.iter().position(|stream| stream.topic == topic);
                 let stream = known.unwrap_or_else(|| self.add(description, topic.clone()));
-                // The publisher may have run before the recording began.
-                self.streams[stream].totals.next_sequence = events.sequence;
                 self.roles.insert(message.channel, Role::Ros { topic, stream: Some(stream) });
                 stream
             }
@@ -226,5 +225,31 @@ impl Layout {
             payload: events.words(),
         };
         Meaning::Entry(Entry::Packet { stream, packet })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mcap::records::op;
+
+    use super::*;
+
+    fn text(text: &str) -> Vec<u8> {
+        [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
+    }
+
+    #[test]
+    fn of_two_schemas_with_one_number_the_first_holds_and_is_the_one_that_is_repeated() {
+        let schema = |name: &str| [&4_u16.to_le_bytes()[..], &text(name), &text("jsonschema"), &text("{}")].concat();
+        let mut channel = [1_u16.to_le_bytes(), 4_u16.to_le_bytes()].concat();
+        channel.extend([text(STATUS_TOPIC), text("json"), 0_u32.to_le_bytes().to_vec()].concat());
+        let mut layout = Layout::default();
+        for name in ["erfgs.Status", "erfgs.Incident"] {
+            layout.learn(op::SCHEMA, &schema(name)).unwrap();
+        }
+        layout.learn(op::CHANNEL, &channel).unwrap();
+        assert_eq!(layout.schema_records[&4], schema("erfgs.Status"));
+        assert_eq!(layout.schemas[&4], "erfgs.Status");
+        assert!(matches!(layout.roles[&1], Role::Status));
     }
 }

@@ -95,8 +95,10 @@ impl StreamTotals {
         self.bytes += packet.payload.len() as u64;
         self.first_host_ns.get_or_insert(packet.host_ns);
         self.last_host_ns = Some(packet.host_ns);
+        // A take of a rig that runs begins with any number.
+        let next = if self.packets == 1 { packet.sequence } else { self.next_sequence };
         // A damaged file may jump back and forth.
-        self.missing = self.missing.saturating_add(packet.sequence.saturating_sub(self.next_sequence));
+        self.missing = self.missing.saturating_add(packet.sequence.saturating_sub(next));
         self.discontinuities += u64::from(packet.discontinuity);
         self.damaged += u64::from(packet.damaged);
         self.next_sequence = packet.sequence.saturating_add(1);

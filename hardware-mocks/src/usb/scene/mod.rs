@@ -6,11 +6,11 @@
 
 mod pattern;
 mod recorded;
-mod stage;
+mod take;
 
 pub use pattern::{Pattern, PatternFrames};
 pub use recorded::{RecordedWords, RecordingError};
-pub use stage::{StageEvents, StageFrames};
+pub use take::{TakeEvents, TakeFrames};
 
 use std::sync::Arc;
 

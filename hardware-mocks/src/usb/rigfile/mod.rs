@@ -9,7 +9,12 @@
 //! name = "left"
 //! kind = "evk4"
 //! serial = "00051234"
-//! rate_hz = 100000             # the pattern; or: raw = "file.raw", or: stage = true
+//! rate_hz = 100000             # the pattern; or what it looks at instead, one of:
+//! # stage = true               # the stage
+//! # raw = "take.raw"           # EVT3 words, sent as they are (evk4)
+//! # events = "take.aedat4"     # the events of any file that erfgs reads, again and again (evk4, davis346)
+//! # dataset = "ds"             # a camera of a dataset: its events, or its frames (uvc), again and again
+//! # camera = "event00"
 //! sync = "chain"               # devices that name the same wire share a clock if their driver asks for it
 //! latency_ms = 20              # holds data back until edges of a board in another process have arrived
 //!
@@ -19,12 +24,15 @@
 //! schedule = [ { at_ms = 5000, kind = "unplug", for_ms = 2000 } ]
 //! ```
 
+mod sight;
+
 use std::{
     collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
 };
 
+use erfgs_session::dataset::DatasetError;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -35,10 +43,10 @@ use super::{
     evk4::Stimulus,
     front::{monotonic_ns, usbip::Device},
     line::PulseTrain,
-    scene::{EventScene, FrameScene, Pattern, PatternFrames, RecordedWords, RecordingError, StageEvents, StageFrames},
+    scene::{RecordedWords, RecordingError},
     uvc::Format,
 };
-use crate::stage::{EventOptions, RigOptions, Stage, StageError, StageOptions, View};
+use crate::stage::StageError;
 
 /// Why a rig cannot be built.
 #[derive(Debug, Error)]
@@ -73,6 +81,25 @@ pub enum RigError {
         /// The name.
         name: String,
     },
+    /// The fields of a device do not go together.
+    #[error("device {name}: {what}")]
+    Field {
+        /// The device.
+        name: String,
+        /// What is wrong and what to do.
+        what: String,
+    },
+    /// What a device should look at is not for it.
+    #[error("cannot play {path}: {what}")]
+    Unsuited {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        what: String,
+    },
+    /// A dataset cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
     /// A recording cannot be played.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -129,6 +156,12 @@ pub struct DeviceFile {
     pub rate_hz: u64,
     /// A file of EVT3 words to play instead (EVK4).
     pub raw: Option<PathBuf>,
+    /// A file of events to play instead, in any format that erfgs reads (EVK4, DAVIS346).
+    pub events: Option<PathBuf>,
+    /// A dataset to play instead, the folder or its `dataset.json`.
+    pub dataset: Option<PathBuf>,
+    /// The camera of the dataset.
+    pub camera: Option<String>,
     /// Whether it films the stage instead.
     #[serde(default)]
     pub stage: bool,
@@ -211,6 +244,7 @@ impl RigFile {
             if devices.iter().any(|device| device.name == file.name) {
                 return Err(RigError::Twice { name: file.name.clone() });
             }
+            file.check()?;
             let sync = file.sync.as_deref().map(|name| wires.entry(name).or_default().clone()).unwrap_or_default();
             let (device, counts) = match file.kind {
                 Kind::Evk4 => file.evk4(number, sync, events_line.clone())?,
@@ -240,7 +274,7 @@ impl DeviceFile {
         };
         let stimulus = match &self.raw {
             Some(path) => Stimulus::Words(RecordedWords::open(path)?),
-            None => Stimulus::Scene(self.events(number, 1280, 720)?),
+            None => Stimulus::Scene(self.event_scene(number, [1280, 720])?),
         };
         let device = Evk4::new(options, stimulus);
         let counts = device.counts();
@@ -257,7 +291,8 @@ impl DeviceFile {
             faults: self.faults.clone(),
             ..Davis346Options::default()
         };
-        let mut device = Davis346::new(options, self.events(number, 346, 260)?, self.frames(number, 346, 260)?);
+        let mut device =
+            Davis346::new(options, self.event_scene(number, [346, 260])?, self.frame_scene(number, [346, 260])?);
         device.prepare();
         let counts = device.counts();
         Ok((Box::new(device), counts))
@@ -267,7 +302,8 @@ impl DeviceFile {
         let or = |given: &[Format], default: Vec<Format>| if given.is_empty() { default } else { given.to_vec() };
         let default = UvcOptions::default();
         let sizes = if self.sizes.is_empty() { default.sizes.clone() } else { self.sizes.clone() };
-        let [width, height] = [sizes[0].0, sizes[0].1];
+        let side = |length: u32| u16::try_from(length).unwrap_or(u16::MAX);
+        let size = [side(sizes[0].0), side(sizes[0].1)];
         let options = UvcOptions {
             name: format!("Emulated camera {}", self.name),
             serial: self.serial.clone(),
@@ -279,39 +315,9 @@ impl DeviceFile {
             faults: self.faults.clone(),
             ..default
         };
-        let mut device = Uvc::new(options, self.frames(number, width, height)?);
+        let mut device = Uvc::new(options, self.frame_scene(number, size)?);
         device.prepare();
         let counts = device.counts();
         Ok((Box::new(device), counts))
-    }
-
-    fn events(&self, number: usize, width: u16, height: u16) -> Result<Box<dyn EventScene>, RigError> {
-        if !self.stage {
-            return Ok(Box::new(Pattern::new(width, height, self.rate_hz)));
-        }
-        let rig = RigOptions {
-            width: width.into(),
-            height: height.into(),
-            rgb: 0,
-            event: number + 1,
-            test: 0,
-            ..RigOptions::default()
-        };
-        let camera = rig.cameras(1)?.swap_remove(number);
-        let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        let take = StageEvents::record(&view, 500_000, &EventOptions::default(), number as u64)?;
-        Ok(Box::new(take))
-    }
-
-    fn frames(&self, number: usize, width: u32, height: u32) -> Result<Box<dyn FrameScene>, RigError> {
-        if !self.stage {
-            return Ok(Box::new(PatternFrames::new()));
-        }
-        let rig = RigOptions { width, height, rgb: number + 1, event: 0, test: 0, ..RigOptions::default() };
-        let camera = rig.cameras(1)?.swap_remove(number);
-        let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        Ok(Box::new(StageFrames::film(&view, 15, 33_333_333, 5_000_000)))
     }
 }

@@ -1,4 +1,5 @@
-//! The stage, filmed ahead of time: a take is rendered once and plays again and again.
+//! A take of the stage, rendered ahead of time, or one that was recorded: it plays again and again, at true times modulo its
+//! length, so that all devices that play it are in step.
 
 use std::sync::Arc;
 
@@ -10,16 +11,16 @@ use crate::{
     usb::clock::TimeBase,
 };
 
-/// The events of a take of the stage, which starts again when it has ended.
+/// The events of a take, which starts again when it has ended.
 #[derive(Clone, Debug)]
-pub struct StageEvents {
+pub struct TakeEvents {
     take: Arc<Events>,
     length_us: u64,
     lap: u64,
     next: usize,
 }
 
-impl StageEvents {
+impl TakeEvents {
     /// Records `length_us` of the stage with an event sensor at `view`'s camera. `stream` tells sensors apart.
     ///
     /// # Errors
@@ -37,7 +38,7 @@ impl StageEvents {
     }
 }
 
-impl EventScene for StageEvents {
+impl EventScene for TakeEvents {
     fn begin(&mut self, _clock: &TimeBase, now_ns: i64) {
         let now_us = u64::try_from(now_ns / 1000).unwrap_or(0);
         self.lap = now_us / self.length_us;
@@ -68,15 +69,15 @@ impl EventScene for StageEvents {
     }
 }
 
-/// Frames of a take of the stage, which starts again when it has ended. A frame shows the picture nearest to the middle
+/// Frames of a take, which starts again when it has ended. A frame shows the picture nearest to the middle
 /// of its exposure.
 #[derive(Clone, Debug)]
-pub struct StageFrames {
+pub struct TakeFrames {
     pictures: Vec<Arc<Picture>>,
     period_ns: i64,
 }
 
-impl StageFrames {
+impl TakeFrames {
     /// Renders `count` pictures, `period_ns` apart, each exposed for `exposure_ns`. Cameras show them at this size.
     #[must_use]
     pub fn film(view: &View<'_>, count: usize, period_ns: i64, exposure_ns: i64) -> Self {
@@ -88,11 +89,20 @@ impl StageFrames {
                 Arc::new(Picture { width: image.width, height: image.height, rgb: image.data })
             })
             .collect();
+        Self::new(pictures, period_ns)
+    }
+
+    /// Plays pictures that are there already, `period_ns` apart; black if there are none.
+    #[must_use]
+    pub fn new(mut pictures: Vec<Arc<Picture>>, period_ns: i64) -> Self {
+        if pictures.is_empty() {
+            pictures.push(Arc::new(Picture { width: 1, height: 1, rgb: vec![0; 3] }));
+        }
         Self { pictures, period_ns: period_ns.max(1) }
     }
 }
 
-impl FrameScene for StageFrames {
+impl FrameScene for TakeFrames {
     fn frame(&mut self, _number: u64, exposure_ns: [i64; 2], width: u32, height: u32) -> (u64, Arc<Picture>) {
         let middle = exposure_ns[0] / 2 + exposure_ns[1] / 2;
         let index = ((middle + self.period_ns / 2).div_euclid(self.period_ns)).rem_euclid(self.pictures.len() as i64);
