@@ -91,6 +91,23 @@ fn every_byte_and_every_event_arrives() {
 }
 
 #[test]
+fn a_recording_has_one_time_from_its_first_event_on() {
+    let (bus, _camera) = one(Davis346Options::default(), Vec::new());
+    let mut source = open(&bus, Davis346Config::default()).unwrap();
+    let bucket = record(&mut source, 300_000);
+    let bytes = bucket.bytes();
+    let word = |of: fn(&[u8]) -> bool| bytes.chunks_exact(2).position(of);
+    let (reset, time) = (word(|word| word == [1, 0]).unwrap(), word(|word| word[1] >= 0x80).unwrap());
+    assert!(reset < time, "the clock was reset in word {reset}, after the first time in word {time}");
+    let mut decoder = StreamDecoder::new(Encoding::Davis, Some(SensorSize { width: 346, height: 260 })).unwrap();
+    let mut found = Found::default();
+    decoder.decode(&bytes, &mut found);
+    assert_eq!((decoder.anomalies().discontinuities, decoder.anomalies().time_backward), (0, 0));
+    assert!(found.events.len() > 1000 && found.events.is_sorted_by_key(|event| event.t_us));
+    assert!(found.events[0].t_us < 20_000, "{:?}", found.events[0]);
+}
+
+#[test]
 fn frames_and_inertial_samples_come_with_the_events() {
     let (bus, _camera) = one(Davis346Options::default(), Vec::new());
     let config = Davis346Config {

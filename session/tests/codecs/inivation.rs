@@ -189,6 +189,20 @@ fn davis_streams_come_back() {
 }
 
 #[test]
+fn a_davis_clock_that_is_reset_before_it_told_a_time_breaks_nothing() {
+    for (before, breaks) in [(&[0x7002_u16, 0x7001][..], 0), (&[0x7002, 0x8005], 1)] {
+        let words = before.iter().chain(&[0x0001, 0x8007, 0x1003, 0x3004]);
+        let bytes: Vec<u8> = words.flat_map(|word| word.to_le_bytes()).collect();
+        let mut columns = Columns::default();
+        let mut decoder = DavisDecoder::new(DavisLayout::default());
+        decoder.decode(&bytes, &mut columns);
+        assert_eq!(columns.iter().collect::<Vec<_>>(), [event(7, 4, 3, true)]);
+        assert_eq!(decoder.anomalies().discontinuities, breaks);
+        assert_eq!(columns.discontinuities.len() as u64, breaks);
+    }
+}
+
+#[test]
 fn davis_frames_turn_as_the_registers_say() {
     // Read out from the right to the left and from the bottom to the top, or with rows for columns.
     let usual = DavisLayout { size: SIZE, ..DavisLayout::default() };

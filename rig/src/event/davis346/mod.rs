@@ -280,7 +280,7 @@ impl Davis346 {
     ///
     /// # Errors
     /// If it does not answer.
-    pub fn reset_timestamps(&mut self) -> Result<(), EventError> {
+    pub fn reset_timestamps(&self) -> Result<(), EventError> {
         self.spi.write_together(&[(spi::MUX_TIMESTAMP_RESET, 1), (spi::MUX_TIMESTAMP_RESET, 0)])
     }
 }
@@ -419,6 +419,10 @@ impl Driver for Davis346 {
         let has_imu = imu.enabled && self.features.imu_type != 0;
         self.spi.write_each(&[(spi::USB_RUN, 1), (spi::MUX_TIMESTAMP_RUN, 1), (spi::MUX_RUN, 1)])?;
         self.spi.transport.wait(Duration::from_millis(50));
+        // Before anything is dated: the recording has one time from its first event on.
+        if self.config.timestamps == Timestamps::Reset && self.features.master {
+            self.reset_timestamps()?;
+        }
         self.spi.write_each(&[
             (spi::DVS_RUN, events.enabled.into()),
             (spi::APS_RUN, frames.enabled.into()),
@@ -426,11 +430,7 @@ impl Driver for Davis346 {
             (spi::IMU_GYROSCOPE, has_imu.into()),
             (spi::IMU_THERMOMETER, has_imu.into()),
             (spi::EXTERNAL_RUN, (external_input.rising || external_input.falling).into()),
-        ])?;
-        if self.config.timestamps == Timestamps::Reset && self.features.master {
-            self.reset_timestamps()?;
-        }
-        Ok(())
+        ])
     }
 
     fn halt(&mut self) -> Result<(), EventError> {

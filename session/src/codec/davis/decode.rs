@@ -260,11 +260,15 @@ impl DavisDecoder {
             sink.mark(self.t_us, Mark::TimestampReset);
         }
         self.drop_incomplete();
+        // A camera that resets its clock before it tells anything begins with that.
+        let breaks = self.known;
         (self.base_us, self.t_us) = (0, 0);
         (self.known, self.restarted) = (true, false);
         (self.anchor, self.hint) = (None, None);
-        self.anomalies.discontinuities += 1;
-        sink.discontinuity(0);
+        if breaks {
+            self.anomalies.discontinuities += 1;
+            sink.discontinuity(0);
+        }
     }
 
     fn drop_incomplete(&mut self) {
