@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_rig::sync::{StreamSync, SyncOptions, Synchronisation, page, synchronise};
+use erfgs_rig::sync::{Row, StreamSync, SyncOptions, Synchronisation, page, synchronise};
 use erfgs_session::container::Session;
 
 use crate::terminal::{Terminal, table, thousands};
@@ -14,6 +14,7 @@ Ties every stream to the session clock, in one of three tiers:
   A  hardware-triggered: edges and frames are matched with the trigger board's pulses
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
   C  as B, with the lag that a flashing lamp told (--flash)
+A device that restarts while it is recorded has a clock for each part of its stream, each in a row of its own.
 The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page \
 with plots of the residuals (S.sync.html).
 
@@ -40,7 +41,17 @@ pub struct Arguments {
 pub fn of_session(session: &mut Session, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
     let beside = Synchronisation::file_beside(session.path());
     if beside.is_file() {
-        return Ok(Synchronisation::load(&beside)?);
+        let found = Synchronisation::load(&beside)?;
+        for stream in session.summary().streams.iter().filter(|stream| stream.totals.discontinuities > 0) {
+            let id = &stream.description.id;
+            if found.version == 1 && found.stream(id).is_some_and(|sync| sync.epochs.as_slice().len() == 1) {
+                let beside = beside.display();
+                terminal.note(format!(
+                    "{id}: {beside} has one clock across the breaks of this stream; `erfgs sync` fits one for each part"
+                ));
+            }
+        }
+        return Ok(found);
     }
     fit(session, SyncOptions::default(), terminal)
 }
@@ -61,9 +72,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     erfgs_session::atomic::write(&plot, page(&sync).as_bytes())
         .map_err(|source| anyhow::anyhow!("cannot write {}: {source}", plot.display()))?;
     terminal.result(&sync, || {
-        let mut rows =
-            vec![["stream", "tier", "samples", "rate error", "residual p50", "p95", "max"].map(str::to_owned).to_vec()];
-        rows.extend(sync.streams.iter().map(row));
+        let head = ["stream", "tier", "samples", "outliers", "rate error", "residual p50", "p95", "max"];
+        let mut rows = vec![head.map(str::to_owned).to_vec()];
+        rows.extend(sync.streams.iter().flat_map(StreamSync::rows).map(row));
         let mut text = table(&rows);
         for stream in &sync.streams {
             for note in &stream.notes {
@@ -75,20 +86,17 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     })
 }
 
-fn row(stream: &StreamSync) -> Vec<String> {
+fn row(row: Row) -> Vec<String> {
     let us = |ns: f64| format!("{:.1} µs", ns / 1000.0);
-    let (samples, rate, residuals) = match (&stream.clock, &stream.exposures) {
-        (Some(clock), _) => (clock.samples, format!("{:+.2} ppm", clock.rate_error_ppm()), clock.residuals),
-        (None, Some(exposures)) => (exposures.sequence.len() as u64, "-".to_owned(), exposures.residuals),
-        (None, None) => (0, "-".to_owned(), Default::default()),
-    };
+    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     vec![
-        stream.id.clone(),
-        stream.tier.name().to_owned(),
-        thousands(samples),
-        rate,
-        us(residuals.p50_ns),
-        us(residuals.p95_ns),
-        us(residuals.max_ns),
+        row.name,
+        row.tier.name().to_owned(),
+        thousands(row.samples),
+        or_dash(row.outliers.map(|share| format!("{:.1} %", 100.0 * share))),
+        or_dash(row.rate_ppm.map(|ppm| format!("{ppm:+.2} ppm"))),
+        us(row.residuals.p50_ns),
+        us(row.residuals.p95_ns),
+        us(row.residuals.max_ns),
     ]
 }

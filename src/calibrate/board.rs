@@ -12,6 +12,7 @@ use erfgs_calibrate::{
 };
 
 use erfgs_rig::sync::Synchronisation;
+use erfgs_session::{clock::Epochs, source::Packet};
 
 use super::summary::finish;
 use crate::terminal::Terminal;
@@ -94,21 +95,24 @@ pub fn boards(
     target: &Target,
     events: Option<EventBoard>,
     terminal: &Terminal,
-) -> anyhow::Result<Vec<Seen>> {
+) -> anyhow::Result<(Vec<Seen>, HashMap<String, Epochs>)> {
     let progress = terminal.progress("looking for the board");
     let tell = |done: usize, total: Option<usize>| match total {
         Some(total) => progress.update(done as u64, total as u64, "frames"),
         None => progress.share(0.0, || format!("{done} frames")),
     };
     if !input.is_file() {
-        return Ok(look(input, target, events, &tell)?);
+        return Ok((look(input, target, events, &tell)?, HashMap::new()));
     }
     // The middle of the exposure, where `erfgs sync` found it.
     let beside = Synchronisation::file_beside(input);
     let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
     let mids: HashMap<&str, HashMap<u64, i64>> =
         sync.iter().flat_map(|sync| &sync.streams).map(|stream| (stream.id.as_str(), stream.exposure_mids())).collect();
-    Ok(look_session(input, target, events, &|id, packet| mids.get(id)?.get(&packet.sequence).copied(), &tell)?)
+    let streams = sync.iter().flat_map(|sync| &sync.streams);
+    let epochs = streams.map(|stream| (stream.id.clone(), stream.epochs.clone())).collect();
+    let time_ns = |id: &str, packet: &Packet| mids.get(id)?.get(&packet.sequence).copied();
+    Ok((look_session(input, target, events, &time_ns, &epochs, &tell)?, epochs))
 }
 
 /// Looks for boards and calibrates.
@@ -126,7 +130,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
     let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
-    let seen = boards(&arguments.input, &arguments.target, events, terminal)?;
+    let (seen, epochs) = boards(&arguments.input, &arguments.target, events, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
     }
@@ -135,7 +139,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         progress.update(done as u64, total as u64, what);
     })?;
     drop(progress);
-    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence)) {
+    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence), &epochs) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),
     }

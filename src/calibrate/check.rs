@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let Some(target) = &arguments.target else {
             return Err(Usage("a recording needs --target, the board that it shows".into()).into());
         };
-        let seen = boards(&arguments.later, target, None, terminal)?;
+        let seen = boards(&arguments.later, target, None, terminal)?.0;
         let known = earlier.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)).collect();
         calibrate(&seen, target, &BoardOptions { known, ..BoardOptions::default() }, &|_, _, _| {})?.0
     } else {

@@ -14,7 +14,7 @@ use erfgs_calibrate::{
 };
 use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
-    clock::Clock,
+    clock::{Dated, EpochCursor},
     codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
     pixel,
@@ -115,9 +115,9 @@ pub fn pictures(recording: &mut Recording, rig: &RigFile, evidence: &Evidence) -
         if description.encoding.is_frames() {
             let mids = clock.map(StreamSync::exposure_mids).unwrap_or_default();
             frames.insert(stream, (camera, placement, t_ns, mids, None::<(i64, Packet)>));
-        } else if let Some(clock) = clock.and_then(|clock| clock.clock.as_ref()) {
+        } else if let Some(sync) = clock {
             let picture = EventPicture::new(description.width, description.height);
-            let mut sink = Around { clock, t_ns, picture };
+            let mut sink = Around { clock: sync.epochs.follow(), t_ns, picture };
             let from = start.host_ns.saturating_add(t_ns).saturating_sub(EARLIER_NS);
             session.decode_events(stream, Some([from, i64::MAX]), &mut sink, |_| {})?;
             pictures.push(Picture::new(camera, Some(placement), &sink.picture.picture()));
@@ -152,14 +152,22 @@ const EARLIER_NS: i64 = 500_000_000;
 
 /// Gathers the events around an instant.
 struct Around<'a> {
-    clock: &'a Clock,
+    clock: EpochCursor<'a>,
     t_ns: i64,
     picture: EventPicture,
 }
 
 impl Sink for Around<'_> {
+    fn packet(&mut self, sequence: u64) {
+        self.clock.packet(sequence);
+    }
+
+    fn discontinuity(&mut self, _t_us: u64) {
+        self.clock.discontinuity();
+    }
+
     fn event(&mut self, event: CdEvent) {
-        let t_ns = self.clock.session_ns(i64::try_from(event.t_us).unwrap_or(i64::MAX));
+        let Some(t_ns) = self.clock.session_ns(event.t_us) else { return };
         if t_ns.saturating_sub(self.t_ns).saturating_abs() <= AROUND_NS {
             self.picture.add(event.x, event.y, event.on);
         }
@@ -183,16 +191,17 @@ fn blinking(
     options: &BlinkOptions,
     progress: impl Fn(u64, u64),
 ) -> anyhow::Result<Vec<Lights>> {
-    let clock = sync.and_then(|sync| sync.clock.as_ref());
-    let clock = clock.with_context(|| format!("stream {} has no clock; `erfgs sync` tells why", description.id))?;
+    let epochs = sync.map(|sync| &sync.epochs).filter(|epochs| !epochs.are_undated());
+    let epochs = epochs.with_context(|| format!("stream {} has no clock; `erfgs sync` tells why", description.id))?;
     let total = session.summary().streams[stream].totals.bytes;
     let side = |pixels: u32| u16::try_from(pixels).context("the sensor's size makes no sense");
     let detector = BlinkDetector::new(side(description.width)?, side(description.height)?, options.clone());
-    let mut sink = Blinks(detector.map_err(Usage)?);
+    // By the session's clock: the device's own may begin again.
+    let mut sink = Dated::new(epochs, Blinks(detector.map_err(Usage)?));
     session.decode_events(stream, None, &mut sink, |bytes| progress(bytes, total))?;
-    let mut lights = sink.0.finish();
+    let mut lights = sink.inner.0.finish();
     for lights in &mut lights {
-        lights.t = clock.session_ns(lights.t);
+        lights.t *= 1000;
     }
     Ok(lights)
 }

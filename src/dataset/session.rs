@@ -47,7 +47,10 @@ fn timing(camera: &RigCamera, stream: &Stream, sync: Option<&StreamSync>) -> Tim
     let set_us = stream.description.settings.get("exposure_us").and_then(serde_json::Value::as_f64);
     let set_ns = set_us.map(|exposure| (exposure * 1000.0) as i64);
     Timing {
-        clock: sync.and_then(|sync| sync.clock.clone()).filter(|_| stream.description.encoding.is_events()),
+        epochs: sync
+            .filter(|_| stream.description.encoding.is_events())
+            .map(|sync| sync.epochs.clone())
+            .unwrap_or_default(),
         mids_ns: sync.map(StreamSync::exposure_mids).unwrap_or_default(),
         exposure_ns: exposures.and_then(|exposures| exposures.exposure_ns).or(set_ns).unwrap_or(0),
         offset_ns: (1e9 * camera.time_offset_s).round() as i64,

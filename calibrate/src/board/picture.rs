@@ -1,9 +1,10 @@
 //! Frames in which the board was found, read once more for the report.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use erfgs_session::{
     ImageRgb8,
+    clock::Epochs,
     codec::EventFile,
     container::{ContainerError, Entry, Session},
     pixel,
@@ -13,12 +14,13 @@ use erfgs_session::{
 use super::{
     BoardError, Seen, Target, View,
     input::{VIDEOS, has_extension},
+    session::decode,
     stream::{EventBoard, picture_at},
 };
 use crate::evidence::{Evidence, Picture};
 
 /// The frames of cameras (indices in `seen`) that show placements (numbers in `evidence`), reduced, with the corners that were
-/// found. Those of events are pictures of what `events` says. Frames are read one at a time.
+/// found. Those of events are pictures of what `events` says, by the same `epochs` with which they were found. Frames are read one at a time.
 ///
 /// # Errors
 /// If a file can no longer be read.
@@ -28,6 +30,7 @@ pub fn pictures(
     events: Option<EventBoard>,
     evidence: &Evidence,
     wanted: &[(usize, usize)],
+    epochs: &HashMap<String, Epochs>,
 ) -> Result<Vec<Picture>, BoardError> {
     let mut pictures = Vec::new();
     // Sessions are walked once for all their streams.
@@ -39,7 +42,7 @@ pub fn pictures(
             packets.insert((&seen.camera, view.frame), (camera, placement, view));
             continue;
         }
-        let image = if seen.events { of_events(seen, view, events)? } else { of_file(view)? };
+        let image = if seen.events { of_events(seen, view, events, epochs.get(&seen.camera))? } else { of_file(view)? };
         pictures.push(picture(camera, placement, &image, view, target));
     }
     let Some((_, _, first)) = packets.values().next() else { return Ok(pictures) };
@@ -80,7 +83,12 @@ fn of_file(view: &View) -> Result<ImageRgb8, BoardError> {
     video.next_frame()?.ok_or_else(|| gone(view))
 }
 
-fn of_events(seen: &Seen, view: &View, events: Option<EventBoard>) -> Result<ImageRgb8, BoardError> {
+fn of_events(
+    seen: &Seen,
+    view: &View,
+    events: Option<EventBoard>,
+    epochs: Option<&Epochs>,
+) -> Result<ImageRgb8, BoardError> {
     let board = events.ok_or_else(|| BoardError::NoBlink { path: view.file.clone() })?;
     let size = seen.size.map(|side| side as usize);
     let mut failure: Option<BoardError> = None;
@@ -88,7 +96,7 @@ fn of_events(seen: &Seen, view: &View, events: Option<EventBoard>) -> Result<Ima
         let mut session = Session::open(&view.file)?;
         let (stream, _) = session.stream(&seen.camera)?;
         picture_at(size, board, view.frame, &mut |watcher| {
-            failure = session.decode_events(stream, None, watcher, |_| {}).err().map(BoardError::from);
+            failure = decode(&mut session, stream, epochs, watcher);
         })
     } else {
         let file = EventFile::open(&view.file)?;

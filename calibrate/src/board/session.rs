@@ -1,23 +1,32 @@
 //! Boards in the streams of a recorded session.
 
-use std::{collections::HashSet, path::Path};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
 use erfgs_session::{
     ImageRgb8,
+    clock::{Dated, Epochs},
+    codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
     pixel,
     source::Packet,
 };
 use rayon::prelude::*;
 
-use super::{BoardError, EventBoard, Seen, Target, View, detect, stream::watch};
+use super::{
+    BoardError, EventBoard, Seen, Target, View, detect,
+    stream::{Watcher, watch},
+};
 
 /// Frames that are looked at together.
 const BATCH: usize = 16;
 
 /// Looks for `target` in all streams of a session: in the frames, and, where `events` says what to look for,
 /// in the events. `time_ns` says when a frame of a stream was taken, on the session's clock; frames of several cameras within
-/// half a frame's time of each other belong together. `progress` gets the number of frames looked at and, where there are only
+/// half a frame's time of each other belong together. `epochs` has the clocks of streams of events, which are looked at by
+/// their devices' own time without. `progress` gets the number of frames looked at and, where there are only
 /// frames, that of all.
 ///
 /// # Errors
@@ -27,6 +36,7 @@ pub fn look_session(
     target: &Target,
     events: Option<EventBoard>,
     time_ns: &dyn Fn(&str, &Packet) -> Option<i64>,
+    epochs: &HashMap<String, Epochs>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
     let mut session = Session::open(path)?;
@@ -90,10 +100,10 @@ pub fn look_session(
             let tick = || progress(done, None);
             let mut failure = None;
             (seen.frames, seen.views) = watch(path, size, target, board, &tick, &mut |watcher| {
-                failure = session.decode_events(index, None, watcher, |_| {}).err();
+                failure = decode(&mut session, index, epochs.get(&seen.camera), watcher);
             });
             if let Some(error) = failure {
-                return Err(error.into());
+                return Err(error);
             }
             tracing::debug!(stream = stream.description.id, views = seen.views.len(), "looked for a board in events");
         }
@@ -109,6 +119,28 @@ pub fn look_session(
         .fold(f64::INFINITY, f64::min);
     name_instants(&mut seen, 0.5 * frame_s.min(1.0));
     Ok(seen)
+}
+
+/// Hands the events of a stream to `watcher`: with session time if the stream has clocks, with its device's own otherwise.
+pub(super) fn decode(
+    session: &mut Session,
+    stream: usize,
+    epochs: Option<&Epochs>,
+    watcher: &mut Watcher<'_>,
+) -> Option<BoardError> {
+    let decoded = match epochs.filter(|epochs| !epochs.are_undated()) {
+        Some(epochs) => session.decode_events(stream, None, &mut Dated::new(epochs, Handed(watcher)), |_| {}),
+        None => session.decode_events(stream, None, watcher, |_| {}),
+    };
+    decoded.err().map(BoardError::from)
+}
+
+struct Handed<'a, 'b>(&'a mut Watcher<'b>);
+
+impl Sink for Handed<'_, '_> {
+    fn event(&mut self, event: CdEvent) {
+        self.0.event(event);
+    }
 }
 
 /// Gives views that lie within `tolerance_s` of each other the same instant, one of each camera at most.

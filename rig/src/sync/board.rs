@@ -102,15 +102,38 @@ impl BoardLines {
         let mut clock = Clock::fit(&epoch.arrivals, NS_PER_TICK, Evidence::Arrival, Errors::Late, WINDOW_NS)?;
         // How much earlier the clock could be before a command would be received before it was sent.
         let slack = epoch.commands.iter().map(|command| -clock.distance_ns(command)).fold(f64::INFINITY, f64::min);
-        let uncertainty_ns = slack.is_finite().then(|| {
-            let half = (slack.max(0.0) / 2.0).round();
+        let bounds = if !slack.is_finite() {
+            Bounds::OneSided
+        } else if slack <= 0.0 {
+            // There is no time between them, and nothing tells which of the two is wrong.
+            Bounds::Disagree { by_ns: -slack }
+        } else {
+            let half = (slack / 2.0).round();
             for piece in &mut clock.pieces {
                 piece.origin_ns = piece.origin_ns.saturating_sub(half as i64);
             }
-            half
-        });
-        Ok(Board { pulses: epoch.pulses, clock, uncertainty_ns, resets, damaged_lines: self.damaged_lines })
+            Bounds::Within { half_ns: half }
+        };
+        Ok(Board { pulses: epoch.pulses, clock, bounds, resets, damaged_lines: self.damaged_lines })
     }
+}
+
+/// What commands and answers say of the board's clock as a whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bounds {
+    /// It lies in the middle between their bounds, which are so far away to either side, nanoseconds.
+    Within {
+        /// Half of what lies between the bounds.
+        half_ns: f64,
+    },
+    /// By the arrivals of lines, a command was received before it was sent: so much before, nanoseconds. What the clock is
+    /// off is not known.
+    Disagree {
+        /// How long before.
+        by_ns: f64,
+    },
+    /// No `clock` command was answered: the clock is late by the least delay of the line.
+    OneSided,
 }
 
 /// The trigger board of a session.
@@ -120,9 +143,8 @@ pub struct Board {
     pub pulses: BTreeMap<u64, Pulse>,
     /// From the board's ticks to session time.
     pub clock: Clock,
-    /// The clock as a whole may be off by so much to either side: what lies between the bounds that commands and answers
-    /// set. It is the same for all devices that the board triggers. Unknown without `clock` commands.
-    pub uncertainty_ns: Option<f64>,
+    /// What the clock as a whole may be off. It is the same for all devices that the board triggers.
+    pub bounds: Bounds,
     /// How often the board was reset.
     pub resets: u64,
     /// Lines that do not parse.

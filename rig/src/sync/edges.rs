@@ -29,6 +29,20 @@ pub struct Matched {
     pub breaks: u64,
 }
 
+impl Matched {
+    /// Of two stretches of one camera.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            given: self.given.max(other.given),
+            seen: self.seen + other.seen,
+            matched: self.matched + other.matched,
+            unreadable: self.unreadable + other.unreadable,
+            breaks: self.breaks + other.breaks,
+        }
+    }
+}
+
 /// Pulses from edges: a rising edge and the falling edge that follows it, on one channel.
 #[must_use]
 pub fn pulses(edges: &[Edge], channel: u8) -> Vec<Seen> {
@@ -46,11 +60,9 @@ pub fn pulses(edges: &[Edge], channel: u8) -> Vec<Seen> {
     pulses
 }
 
-/// Fits a camera's clock to the board's by the pulses that both know.
-///
-/// # Errors
-/// If no pulse could be matched.
-pub fn fit(edges: &[Edge], board: &Board) -> Result<(Clock, Matched, Vec<Sample>), FitError> {
+/// The rising edges of a camera whose pulses the board knows, by the code on them.
+#[must_use]
+pub fn read(edges: &[Edge], board: &Board) -> (Vec<Sample>, Matched) {
     let seen = pulses(edges, edges.first().map_or(0, |edge| edge.channel));
     let decoded = code::decode(&seen);
     let samples: Vec<Sample> = std::iter::zip(&seen, &decoded.indices)
@@ -66,8 +78,24 @@ pub fn fit(edges: &[Edge], board: &Board) -> Result<(Clock, Matched, Vec<Sample>
         unreadable: decoded.unreadable as u64,
         breaks: decoded.breaks as u64,
     };
-    let clock = Clock::fit(&samples, NS_PER_TICK, Evidence::TriggerEdges, Errors::Symmetric, WINDOW_NS)?;
-    Ok((clock, matched, samples))
+    (samples, matched)
+}
+
+/// Fits a camera's clock to edges that were matched with the board's pulses.
+///
+/// # Errors
+/// Without edges.
+pub fn fit_matched(samples: &[Sample]) -> Result<Clock, FitError> {
+    Clock::fit(samples, NS_PER_TICK, Evidence::TriggerEdges, Errors::Symmetric, WINDOW_NS)
+}
+
+/// Fits a camera's clock to the board's by the pulses that both know.
+///
+/// # Errors
+/// If no pulse could be matched.
+pub fn fit(edges: &[Edge], board: &Board) -> Result<(Clock, Matched, Vec<Sample>), FitError> {
+    let (samples, matched) = read(edges, board);
+    Ok((fit_matched(&samples)?, matched, samples))
 }
 
 /// Fits a camera's clock to the arrivals of its packets: (last time in the packet, arrival in session time).

@@ -3,7 +3,7 @@
 use erfgs_session::clock::Residuals;
 use serde::{Deserialize, Serialize};
 
-use super::board::Board;
+use super::{board::Board, even::Even};
 
 /// The kernel may stamp a frame so much before the exposure ends by our clocks and still belong to it.
 const EARLY_NS: i64 = 1_000_000;
@@ -33,8 +33,12 @@ pub struct Exposures {
     /// How long after the middle of the exposure a frame is stamped, nanoseconds: the median that was found (triggered),
     /// or what was assumed or found by a flash and has been taken off.
     pub lag_ns: i64,
-    /// Distances of the stamps from that lag.
+    /// Distances of the stamps from that lag. Of a free-running camera whose frames do not come at even intervals, how much
+    /// neighbouring stamps jitter.
     pub residuals: Residuals,
+    /// Frames of a free-running camera whose stamps were fitted with a period; the others have their stamps as they are.
+    #[serde(default)]
+    pub fitted: u64,
     /// Pulses between the first and the last matched one that gave no frame.
     pub missed_pulses: u64,
     /// Frames that belong to no pulse of the board.
@@ -108,26 +112,20 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
 /// The frames of a free-running camera: the kernel stamps the start of the transfer, when the exposure has just ended, so
 /// that the middle lies half an exposure before. What the camera takes to read its sensor is not known and not taken off.
 #[must_use]
-pub fn free_running(frames: &[Arrived], exposure_ns: Option<i64>) -> Exposures {
-    lagging(frames, exposure_ns.unwrap_or(0) / 2, exposure_ns)
+pub fn free_running(frames: &[Arrived], even: &Even, exposure_ns: Option<i64>) -> Exposures {
+    lagging(frames, even, exposure_ns.unwrap_or(0) / 2, exposure_ns)
 }
 
-/// Frames that are stamped `lag_ns` after the middle of their exposure. The residuals are those of an even rate.
+/// Frames that are stamped `lag_ns` after the middle of their exposure, but for jitter: `even` is what it takes away.
 #[must_use]
-pub fn lagging(frames: &[Arrived], lag_ns: i64, exposure_ns: Option<i64>) -> Exposures {
-    let mut steps: Vec<i64> = frames.windows(2).map(|pair| pair[1].stamp_ns.saturating_sub(pair[0].stamp_ns)).collect();
-    let middle = steps.len() / 2;
-    let period = if steps.is_empty() { 0 } else { *steps.clone().select_nth_unstable(middle).1 };
-    if period > 0 {
-        // Frames that were lost leave steps of several periods.
-        steps.iter_mut().for_each(|step| *step -= (*step as f64 / period as f64).round() as i64 * period);
-    }
+pub fn lagging(frames: &[Arrived], even: &Even, lag_ns: i64, exposure_ns: Option<i64>) -> Exposures {
     Exposures {
         sequence: frames.iter().map(|frame| frame.sequence).collect(),
-        mid_ns: frames.iter().map(|frame| frame.stamp_ns.saturating_sub(lag_ns)).collect(),
+        mid_ns: even.at_ns.iter().map(|at_ns| at_ns.saturating_sub(lag_ns)).collect(),
         lag_ns,
         exposure_ns,
-        residuals: Residuals::of(steps.iter().map(|step| step.unsigned_abs() as f64).collect()),
+        residuals: even.residuals,
+        fitted: even.fitted,
         ..Exposures::default()
     }
 }

@@ -35,10 +35,11 @@ impl Counts {
         }
     }
 
-    /// The intervals of session time in which a lamp was lit; `None` if fewer than three flashes stand out.
-    pub fn lit(&self, clock: &Clock) -> Option<Vec<[i64; 2]>> {
-        let first = self.bins.iter().map(|(bin, _)| *bin).min()?;
-        let count = self.bins.iter().map(|(bin, _)| bin - first).max()?.min(MAX_BINS) as usize + 1;
+    /// The intervals of session time in which a lamp was lit.
+    pub fn lit(&self, clock: &Clock) -> Vec<[i64; 2]> {
+        let bins = || self.bins.iter().map(|(bin, _)| *bin);
+        let (Some(first), Some(last)) = (bins().min(), bins().max()) else { return Vec::new() };
+        let count = (last - first).min(MAX_BINS) as usize + 1;
         let mut counts = [vec![0_u32; count], vec![0_u32; count]];
         for (bin, found) in &self.bins {
             let at = (bin - first) as usize;
@@ -54,11 +55,8 @@ impl Counts {
             let ticks = (first * BIN_US).saturating_add(ns.unsigned_abs() / 1000);
             clock.session_ns(i64::try_from(ticks).unwrap_or(i64::MAX))
         };
-        let lit: Vec<[i64; 2]> = flash::lit_intervals(on, off, 0, BIN_US as i64 * 1000)
-            .into_iter()
-            .map(|interval| interval.map(session_ns))
-            .collect();
-        (lit.len() >= MIN_FLASHES).then_some(lit)
+        let lit = flash::lit_intervals(on, off, 0, BIN_US as i64 * 1000).into_iter();
+        lit.map(|interval| interval.map(session_ns)).collect()
     }
 }
 
@@ -70,6 +68,11 @@ pub(super) struct Lamp {
 }
 
 impl Lamp {
+    /// A lamp, unless fewer than three flashes stand out.
+    pub fn new(seen_by: &str, lit: Vec<[i64; 2]>) -> Option<Self> {
+        (lit.len() >= MIN_FLASHES).then(|| Self { seen_by: seen_by.to_owned(), lit })
+    }
+
     /// The lag of a free-running camera. Frames without a brightness are left out.
     pub fn lag(&self, frames: &[Arrived], brightness: &[Option<f64>], exposure_ns: Option<i64>) -> Option<FlashLag> {
         let known = std::iter::zip(frames, brightness).filter_map(|(frame, level)| Some((*frame, (*level)?)));

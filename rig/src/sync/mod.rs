@@ -11,18 +11,25 @@
 mod board;
 mod collect;
 mod edges;
+mod epochs;
+mod even;
+mod events;
 mod flash;
 mod frames;
 mod lamp;
 mod plot;
 mod report;
+mod streams;
+mod table;
 #[cfg(test)]
 mod tests;
 
-pub use board::{Board, BoardLines, NS_PER_TICK as BOARD_NS_PER_TICK};
+pub use board::{Board, BoardLines, Bounds, NS_PER_TICK as BOARD_NS_PER_TICK};
 pub use collect::{SyncOptions, synchronise};
 pub use edges::{Matched, fit as fit_edges, fit_arrivals, pulses};
+pub use even::{Even, even};
 pub use flash::{FlashLag, find_lag, lit_intervals};
 pub use frames::{Arrived, Exposures, free_running, lagging, match_pulses};
 pub use plot::page;
 pub use report::{StreamSync, SyncFileError, Synchronisation, Tier};
+pub use table::Row;

@@ -2,8 +2,6 @@
 
 use std::fmt::Write;
 
-use erfgs_session::clock::Residuals;
-
 use super::report::{StreamSync, Synchronisation};
 
 const WIDTH: f64 = 900.0;
@@ -22,24 +20,22 @@ pub fn page(sync: &Synchronisation) -> String {
     );
     let _ = write!(
         html,
-        "<h1>Clock residuals of {}</h1>\n<table><tr><th>stream<th>tier<th>samples<th>rate error<th>p50<th>p95<th>max</tr>\n",
+        "<h1>Clock residuals of {}</h1>\n<table><tr><th>stream<th>tier<th>samples<th>outliers<th>rate error<th>p50<th>p95<th>max</tr>\n",
         escape(&sync.session)
     );
-    for stream in &sync.streams {
-        let residuals = residuals(stream);
-        let (samples, rate) = match (&stream.clock, &stream.exposures) {
-            (Some(clock), _) => (clock.samples, format!("{:+.2} ppm", clock.rate_error_ppm())),
-            (None, Some(exposures)) => (exposures.sequence.len() as u64, "–".to_owned()),
-            (None, None) => (0, "–".to_owned()),
-        };
+    for row in sync.streams.iter().flat_map(StreamSync::rows) {
+        let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());
         let _ = writeln!(
             html,
-            "<tr><td>{}<td>{}<td>{samples}<td>{rate}<td>{}<td>{}<td>{}</tr>",
-            escape(&stream.id),
-            stream.tier.name(),
-            time(residuals.p50_ns),
-            time(residuals.p95_ns),
-            time(residuals.max_ns),
+            "<tr><td>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            escape(&row.name),
+            row.tier.name(),
+            row.samples,
+            or_dash(row.outliers.map(|share| format!("{:.1} %", 100.0 * share))),
+            or_dash(row.rate_ppm.map(|ppm| format!("{ppm:+.2} ppm"))),
+            time(row.residuals.p50_ns),
+            time(row.residuals.p95_ns),
+            time(row.residuals.max_ns),
         );
     }
     html.push_str("</table>\n");
@@ -54,15 +50,6 @@ pub fn page(sync: &Synchronisation) -> String {
     }
     html.push_str("</body></html>\n");
     html
-}
-
-/// The residuals that say most of a stream.
-fn residuals(stream: &StreamSync) -> Residuals {
-    match (&stream.clock, &stream.exposures) {
-        (Some(clock), _) => clock.residuals,
-        (None, Some(exposures)) => exposures.residuals,
-        (None, None) => Residuals::default(),
-    }
 }
 
 /// A time in the unit that suits it.

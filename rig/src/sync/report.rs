@@ -6,13 +6,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_session::clock::Clock;
+use erfgs_session::clock::{Clock, Epochs, Evidence};
 use serde::{Deserialize, Serialize};
 
 use super::{edges::Matched, frames::Exposures};
 
-/// Version of the file.
-pub const VERSION: u32 = 1;
+/// Version of the file. Version 1, in which a stream had one clock, is read, too.
+pub const VERSION: u32 = 2;
 
 /// How well a stream is tied to the session clock, best first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -27,6 +27,16 @@ pub enum Tier {
 }
 
 impl Tier {
+    /// Of an event camera's clock.
+    #[must_use]
+    pub fn of(clock: &Clock) -> Self {
+        match clock.evidence() {
+            Some(Evidence::TriggerEdges) => Self::HardwareTriggered,
+            Some(Evidence::Flash) => Self::Flash,
+            Some(Evidence::Arrival | Evidence::KernelStamps) | None => Self::FreeRunning,
+        }
+    }
+
     /// As the tables name it.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -40,26 +50,58 @@ impl Tier {
 
 /// One stream on the session clock.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "StreamFile")]
 pub struct StreamSync {
     /// The stream.
     pub id: String,
-    /// How it is tied to the session clock.
+    /// How it is tied to the session clock: the worst of its epochs.
     pub tier: Tier,
-    /// From its ticks to session time; absent for frames, which have no ticks of their own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clock: Option<Clock>,
-    /// How its edges matched the board's pulses.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// From its ticks to session time, for each stretch in which its device's clock ran without a break; none for frames,
+    /// which have no ticks of their own.
+    #[serde(skip_serializing_if = "no_epochs")]
+    pub epochs: Epochs,
+    /// How its edges matched the board's pulses, all epochs together.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub matched: Option<Matched>,
     /// Its frames.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub exposures: Option<Exposures>,
     /// What the user should know.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Points for the plot: session time in seconds, distance in nanoseconds.
     #[serde(skip)]
     pub points: Vec<(f64, f64)>,
+}
+
+fn no_epochs(epochs: &Epochs) -> bool {
+    epochs.as_slice().is_empty()
+}
+
+/// A stream as files of all versions have it.
+#[derive(Deserialize)]
+struct StreamFile {
+    id: String,
+    tier: Tier,
+    #[serde(default)]
+    epochs: Epochs,
+    /// Version 1: the only clock.
+    #[serde(default)]
+    clock: Option<Clock>,
+    #[serde(default)]
+    matched: Option<Matched>,
+    #[serde(default)]
+    exposures: Option<Exposures>,
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+impl From<StreamFile> for StreamSync {
+    fn from(file: StreamFile) -> Self {
+        let StreamFile { id, tier, epochs, clock, matched, exposures, notes } = file;
+        let epochs = clock.map_or(epochs, Epochs::from);
+        Self { id, tier, epochs, matched, exposures, notes, points: Vec::new() }
+    }
 }
 
 /// All streams of a session on its clock.
@@ -132,8 +174,8 @@ impl Synchronisation {
         let bytes = std::fs::read(path).map_err(|source| SyncFileError::Read { path: path.to_owned(), source })?;
         let content = |what: String| SyncFileError::Content { path: path.to_owned(), what };
         let found: Self = serde_json::from_slice(&bytes).map_err(|error| content(error.to_string()))?;
-        if found.version != VERSION {
-            return Err(content(format!("its version is {}, known is {VERSION}", found.version)));
+        if !(1..=VERSION).contains(&found.version) {
+            return Err(content(format!("its version is {}, known are 1 to {VERSION}", found.version)));
         }
         Ok(found)
     }

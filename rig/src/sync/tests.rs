@@ -139,7 +139,7 @@ fn with_trigger_edges_an_event_camera_is_within_2_us_of_the_boards_clock() {
 fn the_boards_clock_lies_within_what_it_says_of_the_hosts() {
     for (of_board, _) in CRYSTALS {
         let board = board(of_board, 120.0);
-        let bound = board.uncertainty_ns.unwrap();
+        let Bounds::Within { half_ns: bound } = board.bounds else { panic!("{:?}", board.bounds) };
         assert!(bound < 150.0 * US, "{bound}");
         for n in 0..1000 {
             let truth = 1.0 + 118.0 * f64::from(n) / 1000.0;
@@ -148,6 +148,22 @@ fn the_boards_clock_lies_within_what_it_says_of_the_hosts() {
             assert!(error < bound + 20.0 * US, "{error} of {bound}");
         }
     }
+}
+
+#[test]
+fn bounds_that_disagree_state_no_uncertainty() {
+    let of_board = Crystal { ppm: 20.0, drift: 0.0 };
+    let bounds = |early_ns: i64| {
+        let mut lines = BoardLines::default();
+        for packet in board_packets(of_board, 10.0, |_| false) {
+            // As if the host had stamped all lines too early.
+            lines.take(&Packet { host_ns: packet.host_ns - early_ns, ..packet }, START_NS);
+        }
+        lines.finish().unwrap().bounds
+    };
+    let Bounds::Within { half_ns } = bounds(0) else { panic!("{:?}", bounds(0)) };
+    let Bounds::Disagree { by_ns } = bounds(2 * half_ns as i64 + 30_000) else { panic!("they should disagree") };
+    assert!((by_ns - 30_000.0).abs() < 1_000.0, "{by_ns}");
 }
 
 #[test]
@@ -187,7 +203,7 @@ fn the_middles_of_triggered_exposures_are_within_50_us() {
     let seconds = 120.0;
     let board = board(of_board, seconds);
     let times = pulse_times(of_board, seconds);
-    let bias = board.uncertainty_ns.unwrap();
+    let bias = board.bounds;
     for exposure_s in [5e-3, 0.5e-3, 25e-3] {
         let lost = |index: usize| index < 4 || index % 53 == 20;
         let frames = triggered_frames(&times, exposure_s, lost);
@@ -201,7 +217,7 @@ fn the_middles_of_triggered_exposures_are_within_50_us() {
             errors.push((exposures.mid_ns[at] as f64 - (times[index] + exposure_s / 2.0) * 1e9).abs());
         }
         let errors = Residuals::of(errors);
-        assert!(errors.p95_ns < 50.0 * US, "{errors:?}, the board is known to {bias}");
+        assert!(errors.p95_ns < 50.0 * US, "{errors:?}, the board is known to {bias:?}");
         assert!(exposures.residuals.p95_ns < 5000.0 * US);
         assert!(exposures.missed_pulses > 40, "{}", exposures.missed_pulses);
     }

@@ -150,6 +150,12 @@ impl Clock {
         self.pieces.first().map(|piece| piece.evidence)
     }
 
+    /// The share of samples that were set aside as outliers, 0 to 1.
+    #[must_use]
+    pub fn outlier_share(&self) -> f64 {
+        self.outliers as f64 / self.samples.saturating_add(self.outliers).max(1) as f64
+    }
+
     /// The session time of a tick, nanoseconds; 0 for a clock without lines.
     #[must_use]
     pub fn session_ns(&self, ticks: i64) -> i64 {

@@ -147,6 +147,9 @@ pub trait Sink {
     /// A change was detected.
     fn event(&mut self, event: CdEvent);
 
+    /// What follows came in the packet of this number. Sessions tell it; files without packets do not.
+    fn packet(&mut self, _sequence: u64) {}
+
     /// Changes were detected. Decoders hand events over in batches; a sink that wants columns takes them as they are.
     fn events(&mut self, batch: EventBatch<'_>) {
         batch.iter().for_each(|event| self.event(event));

@@ -36,8 +36,8 @@ pub fn sensor_size(description: &Description) -> Option<SensorSize> {
 
 impl<R: Read + Seek> Session<R> {
     /// Decodes the events of a stream into `sink`: all of them, or those of packets that arrived within `window_host_ns`.
-    /// Then decoding starts at the last decoder state before (or at the beginning, where none was recorded), and what is
-    /// older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if the stream has no
+    /// Then decoding starts at the last decoder state before (or at the beginning, where none was recorded or the stream has
+    /// breaks), and what is older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if the stream has no
     /// events, or events that erfgs does not decode.
     ///
     /// # Errors
@@ -50,12 +50,14 @@ impl<R: Read + Seek> Session<R> {
         mut progress: impl FnMut(u64),
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
-        let description = recorded.description.clone();
+        let (description, breaks) = (recorded.description.clone(), recorded.totals.discontinuities);
         let size = sensor_size(&description);
         let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
+        // Across a break, decoders that began at different places may count the roll-overs of a clock differently, and the
+        // epochs of a stream are those of one that began at its beginning.
         let state = match window_host_ns {
-            Some([from, _]) => self.state_before(&description.id, from)?,
-            None => None,
+            Some([from, _]) if breaks == 0 => self.state_before(&description.id, from)?,
+            _ => None,
         };
         let begun = match &state {
             Some(state) => StreamDecoder::from_state(description.encoding, state.state, size),
@@ -82,6 +84,7 @@ impl<R: Read + Seek> Session<R> {
             }
             hand_over(&mut decoder, &packet, decoded.packets > 0);
             if packet.host_ns >= from {
+                sink.packet(packet.sequence);
                 decoder.decode(&packet.payload, sink);
             } else {
                 decoder.decode(&packet.payload, &mut Nowhere);

@@ -30,7 +30,7 @@ pub struct Light {
 /// The lights of one instant.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lights {
-    /// When, on the stream's clock: microseconds of the device for events.
+    /// When, on the stream's clock: microseconds for events, as the detector was told them.
     pub t: i64,
     /// The lights of each frequency, the strongest first; one list where lights are not told apart.
     pub by_frequency: Vec<Vec<Light>>,

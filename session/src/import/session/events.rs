@@ -3,7 +3,7 @@
 use super::{ImportError, Timing, Viewpoint};
 use crate::{
     Event, Events, ImageRgb8,
-    clock::Clock,
+    clock::EpochCursor,
     codec::{ApsFrame, CdEvent, Sink},
     container::Session,
     progress::Progress,
@@ -21,7 +21,7 @@ pub(super) struct Gathered {
     pub pictures: Vec<([i64; 2], ImageRgb8)>,
 }
 
-/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` without a clock.
+/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part of it is dated.
 pub(super) fn gather(
     session: &mut Session,
     stream: usize,
@@ -31,7 +31,10 @@ pub(super) fn gather(
     pictures: bool,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Option<Gathered>, ImportError> {
-    let Timing { clock: Some(clock), offset_ns, .. } = &view.timing else { return Ok(None) };
+    let Timing { epochs, offset_ns, .. } = &view.timing;
+    if epochs.are_undated() {
+        return Ok(None);
+    }
     let start_ns = session.summary().start.host_ns;
     let total = session.summary().streams[stream].totals.bytes;
     let [from, to] = window;
@@ -39,7 +42,7 @@ pub(super) fn gather(
     let arrival = [from.saturating_sub(LATE_NS), to.saturating_add(LATE_NS)].map(|t_ns| t_ns.saturating_add(start_ns));
     let [width, height] = [view.intrinsics.width / merged, view.intrinsics.height / merged];
     let mut sink = Window {
-        clock,
+        cursor: epochs.follow(),
         offset_ns: *offset_ns,
         window,
         merged: merged as u16,
@@ -56,7 +59,7 @@ pub(super) fn gather(
 
 /// Takes what lies within the window.
 struct Window<'a> {
-    clock: &'a Clock,
+    cursor: EpochCursor<'a>,
     offset_ns: i64,
     window: [i64; 2],
     merged: u16,
@@ -66,14 +69,22 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
-    fn session_ns(&self, t_us: u64) -> i64 {
-        self.clock.session_ns(t_us.try_into().unwrap_or(i64::MAX)).saturating_add(self.offset_ns)
+    fn session_ns(&self, t_us: u64) -> Option<i64> {
+        Some(self.cursor.session_ns(t_us)?.saturating_add(self.offset_ns))
     }
 }
 
 impl Sink for Window<'_> {
+    fn packet(&mut self, sequence: u64) {
+        self.cursor.packet(sequence);
+    }
+
+    fn discontinuity(&mut self, _t_us: u64) {
+        self.cursor.discontinuity();
+    }
+
     fn event(&mut self, event: CdEvent) {
-        let t_ns = self.session_ns(event.t_us);
+        let Some(t_ns) = self.session_ns(event.t_us) else { return };
         let events = &mut self.found.events;
         let (x, y) = (event.x / self.merged, event.y / self.merged);
         if t_ns < self.window[0]
@@ -83,14 +94,19 @@ impl Sink for Window<'_> {
         {
             return;
         }
-        // Rounding where two lines of a clock meet must not turn events round.
+        // Rounding where two lines of a clock meet, and what two epochs' clocks are off, must not turn events round.
         let t_us = t_ns.div_euclid(1000).max(self.last_us);
         self.last_us = t_us;
         events.push(Event { t_us, x, y, on: event.on });
     }
 
     fn frame(&mut self, frame: ApsFrame) {
-        let exposure = [frame.exposure_start_us, frame.exposure_end_us].map(|t_us| self.session_ns(t_us));
+        let [Some(start), Some(end)] =
+            [frame.exposure_start_us, frame.exposure_end_us].map(|t_us| self.session_ns(t_us))
+        else {
+            return;
+        };
+        let exposure = [start, end];
         let within = exposure[0] >= self.window[0] && exposure[1] <= self.window[1] && exposure[0] <= exposure[1];
         if self.pictures && within {
             self.found.pictures.extend(picture(&frame).map(|picture| (exposure, picture)));

@@ -14,7 +14,7 @@ use serde_json::json;
 use super::{ImportError, common};
 use crate::{
     Camera, Dataset, EventFile, Frame, Intrinsics, Manifest, Modality, Pose, Split,
-    clock::Clock,
+    clock::Epochs,
     container::Session,
     dataset::{DatasetError, Provenance, layout},
     image::Resample,
@@ -47,8 +47,8 @@ pub struct Viewpoint {
 /// From a stream's own times to the session's.
 #[derive(Clone, Debug, Default)]
 pub struct Timing {
-    /// From the ticks of an event camera to session time.
-    pub clock: Option<Clock>,
+    /// From the ticks of an event camera to session time; none of a camera that takes frames.
+    pub epochs: Epochs,
     /// The middle of the exposure of each frame, session nanoseconds, by the number of its packet.
     pub mids_ns: HashMap<u64, i64>,
     /// How long frames were exposed, nanoseconds; 0 where that is not known.
@@ -237,7 +237,7 @@ fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<u32, ImportErr
             to as f64 * 1e-9
         )));
     }
-    let events = views.iter().filter(|view| view.timing.clock.is_some());
+    let events = views.iter().filter(|view| !view.timing.epochs.are_undated());
     let merged = (1.0 / scale).round().max(1.0);
     for view in events {
         let k = &view.intrinsics;

@@ -1,0 +1,262 @@
+//! From what was gathered of all streams to the synchronisation of each.
+
+use std::collections::BTreeMap;
+
+use erfgs_session::{
+    clock::{Clock, Epoch, Epochs, Sample},
+    container::Stream,
+    source::Description,
+};
+
+use super::{
+    board::{Board, BoardLines, Bounds},
+    collect::{Events, Frames, Gathered, is_triggered},
+    edges::Matched,
+    epochs::{self, Fitted},
+    even::{Even, even},
+    frames::{self, Arrived},
+    lamp::Lamp,
+    report::{StreamSync, Tier},
+};
+
+/// A plot of more points than this shows no more.
+const MAX_POINTS: usize = 4000;
+/// A clock that sets a larger share of its samples aside deserves a look.
+const MANY_OUTLIERS: f64 = 0.03;
+/// Epochs that notes tell of one by one.
+const TOLD_EPOCHS: usize = 8;
+
+/// Fits all streams, in the order of the session.
+pub(super) fn fit_all(streams: &[Stream], gathered: Vec<Gathered>) -> Vec<StreamSync> {
+    let ids = || streams.iter().map(|stream| stream.description.id.clone());
+    let mut found: BTreeMap<String, StreamSync> = BTreeMap::new();
+    let mut board = None;
+    let mut others = Vec::new();
+    for (stream, gathered) in std::iter::zip(streams, gathered) {
+        match gathered {
+            Gathered::Board(lines) => {
+                let (fit, sync) = fit_board(&stream.description.id, lines);
+                // The first board that gave pulses counts.
+                board = board.or(fit.filter(|board: &Board| !board.pulses.is_empty()));
+                found.insert(sync.id.clone(), sync);
+            }
+            other => others.push((stream, other)),
+        }
+    }
+    let mut frame_cameras = Vec::new();
+    let mut lamps: Vec<(Tier, Lamp)> = Vec::new();
+    for (stream, gathered) in others {
+        match gathered {
+            Gathered::Events(events) => {
+                let (sync, lit) = fit_events(&stream.description, *events, board.as_ref());
+                lamps.extend(Lamp::new(&sync.id, lit).map(|lamp| (sync.tier, lamp)));
+                found.insert(sync.id.clone(), sync);
+            }
+            Gathered::Frames(frames) => frame_cameras.push((stream, frames)),
+            Gathered::Board(_) => {}
+        }
+    }
+    // The best clock tells best when the lamp was lit.
+    let lamp = lamps.into_iter().min_by_key(|(tier, _)| *tier).map(|(_, lamp)| lamp);
+    for (stream, frames) in frame_cameras {
+        let sync = fit_frames(&stream.description, &frames, board.as_ref(), lamp.as_ref());
+        found.insert(sync.id.clone(), sync);
+    }
+    ids().filter_map(|id| found.remove(&id)).collect()
+}
+
+fn empty(id: &str, tier: Tier) -> StreamSync {
+    StreamSync {
+        id: id.to_owned(),
+        tier,
+        epochs: Epochs::default(),
+        matched: None,
+        exposures: None,
+        notes: Vec::new(),
+        points: Vec::new(),
+    }
+}
+
+fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
+    let mut sync = empty(id, Tier::HardwareTriggered);
+    match lines.finish() {
+        Ok(board) => {
+            if board.resets > 0 {
+                sync.notes.push(format!("the board was reset {} times; the longest run counts", board.resets));
+            }
+            // The first line may be half a line.
+            if board.damaged_lines > 1 {
+                sync.notes.push(format!("{} lines were damaged", board.damaged_lines));
+            }
+            sync.notes.push(match board.bounds {
+                Bounds::Within { half_ns } => format!("common to all triggered streams: ±{:.0} µs", half_ns / 1000.0),
+                Bounds::Disagree { by_ns } => format!(
+                    "commands and answers disagree by {:.1} µs (a command arrived before it was sent): what is common to all \
+                     triggered streams may be off by an unknown time",
+                    by_ns / 1000.0
+                ),
+                Bounds::OneSided => "no `clock` commands: the board's clock is late by the line's least delay".into(),
+            });
+            sync.epochs = board.clock.clone().into();
+            (Some(board), sync)
+        }
+        Err(error) => {
+            sync.notes.push(error.to_string());
+            (None, sync)
+        }
+    }
+}
+
+/// The clocks of an event camera, and when it saw a lamp lit, if one is looked for.
+fn fit_events(description: &Description, events: Events, board: Option<&Board>) -> (StreamSync, Vec<[i64; 2]>) {
+    let mut sync = empty(&description.id, Tier::FreeRunning);
+    if events.decoder.is_none() {
+        sync.notes.push("erfgs cannot decode the stream".into());
+        return (sync, Vec::new());
+    }
+    let fitted = epochs::fit(events.stretches.finish(), description.encoding, board);
+    sync.matched = fitted.iter().filter_map(|epoch| epoch.matched).reduce(Matched::and);
+    // The worst of the epochs: it holds for the whole stream.
+    sync.tier = fitted.iter().filter_map(|fitted| fitted.epoch.clock.as_ref()).map(Tier::of).max().unwrap_or(sync.tier);
+    tell_epochs(&fitted, board, &mut sync.notes);
+    let samples: usize = fitted.iter().map(|fitted| fitted.evidence().len()).sum();
+    let step = samples.div_ceil(MAX_POINTS).max(1);
+    let mut lit = Vec::new();
+    for fitted in &fitted {
+        let Some(clock) = &fitted.epoch.clock else { continue };
+        let point = |sample: &Sample| (clock.session_ns(sample.ticks) as f64 * 1e-9, clock.distance_ns(sample));
+        sync.points.extend(fitted.evidence().iter().step_by(step).map(point));
+        lit.extend(fitted.counts.iter().flat_map(|counts| counts.lit(clock)));
+    }
+    sync.epochs = fitted.into_iter().map(|fitted| fitted.epoch).collect::<Vec<Epoch>>().into();
+    (sync, lit)
+}
+
+/// What the user should know of the epochs of an event camera.
+fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, notes: &mut Vec<String>) {
+    let several = fitted.len() > 1;
+    if several {
+        notes.push(format!("the time of the camera breaks {} times: a clock for each part", fitted.len() - 1));
+    }
+    for fitted in fitted.iter().take(TOLD_EPOCHS) {
+        let part =
+            if several { format!("from {:.3} s on: ", fitted.epoch.arrived_ns as f64 * 1e-9) } else { String::new() };
+        let Some(clock) = &fitted.epoch.clock else {
+            notes.push(format!("{part}no clock: no events and no edges"));
+            continue;
+        };
+        if board.is_some() && Tier::of(clock) == Tier::FreeRunning {
+            let what = match fitted.edges.len() {
+                0 => "no edges".to_owned(),
+                edges => format!("{edges} edges, of which none told its pulse"),
+            };
+            let remedy = if several { "" } else { "; check the wire to the trigger input" };
+            notes.push(format!("{part}{what}: dated by the arrival of its data{remedy}"));
+        }
+        if let Some(outliers) = many_outliers(clock) {
+            notes.push(format!("{part}{outliers}"));
+        }
+    }
+    if fitted.len() > TOLD_EPOCHS {
+        notes.push(format!("and {} more parts", fitted.len() - TOLD_EPOCHS));
+    }
+}
+
+/// A warning, if a clock has set too much aside.
+fn many_outliers(clock: &Clock) -> Option<String> {
+    let share = clock.outlier_share();
+    (share > MANY_OUTLIERS).then(|| {
+        let all = clock.samples + clock.outliers;
+        format!(
+            "{} of {all} samples ({:.1} %) do not fit its clock: mistrust it, and look at the plot",
+            clock.outliers,
+            100.0 * share
+        )
+    })
+}
+
+fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>, lamp: Option<&Lamp>) -> StreamSync {
+    let mut sync = empty(&description.id, Tier::FreeRunning);
+    let arrived = &frames.arrived[..];
+    let exposure_us = description.settings.get("exposure_us").and_then(serde_json::Value::as_f64);
+    let exposure_ns = exposure_us.map(|exposure| (exposure * 1000.0) as i64);
+    if let (Some(board), true) = (board, is_triggered(description)) {
+        let exposures = frames::match_pulses(arrived, board, exposure_ns);
+        if exposures.pulse.is_empty() {
+            sync.notes.push("no frame matched a pulse: check the wire to the camera's trigger".into());
+        } else {
+            sync.tier = Tier::HardwareTriggered;
+            sync.exposures = Some(exposures);
+        }
+    }
+    if sync.exposures.is_none() && !arrived.is_empty() {
+        let even = even(arrived, &frames.counts);
+        match flash_of(frames, &even, lamp, exposure_ns) {
+            Some(Ok((lag_ns, note))) => {
+                sync.tier = Tier::Flash;
+                sync.notes.push(note);
+                sync.exposures = Some(frames::lagging(arrived, &even, lag_ns, exposure_ns));
+            }
+            failed => {
+                sync.notes.push(match failed {
+                    Some(Err(note)) => note,
+                    _ => "the middles of the exposures may all be off by up to a frame; a flash tells (--flash)".into(),
+                });
+                sync.exposures = Some(frames::free_running(arrived, &even, exposure_ns));
+            }
+        }
+        let (all, fitted) = (arrived.len() as u64, even.fitted);
+        if fitted < all {
+            sync.notes.push(format!(
+                "{} of {all} frames do not come at even intervals, or are too few to tell: their stamps are taken as they \
+                 are, jitter and all",
+                all - fitted
+            ));
+        }
+    }
+    if let Some(exposures) = &sync.exposures {
+        let stamps: BTreeMap<u64, i64> = arrived.iter().map(|frame| (frame.sequence, frame.stamp_ns)).collect();
+        let step = exposures.sequence.len().div_ceil(MAX_POINTS).max(1);
+        sync.points = std::iter::zip(&exposures.sequence, &exposures.mid_ns)
+            .step_by(step)
+            .filter_map(|(sequence, &mid)| {
+                let stamp = stamps.get(sequence)?;
+                Some((mid as f64 * 1e-9, (stamp - mid - exposures.lag_ns) as f64))
+            })
+            .collect();
+    }
+    sync
+}
+
+/// The lag that a flash tells and how it was found, or why it tells none; `None` if no lamp was looked for.
+fn flash_of(
+    frames: &Frames,
+    even: &Even,
+    lamp: Option<&Lamp>,
+    exposure_ns: Option<i64>,
+) -> Option<Result<(i64, String), String>> {
+    let brightness = frames.brightness.as_ref()?;
+    let Some(lamp) = lamp else {
+        return Some(Err(
+            "no event camera saw a lamp flash three times: the middles may be off by up to a frame".into()
+        ));
+    };
+    let at = std::iter::zip(&frames.arrived, &even.at_ns).map(|(frame, &stamp_ns)| Arrived { stamp_ns, ..*frame });
+    let Some(found) = lamp.lag(&at.collect::<Vec<_>>(), brightness, exposure_ns) else {
+        return Some(Err(format!(
+            "its brightness does not follow the {} flashes that {} saw: the middles may be off by up to a frame",
+            lamp.lit.len(),
+            lamp.seen_by
+        )));
+    };
+    let ms = |ns: i64| ns as f64 * 1e-6;
+    let note = format!(
+        "{} flashes that {} saw tell a lag of {:.2} ms (±{:.2} ms, correlation {:.3})",
+        lamp.lit.len(),
+        lamp.seen_by,
+        ms(found.lag_ns),
+        ms(found.width_ns) / 2.0,
+        found.correlation
+    );
+    Some(Ok((found.lag_ns, note)))
+}
