@@ -14,9 +14,12 @@ trigger board. Reads MCAP by its specification, without erfgs.
   but at the ends of stretches. What the camera exposed and did not deliver, it has counted as lost itself.
 - Pulses: the lines of the board tell every pulse that left its pins, in order. Every frame was exposed by a pulse, and
   `erfgs sync` finds that pulse; the event cameras saw every pulse while they were plugged in.
+- Clocks: an event camera has an epoch for each time that it was plugged in, and in each of them its edges, read from the
+  words here, are at the times of the board's pulses, one after the other.
 """
 
 import binascii
+import bisect
 import glob
 import json
 import re
@@ -69,9 +72,23 @@ def messages(data):
                 yield topics[number], data[at + 22 : end]
 
 
+def session_start(data):
+    """The host time of the session's zero, from its metadata."""
+    for kind, at, end in records(data, 8, len(data) - 8):
+        if kind == 0x0C and text(data, at)[0] == "erfgs.session":
+            _, at = text(data, at)
+            pairs, at = at + 4 + struct.unpack_from("<I", data, at)[0], at + 4
+            while at < pairs:
+                key, at = text(data, at)
+                value, at = text(data, at)
+                if key == "host_ns":
+                    return int(value)
+    raise ValueError("the file does not say when the session began")
+
+
 class Packet:
     def __init__(self, message):
-        self.sequence = struct.unpack_from("<Q", message, 4)[0]
+        self.sequence, self.host_ns = struct.unpack_from("<Qq", message, 4)
         self.kernel_sequence, flags, length = struct.unpack_from("<III", message, 28)
         self.discontinuity = bool(flags & DISCONTINUITY)
         self.payload = message[HEADER:]
@@ -196,7 +213,73 @@ def rises(folder):
     return found
 
 
-def account_pulses(folder, packets, streams, sync, plugged):
+def edges_of_evt3(data):
+    """(place of the word, time in 24 bits of microseconds) of every rising edge in words of EVT 3."""
+    kinds = data[1::2]
+    highs, lows = ([found.start() for found in re.finditer(kind, kinds)] for kind in (rb"[\x80-\x8f]", rb"[\x60-\x6f]"))
+    word = lambda place: data[2 * place] | data[2 * place + 1] << 8
+    for found in re.finditer(rb"[\xa0-\xaf]", kinds):
+        at = found.start()
+        high, low = bisect.bisect(highs, at) - 1, bisect.bisect(lows, at) - 1
+        if high >= 0 and word(at) & 1:
+            # A high time word begins with a low time of 0.
+            fresh = low < 0 or lows[low] < highs[high]
+            yield at, (word(highs[high]) & 0xFFF) << 12 | (0 if fresh else word(lows[low]) & 0xFFF)
+
+
+def edges_of_davis(data):
+    """(place of the word, microseconds since the clock was reset) of every rising edge in words of a DAVIS."""
+    kinds, base, time = data[1::2], 0, 0
+    for found in re.finditer(rb"[\x80-\xff\x70-\x7f\x00]", kinds):
+        at = found.start()
+        word = data[2 * at] | data[2 * at + 1] << 8
+        if word >> 15:
+            time = base + (word & 0x7FFF)
+        elif word >> 12 == 7:
+            base += (word & 0xFFF) << 15
+        elif word == 1:
+            base = 0
+        elif word == 3:
+            yield at, time
+
+
+def session_ns(clock, ticks):
+    pieces = clock["pieces"]
+    piece = next((piece for piece in pieces if ticks <= piece["window_ticks"][1]), pieces[-1])
+    return piece["origin_ns"] + (ticks - piece["origin_ticks"]) * piece["ns_per_tick"]
+
+
+def account_clocks(name, packets, epochs, rises_ns, start_ns, davis):
+    """Every edge is where a pulse was, and edges that follow each other are pulses that do."""
+    for run in stretches(name, packets):
+        data, ends, total = b"".join(packet.payload for packet in run), [], 0
+        for packet in run:
+            total += len(packet.payload)
+            ends.append(total)
+        off, indices = [], []
+        for at, time in (edges_of_davis if davis else edges_of_evt3)(data):
+            packet = run[bisect.bisect_left(ends, 2 * at + 2)]
+            clock = [epoch for epoch in epochs if epoch["first_sequence"] <= packet.sequence][-1]["clock"]
+            here, arrived = session_ns(clock, time), packet.host_ns - start_ns
+            if not davis:
+                # Ticks count the roll-overs since the stream began. The device's own time has 24 bits.
+                loops = round((arrived - here) / (1 << 24) / 1000)
+                here = session_ns(clock, time + (loops << 24))
+            check(-20e6 < arrived - here < 2e9, f"{name}: an edge that came at {arrived} is dated {here}")
+            near = bisect.bisect(rises_ns, here)
+            index = min((i for i in (near - 1, near) if 0 <= i < len(rises_ns)), key=lambda i: abs(rises_ns[i] - here))
+            indices.append(index)
+            off.append(abs(rises_ns[index] - here))
+        check(len(off) > 20, f"{name}: {len(off)} edges in a stretch are too few to tell")
+        check(indices == list(range(indices[0], indices[0] + len(indices))), f"{name}: its edges are not one pulse each")
+        off.sort()
+        p95, worst = off[len(off) * 95 // 100] / 1e3, off[-1] / 1e3
+        print(f"{name}: {len(off)} edges from packet {run[0].sequence} on are pulses {indices[0]} to {indices[-1]}, "
+              f"95 % of them within {p95:.1f} µs and all within {worst:.1f} µs")
+        check(p95 < 2 and worst < 10, f"{name}: its clock is off")
+
+
+def account_pulses(folder, packets, streams, sync, plugged, start_ns):
     bodies = board_lines(packets)
     told = [body.split() for body in bodies if body.startswith("p ")]
     given = rises(folder)
@@ -209,6 +292,8 @@ def account_pulses(folder, packets, streams, sync, plugged):
     check(len(told) > 100, "trigger: too few pulses")
 
     by_id = {stream["id"]: stream for stream in sync["streams"]}
+    of_board = by_id["trigger"]["epochs"][0]["clock"]
+    rises_ns = [session_ns(of_board, int(pulse[2], 16)) for pulse in told]
     for name, kind, packets in streams:
         found = by_id[name]
         check(found["tier"] == "hardware-triggered", f"{name}: its pulses were not recognised")
@@ -217,9 +302,10 @@ def account_pulses(folder, packets, streams, sync, plugged):
             print(f"{name}: {matched}")
             check(matched["unreadable"] == 0, f"{name}: pulses are unreadable")
             check(matched["matched"] == matched["seen"], f"{name}: pulses were not recognised")
-            # A break for each time that the cable was out. The last pulses may be what a sensor still held back when it
-            # was stopped.
-            check(matched["breaks"] == plugged[name] - 1, f"{name}: the train of pulses has other breaks")
+            # The last pulses may be what a sensor still held back when it was stopped.
+            check(matched["breaks"] == 0, f"{name}: the train of pulses has breaks")
+            check(len(found["epochs"]) == plugged[name], f"{name}: it has {len(found['epochs'])} epochs")
+            account_clocks(name, packets, found["epochs"], rises_ns, start_ns, name == "davis")
             check(plugged[name] > 1 or matched["given"] - matched["matched"] < 15, f"{name}: pulses were not seen")
         else:
             exposures = found["exposures"]
@@ -242,7 +328,9 @@ def account_pulses(folder, packets, streams, sync, plugged):
 def main():
     folder, *pairs = sys.argv[1:]
     streams, status = {}, None
-    for topic, message in messages(open(f"{folder}/s.mcap", "rb").read()):
+    data = open(f"{folder}/s.mcap", "rb").read()
+    start_ns = session_start(data)
+    for topic, message in messages(data):
         parts = topic.split("/")
         if topic == "/status":
             status = json.loads(message)
@@ -263,7 +351,7 @@ def main():
             account_frames(name, packets, sent, status, ledger[sources[name].split(":")[0]]["counts"])
         dropped = status["streams"][name]["dropped"]
         check(not any(dropped.values()), f"{name}: the recorder dropped {dropped}")
-    account_pulses(folder, streams[("trigger", "trigger")], of_cameras, sync, plugged)
+    account_pulses(folder, streams[("trigger", "trigger")], of_cameras, sync, plugged, start_ns)
     sys.exit(1 if wrong else 0)
 
 

@@ -4,3 +4,4 @@ mod davis346;
 mod davis346_stream;
 mod evk4;
 mod support;
+mod sync;
