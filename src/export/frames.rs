@@ -10,6 +10,7 @@ use anyhow::Context;
 use erfgs_rig::sync::{StreamSync, Synchronisation};
 use erfgs_session::{
     atomic,
+    clock::EpochCursor,
     container::{Entry, Recording, SessionStart},
     pixel,
     source::{Description, Encoding, Packet},
@@ -151,21 +152,25 @@ impl<'a> Writing<'a> {
         self.push(&times, &packet.payload)
     }
 
-    /// Writes a frame of an event sensor, which is exposed at these device times.
+    /// The clocks of the stream, if `erfgs sync` has fitted them.
+    pub fn clocks(&self) -> Option<EpochCursor<'a>> {
+        self.sync.map(|sync| sync.epochs.follow())
+    }
+
+    /// Writes a frame of an event sensor, which is exposed at these device times; the middle in session time, if it is known.
     pub fn push_exposed(
         &mut self,
         encoding: Encoding,
         [width, height]: [u16; 2],
         exposure_us: [u64; 2],
+        mid_ns: Option<i64>,
         payload: &[u8],
     ) -> anyhow::Result<()> {
         let description = &mut self.description;
         (description.encoding, description.width, description.height) = (encoding, width.into(), height.into());
         description.settings.clear();
         let [start_us, end_us] = exposure_us;
-        let mid_us = i64::try_from(start_us.midpoint(end_us)).unwrap_or(i64::MAX);
-        let clock = self.sync.and_then(|sync| sync.clock.as_ref());
-        let mid = clock.map_or(String::new(), |clock| clock.session_ns(mid_us).to_string());
+        let mid = mid_ns.map_or(String::new(), |mid| mid.to_string());
         self.push(&format!("{start_us},{end_us},{mid}"), payload)
     }
 

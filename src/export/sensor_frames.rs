@@ -1,6 +1,7 @@
 //! Frames of the pixels of an event sensor: a DAVIS's, and those of AEDAT 4.
 
 use erfgs_session::{
+    clock::EpochCursor,
     codec::{ApsFrame, CdEvent, EventBatch, Sink},
     container::Recording,
     source::Encoding,
@@ -19,7 +20,8 @@ pub fn decode(
     lost: &mut Vec<String>,
     progress: impl Fn(u64),
 ) -> anyhow::Result<()> {
-    let mut sink = Frames { writing, waiting: Vec::new(), begun: false, error: None };
+    let clocks = writing.clocks();
+    let mut sink = Frames { writing, clocks, waiting: Vec::new(), begun: false, error: None };
     let decoded = recording.decode_events(task.stream, &mut sink, progress)?;
     sink.flush();
     lost.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
@@ -29,8 +31,9 @@ pub fn decode(
 /// Writes frames as they are decoded; the first error ends the writing.
 struct Frames<'a, 'b> {
     writing: &'a mut Writing<'b>,
-    /// The first frames, which wait until their rate is known.
-    waiting: Vec<ApsFrame>,
+    clocks: Option<EpochCursor<'b>>,
+    /// The first frames, which wait until their rate is known, and the middles of their exposures in session time.
+    waiting: Vec<(ApsFrame, Option<i64>)>,
     begun: bool,
     error: Option<anyhow::Error>,
 }
@@ -40,8 +43,18 @@ impl Sink for Frames<'_, '_> {
 
     fn events(&mut self, _batch: EventBatch<'_>) {}
 
+    fn packet(&mut self, sequence: u64) {
+        self.clocks.iter_mut().for_each(|clocks| clocks.packet(sequence));
+    }
+
+    fn discontinuity(&mut self, _t_us: u64) {
+        self.clocks.iter_mut().for_each(EpochCursor::discontinuity);
+    }
+
     fn frame(&mut self, frame: ApsFrame) {
-        self.waiting.push(frame);
+        let mid_us = frame.exposure_start_us.midpoint(frame.exposure_end_us);
+        let mid_ns = self.clocks.as_ref().and_then(|clocks| clocks.session_ns(mid_us));
+        self.waiting.push((frame, mid_ns));
         if self.begun || self.waiting.len() == RATED {
             self.flush();
         }
@@ -52,25 +65,25 @@ impl Frames<'_, '_> {
     fn flush(&mut self) {
         let frames = std::mem::take(&mut self.waiting);
         if !self.begun
-            && let [first, .., last] = &frames[..]
+            && let [(first, _), .., (last, _)] = &frames[..]
         {
             let span_us = last.exposure_start_us.saturating_sub(first.exposure_start_us);
             let rate = if span_us > 0 { (frames.len() - 1) as f64 / (span_us as f64 * 1e-6) } else { 30.0 };
             self.writing.set_rate(rate);
         }
         self.begun |= !frames.is_empty();
-        for frame in frames {
-            let written = self.error.is_none().then(|| self.write(&frame));
+        for (frame, mid_ns) in frames {
+            let written = self.error.is_none().then(|| self.write(&frame, mid_ns));
             if let Some(Err(error)) = written {
                 self.error = Some(error);
             }
         }
     }
 
-    fn write(&mut self, frame: &ApsFrame) -> anyhow::Result<()> {
+    fn write(&mut self, frame: &ApsFrame, mid_ns: Option<i64>) -> anyhow::Result<()> {
         let (encoding, payload) = samples(frame);
         let exposure_us = [frame.exposure_start_us, frame.exposure_end_us];
-        self.writing.push_exposed(encoding, [frame.width, frame.height], exposure_us, &payload)
+        self.writing.push_exposed(encoding, [frame.width, frame.height], exposure_us, mid_ns, &payload)
     }
 }
 

@@ -215,13 +215,13 @@ fn details(session: &SessionSummary<'_>, description: &Description) -> String {
         rows.push(["clock while recording".to_owned(), residuals(fit.residuals, fit.samples)]);
     }
     if let Some(sync) = session.sync.and_then(|sync| sync.stream(id)) {
-        let fitted = match (&sync.clock, &sync.exposures) {
-            (Some(clock), _) => Some(residuals(clock.residuals, clock.samples)),
-            (None, Some(exposures)) => Some(residuals(exposures.residuals, exposures.sequence.len() as u64)),
-            (None, None) => None,
-        };
-        let fitted = fitted.map_or(String::new(), |fitted| format!("; {fitted}"));
-        rows.push(["clock by `erfgs sync`".to_owned(), format!("tier {}{fitted}", sync.tier.name())]);
+        for row in sync.rows() {
+            // A part of the stream that begins after a break says when.
+            let part = row.name.strip_prefix(id.as_str()).unwrap_or_default();
+            let fitted =
+                if row.samples > 0 { format!("; {}", residuals(row.residuals, row.samples)) } else { String::new() };
+            rows.push([format!("clock by `erfgs sync`{part}"), format!("tier {}{fitted}", row.tier.name())]);
+        }
     }
     if rows.is_empty() {
         return String::new();

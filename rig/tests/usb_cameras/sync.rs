@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use crate::support::{Bucket, EmulatedBus, davis346::events_only};
+use crate::support::{Bucket, Clock, EmulatedBus, davis346::events_only, simulated};
 use erfgs_hardware_mocks::{
     trigger::{self, Line},
     usb::{
@@ -93,14 +93,14 @@ fn cable(pulled: bool) -> Faults {
 }
 
 /// Lets a camera run until the end.
-fn record(bus: &EmulatedBus, mut source: impl Source) -> (Description, Vec<Packet>) {
+fn record(clock: &dyn Clock, mut source: impl Source) -> (Description, Vec<Packet>) {
     let bucket = Arc::new(Bucket::default());
     source.start(bucket.clone()).unwrap();
     let end = START_NS + (SECONDS - 1) * 1_000_000_000;
     bucket.wait_until("the end", |bucket| {
         // While the cable is out nothing else moves the clock.
         if matches!(bucket.told().last(), Some(Incident::Lost { .. })) {
-            bus.pass(Duration::from_millis(1));
+            clock.pass(Duration::from_millis(1));
         }
         bucket.packets.lock().unwrap().last().is_some_and(|packet| packet.host_ns > end)
     });
@@ -112,18 +112,20 @@ fn record(bus: &EmulatedBus, mut source: impl Source) -> (Description, Vec<Packe
 fn evk4(edges: &[(i64, bool)], pulled: bool) -> (Description, Vec<Packet>) {
     let options = Evk4Options { trigger: wire(edges), faults: faults(), ..Evk4Options::default() };
     let scene = Stimulus::Scene(Box::new(Pattern::new(1280, 720, 2000)));
-    let bus = Arc::new(EmulatedBus::default());
+    let clock = simulated();
+    let bus = Arc::new(EmulatedBus::new(clock.clone()));
     bus.add(Arc::new(Mutex::new(Plug::new(Evk4::new(options, scene), &cable(pulled)))));
-    record(&bus, Evk4Source::open(bus.clone(), "camera", Evk4Config::default()).unwrap())
+    record(&*clock, Evk4Source::open(bus, "camera", Evk4Config::default()).unwrap())
 }
 
 fn davis(edges: &[(i64, bool)], pulled: bool) -> (Description, Vec<Packet>) {
     let options = Davis346Options { trigger: wire(edges), faults: faults(), ..Davis346Options::default() };
     let scene = Box::new(Pattern::new(346, 260, 2000));
     let model = Davis346::new(options, scene, Box::new(PatternFrames::new()));
-    let bus = Arc::new(EmulatedBus::default());
+    let clock = simulated();
+    let bus = Arc::new(EmulatedBus::new(clock.clone()));
     bus.add(Arc::new(Mutex::new(Plug::new(model, &cable(pulled)))));
-    record(&bus, Davis346Source::open(bus.clone(), "camera", events_only()).unwrap())
+    record(&*clock, Davis346Source::open(bus, "camera", events_only()).unwrap())
 }
 
 /// The session times of all edges, and the packets that told them.

@@ -68,11 +68,6 @@ impl EmulatedBus {
         self.clock.now_ns()
     }
 
-    /// Time passes without any transfer.
-    pub fn pass(&self, duration: Duration) {
-        self.clock.pass(duration);
-    }
-
     fn identity(&self, port: &Port) -> Option<Identity> {
         let Reply::Data(bytes) = control_in(port, self.now_ns(), 0x80, 6, 0x0100, 0, 18) else { return None };
         let word = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);

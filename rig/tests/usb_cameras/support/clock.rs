@@ -26,9 +26,14 @@ impl Clock for Simulated {
     }
 }
 
+/// A simulated clock.
+pub fn simulated() -> Arc<dyn Clock> {
+    Arc::new(Simulated(AtomicI64::new(1_000_000_000)))
+}
+
 /// On a simulated clock.
 impl Default for EmulatedBus {
     fn default() -> Self {
-        Self::new(Arc::new(Simulated(AtomicI64::new(1_000_000_000))))
+        Self::new(simulated())
     }
 }

@@ -6,4 +6,5 @@ mod clock;
 pub mod davis346;
 
 pub use bucket::Bucket;
-pub use bus::EmulatedBus;
+pub use bus::{Clock, EmulatedBus};
+pub use clock::simulated;
