@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::{
     files::{self, START_NS, erfgs},
-    rig::fail,
+    rig::{fail, recorded},
 };
 
 #[test]
@@ -56,6 +56,14 @@ fn info_tells_people_what_it_tells_programs() {
         assert!(text.contains(word), "no '{word}' in\n{text}");
     }
     assert!(!text.contains("0x0000ffff"), "registers are for programs:\n{text}");
+}
+
+#[test]
+fn a_recording_that_ended_in_good_order_has_no_warning() {
+    let (folder, _) = recorded();
+    let info = files::json(folder.path(), &["info", "take.mcap", "--json"]);
+    let ended = info["incidents"].as_array().unwrap().last().unwrap();
+    assert_eq!((&ended["kind"], &ended["reason"]), (&"ended".into(), &"the time was over".into()), "{info}");
 }
 
 #[test]

@@ -325,7 +325,7 @@ impl Shared {
         let host_ns = host_ns();
         let streams = steward::streams(self, Some(&recording.queue));
         recording.queue.note(Item::Status(Arc::new(Status { host_ns, streams, ..Status::clone(&lock(&self.status)) })));
-        let incident = Incident::Warning { message: format!("the recording ended: {reason}") };
+        let incident = Incident::Ended { reason: reason.to_owned() };
         recording.queue.note(Item::Incident { stream: None, host_ns, incident });
         recording.queue.close();
         let failure = match recording.writer.join() {
