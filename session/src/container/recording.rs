@@ -10,7 +10,7 @@ pub enum Recording {
     /// An MCAP file.
     Session(Box<Session>),
     /// Any other.
-    EventFile(EventFileRecording),
+    EventFile(Box<EventFileRecording>),
 }
 
 impl Recording {
@@ -28,7 +28,7 @@ impl Recording {
         if named_session || head == mcap::MAGIC {
             return Session::open(path).map(|session| Self::Session(Box::new(session)));
         }
-        EventFileRecording::open(path, size).map(Self::EventFile)
+        EventFileRecording::open(path, size).map(|file| Self::EventFile(Box::new(file)))
     }
 
     /// The file's name.
