@@ -11,7 +11,9 @@ use std::{
 
 use erfgs_session::{
     codec::{Anomalies, CdEvent, Columns, Edge, SensorSize, Sink},
+    container::{Recording, import_events},
     hdf5::{self, Hdf5Error, Hdf5Layout},
+    source::Encoding,
 };
 
 /// Runs `tests/oracles/hdf5_files.py`, which must succeed, and gives what it prints.
@@ -86,6 +88,24 @@ fn files_of_metavision_are_read_with_and_without_its_filter() {
         assert!(columns.iter().eq(events(0)), "{name}");
         let edge = |t_us, rising| Edge { t_us, channel: 1, rising };
         assert_eq!(columns.edges, [edge(500, true), edge(700, false)]);
+    }
+}
+
+#[test]
+fn files_are_played_and_imported_with_their_edges_between_their_events() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for (name, offset, encoding) in [("zstd", OFFSET, Encoding::Aedat4), ("metavision_runs", 0, Encoding::Evt2)] {
+        let path = FILES.path().join(format!("{name}.h5"));
+        let Recording::EventFile(file) = Recording::open(&path, None).unwrap() else { panic!("no event file") };
+        assert_eq!(file.summary().streams[0].description.encoding, encoding);
+        let out = folder.path().join(format!("{name}.mcap"));
+        import_events(&file, &out, |_| {}).unwrap();
+        let mut columns = Columns::default();
+        Recording::open(&out, None).unwrap().decode_events(0, &mut columns, |_| {}).unwrap().unwrap();
+        assert!(columns.iter().eq(events(offset)), "{name}");
+        let edges: Vec<u64> = columns.edges.iter().map(|edge| edge.t_us).collect();
+        assert_eq!(edges, if encoding == Encoding::Evt2 { vec![500, 700] } else { vec![] });
     }
 }
 
