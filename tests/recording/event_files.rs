@@ -1,9 +1,6 @@
 //! Event files of other programs, imported, played and exported as they are.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path};
 
 use erfgs_session::{
     Event, Events,
@@ -270,23 +267,24 @@ fn what_exists_is_overwritten_with_force_alone() {
 
 #[test]
 fn real_recordings_are_imported_played_and_exported_without_a_change() {
-    let Some(shared) = std::env::var_os("ERFGS_SHARED") else {
-        return eprintln!("ERFGS_SHARED is not set: no real event files to import");
-    };
-    let shared = PathBuf::from(shared).join("data/events_faery");
-    let folder = tempfile::tempdir().unwrap();
     let references: serde_json::Value =
-        serde_json::from_slice(&fs::read(shared.join("reference_digests.json")).unwrap()).unwrap();
+        serde_json::from_str(include_str!("../../session/tests/codecs/digests.json")).unwrap();
+    let recording = |file: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/recordings").join(file);
+        assert!(path.is_file(), "{} is missing: `scripts/setup.sh --oracles` fetches it", path.display());
+        path
+    };
+    let folder = tempfile::tempdir().unwrap();
     for (file, encoding) in
         [("evt2.raw", "evt2"), ("evt3.raw", "evt3"), ("gen4.dat", "evt2"), ("davis346.aedat4", "aedat4")]
     {
-        let path = shared.join(file);
+        let path = recording(file);
         check(folder.path(), path.to_str().unwrap(), encoding);
         json(folder.path(), &["import", path.to_str().unwrap(), "--out", "r.mcap", "--json"]);
-        assert_eq!(digests(folder.path(), "r.mcap"), references[file]["sha3_224_of_field"], "{file}");
+        assert_eq!(digests(folder.path(), "r.mcap"), references[file], "{file}");
         fs::remove_file(folder.path().join("r.mcap")).unwrap();
     }
-    let davis = shared.join("davis346.aedat4");
+    let davis = recording("davis346.aedat4");
     let exported = json(folder.path(), &["export", davis.to_str().unwrap(), "--to", "png", "--out", "p", "--json"]);
     assert_eq!(exported[0]["frames"], 59);
     assert!((exported[0]["rate_hz"].as_f64().unwrap() - 25.0).abs() < 0.01, "{exported}");
