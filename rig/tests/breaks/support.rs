@@ -1,9 +1,9 @@
-//! Event cameras whose clock begins anew while they are recorded: the epochs of their streams, against the truth.
+//! Sessions of an event camera, with or without the trigger board, whose truth is known.
 
 use std::path::Path;
 
 use erfgs_rig::{
-    sync::{StreamSync, SyncOptions, Synchronisation, Tier, synchronise},
+    sync::{StreamSync, SyncOptions, Synchronisation, synchronise},
     trigger::{
         code,
         protocol::{Command, line},
@@ -17,20 +17,22 @@ use erfgs_session::{
     source::{Description, Encoding, Packet},
 };
 
-const START_NS: i64 = 40_000_000_000_000;
-const MS: i64 = 1_000_000;
+pub const START_NS: i64 = 40_000_000_000_000;
+pub const MS: i64 = 1_000_000;
 const PERIOD_NS: i64 = 1_000_000_000 / 30;
 
 /// A stretch of a camera's time. Times in nanoseconds of session time.
 #[derive(Clone, Copy)]
-struct Part {
-    from_ns: i64,
-    to_ns: i64,
+pub struct Part {
+    pub from_ns: i64,
+    pub to_ns: i64,
     /// When its clock stood at zero.
-    zero_ns: i64,
-    ppm: f64,
+    pub zero_ns: i64,
+    pub ppm: f64,
     /// Whether its trigger input sees the pulses.
-    wired: bool,
+    pub wired: bool,
+    /// Each so-manieth pulse reaches it 2 ms late; 0: none.
+    pub displaced: i64,
 }
 
 impl Part {
@@ -39,8 +41,8 @@ impl Part {
     }
 }
 
-const fn part(from_s: i64, to_s: i64, zero_ns: i64, ppm: f64) -> Part {
-    Part { from_ns: from_s * 1000 * MS, to_ns: to_s * 1000 * MS, zero_ns, ppm, wired: true }
+pub const fn part(from_s: i64, to_s: i64, zero_ns: i64, ppm: f64) -> Part {
+    Part { from_ns: from_s * 1000 * MS, to_ns: to_s * 1000 * MS, zero_ns, ppm, wired: true, displaced: 0 }
 }
 
 /// The words of either camera.
@@ -91,7 +93,7 @@ fn packet(sequence: u64, session_ns: i64, discontinuity: bool, payload: Vec<u8>)
 
 /// A packet a millisecond with two events, and the true times of the events. `told`: the host knows of the breaks;
 /// otherwise they are in the words alone, which a DAVIS says.
-fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, Vec<i64>) {
+pub fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, Vec<i64>) {
     let (mut packets, mut truth) = (Vec::new(), Vec::new());
     let mut words = Words::new(encoding);
     for (number, part) in parts.iter().enumerate() {
@@ -106,7 +108,8 @@ fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, Vec<i
             _ => {}
         }
         let mut edges = (0..).flat_map(|index| {
-            let rise = 500 * MS + index * PERIOD_NS;
+            let late = part.displaced > 0 && index % part.displaced.max(1) == 0;
+            let rise = 500 * MS + index * PERIOD_NS + if late { 2 * MS } else { 0 };
             [(rise, true), (rise + code::width_ns(code::symbol(index as u64)), false)]
         });
         let mut edge = edges.find(|edge| edge.0 >= part.from_ns).unwrap();
@@ -132,7 +135,7 @@ fn camera(encoding: Encoding, parts: &[Part], told: bool) -> (Vec<Packet>, Vec<i
 }
 
 /// The board's lines over so many seconds: pulses, and a clock command a second.
-fn board(seconds: i64) -> Vec<Packet> {
+pub fn board(seconds: i64) -> Vec<Packet> {
     let tick = |ns: i64| (ns as f64 / 62.5).round() as u64;
     let mut lines: Vec<(i64, Vec<u8>)> = (0..)
         .map(|index| (index, 500 * MS + index * PERIOD_NS))
@@ -166,7 +169,7 @@ fn description(id: &str, encoding: Encoding, size: [u32; 2]) -> Description {
     }
 }
 
-fn write(path: &Path, encoding: Encoding, packets: &[Packet], board: Option<&[Packet]>) {
+pub fn write(path: &Path, encoding: Encoding, packets: &[Packet], board: Option<&[Packet]>) {
     let start = SessionStart { host_ns: START_NS, ..SessionStart::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).unwrap();
     let size = if encoding == Encoding::Davis { [346, 260] } else { [1280, 720] };
@@ -197,7 +200,7 @@ impl Sink for Dates<'_> {
 }
 
 /// Records, synchronises, goes through the file, and gives what was found and the farthest that any event is off.
-fn fitted(encoding: Encoding, parts: &[Part], told: bool, with_board: bool) -> (StreamSync, i64) {
+pub fn fitted(encoding: Encoding, parts: &[Part], told: bool, with_board: bool) -> (StreamSync, i64) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mcap");
     let (packets, truth) = camera(encoding, parts, told);
@@ -221,92 +224,4 @@ fn fitted(encoding: Encoding, parts: &[Part], told: bool, with_board: bool) -> (
         off = distances.fold(off, i64::max);
     }
     (found, off)
-}
-
-/// What the board's clock may be off, common to all that it triggers, and 2 µs.
-const TRIGGERED_NS: i64 = 150_000 + 2_000;
-
-#[test]
-fn a_triggered_evk4_that_restarts_is_dated_on_both_sides() {
-    let parts = [part(0, 8, -3_000 * MS, 90.0), part(10, 16, 9_300 * MS, 92.0)];
-    let (found, off) = fitted(Encoding::Evt3, &parts, true, true);
-    assert!(off < TRIGGERED_NS, "{off}");
-    assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::HardwareTriggered, 2));
-    for clock in found.epochs.clocks() {
-        assert!(clock.residuals.p95_ns < 2_000.0 && clock.outliers == 0, "{clock:?}");
-    }
-    let matched = found.matched.unwrap();
-    assert_eq!((matched.matched, matched.unreadable, matched.breaks), (matched.seen, 0, 0), "{matched:?}");
-    assert_eq!(found.rows().len(), 2);
-    assert!(found.rows()[1].name.starts_with("eye from 10."), "{:?}", found.rows());
-}
-
-#[test]
-fn a_davis_whose_ticks_repeat_is_dated_on_both_sides() {
-    let parts = [part(0, 7, 0, -80.0), part(7, 12, 7_000 * MS, -80.0)];
-    let (found, off) = fitted(Encoding::Davis, &parts, false, true);
-    assert!(off < TRIGGERED_NS, "{off}");
-    assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::HardwareTriggered, 2));
-    // Plugged out and in again, the host knows; then also without the board.
-    for zero_ns in (0..12).map(|n| 8_100 * MS + n * 2_700_000) {
-        let parts = [part(0, 7, 0, -80.0), part(9, 14, zero_ns, -80.0)];
-        for (with_board, limit) in [(true, TRIGGERED_NS), (false, MS)] {
-            let (found, off) = fitted(Encoding::Davis, &parts, true, with_board);
-            assert!(off < limit, "{zero_ns}: {off}");
-            assert_eq!(found.epochs.as_slice().len(), 2, "{zero_ns}");
-        }
-    }
-}
-
-#[test]
-fn a_free_running_camera_that_restarts_is_within_a_millisecond() {
-    let parts = [part(0, 8, -3_000 * MS, 90.0), part(10, 16, 9_300 * MS, 92.0)];
-    let (found, off) = fitted(Encoding::Evt3, &parts, true, false);
-    assert!(off < MS, "{off}");
-    assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::FreeRunning, 2));
-    assert!(found.notes[0].contains("breaks 1 times"), "{:?}", found.notes);
-}
-
-#[test]
-fn lost_packets_do_not_end_an_epoch() {
-    for encoding in [Encoding::Evt3, Encoding::Davis] {
-        let parts = [part(0, 8, -1_000 * MS, 90.0), part(9, 16, -1_000 * MS, 90.0)];
-        let (found, off) = fitted(encoding, &parts, true, true);
-        assert!(off < TRIGGERED_NS, "{off}");
-        assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::HardwareTriggered, 1), "{encoding:?}");
-    }
-    let parts = [part(0, 8, -1_000 * MS, 90.0), part(9, 16, -1_000 * MS, 90.0)];
-    assert_eq!(fitted(Encoding::Evt3, &parts, true, false).0.epochs.as_slice().len(), 1);
-}
-
-#[test]
-fn an_epoch_without_edges_is_dated_by_arrival_and_says_so() {
-    let unplugged = Part { wired: false, ..part(10, 16, 9_300 * MS, 92.0) };
-    let (found, off) = fitted(Encoding::Evt3, &[part(0, 8, -3_000 * MS, 90.0), unplugged], true, true);
-    assert!(off < MS, "{off}");
-    assert_eq!(found.tier, Tier::FreeRunning, "the worst of its epochs");
-    let tiers: Vec<Tier> = found.rows().iter().map(|row| row.tier).collect();
-    assert_eq!(tiers, [Tier::HardwareTriggered, Tier::FreeRunning]);
-    let told =
-        found.notes.iter().any(|note| note.starts_with("from 10.") && note.contains("no edges: dated by the arrival"));
-    assert!(told, "{:?}", found.notes);
-}
-
-#[test]
-fn a_file_of_version_1_is_one_epoch() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("s.sync.json");
-    let fit = r#""evidence":"trigger-edges","origin_ticks":10,"origin_ns":500,"ns_per_tick":1000.0,"window_ticks":[0,99],
-        "residuals":{"p50_ns":0.0,"p95_ns":0.0,"max_ns":0.0},"samples":3,"outliers":1"#;
-    let clock = format!(
-        r#"{{"nominal_ns_per_tick":1000.0,"pieces":[{{{fit}}}],"residuals":{{"p50_ns":0.0,"p95_ns":0.0,"max_ns":0.0}},"samples":3,"outliers":1}}"#
-    );
-    let streams = format!(r#"[{{"id":"eye","tier":"hardware-triggered","clock":{clock}}}]"#);
-    std::fs::write(&file, format!(r#"{{"version":1,"session":"s.mcap","streams":{streams}}}"#)).unwrap();
-    let found = Synchronisation::load(&file).unwrap();
-    let eye = found.stream("eye").unwrap();
-    assert_eq!(eye.epochs.follow().session_ns(11), Some(1500));
-    assert_eq!(eye.rows()[0].outliers, Some(0.25));
-    std::fs::write(&file, r#"{"version":3,"session":"s.mcap","streams":[]}"#).unwrap();
-    assert!(Synchronisation::load(&file).unwrap_err().to_string().contains("version is 3"));
 }
