@@ -85,7 +85,7 @@ impl Registers {
             // Illumination: the time of a discharge, valid while the counter runs.
             0x0010 if self.stored(0x000c) & 7 == 7 => 1 << 29 | 12_345,
             // The pixels' dead time: counted, at 200 a microsecond, while the circuit and its counter are on.
-            0x0020 if self.stored(0x0020) >> 30 == 0b11 => 0b11 << 30 | 1 << 28 | 200 * DEAD_TIME_US,
+            0x0020 if self.stored(0x0020) >> 30 == 0b11 => 0b11 << 30 | 1 << 28 | (200 * DEAD_TIME_US),
             // Initialisation of the filters' memories is done as soon as it is asked for.
             0xc0c4 | 0xd0c4 => self.stored(address) | 1 << 2,
             _ => self.stored(address),
