@@ -14,6 +14,7 @@ import pathlib
 import re
 import sys
 import tarfile
+import time
 import urllib.parse
 import urllib.request
 
@@ -31,9 +32,15 @@ FILES = [
 ]
 
 
-def get(url):
-    with urllib.request.urlopen(url, timeout=180) as answer:
-        return answer.read()
+def get(url, tries=3):
+    try:
+        with urllib.request.urlopen(url, timeout=180) as answer:
+            return answer.read()
+    except OSError as error:
+        if tries == 1:
+            sys.exit(f"recordings.py: cannot fetch {url}: {error}")
+        time.sleep(5)
+        return get(url, tries - 1)
 
 
 def main(folder):
