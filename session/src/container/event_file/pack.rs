@@ -16,6 +16,9 @@ use crate::{
 /// Bytes of an event, a sample or a mark of AEDAT 4 before compression, about.
 const ITEM_BYTES: usize = 16;
 
+/// The last time at which a stream of EVT 2 can begin: rounds of its clock before the first event are lost.
+const EVT2_LAST_US: u64 = (1 << 34) - 1;
+
 enum Encoder {
     Evt2(Evt2Encoder, Vec<u8>),
     Aedat4(Aedat4Encoder),
@@ -42,6 +45,9 @@ pub(super) fn pack(
     first_us: u64,
     out: &mut Out,
 ) -> Result<(), ContainerError> {
+    if encoding == Encoding::Evt2 && first_us > EVT2_LAST_US {
+        return Err(ContainerError::event_file(source.path(), Unfit::Late { first_us }));
+    }
     // The edges of HDF5 lie behind all events, and words of EVT go by time.
     let mut edges = Vec::new();
     if matches!(source, EventSource::Hdf5 { .. }) && encoding == Encoding::Evt2 {
@@ -67,15 +73,22 @@ pub(super) fn pack(
     }
     packer.close();
     match packer.error {
-        Some(error) => Err(ContainerError::event_file(source.path(), Unfit(error))),
+        Some(error) => Err(ContainerError::event_file(source.path(), Unfit::Item(error))),
         None => Ok(()),
     }
 }
 
-/// An item that the packets of its format cannot hold.
+/// What the packets of a file's format cannot hold.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot be played or imported: {0}")]
-struct Unfit(EncodeError);
+enum Unfit {
+    #[error("cannot be played or imported: {0}")]
+    Item(EncodeError),
+    #[error(
+        "cannot be played or imported: it begins at {first_us} µs, and EVT 2 holds times from 0 to 4 h 46 min; take a \
+         constant off its times, or convert it to CSV or NPZ"
+    )]
+    Late { first_us: u64 },
+}
 
 impl Packer<'_> {
     /// Begins a new packet if this one is over before an item of device time `t_us`.
@@ -206,5 +219,23 @@ impl Sink for Merged<'_, '_> {
             self.packer.edge(edge);
         }
         self.packer.event(event);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::container::event_file::packets::Packets;
+
+    #[test]
+    fn a_beginning_that_evt2_would_lose_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("e.csv");
+        std::fs::write(&path, "t,x,y,on\n20000000000,1,2,1\n").unwrap();
+        let source = EventSource::open(&path, None).unwrap();
+        let first = |encoding| Packets::start(source.clone(), encoding, 20_000_000_000).next().unwrap();
+        let said = first(Encoding::Evt2).unwrap_err().to_string();
+        assert!(said.contains("e.csv") && said.contains("20000000000") && said.contains("4 h 46 min"), "{said}");
+        assert_eq!(first(Encoding::Aedat4).unwrap().host_ns, 0);
     }
 }
