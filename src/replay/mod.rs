@@ -25,7 +25,8 @@ use crate::{
 #[command(after_help = "\
 The recording's streams are played with the times between their packets, into the same interface that devices record \
 through. A line says where the playback is and what passes. With --live they are shown on the page on which a rig is shown \
-while it is recorded, until Ctrl-C; what plays can be recorded there into the recording's folder. An event file of another program is one stream; it is read through once before, for its length.
+while it is recorded, until Ctrl-C; what plays can be recorded there into the recording's folder. An event file of another program is \
+one stream; it is read through once before, for its length.
 
 Exit codes: 0 played, 1 data was lost to damage of the file (all else was played), 2 wrong usage.
 

@@ -20,7 +20,8 @@ use super::{
 use crate::evidence::{Evidence, Picture};
 
 /// The frames of cameras (indices in `seen`) that show placements (numbers in `evidence`), reduced, with the corners that were
-/// found. Those of events are pictures of what `events` says, by the same `epochs` with which they were found. Frames are read one at a time.
+/// found. Those of events are pictures of what `events` says, by the same `epochs` with which they were found. Frames are read
+/// one at a time.
 ///
 /// # Errors
 /// If a file can no longer be read.

@@ -160,8 +160,8 @@ impl EventFile {
         self.decode_while(sink, |_| true)
     }
 
-    /// Decodes the file piece by piece, as long as `go_on`, which is told the bytes read so far, says so. A file that was cut short gives what is there, and
-    /// [`Anomalies::truncated_bytes`].
+    /// Decodes the file piece by piece, as long as `go_on`, which is told the bytes read so far, says so. A file
+    /// that was cut short gives what is there, and [`Anomalies::truncated_bytes`].
     ///
     /// # Errors
     /// If the file cannot be read.

@@ -37,8 +37,8 @@ pub fn sensor_size(description: &Description) -> Option<SensorSize> {
 impl<R: Read + Seek> Session<R> {
     /// Decodes the events of a stream into `sink`: all of them, or those of packets that arrived within `window_host_ns`.
     /// Then decoding starts at the last decoder state before (or at the beginning, where none was recorded or the stream has
-    /// breaks), and what is older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if the stream has no
-    /// events, or events that erfgs does not decode.
+    /// breaks), and what is older is not handed on. `progress` is called with the bytes of payload decoded so far. `None` if
+    /// the stream has no events, or events that erfgs does not decode.
     ///
     /// # Errors
     /// If the session cannot be read.

@@ -257,10 +257,9 @@ pub const RIG_ATTACHMENT: &str = "rig.toml";
 mod tests {
     use super::*;
 
-    #[test]
-    fn sequence_numbers_that_jump_to_and_fro_are_counted_without_an_overflow() {
+    fn totals(sequences: &[u64]) -> StreamTotals {
         let mut totals = StreamTotals::default();
-        for sequence in [u64::MAX, 0, u64::MAX, u64::MAX] {
+        for &sequence in sequences {
             totals.count(&crate::source::Packet {
                 sequence,
                 host_ns: 0,
@@ -270,6 +269,18 @@ mod tests {
                 payload: bytes::Bytes::new(),
             });
         }
+        totals
+    }
+
+    #[test]
+    fn sequence_numbers_that_jump_to_and_fro_are_counted_without_an_overflow() {
+        let totals = totals(&[0, u64::MAX, 0, u64::MAX]);
         assert_eq!((totals.packets, totals.missing, totals.next_sequence), (4, u64::MAX, u64::MAX));
+    }
+
+    #[test]
+    fn what_was_sent_before_the_first_packet_is_not_missing() {
+        let totals = totals(&[119, 120, 123]);
+        assert_eq!((totals.packets, totals.missing, totals.next_sequence), (3, 2, 124));
     }
 }

@@ -21,7 +21,8 @@ pub(super) struct Gathered {
     pub pictures: Vec<([i64; 2], ImageRgb8)>,
 }
 
-/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part of it is dated.
+/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part
+/// of it is dated.
 pub(super) fn gather(
     session: &mut Session,
     stream: usize,
