@@ -4,9 +4,9 @@ use std::{path::Path, sync::Arc};
 
 use erfgs_session::{
     Event, Events,
-    codec::{Columns, EventFile},
+    codec::Columns,
+    container::Recording,
     dataset::{Camera, Dataset},
-    npz,
 };
 
 use super::{DeviceFile, Kind, RigError};
@@ -137,13 +137,11 @@ fn lap_ns(dataset: &Dataset) -> i64 {
 
 /// Any event file, in order of time.
 fn read_events(path: &Path, [width, height]: Size) -> Result<Events, RigError> {
-    let mut events = Events::new(width.into(), height.into());
-    if path.extension().is_some_and(|extension| extension == "npz") {
-        return npz::read_events(path, None).map_err(|error| unsuited(path, error.to_string()));
-    }
     let mut columns = Columns::default();
-    let file = EventFile::open(path).map_err(|error| unsuited(path, error.to_string()))?;
-    file.decode(&mut columns).map_err(|error| unsuited(path, error.to_string()))?;
+    Recording::open(path, None)
+        .and_then(|mut recording| recording.decode_events(0, &mut columns, |_| {}))
+        .map_err(|error| unsuited(path, error.to_string()))?;
+    let mut events = Events::new(width.into(), height.into());
     let mut order: Vec<usize> = (0..columns.len()).collect();
     order.sort_by_key(|&index| columns.t_us[index]);
     for index in order {
