@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_session::Dataset;
+use erfgs_dataset::Dataset;
+use erfgs_run::RunFolder;
 use erfgs_train::{
     checkpoint::Checkpoint,
     gpu::{AdapterChoice, Gpu, run_canary},
-    run::RunFolder,
     scene::Scene,
     trainer::{TrainOptions, Trainer},
 };

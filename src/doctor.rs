@@ -3,7 +3,7 @@
 use std::process::{Command, Stdio};
 
 use anyhow::bail;
-use erfgs_calibrate::{ColmapProgram, cloud::Colmap};
+use erfgs_points::{Colmap, ColmapProgram};
 use erfgs_train::gpu::{AdapterChoice, Gpu, GpuError, Shape, adapters, run_canary};
 use serde::Serialize;
 

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use erfgs_run::{LpipsScaling, Metrics};
 use erfgs_train::{
     evaluate::EvaluateOptions,
-    metrics::{Lpips, LpipsScaling, LpipsWeights},
-    run::Metrics,
+    metrics::{Lpips, LpipsWeights},
 };
 
 use crate::{

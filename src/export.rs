@@ -7,11 +7,8 @@ mod sensor_frames;
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::{
-    codec::{RawHeader, SensorSize, StreamDecoder},
-    container::Recording,
-    source::Encoding,
-};
+use erfgs_events::{RawHeader, SensorSize};
+use erfgs_session::{container::Recording, source::Encoding};
 
 use crate::{
     device::{Adapter, TrainedRun},
@@ -181,8 +178,10 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
 fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow::Result<Vec<Task>> {
     let path = recording.path();
     let fits = |encoding: Encoding| match format {
-        Format::Raw => RawHeader::new(encoding, SensorSize::ALL, "", "").is_some(),
-        format if format.is_of_events() => StreamDecoder::new(encoding, None).is_some(),
+        Format::Raw => {
+            encoding.events().and_then(|encoding| RawHeader::new(encoding, SensorSize::ALL, "", "")).is_some()
+        }
+        format if format.is_of_events() => encoding.is_events(),
         _ => encoding.is_frames() || encoding.has_sensor_frames(),
     };
     let extension = format.extension();

@@ -2,10 +2,8 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{
-    codec::SensorSize,
-    container::{self, Recording},
-};
+use erfgs_events::SensorSize;
+use erfgs_session::container::{self, Recording};
 use serde::Serialize;
 
 use crate::{

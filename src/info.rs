@@ -6,11 +6,10 @@ mod settings;
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::{
-    Dataset, Modality, PointCloud, Split,
-    codec::{EventFile, EventFileError, SensorSize},
-};
-use erfgs_train::run::{Metrics, RunFolder, RunInfo};
+use erfgs_dataset::{Dataset, Split};
+use erfgs_events::{EventFile, EventFileError, SensorSize};
+use erfgs_run::{Metrics, RunFolder, RunInfo};
+use erfgs_scene::{Modality, PointCloud};
 use serde::Serialize;
 
 use crate::{
@@ -124,7 +123,7 @@ pub fn dataset(dataset: &Dataset, terminal: &Terminal) -> anyhow::Result<()> {
         distorted_cameras: manifest
             .cameras
             .iter()
-            .filter(|camera| camera.intrinsics.distortion != erfgs_session::Distortion::None)
+            .filter(|camera| camera.intrinsics.distortion != erfgs_scene::Distortion::None)
             .count(),
         span_seconds: (manifest.span_ns[1] - manifest.span_ns[0]) as f64 * 1e-9,
         events: manifest.cameras.iter().filter_map(|camera| camera.events.as_ref()).map(|events| events.count).sum(),

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use erfgs_session::codec::SensorSize;
+use erfgs_events::SensorSize;
 
 /// Iterations of the coarse and the fine stage: `3000+14000`. One number alone means that many fine iterations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,11 +12,10 @@ use std::{
 };
 
 use erfgs_calibrate::board::{EventBoard, EventPictures, GRID, LensModel, Quick, Target, detect};
-use erfgs_rig::live::{Guidance, Guide, Monitor};
+use erfgs_events::{Decoder as _, SensorSize, StreamDecoder};
+use erfgs_recorder::live::{Guidance, Guide, Monitor};
 use erfgs_session::{
-    codec::{Decoder as _, SensorSize, StreamDecoder},
     container::hand_over,
-    pixel,
     source::{Description, Packet},
 };
 
@@ -186,7 +185,7 @@ impl Eye {
         if !d.encoding.is_events() {
             return None;
         }
-        let decoder = StreamDecoder::new(d.encoding, Some(size))?;
+        let decoder = StreamDecoder::new(d.encoding.events()?, Some(size));
         let pictures = EventPictures::new([size.width, size.height].map(usize::from), board);
         let target = board.as_seen(target);
         let events = Some(EventEye { decoder, fresh: pictures.clone(), pictures });
@@ -205,7 +204,10 @@ impl Eye {
             None => {
                 let [width, height] = [description.width, description.height];
                 for packet in packets {
-                    let Ok(image) = pixel::picture(description, &packet.payload) else { continue };
+                    let Some(Ok(image)) = description.frame_format().map(|format| format.picture(&packet.payload))
+                    else {
+                        continue;
+                    };
                     if [image.width, image.height] == [width, height] {
                         see(image);
                     }

@@ -10,13 +10,12 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_rig::{
+use erfgs_recorder as record;
+use erfgs_recorder::{
+    Input, Level, MachineFacts, Mcap, Options, RecordConfig, Recorder, RigConfig, SessionInfo, Status, Summary,
+    folder_of,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
-    record::{
-        self, Input, Level, MachineFacts, Mcap, Options, RecordConfig, Recorder, RigConfig, SessionInfo, Status,
-        Summary, folder_of,
-        preflight::{self, Finding, Plan, Verdict},
-    },
+    preflight::{self, Finding, Plan, Verdict},
 };
 use erfgs_session::{container::Settings, source::Description};
 

@@ -2,10 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_train::{
-    report::write_report,
-    run::{Metrics, RunFolder},
-};
+use erfgs_report::write_report;
+use erfgs_run::{Metrics, RunFolder};
 use serde::Serialize;
 
 use crate::terminal::{Terminal, bytes, table, thousands};

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use erfgs_events::{Events, npz};
 use erfgs_replay::{Luma, Mode, Simulator, SimulatorConfig};
-use erfgs_session::{Events, npz};
 use serde::Serialize;
 
 use crate::{

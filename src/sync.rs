@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use erfgs_rig::sync::{Row, StreamSync, SyncOptions, Synchronisation, page, synchronise};
 use erfgs_session::container::Session;
+use erfgs_sync::{Row, StreamSync, SyncOptions, Synchronisation, page, synchronise};
 
 use crate::terminal::{Terminal, table, thousands};
 
@@ -69,7 +69,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(&arguments.session));
     let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));
     sync.save(&out)?;
-    erfgs_session::atomic::write(&plot, page(&sync).as_bytes())
+    erfgs_base::atomic::write(&plot, page(&sync).as_bytes())
         .map_err(|source| anyhow::anyhow!("cannot write {}: {source}", plot.display()))?;
     terminal.result(&sync, || {
         let head = ["stream", "tier", "samples", "outliers", "rate error", "residual p50", "p95", "max"];

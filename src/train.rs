@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_calibrate::{CloudOptions, Method as CloudMethod};
-use erfgs_session::{Dataset, Modality, Split};
+use erfgs_dataset::{Dataset, Split};
+use erfgs_points::{CloudOptions, Method as CloudMethod};
+use erfgs_run::RunFolder;
+use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
     config::{Config, Method, Preset},
     export::write_ply,
     gpu::Gpu,
-    run::RunFolder,
     scene::Scene,
     trainer::{Outcome, Progress, TrainOptions, Trainer},
 };

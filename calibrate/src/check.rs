@@ -4,11 +4,11 @@
 //! cameras that do not agree have moved. With two cameras there is no majority, and only that they moved against each other can
 //! be said.
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::rig_file::{RigCamera, RigFile};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// A difference of so many standard deviations is no accident.
 const SIGNIFICANT: f64 = 4.0;
@@ -157,11 +157,11 @@ fn spread(camera: &RigCamera) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Modality};
+    use erfgs_scene::{Distortion, Intrinsics, Modality};
     use glam::DQuat;
 
     use super::*;
-    use crate::rig_file::Sigma;
+    use erfgs_scene::rig_file::Sigma;
 
     fn rig(count: usize) -> RigFile {
         let intrinsics =

@@ -1,6 +1,6 @@
 //! What a calibration saw and how it went: the raw material of the report.
 
-use erfgs_session::{ImageRgb8, image::Resample};
+use erfgs_scene::{ImageRgb8, image::Resample};
 use glam::{DVec2, DVec3};
 
 use crate::bundle::{Bundle, Solution, Step};

@@ -6,7 +6,8 @@
 
 use std::ops::Range;
 
-use erfgs_session::{Event, Events, image::ImageGrey8, srgb};
+use erfgs_events::{Event, Events};
+use erfgs_scene::{image::ImageGrey8, srgb};
 
 use crate::statistics::median;
 
@@ -283,7 +284,7 @@ fn line_means(from: &[f32], to: &mut [f32], lines: usize, length: usize, between
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::random;
+    use erfgs_base::random;
 
     use super::*;
 

@@ -1,7 +1,7 @@
 //! The median, which everything that distrusts outliers starts from.
 
 /// The middle value; of an even number of values the upper one of the two in the middle. `None` of no values.
-pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)

@@ -11,7 +11,7 @@ mod record;
 
 use std::{error::Error, path::Path};
 
-use erfgs_hardware_mocks::stage::{FilmOptions, film};
+use erfgs_stage::{FilmOptions, film};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

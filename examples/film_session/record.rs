@@ -2,11 +2,14 @@
 
 use std::{collections::BTreeSet, error::Error, path::Path};
 
-use erfgs_calibrate::rig_file::{RigCamera, RigFile};
-use erfgs_rig::trigger::{code, protocol};
+use erfgs_dataset::{Camera, Dataset, Split};
+use erfgs_events::EventEncoding;
+use erfgs_events::{CdEvent, Edge, Evt3Encoder};
+use erfgs_scene::Modality;
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::rig_file::{RigCamera, RigFile};
+use erfgs_session::trigger::{code, protocol};
 use erfgs_session::{
-    Camera, Dataset, Modality, Split,
-    codec::{CdEvent, Edge, Evt3Encoder},
     container::{SessionStart, SessionWriter, Settings},
     source::{Description, Encoding, FrameStamp, Packet, StampClock, StampPoint},
 };
@@ -47,14 +50,18 @@ pub fn write(dataset: &Dataset, path: &Path) -> Result<(), Box<dyn Error>> {
     for camera in &dataset.manifest.cameras {
         let stream = streams.len();
         if camera.modality == Modality::Event {
-            streams.push(writer.add_stream(&description(camera, Encoding::Evt3, serde_json::json!({})))?);
+            streams.push(writer.add_stream(&description(
+                camera,
+                Encoding::Events(EventEncoding::Evt3),
+                serde_json::json!({}),
+            ))?);
             all.extend(event_packets(dataset, camera, &pulses)?.into_iter().map(|(t, words)| (stream, t, None, words)));
             continue;
         }
         let triggered = camera.split == Split::Train;
         let exposure_ns = camera.frames.first().map_or(0, |frame| frame.exposure_ns[1] - frame.exposure_ns[0]);
         let settings = serde_json::json!({ "triggered": triggered, "exposure_us": exposure_ns / 1000 });
-        streams.push(writer.add_stream(&description(camera, Encoding::Rgb8, settings))?);
+        streams.push(writer.add_stream(&description(camera, Encoding::Frames(PixelFormat::Rgb8), settings))?);
         for (number, frame) in (0..).zip(&camera.frames) {
             // A triggered camera's stamp comes when the transfer begins, by up to half a millisecond late.
             let late = if triggered { 300_000 + number * 7919 % 200_000 } else { 0 };
@@ -123,7 +130,11 @@ fn pulses(dataset: &Dataset) -> Vec<[i64; 2]> {
 fn description(camera: &Camera, encoding: Encoding, settings: serde_json::Value) -> Description {
     Description {
         id: camera.name.clone(),
-        model: if encoding == Encoding::Evt3 { "Prophesee EVK4".into() } else { "stage camera".into() },
+        model: if encoding == Encoding::Events(EventEncoding::Evt3) {
+            "Prophesee EVK4".into()
+        } else {
+            "stage camera".into()
+        },
         serial: String::new(),
         encoding,
         width: camera.intrinsics.width,

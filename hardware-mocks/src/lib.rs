@@ -1,6 +1,5 @@
 //! Emulated devices, and the stage that they film.
 
-pub mod stage;
 #[cfg(unix)]
 pub mod trigger;
 pub mod usb;

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use erfgs_session::Events;
+use erfgs_events::Events;
 use serde::Serialize;
 
 use crate::simulator::{Luma, Simulator, SimulatorConfig, SimulatorError};

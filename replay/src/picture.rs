@@ -1,6 +1,7 @@
 //! Events as pictures.
 
-use erfgs_session::{Events, ImageRgb8};
+use erfgs_events::Events;
+use erfgs_scene::ImageRgb8;
 
 /// ON minus OFF events of each pixel with `from_us <= t < to_us`, row-major.
 #[must_use]
@@ -39,7 +40,7 @@ pub fn picture(values: impl IntoIterator<Item = f32>, width: u32, height: u32, f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use erfgs_session::Event;
+    use erfgs_events::Event;
 
     #[test]
     fn counts_are_signed_and_the_window_is_half_open() {

@@ -15,14 +15,12 @@ use std::{
     time::{Duration, Instant},
 };
 
+use erfgs_events::{CdEvent, Decoder, Edge, SensorSize, Sink, StreamDecoder};
 use erfgs_rig::{
     event::{Davis346Config, Davis346Source, Evk4Config, Evk4Source, StreamConfig, davis346, list},
     usb::LibusbBus,
 };
-use erfgs_session::{
-    codec::{CdEvent, Decoder, Edge, SensorSize, Sink, StreamDecoder},
-    source::{Incident, Outlet, Packet, Source},
-};
+use erfgs_session::source::{Incident, Outlet, Packet, Source};
 
 /// The longest that this machine may take for one run.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -76,7 +74,7 @@ impl Sink for Follower {
 fn follow(source: &mut dyn Source, rate_hz: u64, seconds: f64) -> Result<bool, Box<dyn Error + Send + Sync>> {
     let description = source.description().clone();
     let size = SensorSize { width: description.width as u16, height: description.height as u16 };
-    let mut decoder = StreamDecoder::new(description.encoding, Some(size)).ok_or("no decoder of this format")?;
+    let mut decoder = StreamDecoder::new(description.encoding.events().ok_or("no decoder of this format")?, Some(size));
     let mut follower = Follower { rate_hz, size, first: None, last_us: 0, events: 0, edges: 0, wrong: 0 };
     let (give, take): (_, Receiver<Packet>) = channel();
     source.start(Arc::new(Queue(give)))?;

@@ -2,6 +2,7 @@
 //! `scripts/emulation.sh cameras` loads the module and runs these tests, which have no camera elsewhere.
 #![cfg(target_os = "linux")]
 
+#[path = "it/kept/mod.rs"]
 mod kept;
 
 use std::sync::Arc;
@@ -10,11 +11,12 @@ use erfgs_rig::{
     frame::{self, Backend, FrameConfig, Lock},
     host_time::host_ns,
 };
-use erfgs_session::{
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::{
     ImageRgb8,
-    pixel::{self, RawLook, Response},
-    source::{BayerOrder, Description, Encoding, Packet, Samples, StampClock, StampPoint},
+    pixel::{self, BayerOrder, RawLook, Response, Samples},
 };
+use erfgs_session::source::{Description, Packet, StampClock, StampPoint};
 use kept::Kept;
 
 fn film(config: &FrameConfig, count: usize) -> (Description, Vec<Packet>) {
@@ -39,7 +41,7 @@ const PERIOD_NS: i64 = 100_000_000;
 fn vivid(number: u32) -> FrameConfig {
     FrameConfig {
         camera: format!("/dev/video{number}"),
-        format: Encoding::Yuyv,
+        format: PixelFormat::Yuyv,
         width: WIDTH,
         height: HEIGHT,
         rate_hz: 1e9 / PERIOD_NS as f64,
@@ -57,7 +59,7 @@ fn vivid_cameras_are_listed_without_their_other_nodes() {
 #[test]
 #[ignore = "needs the guest: scripts/emulation.sh cameras"]
 fn the_kernels_frames_come_with_its_stamps() {
-    for format in [Encoding::Yuyv, Encoding::Nv12, Encoding::Grey8, Encoding::Rgb8] {
+    for format in [PixelFormat::Yuyv, PixelFormat::Nv12, PixelFormat::Grey8, PixelFormat::Rgb8] {
         let config = FrameConfig { format, ..vivid(0) };
         let before_ns = host_ns();
         let (_, packets) = film(&config, 15);
@@ -94,18 +96,19 @@ fn bars(image: &ImageRgb8) -> Vec<[f64; 3]> {
 fn the_same_bars_have_the_same_colours_in_every_format() {
     // vivid's mosaics hold codes of pictures, not light.
     let coded = Some(RawLook { response: Some(Response::Srgb), ..RawLook::default() });
-    let seen = |format: Encoding| {
-        let raw = coded.filter(|_| matches!(format, Encoding::Bayer(..)));
+    let seen = |format: PixelFormat| {
+        let raw = coded.filter(|_| matches!(format, PixelFormat::Bayer(..)));
         let (description, packets) = film(&FrameConfig { format, raw, ..vivid(0) }, 2);
         assert!(!packets[1].damaged, "{format}");
-        bars(&pixel::picture(&description, &packets[1].payload).unwrap())
+        bars(&description.frame_format().unwrap().picture(&packets[1].payload).unwrap())
     };
-    let reference = seen(Encoding::Rgb8);
+    let reference = seen(PixelFormat::Rgb8);
     let spread = |channel: usize| reference.iter().map(|bar| bar[channel]).fold(0.0, f64::max);
     assert!((0..3).all(|channel| spread(channel) > 150.0), "{reference:?} are no colours");
     let words = [Samples::Bits8, Samples::Bits10, Samples::Bits12];
-    let bayer = words.into_iter().flat_map(|samples| BayerOrder::ALL.map(|order| Encoding::Bayer(order, samples)));
-    for format in [Encoding::Bgr8, Encoding::Yuyv, Encoding::Uyvy, Encoding::Nv12].into_iter().chain(bayer) {
+    let bayer = words.into_iter().flat_map(|samples| BayerOrder::ALL.map(|order| PixelFormat::Bayer(order, samples)));
+    for format in [PixelFormat::Bgr8, PixelFormat::Yuyv, PixelFormat::Uyvy, PixelFormat::Nv12].into_iter().chain(bayer)
+    {
         for (bar, expected) in std::iter::zip(seen(format), &reference) {
             let off = std::iter::zip(bar, expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(off < 4.0, "{format}: {bar:?} is not {expected:?}");

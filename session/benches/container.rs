@@ -7,6 +7,7 @@ use std::{
     time::Instant,
 };
 
+use erfgs_events::EventEncoding;
 use erfgs_session::{
     container::{Entry, Session, SessionStart, SessionWriter, Settings},
     source::{Description, Encoding, Packet},
@@ -30,7 +31,7 @@ fn description() -> Description {
         id: "ev0".into(),
         model: "bench".into(),
         serial: String::new(),
-        encoding: Encoding::Evt3,
+        encoding: Encoding::Events(EventEncoding::Evt3),
         width: 1280,
         height: 720,
         start_order: 0,

@@ -7,9 +7,10 @@
 use std::{error::Error, sync::Arc};
 
 use bytes::Bytes;
+use erfgs_scene::pixel::{FrameFormat, RawLook};
 use serde::{Deserialize, Serialize};
 
-pub use crate::encoding::{BayerOrder, Encoding, Samples, UnknownEncoding, names};
+pub use crate::encoding::{Encoding, UnknownEncoding, names};
 
 /// What a stream is: written once into a recording, before its packets.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +31,16 @@ pub struct Description {
     pub start_order: i32,
     /// Settings as read back from the device after they were set: biases, exposure, firmware, transfers in flight.
     pub settings: serde_json::Map<String, serde_json::Value>,
+}
+
+impl Description {
+    /// How the stream's frames are to be decoded; `None` where its packets are no frames.
+    #[must_use]
+    pub fn frame_format(&self) -> Option<FrameFormat> {
+        let pixels = self.encoding.frames()?;
+        let look = RawLook::of_settings(&self.settings, pixels);
+        Some(FrameFormat { pixels, width: self.width, height: self.height, look })
+    }
 }
 
 /// The clock that a kernel stamped a frame with.
@@ -158,5 +169,19 @@ pub trait Source: Send {
     /// controller counts. Empty where the device has none.
     fn readings(&mut self) -> Vec<(String, f64)> {
         Vec::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_of_events_and_lines_have_no_frames() {
+        for encoding in Encoding::all() {
+            let (id, model, serial, settings) = ("cam".into(), String::new(), String::new(), serde_json::Map::new());
+            let stream = Description { id, model, serial, encoding, width: 2, height: 1, start_order: 0, settings };
+            assert_eq!(stream.frame_format().is_some(), encoding.is_frames(), "{encoding}");
+        }
     }
 }

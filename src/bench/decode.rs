@@ -3,7 +3,7 @@
 use std::{path::PathBuf, time::Instant};
 
 use anyhow::Context;
-use erfgs_session::codec::{CdEvent, Columns, Decoder, EventBatch, EventFile, SensorSize, Sink};
+use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, EventFile, SensorSize, Sink};
 use serde::Serialize;
 
 use crate::{
@@ -97,10 +97,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let (mut seconds, mut wall_seconds) = (f64::INFINITY, f64::INFINITY);
     // The first run makes room and does not count.
     for run in 0..=arguments.runs {
-        let Some(mut decoder) = file.decoder() else {
-            let what = format!("{} is not a stream of bytes: its decoding is that of its library", file.format.name());
-            return Err(Usage(what).into());
-        };
+        let mut decoder = file.decoder();
         let (from, cpu_from) = (Instant::now(), cpu_seconds());
         count = 0;
         for piece in body.chunks(PIECE) {

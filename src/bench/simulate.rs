@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use erfgs_events::npz;
 use erfgs_replay::bench::{Figures, moving_disc, simulate};
-use erfgs_session::npz;
 
 use crate::{
     simulate::Sensor,

@@ -6,10 +6,10 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_session::Dataset;
+use erfgs_dataset::Dataset;
+use erfgs_run::RunFolder;
 use erfgs_train::{
     config::Config,
-    run::RunFolder,
     scene::Scene,
     trainer::{TrainOptions, Trainer},
 };

@@ -8,11 +8,11 @@ use std::{
 use erfgs_calibrate::{
     board::{BoardOptions, EventBoard, LensModel, Seen, Target, calibrate, look, look_session, pictures},
     report::telling,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
-use erfgs_rig::sync::Synchronisation;
 use erfgs_session::{clock::Epochs, source::Packet};
+use erfgs_sync::Synchronisation;
 
 use super::summary::finish;
 use crate::terminal::Terminal;

@@ -7,8 +7,8 @@ use erfgs_calibrate::{
     board::{BoardOptions, Target, calibrate},
     check::{Tolerance, compare},
     report::write_drift,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 use super::board::boards;
 use crate::{

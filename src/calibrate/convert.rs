@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_calibrate::convert::{Format, read, write};
+use erfgs_scene::exchange::{Format, read, write};
 use serde::Serialize;
 
 use crate::terminal::Terminal;

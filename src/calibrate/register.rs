@@ -4,17 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use erfgs_calibrate::{
-    ColmapProgram,
     intensity::{LogIntensity, dark_ramp, leaky},
-    rig_file::RigFile,
     sfm::{RegisterOptions, View, read_model_views, register},
 };
-use erfgs_session::{
-    Events, Modality,
-    codec::{Columns, EventFile},
-    image::ImageGrey8,
-    npz,
-};
+use erfgs_events::{Columns, EventFile, Events, npz};
+use erfgs_points::ColmapProgram;
+use erfgs_scene::rig_file::RigFile;
+use erfgs_scene::{Modality, image::ImageGrey8};
 
 use super::summary::finish;
 use crate::{errors::Usage, terminal::Terminal};
@@ -157,7 +153,7 @@ fn decoded(file: &Path, [width, height]: [u32; 2]) -> anyhow::Result<Events> {
     EventFile::open(file)?.decode(&mut columns)?;
     let mut events = Events::new(width, height);
     for index in 0..columns.len() {
-        events.push(erfgs_session::Event {
+        events.push(erfgs_events::Event {
             t_us: columns.t_us[index] as i64,
             x: columns.x[index],
             y: columns.y[index],

@@ -3,11 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_calibrate::{
-    ColmapProgram,
-    rig_file::RigFile,
-    sfm::{KnownIntrinsics, SfmOptions, read_views, sfm},
-};
+use erfgs_calibrate::sfm::{KnownIntrinsics, SfmOptions, read_views, sfm};
+use erfgs_points::ColmapProgram;
+use erfgs_scene::rig_file::RigFile;
 
 use super::summary::finish;
 use crate::terminal::Terminal;

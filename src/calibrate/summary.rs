@@ -2,11 +2,8 @@
 
 use std::path::Path;
 
-use erfgs_calibrate::{
-    evidence::Evidence,
-    report,
-    rig_file::{RigCamera, RigFile},
-};
+use erfgs_calibrate::{evidence::Evidence, report};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 use crate::terminal::{Terminal, table, thousands};
 

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use erfgs_base::atomic;
 use erfgs_calibrate::board::{Paper, Target, print};
-use erfgs_session::atomic;
 
 use crate::{errors::Usage, terminal::Terminal};
 

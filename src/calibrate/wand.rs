@@ -2,10 +2,8 @@
 
 use std::path::PathBuf;
 
-use erfgs_calibrate::{
-    rig_file::RigFile,
-    wand::{Frame, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points},
-};
+use erfgs_calibrate::wand::{Frame, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points};
+use erfgs_scene::rig_file::RigFile;
 
 use super::{
     summary::finish,

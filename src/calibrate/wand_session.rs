@@ -6,20 +6,19 @@ use anyhow::Context;
 use erfgs_calibrate::{
     evidence::{Evidence, Picture},
     report::{EventPicture, telling},
-    rig_file::RigFile,
     wand::{
         Sighting, Stick, WandCamera,
         detect::{BlinkDetector, BlinkOptions, BrightOptions, Lights, bright_lights, choose},
     },
 };
-use erfgs_rig::sync::{StreamSync, Synchronisation};
+use erfgs_events::{CdEvent, Sink};
+use erfgs_scene::rig_file::RigFile;
 use erfgs_session::{
     clock::{Dated, EpochCursor},
-    codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
-    pixel,
     source::{Description, Packet},
 };
+use erfgs_sync::{StreamSync, Synchronisation};
 
 use crate::{errors::Usage, sync, terminal::Terminal};
 
@@ -138,7 +137,7 @@ pub fn pictures(recording: &mut Recording, rig: &RigFile, evidence: &Evidence) -
     }
     for (stream, (camera, placement, _, _, nearest)) in frames {
         let d = &streams[stream].description;
-        let image = nearest.and_then(|(_, packet)| pixel::picture(d, &packet.payload).ok());
+        let image = nearest.and_then(|(_, packet)| d.frame_format()?.picture(&packet.payload).ok());
         pictures.extend(image.map(|image| Picture::new(camera, Some(placement), &image)));
     }
     pictures.sort_by_key(|picture| picture.camera);
@@ -225,7 +224,9 @@ fn bright(
         };
         done += 1;
         progress(done, total);
-        let Ok(image) = pixel::picture(description, &packet.payload) else { continue };
+        let Some(Ok(image)) = description.frame_format().map(|format| format.picture(&packet.payload)) else {
+            continue;
+        };
         let lights = bright_lights(&image.grey(), &BrightOptions::default());
         if !lights.is_empty() {
             let t = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));

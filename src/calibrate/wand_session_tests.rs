@@ -2,11 +2,13 @@ use std::path::Path;
 
 use erfgs_calibrate::evidence::Residual;
 use erfgs_calibrate::report::page;
-use erfgs_calibrate::rig_file::RigCamera;
 use erfgs_calibrate::wand::{WandOptions, calibrate};
+use erfgs_events::EventEncoding;
+use erfgs_events::Evt3Encoder;
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::rig_file::RigCamera;
+use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
 use erfgs_session::{
-    Distortion, Intrinsics, Modality, Pose,
-    codec::Evt3Encoder,
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, FrameStamp, Packet, StampClock, StampPoint},
 };
@@ -114,7 +116,11 @@ fn record(path: &Path) {
             id: camera.name.clone(),
             model: "simulated".into(),
             serial: String::new(),
-            encoding: if is_film { Encoding::Grey8 } else { Encoding::Evt3 },
+            encoding: if is_film {
+                Encoding::Frames(PixelFormat::Grey8)
+            } else {
+                Encoding::Events(EventEncoding::Evt3)
+            },
             width: WIDTH,
             height: HEIGHT,
             start_order: 0,

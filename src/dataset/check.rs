@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::Dataset;
+use erfgs_dataset::Dataset;
 
 use crate::{info, terminal::Terminal};
 

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{
+use erfgs_dataset::{
     Dataset,
-    image::Resample,
     import::{ImportOptions, Layout, import, session::SessionOptions},
 };
+use erfgs_scene::image::Resample;
 
 use super::session::{self, SessionArguments};
 use crate::{info, parse::FrameRange, terminal::Terminal};

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_calibrate::{CloudOptions, ColmapProgram, FrameChoice, Method, attach, initial_cloud};
-use erfgs_session::{Dataset, dataset::PointCloudFile};
+use erfgs_dataset::{Dataset, PointCloudFile};
+use erfgs_points::{CloudOptions, ColmapProgram, FrameChoice, Method, attach, initial_cloud};
 
 use crate::{
     errors::Usage,

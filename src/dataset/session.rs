@@ -3,12 +3,10 @@
 use std::path::Path;
 
 use anyhow::Context;
-use erfgs_calibrate::rig_file::{RigCamera, RigFile};
-use erfgs_rig::sync::StreamSync;
-use erfgs_session::{
-    container::{Session, Stream},
-    import::session::{Imported, SessionOptions, Timing, Viewpoint, import},
-};
+use erfgs_dataset::import::session::{Imported, SessionOptions, Timing, Viewpoint, import};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
+use erfgs_session::container::{Session, Stream};
+use erfgs_sync::StreamSync;
 
 use crate::{parse::Thresholds, sync, terminal::Terminal};
 
@@ -123,7 +121,7 @@ pub fn run(
         .manifest
         .cameras
         .iter()
-        .any(|camera| camera.intrinsics.distortion != erfgs_session::Distortion::None)
+        .any(|camera| camera.intrinsics.distortion != erfgs_scene::Distortion::None)
     {
         let ds = out.display();
         terminal.note(format!("before training: erfgs dataset undistort {ds} --out {ds}-pinhole"));

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{Dataset, undistort::undistort};
+use erfgs_dataset::{Dataset, undistort::undistort};
 
 use crate::{info, terminal::Terminal};
 

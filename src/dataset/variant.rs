@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use erfgs_dataset::Dataset;
 use erfgs_replay::{
     VariantOptions,
     variant::{BlurOptions, Edge, EventOnly, Label, Rounding, Window, variant},
 };
-use erfgs_session::Dataset;
 
 use crate::{errors::Usage, info, parse::CameraChoice, simulate::Sensor, terminal::Terminal};
 

@@ -6,14 +6,13 @@ use std::{
 };
 
 use anyhow::Context;
+use erfgs_base::atomic;
+use erfgs_events::{
+    Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, Edge, Event, EventBatch, Events,
+    ImuSample, Mark, RawHeader, SensorSize, Sink, hdf5, npz,
+};
 use erfgs_session::{
-    Event, Events, atomic,
-    codec::{
-        Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, Edge, EventBatch, ImuSample, Mark,
-        RawHeader, SensorSize, Sink,
-    },
     container::{ContainerError, Entry, Recording, sensor_size},
-    hdf5, npz,
     source::Description,
 };
 use serde::Serialize;
@@ -141,7 +140,7 @@ fn decode(
 /// The header of a RAW file, from what the device said of itself.
 fn raw_header(description: &Description, epoch_ns: i64) -> Option<RawHeader> {
     let size = sensor_size(description).unwrap_or(SensorSize { width: 1280, height: 720 });
-    let header = RawHeader::new(description.encoding, size, &description.serial, &utc(epoch_ns))?;
+    let header = RawHeader::new(description.encoding.events()?, size, &description.serial, &utc(epoch_ns))?;
     let firmware = description.settings.get("firmware").and_then(serde_json::Value::as_str).unwrap_or("");
     let is_imx636 = description.model.contains("EVK4") || description.model.contains("IMX636");
     Some(if is_imx636 { header.with_imx636(firmware) } else { header })

@@ -7,14 +7,15 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_rig::sync::{StreamSync, Synchronisation};
+use erfgs_base::atomic;
+use erfgs_scene::pixel;
+use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
-    atomic,
     clock::EpochCursor,
     container::{Entry, Recording, SessionStart},
-    pixel,
     source::{Description, Encoding, Packet},
 };
+use erfgs_sync::{StreamSync, Synchronisation};
 use serde::Serialize;
 
 use super::{Format, Task, events::is_passed_over, sensor_frames};
@@ -216,26 +217,27 @@ impl Out {
         rate_hz: f64,
     ) -> anyhow::Result<bool> {
         let file = |extension: &str| path.join(format!("{index:06}.{extension}"));
-        let is_deep = pixel::is_deep(description.encoding);
+        let Some(format) = description.frame_format() else { return Ok(false) };
+        let is_deep = pixel::is_deep(format.pixels);
         match self {
             Self::Png if is_deep => {
-                let Ok(image) = pixel::deep_picture(description, payload) else { return Ok(false) };
+                let Ok(image) = format.deep_picture(payload) else { return Ok(false) };
                 image.write_png(&file("png"))?;
             }
             Self::Png => {
-                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
+                let Ok(image) = format.picture(payload) else { return Ok(false) };
                 image.write_png(&file("png"))?;
             }
-            Self::Exr if is_deep || matches!(description.encoding, Encoding::Bayer(..)) => {
-                let Ok(light) = pixel::light(description, payload) else { return Ok(false) };
+            Self::Exr if is_deep || matches!(format.pixels, PixelFormat::Bayer(..)) => {
+                let Ok(light) = format.light(payload) else { return Ok(false) };
                 exr::write_light(&file("exr"), &light)?;
             }
             Self::Exr => {
-                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
+                let Ok(image) = format.picture(payload) else { return Ok(false) };
                 exr::write_rgb8(&file("exr"), &image)?;
             }
             Self::Mp4(video) => {
-                let Ok(image) = pixel::picture(description, payload) else { return Ok(false) };
+                let Ok(image) = format.picture(payload) else { return Ok(false) };
                 if video.is_none() {
                     *video = Some(Video::create(path, image.width, image.height, rate_hz)?);
                 }

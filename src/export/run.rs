@@ -24,7 +24,7 @@ pub fn run(run: &TrainedRun, instants: Option<u32>, out: Option<&Path>, terminal
     let folder = run.folder()?;
     let gpu = run.device()?;
     let mut trainer = run.trainer(&gpu, &folder)?;
-    let out = erfgs_train::run::RunFolder::new(out.unwrap_or(folder.root()));
+    let out = erfgs_run::RunFolder::new(out.unwrap_or(folder.root()));
     let instants = instants.unwrap_or_else(|| {
         let times: std::collections::BTreeSet<i64> = trainer.scene.held_out.iter().map(|frame| frame.t_ns).collect();
         times.len() as u32

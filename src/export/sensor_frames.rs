@@ -1,11 +1,8 @@
 //! Frames of the pixels of an event sensor: a DAVIS's, and those of AEDAT 4.
 
-use erfgs_session::{
-    clock::EpochCursor,
-    codec::{ApsFrame, CdEvent, EventBatch, Sink},
-    container::Recording,
-    source::Encoding,
-};
+use erfgs_events::{ApsFrame, CdEvent, EventBatch, Sink};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_session::{clock::EpochCursor, container::Recording, source::Encoding};
 
 use super::{Task, frames::Writing};
 
@@ -91,14 +88,14 @@ impl Frames<'_, '_> {
 fn samples(frame: &ApsFrame) -> (Encoding, Vec<u8>) {
     let words = |shift: u8| frame.pixels.iter().flat_map(|pixel| (pixel >> shift).to_le_bytes()).collect();
     match (frame.channels, frame.bits) {
-        (1, ..=8) => (Encoding::Grey8, frame.pixels.iter().map(|&pixel| pixel as u8).collect()),
-        (1, 10) => (Encoding::Grey10, words(0)),
-        (1, bits) => (Encoding::Grey12, words(bits.saturating_sub(12))),
+        (1, ..=8) => (Encoding::Frames(PixelFormat::Grey8), frame.pixels.iter().map(|&pixel| pixel as u8).collect()),
+        (1, 10) => (Encoding::Frames(PixelFormat::Grey10), words(0)),
+        (1, bits) => (Encoding::Frames(PixelFormat::Grey12), words(bits.saturating_sub(12))),
         (channels, bits) => {
             let shift = bits.saturating_sub(8);
             let pixels = frame.pixels.chunks_exact(channels.max(1).into());
             let colours = pixels.flat_map(|pixel| pixel.iter().take(3).map(|&level| (level >> shift) as u8));
-            (Encoding::Bgr8, colours.collect())
+            (Encoding::Frames(PixelFormat::Bgr8), colours.collect())
         }
     }
 }
@@ -115,10 +112,10 @@ mod tests {
 
     #[test]
     fn samples_keep_the_bits_that_cameras_have() {
-        assert_eq!(samples(&frame(1, 8, &[7, 255])), (Encoding::Grey8, vec![7, 255]));
-        assert_eq!(samples(&frame(1, 10, &[1023])), (Encoding::Grey10, vec![0xFF, 3]));
-        assert_eq!(samples(&frame(1, 16, &[0xFFC0])), (Encoding::Grey12, vec![0xFC, 0xF]));
-        assert_eq!(samples(&frame(4, 8, &[1, 2, 3, 4])), (Encoding::Bgr8, vec![1, 2, 3]));
-        assert_eq!(samples(&frame(3, 16, &[256, 512, 768])), (Encoding::Bgr8, vec![1, 2, 3]));
+        assert_eq!(samples(&frame(1, 8, &[7, 255])), (Encoding::Frames(PixelFormat::Grey8), vec![7, 255]));
+        assert_eq!(samples(&frame(1, 10, &[1023])), (Encoding::Frames(PixelFormat::Grey10), vec![0xFF, 3]));
+        assert_eq!(samples(&frame(1, 16, &[0xFFC0])), (Encoding::Frames(PixelFormat::Grey12), vec![0xFC, 0xF]));
+        assert_eq!(samples(&frame(4, 8, &[1, 2, 3, 4])), (Encoding::Frames(PixelFormat::Bgr8), vec![1, 2, 3]));
+        assert_eq!(samples(&frame(3, 16, &[256, 512, 768])), (Encoding::Frames(PixelFormat::Bgr8), vec![1, 2, 3]));
     }
 }

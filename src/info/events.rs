@@ -2,10 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use erfgs_session::{
-    codec::{Anomalies, Digests, EventBatch, EventFile, SensorSize, Sink},
-    hdf5, npz,
-};
+use erfgs_events::{Anomalies, Digests, EventBatch, EventFile, SensorSize, Sink, hdf5, npz};
 use serde::Serialize;
 
 use crate::terminal::{Terminal, table, thousands};

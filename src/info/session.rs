@@ -2,13 +2,14 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use erfgs_rig::{record::RigConfig, sync::Synchronisation};
+use erfgs_events::{Anomalies, Digests};
+use erfgs_recorder::RigConfig;
 use erfgs_session::{
     clock::{ClockFit, Residuals},
-    codec::{Anomalies, Digests},
     container::{IncidentEntry, Session, Status, Stream, Summary},
     source::{Description, Incident},
 };
+use erfgs_sync::Synchronisation;
 use serde::Serialize;
 
 use super::settings;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use erfgs_session::{ImageRgb8, pixel::LightRgb, srgb::decode as to_linear};
+use erfgs_scene::{ImageRgb8, pixel::LightRgb, srgb::decode as to_linear};
 use erfgs_train::trainer::Rendered;
 use exr::prelude::{Image, SpecificChannels, WritableImage, f16};
 

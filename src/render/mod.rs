@@ -7,7 +7,7 @@ pub mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_session::{ImageRgb8, Intrinsics};
+use erfgs_scene::{ImageRgb8, Intrinsics};
 use erfgs_train::{
     metrics::to_bytes,
     raster::View,

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use erfgs_session::{Camera, Dataset, Intrinsics, Pose, Split};
+use erfgs_dataset::{Camera, Dataset, Split};
+use erfgs_scene::{Intrinsics, Pose};
 use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
 

@@ -8,11 +8,11 @@ use std::{
     },
 };
 
-use erfgs_replay::{PlayedSource, Player};
-use erfgs_rig::{
+use erfgs_recorder::{
+    Input, MachineFacts, RecordConfig, Recorder, SessionInfo, folder_of,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
-    record::{Input, MachineFacts, RecordConfig, Recorder, SessionInfo, folder_of},
 };
+use erfgs_replay::{PlayedSource, Player};
 use erfgs_session::source::{Incident, Outlet, Packet, Source};
 
 use super::{Arguments, PlayedStream};
@@ -129,7 +129,7 @@ impl Audience {
             }
             Self::Live { recorder, .. } => {
                 let status = recorder.status();
-                let played = |stream: &erfgs_rig::record::StreamStatus| PlayedStream {
+                let played = |stream: &erfgs_recorder::StreamStatus| PlayedStream {
                     id: stream.id.clone(),
                     packets: stream.counters.packets,
                     bytes: stream.counters.bytes,

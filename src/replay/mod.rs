@@ -10,8 +10,8 @@ use std::{
 };
 
 use audience::Audience;
+use erfgs_events::SensorSize;
 use erfgs_replay::{Player, PlayerOptions, Speed};
-use erfgs_session::codec::SensorSize;
 use serde::Serialize;
 
 use crate::{

@@ -2,15 +2,13 @@
 
 use std::fs;
 
-use erfgs_session::{
-    Event, Events,
-    codec::{CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Evt3Encoder, RawHeader, SensorSize},
-    npz,
-    source::Encoding,
+use erfgs_events::EventEncoding;
+use erfgs_events::{
+    CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Event, Events, Evt3Encoder, RawHeader, SensorSize, npz,
 };
 use serde_json::Value;
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 const SIZE: SensorSize = SensorSize { width: 1280, height: 720 };
 
@@ -35,7 +33,7 @@ fn events() -> impl Iterator<Item = CdEvent> {
 /// The same events in files of several formats.
 fn with_files() -> Folder {
     let folder = Folder::new();
-    let mut raw = RawHeader::new(Encoding::Evt3, SIZE, "1", "2026-01-02 03:04:05").expect("a header").encode();
+    let mut raw = RawHeader::new(EventEncoding::Evt3, SIZE, "1", "2026-01-02 03:04:05").expect("a header").encode();
     let mut dat = DatFormat::header(SIZE, "2026-01-02 03:04:05");
     let mut csv = CSV_HEADER.to_vec();
     let mut columns = Events::new(1280, 720);

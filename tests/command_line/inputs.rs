@@ -2,7 +2,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 #[test]
 fn wrong_usage_ends_with_code_2_and_says_what_is_right() {

@@ -1,6 +1,6 @@
 use std::fs;
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 #[test]
 fn a_film_becomes_two_runs_and_a_report_that_stands_alone() {

@@ -4,7 +4,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 const TRAIN: &str = "train ds --method erf-gs --iterations 20+60 --seed 3 --deterministic --no-evaluation \
                      --set evaluation.log_every=5 --set eds.from=10 --set eds.every=10 --set density.from=5 \

@@ -2,7 +2,7 @@ use std::{fs, io::Write};
 
 use zip::{ZipWriter, write::SimpleFileOptions};
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 /// A bright square that moves over a grey ground.
 fn luma(frames: u64, width: u64, height: u64) -> Vec<u8> {

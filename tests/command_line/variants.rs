@@ -1,6 +1,6 @@
-use erfgs_hardware_mocks::stage::{FilmOptions, RigOptions, StageOptions, film};
+use erfgs_stage::{FilmOptions, RigOptions, StageOptions, film};
 
-use crate::Folder;
+use crate::command_line::Folder;
 
 /// Six RGB cameras and a held-out one, 13 sharp frames at 30 a second.
 fn sharp_film(folder: &Folder) {

@@ -6,7 +6,7 @@ use erfgs_train::{
 };
 use serde_json::json;
 
-use crate::{Numbers, ask, assert_close, gpus, numbers, wide};
+use crate::oracles::{Numbers, ask, assert_close, gpus, numbers, wide};
 
 const PIXELS: usize = 200;
 

@@ -8,10 +8,8 @@ use std::{
     process::{Command, Output},
 };
 
-use erfgs_session::{
-    codec::{CdEvent, Columns, EventFile},
-    source::{Packet, StampPoint},
-};
+use erfgs_events::{CdEvent, Columns, EventFile};
+use erfgs_session::source::{Packet, StampPoint};
 use serde_json::{Value, json};
 
 use recorded::{END_NS, EPOCH_NS, RIG, Recorded, START_NS};
@@ -132,7 +130,7 @@ fn inivations_library_reads_exported_aedat4() {
         assert_events("dv-processing", &davis["events"], &expected.events);
         let marks: Vec<Value> = expected.marks.iter().map(|&(t_us, mark)| json!([t_us, mark as u8])).collect();
         assert_eq!(davis["triggers"], Value::from(marks));
-        let sample = |sample: &erfgs_session::codec::ImuSample| {
+        let sample = |sample: &erfgs_events::ImuSample| {
             let axes = [sample.accelerometer, sample.gyroscope, sample.magnetometer].concat();
             let mut row = vec![json!(sample.t_us), json!(sample.temperature)];
             row.extend(axes.into_iter().map(|value| json!(value)));
@@ -150,7 +148,7 @@ fn inivations_library_reads_exported_aedat4() {
         }
         assert_eq!(evk4["sizes"][0], json!([1280, 720]));
         assert_events("dv-processing", &evk4["events"], &recorded.events);
-        let edge = |edge: &erfgs_session::codec::Edge| json!([edge.t_us, if edge.rising { 1 } else { 2 }]);
+        let edge = |edge: &erfgs_events::Edge| json!([edge.t_us, if edge.rising { 1 } else { 2 }]);
         assert_eq!(evk4["triggers"], Value::from(recorded.edges.iter().map(edge).collect::<Vec<_>>()));
     });
 }
@@ -174,7 +172,7 @@ fn what_inivations_library_writes_is_read_with_every_compression() {
         assert_events(name, &written["events"], &columns.iter().collect::<Vec<_>>());
         let marks: Vec<Value> = columns.marks.iter().map(|&(t_us, mark)| json!([t_us, mark as u8])).collect();
         assert_eq!(Value::from(marks), written["triggers"], "{name}");
-        let frame = |frame: &erfgs_session::codec::ApsFrame| {
+        let frame = |frame: &erfgs_events::ApsFrame| {
             json!([frame.exposure_start_us, frame.exposure_end_us - frame.exposure_start_us, frame.pixels])
         };
         assert_eq!(Value::from(columns.frames.iter().map(frame).collect::<Vec<_>>()), written["frames"], "{name}");

@@ -9,7 +9,7 @@ use erfgs_train::{
 };
 use serde_json::{Value, json};
 
-use crate::{Numbers, ask, assert_close, gpus, numbers, wide};
+use crate::oracles::{Numbers, ask, assert_close, gpus, numbers, wide};
 
 const CORE: usize = 12;
 const BOX: [[f32; 3]; 2] = [[-1.0, -0.5, 0.2], [1.5, 0.75, 2.0]];

@@ -5,7 +5,7 @@ use erfgs_train::{
 };
 use serde_json::{Value, json};
 
-use crate::{Numbers, ask, assert_close, gpus, numbers, wide};
+use crate::oracles::{Numbers, ask, assert_close, gpus, numbers, wide};
 
 const CORE: usize = CORE_STRIDE as usize;
 

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::{
+use crate::recording::{
     files::{self, erfgs, json},
     rig::fail,
 };

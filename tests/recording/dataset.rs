@@ -2,10 +2,11 @@
 
 use std::{fs, path::Path, sync::LazyLock};
 
-use erfgs_hardware_mocks::stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film};
-use erfgs_session::{Dataset, Modality, Split};
+use erfgs_dataset::{Dataset, Split};
+use erfgs_scene::Modality;
+use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film};
 
-use crate::{files::json, rig::fail};
+use crate::recording::{files::json, rig::fail};
 
 #[path = "../../examples/film_session/record.rs"]
 mod record;

@@ -2,17 +2,13 @@
 
 use std::{fs, path::Path};
 
-use erfgs_session::{
-    Event, Events,
-    codec::{
-        Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Edge,
-        Evt2Encoder, Evt3Encoder, ImuSample, Mark, RawHeader, SensorSize, Sink,
-    },
-    npz,
-    source::Encoding,
+use erfgs_events::EventEncoding;
+use erfgs_events::{
+    Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Edge, Event,
+    Events, Evt2Encoder, Evt3Encoder, ImuSample, Mark, RawHeader, SensorSize, Sink, npz,
 };
 
-use crate::{
+use crate::recording::{
     files::{erfgs, json},
     rig::fail,
 };
@@ -57,7 +53,7 @@ fn aedat4() -> Vec<u8> {
 /// The files, by name.
 fn write_files(folder: &Path) -> Vec<&'static str> {
     let header = |encoding| RawHeader::new(encoding, SIZE, "00050423", "2025-06-15 15:06:40").unwrap().encode();
-    let (mut evt3, mut evt2) = (header(Encoding::Evt3), header(Encoding::Evt2));
+    let (mut evt3, mut evt2) = (header(EventEncoding::Evt3), header(EventEncoding::Evt2));
     let mut dat = DatFormat::header(SIZE, "2025-06-15 15:06:40");
     let mut csv = CSV_HEADER.to_vec();
     let mut columns = Events::new(64, 48);
@@ -268,7 +264,7 @@ fn what_exists_is_overwritten_with_force_alone() {
 #[test]
 fn real_recordings_are_imported_played_and_exported_without_a_change() {
     let references: serde_json::Value =
-        serde_json::from_str(include_str!("../../session/tests/codecs/digests.json")).unwrap();
+        serde_json::from_str(include_str!("../../events/tests/it/digests.json")).unwrap();
     let recording = |file: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/recordings").join(file);
         assert!(path.is_file(), "{} is missing: `scripts/setup.sh --oracles` fetches it", path.display());

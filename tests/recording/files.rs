@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use erfgs_rig::trigger::{code, protocol};
+use erfgs_events::EventEncoding;
+use erfgs_events::{CdEvent, Edge, Evt3Encoder};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_session::trigger::{code, protocol};
 use erfgs_session::{
-    codec::{CdEvent, Edge, Evt3Encoder},
     container::{SessionStart, SessionWriter, Settings},
     source::{Description, Encoding, FrameStamp, Packet, StampClock, StampPoint},
 };
@@ -34,7 +36,7 @@ pub fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
 pub fn description(id: &str, encoding: Encoding, size: [u32; 2], settings: serde_json::Value) -> Description {
     Description {
         id: id.into(),
-        model: if encoding == Encoding::Evt3 { "Prophesee EVK4".into() } else { "Model".into() },
+        model: if encoding == Encoding::Events(EventEncoding::Evt3) { "Prophesee EVK4".into() } else { "Model".into() },
         serial: "00050423".into(),
         encoding,
         width: size[0],
@@ -66,10 +68,16 @@ pub fn write_session(folder: &Path) -> (PathBuf, Vec<CdEvent>) {
     };
     let settings = Settings { chunk_bytes: 20_000, ..Settings::default() };
     let mut writer = SessionWriter::create(&path, start, "[rig]\n", settings).unwrap();
-    let camera = description("ev0", Encoding::Evt3, [1280, 720], serde_json::json!({"firmware": "3.9.0"}));
+    let camera = description(
+        "ev0",
+        Encoding::Events(EventEncoding::Evt3),
+        [1280, 720],
+        serde_json::json!({"firmware": "3.9.0"}),
+    );
     let camera = writer.add_stream(&camera).unwrap();
     let triggered = serde_json::json!({"triggered": true, "exposure_us": 5000});
-    let frames = writer.add_stream(&description("cam0", Encoding::Grey8, [64, 48], triggered)).unwrap();
+    let frames =
+        writer.add_stream(&description("cam0", Encoding::Frames(PixelFormat::Grey8), [64, 48], triggered)).unwrap();
     let board = description("mcu", Encoding::TriggerLines, [0, 0], serde_json::json!({}));
     let board = writer.add_stream(&board).unwrap();
     let mut events = Vec::new();

@@ -10,15 +10,17 @@ use std::{
     time::Duration,
 };
 
+use erfgs_events::EventEncoding;
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::{Distortion, Intrinsics};
 use erfgs_session::{
-    Distortion, Intrinsics,
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, Packet},
 };
 
-use crate::{files::description, rig::recorded};
+use crate::recording::{files::description, rig::recorded};
 
-#[path = "../../calibrate/tests/common/blinking.rs"]
+#[path = "../../calibrate/tests/it/common/blinking.rs"]
 mod blinking;
 
 /// A session that is played again and again with its page.
@@ -97,7 +99,7 @@ fn write_boards(path: &Path) {
     let start =
         SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
-    let description = description("left", Encoding::Mjpeg, [640, 480], serde_json::json!({}));
+    let description = description("left", Encoding::Frames(PixelFormat::Mjpeg), [640, 480], serde_json::json!({}));
     let stream = writer.add_stream(&description).expect("a stream");
     let files = (1..=14).map(|number| pictures.join(format!("left{number:02}.jpg"))).filter(|file| file.exists());
     for (sequence, file) in (0..).zip(files) {
@@ -151,7 +153,7 @@ fn write_blinking(path: &Path) {
     let start =
         SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
-    let description = description("ev", Encoding::Evt2, [320, 240], serde_json::json!({}));
+    let description = description("ev", Encoding::Events(EventEncoding::Evt2), [320, 240], serde_json::json!({}));
     let stream = writer.add_stream(&description).expect("a stream");
     let events = blinking::events([8, 5], 0.03, &truth);
     for (sequence, part) in (0..).zip(events.chunk_by(|a, b| a.t_us / 20_000 == b.t_us / 20_000)) {
@@ -189,6 +191,6 @@ fn an_event_camera_is_calibrated_while_it_looks_at_a_board_that_blinks() {
 #[test]
 fn a_board_is_looked_for_only_where_there_is_a_page_to_tell() {
     let (kept, _) = recorded();
-    let message = crate::rig::fail(kept.path(), 2, "replay take.mcap --quick chessboard:9x6:0.025");
+    let message = crate::recording::rig::fail(kept.path(), 2, "replay take.mcap --quick chessboard:9x6:0.025");
     assert!(message.contains("--live"), "{message}");
 }

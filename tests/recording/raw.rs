@@ -2,11 +2,11 @@
 
 use std::{fs, path::Path};
 
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::{image::size, srgb};
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
-    image::size,
     source::{Encoding, Packet},
-    srgb,
 };
 
 use super::files::{self, json};
@@ -30,8 +30,8 @@ fn write_session(folder: &Path) {
         ("webcam", "uyvy", &plain),
     ] {
         let encoding: Encoding = name.parse().unwrap();
-        let payload = match (encoding, encoding.samples()) {
-            (Encoding::Bayer(order, _), Some(samples)) => {
+        let payload = match (encoding.frames().unwrap(), encoding.frames().unwrap().samples()) {
+            (PixelFormat::Bayer(order, _), Some(samples)) => {
                 let sensor = [0.5, 1.0, 0.25].map(|sensitivity| sensitivity * (4095.0 - 240.0));
                 let value = |at: usize| {
                     let colour = order.colour(at % 32, at / 32);

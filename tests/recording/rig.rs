@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use tempfile::TempDir;
 
-use crate::files::{erfgs, json};
+use crate::recording::files::{erfgs, json};
 
 const RIG: &str = r#"
 [rig]

@@ -1,11 +1,8 @@
 use std::fs;
 
-use erfgs_session::{
-    codec::{Columns, Decoder, EventFile, Evt3Decoder, RawHeader},
-    npz,
-};
+use erfgs_events::{Columns, Decoder, EventFile, Evt3Decoder, RawHeader, npz};
 
-use crate::files::{self, EXPOSURE_NS, PULSES, erfgs, json};
+use crate::recording::files::{self, EXPOSURE_NS, PULSES, erfgs, json};
 
 #[test]
 fn a_session_is_described_cut_repaired_and_described_again() {

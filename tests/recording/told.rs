@@ -2,13 +2,14 @@
 
 use std::fs;
 
+use erfgs_events::EventEncoding;
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings, Status, StreamStatus},
     source::{Encoding, Incident},
 };
 use serde_json::json;
 
-use crate::{
+use crate::recording::{
     files::{self, START_NS, erfgs},
     rig::{fail, recorded},
 };
@@ -36,7 +37,9 @@ fn info_tells_people_what_it_tells_programs() {
         "registers": { "0x0004": "0x0000ffff" },
         "not_applied": ["rate_hz = 30 (it has 25)"],
     });
-    writer.add_stream(&files::description("ev0", Encoding::Evt3, [1280, 720], settings)).unwrap();
+    writer
+        .add_stream(&files::description("ev0", Encoding::Events(EventEncoding::Evt3), [1280, 720], settings))
+        .unwrap();
     let readings = [("temperature_c".to_owned(), Some(41.25))].into();
     let stream = StreamStatus { readings, ..StreamStatus::default() };
     let streams = [("ev0".to_owned(), stream)].into();

@@ -14,9 +14,9 @@ use crate::{
     density::{Moments, Population, Seen},
     field::{FieldState, NamedVector},
     gaussians::{CORE, Gaussians, sh_stride},
-    run::{LeftOut, RunError, write_atomically},
     schedule::Clock,
 };
+use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
 const VERSION: u32 = 1;

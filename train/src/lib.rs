@@ -14,8 +14,6 @@ pub mod metrics;
 pub mod optimiser;
 pub mod raster;
 pub mod reference;
-pub mod report;
-pub mod run;
 pub mod scene;
 pub mod schedule;
 pub mod sort;

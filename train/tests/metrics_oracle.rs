@@ -5,7 +5,8 @@ use std::{
     process::Command,
 };
 
-use erfgs_train::metrics::{Lpips, LpipsScaling, LpipsWeights, Picture, ssim};
+use erfgs_run::LpipsScaling;
+use erfgs_train::metrics::{Lpips, LpipsWeights, Picture, ssim};
 
 /// The Python that `scripts/setup.sh --oracles` installs, where it is installed.
 fn oracles_python() -> Option<PathBuf> {

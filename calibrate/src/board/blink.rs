@@ -4,7 +4,8 @@
 //! the room. For each window of time the pixels whose changes come at the right rate make a picture of the board, dark where it
 //! blinks, in which corners are found as in any other.
 
-use erfgs_session::{ImageRgb8, codec::CdEvent};
+use erfgs_events::CdEvent;
+use erfgs_scene::ImageRgb8;
 
 /// Share of a period by which a change may come early or late: screens show whole frames only.
 const TOLERANCE: f64 = 0.35;
@@ -102,12 +103,13 @@ fn picture(blinks: &[bool], width: usize, height: usize) -> ImageRgb8 {
 }
 
 #[cfg(test)]
-#[path = "../../tests/common/blinking.rs"]
+#[path = "../../tests/it/common/blinking.rs"]
 mod blinking;
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, codec::EventFile};
+    use erfgs_events::EventFile;
+    use erfgs_scene::{Distortion, Intrinsics};
 
     use super::blinking;
     use crate::board::{EventBoard, LensModel, Target, detect, look, single, stream::picture_at};

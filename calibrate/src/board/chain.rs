@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 
 use super::BoardError;
 

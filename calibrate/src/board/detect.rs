@@ -4,7 +4,7 @@ use calib_targets_charuco::{CharucoDetector, CharucoParams};
 use calib_targets_chessboard::{
     ChessboardDetector, ChessboardParams, GrayImageView, default_chess_config, detect_corners,
 };
-use erfgs_session::ImageRgb8;
+use erfgs_scene::ImageRgb8;
 use glam::DVec2;
 
 use super::{

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::{codec::EventFileError, container::ContainerError, image::ImageError, video::VideoError};
+use erfgs_events::EventFileError;
+use erfgs_scene::{image::ImageError, video::VideoError};
+use erfgs_session::container::ContainerError;
 
 use crate::bundle::BundleError;
 

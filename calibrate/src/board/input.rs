@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_session::{ImageRgb8, video::Video};
+use erfgs_scene::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
 use super::{BoardError, Corner, EventBoard, Target, detect, stream::of_events};

@@ -1,6 +1,6 @@
 //! Intrinsics of one camera from its views of a board.
 
-use erfgs_session::{Distortion, Intrinsics, Pose};
+use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DVec2, DVec3};
 
 use super::{BoardError, Seen, Target, View};

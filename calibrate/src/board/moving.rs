@@ -4,7 +4,8 @@
 //! board moves, corners are found in it as in a frame. Edges along which the board moves make no events, but what lies on either
 //! side of them does, and differently.
 
-use erfgs_session::{Event, ImageRgb8, codec::CdEvent};
+use erfgs_events::{CdEvent, Event};
+use erfgs_scene::ImageRgb8;
 
 use crate::intensity::{Leaky, LogIntensity};
 

@@ -2,13 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use erfgs_events::EventFile;
+use erfgs_scene::{ImageRgb8, video::Video};
 use erfgs_session::{
-    ImageRgb8,
     clock::Epochs,
-    codec::EventFile,
     container::{ContainerError, Entry, Session},
-    pixel,
-    video::Video,
 };
 
 use super::{
@@ -57,7 +55,7 @@ pub fn pictures(
         };
         let d = &streams[stream].description;
         let Some((camera, placement, view)) = packets.remove(&(d.id.as_str(), packet.sequence)) else { continue };
-        if let Ok(image) = pixel::picture(d, &packet.payload) {
+        if let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&packet.payload)) {
             pictures.push(picture(camera, placement, &image, view, target));
         }
         if packets.is_empty() {

@@ -199,7 +199,7 @@ fn blinking(target: &Target, drawing: &Drawing, blink_hz: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::ImageRgb8;
+    use erfgs_scene::ImageRgb8;
     use glam::DVec2;
 
     use super::*;

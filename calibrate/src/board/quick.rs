@@ -236,7 +236,7 @@ fn fit(single: &Single) -> Fit {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Pose};
+    use erfgs_scene::{Distortion, Intrinsics, Pose};
     use glam::DQuat;
 
     use super::*;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_session::{Intrinsics, Modality};
+use erfgs_scene::{Intrinsics, Modality};
 use glam::DVec2;
 
 use super::{
@@ -14,8 +14,8 @@ use crate::{
     bundle::{Bundle, Camera, Loss, Options, Parameter, Placement},
     coverage::Coverage,
     evidence::{Evidence, Moment},
-    rig_file::{RigCamera, RigFile, Sigma},
 };
+use erfgs_scene::rig_file::{RigCamera, RigFile, Sigma};
 
 /// How a board calibration is done.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,7 +60,7 @@ pub fn calibrate(
     {
         evidence.observe(&single.bundle);
         evidence.moments.clone_from(&single.moments);
-        let mut rig = RigFile::from_bundle("board", &single.bundle, &single.uncertainty, &[modality(one)]);
+        let mut rig = single.bundle.rig("board", &single.uncertainty, &[modality(one)]);
         // One camera stands nowhere but where it is.
         if let [camera] = rig.cameras.as_mut_slice() {
             camera.pose = None;
@@ -80,7 +80,7 @@ pub fn calibrate(
     evidence.observe(&bundle);
     evidence.moments = moments;
     let modalities: Vec<Modality> = seen.iter().map(modality).collect();
-    let mut rig = RigFile::from_bundle("board", &bundle, &uncertainty, &modalities);
+    let mut rig = bundle.rig("board", &uncertainty, &modalities);
     if let Some(open) = rig.quality.as_ref().and_then(|quality| quality.open.first()) {
         return Err(BoardError::Open { what: open.clone() });
     }
@@ -88,7 +88,7 @@ pub fn calibrate(
         camera.warnings = coverage_warnings(seen);
         // Intrinsics that the last pass kept are as uncertain as the pass before left them.
         if let (true, Some(single)) = (options.keep_intrinsics, &one.single) {
-            let alone = RigFile::from_bundle("board", &single.bundle, &single.uncertainty, &[Modality::Rgb]);
+            let alone = single.bundle.rig("board", &single.uncertainty, &[Modality::Rgb]);
             let before = alone.cameras.into_iter().next().and_then(|camera| camera.sigma);
             camera.sigma.get_or_insert_with(Sigma::default).intrinsics = before.unwrap_or_default().intrinsics;
         }

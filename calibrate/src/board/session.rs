@@ -5,12 +5,11 @@ use std::{
     path::Path,
 };
 
+use erfgs_events::{CdEvent, Sink};
+use erfgs_scene::ImageRgb8;
 use erfgs_session::{
-    ImageRgb8,
     clock::{Dated, Epochs},
-    codec::{CdEvent, Sink},
     container::{ContainerError, Entry, Session},
-    pixel,
     source::Packet,
 };
 use rayon::prelude::*;
@@ -85,7 +84,7 @@ pub fn look_session(
         done += 1;
         progress(done, Some(total));
         // A frame that was cut or damaged shows nothing.
-        let Ok(image) = pixel::picture(d, &packet.payload) else { continue };
+        let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&packet.payload)) else { continue };
         let t_ns = time_ns(&d.id, &packet).unwrap_or_else(|| start.session_ns(packet.host_ns));
         batch.push((stream, packet.sequence, t_ns, image));
         if batch.len() == BATCH {

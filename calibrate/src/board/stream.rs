@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use erfgs_session::{
-    ImageRgb8,
-    codec::{CdEvent, EventFile, Sink},
-};
+use erfgs_events::{CdEvent, EventFile, Sink};
+use erfgs_scene::ImageRgb8;
 
 use super::{
     BoardError, Seen, Target, View,

@@ -15,12 +15,13 @@ mod normal;
 mod parameter;
 mod reduced;
 mod residual;
+mod rig;
 mod solve;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
 
-use erfgs_session::{Intrinsics, Pose};
+use erfgs_scene::{Intrinsics, Pose};
 use glam::{DVec2, DVec3};
 
 pub use parameter::{Parameter, free_lens};

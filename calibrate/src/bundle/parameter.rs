@@ -1,6 +1,6 @@
 //! What can be free in a camera, and how a step changes it.
 
-use erfgs_session::{Distortion, Intrinsics, Pose, lens::INTRINSIC_PARAMETERS};
+use erfgs_scene::{Distortion, Intrinsics, Pose, lens::INTRINSIC_PARAMETERS};
 use glam::{DQuat, DVec3};
 
 use super::{Camera, Placement};

@@ -1,6 +1,6 @@
 //! One observation: its residual and what it depends on.
 
-use erfgs_session::lens::INTRINSIC_PARAMETERS;
+use erfgs_scene::lens::INTRINSIC_PARAMETERS;
 use glam::{DVec2, DVec3};
 
 use super::{Camera, Observation, Placement, parameter::COLUMNS};

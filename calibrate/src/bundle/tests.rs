@@ -1,4 +1,5 @@
-use erfgs_session::{Distortion, Intrinsics, Pose, random};
+use erfgs_base::random;
+use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
 
 use super::{residual::row, *};

@@ -61,7 +61,7 @@ impl Descriptors {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::random::{below, key};
+    use erfgs_base::random::{below, key};
 
     use super::*;
 

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_session::colmap::ColmapCamera;
+use erfgs_scene::colmap::ColmapCamera;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rusqlite::{Connection, params};
 

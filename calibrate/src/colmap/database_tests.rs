@@ -1,4 +1,4 @@
-use erfgs_session::{Distortion, Intrinsics, Pose};
+use erfgs_scene::{Distortion, Intrinsics, Pose};
 
 use super::*;
 

@@ -3,7 +3,7 @@
 //! A keypoint is compared only with those keypoints of the other image that its ray passes within the band, at a depth
 //! and an angle that make sense. They are found by walking the ray's projection through a grid over the other image.
 
-use erfgs_session::{Intrinsics, Pose};
+use erfgs_scene::{Intrinsics, Pose};
 use glam::{DMat3, DVec2, DVec3};
 
 /// Bytes of a SIFT descriptor.

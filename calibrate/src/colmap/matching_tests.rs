@@ -1,4 +1,5 @@
-use erfgs_session::{Distortion, random};
+use erfgs_base::random;
+use erfgs_scene::Distortion;
 use proptest::prelude::*;
 
 use super::*;

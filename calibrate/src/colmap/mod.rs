@@ -1,10 +1,10 @@
 //! COLMAP, driven: its program or pycolmap, its database, and matching along known epipolar lines in its place.
 
-pub(crate) mod brute;
+pub mod brute;
 mod choice;
-pub(crate) mod database;
+pub mod database;
 mod error;
-pub(crate) mod matching;
+pub mod matching;
 mod process;
 mod program;
 mod steps;
@@ -12,4 +12,4 @@ mod steps;
 pub use choice::ColmapProgram;
 pub use error::RunError;
 pub use program::Colmap;
-pub(crate) use steps::{Extraction, Mapping, Triangulation, Verification};
+pub use steps::{Extraction, Mapping, Triangulation, Verification};

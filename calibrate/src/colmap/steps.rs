@@ -84,7 +84,7 @@ pub struct Mapping {
 
 impl Colmap {
     /// Extracts features into a fresh database.
-    pub(crate) fn extract(&self, job: &Extraction, progress: Count<'_>) -> Result<(), RunError> {
+    pub fn extract(&self, job: &Extraction, progress: Count<'_>) -> Result<(), RunError> {
         match self {
             Self::Pycolmap { python, .. } => python_step("feature_extractor", python, "extract", job, progress),
             Self::Binary { path, .. } => {
@@ -114,7 +114,7 @@ impl Colmap {
     }
 
     /// Triangulates the matches, poses and intrinsics fixed.
-    pub(crate) fn triangulate(&self, job: &Triangulation, progress: Count<'_>) -> Result<(), RunError> {
+    pub fn triangulate(&self, job: &Triangulation, progress: Count<'_>) -> Result<(), RunError> {
         match self {
             Self::Pycolmap { python, .. } => python_step("point_triangulator", python, "triangulate", job, progress),
             Self::Binary { path, .. } => {
@@ -143,7 +143,7 @@ impl Colmap {
 
     /// Estimates the geometry of each pair from the matches in the database. Pairs whose matches are there are not matched
     /// again, by any version.
-    pub(crate) fn verify(&self, job: &Verification, progress: Count<'_>) -> Result<(), RunError> {
+    pub fn verify(&self, job: &Verification, progress: Count<'_>) -> Result<(), RunError> {
         match self {
             Self::Pycolmap { python, .. } => python_step("exhaustive_matcher", python, "verify", job, progress),
             Self::Binary { path, .. } => {
@@ -161,7 +161,7 @@ impl Colmap {
     }
 
     /// Builds models from the verified matches.
-    pub(crate) fn map(&self, job: &Mapping, progress: Count<'_>) -> Result<(), RunError> {
+    pub fn map(&self, job: &Mapping, progress: Count<'_>) -> Result<(), RunError> {
         match self {
             Self::Pycolmap { python, .. } => python_step("mapper", python, "map", job, progress),
             Self::Binary { path, .. } => {

@@ -1,7 +1,7 @@
 //! The motion that takes one set of points to another (Umeyama 1991, "Least-squares estimation of transformation
 //! parameters between two point patterns").
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{Matrix3, SVD};
 

@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use erfgs_session::{Intrinsics, Pose, lens::NoRay};
+use erfgs_scene::{Intrinsics, Pose, lens::NoRay};
 use glam::{DVec2, DVec3};
 
 /// A lens and where it stands (world to camera).
@@ -174,7 +174,7 @@ fn simplified(points: &[DVec2], tolerance: f64) -> Vec<DVec2> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::Distortion;
+    use erfgs_scene::Distortion;
 
     use super::*;
 

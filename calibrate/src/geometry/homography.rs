@@ -1,6 +1,6 @@
 //! Planes: the map between a plane and its image, and the plane's pose.
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 use glam::{DMat3, DVec2, DVec3};
 use nalgebra::{DMatrix, SMatrix};
 

@@ -4,7 +4,8 @@
 //! analysis of solutions of the three point perspective pose estimation problem", 1994); the one that the most points bear
 //! out is improved by Gauss's and Newton's steps on these.
 
-use erfgs_session::{Intrinsics, Pose, random};
+use erfgs_base::random;
+use erfgs_scene::{Intrinsics, Pose};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
@@ -210,10 +211,8 @@ fn improve(intrinsics: &Intrinsics, mut pose: Pose, seen: &[(DVec3, DVec2)]) -> 
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{
-        Distortion,
-        random::{key, normal, range},
-    };
+    use erfgs_base::random::{key, normal, range};
+    use erfgs_scene::Distortion;
 
     use super::*;
 

@@ -1,6 +1,6 @@
 //! A point from the rays that meet it.
 
-use erfgs_session::{Intrinsics, Pose};
+use erfgs_scene::{Intrinsics, Pose};
 use glam::{DMat3, DVec2, DVec3};
 
 /// A ray in the world.
@@ -74,7 +74,7 @@ pub fn triangulate(views: &[View<'_>]) -> Option<(DVec3, DMat3)> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::Distortion;
+    use erfgs_scene::Distortion;
 
     use super::*;
 

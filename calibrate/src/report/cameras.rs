@@ -1,11 +1,9 @@
 //! Tables of all cameras: where they are, and their lenses.
 
-use erfgs_session::{
-    Distortion,
-    page::html::{self, Escaped, number},
-};
+use erfgs_page::html::{self, Escaped, number};
+use erfgs_scene::Distortion;
 
-use crate::rig_file::{RigCamera, RigFile};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 pub(super) fn tables(rig: &RigFile) -> String {
     if rig.cameras.is_empty() {

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec2;
 
-use crate::{evidence::Evidence, rig_file::RigFile};
+use crate::evidence::Evidence;
+use erfgs_scene::rig_file::RigFile;
 
 /// A camera must have seen so many features of a placement to be shown with it.
 const LEAST: usize = 3;
@@ -52,11 +53,12 @@ pub fn telling(rig: &RigFile, evidence: &Evidence) -> Vec<(usize, usize)> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Modality};
+    use erfgs_scene::{Distortion, Intrinsics, Modality};
     use glam::DVec3;
 
     use super::*;
-    use crate::{evidence::Residual, rig_file::RigCamera};
+    use crate::evidence::Residual;
+    use erfgs_scene::rig_file::RigCamera;
 
     #[test]
     fn cameras_are_shown_at_one_instant_where_there_is_one() {

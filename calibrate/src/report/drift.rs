@@ -2,10 +2,9 @@
 
 use std::{fmt::Write as _, path::Path};
 
-use erfgs_session::{
-    Pose, atomic,
-    page::html::{self, Escaped, number},
-};
+use erfgs_base::atomic;
+use erfgs_page::html::{self, Escaped, number};
+use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
 use super::{
@@ -13,10 +12,8 @@ use super::{
     space::{Shown, drawing, extent},
     styled,
 };
-use crate::{
-    check::{Comparison, Drift},
-    rig_file::{RigCamera, RigFile, RigFileError},
-};
+use crate::check::{Comparison, Drift};
+use erfgs_scene::rig_file::{RigCamera, RigFile, RigFileError};
 
 /// The farthest movement is drawn as long as this share of the rig's size at most.
 const LONGEST: f64 = 0.35;
@@ -229,7 +226,7 @@ fn exaggerated(before: &Pose, now: &Pose, shift: f64, turn: f64) -> Pose {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Modality};
+    use erfgs_scene::{Distortion, Intrinsics, Modality};
 
     use super::*;
     use crate::check::{Tolerance, compare};

@@ -1,6 +1,6 @@
 //! What an event camera saw in a short time, as a picture.
 
-use erfgs_session::ImageRgb8;
+use erfgs_scene::ImageRgb8;
 
 /// How much of its full colour one event gives a pixel.
 const ONE: f32 = 0.35;

@@ -14,22 +14,18 @@ mod space;
 
 use std::path::Path;
 
-use erfgs_session::{
-    atomic,
-    page::{
-        html::{self, Escaped, number},
-        plot::{self, Plot, Series},
-    },
+use erfgs_base::atomic;
+use erfgs_page::{
+    html::{self, Escaped, number},
+    plot::{self, Plot, Series},
 };
 
 pub use choose::telling;
 pub use drift::{drift_page, write_drift};
 pub use events::EventPicture;
 
-use crate::{
-    evidence::{Evidence, Pass, Table},
-    rig_file::{RigFile, RigFileError},
-};
+use crate::evidence::{Evidence, Pass, Table};
+use erfgs_scene::rig_file::{RigFile, RigFileError};
 
 /// Writes the report of a calibration to `path`.
 ///
@@ -202,15 +198,15 @@ fn table(table: &Table) -> String {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Modality, Pose};
+    use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
     use glam::DVec2;
 
     use super::*;
     use crate::{
         bundle::Step,
         evidence::{HeldOut, Residual},
-        rig_file::{Quality, RigCamera},
     };
+    use erfgs_scene::rig_file::{Quality, RigCamera};
 
     #[test]
     fn a_page_shows_every_part_and_escapes_names() {

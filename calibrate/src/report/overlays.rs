@@ -2,20 +2,16 @@
 
 use std::fmt::Write as _;
 
-use erfgs_session::{
-    Modality,
-    page::html::{self, Escaped, number},
-};
+use erfgs_page::html::{self, Escaped, number};
+use erfgs_scene::Modality;
 use glam::DVec2;
 
 use super::{
     pairs::{Pair, Shared, curve, pairs, picture},
     previews,
 };
-use crate::{
-    evidence::Evidence,
-    rig_file::{RigCamera, RigFile},
-};
+use crate::evidence::Evidence;
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// Pairs that are drawn at most; further ones have a row in a table.
 const DRAWN: usize = 12;

@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use erfgs_session::Modality;
+use erfgs_scene::Modality;
 use glam::DVec2;
 
 use crate::{
     evidence::{Evidence, Picture},
     geometry::EpipolarCurve,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 /// Two cameras that share fewer features are no neighbours.
 const LEAST: usize = 6;
@@ -155,11 +155,12 @@ impl Pair {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, ImageRgb8, Intrinsics, Pose};
+    use erfgs_scene::{Distortion, ImageRgb8, Intrinsics, Pose};
     use glam::DVec3;
 
     use super::*;
-    use crate::{evidence::Residual, report::page, rig_file::RigCamera};
+    use crate::{evidence::Residual, report::page};
+    use erfgs_scene::rig_file::RigCamera;
 
     /// Two RGB cameras and two event cameras, each with a lens of its own; the last one sees little.
     fn rig() -> RigFile {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_session::page::html::{self, Escaped, number};
+use erfgs_page::html::{self, Escaped, number};
 
 use crate::evidence::Evidence;
 

@@ -2,21 +2,19 @@
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
-use erfgs_session::{
+use erfgs_page::{
+    html::{Escaped, number},
+    picture::jpeg,
+};
+use erfgs_scene::{
     Distortion, ImageRgb8, Intrinsics,
     image::Resample,
-    page::{
-        html::{Escaped, number},
-        picture::jpeg,
-    },
-    undistort::{pinhole, undistort_picture},
+    undistort::{Undistortion, pinhole},
 };
 use glam::{DVec2, DVec3};
 
-use crate::{
-    evidence::{Evidence, Picture},
-    rig_file::{RigCamera, RigFile},
-};
+use crate::evidence::{Evidence, Picture};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// Up to so many pictures are shown at full width, and at most so wide where there are more, pixels.
 const WIDTHS: [(usize, u32); 3] = [(12, 640), (32, 480), (usize::MAX, 320)];
@@ -80,7 +78,7 @@ fn figure(camera: &RigCamera, picture: &Picture, evidence: &Evidence, width: u32
         match pinhole(&small) {
             Ok((to, factor)) => {
                 right = svg(camera, "Undistorted");
-                right += &embedded(&undistort_picture(&small, &to, &picture.image), width, i, "")?;
+                right += &embedded(&Undistortion::new(&small, &to).picture(&picture.image), width, i, "")?;
                 let full = to.resized(i.width, i.height);
                 let straight: Vec<Option<DVec2>> =
                     pixels.iter().map(|pixel| straightened(i, &full, (*pixel)?)).collect();
@@ -111,7 +109,8 @@ fn figure(camera: &RigCamera, picture: &Picture, evidence: &Evidence, width: u32
 fn embedded(picture: &ImageRgb8, width: u32, camera: &Intrinsics, attributes: &str) -> Option<String> {
     let height = (u64::from(picture.height) * u64::from(width) / u64::from(picture.width.max(1))).max(1) as u32;
     let small = (width < picture.width).then(|| picture.resized(width, height, Resample::Area));
-    let uri = jpeg(small.as_ref().unwrap_or(picture), QUALITY)?;
+    let shown = small.as_ref().unwrap_or(picture);
+    let uri = jpeg(&shown.data, shown.width, shown.height, QUALITY)?;
     Some(format!(
         "<image{attributes} width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" href=\"{uri}\"/>",
         camera.width, camera.height

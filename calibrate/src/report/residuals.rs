@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-use erfgs_session::page::html::{Escaped, number};
+use erfgs_page::html::{Escaped, number};
 
 use super::round_down;
 use crate::{
     coverage::Coverage,
     evidence::{Evidence, Residual},
-    rig_file::{RigCamera, RigFile},
     statistics::median,
 };
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// Residuals that are drawn for one camera at most.
 const DRAWN: usize = 1500;

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::space::{Shown, class, drawing, extent};
-use crate::rig_file::RigFile;
+use erfgs_scene::rig_file::RigFile;
 
 pub(super) fn picture(rig: &RigFile) -> String {
     let posed = rig.cameras.iter().filter_map(|camera| Some((camera, camera.pose?)));

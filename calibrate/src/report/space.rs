@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use erfgs_session::{Intrinsics, Modality, Pose, page::html::Escaped};
+use erfgs_page::html::Escaped;
+use erfgs_scene::{Intrinsics, Modality, Pose};
 use glam::{DVec2, DVec3};
 
 const WIDTH: f64 = 640.0;

@@ -1,6 +1,6 @@
 //! Which cameras independent runs agree on.
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 
 use super::{
     align::{Alignment, Tolerance, align, spread},
@@ -109,7 +109,7 @@ fn judge(entries: &[(usize, Placed)], tolerance: Tolerance, size: f64, reference
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics};
+    use erfgs_scene::{Distortion, Intrinsics};
     use glam::{DQuat, DVec3};
 
     use super::*;

@@ -1,6 +1,6 @@
 //! One arrangement of cameras laid over another: a similarity that most of them agree on.
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 use glam::DVec3;
 
 use crate::geometry::Similarity;

@@ -62,7 +62,7 @@ pub enum SfmError {
         /// The camera.
         camera: String,
         /// Why.
-        source: erfgs_session::image::ImageError,
+        source: erfgs_scene::image::ImageError,
     },
     /// A file or folder that cannot be read or written.
     #[error("while {doing} {}: {source}", path.display())]
@@ -76,13 +76,13 @@ pub enum SfmError {
     },
     /// A dataset that cannot be read.
     #[error(transparent)]
-    Dataset(#[from] erfgs_session::dataset::DatasetError),
+    Dataset(#[from] erfgs_dataset::DatasetError),
     /// COLMAP does not run.
     #[error(transparent)]
     Colmap(#[from] RunError),
     /// A model cannot be read.
     #[error(transparent)]
-    Model(#[from] erfgs_session::colmap::ColmapError),
+    Model(#[from] erfgs_scene::colmap::ColmapError),
     /// The bundle cannot be set up.
     #[error(transparent)]
     Bundle(#[from] BundleError),

@@ -20,7 +20,7 @@ mod views;
 
 use std::{fmt, fs, path::Path};
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
 pub use error::SfmError;
@@ -39,8 +39,8 @@ use crate::{
     colmap::{Colmap, database::Keypoints},
     evidence::Evidence,
     geometry::Similarity,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 /// What the calibration is busy with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

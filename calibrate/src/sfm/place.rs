@@ -1,6 +1,6 @@
 //! Placing a camera against points that are there already.
 
-use erfgs_session::Intrinsics;
+use erfgs_scene::Intrinsics;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use erfgs_session::{Distortion, Intrinsics};
+use erfgs_scene::{Distortion, Intrinsics};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

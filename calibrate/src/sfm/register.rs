@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use erfgs_session::{Modality, Pose};
+use erfgs_scene::{Modality, Pose};
 
 use super::{
     Progress, Setting, SfmError, View,
@@ -20,8 +20,8 @@ use crate::{
     colmap::{Colmap, ColmapProgram, database::Keypoints},
     evidence::{Evidence, Table},
     intensity::LogIntensity,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 /// How cameras are added to a rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,7 +141,7 @@ pub fn register(
     }
     let uncertainty = uncertainty(&adjusted.bundle)?;
     let modalities: Vec<Modality> = adjusted.views.iter().map(|&view| views[view].modality).collect();
-    let solved = RigFile::from_bundle("register", &adjusted.bundle, &uncertainty, &modalities);
+    let solved = adjusted.bundle.rig("register", &uncertainty, &modalities);
     let neighbours = adjusted.neighbours();
     let mut result = rig.clone();
     result.method = "register".into();

@@ -1,14 +1,14 @@
 //! The rig file and its evidence.
 
-use erfgs_session::{ImageRgb8, Modality};
+use erfgs_scene::{ImageRgb8, Modality};
 use glam::DVec3;
 
 use super::{Doubt, SfmError, State, View, agree::Agreement, refine::Adjusted, run::Run};
 use crate::{
     bundle::{Bundle, BundleError, Loss, Parameter, Uncertainty, clusters::boxes},
     evidence::{Evidence, Picture, Table},
-    rig_file::{RigCamera, RigFile},
 };
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// A camera that shares points with fewer others hangs on them.
 const FEWEST_NEIGHBOURS: usize = 3;
@@ -55,7 +55,7 @@ pub(super) fn result(
     let bundle = &adjusted.bundle;
     let uncertainty = uncertainty(bundle)?;
     let modalities: Vec<Modality> = adjusted.views.iter().map(|&view| views[view].modality).collect();
-    let mut rig = RigFile::from_bundle("sfm", bundle, &uncertainty, &modalities);
+    let mut rig = bundle.rig("sfm", &uncertainty, &modalities);
     rig.metric = metric;
     if !metric {
         rig.warnings.push(

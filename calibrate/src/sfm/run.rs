@@ -7,11 +7,11 @@ use std::{
     time::Instant,
 };
 
-use erfgs_session::{
+use erfgs_base::random;
+use erfgs_scene::{
     Intrinsics, Pose,
     colmap::{CameraModel, ColmapCamera, Model},
     image::Resample,
-    random,
 };
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Tracks: features of several views that are the same point, and where that point is.
 
-use erfgs_session::random;
+use erfgs_base::random;
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 

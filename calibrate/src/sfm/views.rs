@@ -5,10 +5,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_session::{Dataset, Intrinsics, Modality, image::ImageGrey8};
+use erfgs_dataset::Dataset;
+use erfgs_scene::{Intrinsics, Modality, image::ImageGrey8};
 
 use super::SfmError;
-use crate::rig_file::RigFile;
+use erfgs_scene::rig_file::RigFile;
 
 /// What one camera saw.
 #[derive(Clone, Debug)]

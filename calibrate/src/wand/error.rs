@@ -2,7 +2,8 @@
 
 use std::{io, path::PathBuf};
 
-use crate::{bundle::BundleError, convert::ConvertError, rig_file::RigFileError};
+use crate::bundle::BundleError;
+use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
 
 /// What can go wrong with a calibration by wand.
 #[derive(Debug, thiserror::Error)]

@@ -3,15 +3,12 @@
 //! A rig and a wand both say how long things are. They never agree quite, and both cannot hold while nothing may move: so
 //! the wand is measured with the rig's own cameras, and either the rig takes the wand's scale or the wand the rig's.
 
-use erfgs_session::{Intrinsics, Pose};
+use erfgs_scene::{Intrinsics, Pose};
 use glam::DVec3;
 
 use super::{Stick, WandCamera, WandError, WandOptions, held_out::locate, instants::Instant};
-use crate::{
-    bundle::Camera,
-    rig_file::{RigCamera, RigFile, Sigma},
-    statistics::median,
-};
+use crate::{bundle::Camera, statistics::median};
+use erfgs_scene::rig_file::{RigCamera, RigFile, Sigma};
 
 /// A length less certain than this share of it takes no part in the scale.
 const COARSE: f64 = 0.03;

@@ -49,10 +49,9 @@ pub(super) fn locate(
         .collect();
     loop {
         let (point, covariance) = triangulate(&views)?;
-        let off =
-            |&(lens, pose, pixel, sigma): &(&erfgs_session::Intrinsics, &erfgs_session::Pose, glam::DVec2, f64)| {
-                lens.project(pose.transform(point)).map_or(f64::INFINITY, |seen| (seen - pixel).length() / sigma)
-            };
+        let off = |&(lens, pose, pixel, sigma): &(&erfgs_scene::Intrinsics, &erfgs_scene::Pose, glam::DVec2, f64)| {
+            lens.project(pose.transform(point)).map_or(f64::INFINITY, |seen| (seen - pixel).length() / sigma)
+        };
         let worst = (0..views.len()).max_by(|&a, &b| off(&views[a]).total_cmp(&off(&views[b])))?;
         if off(&views[worst]) <= LIMIT {
             return Some((point, covariance));

@@ -203,7 +203,7 @@ fn between(track: &[Sighting], before: usize, led: usize, t_ns: i64, matching: &
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Intrinsics, Modality};
+    use erfgs_scene::{Distortion, Intrinsics, Modality};
 
     use super::*;
 

@@ -22,7 +22,7 @@ mod start;
 mod stick;
 mod view;
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 
 pub use error::WandError;
 pub use frame::{Frame, Scale};
@@ -37,8 +37,8 @@ use frame::Fixed;
 use crate::{
     bundle::{Bundle, Camera, Loss, Parameter},
     evidence::Evidence,
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 /// A camera needs so many placements that other cameras see too.
 const NEEDED: usize = 5;

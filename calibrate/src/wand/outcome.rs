@@ -4,8 +4,8 @@ use super::{WandCamera, WandError, WandOptions, adjust::Scatter, held_out};
 use crate::{
     bundle::{Bundle, Parameter, Uncertainty},
     evidence::{Evidence, Table},
-    rig_file::RigFile,
 };
+use erfgs_scene::rig_file::RigFile;
 
 /// A camera that loses more of its observations as outliers is doubtful.
 const OUTLIERS: f64 = 0.25;
@@ -41,7 +41,7 @@ pub(super) fn outcome(
     options: &WandOptions,
 ) -> Result<(RigFile, Evidence), WandError> {
     let modalities: Vec<_> = cameras.iter().map(|camera| camera.modality).collect();
-    let mut rig = RigFile::from_bundle("wand", &bundle, uncertainty, &modalities);
+    let mut rig = bundle.rig("wand", uncertainty, &modalities);
     let mut open = rig.quality.as_ref().map_or(Vec::new(), |quality| quality.open.clone());
     if open.is_empty() {
         open = vague(&bundle, uncertainty);

@@ -5,7 +5,8 @@
 //! distances are rough; motions from random samples are therefore judged by how well rays meet, which does not depend on
 //! distances, and the best is refined by an adjustment of the two cameras.
 
-use erfgs_session::{Intrinsics, Pose, random};
+use erfgs_base::random;
+use erfgs_scene::{Intrinsics, Pose};
 use glam::DVec3;
 
 use super::{

@@ -1,6 +1,6 @@
 //! Which placements take part, and which are held out.
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use super::{NEEDED, instants::Instant};
 

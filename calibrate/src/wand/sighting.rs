@@ -1,6 +1,6 @@
 //! What a camera saw of the wand.
 
-use erfgs_session::{Intrinsics, Modality};
+use erfgs_scene::{Intrinsics, Modality};
 use glam::DVec2;
 
 /// A camera and all that it saw of the wand.

@@ -1,6 +1,6 @@
 //! Starting values out of nothing: pairs of cameras, chained along a tree.
 
-use erfgs_session::Pose;
+use erfgs_scene::Pose;
 
 use super::{WandCamera, WandError, WandOptions, instants::Instant, pair};
 use crate::geometry::Forest;

@@ -4,7 +4,7 @@
 //! the wand's length gives the factor. The tilt towards the camera is known badly (some degrees), and the distance with it;
 //! for starting values that is enough, and no other camera is needed.
 
-use erfgs_session::Intrinsics;
+use erfgs_scene::Intrinsics;
 use glam::{DVec2, DVec3};
 use nalgebra::{Matrix3, SVD};
 
@@ -100,7 +100,7 @@ pub(super) fn label(stick: &Stick, intrinsics: &Intrinsics, pixels: [DVec2; 3]) 
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::Distortion;
+    use erfgs_scene::Distortion;
 
     use super::*;
 

@@ -378,7 +378,7 @@ pub(crate) struct Jitter {
 
 impl Jitter {
     pub(crate) fn new(faults: &Faults) -> Self {
-        use erfgs_session::random;
+        use erfgs_base::random;
         Self {
             mean_us: faults.jitter_mean_us,
             key: random::key(faults.jitter_seed, &[random::purpose("usb jitter")]),
@@ -391,8 +391,7 @@ impl Jitter {
             return 0;
         }
         self.drawn += 1;
-        (erfgs_session::random::exponential(erfgs_session::random::extend(self.key, self.drawn))
-            * self.mean_us
-            * 1000.0) as i64
+        (erfgs_base::random::exponential(erfgs_base::random::extend(self.key, self.drawn)) * self.mean_us * 1000.0)
+            as i64
     }
 }

@@ -22,8 +22,8 @@ use std::{
     thread::JoinHandle,
 };
 
+use erfgs_events::SensorSize;
 use erfgs_session::{
-    codec::SensorSize,
     container::{ContainerError, Recording, Summary},
     source::{Counters, Description, Outlet, Source, SourceError},
 };

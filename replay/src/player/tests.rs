@@ -6,6 +6,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use erfgs_events::EventEncoding;
+use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
     source::{Description, Encoding, FrameStamp, Incident, Outlet, Packet, Source, StampClock, StampPoint},
@@ -30,8 +32,8 @@ fn write(path: &Path) {
         start_order: 0,
         settings: serde_json::Map::new(),
     };
-    let events = writer.add_stream(&description("ev", Encoding::Evt3)).unwrap();
-    let frames = writer.add_stream(&description("cam", Encoding::Grey8)).unwrap();
+    let events = writer.add_stream(&description("ev", Encoding::Events(EventEncoding::Evt3))).unwrap();
+    let frames = writer.add_stream(&description("cam", Encoding::Frames(PixelFormat::Grey8))).unwrap();
     for sequence in 0..100 {
         let host_ns = START_NS + sequence as i64 * 10_000_000;
         let stamp = FrameStamp {

@@ -1,6 +1,6 @@
 //! Ordering the events of a frame interval.
 
-use erfgs_session::Events;
+use erfgs_events::Events;
 
 /// An event of a frame interval, with its time as a small number.
 #[derive(Clone, Copy)]
@@ -34,7 +34,7 @@ pub(super) fn append<'a>(
         let mut all: Vec<Raw> = blocks.flatten().copied().collect();
         all.sort_by_key(|raw| raw.key);
         for raw in all {
-            out.push(erfgs_session::Event { t_us: time(raw.key), y: raw.y, x: raw.x, on: raw.on });
+            out.push(erfgs_events::Event { t_us: time(raw.key), y: raw.y, x: raw.x, on: raw.on });
         }
         return;
     }
@@ -74,7 +74,7 @@ mod tests {
                 .map(|i| Raw { key: i * 7919 % 13 * spread, y: (i / 20) as u16, x: (i % 20) as u16, on: i % 2 == 0 })
                 .collect();
             let mut out = Events::new(20, 25);
-            out.push(erfgs_session::Event { t_us: -5, y: 0, x: 0, on: true });
+            out.push(erfgs_events::Event { t_us: -5, y: 0, x: 0, on: true });
             append(raws.chunks(70), |key| i64::from(key) + 10, &mut out, &mut Vec::new());
             let mut expected = raws.clone();
             expected.sort_by_key(|raw| (raw.key, raw.y, raw.x));

@@ -1,6 +1,6 @@
 //! The parameters of the event simulator.
 
-use erfgs_session::random;
+use erfgs_base::random;
 use serde::{Deserialize, Serialize};
 
 use super::SimulatorError;

@@ -9,7 +9,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use erfgs_session::{Events, random};
+use erfgs_base::random;
+use erfgs_events::Events;
 use rayon::prelude::*;
 
 use super::{

@@ -21,7 +21,7 @@ pub use lin_log::{lin_log, linear_of_srgb, srgb_of_linear};
 
 use std::ops::Range;
 
-use erfgs_session::Events;
+use erfgs_events::Events;
 
 use self::{enhanced::Enhanced, noise::Noise, parity::Parity};
 

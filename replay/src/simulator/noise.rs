@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use super::SimulatorConfig;
 

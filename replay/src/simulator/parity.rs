@@ -14,7 +14,7 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use erfgs_session::Events;
+use erfgs_events::Events;
 use rayon::prelude::*;
 
 use super::{

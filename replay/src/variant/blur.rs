@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use erfgs_session::{ImageGrey8, ImageRgb8};
+use erfgs_scene::{ImageGrey8, ImageRgb8};
 
 use super::{BlurOptions, Rounding};
 use crate::simulator::{linear_of_srgb, srgb_of_linear};

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_session::dataset::DatasetError;
+use erfgs_dataset::DatasetError;
 
 use crate::simulator::SimulatorError;
 

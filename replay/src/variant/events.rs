@@ -1,6 +1,8 @@
 //! The events of a camera, from its frames.
 
-use erfgs_session::{Camera, Dataset, EventFile, Events, ImageRgb8, dataset::layout, npz};
+use erfgs_dataset::{Camera, CameraEvents, Dataset, layout};
+use erfgs_events::{Events, npz};
+use erfgs_scene::ImageRgb8;
 use serde_json::json;
 
 use super::VariantError;
@@ -23,7 +25,7 @@ pub(super) fn simulate(
     source: &Dataset,
     camera: &Camera,
     config: &SimulatorConfig,
-) -> Result<(Events, EventFile), VariantError> {
+) -> Result<(Events, CameraEvents), VariantError> {
     let refused = |source| VariantError::Simulator { camera: camera.name.clone(), source };
     let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
     let mut simulator = Simulator::new(width, height, config, camera_key(&camera.name)).map_err(refused)?;
@@ -36,8 +38,8 @@ pub(super) fn simulate(
         }
         .map_err(refused)?;
     }
-    let time = |frame: Option<&erfgs_session::Frame>| frame.map_or(0, |frame| frame.t_ns);
-    let file = EventFile {
+    let time = |frame: Option<&erfgs_dataset::Frame>| frame.map_or(0, |frame| frame.t_ns);
+    let file = CameraEvents {
         file: layout::events(&camera.name),
         count: events.len() as u64,
         threshold_on: config.threshold_on,
@@ -54,7 +56,7 @@ pub(super) fn simulate(
 pub(super) fn write(path: &std::path::Path, camera: &Camera, events: &Events) -> Result<(), VariantError> {
     npz::write_events(path, events).map_err(|source| {
         let (camera, source) = (camera.name.clone(), Box::new(source));
-        erfgs_session::dataset::DatasetError::Events { camera, source }.into()
+        erfgs_dataset::DatasetError::Events { camera, source }.into()
     })
 }
 

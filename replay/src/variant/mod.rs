@@ -16,7 +16,8 @@ use std::{
     sync::mpsc,
 };
 
-use erfgs_session::{Dataset, EventFile, Frame, Progress, dataset::DatasetError};
+use erfgs_base::Progress;
+use erfgs_dataset::{CameraEvents, Dataset, DatasetError, Frame};
 use rayon::prelude::*;
 
 use self::plan::{Job, Plan};
@@ -103,7 +104,7 @@ struct Work<'a> {
 
 impl Work<'_> {
     /// Does all jobs, and returns the event files that were simulated, by camera.
-    fn all(&self, plan: &Plan, progress: &mut dyn FnMut(Progress)) -> Result<Vec<(usize, EventFile)>, VariantError> {
+    fn all(&self, plan: &Plan, progress: &mut dyn FnMut(Progress)) -> Result<Vec<(usize, CameraEvents)>, VariantError> {
         let mut jobs: Vec<(&PathBuf, &Job)> = plan.jobs.iter().collect();
         // A simulation takes as long as all the rest: those first.
         jobs.sort_by_key(|(_, job)| !matches!(job, Job::Simulate { .. }));
@@ -130,7 +131,7 @@ impl Work<'_> {
         })
     }
 
-    fn one(&self, file: &Path, job: &Job) -> Result<Option<(usize, EventFile)>, VariantError> {
+    fn one(&self, file: &Path, job: &Job) -> Result<Option<(usize, CameraEvents)>, VariantError> {
         let to = self.root.join(file);
         match job {
             Job::Link(from) => self.link(&self.source.path(from)?, &to)?,

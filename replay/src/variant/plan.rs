@@ -6,11 +6,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_session::{
-    Camera, Frame, Manifest, Modality, Split,
-    dataset::{VariantStep, layout},
-    random,
-};
+use erfgs_base::random;
+use erfgs_dataset::{Camera, Frame, Manifest, Split, VariantStep, layout};
+use erfgs_scene::Modality;
 use serde_json::{Value, json};
 
 use super::{BlurOptions, Edge, EventOnly, Label, VariantError, VariantOptions, Window};

@@ -1,7 +1,5 @@
-use erfgs_session::{
-    pixel::{RawLook, check_size},
-    source::Encoding,
-};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::pixel::{RawLook, check_size};
 use serde::{Deserialize, Serialize};
 
 use super::FrameError;
@@ -20,7 +18,7 @@ pub struct FrameConfig {
     pub backend: Backend,
     /// What it sends.
     #[serde(deserialize_with = "super::format::deserialize")]
-    pub format: Encoding,
+    pub format: PixelFormat,
     /// Columns, pixels.
     pub width: u32,
     /// Rows, pixels.
@@ -51,7 +49,7 @@ impl Default for FrameConfig {
             id: "camera".into(),
             camera: String::new(),
             backend: Backend::Auto,
-            format: Encoding::Mjpeg,
+            format: PixelFormat::Mjpeg,
             width: 1920,
             height: 1080,
             rate_hz: 30.0,
@@ -158,7 +156,7 @@ mod tests {
         let config: FrameConfig = serde_json::from_str(table).unwrap();
         assert_eq!((config.exposure_us, config.gain), (Lock::At(5000.0), Lock::Named(NamedLock::Auto)));
         assert_eq!(config.white_balance_k, Lock::Named(NamedLock::Hold));
-        assert_eq!(config.format, Encoding::Grey12);
+        assert_eq!(config.format, PixelFormat::Grey12);
         assert_eq!(config.raw, None);
         assert!(config.check().is_ok());
         assert!(serde_json::from_str::<FrameConfig>(r#"{"exposure": 5000}"#).is_err());
@@ -180,7 +178,7 @@ mod tests {
             config.check().unwrap_err().to_string()
         };
         assert!(refused(|c| c.width = 0).contains("0 x 1080"));
-        assert!(refused(|c| (c.format, c.width) = (Encoding::Grey10Packed, 1922)).contains("a multiple of 4"));
+        assert!(refused(|c| (c.format, c.width) = (PixelFormat::Grey10Packed, 1922)).contains("a multiple of 4"));
         assert!(
             refused(|c| c.raw = Some(RawLook::default())).contains("raw is for grey and Bayer formats, not for mjpeg")
         );

@@ -1,25 +1,26 @@
 //! The formats of frames: their names in `RIG.toml`, and V4L2's four-character codes.
 
-use erfgs_session::source::{BayerOrder, Encoding, Samples, names};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::pixel::{BayerOrder, Samples};
+use erfgs_session::source::{Encoding, names};
 use serde::{Deserialize, Deserializer, de::Error};
 
-/// The four-character codes by which V4L2 knows an encoding, the usual one first (`linux/videodev2.h`); none for what is
-/// no frame.
+/// The four-character codes by which V4L2 knows an encoding, the usual one first (`linux/videodev2.h`).
 #[must_use]
-pub fn fourccs(encoding: Encoding) -> &'static [&'static [u8; 4]] {
+pub fn fourccs(encoding: PixelFormat) -> &'static [&'static [u8; 4]] {
     match encoding {
-        Encoding::Mjpeg => &[b"MJPG", b"JPEG"],
-        Encoding::Yuyv => &[b"YUYV"],
-        Encoding::Uyvy => &[b"UYVY"],
-        Encoding::Nv12 => &[b"NV12"],
-        Encoding::Grey8 => &[b"GREY"],
-        Encoding::Grey10 => &[b"Y10 "],
-        Encoding::Grey12 => &[b"Y12 "],
-        Encoding::Grey10Packed => &[b"Y10P"],
-        Encoding::Grey12Packed => &[b"Y12P"],
-        Encoding::Rgb8 => &[b"RGB3"],
-        Encoding::Bgr8 => &[b"BGR3"],
-        Encoding::Bayer(order, samples) => match (samples, order) {
+        PixelFormat::Mjpeg => &[b"MJPG", b"JPEG"],
+        PixelFormat::Yuyv => &[b"YUYV"],
+        PixelFormat::Uyvy => &[b"UYVY"],
+        PixelFormat::Nv12 => &[b"NV12"],
+        PixelFormat::Grey8 => &[b"GREY"],
+        PixelFormat::Grey10 => &[b"Y10 "],
+        PixelFormat::Grey12 => &[b"Y12 "],
+        PixelFormat::Grey10Packed => &[b"Y10P"],
+        PixelFormat::Grey12Packed => &[b"Y12P"],
+        PixelFormat::Rgb8 => &[b"RGB3"],
+        PixelFormat::Bgr8 => &[b"BGR3"],
+        PixelFormat::Bayer(order, samples) => match (samples, order) {
             (Samples::Bits8, BayerOrder::Rggb) => &[b"RGGB"],
             (Samples::Bits8, BayerOrder::Bggr) => &[b"BA81"],
             (Samples::Bits8, BayerOrder::Grbg) => &[b"GRBG"],
@@ -41,28 +42,23 @@ pub fn fourccs(encoding: Encoding) -> &'static [&'static [u8; 4]] {
             (Samples::Packed12, BayerOrder::Grbg) => &[b"pgCC"],
             (Samples::Packed12, BayerOrder::Gbrg) => &[b"pGCC"],
         },
-        Encoding::Evt2
-        | Encoding::Evt21
-        | Encoding::Evt21Legacy
-        | Encoding::Evt3
-        | Encoding::Davis
-        | Encoding::Aedat4
-        | Encoding::TriggerLines => &[],
     }
 }
 
 /// The encoding that a four-character code means.
 #[must_use]
-pub fn encoding_of(fourcc: u32) -> Option<Encoding> {
-    Encoding::all().find(|&encoding| fourccs(encoding).iter().any(|code| u32::from_le_bytes(**code) == fourcc))
+pub fn encoding_of(fourcc: u32) -> Option<PixelFormat> {
+    PixelFormat::all().find(|&encoding| fourccs(encoding).iter().any(|code| u32::from_le_bytes(**code) == fourcc))
 }
 
 /// Reads the name of an encoding that a camera can send.
-pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Encoding, D::Error> {
+pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PixelFormat, D::Error> {
     let name = String::deserialize(deserializer)?;
-    let frames = || Encoding::all().filter(|encoding| encoding.is_frames());
+    let frames = || PixelFormat::all();
     let found = frames().find(|encoding| encoding.name() == name);
-    found.ok_or_else(|| D::Error::custom(format!("there is no format {name:?}; there are {}", names(frames()))))
+    found.ok_or_else(|| {
+        D::Error::custom(format!("there is no format {name:?}; there are {}", names(frames().map(Encoding::from))))
+    })
 }
 
 #[cfg(test)]
@@ -73,10 +69,10 @@ mod tests {
 
     #[test]
     fn every_frame_has_codes_of_its_own() {
-        let codes: Vec<_> = Encoding::all().flat_map(fourccs).collect();
+        let codes: Vec<_> = PixelFormat::all().flat_map(fourccs).collect();
         assert_eq!((codes.len(), codes.iter().collect::<BTreeSet<_>>().len()), (32, 32));
-        for encoding in Encoding::all() {
-            assert_eq!(encoding.is_frames(), !fourccs(encoding).is_empty(), "{encoding}");
+        for encoding in PixelFormat::all() {
+            assert!(!fourccs(encoding).is_empty(), "{encoding}");
             for code in fourccs(encoding) {
                 assert_eq!(encoding_of(u32::from_le_bytes(**code)), Some(encoding));
             }

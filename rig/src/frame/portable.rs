@@ -11,7 +11,8 @@ use std::{
     time::Duration,
 };
 
-use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError, names};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_session::source::{Counters, Description, Incident, Outlet, Packet, Source, SourceError, names};
 use nokhwa::{
     Camera,
     pixel_format::RgbFormat,
@@ -68,13 +69,13 @@ fn failed(config: &FrameConfig, doing: &'static str) -> impl FnOnce(nokhwa::Nokh
 }
 
 /// The encodings that nokhwa has a name for. What its YUYV is on systems that send UYVY is not known, so that there is none.
-const FORMATS: [(Encoding, FrameFormat); 6] = [
-    (Encoding::Mjpeg, FrameFormat::MJPEG),
-    (Encoding::Yuyv, FrameFormat::YUYV),
-    (Encoding::Nv12, FrameFormat::NV12),
-    (Encoding::Grey8, FrameFormat::GRAY),
-    (Encoding::Rgb8, FrameFormat::RAWRGB),
-    (Encoding::Bgr8, FrameFormat::RAWBGR),
+const FORMATS: [(PixelFormat, FrameFormat); 6] = [
+    (PixelFormat::Mjpeg, FrameFormat::MJPEG),
+    (PixelFormat::Yuyv, FrameFormat::YUYV),
+    (PixelFormat::Nv12, FrameFormat::NV12),
+    (PixelFormat::Grey8, FrameFormat::GRAY),
+    (PixelFormat::Rgb8, FrameFormat::RAWRGB),
+    (PixelFormat::Bgr8, FrameFormat::RAWBGR),
 ];
 
 fn frame_format(config: &FrameConfig) -> Result<FrameFormat, FrameError> {
@@ -84,7 +85,7 @@ fn frame_format(config: &FrameConfig) -> Result<FrameFormat, FrameError> {
         problem: format!(
             "the portable backend has no {}; take backend \"precise\" (Linux), or one of {}",
             config.format,
-            names(FORMATS.iter().map(|(encoding, _)| *encoding))
+            names(FORMATS.iter().map(|(encoding, _)| (*encoding).into()))
         ),
     })
 }
@@ -113,7 +114,7 @@ impl PortableCamera {
             id: config.id.clone(),
             model: camera.info().human_name(),
             serial: String::new(),
-            encoding: config.format,
+            encoding: config.format.into(),
             width: config.width,
             height: config.height,
             start_order: 0,
@@ -299,10 +300,7 @@ fn stream(
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{
-        pixel::RawLook,
-        source::{BayerOrder, Samples},
-    };
+    use erfgs_scene::pixel::{BayerOrder, RawLook, Samples};
 
     use super::*;
 
@@ -322,7 +320,7 @@ mod tests {
 
     #[test]
     fn formats_that_the_library_does_not_know_are_refused_before_a_camera_is_looked_for() {
-        for format in [Encoding::Grey10, Encoding::Uyvy, Encoding::Bayer(BayerOrder::Rggb, Samples::Bits8)] {
+        for format in [PixelFormat::Grey10, PixelFormat::Uyvy, PixelFormat::Bayer(BayerOrder::Rggb, Samples::Bits8)] {
             let error = frame_format(&FrameConfig { format, ..FrameConfig::default() }).unwrap_err().to_string();
             assert!(error.contains(&format!("has no {format}; take backend")) && error.contains("bgr8"), "{error}");
         }

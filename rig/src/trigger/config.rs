@@ -1,9 +1,7 @@
 use serde::{Deserialize, Serialize};
 
-use super::{
-    TriggerError,
-    protocol::{EXPOSURE_GUARD_TICKS, EXPOSURE_MIN_TICKS, PERIOD_TICKS, TICK_HZ},
-};
+use super::TriggerError;
+use erfgs_session::trigger::protocol::{EXPOSURE_GUARD_TICKS, EXPOSURE_MIN_TICKS, PERIOD_TICKS, TICK_HZ};
 
 /// The trigger board's table in `RIG.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

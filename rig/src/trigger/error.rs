@@ -1,4 +1,4 @@
-use super::protocol::{Refusal, VERSION};
+use erfgs_session::trigger::protocol::{Refusal, VERSION};
 
 /// What can go wrong with a trigger board.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,8 @@ use std::path::Path;
 
 use serialport::SerialPortType;
 
-use super::{Link, TriggerError, protocol::Identity};
+use super::{Link, TriggerError};
+use erfgs_session::trigger::protocol::Identity;
 
 /// USB vendors whose serial converters sit on Arduino boards: Arduino (two), WCH (CH340), FTDI, Silicon Labs (CP210x).
 const VENDORS: [u16; 5] = [0x2341, 0x2a03, 0x1a86, 0x0403, 0x10c4];

@@ -10,11 +10,9 @@ use bytes::Bytes;
 use erfgs_session::source::{Outlet, Packet};
 use serialport::SerialPort;
 
-use super::{
-    TriggerError,
-    protocol::{BAUD, Command, Identity, LINE_MAX, Message, NAME, Reader, Reply, VERSION},
-};
+use super::TriggerError;
 use crate::host_time::host_ns;
+use erfgs_session::trigger::protocol::{BAUD, Command, Identity, LINE_MAX, Message, NAME, Reader, Reply, VERSION};
 
 /// How long a read waits for bytes.
 const READ_WAIT: Duration = Duration::from_millis(20);

@@ -1,11 +1,9 @@
-//! The trigger board: its line protocol over a serial port, and the code on its pulse train.
+//! The trigger board: its line protocol over a serial port.
 
-pub mod code;
 mod config;
 mod error;
 mod find;
 mod link;
-pub mod protocol;
 mod source;
 
 pub use config::{Led, TriggerConfig, TriggerSettings};

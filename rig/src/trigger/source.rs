@@ -14,9 +14,9 @@ use super::{
     Link, TriggerConfig, TriggerError, TriggerSettings,
     find::{only, ports},
     link::{ANSWER_WAIT, ASK_AGAIN},
-    protocol::{Command, Identity, Message, Reply, Status},
 };
 use crate::host_time::host_ns;
+use erfgs_session::trigger::protocol::{Command, Identity, Message, Reply, Status};
 
 /// How often the board's clock is asked for, and its status.
 const CLOCK_EVERY: Duration = Duration::from_secs(1);
@@ -127,7 +127,10 @@ fn configure(
     let TriggerSettings { period, exposure, outputs, leds } = *settings;
     // Period and exposure must fit each other at every step: the shortest exposure fits every period.
     for (command, expected) in [
-        (Command::Exposure(super::protocol::EXPOSURE_MIN_TICKS), Reply::Exposure(super::protocol::EXPOSURE_MIN_TICKS)),
+        (
+            Command::Exposure(erfgs_session::trigger::protocol::EXPOSURE_MIN_TICKS),
+            Reply::Exposure(erfgs_session::trigger::protocol::EXPOSURE_MIN_TICKS),
+        ),
         (Command::Period(period), Reply::Period(period)),
         (Command::Exposure(exposure), Reply::Exposure(exposure)),
         (Command::Outputs(outputs), Reply::Outputs(outputs)),

@@ -1,7 +1,7 @@
 //! Events with session time.
 
 use super::{EpochCursor, Epochs};
-use crate::codec::{CdEvent, Sink};
+use erfgs_events::{CdEvent, Sink};
 
 /// Hands the events of a stream on to `inner` with session time, microseconds, in which breaks are gaps and not jumps back.
 /// Events that nothing dates, and all that is not an event, are left out.

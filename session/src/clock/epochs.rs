@@ -2,7 +2,7 @@
 //!
 //! A device that restarts begins a new time: it may start at zero again, so that ticks repeat and no map from ticks alone
 //! to session time can be right. What tells stretches apart is where they lie in the stream: an epoch begins at a break,
-//! which a decoder tells while it decodes a packet ([`Sink::discontinuity`](crate::codec::Sink::discontinuity)).
+//! which a decoder tells while it decodes a packet ([`Sink::discontinuity`](erfgs_events::Sink::discontinuity)).
 
 use serde::{Deserialize, Serialize};
 

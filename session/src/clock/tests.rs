@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::random;
+use erfgs_base::random;
 
 /// A device clock: session time of a tick, for ticks of 1 µs. `ppm` at the start, `drift` ppm more for each minute.
 fn truth(ticks: f64, ppm: f64, drift: f64) -> f64 {

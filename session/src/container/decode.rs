@@ -3,10 +3,9 @@
 use std::io::{Read, Seek};
 
 use super::{ContainerError, DecoderState, Entry, Session};
-use crate::{
-    codec::{Anomalies, Decoder, SensorSize, Sink, StreamDecoder},
-    source::{Description, Encoding, Packet},
-};
+use crate::source::{Description, Packet};
+use erfgs_events::EventEncoding;
+use erfgs_events::{Anomalies, Decoder, SensorSize, Sink, StreamDecoder};
 
 /// States lie about a second apart: one is looked for in so much time before the start.
 const STATE_SEARCH_NS: i64 = 3_000_000_000;
@@ -51,7 +50,9 @@ impl<R: Read + Seek> Session<R> {
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
         let (description, breaks) = (recorded.description.clone(), recorded.totals.discontinuities);
-        let size = sensor_size(&description);
+        let (Some(encoding), size) = (description.encoding.events(), sensor_size(&description)) else {
+            return Ok(None);
+        };
         let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
         // Across a break, decoders that began at different places may count the roll-overs of a clock differently, and the
         // epochs of a stream are those of one that began at its beginning.
@@ -60,14 +61,14 @@ impl<R: Read + Seek> Session<R> {
             _ => None,
         };
         let begun = match &state {
-            Some(state) => StreamDecoder::from_state(description.encoding, state.state, size),
-            None => StreamDecoder::new(description.encoding, size),
+            Some(state) => StreamDecoder::from_state(encoding, state.state, size),
+            None => Some(StreamDecoder::new(encoding, size)),
         };
         let Some(mut decoder) = begun else { return Ok(None) };
         let mut decoded = DecodedStream::default();
         let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
         // Packets of AEDAT 4 remember nothing of each other.
-        let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| description.encoding == Encoding::Aedat4);
+        let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| encoding == EventEncoding::Aedat4);
         for entry in self.messages(state.map(|state| state.host_ns).or(anywhere)) {
             let packet = match entry {
                 Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(DISORDER_NS) => break,
@@ -125,7 +126,7 @@ pub fn hand_over(decoder: &mut impl Decoder, packet: &Packet, begun: bool) {
 pub(super) struct Nowhere;
 
 impl Sink for Nowhere {
-    fn event(&mut self, _event: crate::codec::CdEvent) {}
+    fn event(&mut self, _event: erfgs_events::CdEvent) {}
 
-    fn events(&mut self, _batch: crate::codec::EventBatch<'_>) {}
+    fn events(&mut self, _batch: erfgs_events::EventBatch<'_>) {}
 }

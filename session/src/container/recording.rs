@@ -3,7 +3,7 @@
 use std::{fs::File, io::Read, path::Path};
 
 use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary};
-use crate::codec::{SensorSize, Sink};
+use erfgs_events::{SensorSize, Sink};
 
 /// A session, a recording of ROS 2, or an event file, read in the same way.
 pub enum Recording {

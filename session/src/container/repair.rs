@@ -63,7 +63,7 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
     worth_saving(&recovered, &tail, path)?;
     let mut file = file;
     let mut read_failure = None;
-    let written = crate::atomic::write_with(out, |sink| {
+    let written = erfgs_base::atomic::write_with(out, |sink| {
         for (number, &[from, to]) in keep.iter().enumerate() {
             if number == 1 {
                 sink.write_all(&declarations)?;

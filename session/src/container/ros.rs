@@ -5,10 +5,9 @@
 
 use bytes::{Buf, Bytes};
 
-use crate::{
-    codec::{CdEvent, Evt3Encoder},
-    source::Encoding,
-};
+use crate::source::Encoding;
+use erfgs_events::EventEncoding;
+use erfgs_events::{CdEvent, Evt3Encoder};
 
 /// Name of the schema.
 pub(super) const SCHEMA_NAME: &str = "event_camera_msgs/msg/EventPacket";
@@ -49,9 +48,9 @@ impl EventPacket {
     /// The encoding, if it is one that erfgs decodes. libcaer's words are handed on as EVT 3.
     pub fn known_encoding(&self) -> Option<Encoding> {
         match self.encoding.as_str() {
-            "evt3" | LIBCAER_CMP => Some(Encoding::Evt3),
-            "evt2" => Some(Encoding::Evt2),
-            "evt21" => Some(Encoding::Evt21),
+            "evt3" | LIBCAER_CMP => Some(Encoding::Events(EventEncoding::Evt3)),
+            "evt2" => Some(Encoding::Events(EventEncoding::Evt2)),
+            "evt21" => Some(Encoding::Events(EventEncoding::Evt21)),
             _ => None,
         }
     }

@@ -6,10 +6,9 @@
 //! decoded whole.
 
 use super::decode::hand_over;
-use crate::{
-    codec::{Decoder, StreamDecoder},
-    source::{Description, Encoding, Packet},
-};
+use crate::source::{Description, Packet};
+use erfgs_events::EventEncoding;
+use erfgs_events::{Decoder, StreamDecoder};
 
 /// From one state to the next, nanoseconds of host time.
 const EVERY_NS: i64 = 1_000_000_000;
@@ -34,15 +33,16 @@ pub(super) struct StateKeeper {
 impl StateKeeper {
     /// For a stream of events that erfgs decodes.
     pub fn new(description: &Description) -> Option<Self> {
-        let decoder = StreamDecoder::new(description.encoding, super::sensor_size(description))?;
+        let encoding = description.encoding.events()?;
+        let decoder = StreamDecoder::new(encoding, super::sensor_size(description));
         // What has no state needs none: it can be decoded from any packet on.
         decoder.state()?;
-        let word = match description.encoding {
-            Encoding::Evt21 | Encoding::Evt21Legacy => 8,
-            Encoding::Evt2 => 4,
+        let word = match encoding {
+            EventEncoding::Evt21 | EventEncoding::Evt21Legacy => 8,
+            EventEncoding::Evt2 => 4,
             _ => 2,
         };
-        let whole = description.encoding == Encoding::Davis;
+        let whole = encoding == EventEncoding::Davis;
         Some(Self { decoder, word, whole, due_ns: None, sampled: 0, position: 0, begun: false })
     }
 

@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
-use erfgs_rig::trigger::protocol;
+use erfgs_events::EventEncoding;
+use erfgs_events::{
+    ApsFrame, CdEvent, DavisEncoder, DavisLayout, Edge, Evt2Encoder, Evt3Encoder, Evt21Encoder, ImuSample, Mark,
+    WordOrder,
+};
+use erfgs_scene::pixel::PixelFormat;
+use erfgs_session::trigger::protocol;
 use erfgs_session::{
     clock::{ClockFit, Evidence, Residuals},
-    codec::{
-        ApsFrame, CdEvent, DavisEncoder, DavisLayout, Edge, Evt2Encoder, Evt3Encoder, Evt21Encoder, ImuSample, Mark,
-        WordOrder,
-    },
     container::{SessionStart, SessionWriter, Settings, Status, StreamStatus},
     source::{Description, Encoding, FrameStamp, Incident, Packet, StampClock, StampPoint},
 };
@@ -32,8 +34,8 @@ pub struct Stream {
 impl Stream {
     pub fn topic(&self) -> String {
         let (kind, name) = match self.description.encoding {
-            Encoding::Grey8 => ("frame", "grey8"),
-            Encoding::Yuyv => ("frame", "yuyv"),
+            Encoding::Frames(PixelFormat::Grey8) => ("frame", "grey8"),
+            Encoding::Frames(PixelFormat::Yuyv) => ("frame", "yuyv"),
             Encoding::TriggerLines => ("trigger", "raw"),
             _ => ("event", "raw"),
         };
@@ -217,12 +219,18 @@ pub fn write(path: &Path) -> Recorded {
     let stream =
         |id, model, encoding, size, packets| Stream { description: description(id, model, encoding, size), packets };
     let streams = vec![
-        stream("evt3", "Prophesee EVK4", Encoding::Evt3, hd, pieces(&evt3, 1001)),
-        stream("evt21", "Prophesee EVK4", Encoding::Evt21Legacy, hd, pieces(&evt21, 1001)),
-        stream("evt2", "Prophesee EVK4", Encoding::Evt2, hd, pieces(&evt2, 1001)),
-        stream("davis", "iniVation DAVIS346", Encoding::Davis, [346, 260], pieces(&davis_words, 9999)),
-        stream("grey", "Camera", Encoding::Grey8, FRAME, frames(pixels)),
-        stream("colour", "Camera", Encoding::Yuyv, FRAME, frames(2 * pixels)),
+        stream("evt3", "Prophesee EVK4", Encoding::Events(EventEncoding::Evt3), hd, pieces(&evt3, 1001)),
+        stream("evt21", "Prophesee EVK4", Encoding::Events(EventEncoding::Evt21Legacy), hd, pieces(&evt21, 1001)),
+        stream("evt2", "Prophesee EVK4", Encoding::Events(EventEncoding::Evt2), hd, pieces(&evt2, 1001)),
+        stream(
+            "davis",
+            "iniVation DAVIS346",
+            Encoding::Events(EventEncoding::Davis),
+            [346, 260],
+            pieces(&davis_words, 9999),
+        ),
+        stream("grey", "Camera", Encoding::Frames(PixelFormat::Grey8), FRAME, frames(pixels)),
+        stream("colour", "Camera", Encoding::Frames(PixelFormat::Yuyv), FRAME, frames(2 * pixels)),
         stream("board", "Trigger board", Encoding::TriggerLines, [0, 0], lines.collect()),
     ];
     record(path, &streams);

@@ -3,7 +3,7 @@
 
 mod statistics;
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use crate::{
     config::DensityConfig,

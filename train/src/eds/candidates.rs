@@ -2,7 +2,11 @@
 
 use rayon::prelude::*;
 
-use crate::{config::EdsConfig, raster::View, scene::Scene, scene::project};
+use crate::{
+    config::EdsConfig,
+    raster::View,
+    scene::{Scene, project},
+};
 
 /// What one source camera gave.
 pub(super) struct Found {

@@ -8,7 +8,7 @@
 
 mod candidates;
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use crate::{
     config::{Coherence, EdsConfig},

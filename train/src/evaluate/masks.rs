@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use super::read;
 use crate::{
     metrics::{MotionMaskOptions, motion_masks},
-    run::MaskKind,
     scene::{HeldOutFrame, Scene, SceneError},
     trainer::TrainError,
 };
+use erfgs_run::MaskKind;
 
 /// A mask for each held-out frame.
 #[derive(Debug)]

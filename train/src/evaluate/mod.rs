@@ -5,16 +5,17 @@ mod pictures;
 
 use std::time::Instant;
 
-use erfgs_session::{Dataset, image::ImageRgb8};
+use erfgs_dataset::Dataset;
+use erfgs_scene::image::ImageRgb8;
 
 pub use masks::HeldOutMasks;
 
 use crate::{
-    metrics::{Dpsnr, Lpips, LpipsKind, LpipsScaling, MaskedError, Picture, masked_error, psnr, ssim, to_unit},
-    run::{Metrics, PerView, RunFolder},
+    metrics::{Dpsnr, Lpips, MaskedError, Picture, masked_error, psnr, ssim, to_unit},
     scene::{HeldOutFrame, SceneError},
     trainer::{TrainError, Trainer},
 };
+use erfgs_run::{LpipsKind, LpipsScaling, Metrics, PerView, RunFolder};
 
 /// What an evaluation does besides figures.
 #[derive(Debug, Default)]

@@ -1,13 +1,13 @@
 //! Pictures of an evaluation: renderings beside the truth, rendered event frames beside measured ones.
 
-use erfgs_session::image::{ImageGrey8, ImageRgb8};
+use erfgs_scene::image::{ImageGrey8, ImageRgb8};
 
 use crate::{
     losses::Sensor,
     metrics::to_bytes,
-    run::{PerView, RunFolder},
     trainer::{TrainError, Trainer},
 };
+use erfgs_run::{PerView, RunFolder};
 
 /// Event frames written for every event camera.
 const EVENT_FRAMES: usize = 3;

@@ -11,10 +11,8 @@ use std::{
 };
 
 use super::{ExportError, header};
-use crate::{
-    gaussians::{CORE, Gaussians, sh_stride},
-    run::replace,
-};
+use crate::gaussians::{CORE, Gaussians, sh_stride};
+use erfgs_base::atomic;
 
 /// SH coefficients a channel.
 fn coefficients(degree: u32) -> usize {
@@ -42,7 +40,7 @@ pub fn write_ply(path: &Path, gaussians: &Gaussians) -> Result<(), ExportError> 
         header.push_str(&format!("property float {name}\n"));
     }
     header.push_str("end_header\n");
-    let written = replace(path, |file| {
+    let written = atomic::write_with(path, |file| {
         file.write_all(header.as_bytes())?;
         let mut row = Vec::with_capacity((17 + rest) * 4);
         for (core, sh) in core.as_chunks::<CORE>().0.iter().zip(sh.chunks_exact(stride)) {

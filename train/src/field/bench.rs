@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use erfgs_session::random::{key, purpose, uniform};
+use erfgs_base::random::{key, purpose, uniform};
 
 use super::{Blend, Field, FieldConfig, FieldError, Outputs, PlaneWeights, Tape};
 use crate::{gpu::Gpu, optimiser::AdamConfig, raster::Deltas};

@@ -1,6 +1,6 @@
 //! Where every parameter of a field lies in one flat vector of f32: all planes, then the MLP.
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use super::{FieldConfig, FieldError, HeadInit};
 

@@ -8,7 +8,7 @@ mod motion;
 mod psnr;
 mod ssim;
 
-pub use lpips::{Lpips, LpipsError, LpipsKind, LpipsNet, LpipsScaling, LpipsWeights};
+pub use lpips::{Lpips, LpipsError, LpipsWeights};
 pub use motion::{MotionMaskOptions, motion_masks};
 pub use psnr::{Dpsnr, MAX_PSNR, MaskedError, masked_error, psnr};
 pub use ssim::ssim;

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use erfgs_session::random::{key, normal, purpose, uniform};
+use erfgs_base::random::{key, normal, purpose, uniform};
 
 use super::{Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, View, sh_stride};
 use crate::gpu::Gpu;

@@ -234,7 +234,7 @@ fn spans_of(splat: &Splat, index: u32, grid: &Grid, spans: &mut Vec<Span>) {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::random::{key, range};
+    use erfgs_base::random::{key, range};
 
     use super::*;
 

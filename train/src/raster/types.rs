@@ -1,6 +1,6 @@
 //! What goes into and comes out of the rasteriser.
 
-use erfgs_session::{Distortion, Intrinsics, Pose};
+use erfgs_scene::{Distortion, Intrinsics, Pose};
 use wgpu::Buffer;
 
 use crate::gpu::{Gpu, GpuError};

@@ -1,6 +1,7 @@
 //! Events counted in bins of time, one map a bin edge, so that the count between any two edges is one subtraction.
 
-use erfgs_session::{Camera, Events};
+use erfgs_dataset::Camera;
+use erfgs_events::Events;
 
 use crate::losses::Sensor;
 
@@ -176,7 +177,9 @@ fn around(width: usize, height: usize, x: usize, y: usize) -> impl Iterator<Item
 
 #[cfg(test)]
 mod tests {
-    use erfgs_session::{Distortion, Event, EventFile, Intrinsics, Modality, Pose, Split};
+    use erfgs_dataset::{CameraEvents, Split};
+    use erfgs_events::Event;
+    use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
 
     use super::*;
 
@@ -196,7 +199,7 @@ mod tests {
             },
             world_to_camera: Pose::IDENTITY,
             frames: Vec::new(),
-            events: Some(EventFile {
+            events: Some(CameraEvents {
                 file: "e.npz".into(),
                 count: 0,
                 threshold_on: 0.2,

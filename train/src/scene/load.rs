@@ -1,6 +1,7 @@
 //! Reading a dataset into memory.
 
-use erfgs_session::{Camera, Dataset, Split, random};
+use erfgs_base::random;
+use erfgs_dataset::{Camera, Dataset, Split};
 use rayon::prelude::*;
 
 use super::{Bins, EventView, HeldOutFrame, Point, Scene, SceneError, SceneView, TrainFrame};

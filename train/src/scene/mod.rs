@@ -7,7 +7,7 @@ mod near;
 
 use std::path::PathBuf;
 
-use erfgs_session::{Dataset, Split, dataset::DatasetError};
+use erfgs_dataset::{Dataset, DatasetError, Split};
 
 pub use events::{Bins, EventView};
 pub use motion::{MotionMasks, classify, project};

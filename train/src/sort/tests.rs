@@ -1,4 +1,4 @@
-use erfgs_session::random::key;
+use erfgs_base::random::key;
 
 use super::*;
 use crate::gpu::{AdapterChoice, Gpu, Shape};

@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use super::{Model, TrainError, Trainer};
 use crate::{
@@ -11,10 +11,10 @@ use crate::{
     eds,
     gaussians::Gaussians,
     raster::Region,
-    run::LeftOut,
     scene::{MotionMasks, Point, classify},
     schedule::Stage,
 };
+use erfgs_run::LeftOut;
 
 const BIN: u64 = 0x0062_696e;
 /// Images of few pixels get as many Gaussians as this all the same.

@@ -32,10 +32,10 @@ use crate::{
     gpu::Gpu,
     optimiser::FiniteCheck,
     raster::Region,
-    run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo},
     scene::Scene,
     schedule::{Clock, Schedule, Stage},
 };
+use erfgs_run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
 
 /// A training run.
 #[derive(Debug)]

@@ -2,8 +2,9 @@
 
 use crate::{
     checkpoint::CheckpointError, config::ConfigError, field::FieldError, gpu::GpuError, metrics::MetricError,
-    raster::RasterError, run::RunError, scene::SceneError, schedule::Stage,
+    raster::RasterError, scene::SceneError, schedule::Stage,
 };
+use erfgs_run::RunError;
 
 /// How a run is driven.
 #[derive(Clone, Copy, Debug, Default)]
@@ -94,5 +95,5 @@ pub enum TrainError {
     Export(#[from] crate::export::ExportError),
     /// A picture.
     #[error(transparent)]
-    Image(#[from] erfgs_session::image::ImageError),
+    Image(#[from] erfgs_scene::image::ImageError),
 }

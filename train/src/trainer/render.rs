@@ -1,6 +1,6 @@
 //! Rendering of the learned scene.
 
-use erfgs_session::Split;
+use erfgs_dataset::Split;
 
 use super::{TrainError, Trainer, model::Rendering};
 use crate::{raster::View, scene::near_plane};

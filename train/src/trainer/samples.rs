@@ -1,7 +1,7 @@
 //! Which frame or event pair each slot of an iteration's batch is. A pure function of seed, iteration and slot, so that a
 //! resumed run draws what the uninterrupted one would have drawn.
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use crate::{
     config::{Config, Pairing},

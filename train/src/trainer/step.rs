@@ -1,6 +1,6 @@
 //! One iteration: render the batch, compare, go back, step.
 
-use erfgs_session::random;
+use erfgs_base::random;
 use wgpu::Buffer;
 
 use super::{

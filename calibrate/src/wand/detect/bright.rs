@@ -1,6 +1,6 @@
 //! Bright spots in a frame.
 
-use erfgs_session::ImageGrey8;
+use erfgs_scene::ImageGrey8;
 
 use super::{
     Light,

@@ -1,6 +1,6 @@
 //! Which lights are the wand.
 
-use erfgs_session::Intrinsics;
+use erfgs_scene::Intrinsics;
 use glam::DVec2;
 
 use super::{

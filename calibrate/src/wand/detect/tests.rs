@@ -1,4 +1,5 @@
-use erfgs_session::{Distortion, ImageGrey8, Intrinsics, random};
+use erfgs_base::random;
+use erfgs_scene::{Distortion, ImageGrey8, Intrinsics};
 use glam::DVec2;
 
 use super::{super::Stick, *};

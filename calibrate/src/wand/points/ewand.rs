@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use erfgs_session::Modality;
+use erfgs_scene::Modality;
 
 use super::{super::WandCamera, WandError, csv};
-use crate::convert::read_intrinsics;
+use erfgs_scene::exchange::read_intrinsics;
 
 /// Reads all cameras of the folder, in the order of their numbers.
 pub fn read(folder: &Path) -> Result<Vec<WandCamera>, WandError> {

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use erfgs_session::{Intrinsics, Modality};
+use erfgs_scene::{Intrinsics, Modality};
 use serde::{Deserialize, Serialize};
 
 use super::{super::WandCamera, WandError, csv, malformed, read_text};

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use erfgs_session::codec::CdEvent;
+use erfgs_events::CdEvent;
 
 use super::{
     spi::{Parameters, SIZE},

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use erfgs_session::codec::CdEvent;
+use erfgs_events::CdEvent;
 
 use crate::usb::{
     clock::TimeBase,

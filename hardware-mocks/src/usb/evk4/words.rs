@@ -1,6 +1,6 @@
 //! The words in which the sensor sends what it saw: EVT3, and EVT2.1 with the halves of each word swapped.
 
-use erfgs_session::codec::CdEvent;
+use erfgs_events::CdEvent;
 
 /// What the sensor puts into its stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

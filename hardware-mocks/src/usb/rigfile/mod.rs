@@ -32,7 +32,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_session::dataset::DatasetError;
+use erfgs_dataset::DatasetError;
 use serde::Deserialize;
 use thiserror::Error;
 
@@ -46,7 +46,7 @@ use super::{
     scene::{RecordedWords, RecordingError},
     uvc::Format,
 };
-use crate::stage::StageError;
+use erfgs_stage::StageError;
 
 /// Why a rig cannot be built.
 #[derive(Debug, Error)]

@@ -2,18 +2,13 @@
 
 use std::{path::Path, sync::Arc};
 
-use erfgs_session::{
-    Event, Events,
-    codec::Columns,
-    container::Recording,
-    dataset::{Camera, Dataset},
-};
+use erfgs_dataset::{Camera, Dataset};
+use erfgs_events::{Columns, Event, Events};
+use erfgs_session::container::Recording;
 
 use super::{DeviceFile, Kind, RigError};
-use crate::{
-    stage::{EventOptions, RigCamera, RigOptions, Stage, StageError, StageOptions, View},
-    usb::scene::{EventScene, FrameScene, Pattern, PatternFrames, Picture, TakeEvents, TakeFrames},
-};
+use crate::usb::scene::{EventScene, FrameScene, Pattern, PatternFrames, Picture, TakeEvents, TakeFrames};
+use erfgs_stage::{EventOptions, RigCamera, RigOptions, Stage, StageError, StageOptions, View};
 
 /// Columns and rows.
 type Size = [u16; 2];

@@ -14,7 +14,7 @@ pub use take::{TakeEvents, TakeFrames};
 
 use std::sync::Arc;
 
-use erfgs_session::codec::CdEvent;
+use erfgs_events::CdEvent;
 
 use super::clock::TimeBase;
 

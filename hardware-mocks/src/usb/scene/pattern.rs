@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use erfgs_session::codec::CdEvent;
+use erfgs_events::CdEvent;
 
 use super::{EventScene, FrameScene, Picture};
 use crate::usb::clock::TimeBase;

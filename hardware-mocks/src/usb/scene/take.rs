@@ -3,13 +3,11 @@
 
 use std::sync::Arc;
 
-use erfgs_session::{Events, codec::CdEvent};
+use erfgs_events::{CdEvent, Events};
 
 use super::{EventScene, FrameScene, Picture};
-use crate::{
-    stage::{EventOptions, StageError, View, events::record, film::image},
-    usb::clock::TimeBase,
-};
+use crate::usb::clock::TimeBase;
+use erfgs_stage::{EventOptions, StageError, View, events::record, film::image};
 
 /// The events of a take, which starts again when it has ended.
 #[derive(Clone, Debug)]

@@ -8,6 +8,7 @@ pub mod spi;
 
 use std::{sync::Arc, time::Duration};
 
+use erfgs_events::EventEncoding;
 use erfgs_session::source::Encoding;
 use serde_json::{Map, Value, json};
 
@@ -402,7 +403,7 @@ impl Driver for Davis346 {
     }
 
     fn encoding(&self) -> Encoding {
-        Encoding::Davis
+        Encoding::Events(EventEncoding::Davis)
     }
 
     fn size(&self) -> (u32, u32) {

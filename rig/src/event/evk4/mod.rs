@@ -15,6 +15,7 @@ pub mod treuzell;
 
 use std::{sync::Arc, time::Duration};
 
+use erfgs_events::EventEncoding;
 use erfgs_session::source::Encoding;
 use serde_json::{Map, Value, json};
 
@@ -217,8 +218,8 @@ impl Driver for Evk4 {
 
     fn encoding(&self) -> Encoding {
         match self.config.format {
-            Format::Evt3 => Encoding::Evt3,
-            Format::Evt21 => Encoding::Evt21Legacy,
+            Format::Evt3 => Encoding::Events(EventEncoding::Evt3),
+            Format::Evt21 => Encoding::Events(EventEncoding::Evt21Legacy),
         }
     }
 

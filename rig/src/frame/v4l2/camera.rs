@@ -10,14 +10,14 @@ use std::{
 };
 
 use bytes::Bytes;
-use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError};
+use erfgs_session::source::{Counters, Description, Incident, Outlet, Packet, Source, SourceError};
 use serde_json::{Map, Value, json};
 
 use super::{
     controls,
     find::{choose, fourcc_text, list},
     stamp::{is_damaged, stamp},
-    sys::{Node, PixelFormat, Stream},
+    sys::{Node, Stream, StreamFormat},
 };
 use crate::{
     frame::{
@@ -51,7 +51,7 @@ pub struct PreciseCamera {
 /// A camera that is open and set.
 struct Ready {
     node: Arc<Node>,
-    format: PixelFormat,
+    format: StreamFormat,
 }
 
 #[derive(Default)]
@@ -92,7 +92,7 @@ impl PreciseCamera {
             id: config.id.clone(),
             model: found.name.clone(),
             serial: found.serial.clone(),
-            encoding: config.format,
+            encoding: config.format.into(),
             width: ready.format.width,
             height: ready.format.height,
             start_order: 0,
@@ -283,7 +283,7 @@ impl Watch {
         self.state.stopping.load(Ordering::Relaxed)
     }
 
-    fn run(mut self, mut stream: Stream, mut format: PixelFormat) {
+    fn run(mut self, mut stream: Stream, mut format: StreamFormat) {
         while let Err(reason) = self.stream(&mut stream, format) {
             drop(stream);
             self.outlet.report(Incident::Lost { reason });
@@ -296,7 +296,7 @@ impl Watch {
     }
 
     /// Takes frames until the owner stops (`Ok`), or the camera is lost.
-    fn stream(&mut self, stream: &mut Stream, format: PixelFormat) -> Result<(), String> {
+    fn stream(&mut self, stream: &mut Stream, format: StreamFormat) -> Result<(), String> {
         tracing::debug!("camera {} streams into {} buffers", self.config.id, stream.buffers());
         let timeout = Duration::from_millis(u64::from(self.config.timeout_ms));
         let mut last = Instant::now();
@@ -339,11 +339,11 @@ impl Watch {
         }
     }
 
-    fn deliver(&mut self, host_ns: i64, stream: &Stream, frame: &super::sys::Filled, format: PixelFormat) {
+    fn deliver(&mut self, host_ns: i64, stream: &Stream, frame: &super::sys::Filled, format: StreamFormat) {
         let encoding = self.config.format;
         let raw = stream.bytes(frame);
         let payload = match without_padding(encoding, format.width, format.stride, raw) {
-            Some(rows) if encoding != Encoding::Mjpeg => Bytes::from(rows),
+            Some(rows) if encoding != erfgs_scene::pixel::PixelFormat::Mjpeg => Bytes::from(rows),
             _ => Bytes::copy_from_slice(raw),
         };
         let damaged = is_damaged(frame) || is_cut(encoding, format.width, format.height, &payload);
@@ -366,7 +366,7 @@ impl Watch {
     }
 
     /// Looks for the same camera until it is there again, or the owner stops.
-    fn bring_back(&self) -> Option<(Stream, PixelFormat)> {
+    fn bring_back(&self) -> Option<(Stream, StreamFormat)> {
         while !self.stopping() {
             let back =
                 (self.list)().and_then(|cameras| choose(&self.config.id, &self.identity, cameras)).and_then(|found| {

@@ -52,7 +52,7 @@ impl Capabilities {
 
 /// A format as the driver accepted it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PixelFormat {
+pub struct StreamFormat {
     pub fourcc: u32,
     pub width: u32,
     pub height: u32,
@@ -127,7 +127,7 @@ impl Node {
         (0..256).map_while(|index| describe(index).ok()).collect()
     }
 
-    pub fn set_format(&self, fourcc: u32, width: u32, height: u32) -> io::Result<PixelFormat> {
+    pub fn set_format(&self, fourcc: u32, width: u32, height: u32) -> io::Result<StreamFormat> {
         // SAFETY: as in `capabilities`; for this buffer type the union's member is `pix`, before and after the call.
         unsafe {
             let mut format = v4l2_format { type_: VIDEO_CAPTURE, ..mem::zeroed() };
@@ -137,7 +137,7 @@ impl Node {
             format.fmt.pix.field = FIELD_NONE;
             self.call(vidioc::VIDIOC_S_FMT, &mut format)?;
             let pix = format.fmt.pix;
-            Ok(PixelFormat { fourcc: pix.pixelformat, width: pix.width, height: pix.height, stride: pix.bytesperline })
+            Ok(StreamFormat { fourcc: pix.pixelformat, width: pix.width, height: pix.height, stride: pix.bytesperline })
         }
     }
 

@@ -10,7 +10,7 @@ use super::{
     host_clock::HostClock,
     packets::{Out, PACKET_BYTES, PACKET_NS},
 };
-use crate::codec::{CdEvent, Decoder, Edge, EventBatch, EventFile, Sink};
+use erfgs_events::{CdEvent, Decoder, Edge, EventBatch, EventFile, Sink};
 
 /// Bytes read at once.
 const PIECE: usize = 256 << 10;
@@ -54,7 +54,7 @@ pub(super) fn cut(file: &EventFile, first_us: u64, out: &mut Out) -> Result<(), 
     let mut reader =
         File::open(path).map_err(|source| ContainerError::Open { what: "open", path: path.clone(), source })?;
     reader.seek(SeekFrom::Start(file.body)).map_err(read_error(file.body))?;
-    let Some(mut decoder) = file.decoder() else { return Ok(()) };
+    let mut decoder = file.decoder();
     let mut watch = Watch { clock: HostClock::new(first_us) };
     let (mut payload, mut begun_ns, mut offset) = (Vec::new(), 0, file.body);
     let mut piece = vec![0; PIECE];

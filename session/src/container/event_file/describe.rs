@@ -13,7 +13,8 @@ use super::{
     source::EventSource,
     survey::Survey,
 };
-use crate::{codec::EventFormat, source::Description};
+use crate::source::Description;
+use erfgs_events::EventFormat;
 
 /// Times from here on, September 2001, are taken for microseconds since 1970, as those of AEDAT 4 are.
 const SINCE_1970_US: u64 = 1_000_000_000_000_000;
@@ -85,7 +86,7 @@ fn description(path: &Path, source: &EventSource, of_addresses: bool) -> Descrip
         id: id(path),
         model,
         serial,
-        encoding: source.encoding(),
+        encoding: source.encoding().into(),
         width: size.map_or(0, |size| size.width.into()),
         height: size.map_or(0, |size| size.height.into()),
         start_order: 0,

@@ -24,10 +24,8 @@ pub use write::import_events;
 
 use self::{packets::Packets, source::EventSource};
 use super::{ContainerError, DecodedStream, Entry, Summary};
-use crate::{
-    codec::{SensorSize, Sink},
-    source::Encoding,
-};
+use erfgs_events::EventEncoding;
+use erfgs_events::{SensorSize, Sink};
 
 /// An event file that was read through once.
 pub struct EventFileRecording {
@@ -92,7 +90,7 @@ impl EventFileRecording {
         Ok(DecodedStream { anomalies, ..DecodedStream::default() })
     }
 
-    fn encoding(&self) -> Encoding {
+    fn encoding(&self) -> EventEncoding {
         self.source.encoding()
     }
 }

@@ -8,10 +8,8 @@ use super::{
     packets::{Out, PACKET_BYTES, PACKET_NS},
     source::EventSource,
 };
-use crate::{
-    codec::{Aedat4Encoder, ApsFrame, CdEvent, Edge, EncodeError, Evt2Encoder, ImuSample, Mark, Sink},
-    source::Encoding,
-};
+use erfgs_events::EventEncoding;
+use erfgs_events::{Aedat4Encoder, ApsFrame, CdEvent, Edge, EncodeError, Evt2Encoder, ImuSample, Mark, Sink};
 
 /// Bytes of an event, a sample or a mark of AEDAT 4 before compression, about.
 const ITEM_BYTES: usize = 16;
@@ -41,23 +39,23 @@ struct Packer<'a> {
 /// Encodes the file into packets.
 pub(super) fn pack(
     source: &EventSource,
-    encoding: Encoding,
+    encoding: EventEncoding,
     first_us: u64,
     out: &mut Out,
 ) -> Result<(), ContainerError> {
-    if encoding == Encoding::Evt2 && first_us > EVT2_LAST_US {
+    if encoding == EventEncoding::Evt2 && first_us > EVT2_LAST_US {
         return Err(ContainerError::event_file(source.path(), Unfit::Late { first_us }));
     }
     // The edges of HDF5 lie behind all events, and words of EVT go by time.
     let mut edges = Vec::new();
-    if matches!(source, EventSource::Hdf5 { .. }) && encoding == Encoding::Evt2 {
+    if matches!(source, EventSource::Hdf5 { .. }) && encoding == EventEncoding::Evt2 {
         let mut gather = Edges(Vec::new());
         source.decode(&mut gather, |_| true)?;
         edges = gather.0;
         edges.sort_by_key(|edge| edge.t_us);
     }
     let encoder = match encoding {
-        Encoding::Aedat4 => Encoder::Aedat4(Aedat4Encoder::packets()),
+        EventEncoding::Aedat4 => Encoder::Aedat4(Aedat4Encoder::packets()),
         _ => Encoder::Evt2(Evt2Encoder::default(), Vec::new()),
     };
     let clock = HostClock::new(first_us);
@@ -200,7 +198,7 @@ struct Edges(Vec<Edge>);
 impl Sink for Edges {
     fn event(&mut self, _event: CdEvent) {}
 
-    fn events(&mut self, _batch: crate::codec::EventBatch<'_>) {}
+    fn events(&mut self, _batch: erfgs_events::EventBatch<'_>) {}
 
     fn edge(&mut self, edge: Edge) {
         self.0.push(edge);
@@ -234,8 +232,8 @@ mod tests {
         std::fs::write(&path, "t,x,y,on\n20000000000,1,2,1\n").unwrap();
         let source = EventSource::open(&path, None).unwrap();
         let first = |encoding| Packets::start(source.clone(), encoding, 20_000_000_000).next().unwrap();
-        let said = first(Encoding::Evt2).unwrap_err().to_string();
+        let said = first(EventEncoding::Evt2).unwrap_err().to_string();
         assert!(said.contains("e.csv") && said.contains("20000000000") && said.contains("4 h 46 min"), "{said}");
-        assert_eq!(first(Encoding::Aedat4).unwrap().host_ns, 0);
+        assert_eq!(first(EventEncoding::Aedat4).unwrap().host_ns, 0);
     }
 }

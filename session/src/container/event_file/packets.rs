@@ -6,10 +6,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use bytes::Bytes;
 
 use super::{super::ContainerError, cut, pack, source::EventSource};
-use crate::{
-    codec::EventFormat,
-    source::{Encoding, Packet},
-};
+use crate::source::Packet;
+use erfgs_events::EventEncoding;
+use erfgs_events::EventFormat;
 
 /// Packets that wait.
 const WAITING: usize = 16;
@@ -31,7 +30,7 @@ pub(super) struct Out {
 
 impl Packets {
     /// Starts at the beginning of the file.
-    pub fn start(source: EventSource, encoding: Encoding, first_us: u64) -> Self {
+    pub fn start(source: EventSource, encoding: EventEncoding, first_us: u64) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
         let mut out = Out { sender: sender.clone(), sequence: 0, wanted: true };
         let thread = std::thread::Builder::new().name("erfgs-event-file".into()).spawn(move || {

@@ -7,12 +7,11 @@ use std::{
 };
 
 use super::super::ContainerError;
-use crate::{
-    Events,
-    codec::{Anomalies, EventBatch, EventFile, EventFileError, EventFormat, SensorSize, Sink},
+use erfgs_events::EventEncoding;
+use erfgs_events::{
+    Anomalies, EventBatch, EventFile, EventFileError, EventFormat, Events, SensorSize, Sink,
     hdf5::{self, Hdf5Layout},
     npz,
-    source::Encoding,
 };
 
 /// Events handed over at once.
@@ -92,12 +91,12 @@ impl EventSource {
     }
 
     /// How its packets are encoded.
-    pub fn encoding(&self) -> Encoding {
+    pub fn encoding(&self) -> EventEncoding {
         match self {
             Self::Stream(EventFile { format: EventFormat::Raw(encoding), .. }) => *encoding,
             Self::Stream(EventFile { format: EventFormat::Dat(_) | EventFormat::Aedat2(_), .. })
-            | Self::Hdf5 { layout: Hdf5Layout::Metavision, .. } => Encoding::Evt2,
-            _ => Encoding::Aedat4,
+            | Self::Hdf5 { layout: Hdf5Layout::Metavision, .. } => EventEncoding::Evt2,
+            _ => EventEncoding::Aedat4,
         }
     }
 

@@ -1,7 +1,7 @@
 //! What is to be known of a file before its packets: its span and its addresses.
 
 use super::{super::ContainerError, host_clock::HostClock, source::EventSource};
-use crate::codec::{ApsFrame, CdEvent, Edge, ImuSample, Mark, SensorSize, Sink};
+use erfgs_events::{ApsFrame, CdEvent, Edge, ImuSample, Mark, SensorSize, Sink};
 
 /// What was found.
 pub(super) struct Survey {

@@ -24,7 +24,7 @@ pub fn import_events(
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
     let (mut totals, mut failure) = (Totals::default(), None);
-    let written = crate::atomic::write_with(out, |sink| {
+    let written = erfgs_base::atomic::write_with(out, |sink| {
         write(file, sink, out, &mut progress).map(|done| totals = done).map_err(|error| {
             failure = Some(error);
             io::Error::other("the import failed")

@@ -4,7 +4,7 @@ mod behaviour;
 mod shapes;
 mod twin;
 
-use erfgs_session::random;
+use erfgs_base::random;
 
 use super::*;
 use crate::{

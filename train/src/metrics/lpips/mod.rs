@@ -7,54 +7,11 @@
 mod layers;
 mod weights;
 
-use serde::{Deserialize, Serialize};
+use erfgs_run::{LpipsNet, LpipsScaling};
 
 use self::layers::{Convolution, Map, Window, max_pool};
 pub use self::weights::{LpipsError, LpipsWeights};
 use super::{MetricError, Picture};
-
-/// The backbone whose features are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LpipsNet {
-    /// AlexNet.
-    Alex,
-    /// VGG16.
-    Vgg16,
-}
-
-/// How pictures in [0, 1] enter the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LpipsScaling {
-    /// As they are: what the 4DGS evaluation does, although the network's constants assume [-1, 1].
-    ZeroToOne,
-    /// Scaled to [-1, 1], as LPIPS intends.
-    MinusOneToOne,
-}
-
-/// Which LPIPS a value is. Values of different kinds are not comparable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct LpipsKind {
-    /// The backbone.
-    pub net: LpipsNet,
-    /// The input's scaling.
-    pub scaling: LpipsScaling,
-}
-
-impl std::fmt::Display for LpipsKind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let net = match self.net {
-            LpipsNet::Alex => "AlexNet",
-            LpipsNet::Vgg16 => "VGG16",
-        };
-        let scaling = match self.scaling {
-            LpipsScaling::ZeroToOne => "[0, 1]",
-            LpipsScaling::MinusOneToOne => "[-1, 1]",
-        };
-        write!(f, "{net}, {scaling}")
-    }
-}
 
 /// The scaling layer of LPIPS: (x - shift) / scale, by channel.
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -72,42 +29,40 @@ const fn window(size: usize, stride: usize, padding: usize) -> Window {
     Window { size, stride, padding }
 }
 
-impl LpipsNet {
-    fn layers(self) -> Vec<Layer> {
-        use Layer::{Convolution as Conv, MaxPool};
-        match self {
-            Self::Alex => vec![
-                Conv(0, 64, window(11, 4, 2), true),
-                MaxPool(window(3, 2, 0)),
-                Conv(3, 192, window(5, 1, 2), true),
-                MaxPool(window(3, 2, 0)),
-                Conv(6, 384, window(3, 1, 1), true),
-                Conv(8, 256, window(3, 1, 1), true),
-                Conv(10, 256, window(3, 1, 1), true),
-            ],
-            Self::Vgg16 => {
-                let blocks: [(usize, &[usize]); 5] =
-                    [(64, &[0, 2]), (128, &[5, 7]), (256, &[10, 12, 14]), (512, &[17, 19, 21]), (512, &[24, 26, 28])];
-                let mut layers = Vec::new();
-                for (channels, indices) in blocks {
-                    if !layers.is_empty() {
-                        layers.push(MaxPool(window(2, 2, 0)));
-                    }
-                    for (at, &index) in indices.iter().enumerate() {
-                        layers.push(Conv(index, channels, window(3, 1, 1), at + 1 == indices.len()));
-                    }
+fn layers(net: LpipsNet) -> Vec<Layer> {
+    use Layer::{Convolution as Conv, MaxPool};
+    match net {
+        LpipsNet::Alex => vec![
+            Conv(0, 64, window(11, 4, 2), true),
+            MaxPool(window(3, 2, 0)),
+            Conv(3, 192, window(5, 1, 2), true),
+            MaxPool(window(3, 2, 0)),
+            Conv(6, 384, window(3, 1, 1), true),
+            Conv(8, 256, window(3, 1, 1), true),
+            Conv(10, 256, window(3, 1, 1), true),
+        ],
+        LpipsNet::Vgg16 => {
+            let blocks: [(usize, &[usize]); 5] =
+                [(64, &[0, 2]), (128, &[5, 7]), (256, &[10, 12, 14]), (512, &[17, 19, 21]), (512, &[24, 26, 28])];
+            let mut layers = Vec::new();
+            for (channels, indices) in blocks {
+                if !layers.is_empty() {
+                    layers.push(MaxPool(window(2, 2, 0)));
                 }
-                layers
+                for (at, &index) in indices.iter().enumerate() {
+                    layers.push(Conv(index, channels, window(3, 1, 1), at + 1 == indices.len()));
+                }
             }
+            layers
         }
     }
+}
 
-    /// The least width and height of a picture.
-    fn least_size(self) -> u32 {
-        match self {
-            Self::Alex => 31,
-            Self::Vgg16 => 16,
-        }
+/// The least width and height of a picture.
+fn least_size(net: LpipsNet) -> u32 {
+    match net {
+        LpipsNet::Alex => 31,
+        LpipsNet::Vgg16 => 16,
     }
 }
 
@@ -139,7 +94,7 @@ impl Lpips {
             if weights.shape("features.0.weight")?.last() == Some(&11) { LpipsNet::Alex } else { LpipsNet::Vgg16 };
         let (mut inputs, mut looks) = (3, 0);
         let mut stages = Vec::new();
-        for layer in net.layers() {
+        for layer in layers(net) {
             stages.push(match layer {
                 Layer::MaxPool(window) => Stage::MaxPool(window),
                 Layer::Convolution(index, outputs, window, looked_at) => {
@@ -174,7 +129,7 @@ impl Lpips {
     /// [`MetricError::Sizes`] and [`MetricError::TooSmall`].
     pub fn distance(&self, a: Picture<'_>, b: Picture<'_>, scaling: LpipsScaling) -> Result<f64, MetricError> {
         a.same_size(b)?;
-        let least = self.net.least_size();
+        let least = least_size(self.net);
         if a.width < least || a.height < least {
             return Err(MetricError::TooSmall { width: a.width, height: a.height, least });
         }
@@ -225,11 +180,11 @@ mod tests {
     fn the_least_size_is_the_least_that_leaves_a_pixel() {
         for net in [LpipsNet::Alex, LpipsNet::Vgg16] {
             let left = |size: u32| {
-                net.layers().iter().fold(size as usize, |size, layer| match layer {
+                layers(net).iter().fold(size as usize, |size, layer| match layer {
                     Layer::Convolution(_, _, window, _) | Layer::MaxPool(window) => window.positions(size),
                 })
             };
-            assert_eq!((left(net.least_size() - 1), left(net.least_size())), (0, 1), "{net:?}");
+            assert_eq!((left(least_size(net) - 1), left(least_size(net))), (0, 1), "{net:?}");
         }
     }
 }

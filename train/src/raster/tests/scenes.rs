@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use erfgs_session::random::{key, normal, purpose, range, uniform};
+use erfgs_base::random::{key, normal, purpose, range, uniform};
 use glam::DVec4;
 
 use crate::{

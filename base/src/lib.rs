@@ -1,0 +1,16 @@
+//! What every room of erfgs stands on, and what none of them is about.
+//!
+//! - [`atomic`]: files and folders that appear whole or not at all (feature `files`).
+//! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
+//! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
+//! - [`npy`]: NumPy's arrays.
+
+#[cfg(feature = "files")]
+pub mod atomic;
+pub mod npy;
+#[cfg(feature = "parallel")]
+pub mod progress;
+pub mod random;
+
+#[cfg(feature = "parallel")]
+pub use progress::Progress;

@@ -1,0 +1,113 @@
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use erfgs_calibrate::board::{BoardOptions, Corner, Seen, View, calibrate, look};
+use erfgs_scene::{Distortion, Intrinsics, Pose};
+use glam::{DMat3, DVec2, DVec3};
+
+/// The folder of real recordings, where there is one.
+fn shared() -> PathBuf {
+    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
+    std::env::var_os("ERFGS_SHARED").map_or_else(beside, PathBuf::from)
+}
+
+/// The reference: intrinsics (OpenCV's pixel convention) and world-to-camera poses.
+fn reference(file: &Path) -> BTreeMap<String, (Intrinsics, Pose)> {
+    let table: toml::Table = std::fs::read_to_string(file).unwrap().parse().unwrap();
+    let numbers = |value: &toml::Value| -> Vec<f64> { value.clone().try_into().unwrap() };
+    let rows = |value: &toml::Value| -> Vec<f64> { value.as_array().unwrap().iter().flat_map(numbers).collect() };
+    let camera = |(id, camera): (&String, &toml::Value)| {
+        let (m, d) = (rows(&camera["matrix"]), numbers(&camera["distortions"]));
+        let intrinsics = Intrinsics {
+            width: 1280,
+            height: 720,
+            fx: m[0],
+            fy: m[4],
+            cx: m[2] + 0.5,
+            cy: m[5] + 0.5,
+            distortion: Distortion::BrownConrady([d[0], d[1], d[2], d[3], d[4], 0.0, 0.0, 0.0]),
+        };
+        let rotation = DMat3::from_cols_slice(&rows(&camera["rotation"])).transpose();
+        let pose = Pose::from_matrix(rotation, DVec3::from_slice(&numbers(&camera["translation"])));
+        (format!("cam_{id}"), (intrinsics, pose))
+    };
+    table["cameras"].as_table().unwrap().iter().map(camera).collect()
+}
+
+/// The corners that the reference was computed from, as views.
+fn their_corners(file: &Path) -> Vec<Seen> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let mut views: BTreeMap<(String, u32), Vec<Corner>> = BTreeMap::new();
+    for line in text.lines().skip(1) {
+        // sync_index,cam_id,frame_index,frame_time,object_id,keypoint_id,img_loc_x,img_loc_y,...
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |index: usize| cells[index].parse::<f64>().unwrap();
+        let pixel = DVec2::new(number(6) + 0.5, number(7) + 0.5);
+        let view = views.entry((format!("cam_{}", cells[1]), cells[0].parse().unwrap())).or_default();
+        view.push(Corner { id: cells[5].parse().unwrap(), pixel });
+    }
+    let mut cameras: BTreeMap<String, Vec<View>> = BTreeMap::new();
+    for ((camera, instant), corners) in views {
+        let view = View { instant: instant.to_string(), time_s: None, file: file.into(), frame: 0, corners };
+        cameras.entry(camera).or_default().push(view);
+    }
+    let seen =
+        |(camera, views): (String, Vec<View>)| Seen { camera, events: false, size: [1280, 720], frames: 57, views };
+    cameras.into_iter().map(seen).collect()
+}
+
+#[test]
+fn four_free_running_webcams_and_a_waved_board() {
+    let source = shared().join("data/caliscope_sessions/post_optimization");
+    if !source.exists() {
+        eprintln!("{} is not there: nothing checked", source.display());
+        return;
+    }
+    let target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
+    let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
+    let least = [50, 40, 45, 20];
+    for (seen, least) in videos.iter().zip(least) {
+        assert!(seen.views.len() >= least, "{}: {} views", seen.camera, seen.views.len());
+    }
+    let mut untimed = videos.clone();
+    untimed.iter_mut().flat_map(|seen| &mut seen.views).for_each(|view| view.time_s = None);
+    let reference = reference(&source.join("camera_array.toml"));
+    let known = reference.iter().map(|(name, (intrinsics, _))| (name.clone(), *intrinsics)).collect();
+    let plain = BoardOptions { known, ..BoardOptions::default() };
+    let timed = BoardOptions { time_offsets: true, ..plain.clone() };
+    let theirs = their_corners(&source.join("calibration/extrinsic/xy.csv"));
+    let mut rms = Vec::new();
+    for (what, seen, options, most_mm, most_deg) in [
+        ("the reference's corners", &theirs, &plain, 12.0, 1.0),
+        ("our corners", &untimed, &plain, 12.0, 0.8),
+        // The webcams deliver their frames up to a tenth of a second apart; the reference takes them for simultaneous.
+        ("our corners, time offsets estimated", &videos, &timed, 20.0, 1.0),
+    ] {
+        let (rig, _) = calibrate(seen, &target, options, &|_, _, _| {}).unwrap();
+        let world = reference["cam_0"].1;
+        rms.push(rig.quality.unwrap().rms_px);
+        println!("{what}: rms {:.3} px", rms[rms.len() - 1]);
+        for camera in &rig.cameras {
+            let (_, pose) = reference[&camera.name];
+            // Both with the first camera as the world.
+            let centre = world.transform(pose.centre());
+            let rotation = pose.rotation * world.rotation.conjugate();
+            let found = camera.pose.unwrap();
+            let off = (found.centre() - centre).length() * 1e3;
+            let turned = found.rotation.angle_between(rotation).to_degrees();
+            println!(
+                "  {}: {off:.2} mm of {:.0}, {turned:.3} deg, rms {:.3} px, {} corners, {} left out, offset {:.1} ms",
+                camera.name,
+                centre.length() * 1e3,
+                camera.rms_px.unwrap(),
+                camera.observations,
+                camera.outliers,
+                camera.time_offset_s * 1e3,
+            );
+            assert!(off < most_mm && turned < most_deg, "{}: {off} mm, {turned} deg", camera.name);
+        }
+    }
+    assert!(rms[2] < 0.8 * rms[1], "time offsets explain what is left: {rms:?}");
+}

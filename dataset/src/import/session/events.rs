@@ -1,0 +1,156 @@
+//! The events of a stream on the session's clock, and the pictures of a camera that takes both.
+
+use super::{ImportError, Timing, Viewpoint};
+use erfgs_base::progress::Progress;
+use erfgs_events::{ApsFrame, CdEvent, Event, Events, Sink};
+use erfgs_scene::{ImageRgb8, srgb};
+use erfgs_session::{clock::EpochCursor, container::Session};
+
+/// Data may arrive so much later than it was seen, nanoseconds.
+const LATE_NS: i64 = 2_000_000_000;
+
+/// What an event camera recorded within the window.
+pub(super) struct Gathered {
+    /// Times in microseconds of session time.
+    events: Events,
+    /// Exposures in nanoseconds of session time, and what they gave.
+    pub pictures: Vec<([i64; 2], ImageRgb8)>,
+}
+
+/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part
+/// of it is dated.
+pub(super) fn gather(
+    session: &mut Session,
+    stream: usize,
+    view: &Viewpoint,
+    window: [i64; 2],
+    merged: u32,
+    pictures: bool,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Option<Gathered>, ImportError> {
+    let Timing { epochs, offset_ns, .. } = &view.timing;
+    if epochs.are_undated() {
+        return Ok(None);
+    }
+    let start_ns = session.summary().start.host_ns;
+    let total = session.summary().streams[stream].totals.bytes;
+    let [from, to] = window;
+    // Long enough before, that a decoder has begun, and after, that the last events have arrived.
+    let arrival = [from.saturating_sub(LATE_NS), to.saturating_add(LATE_NS)].map(|t_ns| t_ns.saturating_add(start_ns));
+    let [width, height] = [view.intrinsics.width / merged, view.intrinsics.height / merged];
+    let mut sink = Window {
+        cursor: epochs.follow(),
+        offset_ns: *offset_ns,
+        window,
+        merged: merged as u16,
+        last_us: i64::MIN,
+        found: Gathered { events: Events::new(width, height), pictures: Vec::new() },
+        pictures,
+    };
+    let whole = from == i64::MIN && to == i64::MAX;
+    session.decode_events(stream, (!whole).then_some(arrival), &mut sink, |done| {
+        progress(Progress { what: "bytes of events", done, total: if whole { total } else { 0 } });
+    })?;
+    Ok(Some(sink.found))
+}
+
+/// Takes what lies within the window.
+struct Window<'a> {
+    cursor: EpochCursor<'a>,
+    offset_ns: i64,
+    window: [i64; 2],
+    merged: u16,
+    last_us: i64,
+    found: Gathered,
+    pictures: bool,
+}
+
+impl Window<'_> {
+    fn session_ns(&self, t_us: u64) -> Option<i64> {
+        Some(self.cursor.session_ns(t_us)?.saturating_add(self.offset_ns))
+    }
+}
+
+impl Sink for Window<'_> {
+    fn packet(&mut self, sequence: u64) {
+        self.cursor.packet(sequence);
+    }
+
+    fn discontinuity(&mut self, _t_us: u64) {
+        self.cursor.discontinuity();
+    }
+
+    fn event(&mut self, event: CdEvent) {
+        let Some(t_ns) = self.session_ns(event.t_us) else { return };
+        let events = &mut self.found.events;
+        let (x, y) = (event.x / self.merged, event.y / self.merged);
+        if t_ns < self.window[0]
+            || t_ns > self.window[1]
+            || u32::from(x) >= events.width
+            || u32::from(y) >= events.height
+        {
+            return;
+        }
+        // Rounding where two lines of a clock meet, and what two epochs' clocks are off, must not turn events round.
+        let t_us = t_ns.div_euclid(1000).max(self.last_us);
+        self.last_us = t_us;
+        events.push(Event { t_us, x, y, on: event.on });
+    }
+
+    fn frame(&mut self, frame: ApsFrame) {
+        let [Some(start), Some(end)] =
+            [frame.exposure_start_us, frame.exposure_end_us].map(|t_us| self.session_ns(t_us))
+        else {
+            return;
+        };
+        let exposure = [start, end];
+        let within = exposure[0] >= self.window[0] && exposure[1] <= self.window[1] && exposure[0] <= exposure[1];
+        if self.pictures && within {
+            self.found.pictures.extend(picture(&frame).map(|picture| (exposure, picture)));
+        }
+    }
+}
+
+/// The picture of linear light, encoded for display.
+fn picture(frame: &ApsFrame) -> Option<ImageRgb8> {
+    let [width, height] = [frame.width, frame.height].map(u32::from);
+    let channels = usize::from(frame.channels);
+    let most = ((1u32 << frame.bits.clamp(1, 16)) - 1) as f32;
+    let pixels = frame.pixels.chunks_exact(channels.max(1));
+    let level = |sample: u16| (255.0 * srgb::encode(f32::from(sample) / most)).round() as u8;
+    let data: Vec<u8> = match channels {
+        1 => pixels.flat_map(|pixel| [level(pixel[0]); 3]).collect(),
+        3 | 4 => pixels.flat_map(|pixel| [level(pixel[2]), level(pixel[1]), level(pixel[0])]).collect(),
+        _ => return None,
+    };
+    (data.len() == 3 * width as usize * height as usize).then_some(ImageRgb8 { width, height, data })
+}
+
+impl Gathered {
+    /// When it begins, session nanoseconds.
+    pub fn first_ns(&self) -> Option<i64> {
+        let event = self.events.t_us.first().map(|t_us| t_us * 1000);
+        let picture = self.pictures.first().map(|([start, _], _)| *start);
+        event.into_iter().chain(picture).min()
+    }
+
+    /// When it ends, session nanoseconds.
+    pub fn last_ns(&self) -> Option<i64> {
+        self.events.t_us.last().map(|t_us| t_us * 1000)
+    }
+
+    /// The events from `zero_ns` of session time on, for as long as `span_ns`, counted from there.
+    pub fn finish(&mut self, zero_ns: i64, span_ns: i64) -> Events {
+        let zero_us = zero_ns.div_euclid(1000);
+        let range = self.events.between(zero_us, zero_us.saturating_add(span_ns / 1000 + 1));
+        let all = std::mem::take(&mut self.events);
+        Events {
+            width: all.width,
+            height: all.height,
+            t_us: all.t_us[range.clone()].iter().map(|t_us| t_us - zero_us).collect(),
+            x: all.x[range.clone()].to_vec(),
+            y: all.y[range.clone()].to_vec(),
+            on: all.on[range].to_vec(),
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! Frames of a session as image files.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::Path,
+};
+
+use super::{ImportError, SessionOptions, Timing, Viewpoint, Written, scaled};
+use crate::{Frame, layout};
+use erfgs_base::progress::{Progress, in_parallel};
+use erfgs_scene::{ImageRgb8, image::Resample};
+use erfgs_session::{
+    container::{ContainerError, Entry, Session},
+    source::Packet,
+};
+
+/// Frames that are decoded and written together.
+const BATCH: usize = 64;
+/// Packets lie a little out of order in the file, and a frame arrives after its exposure: so much time, nanoseconds.
+const LATE_NS: i64 = 5_000_000_000;
+
+/// The frames of a view that are wanted.
+pub(super) struct Planned {
+    view: usize,
+    /// The middles of the exposures on the session's clock, in order.
+    pub mids_ns: Vec<i64>,
+    /// The place among them of each packet.
+    places: HashMap<u64, usize>,
+    exposure_ns: i64,
+}
+
+impl Planned {
+    /// Each `every`-th frame of a view whose exposure has its middle within the window.
+    pub fn new(view: usize, timing: &Timing, [from, to]: [i64; 2], every: usize) -> Self {
+        let mut frames: Vec<(i64, u64)> =
+            timing.mids_ns.iter().map(|(&sequence, mid)| (mid.saturating_add(timing.offset_ns), sequence)).collect();
+        frames.sort_unstable();
+        // Counted from the start of the recording, so that the same frames are taken in any window.
+        let chosen = frames.into_iter().step_by(every).filter(|(mid, _)| (from..=to).contains(mid));
+        let chosen: Vec<(i64, u64)> = chosen.collect();
+        Self {
+            view,
+            places: chosen.iter().enumerate().map(|(place, &(_, sequence))| (sequence, place)).collect(),
+            mids_ns: chosen.into_iter().map(|(mid, _)| mid).collect(),
+            exposure_ns: timing.exposure_ns.max(0),
+        }
+    }
+}
+
+impl Planned {
+    /// When the first exposure begins.
+    pub fn first_ns(&self) -> Option<i64> {
+        Some(self.mids_ns.first()? - self.exposure_ns / 2)
+    }
+}
+
+/// A frame's packet, the plan that wants it and its place there.
+struct Task {
+    plan: usize,
+    place: usize,
+    packet: Packet,
+}
+
+/// Writes all frames that are planned. Those that are damaged are left out and counted.
+pub(super) fn write(
+    session: &mut Session,
+    streams: &[usize],
+    views: &[Viewpoint],
+    plans: &[Planned],
+    options: &SessionOptions,
+    root: &Path,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Vec<Written>, ImportError> {
+    let start_ns = session.summary().start.host_ns;
+    let of_stream: BTreeMap<usize, usize> =
+        plans.iter().enumerate().map(|(plan, planned)| (streams[planned.view], plan)).collect();
+    let descriptions: Vec<_> =
+        plans.iter().map(|planned| session.summary().streams[streams[planned.view]].description.clone()).collect();
+    let total: usize = plans.iter().map(|planned| planned.mids_ns.len()).sum();
+    let ends = |mids: &[i64]| Some((*mids.first()?, *mids.last()?));
+    let (first, last) = plans
+        .iter()
+        .filter_map(|planned| ends(&planned.mids_ns))
+        .fold((i64::MAX, i64::MIN), |(first, last), (from, to)| (first.min(from), last.max(to)));
+    if total == 0 {
+        return Ok(Vec::new());
+    }
+    let last_arrival = last.saturating_add(start_ns).saturating_add(LATE_NS);
+
+    let mut good: Vec<Vec<bool>> = plans.iter().map(|planned| vec![false; planned.mids_ns.len()]).collect();
+    let mut batch: Vec<Task> = Vec::new();
+    let mut done = 0;
+    let mut flush = |batch: &mut Vec<Task>| -> Result<(), ImportError> {
+        let work = |task: &Task, _: &dyn Fn()| -> Result<bool, ImportError> {
+            let (planned, d) = (&plans[task.plan], &descriptions[task.plan]);
+            let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&task.packet.payload)) else {
+                return Ok(false);
+            };
+            if [image.width, image.height] != [d.width, d.height] {
+                return Ok(false);
+            }
+            save(&views[planned.view], image, options.scale, options.resample, task.place, root)?;
+            Ok(true)
+        };
+        let whole = in_parallel(options.jobs, batch, ("frames", 0), work, &mut |_| {})?;
+        for (task, whole) in batch.drain(..).zip(whole) {
+            good[task.plan][task.place] = whole;
+            done += 1;
+        }
+        progress(Progress { what: "frames", done, total: total as u64 });
+        Ok(())
+    };
+    let from = first.saturating_add(start_ns).saturating_sub(LATE_NS);
+    for entry in session.messages(Some(from)) {
+        let (stream, packet) = match entry {
+            Ok(Entry::Packet { stream, packet }) => (stream, packet),
+            Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
+            _ => continue,
+        };
+        if packet.host_ns > last_arrival {
+            break;
+        }
+        let Some(&plan) = of_stream.get(&stream) else { continue };
+        let Some(&place) = plans[plan].places.get(&packet.sequence) else { continue };
+        if packet.damaged {
+            continue;
+        }
+        batch.push(Task { plan, place, packet });
+        if batch.len() == BATCH {
+            flush(&mut batch)?;
+        }
+    }
+    flush(&mut batch)?;
+    let written = plans.iter().zip(good).map(|(planned, good)| {
+        let lost = good.iter().filter(|good| !**good).count();
+        let places = good.iter().enumerate().filter(|(_, good)| **good).map(|(place, _)| place);
+        let frames = places.map(|place| {
+            let mid = planned.mids_ns[place];
+            let half = planned.exposure_ns / 2;
+            frame(&views[planned.view].stream, place, [mid - half, mid + half])
+        });
+        Written { view: planned.view, frames: frames.collect(), lost }
+    });
+    Ok(written.collect())
+}
+
+/// Writes the pictures that an event camera took besides.
+pub(super) fn write_pictures(
+    view: usize,
+    viewpoint: &Viewpoint,
+    pictures: Vec<([i64; 2], ImageRgb8)>,
+    merged: u32,
+    root: &Path,
+) -> Result<Written, ImportError> {
+    let mut frames = Vec::new();
+    let size = [viewpoint.intrinsics.width, viewpoint.intrinsics.height];
+    let mut lost = 0;
+    for (place, (exposure_ns, image)) in pictures.into_iter().enumerate() {
+        if [image.width, image.height] != size {
+            lost += 1;
+            continue;
+        }
+        save(viewpoint, image, 1.0 / f64::from(merged), Resample::Area, place, root)?;
+        frames.push(frame(&viewpoint.stream, place, exposure_ns));
+    }
+    frames.sort_by_key(|frame| frame.t_ns);
+    Ok(Written { view, frames, lost })
+}
+
+fn frame(camera: &str, place: usize, exposure_ns: [i64; 2]) -> Frame {
+    let t_ns = i64::midpoint(exposure_ns[0], exposure_ns[1]);
+    Frame { file: layout::image(camera, place), t_ns, exposure_ns, mask: None }
+}
+
+fn save(
+    view: &Viewpoint,
+    image: ImageRgb8,
+    scale: f64,
+    resample: Resample,
+    place: usize,
+    root: &Path,
+) -> Result<(), ImportError> {
+    let target = scaled(&view.intrinsics, scale);
+    let image = if [image.width, image.height] == [target.width, target.height] {
+        image
+    } else {
+        image.resized(target.width, target.height, resample)
+    };
+    let failed = |source| ImportError::Image { camera: view.stream.clone(), source };
+    image.write_png(&root.join(layout::image(&view.stream, place))).map_err(failed)
+}

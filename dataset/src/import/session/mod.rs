@@ -1,0 +1,339 @@
+//! A recorded session and a calibrated rig, made into a dataset: frames with the times of their exposures, events on the
+//! session's clock, each camera where the calibration put it.
+//!
+//! This module knows neither rig files nor synchronisations: who calls it says of each stream what camera it is
+//! ([`Viewpoint`]) and how its times are told ([`Timing`]).
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::Path,
+};
+
+use serde_json::json;
+
+use super::{ImportError, common};
+use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Provenance, Split, layout};
+use erfgs_base::progress::Progress;
+use erfgs_events::npz;
+use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
+use erfgs_session::{clock::Epochs, container::Session};
+
+mod events;
+mod frames;
+mod times;
+
+use events::Gathered;
+use frames::Planned;
+
+/// A camera of the rig and the stream that it recorded.
+#[derive(Clone, Debug)]
+pub struct Viewpoint {
+    /// The stream, and the camera's name in the dataset.
+    pub stream: String,
+    /// Intrinsics of what it recorded.
+    pub intrinsics: Intrinsics,
+    /// Where it stood, world to camera.
+    pub pose: Pose,
+    /// When it saw what it recorded.
+    pub timing: Timing,
+    /// Nominal contrast thresholds of ON and OFF events, natural logarithm of intensity.
+    pub thresholds: [f64; 2],
+}
+
+/// From a stream's own times to the session's.
+#[derive(Clone, Debug, Default)]
+pub struct Timing {
+    /// From the ticks of an event camera to session time; none of a camera that takes frames.
+    pub epochs: Epochs,
+    /// The middle of the exposure of each frame, session nanoseconds, by the number of its packet.
+    pub mids_ns: HashMap<u64, i64>,
+    /// How long frames were exposed, nanoseconds; 0 where that is not known.
+    pub exposure_ns: i64,
+    /// What to add to the camera's times, nanoseconds.
+    pub offset_ns: i64,
+}
+
+/// What of a session is imported.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SessionOptions {
+    /// First and last instant, nanoseconds of session time; all of it where absent.
+    pub window_ns: Option<[i64; 2]>,
+    /// Each so-manieth frame.
+    pub every: usize,
+    /// Size of the imported images, as a fraction of the camera's. With event cameras one half, one third and so on: so
+    /// many pixels each way become one, whose contrast threshold is smaller by their number.
+    pub scale: f64,
+    /// How images are resized.
+    pub resample: Resample,
+    /// Whether frames without colour are taken although other cameras see colours.
+    pub grey: bool,
+    /// Names of the test cameras; each eighth of four and more frame cameras where absent.
+    pub test_cameras: Option<Vec<String>>,
+    /// Threads to work with; one for each core where absent.
+    pub jobs: Option<usize>,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        let resample = Resample::Area;
+        Self { window_ns: None, every: 1, scale: 1.0, resample, grey: false, test_cameras: None, jobs: None }
+    }
+}
+
+/// The dataset, and what was left out or should be known.
+#[derive(Debug)]
+pub struct Imported {
+    /// The dataset.
+    pub dataset: Dataset,
+    /// Sentences.
+    pub notes: Vec<String>,
+}
+
+/// Makes the dataset `out` of what `views` recorded in `session`.
+///
+/// # Errors
+/// If an option makes no sense, a stream is missing or has another size than its camera, nothing lies within the window, or
+/// the session cannot be read or the dataset not be written.
+pub fn import(
+    session: &mut Session,
+    views: &[Viewpoint],
+    options: &SessionOptions,
+    out: &Path,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Imported, ImportError> {
+    let merged = check(options, views)?;
+    let streams = streams(session, views)?;
+    let mut notes = Vec::new();
+    let building = DatasetError::new_folder(out)?;
+
+    let window = options.window_ns.unwrap_or([i64::MIN, i64::MAX]);
+    let descriptions: Vec<_> =
+        streams.iter().map(|&stream| session.summary().streams[stream].description.clone()).collect();
+    let colours = descriptions.iter().any(|d| d.encoding.is_frames() && !d.encoding.is_grey());
+    let grey = options.grey || !colours;
+    let mut plans: Vec<Planned> = Vec::new();
+    for (view, (viewpoint, description)) in views.iter().zip(&descriptions).enumerate() {
+        if !description.encoding.is_frames() {
+            continue;
+        }
+        if description.encoding.is_grey() && !grey {
+            notes.push(format!("{}: left out, it sees no colours and others do (--grey takes it)", viewpoint.stream));
+            continue;
+        }
+        plans.push(Planned::new(view, &viewpoint.timing, window, options.every.max(1)));
+    }
+    let first_ns = plans.iter().filter_map(Planned::first_ns).min();
+    let mut gathered: Vec<(usize, Gathered)> = Vec::new();
+    for (view, (viewpoint, description)) in views.iter().zip(&descriptions).enumerate() {
+        if !description.encoding.is_events() {
+            continue;
+        }
+        let window = [first_ns.unwrap_or(window[0]).max(window[0]), window[1]];
+        let found = events::gather(session, streams[view], viewpoint, window, merged, grey, progress)?;
+        match found {
+            Some(found) => gathered.push((view, found)),
+            None => notes.push(format!("{}: left out, its clock is not fitted to the session's", viewpoint.stream)),
+        }
+    }
+    // Without frame cameras the first event or picture of an event camera is the beginning.
+    let starts = gathered.iter().filter_map(|(_, found)| found.first_ns());
+    let zero_ns = first_ns.or(starts.min()).ok_or_else(|| nothing(session, options))?;
+
+    let mut written = frames::write(session, &streams, views, &plans, options, building.path(), progress)?;
+    for (view, found) in &mut gathered {
+        let pictures = std::mem::take(&mut found.pictures);
+        if !pictures.is_empty() {
+            written.push(frames::write_pictures(*view, &views[*view], pictures, merged, building.path())?);
+        }
+    }
+    times::share(&mut written);
+    for one in written.iter().filter(|one| one.lost > 0) {
+        notes.push(format!("{}: {} frames are damaged or missing in the file", views[one.view].stream, one.lost));
+    }
+    let last_ns = written.iter().filter_map(|one| one.frames.last().map(|frame| frame.exposure_ns[1])).max();
+    let last_ns = last_ns.or(gathered.iter().filter_map(|(_, found)| found.last_ns()).max()).unwrap_or(zero_ns);
+    // A single instant has no length.
+    let span_ns = [0, (last_ns - zero_ns).max(1_000_000)];
+
+    let mut cameras = Vec::new();
+    for (view, viewpoint) in views.iter().enumerate() {
+        let own = written.iter_mut().find(|one| one.view == view);
+        let mut frames = own.map(|one| std::mem::take(&mut one.frames)).unwrap_or_default();
+        for frame in &mut frames {
+            frame.t_ns -= zero_ns;
+            frame.exposure_ns = frame.exposure_ns.map(|t_ns| t_ns - zero_ns);
+        }
+        let own = gathered.iter_mut().find(|(of, _)| *of == view).map(|(_, found)| found);
+        let events = match own {
+            Some(found) => {
+                let events = found.finish(zero_ns, span_ns[1]);
+                let file = layout::events(&viewpoint.stream);
+                let failed =
+                    |source| ImportError::Events { camera: viewpoint.stream.clone(), source: Box::new(source) };
+                npz::write_events(&building.path().join(&file), &events).map_err(failed)?;
+                let [threshold_on, threshold_off] =
+                    viewpoint.thresholds.map(|threshold| threshold / f64::from(merged * merged));
+                Some(CameraEvents {
+                    file,
+                    count: events.len() as u64,
+                    threshold_on,
+                    threshold_off,
+                    lin_log_threshold: LIN_LOG,
+                    linear_light: true,
+                    covers_ns: span_ns,
+                    simulator: None,
+                })
+            }
+            None => None,
+        };
+        let modality = match (frames.is_empty(), events.is_some()) {
+            (false, true) => Modality::Both,
+            (false, false) => Modality::Rgb,
+            (true, true) => Modality::Event,
+            (true, false) => {
+                let left_out = descriptions[view].encoding.is_grey() && !grey;
+                if !left_out && !notes.iter().any(|note| note.starts_with(&format!("{}:", viewpoint.stream))) {
+                    notes.push(format!("{}: left out, it recorded nothing within the window", viewpoint.stream));
+                }
+                continue;
+            }
+        };
+        let intrinsics = scaled(&viewpoint.intrinsics, options.scale);
+        let (name, world_to_camera) = (viewpoint.stream.clone(), viewpoint.pose);
+        cameras.push(Camera { name, modality, split: Split::Train, intrinsics, world_to_camera, frames, events });
+    }
+    split(&mut cameras, options)?;
+    if cameras.is_empty() {
+        return Err(nothing(session, options));
+    }
+    let mut dataset = Dataset::new(building.path(), manifest(session, cameras, span_ns, options));
+    dataset.hash_files()?;
+    dataset.save()?;
+    dataset.validate()?;
+    building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
+    dataset.root = out.to_owned();
+    Ok(Imported { dataset, notes })
+}
+
+/// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.
+const LIN_LOG: f64 = 2.0;
+
+/// Refuses what makes no sense; how many pixels of an event camera become one, each way.
+fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<u32, ImportError> {
+    let scale = options.scale;
+    if !(scale > 0.0 && scale <= 16.0) {
+        return Err(ImportError::Options(format!("--scale {scale} makes no image; give a fraction such as 0.5")));
+    }
+    if let Some([from, to]) = options.window_ns
+        && from >= to
+    {
+        return Err(ImportError::Options(format!(
+            "the window from {:.3} s to {:.3} s is empty; give a later end",
+            from as f64 * 1e-9,
+            to as f64 * 1e-9
+        )));
+    }
+    let events = views.iter().filter(|view| !view.timing.epochs.are_undated());
+    let merged = (1.0 / scale).round().max(1.0);
+    for view in events {
+        let k = &view.intrinsics;
+        let whole = [k.width, k.height].iter().all(|side| side.is_multiple_of(merged as u32));
+        if (scale * merged - 1.0).abs() > 1e-6 || !whole {
+            return Err(ImportError::Options(format!(
+                "camera {}: events of {} x {} pixels cannot be scaled by {scale}; take one half, one third and so on, of \
+                 which both sides are multiples",
+                view.stream, k.width, k.height
+            )));
+        }
+    }
+    Ok(merged as u32)
+}
+
+/// The number of each view's stream.
+fn streams(session: &Session, views: &[Viewpoint]) -> Result<Vec<usize>, ImportError> {
+    let find = |view: &Viewpoint| {
+        let (stream, recorded) = session.stream(&view.stream)?;
+        let (d, k) = (&recorded.description, &view.intrinsics);
+        if [d.width, d.height] != [k.width, k.height] {
+            let what = format!(
+                "it recorded {} x {} pixels, but the calibration is for {} x {}; calibrate it at the recorded size",
+                d.width, d.height, k.width, k.height
+            );
+            return Err(ImportError::Camera { camera: view.stream.clone(), path: session.path().to_owned(), what });
+        }
+        Ok(stream)
+    };
+    views.iter().map(find).collect()
+}
+
+fn nothing(session: &Session, options: &SessionOptions) -> ImportError {
+    let what = match options.window_ns {
+        Some([from, to]) => format!(
+            "no camera of the rig recorded anything between {:.3} and {:.3} s; choose another window (erfgs info tells how \
+             long the session is)",
+            from as f64 * 1e-9,
+            to as f64 * 1e-9
+        ),
+        None => "no camera of the rig recorded anything whose time is known; run erfgs sync on the session".to_owned(),
+    };
+    ImportError::Malformed { path: session.path().to_owned(), what }
+}
+
+fn scaled(intrinsics: &Intrinsics, scale: f64) -> Intrinsics {
+    let [width, height] =
+        [intrinsics.width, intrinsics.height].map(|side| ((f64::from(side) * scale).round() as u32).max(1));
+    intrinsics.resized(width, height)
+}
+
+/// Test cameras as named, or each eighth of the cameras with frames where there are four and more.
+fn split(cameras: &mut [Camera], options: &SessionOptions) -> Result<(), ImportError> {
+    if let Some(tested) = &options.test_cameras {
+        let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+        let splits = common::splits(&names, tested)?;
+        cameras.iter_mut().zip(splits).for_each(|(camera, split)| camera.split = split);
+    } else if cameras.iter().filter(|camera| camera.modality.has_frames()).count() >= FEWEST_SPLIT {
+        let with_frames = cameras.iter_mut().filter(|camera| camera.modality == Modality::Rgb);
+        with_frames.step_by(8).for_each(|camera| camera.split = Split::Test);
+    }
+    Ok(())
+}
+
+/// With fewer frame cameras none can be spared for testing.
+const FEWEST_SPLIT: usize = 4;
+
+fn manifest(session: &Session, cameras: Vec<Camera>, span_ns: [i64; 2], options: &SessionOptions) -> Manifest {
+    let name = session.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut given: BTreeMap<String, serde_json::Value> = BTreeMap::new();
+    given.extend(options.window_ns.map(|window| ("window_s".to_owned(), json!(window.map(|t| t as f64 * 1e-9)))));
+    given.insert("every".to_owned(), json!(options.every));
+    given.insert("scale".to_owned(), json!(options.scale));
+    given.extend(options.test_cameras.as_ref().map(|names| ("test_cameras".to_owned(), json!(names))));
+    Manifest {
+        format: Manifest::FORMAT.to_owned(),
+        version: Manifest::VERSION,
+        name: name.clone(),
+        provenance: Provenance {
+            importer: "session".to_owned(),
+            name,
+            options: given,
+            erfgs: env!("CARGO_PKG_VERSION").to_owned(),
+        },
+        span_ns,
+        seed: 0,
+        linear_exposure: true,
+        variant: Vec::new(),
+        points: None,
+        cameras,
+        sha256: BTreeMap::new(),
+    }
+}
+
+/// Frames of a view, times still on the session's clock.
+pub(super) struct Written {
+    /// The view.
+    pub view: usize,
+    /// The frames that were written, in order of time.
+    pub frames: Vec<Frame>,
+    /// Planned ones that are damaged or not in the file.
+    pub lost: usize,
+}

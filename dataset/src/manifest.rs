@@ -1,0 +1,174 @@
+//! The manifest of a dataset.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use erfgs_scene::{Intrinsics, Modality, Pose};
+
+/// What a viewpoint is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Split {
+    /// The trainer sees it.
+    Train,
+    /// Held out: evaluation alone may read it.
+    Test,
+}
+
+/// One frame of a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Image file, relative to the dataset's folder.
+    pub file: PathBuf,
+    /// The time that the frame is labelled with, nanoseconds on the session clock.
+    pub t_ns: i64,
+    /// `[start, end]` of the exposure, nanoseconds; equal where the frame is an instant.
+    pub exposure_ns: [i64; 2],
+    /// Mask of moving pixels (white = moving), relative to the dataset's folder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mask: Option<PathBuf>,
+}
+
+/// The events of a camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraEvents {
+    /// Event file, relative to the dataset's folder.
+    pub file: PathBuf,
+    /// How many events it holds.
+    pub count: u64,
+    /// Nominal contrast threshold of ON events, in natural-log intensity.
+    pub threshold_on: f64,
+    /// Nominal contrast threshold of OFF events, in natural-log intensity.
+    pub threshold_off: f64,
+    /// Below this grey level (of 255) the sensor responds linearly, above it logarithmically. v2e's "lin-log" uses 20.
+    pub lin_log_threshold: f64,
+    /// Whether intensity was linearised (sRGB to linear light) before the logarithm.
+    #[serde(default)]
+    pub linear_light: bool,
+    /// `[first, last]` time covered, nanoseconds on the session clock. Event times in the file are microseconds on it.
+    pub covers_ns: [i64; 2],
+    /// The simulator's parameters, where the events were simulated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub simulator: Option<serde_json::Value>,
+}
+
+/// One viewpoint.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Name, unique in the dataset; also the folder of its images.
+    pub name: String,
+    /// What it recorded.
+    pub modality: Modality,
+    /// What it is for.
+    pub split: Split,
+    /// Intrinsics of its images and events.
+    pub intrinsics: Intrinsics,
+    /// Where it stood.
+    pub world_to_camera: Pose,
+    /// Frames, ordered by time; empty for an event camera.
+    #[serde(default)]
+    pub frames: Vec<Frame>,
+    /// Events; absent for an RGB camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub events: Option<CameraEvents>,
+}
+
+/// Where the recording came from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// What was imported: `panoptic`, `neu3d`, `nvidia`, `nerfstudio`, `colmap`, `stage`, `session`.
+    pub importer: String,
+    /// The name of the source folder or file (its last component).
+    pub name: String,
+    /// The importer's options, as given.
+    #[serde(default)]
+    pub options: BTreeMap<String, serde_json::Value>,
+    /// Version of erfgs that wrote the manifest.
+    pub erfgs: String,
+}
+
+/// One step that made this dataset from another: `subsample`, `blur`, `event_only`, `simulate`, `undistort`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VariantStep {
+    /// Name of the step.
+    pub step: String,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, serde_json::Value>,
+}
+
+/// The initial point cloud.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PointCloudFile {
+    /// PLY file, relative to the dataset's folder: x, y, z (metres), red, green, blue.
+    pub file: PathBuf,
+    /// How many points it holds.
+    pub count: u64,
+    /// How it was made.
+    pub method: String,
+    /// The parameters of the method.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, serde_json::Value>,
+}
+
+/// What `dataset.json` holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Always `erfgs-dataset`.
+    pub format: String,
+    /// Version of the format; this program writes and reads [`Manifest::VERSION`].
+    pub version: u32,
+    /// A short name for reports.
+    pub name: String,
+    /// Where the recording came from.
+    pub provenance: Provenance,
+    /// `[first, last]` instant of the recording, nanoseconds on the session clock. The trainer maps it to [0, 1].
+    pub span_ns: [i64; 2],
+    /// The seed of everything random in making the dataset.
+    #[serde(default)]
+    pub seed: u64,
+    /// The steps that made it from the import, in order.
+    #[serde(default)]
+    pub variant: Vec<VariantStep>,
+    /// Whether a frame's exposure gathered linear light, as a camera's does (true), or is a mean of display values, as
+    /// blur simulated from video usually is (false).
+    #[serde(default)]
+    pub linear_exposure: bool,
+    /// The initial point cloud, where made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points: Option<PointCloudFile>,
+    /// All viewpoints.
+    pub cameras: Vec<Camera>,
+    /// SHA-256 (hexadecimal) of every file that the manifest names, by its path.
+    #[serde(default)]
+    pub sha256: BTreeMap<PathBuf, String>,
+}
+
+impl Manifest {
+    /// The version of the format.
+    pub const VERSION: u32 = 1;
+    /// The value of [`Manifest::format`].
+    pub const FORMAT: &str = "erfgs-dataset";
+}
+
+/// A manifest and the folder it describes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The folder.
+    pub root: PathBuf,
+    /// The manifest.
+    pub manifest: Manifest,
+}
+
+impl Dataset {
+    /// The viewpoints of a split.
+    pub fn cameras(&self, split: Split) -> impl Iterator<Item = &Camera> {
+        self.manifest.cameras.iter().filter(move |camera| camera.split == split)
+    }
+
+    /// The viewpoint called `name`.
+    #[must_use]
+    pub fn camera(&self, name: &str) -> Option<&Camera> {
+        self.manifest.cameras.iter().find(|camera| camera.name == name)
+    }
+}

@@ -1,0 +1,249 @@
+//! Event files of any format.
+
+use std::{
+    fs::File,
+    io::{self, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+};
+
+use super::{
+    AEDAT4_MAGIC, Aedat2Chip, Aedat2Decoder, Aedat4Decoder, Aedat4Header, Aedat4Kind, Anomalies, CsvDecoder,
+    DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink, StreamDecoder,
+};
+use crate::EventEncoding;
+
+/// Bytes read at once.
+const PIECE: usize = 1 << 20;
+
+/// What can go wrong with an event file. Each message names the file and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum EventFileError {
+    /// The file cannot be opened or read.
+    #[error("cannot {doing} {} at byte {offset}: {source}", path.display())]
+    Io {
+        /// `open` or `read`.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file's content is none of the formats.
+    #[error(
+        "{} is no event file that erfgs reads: {what}; formats are RAW (EVT 2, 2.1, 3), DAT, AEDAT 2 and 4, CSV, NPZ, HDF5 and MCAP",
+        path.display()
+    )]
+    Unknown {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        what: String,
+    },
+    /// The header is there and makes no sense.
+    #[error("the header of {} is malformed at byte {offset}: {what}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What is wrong and what to do.
+        what: String,
+    },
+}
+
+/// The format of an event file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EventFormat {
+    /// RAW with one of Prophesee's encodings.
+    Raw(EventEncoding),
+    /// DAT.
+    Dat(DatFormat),
+    /// AEDAT 2.
+    Aedat2(Aedat2Chip),
+    /// AEDAT 4.
+    Aedat4,
+    /// CSV.
+    Csv,
+}
+
+impl EventFormat {
+    /// A short name: `evt3`, `dat2`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Raw(EventEncoding::Evt2) => "evt2",
+            Self::Raw(EventEncoding::Evt21) => "evt21",
+            Self::Raw(EventEncoding::Evt21Legacy) => "evt21-legacy",
+            Self::Raw(_) => "evt3",
+            Self::Dat(format) if format.version == 1 => "dat1",
+            Self::Dat(_) => "dat2",
+            Self::Aedat2(_) => "aedat2",
+            Self::Aedat4 => "aedat4",
+            Self::Csv => "csv",
+        }
+    }
+}
+
+/// An event file whose header was read.
+#[derive(Clone, Debug)]
+pub struct EventFile {
+    /// The file.
+    pub path: PathBuf,
+    /// Its format.
+    pub format: EventFormat,
+    /// Size of the sensor; `None` if the file does not say.
+    pub size: Option<SensorSize>,
+    /// What the header says, in the order of the file.
+    pub header: Vec<(String, String)>,
+    /// Where the events begin, bytes.
+    pub body: u64,
+    /// Length of the file, bytes.
+    pub length: u64,
+}
+
+impl EventFile {
+    /// Looks at the beginning of the file and finds out what it is.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is none of the formats.
+    pub fn open(path: &Path) -> Result<Self, EventFileError> {
+        let io = |doing| move |source| EventFileError::Io { doing, path: path.to_owned(), offset: 0, source };
+        let mut file = File::open(path).map_err(io("open"))?;
+        let length = file.metadata().map_err(io("open"))?.len();
+        let mut head = Vec::new();
+        (&mut file).take(RawHeader::MAX_BYTES as u64).read_to_end(&mut head).map_err(io("read"))?;
+        let unknown = |what: &str| EventFileError::Unknown { path: path.to_owned(), what: what.to_owned() };
+        if head.is_empty() {
+            return Err(unknown("it is empty"));
+        }
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        let extension = extension.to_ascii_lowercase();
+        let (format, size, header, body) = match &head[..] {
+            _ if extension == "dat" => dat(path, &head)?,
+            [b'%', b' ', ..] => raw(path, &head)?,
+            _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &head)?,
+            _ if head.starts_with(AEDAT4_MAGIC) => aedat4(path, &mut file, head)?,
+            _ if extension == "csv" => (EventFormat::Csv, None, Vec::new(), 0),
+            _ => return Err(unknown("its first bytes are those of no format")),
+        };
+        Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length })
+    }
+
+    /// Takes this as the sensor's size, whatever the file says.
+    #[must_use]
+    pub fn with_size(mut self, size: SensorSize) -> Self {
+        self.size = Some(size);
+        self
+    }
+
+    /// A decoder of the file's body.
+    #[must_use]
+    pub fn decoder(&self) -> StreamDecoder {
+        match self.format {
+            EventFormat::Raw(encoding) => StreamDecoder::new(encoding, self.size),
+            EventFormat::Dat(format) => StreamDecoder::Dat(DatDecoder::new(DatFormat { size: self.size, ..format })),
+            EventFormat::Aedat2(chip) => StreamDecoder::Aedat2(Aedat2Decoder::new(chip)),
+            EventFormat::Aedat4 => StreamDecoder::Aedat4(Aedat4Decoder::new()),
+            EventFormat::Csv => StreamDecoder::Csv(CsvDecoder::new(self.size)),
+        }
+    }
+
+    /// Decodes the file piece by piece; see [`EventFile::decode_while`].
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode(&self, sink: &mut impl Sink) -> Result<Anomalies, EventFileError> {
+        self.decode_while(sink, |_| true)
+    }
+
+    /// Decodes the file piece by piece, as long as `go_on`, which is told the bytes read so far, says so. A file
+    /// that was cut short gives what is there, and [`Anomalies::truncated_bytes`].
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode_while(
+        &self,
+        sink: &mut impl Sink,
+        mut go_on: impl FnMut(u64) -> bool,
+    ) -> Result<Anomalies, EventFileError> {
+        let mut offset = self.body;
+        let io = |doing, offset| move |source| EventFileError::Io { doing, path: self.path.clone(), offset, source };
+        let mut file = File::open(&self.path).map_err(io("open", 0))?;
+        file.seek(SeekFrom::Start(self.body)).map_err(io("read", offset))?;
+        let mut decoder = self.decoder();
+        let mut piece = vec![0; PIECE];
+        loop {
+            let count = match file.read(&mut piece) {
+                Ok(0) => break,
+                Ok(count) => count,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) => return Err(io("read", offset)(error)),
+            };
+            decoder.decode(&piece[..count], sink);
+            offset += count as u64;
+            if !go_on(offset - self.body) {
+                break;
+            }
+        }
+        decoder.finish(sink);
+        Ok(decoder.anomalies())
+    }
+}
+
+type Head = (EventFormat, Option<SensorSize>, Vec<(String, String)>, usize);
+
+fn malformed(path: &Path, offset: usize, what: impl Into<String>) -> EventFileError {
+    EventFileError::Header { path: path.to_owned(), offset: offset as u64, what: what.into() }
+}
+
+fn raw(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
+    let (header, body) = RawHeader::parse(head);
+    // Some programs name DAT files otherwise: their header has a version of its own and no encoding.
+    if header.get("Version").is_some() && header.get("evt").is_none() && header.get("format").is_none() {
+        return dat(path, head);
+    }
+    let format = header.format().ok_or_else(|| {
+        let what = "it names no encoding that is read; put a line `% format EVT3;height=720;width=1280` (or EVT2, EVT21 \
+                    and the sensor's size) first";
+        malformed(path, 0, what)
+    })?;
+    Ok((EventFormat::Raw(format.encoding), format.size, header.fields, body))
+}
+
+fn dat(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
+    let (format, header, body) = DatFormat::parse(head).map_err(|(offset, what)| malformed(path, offset, what))?;
+    Ok((EventFormat::Dat(format), format.size, header.fields, body))
+}
+
+fn aedat2(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
+    let (chip, header, body) = Aedat2Chip::parse(head);
+    let chip = chip.ok_or_else(|| {
+        let what = "it names no chip that is known; add a line `# AEChip: eu.seebetter.ini.chips.davis.Davis346B` (or \
+                    DAVIS240C, DVS128) after the first";
+        malformed(path, 0, what)
+    })?;
+    Ok((EventFormat::Aedat2(chip), Some(chip.size()), header, body))
+}
+
+/// The decoder of AEDAT 4 reads the header itself; here it is read to find what is wrong with it.
+fn aedat4(path: &Path, file: &mut File, mut head: Vec<u8>) -> Result<Head, EventFileError> {
+    let needs = Aedat4Header::needs(&head).unwrap_or(0);
+    let missing = needs.saturating_sub(head.len()) as u64;
+    let offset = head.len() as u64;
+    file.take(missing).read_to_end(&mut head).map_err(|source| EventFileError::Io {
+        doing: "read",
+        path: path.to_owned(),
+        offset,
+        source,
+    })?;
+    let header = Aedat4Header::parse(&head).map_err(|what| malformed(path, AEDAT4_MAGIC.len(), what))?;
+    let mut fields = vec![("compression".to_owned(), format!("{:?}", header.compression).to_ascii_lowercase())];
+    for stream in &header.streams {
+        let kind = stream.kind.map_or("unknown".to_owned(), |kind| format!("{kind:?}").to_ascii_lowercase());
+        fields.push((format!("stream {}", stream.id), format!("{kind} {}", stream.source)));
+    }
+    let size = |kind| header.stream(kind).and_then(|stream| stream.size);
+    Ok((EventFormat::Aedat4, size(Aedat4Kind::Events).or(size(Aedat4Kind::Frames)), fields, 0))
+}

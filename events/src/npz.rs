@@ -1,0 +1,409 @@
+//! Events and luma sequences in NumPy's `.npz` archives (zip files of `.npy` arrays).
+
+use std::{
+    fs::File,
+    io::{BufReader, Read, Seek, Write},
+    path::{Path, PathBuf},
+};
+
+use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter, write::SimpleFileOptions};
+
+use crate::Events;
+use erfgs_base::npy::{self, NpyArray, NpyError};
+
+/// What can go wrong with an `.npz` file.
+#[derive(Debug, thiserror::Error)]
+pub enum NpzError {
+    /// The file cannot be opened, read or written.
+    #[error("cannot {doing} {}: {source}", path.display())]
+    Io {
+        /// `read` or `write`.
+        doing: &'static str,
+        /// The archive.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is no whole zip archive.
+    #[error("cannot read {}: {source}; the archive is cut short or damaged, make it again", path.display())]
+    Archive {
+        /// The archive.
+        path: PathBuf,
+        /// Why.
+        source: zip::result::ZipError,
+    },
+    /// An array is missing.
+    #[error("{} holds no array {wanted}; it holds: {}", path.display(), found.join(", "))]
+    Missing {
+        /// The archive.
+        path: PathBuf,
+        /// The names that would do.
+        wanted: &'static str,
+        /// The names that there are.
+        found: Vec<String>,
+    },
+    /// An array cannot be used.
+    #[error("array `{array}` of {} {source}", path.display())]
+    Array {
+        /// The archive.
+        path: PathBuf,
+        /// The array.
+        array: String,
+        /// What is wrong with it.
+        source: NpyError,
+    },
+    /// The arrays contradict each other or the sensor.
+    #[error("{}: {what}", path.display())]
+    Content {
+        /// The archive.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        what: String,
+    },
+}
+
+/// A sequence of grey frames: `data` holds `frames` images of `height` rows of `width` values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LumaSequence {
+    /// Number of frames.
+    pub frames: usize,
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `frames * height * width` bytes.
+    pub data: Vec<u8>,
+}
+
+impl LumaSequence {
+    /// The frames in order, each `height * width` values.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[u8]> {
+        // A frame without pixels cannot be cut out of the data, and `read_luma` refuses it.
+        self.data.chunks_exact((self.width as usize * self.height as usize).max(1))
+    }
+}
+
+/// An open archive.
+struct Archive<'a, R> {
+    path: &'a Path,
+    zip: ZipArchive<R>,
+}
+
+fn open(path: &Path) -> Result<BufReader<File>, NpzError> {
+    let file = File::open(path).map_err(|source| NpzError::Io { doing: "read", path: path.to_owned(), source })?;
+    Ok(BufReader::new(file))
+}
+
+impl<'a, R: Read + Seek> Archive<'a, R> {
+    fn new(file: R, path: &'a Path) -> Result<Self, NpzError> {
+        let zip = ZipArchive::new(file).map_err(|source| NpzError::Archive { path: path.to_owned(), source })?;
+        Ok(Self { path, zip })
+    }
+
+    /// The first array of `names` that there is, with its name.
+    fn find(&mut self, names: &[&'static str]) -> Result<Option<(&'static str, NpyArray)>, NpzError> {
+        let archive = |source| NpzError::Archive { path: self.path.to_owned(), source };
+        for &name in names {
+            let mut file = match self.zip.by_name(&format!("{name}.npy")) {
+                Err(zip::result::ZipError::FileNotFound) => continue,
+                file => file.map_err(archive)?,
+            };
+            let mut bytes = Vec::new();
+            file.read_to_end(&mut bytes).map_err(|source| NpzError::Archive {
+                path: self.path.to_owned(),
+                source: zip::result::ZipError::Io(source),
+            })?;
+            drop(file);
+            let array = NpyArray::decode(&bytes).map_err(|source| self.array(name, source))?;
+            return Ok(Some((name, array)));
+        }
+        Ok(None)
+    }
+
+    fn need(&mut self, names: &[&'static str], wanted: &'static str) -> Result<(&'static str, NpyArray), NpzError> {
+        if let Some(found) = self.find(names)? {
+            return Ok(found);
+        }
+        let names = self.zip.file_names_raw().map(|name| String::from_utf8_lossy(name).into_owned());
+        Err(NpzError::Missing { path: self.path.to_owned(), wanted, found: names.collect() })
+    }
+
+    fn column<T: TryFrom<i128>>(
+        &mut self,
+        names: &[&'static str],
+        wanted: &'static str,
+        range: &'static str,
+    ) -> Result<Vec<T>, NpzError> {
+        let (name, array) = self.need(names, wanted)?;
+        if array.shape.len() != 1 {
+            return Err(self.content(format!("array `{name}` has the shape {:?}, but one axis is needed", array.shape)));
+        }
+        array.integers(range).map_err(|source| self.array(name, source))
+    }
+
+    fn scalar(&mut self, name: &'static str) -> Result<Option<u32>, NpzError> {
+        let Some((_, array)) = self.find(&[name])? else { return Ok(None) };
+        let values = array.integers("the 32-bit range").map_err(|source| self.array(name, source))?;
+        match values[..] {
+            [value] => Ok(Some(value)),
+            _ => Err(self.content(format!("array `{name}` holds {} values instead of one", values.len()))),
+        }
+    }
+
+    fn array(&self, array: &str, source: NpyError) -> NpzError {
+        NpzError::Array { path: self.path.to_owned(), array: array.to_owned(), source }
+    }
+
+    fn content(&self, what: String) -> NpzError {
+        NpzError::Content { path: self.path.to_owned(), what }
+    }
+}
+
+/// Reads events: arrays `t` or `t_us` (microseconds, any integer type), `x`, `y`, `p` (1 = ON; 0 or -1 = OFF).
+///
+/// `size` is the sensor's width and height in pixels; without it the archive must hold `width` and `height`, as those
+/// that [`write_events`] makes do. Where both are there, they must agree.
+///
+/// # Errors
+/// If the file is missing, cut short or malformed, the columns differ in length, times decrease, or an event lies
+/// outside the sensor.
+pub fn read_events(path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    read_events_from(open(path)?, path, size)
+}
+
+/// As [`read_events`], from anything that reads; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_events`].
+pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    let mut archive = Archive::new(file, path)?;
+    let stored = match (archive.scalar("width")?, archive.scalar("height")?) {
+        (Some(width), Some(height)) => Some([width, height]),
+        _ => None,
+    };
+    let [width, height] = match (size, stored) {
+        (Some(size), Some(stored)) if size != stored => {
+            let what = format!(
+                "the events are of a sensor of {} x {} pixels, but one of {} x {} is named; correct the camera's size",
+                stored[0], stored[1], size[0], size[1]
+            );
+            return Err(archive.content(what));
+        }
+        (Some(size), _) | (None, Some(size)) => size,
+        (None, None) => {
+            let what = "the sensor's size is unknown: there are no arrays `width` and `height`; name the size";
+            return Err(archive.content(what.to_owned()));
+        }
+    };
+    let t_us: Vec<i64> = archive.column(&["t", "t_us"], "`t` or `t_us`", "the 64-bit range")?;
+    let x: Vec<u16> = archive.column(&["x"], "`x`", "0..=65535")?;
+    let y: Vec<u16> = archive.column(&["y"], "`y`", "0..=65535")?;
+    let p: Vec<i8> = archive.column(&["p"], "`p`", "0 and 1")?;
+    let lengths = [t_us.len(), x.len(), y.len(), p.len()];
+    if lengths.iter().any(|&length| length != t_us.len()) {
+        return Err(archive.content(format!("the columns t, x, y, p have the lengths {lengths:?}; they must be equal")));
+    }
+    if let Some(at) = t_us.windows(2).position(|pair| pair[0] > pair[1]) {
+        let what = format!("times decrease from {} to {} µs at event {}; sort them", t_us[at], t_us[at + 1], at + 1);
+        return Err(archive.content(what));
+    }
+    let outside = |(&x, &y): (&u16, &u16)| u32::from(x) >= width || u32::from(y) >= height;
+    if let Some(at) = x.iter().zip(&y).position(outside) {
+        let what = format!(
+            "event {at} lies at ({}, {}), outside the sensor of {width} x {height} pixels; correct the camera's size",
+            x[at], y[at]
+        );
+        return Err(archive.content(what));
+    }
+    if let Some(at) = p.iter().position(|p| !(-1..=1).contains(p)) {
+        return Err(archive.content(format!("event {at} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at])));
+    }
+    Ok(Events { width, height, t_us, x, y, on: p.into_iter().map(|p| p == 1).collect() })
+}
+
+/// Writes events: `t` (i64, microseconds), `x` and `y` (u16), `p` (u8, 1 = ON), `width` and `height` (u32 scalars).
+/// The file appears whole or not at all; the same events give the same bytes.
+///
+/// # Errors
+/// If the columns differ in length or the file cannot be written.
+pub fn write_events(path: &Path, events: &Events) -> Result<(), NpzError> {
+    let count = events.t_us.len();
+    if [events.x.len(), events.y.len(), events.on.len()] != [count; 3] {
+        let what = "the columns to be written differ in length".to_owned();
+        return Err(NpzError::Content { path: path.to_owned(), what });
+    }
+    let shape = [count];
+    write(
+        path,
+        &[
+            ("t", npy::encode(&shape, events.t_us.iter().copied())),
+            ("x", npy::encode(&shape, events.x.iter().copied())),
+            ("y", npy::encode(&shape, events.y.iter().copied())),
+            ("p", npy::encode(&shape, events.on.iter().map(|&on| u8::from(on)))),
+            ("width", npy::encode(&[], [events.width].into_iter())),
+            ("height", npy::encode(&[], [events.height].into_iter())),
+        ],
+    )
+}
+
+/// Reads `luma[T, H, W]` (u8): T grey frames of H rows and W columns.
+///
+/// # Errors
+/// If the file is missing, cut short or malformed, or the frames are empty.
+pub fn read_luma(path: &Path) -> Result<LumaSequence, NpzError> {
+    read_luma_from(open(path)?, path)
+}
+
+/// As [`read_luma`], from anything that reads; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_luma`].
+pub fn read_luma_from(file: impl Read + Seek, path: &Path) -> Result<LumaSequence, NpzError> {
+    let mut archive = Archive::new(file, path)?;
+    let (name, array) = archive.need(&["luma"], "`luma`")?;
+    let shape = array.shape.clone();
+    let [frames, height, width] = shape[..] else {
+        return Err(
+            archive.content(format!("array `luma` has the shape {shape:?}, but [frames, height, width] is needed"))
+        );
+    };
+    // Event coordinates are 16 bits wide.
+    let [Ok(height @ 1..), Ok(width @ 1..)] = [u16::try_from(height), u16::try_from(width)] else {
+        return Err(archive.content(format!("frames of {width} x {height} pixels cannot be used")));
+    };
+    let data = array.into_bytes().map_err(|source| archive.array(name, source))?;
+    Ok(LumaSequence { frames, width: width.into(), height: height.into(), data })
+}
+
+/// Writes `luma[T, H, W]` (u8).
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_luma(path: &Path, luma: &LumaSequence) -> Result<(), NpzError> {
+    let shape = [luma.frames, luma.height as usize, luma.width as usize];
+    write(path, &[("luma", npy::encode(&shape, luma.data.iter().copied()))])
+}
+
+/// Writes arrays, encoded as `.npy`, into a new archive.
+fn write(path: &Path, arrays: &[(&str, Vec<u8>)]) -> Result<(), NpzError> {
+    let io = |source| NpzError::Io { doing: "write", path: path.to_owned(), source };
+    let mut zip = ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in arrays {
+        let options = SimpleFileOptions::default()
+            .compression_method(CompressionMethod::Deflated)
+            .compression_level(Some(LEVEL))
+            .last_modified_time(DateTime::default())
+            .large_file(bytes.len() as u64 >= u64::from(u32::MAX));
+        zip.start_file(format!("{name}.npy"), options).map_err(|error| io(error.into()))?;
+        zip.write_all(bytes).map_err(io)?;
+    }
+    let bytes = zip.finish().map_err(|error| io(error.into()))?.into_inner();
+    erfgs_base::atomic::write(path, &bytes).map_err(io)
+}
+
+/// Level of the compression: on simulated events level 6 saves a few per cent more and takes several times as long.
+const LEVEL: i64 = 1;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn some_events() -> Events {
+        let mut events = Events::new(640, 360);
+        for index in 0..7_u16 {
+            let (x, y) = (index * 90, index * 59);
+            events.push(crate::Event { t_us: i64::from(index / 2) * 1000 - 5, x, y, on: index % 3 == 0 });
+        }
+        events
+    }
+
+    #[test]
+    fn events_come_back_with_the_size_of_their_sensor() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("events/a.npz");
+        for events in [some_events(), Events::new(3, 2)] {
+            write_events(&path, &events).unwrap();
+            assert_eq!(read_events(&path, None).unwrap(), events);
+            assert_eq!(read_events(&path, Some([events.width, events.height])).unwrap(), events);
+        }
+        assert!(matches!(read_events(&path, Some([640, 480])), Err(NpzError::Content { .. })));
+    }
+
+    #[test]
+    fn writing_twice_gives_the_same_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a.npz", "b.npz"].map(|name| folder.path().join(name));
+        write_events(&a, &some_events()).unwrap();
+        write_events(&b, &some_events()).unwrap();
+        assert_eq!(std::fs::read(a).unwrap(), std::fs::read(b).unwrap());
+    }
+
+    #[test]
+    fn an_archive_cut_short_anywhere_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        write_events(&path, &some_events()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for length in 0..whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            assert!(read_events(&path, None).is_err(), "{length} of {} bytes", whole.len());
+        }
+    }
+
+    #[test]
+    fn a_damaged_archive_is_an_error_or_reads_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        write_events(&path, &some_events()).unwrap();
+        let whole = std::fs::read(&path).unwrap();
+        for at in 0..whole.len() {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 0x55;
+            std::fs::write(&path, &damaged).unwrap();
+            if let Ok(events) = read_events(&path, Some([640, 360])) {
+                assert_eq!(events, some_events(), "byte {at}");
+            }
+        }
+    }
+
+    #[test]
+    fn events_that_make_no_sense_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let message = |events: &Events| {
+            write_events(&path, events).unwrap();
+            read_events(&path, None).unwrap_err().to_string()
+        };
+        let mut backwards = some_events();
+        backwards.t_us[6] = -100;
+        assert!(message(&backwards).contains("times decrease from 1995 to -100"), "{}", message(&backwards));
+        let mut outside = some_events();
+        outside.y[3] = 360;
+        assert!(message(&outside).contains("event 3 lies at (270, 360)"), "{}", message(&outside));
+
+        let column = |name, length| (name, npy::encode(&[length], vec![1_u8; length].into_iter()));
+        write(&path, &[column("t", 3), column("x", 3), column("y", 2), column("p", 3)]).unwrap();
+        assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("[3, 3, 2, 3]"));
+        assert!(read_events(&path, None).unwrap_err().to_string().contains("size is unknown"));
+        write(&path, &[column("t", 3), column("x", 3), column("p", 3)]).unwrap();
+        assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("no array `y`"));
+        write(&path, &[column("t", 1), column("x", 1), column("y", 1), ("p", npy::encode(&[1], [2_u8].into_iter()))])
+            .unwrap();
+        assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("polarity 2"));
+    }
+
+    #[test]
+    fn luma_sequences_come_back_and_wrong_shapes_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("luma.npz");
+        let luma = LumaSequence { frames: 2, width: 3, height: 2, data: (0..12).collect() };
+        write_luma(&path, &luma).unwrap();
+        let read = read_luma(&path).unwrap();
+        assert_eq!(read, luma);
+        assert_eq!(read.iter().nth(1).unwrap(), [6, 7, 8, 9, 10, 11]);
+        write(&path, &[("luma", npy::encode(&[2, 6], luma.data.iter().copied()))]).unwrap();
+        assert!(read_luma(&path).unwrap_err().to_string().contains("[2, 6]"));
+        write(&path, &[("luma", npy::encode::<u8>(&[4, 0, 6], std::iter::empty()))]).unwrap();
+        assert!(read_luma(&path).is_err());
+    }
+}

@@ -1,0 +1,149 @@
+//! Files: what they are, what is wrong with them.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_events::EventEncoding;
+use erfgs_events::{
+    Anomalies, CSV_HEADER, CdEvent, Columns, CsvEncoder, DatEncoder, DatFormat, EventFile, EventFileError, Evt3Encoder,
+    RawHeader, SensorSize,
+};
+
+const SIZE: SensorSize = SensorSize { width: 1280, height: 720 };
+
+fn events() -> Vec<CdEvent> {
+    (0..200_u64).map(|n| CdEvent { t_us: 1000 + n * 9, x: (n * 6) as u16, y: (n * 3) as u16, on: n % 3 == 0 }).collect()
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+}
+
+fn raw(encoding: EventEncoding) -> Vec<u8> {
+    let header = RawHeader::new(encoding, SIZE, "00050567", "2026-01-02 03:04:05").unwrap();
+    header.with_imx636("3.9.0").encode()
+}
+
+fn read(path: &Path) -> (EventFile, Columns, Anomalies) {
+    let file = EventFile::open(path).unwrap();
+    let mut columns = Columns::default();
+    let anomalies = file.decode(&mut columns).unwrap();
+    (file, columns, anomalies)
+}
+
+#[test]
+fn raw_files_say_how_they_are_encoded() {
+    for encoding in [EventEncoding::Evt2, EventEncoding::Evt21, EventEncoding::Evt21Legacy, EventEncoding::Evt3] {
+        let bytes = raw(encoding);
+        let (header, length) = RawHeader::parse(&bytes);
+        assert_eq!(length, bytes.len());
+        let format = header.format().unwrap();
+        assert_eq!((format.encoding, format.size), (encoding, Some(SIZE)));
+        assert_eq!(header.encode(), bytes);
+    }
+    let text = String::from_utf8(raw(EventEncoding::Evt3)).unwrap();
+    let expected = "% camera_integrator_name Prophesee\n% date 2026-01-02 03:04:05\n% evt 3.0\n% firmware_version 3.9.0\n\
+                    % format EVT3;height=720;width=1280\n% geometry 1280x720\n% integrator_name Prophesee\n\
+                    % plugin_integrator_name Prophesee\n% plugin_name hal_plugin_prophesee\n% sensor_generation 4.2\n\
+                    % sensor_name IMX636\n% serial_number 00050567\n% subsystem_ID 0\n% system_ID 49\n% end\n";
+    assert_eq!(text, expected);
+}
+
+#[test]
+fn old_headers_are_understood() {
+    let format = |text: &str| RawHeader::parse(text.as_bytes()).0.format().map(|format| (format.encoding, format.size));
+    let vga = Some(SensorSize { width: 640, height: 480 });
+    assert_eq!(format("% evt 2.0\n% system_ID 21\n"), Some((EventEncoding::Evt2, vga)));
+    assert_eq!(format("% evt 3.0\n% geometry 1280x720\n"), Some((EventEncoding::Evt3, Some(SIZE))));
+    assert_eq!(format("% system_ID 48\n"), Some((EventEncoding::Evt3, Some(SIZE))));
+    assert_eq!(
+        format("% format EVT21;width=1280;height=720\n% system_ID 49\n"),
+        Some((EventEncoding::Evt21Legacy, Some(SIZE)))
+    );
+    assert_eq!(format("% format EVT21;width=1280;height=720\n"), Some((EventEncoding::Evt21, Some(SIZE))));
+    assert_eq!(format("% evt 2.1\n% endianness legacy\n"), Some((EventEncoding::Evt21Legacy, None)));
+    assert_eq!(format("% format EVT4;width=1280;height=720\n"), None);
+    assert_eq!(format("% Date 2020-09-25\n"), None);
+}
+
+#[test]
+fn a_raw_file_cut_anywhere_gives_what_is_there() {
+    let folder = Folder::new();
+    let mut bytes = raw(EventEncoding::Evt3);
+    let header = bytes.len();
+    let mut encoder = Evt3Encoder::default();
+    events().into_iter().for_each(|event| encoder.event(event, &mut bytes).unwrap());
+    encoder.finish(&mut bytes);
+    let path = folder.write("a.raw", &bytes);
+    let (file, columns, anomalies) = read(&path);
+    assert_eq!((file.size, file.format.name()), (Some(SIZE), "evt3"));
+    assert_eq!(columns.iter().collect::<Vec<_>>(), events());
+    assert!(anomalies.is_empty());
+    for length in header..bytes.len() {
+        let (_, columns, anomalies) = read(&folder.write("a.raw", &bytes[..length]));
+        assert_eq!(columns.iter().collect::<Vec<_>>(), events()[..columns.len()]);
+        assert_eq!(anomalies.truncated_bytes, (length - header) as u64 % 2);
+    }
+}
+
+#[test]
+fn dat_and_csv_come_back() {
+    let folder = Folder::new();
+    let mut dat = DatFormat::header(SIZE, "2026-01-02 03:04:05");
+    let mut csv = CSV_HEADER.to_vec();
+    let mut encoder = DatEncoder::default();
+    for event in events() {
+        encoder.event(event, &mut dat).unwrap();
+        CsvEncoder.event(event, &mut csv);
+    }
+    for (name, bytes, format, size) in [("a.dat", dat, "dat2", Some(SIZE)), ("a.csv", csv, "csv", None)] {
+        let (file, columns, anomalies) = read(&folder.write(name, &bytes));
+        assert_eq!((file.format.name(), file.size), (format, size));
+        assert_eq!(columns.iter().collect::<Vec<_>>(), events());
+        assert!(anomalies.is_empty(), "{name}: {anomalies:?}");
+    }
+}
+
+#[test]
+fn dat_of_version_1_and_triggers_are_read() {
+    let folder = Folder::new();
+    let item = |t: u32, packed: u32| [t.to_le_bytes(), packed.to_le_bytes()].concat();
+    let first =
+        [b"% Data file containing Event2D events.\n\x00\x08".to_vec(), item(7, 1 << 17 | 239 << 9 | 303)].concat();
+    let (file, columns, _) = read(&folder.write("a.dat", &first));
+    assert_eq!(file.format.name(), "dat1");
+    assert_eq!(columns.iter().collect::<Vec<_>>(), [CdEvent { t_us: 7, x: 303, y: 239, on: true }]);
+    let mut triggers = b"% Version 2\n% end\n\x0E\x08".to_vec();
+    triggers.extend([item(u32::MAX, 3 << 8 | 1), item(1, 3 << 8)].concat());
+    let (_, columns, anomalies) = read(&folder.write("b.dat", &triggers));
+    let edges: Vec<_> = columns.edges.iter().map(|edge| (edge.t_us, edge.channel, edge.rising)).collect();
+    assert_eq!(edges, [(u64::from(u32::MAX), 3, true), ((1 << 32) + 1, 3, false)]);
+    assert!(anomalies.is_empty());
+}
+
+#[test]
+fn what_is_no_event_file_is_named_with_a_remedy() {
+    let folder = Folder::new();
+    let message = |name: &str, bytes: &[u8]| EventFile::open(&folder.write(name, bytes)).unwrap_err().to_string();
+    let text = message("a.raw", b"");
+    assert!(text.contains("a.raw") && text.contains("it is empty"), "{text}");
+    assert!(message("b.bin", b"\x00\x01\x02").contains("formats are RAW"));
+    assert!(message("c.raw", b"% Date today\n% end\n").contains("put a line `% format"));
+    assert!(message("d.dat", b"% Version 3\n% end\n\x0C\x08").contains("version 3 is unknown"));
+    let text = message("e.dat", b"% Version 2\n% end\n\x0C\x07");
+    assert!(text.contains("at byte 19") && text.contains("items of 7 bytes"), "{text}");
+    assert!(message("f.dat", b"% Version 2\n% end\n\x0C").contains("ends before the type"));
+    assert!(message("g.aedat", b"#!AER-DAT2.0\r\n# nothing\r\n").contains("no chip that is known"));
+    assert!(message("h.aedat4", b"#!AER-DAT4.0\r\n\x40\x00\x00\x00").contains("ends inside its header"));
+    let missing = EventFile::open(&folder.0.path().join("none.raw")).unwrap_err();
+    assert!(matches!(missing, EventFileError::Io { doing: "open", .. }), "{missing}");
+}

@@ -1,0 +1,110 @@
+//! The stage: a small scene that can be rendered exactly from any camera at any time.
+//!
+//! A thrown ball that spins, a spinning fan and a swinging pendulum move before a furnished, textured room about 4 m
+//! wide. Everything is a closed-form function of time, with no state carried from one time to the next, so that a frame
+//! with a true exposure integral, the events of an ideal sensor with microsecond crossing times, and the ground truth
+//! (colour, depth, mask of what moves) can be had at any instant and from any viewpoint.
+//!
+//! Units are metres, y points down, the floor is y = 0; times are nanoseconds on the session clock ([`motion`] takes
+//! seconds). Light is linear until [`colour::encode`].
+//!
+//! | module | what it knows |
+//! |---|---|
+//! | [`motion`] | where the ball, the fan and the pendulum are at a time |
+//! | [`texture`], `paint` | band-limited procedural textures, and what each surface looks like |
+//! | `shape`, `set` | the static primitives and the furniture built from them |
+//! | `actors` | the moving objects: coverage of a ray, colour, bounds |
+//! | `light` | Lambert shading, the soft shadows |
+//! | [`rig`] | where the cameras stand |
+//! | [`view`] | one camera's pixels: colour, mask, depth at a time |
+//! | [`events`] | the event sensor |
+//! | [`mod@film`] | the dataset writer |
+//!
+//! ```
+//! use crate::{RigOptions, Stage, StageOptions, View};
+//! let stage = Stage::new(StageOptions::default());
+//! let rig = RigOptions { width: 16, height: 12, rgb: 1, event: 0, test: 0, ..RigOptions::default() }.cameras(1)?;
+//! let view = View::new(&stage, &rig[0].intrinsics, &rig[0].world_to_camera)?;
+//! let pixels = view.frame(250_000_000); // linear light, a quarter of a second into the take
+//! assert_eq!(pixels.len(), 16 * 12);
+//! # Ok::<(), crate::StageError>(())
+//! ```
+
+mod activity;
+mod actors;
+pub mod colour;
+mod error;
+pub mod events;
+pub mod film;
+mod light;
+pub mod motion;
+mod paint;
+mod pixel;
+mod points;
+pub mod rig;
+mod set;
+mod shape;
+pub mod texture;
+pub mod view;
+
+pub use error::StageError;
+pub use events::EventOptions;
+pub use film::{FilmOptions, FilmReport, film};
+pub use points::truth_points;
+pub use rig::{RigCamera, RigOptions, Role};
+pub use view::View;
+
+use self::{
+    light::Light,
+    motion::{Ball, Fan, Pendulum},
+    set::StageSet,
+};
+
+/// What can be chosen about a stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageOptions {
+    /// Seed of the textures.
+    pub seed: u64,
+    /// Whether the ball and the pendulum's bob cast shadows on the room, which then belong to the masks of what moves.
+    /// (Furniture always casts them.)
+    pub shadows: bool,
+    /// A pixel is the mean of `samples_per_axis` squared sub-pixel rays. At least 1.
+    pub samples_per_axis: u32,
+}
+
+impl Default for StageOptions {
+    fn default() -> Self {
+        Self { seed: 1, shadows: false, samples_per_axis: 3 }
+    }
+}
+
+/// The scene: what moves, what stands still, and the lamp.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// How it was made.
+    pub options: StageOptions,
+    /// The thrown ball.
+    pub ball: Ball,
+    /// The spinning fan.
+    pub fan: Fan,
+    /// The swinging pendulum.
+    pub pendulum: Pendulum,
+    set: StageSet,
+    light: Light,
+}
+
+impl Stage {
+    /// Builds the scene. A `samples_per_axis` of 0 is taken as 1.
+    #[must_use]
+    pub fn new(options: StageOptions) -> Self {
+        let options = StageOptions { samples_per_axis: options.samples_per_axis.clamp(1, 16), ..options };
+        let (ball, fan, pendulum) = (Ball::default(), Fan::default(), Pendulum::default());
+        let set = StageSet::new(options.seed, &fan, &pendulum);
+        Self { options, ball, fan, pendulum, set, light: Light::default() }
+    }
+}
+
+/// Seconds of a session time.
+pub(crate) fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}

@@ -1,0 +1,276 @@
+//! Frames, ground truth and whole films.
+
+use std::{collections::BTreeMap, path::Path, process::Command};
+
+use erfgs_dataset::{Dataset, Split};
+use erfgs_scene::{Modality, PointCloud};
+use erfgs_stage::{
+    FilmOptions, RigOptions, Role, Stage, StageError, StageOptions, View, colour::encode, film, film::image,
+};
+use glam::{DVec2, DVec3};
+
+fn small() -> FilmOptions {
+    FilmOptions {
+        rig: RigOptions { width: 40, height: 30, rgb: 2, event: 1, test: 1, ..RigOptions::default() },
+        duration_ns: 100_000_000,
+        rgb_fps: 20.0,
+        truth_points: 500,
+        ..FilmOptions::default()
+    }
+}
+
+fn files(folder: &Path, under: &Path, found: &mut BTreeMap<String, Vec<u8>>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files(&path, under, found);
+        } else {
+            found.insert(path.strip_prefix(under).unwrap().display().to_string(), std::fs::read(&path).unwrap());
+        }
+    }
+}
+
+#[test]
+fn a_film_is_a_valid_dataset_with_disjoint_modalities() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("ds");
+    let last = std::sync::Mutex::new((0, 0));
+    let report = film(&out, &small(), &|progress| *last.lock().unwrap() = (progress.done, progress.total)).unwrap();
+    let (done, total) = *last.lock().unwrap();
+    assert_eq!(done, total);
+
+    let dataset = Dataset::load(&out).unwrap();
+    dataset.verify().unwrap();
+    assert_eq!(dataset, report.dataset);
+    let manifest = &dataset.manifest;
+    assert!(manifest.linear_exposure && manifest.points.is_none());
+    assert_eq!(manifest.cameras.len(), 4);
+    let mut seen = Vec::new();
+    for camera in &manifest.cameras {
+        match (camera.split, camera.modality) {
+            (Split::Train, Modality::Rgb) => {
+                assert_eq!(camera.frames.iter().map(|f| f.t_ns).collect::<Vec<_>>(), [0, 50_000_000, 100_000_000]);
+                for frame in &camera.frames {
+                    assert_eq!(frame.exposure_ns[1] - frame.exposure_ns[0], 33_000_000);
+                    assert!(frame.mask.is_none());
+                    seen.push(frame.t_ns);
+                }
+            }
+            (Split::Train, Modality::Event) => {
+                let events = dataset.read_events(camera).unwrap().unwrap();
+                assert!(camera.frames.is_empty() && events.len() > 200, "{} events", events.len());
+            }
+            (Split::Test, Modality::Rgb) => {
+                assert_eq!(camera.frames.len(), 7);
+                for frame in &camera.frames {
+                    assert_eq!(frame.exposure_ns, [frame.t_ns; 2]);
+                    let mask = dataset.read_mask(camera, frame).unwrap().unwrap();
+                    let moving = mask.data.iter().filter(|&&value| value == 255).count();
+                    assert!((20..600).contains(&moving), "{moving} moving pixels");
+                }
+                let unseen = camera.frames.iter().filter(|frame| !seen.contains(&frame.t_ns)).count();
+                assert!(unseen >= 4, "held-out frames lie at times that no RGB frame saw");
+            }
+            other => panic!("unexpected camera {other:?}"),
+        }
+    }
+    let points = PointCloud::read(&out.join("truth_points.ply")).unwrap();
+    assert!(points.len() > 400);
+
+    assert!(matches!(film(&out, &small(), &|_| {}), Err(StageError::NotEmpty { .. })));
+    std::fs::remove_file(out.join(Dataset::MANIFEST)).unwrap();
+    film(&out, &small(), &|_| {}).expect("a film without a manifest was interrupted: it is made again");
+}
+
+#[test]
+fn films_are_the_same_bytes_whatever_the_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let films: Vec<BTreeMap<String, Vec<u8>>> = [1, 3]
+        .into_iter()
+        .map(|threads| {
+            let out = folder.path().join(threads.to_string());
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| film(&out, &small(), &|_| {})).unwrap();
+            let mut found = BTreeMap::new();
+            files(&out, &out, &mut found);
+            found
+        })
+        .collect();
+    assert!(films[0].len() > 15);
+    for (name, bytes) in &films[0] {
+        assert!(films[1].get(name) == Some(bytes), "{name} differs");
+    }
+    assert_eq!(films[0].len(), films[1].len());
+}
+
+#[test]
+fn the_seed_changes_the_room_and_the_rig() {
+    let one = small().set_up().unwrap();
+    let two = FilmOptions { seed: 2, ..small() }.set_up().unwrap();
+    assert_ne!(one.1, two.1);
+    let room = |stage: &Stage| {
+        View::new(stage, &one.1[0].intrinsics, &one.1[0].world_to_camera).unwrap().empty_room().to_vec()
+    };
+    assert_ne!(room(&one.0), room(&two.0));
+}
+
+#[test]
+fn impossible_takes_are_typed_errors_and_leave_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("ds");
+    let good = small();
+    for bad in [
+        FilmOptions { rig: RigOptions { rgb: 0, event: 0, test: 0, ..good.rig.clone() }, ..good.clone() },
+        FilmOptions { rig: RigOptions { width: 0, ..good.rig.clone() }, ..good.clone() },
+        FilmOptions { duration_ns: -5, ..good.clone() },
+        FilmOptions { duration_ns: i64::MAX, ..good.clone() },
+        FilmOptions { exposure_ns: -1, ..good.clone() },
+        FilmOptions { rgb_fps: 0.0, ..good.clone() },
+        FilmOptions { rgb_fps: f64::NAN, ..good.clone() },
+        FilmOptions { test_fps: 1e9, ..good.clone() },
+    ] {
+        let error = film(&out, &bad, &|_| {}).unwrap_err();
+        assert!(error.to_string().len() > 20, "{error}");
+        assert!(!out.exists(), "{error}");
+    }
+    let blocked = folder.path().join("file");
+    std::fs::write(&blocked, "in the way").unwrap();
+    assert!(matches!(film(&blocked, &good, &|_| {}), Err(StageError::Write { .. })));
+}
+
+#[test]
+fn one_pixel_and_one_camera_make_a_film() {
+    for role in [Role::Rgb, Role::Event, Role::Test] {
+        let folder = tempfile::tempdir().unwrap();
+        let count = |wanted| usize::from(role == wanted);
+        let rig = RigOptions {
+            width: 1,
+            height: 1,
+            rgb: count(Role::Rgb),
+            event: count(Role::Event),
+            test: count(Role::Test),
+            ..RigOptions::default()
+        };
+        film(folder.path(), &FilmOptions { rig, ..small() }, &|_| {}).unwrap();
+        Dataset::load(folder.path()).unwrap();
+    }
+}
+
+#[test]
+fn the_exposure_integral_converges_and_the_default_is_fine_enough() {
+    let (stage, rig) = small().set_up().unwrap();
+    let view = View::new(&stage, &rig[1].intrinsics, &rig[1].world_to_camera).unwrap();
+    let shutter = [200_000_000, 233_000_000];
+    let exact = view.exposure(shutter, 4096);
+    let worst = |samples: u32| {
+        let pairs = view.exposure(shutter, samples).into_iter().zip(&exact);
+        let differences = pairs.flat_map(|(a, b)| a.into_iter().zip(*b));
+        differences.map(|(a, b)| (encode(f64::from(a)) - encode(f64::from(b))).abs()).fold(0.0, f64::max)
+    };
+    let errors = [4, 16, 64, 256].map(worst);
+    assert!(errors.windows(2).all(|pair| pair[1] < 0.6 * pair[0]), "{errors:?}");
+    let default = worst(view.exposure_samples(shutter, 0.35));
+    assert!(default < 4.0 / 255.0, "{default}");
+    assert_eq!(view.exposure([5, 5], 7), view.frame(5));
+    // The blur is real, but of what moves alone.
+    let (sharp, blurred) = (image(&view, &view.frame(216_500_000)), image(&view, &exact));
+    let changed = sharp.data.iter().zip(&blurred.data).filter(|(a, b)| a.abs_diff(**b) > 5).count();
+    assert!((80..800).contains(&changed), "{changed} values changed");
+}
+
+#[test]
+fn depth_agrees_between_viewpoints_and_follows_the_ball() {
+    let stage = Stage::new(StageOptions::default());
+    let rig =
+        RigOptions { width: 80, height: 60, rgb: 3, event: 0, test: 0, ..RigOptions::default() }.cameras(1).unwrap();
+    let views: Vec<View<'_>> =
+        rig.iter().map(|camera| View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap()).collect();
+    let t_ns = 250_000_000;
+    let depths: Vec<Vec<f32>> = views.iter().map(|view| view.depth(t_ns)).collect();
+    let ball = stage.ball.centre(0.25);
+    let (mut looks, mut farther) = (0, 0);
+    for (from, to) in [(0, 1), (1, 2), (2, 0), (1, 0)] {
+        let (a, b) = (&rig[from], &rig[to]);
+        for (pixel, &depth) in depths[from].iter().enumerate() {
+            let place = DVec2::new((pixel % 80) as f64 + 0.5, (pixel / 80) as f64 + 0.5);
+            let world = a.world_to_camera.inverse().transform(a.intrinsics.unproject_pinhole(place, f64::from(depth)));
+            assert!(
+                (-1.96..1.96).contains(&world.x) && world.y < 0.01 && world.z < 1.56,
+                "{world} lies outside the room"
+            );
+            let seen = b.world_to_camera.transform(world);
+            let at = b.intrinsics.project_pinhole(seen);
+            if seen.z > 0.1 && at.cmpgt(DVec2::ONE).all() && at.cmplt(DVec2::new(79.0, 59.0)).all() {
+                looks += 1;
+                // What the other camera sees there is this point or something before it.
+                farther += u32::from(f64::from(depths[to][at.y as usize * 80 + at.x as usize]) > seen.z + 0.12);
+            }
+        }
+        let seen = a.world_to_camera.transform(ball);
+        let at = a.intrinsics.project_pinhole(seen);
+        let front = f64::from(depths[from][at.y as usize * 80 + at.x as usize]);
+        assert!((front - (seen.z - stage.ball.radius)).abs() < 0.02, "{front} and {}", seen.z);
+    }
+    assert!(looks > 5000 && f64::from(farther) < 0.04 * f64::from(looks), "{farther} of {looks}");
+}
+
+#[test]
+fn truth_points_lie_on_surfaces_that_their_camera_sees() {
+    let (stage, rig) = small().set_up().unwrap();
+    let camera = &rig[0];
+    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let cloud = erfgs_stage::truth_points(&view, 0, 800, 3);
+    let depth = view.depth(0);
+    let agree = cloud.positions.iter().filter(|position| {
+        let seen = camera.world_to_camera.transform(DVec3::from(position.map(f64::from)));
+        let at = camera.intrinsics.project_pinhole(seen);
+        let pixel = at.y as usize * 40 + at.x as usize;
+        (f64::from(depth[pixel]) - seen.z).abs() < 0.1
+    });
+    assert!(agree.count() > 680);
+}
+
+#[test]
+fn the_command_films_and_explains_what_it_cannot() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_erfgs-stage")).args(arguments).current_dir(folder.path()).output().unwrap()
+    };
+    let film = [
+        "film",
+        "--out",
+        "ds",
+        "--size",
+        "16x12",
+        "--rgb",
+        "1",
+        "--event",
+        "1",
+        "--test",
+        "1",
+        "--duration-ms",
+        "40",
+        "--json",
+    ];
+    let output = run(&film);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(figures["rgb_frames"], 1);
+    Dataset::load(&folder.path().join("ds")).unwrap();
+
+    let again = run(&film);
+    assert!(!again.status.success());
+    assert!(String::from_utf8_lossy(&again.stderr).contains("not empty"));
+
+    let negative = run(&["film", "--out", "other", "--duration-ms", "-1"]);
+    assert!(!negative.status.success());
+    assert!(String::from_utf8_lossy(&negative.stderr).contains("duration"));
+
+    let unknown = run(&["frame", "--camera", "rgb77", "--t-ms", "0", "--out", "a.png"]);
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("rgb00"));
+
+    let frame = ["frame", "--camera", "0", "--t-ms", "-20", "--exposure-ms", "5", "--size", "16x12"];
+    let output = run(&[&frame[..], &["--out", "a.png", "--mask", "m.png", "--depth", "d.f32"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(std::fs::metadata(folder.path().join("d.f32")).unwrap().len(), 16 * 12 * 4);
+}

@@ -1,0 +1,312 @@
+//! `RIG.toml`: which devices make up a rig, their settings, and how they are recorded.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use toml::Table;
+
+use super::{pattern::PatternConfig, recorder::is_id};
+use erfgs_rig::{
+    event::{Davis346Config, Driver, Evk4Config, davis346::Davis346, evk4::Evk4},
+    frame::FrameConfig,
+    trigger::TriggerConfig,
+};
+
+/// What is wrong with a `RIG.toml`.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// It cannot be read.
+    #[error("cannot read the rig's configuration '{}': {source}. `erfgs record --example` prints one to start from", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// It is not TOML, or has fields that nothing knows.
+    #[error("'{}': {message}", path.display())]
+    Syntax {
+        /// The file.
+        path: PathBuf,
+        /// Where and what.
+        message: String,
+    },
+    /// A device's table.
+    #[error("'{}', [[{kind}]] number {number}{}: {message}", path.display(), named(id))]
+    Device {
+        /// The file.
+        path: PathBuf,
+        /// The kind of device.
+        kind: &'static str,
+        /// Counts the tables of this kind, from 1.
+        number: usize,
+        /// Its id, if it has one.
+        id: String,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+fn named(id: &str) -> String {
+    if id.is_empty() { String::new() } else { format!(" ('{id}')") }
+}
+
+/// A rig: `RIG.toml` as read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RigConfig {
+    /// Its name.
+    pub name: String,
+    /// How to record.
+    pub record: RecordConfig,
+    /// The devices, kind by kind in the order of the file.
+    pub devices: Vec<DeviceConfig>,
+    /// The text it was read from.
+    pub text: String,
+}
+
+/// The table `[record]`: how to record. All fields have defaults.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecordConfig {
+    /// How often the session file is brought into a readable state, milliseconds, 10 to 1000: what a killed process or
+    /// a power cut can cost.
+    pub flush_ms: u64,
+    /// Space of the disk that recordings leave free, MiB: a recording ends in good order before the disk is full.
+    pub reserve_mib: u64,
+    /// Data of one stream that may wait in memory for the disk, MiB, 1 to 65536; devices may have their own.
+    pub queue_mib: usize,
+    /// After this many seconds without data a stream counts as stalled; 0: never. Devices may have their own.
+    pub stall_seconds: u32,
+    /// A piece of the session file closes at this size, MiB, 1 to 64.
+    pub chunk_mib: u64,
+    /// Whether every piece carries a checksum, so that readers notice damage.
+    pub checksums: bool,
+}
+
+impl Default for RecordConfig {
+    fn default() -> Self {
+        Self { flush_ms: 500, reserve_mib: 512, queue_mib: 256, stall_seconds: 5, chunk_mib: 4, checksums: true }
+    }
+}
+
+/// One device: what all have in common, and the settings of its driver.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeviceConfig {
+    /// Name of the stream.
+    pub id: String,
+    /// Overrides [`RecordConfig::queue_mib`].
+    pub queue_mib: Option<usize>,
+    /// Overrides [`RecordConfig::stall_seconds`].
+    pub stall_seconds: Option<u32>,
+    /// Settings of the driver.
+    pub settings: DeviceSettings,
+}
+
+/// Settings of a driver, by kind of device.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DeviceSettings {
+    /// `[[evk4]]`: a Prophesee EVK4.
+    Evk4(Box<Evk4Config>),
+    /// `[[davis346]]`: an iniVation DAVIS346.
+    Davis346(Box<Davis346Config>),
+    /// `[[camera]]`: an RGB camera.
+    Camera(Box<FrameConfig>),
+    /// `[[trigger]]`: a trigger board.
+    Trigger(Box<TriggerConfig>),
+    /// `[[pattern]]`: a built-in source.
+    Pattern(PatternConfig),
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct File {
+    rig: Rig,
+    record: RecordConfig,
+    evk4: Vec<Table>,
+    davis346: Vec<Table>,
+    camera: Vec<Table>,
+    trigger: Vec<Table>,
+    pattern: Vec<Table>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Rig {
+    name: String,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        Self { name: "rig".into() }
+    }
+}
+
+impl RigConfig {
+    /// The annotated example: every device and every field, with its default.
+    pub const EXAMPLE: &'static str = include_str!("../../../docs/rig.toml");
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// If it cannot be read or something in it is wrong; the message names the place.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// Checks the text of a file; `path` names it in errors.
+    ///
+    /// # Errors
+    /// If something in it is wrong.
+    pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
+        let syntax = |message: String| ConfigError::Syntax { path: path.to_owned(), message };
+        let file: File = toml::from_str(text).map_err(|error| syntax(error.to_string()))?;
+        let record = &file.record;
+        let ranges = [
+            ("flush_ms", record.flush_ms, 10..=1000),
+            ("queue_mib", record.queue_mib as u64, 1..=65_536),
+            ("chunk_mib", record.chunk_mib, 1..=64),
+        ];
+        if let Some((name, value, range)) = ranges.into_iter().find(|(_, value, range)| !range.contains(value)) {
+            let (least, most) = range.into_inner();
+            return Err(syntax(format!("[record] {name} is {value}; it can be {least} to {most}")));
+        }
+        if !is_id(&file.rig.name) {
+            return Err(syntax(format!("[rig] name '{}': use 1 to 64 letters, digits, '-' and '_'", file.rig.name)));
+        }
+        let mut devices = Vec::new();
+        let mut add = |kind, tables: Vec<Table>, settings: fn(&str, Table) -> Result<DeviceSettings, String>| {
+            for (index, table) in tables.into_iter().enumerate() {
+                let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+                let device = device(table, settings).and_then(|device| {
+                    let taken = devices.iter().any(|other: &DeviceConfig| other.id == device.id);
+                    if taken { Err("another device has this id".into()) } else { Ok(device) }
+                });
+                devices.push(device.map_err(|message| ConfigError::Device {
+                    path: path.to_owned(),
+                    kind,
+                    number: index + 1,
+                    id,
+                    message,
+                })?);
+            }
+            Ok(())
+        };
+        add("evk4", file.evk4, |_, table| {
+            let config: Evk4Config = driver(table)?;
+            Evk4::validate(&config).map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Evk4(config.into()))
+        })?;
+        add("davis346", file.davis346, |_, table| {
+            let config: Davis346Config = driver(table)?;
+            Davis346::validate(&config).map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Davis346(config.into()))
+        })?;
+        add("camera", file.camera, |id, table| {
+            let config = FrameConfig { id: id.into(), ..driver(table)? };
+            config.check().map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Camera(config.into()))
+        })?;
+        add("trigger", file.trigger, |id, table| {
+            let config = TriggerConfig { id: id.into(), ..driver(table)? };
+            config.settings().map_err(|error| error.to_string())?;
+            Ok(DeviceSettings::Trigger(config.into()))
+        })?;
+        add("pattern", file.pattern, |_, table| {
+            let config: PatternConfig = driver(table)?;
+            config.validate()?;
+            Ok(DeviceSettings::Pattern(config))
+        })?;
+        Ok(Self { name: file.rig.name, record: file.record, devices, text: text.to_owned() })
+    }
+}
+
+fn driver<T: DeserializeOwned>(table: Table) -> Result<T, String> {
+    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+}
+
+/// Takes what all devices have out of a table, and leaves the rest to the driver.
+fn device(
+    mut table: Table,
+    settings: fn(&str, Table) -> Result<DeviceSettings, String>,
+) -> Result<DeviceConfig, String> {
+    #[derive(Deserialize)]
+    struct Common {
+        id: Option<String>,
+        queue_mib: Option<usize>,
+        stall_seconds: Option<u32>,
+    }
+    let taken: Table =
+        ["id", "queue_mib", "stall_seconds"].iter().filter_map(|&name| table.remove_entry(name)).collect();
+    let Common { id, queue_mib, stall_seconds } = driver(taken)?;
+    let id = id.ok_or("it needs an id: `id = \"left\"` names its stream in the recording")?;
+    if !is_id(&id) {
+        return Err("its id must be 1 to 64 letters, digits, '-' and '_'".into());
+    }
+    if queue_mib.is_some_and(|mib| !(1..=65_536).contains(&mib)) {
+        return Err("queue_mib can be 1 to 65536".into());
+    }
+    let settings = settings(&id, table)?;
+    Ok(DeviceConfig { id, queue_mib, stall_seconds, settings })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<RigConfig, String> {
+        RigConfig::parse(text, Path::new("RIG.toml")).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_example_is_valid() {
+        let rig = parse(RigConfig::EXAMPLE).unwrap();
+        assert!(!rig.devices.is_empty());
+        assert_eq!(rig.record, RecordConfig::default(), "the example shows the defaults");
+    }
+
+    #[test]
+    fn every_field_of_the_recorder_is_in_the_example() {
+        let fields = serde_json::to_value(RecordConfig::default()).unwrap();
+        for name in fields.as_object().unwrap().keys() {
+            assert!(RigConfig::EXAMPLE.contains(&format!("{name} = ")), "{name}");
+        }
+    }
+
+    #[test]
+    fn devices_override_what_the_recorder_says() {
+        let rig = parse("[[pattern]]\nid = \"a\"\nqueue_mib = 3\n[[pattern]]\nid = \"b\"\nrate_hz = 5\n").unwrap();
+        assert_eq!((rig.devices[0].queue_mib, rig.devices[1].queue_mib), (Some(3), None));
+        let DeviceSettings::Pattern(pattern) = &rig.devices[1].settings else { panic!("{rig:?}") };
+        assert_eq!(pattern.rate_hz, 5.0);
+    }
+
+    #[test]
+    fn mistakes_are_refused_and_named() {
+        for (text, says) in [
+            ("[rig]\nnam = \"x\"", "unknown field `nam`"),
+            ("[[evk5]]\nid = \"x\"", "evk5"),
+            ("[record]\nflush_ms = 5000", "10 to 1000"),
+            ("[record]\nqueue_mib = 0", "1 to 65536"),
+            ("[rig]\nname = \"a/b\"", "letters"),
+            ("[[pattern]]\nwidth = 640", "needs an id"),
+            ("[[pattern]]\nid = \"../x\"", "must be 1 to 64"),
+            ("[[pattern]]\nid = \"a\"\n[[pattern]]\nid = \"a\"", "number 2 ('a'): another device"),
+            ("[[pattern]]\nid = \"a\"\nwidht = 640", "unknown field `widht`"),
+            ("[[pattern]]\nid = \"a\"\nwidth = 1", "64 to 2048"),
+            ("[[pattern]]\nid = 7", "string"),
+            ("[[evk4]]\nid = \"a\"\nbiases = { diff_onn = 3 }", "diff_onn"),
+            ("[[evk4]]\nid = \"a\"\nbiases = { diff_on = 3000 }", "diff_on"),
+            ("[[davis346]]\nid = \"a\"\nexposure = 3", "unknown field `exposure`"),
+            ("[[camera]]\nid = \"a\"\nrate_hz = 0.0", "0.1 to 1000"),
+            ("[[trigger]]\nid = \"a\"\nrate_hz = 5000.0", "1000 pulses"),
+            ("[[trigger]]\nid = \"a\"\nrate = 50", "unknown field `rate`"),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(says) && error.contains("RIG.toml"), "{text}: {error}");
+        }
+    }
+}

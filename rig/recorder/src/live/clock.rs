@@ -1,0 +1,153 @@
+//! A quick look at a device's clock while it records. The fits that a reconstruction uses are made from the whole
+//! session (`erfgs sync`); this one says whether something is wrong now.
+//!
+//! Data arrive late, never early: the line is laid under the earliest arrivals of each second of the last minute, and
+//! the residuals are how far all recent arrivals lie above it.
+
+use std::collections::VecDeque;
+
+use crate::{ClockLine, ClockStatus};
+
+/// Seconds that the line is laid through.
+const SECONDS: usize = 60;
+/// Seconds before there is a figure.
+const ENOUGH: usize = 3;
+/// Arrivals that the residuals are taken over.
+const RECENT: usize = 512;
+/// A device clock may be off by this much against the host's, as a ratio; more is another device or a restart.
+const PLAUSIBLE: f64 = 2e-3;
+
+/// The earliest arrival within one second.
+#[derive(Clone, Copy, Debug)]
+struct Earliest {
+    second: i64,
+    device_ns: f64,
+    delay_ns: f64,
+}
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(super) struct ClockWatch {
+    origin: Option<(i64, i64)>,
+    earliest: VecDeque<Earliest>,
+    recent: VecDeque<[f64; 2]>,
+}
+
+impl ClockWatch {
+    /// Data of device time `device_ns` arrived at host time `host_ns`.
+    pub fn sample(&mut self, device_ns: i64, host_ns: i64) {
+        let (device_0, host_0) = *self.origin.get_or_insert((device_ns, host_ns));
+        let device = (device_ns - device_0) as f64;
+        let delay = (host_ns - host_0) as f64 - device;
+        // A restarted device begins a new line.
+        let jumped = |last: &[f64; 2]| {
+            device < last[0] - 1e9 || (delay - last[1]).abs() > 1e9 + PLAUSIBLE * (device - last[0]).abs()
+        };
+        if self.recent.back().is_some_and(jumped) {
+            *self = Self::default();
+            return self.sample(device_ns, host_ns);
+        }
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back([device, delay]);
+        let sample =
+            Earliest { second: (host_ns - host_0).div_euclid(1_000_000_000), device_ns: device, delay_ns: delay };
+        match self.earliest.back_mut() {
+            Some(last) if last.second == sample.second => {
+                if delay < last.delay_ns {
+                    *last = sample;
+                }
+            }
+            _ => {
+                if self.earliest.len() == SECONDS {
+                    self.earliest.pop_front();
+                }
+                self.earliest.push_back(sample);
+            }
+        }
+    }
+
+    /// How the clock fares; `None` until some seconds are known.
+    pub fn status(&self, basis: &str) -> Option<ClockStatus> {
+        // The second that runs is not over: its earliest arrival may be yet to come.
+        let known = self.earliest.len().checked_sub(1).filter(|&known| known >= ENOUGH)?;
+        let (device_0, host_0) = self.origin?;
+        let points = || self.earliest.iter().take(known);
+        let count = known as f64;
+        let mean_x = points().map(|point| point.device_ns).sum::<f64>() / count;
+        let mean_y = points().map(|point| point.delay_ns).sum::<f64>() / count;
+        let spread: f64 = points().map(|point| (point.device_ns - mean_x).powi(2)).sum();
+        let slope = points().map(|point| (point.device_ns - mean_x) * (point.delay_ns - mean_y)).sum::<f64>() / spread;
+        if !slope.is_finite() {
+            return None;
+        }
+        let mut above: Vec<f64> =
+            self.recent.iter().map(|[device, delay]| (delay - mean_y - slope * (device - mean_x)).abs()).collect();
+        above.sort_by(f64::total_cmp);
+        let quantile = |share: f64| above.get(((above.len() - 1) as f64 * share) as usize).map_or(0.0, |ns| ns / 1e3);
+        let [first, last] = [self.earliest.front()?.device_ns, self.recent.back()?[0]].map(|ns| device_0 + ns as i64);
+        let line = ClockLine {
+            device_ns: device_0 + mean_x as i64,
+            host_ns: host_0 + (mean_x + mean_y) as i64,
+            rate: 1.0 + slope,
+            window_ns: [first, last],
+            max_ns: above.last().copied().unwrap_or(0.0),
+        };
+        Some(ClockStatus {
+            basis: basis.to_owned(),
+            // host = device + delay, so that a delay that grows is a device that is slow.
+            rate_ppm: -slope * 1e6,
+            residual_p50_us: quantile(0.5),
+            residual_p95_us: quantile(0.95),
+            samples: self.recent.len(),
+            line,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Arrivals every millisecond of a clock that gains `ppm`, delayed by `delay_us`.
+    fn watch(seconds: i64, ppm: f64, delay_us: impl Fn(i64) -> i64) -> ClockWatch {
+        let mut watch = ClockWatch::default();
+        for ms in 0..1000 * seconds {
+            let device_ns = (ms as f64 * 1e6 * (1.0 + ppm / 1e6)) as i64;
+            watch.sample(7_000_000 + device_ns, 5_000_000_000 + ms * 1_000_000 + 1000 * delay_us(ms));
+        }
+        watch
+    }
+
+    #[test]
+    fn the_rate_shows_through_late_arrivals() {
+        // One of eight arrivals is prompt, the others up to 700 us late.
+        let status = watch(20, 40.0, |ms| 100 * (ms % 8)).status("usb arrival").unwrap();
+        // The line goes through the prompt arrivals: after 10 s the device is 400 us ahead.
+        let line = status.line;
+        let host_ns = line.host_ns + ((10_007_400_000 - line.device_ns) as f64 * line.rate) as i64;
+        assert!((host_ns - 15_000_000_000).abs() < 2_000, "{line:?}");
+        let [first, last] = line.window_ns;
+        assert!((7_000_000..1_007_000_000).contains(&first) && last == 7_000_000 + 19_999_799_960, "{line:?}");
+        assert!((status.rate_ppm - 40.0).abs() < 0.1, "{status:?}");
+        assert!((250.0..500.0).contains(&status.residual_p50_us), "{status:?}");
+        assert!((600.0..800.0).contains(&status.residual_p95_us), "{status:?}");
+    }
+
+    #[test]
+    fn there_is_no_figure_before_some_seconds_are_known() {
+        assert!(watch(2, 0.0, |_| 0).status("").is_none());
+        assert!(watch(5, 0.0, |_| 0).status("").is_some());
+    }
+
+    #[test]
+    fn a_restarted_device_begins_anew() {
+        let mut watch = watch(10, 0.0, |_| 0);
+        for ms in 0..6000 {
+            watch.sample(ms * 1_000_000, 20_000_000_000 + ms * 1_000_000);
+        }
+        let status = watch.status("").unwrap();
+        assert!(status.residual_p95_us < 1.0 && status.rate_ppm.abs() < 0.1, "{status:?}");
+    }
+}

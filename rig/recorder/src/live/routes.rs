@@ -1,0 +1,228 @@
+//! What the server answers.
+
+use std::{convert::Infallible, fs::File, io::Read, path::PathBuf, sync::Arc, time::Duration};
+
+use axum::{
+    Json, Router,
+    body::{Body, Bytes},
+    extract::{DefaultBodyLimit, Path, Request, State},
+    http::{HeaderValue, StatusCode, header},
+    middleware::{self, Next},
+    response::{
+        IntoResponse, Response, Sse,
+        sse::{Event, KeepAlive},
+    },
+    routing::{get, post},
+};
+use futures_util::stream;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    access::{Access, COOKIE, parameter},
+    files::{self, NameError},
+    guide::Guidance,
+    monitor::{Look, Monitor},
+};
+use crate::{Level, RecordError, Recorder, Status};
+
+/// Between two sets of numbers.
+const TICK: Duration = Duration::from_millis(250);
+/// Bytes of a download that are read at once.
+const PIECE: usize = 1 << 20;
+
+/// What the routes share.
+pub(super) struct Site {
+    pub recorder: Arc<Recorder>,
+    pub monitor: Arc<Monitor>,
+    pub access: Access,
+}
+
+type Shared = State<Arc<Site>>;
+
+pub(super) fn router(site: Arc<Site>) -> Router {
+    Router::new()
+        .route("/", get(|| async { page("text/html; charset=utf-8", include_str!("page/index.html")) }))
+        .route("/style.css", get(|| async { page("text/css; charset=utf-8", include_str!("page/style.css")) }))
+        .route("/page.js", get(|| async { page("text/javascript; charset=utf-8", include_str!("page/page.js")) }))
+        .route("/api/status", get(status))
+        .route("/api/stream", get(numbers))
+        .route("/api/preview/{id}", get(preview))
+        .route("/api/recordings", get(list))
+        .route("/api/start", post(start))
+        .route("/api/stop", post(stop))
+        .route("/recordings/{name}", get(download))
+        .layer(DefaultBodyLimit::max(4096))
+        .layer(middleware::from_fn_with_state(Arc::clone(&site), guard))
+        .with_state(site)
+}
+
+/// Lets through what [`Access`] allows, trades the token of an address for a cookie, and sets the headers that keep
+/// browsers strict.
+async fn guard(State(site): Shared, request: Request, next: Next) -> Response {
+    let query = request.uri().query().unwrap_or_default();
+    let mut response = match site.access.check(request.method(), request.headers(), query) {
+        Err((code, why)) => (code, why).into_response(),
+        Ok(()) => match (request.uri().path(), parameter(query, "token"), &site.access.token) {
+            // The secret does not stay in the address bar, nor in the history.
+            ("/", Some(_), Some(token)) => {
+                let cookie = format!("{COOKIE}={}; HttpOnly; SameSite=Strict; Path=/", token.reveal());
+                let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())];
+                (StatusCode::SEE_OTHER, headers).into_response()
+            }
+            _ => next.run(request).await,
+        },
+    };
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; \
+             form-action 'none'; frame-ancestors 'none'; base-uri 'none'",
+        ),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+fn page(kind: &'static str, text: &'static str) -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, kind)], text)
+}
+
+/// What the page shows.
+#[derive(Serialize)]
+struct Numbers<'a> {
+    status: &'a Status,
+    looks: Vec<Look>,
+    guidance: Vec<Guidance>,
+    folder: String,
+}
+
+fn numbers_now(site: &Site) -> String {
+    let status = site.recorder.status();
+    let folder = site.recorder.folder().display().to_string();
+    let numbers = Numbers { status: &status, looks: site.monitor.looks(), guidance: site.monitor.guidance(), folder };
+    serde_json::to_string(&numbers).unwrap_or_default()
+}
+
+async fn status(State(site): Shared) -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, "application/json")], numbers_now(&site))
+}
+
+async fn numbers(State(site): Shared) -> impl IntoResponse {
+    let events = stream::unfold((site, false), |(site, waited)| async move {
+        if waited {
+            tokio::time::sleep(TICK).await;
+        }
+        let event = Event::default().data(numbers_now(&site));
+        Some((Ok::<_, Infallible>(event), (site, true)))
+    });
+    Sse::new(events).keep_alive(KeepAlive::default())
+}
+
+async fn preview(State(site): Shared, Path(id): Path<String>) -> Response {
+    match site.monitor.preview(&id) {
+        Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], Bytes::from(jpeg)).into_response(),
+        None => (StatusCode::NOT_FOUND, "there is no picture of that name yet").into_response(),
+    }
+}
+
+async fn list(State(site): Shared) -> Response {
+    match files::recordings(site.recorder.folder()) {
+        Ok(found) => Json(found).into_response(),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, format!("cannot list the folder: {error}")).into_response(),
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Start {
+    /// Name of the recording; empty for one made of the rig's name and the time.
+    #[serde(default)]
+    name: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stop {}
+
+async fn start(State(site): Shared, Json(asked): Json<Start>) -> Response {
+    let rig = site.recorder.status().rig.clone();
+    let path = match files::new(site.recorder.folder(), &asked.name, &rig, std::time::SystemTime::now()) {
+        Ok(path) => path,
+        Err(error) => return refuse(StatusCode::BAD_REQUEST, &error.to_string()),
+    };
+    let started = blocking(move || site.recorder.start_recording(&path)).await;
+    match started {
+        Some(Ok(())) => Json(serde_json::json!({ "started": true })).into_response(),
+        Some(Err(error @ RecordError::Busy(_))) => refuse(StatusCode::CONFLICT, &error.to_string()),
+        Some(Err(error)) => refuse(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
+    }
+}
+
+async fn stop(State(site): Shared, Json(Stop {}): Json<Stop>) -> Response {
+    let stopped = blocking(move || {
+        let stopped = site.recorder.stop_recording("stopped from the live page");
+        if stopped.is_err() {
+            site.recorder.say(Level::Info, "", "asked to stop, but no recording runs");
+        }
+        stopped
+    });
+    match stopped.await {
+        Some(Ok(summary)) => Json(summary).into_response(),
+        Some(Err(error)) => refuse(StatusCode::CONFLICT, &error.to_string()),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
+    }
+}
+
+fn refuse(code: StatusCode, why: &str) -> Response {
+    (code, Json(serde_json::json!({ "error": why }))).into_response()
+}
+
+/// Work that may wait for a disk, off the thread that answers.
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    tokio::task::spawn_blocking(work).await.ok()
+}
+
+async fn download(State(site): Shared, Path(name): Path<String>) -> Response {
+    let path = match files::existing(site.recorder.folder(), &name) {
+        Ok(path) => path,
+        Err(error @ NameError::Bad(_)) => return (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
+        Err(error @ NameError::Absent(_)) => return (StatusCode::NOT_FOUND, error.to_string()).into_response(),
+    };
+    let Some(Ok((file, length))) = blocking(move || open(&path)).await else {
+        return (StatusCode::INTERNAL_SERVER_ERROR, "the recording cannot be read").into_response();
+    };
+    // A file that grows while it is sent ends where it ended when it was asked for.
+    let pieces = stream::try_unfold((file, length), |(mut file, left)| async move {
+        if left == 0 {
+            return Ok(None);
+        }
+        let read = tokio::task::spawn_blocking(move || {
+            let mut piece = vec![0; PIECE.min(usize::try_from(left).unwrap_or(PIECE))];
+            let count = file.read(&mut piece)?;
+            piece.truncate(count);
+            Ok::<_, std::io::Error>((file, piece))
+        });
+        let (file, piece) = read.await.map_err(std::io::Error::other)??;
+        let left = if piece.is_empty() { 0 } else { left - piece.len() as u64 };
+        Ok::<_, std::io::Error>(Some((Bytes::from(piece), (file, left))))
+    });
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{name}\"")),
+        (header::CONTENT_LENGTH, length.to_string()),
+    ];
+    (headers, Body::from_stream(pieces)).into_response()
+}
+
+fn open(path: &PathBuf) -> std::io::Result<(File, u64)> {
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    Ok((file, length))
+}

@@ -1,0 +1,260 @@
+//! Session files: the recorder's sink into the MCAP container.
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::Write,
+    path::{Path, PathBuf},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use erfgs_session::{
+    clock::{ClockFit, Evidence, Residuals},
+    container::{self, ContainerError, SessionStart, SessionWriter, Settings, StreamId},
+    source::{Description, Incident, Packet},
+};
+
+use erfgs_rig::host_time::host_ns;
+
+use super::{
+    sink::{OpenSession, SessionInfo, SessionSink, SinkError},
+    status::{ClockStatus, Status},
+};
+
+/// Opens session files.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mcap {
+    /// How they are written.
+    pub settings: Settings,
+}
+
+impl Mcap {
+    /// A session into any writer; `path` names it in errors.
+    ///
+    /// # Errors
+    /// If the writer fails.
+    pub fn write_to<W: Write + Send + 'static>(
+        self,
+        writer: W,
+        path: &Path,
+        info: &SessionInfo,
+        streams: &[Description],
+    ) -> Result<Box<dyn SessionSink>, SinkError> {
+        let failed = |error| sort(path, error);
+        let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let start = SessionStart {
+            host_ns: host_ns(),
+            epoch_ns: i64::try_from(epoch.as_nanos()).unwrap_or(i64::MAX),
+            program: info.program.clone(),
+            machine: info.machine.clone(),
+        };
+        let begin = start.host_ns;
+        let mut writer = SessionWriter::new(writer, path, start, &info.configuration, self.settings).map_err(failed)?;
+        let ids: Result<Vec<StreamId>, _> = streams.iter().map(|stream| writer.add_stream(stream)).collect();
+        let ids = ids.map_err(failed)?;
+        for message in &info.warnings {
+            let warning = Incident::Warning { message: message.clone() };
+            writer.incident(None, begin, &warning).map_err(failed)?;
+        }
+        // The streams are in the file before anything can go wrong.
+        writer.flush().map_err(failed)?;
+        Ok(Box::new(McapSink { path: path.to_path_buf(), writer, ids, begin }))
+    }
+}
+
+impl OpenSession for Mcap {
+    fn open(
+        &self,
+        path: &Path,
+        info: &SessionInfo,
+        streams: &[Description],
+    ) -> Result<Box<dyn SessionSink>, SinkError> {
+        let file = File::create_new(path).map_err(|error| SinkError::io(path, error))?;
+        self.write_to(file, path, info, streams)
+    }
+}
+
+struct McapSink<W: Write> {
+    path: PathBuf,
+    writer: SessionWriter<W>,
+    ids: Vec<StreamId>,
+    /// Host time of the session's zero, nanoseconds.
+    begin: i64,
+}
+
+/// What is known while recording, as a fit of an event camera's ticks, which are microseconds.
+fn fit(clock: &ClockStatus, begin: i64) -> ClockFit {
+    let line = clock.line;
+    let [p50_ns, p95_ns] = [clock.residual_p50_us, clock.residual_p95_us].map(|us| 1e3 * us);
+    ClockFit {
+        evidence: Evidence::Arrival,
+        origin_ticks: line.device_ns / 1000,
+        origin_ns: line.host_ns.saturating_sub(begin),
+        ns_per_tick: 1e3 * line.rate,
+        window_ticks: line.window_ns.map(|ns| ns / 1000),
+        residuals: Residuals { p50_ns, p95_ns, max_ns: line.max_ns },
+        samples: clock.samples as u64,
+        outliers: 0,
+    }
+}
+
+impl<W: Write + Send> SessionSink for McapSink<W> {
+    fn packet(&mut self, stream: usize, packet: &Packet) -> Result<(), SinkError> {
+        self.writer.packet(self.ids[stream], packet).map_err(|error| sort(&self.path, error))
+    }
+
+    fn incident(&mut self, stream: Option<usize>, host_ns: i64, incident: &Incident) -> Result<(), SinkError> {
+        let stream = stream.map(|stream| self.ids[stream]);
+        self.writer.incident(stream, host_ns, incident).map_err(|error| sort(&self.path, error))
+    }
+
+    fn status(&mut self, status: &Status) -> Result<(), SinkError> {
+        for (stream, &id) in status.streams.iter().zip(&self.ids) {
+            let Some(clock) = stream.clock.as_ref().filter(|_| stream.encoding.is_events()) else { continue };
+            let written = self.writer.clock(id, status.host_ns, &fit(clock, self.begin));
+            written.map_err(|error| sort(&self.path, error))?;
+        }
+        let streams = status.streams.iter().map(|stream| {
+            let drops = stream.drops;
+            let dropped = [("queue", drops.queue), ("writer", drops.writer)];
+            let entry = container::StreamStatus {
+                counters: stream.counters,
+                dropped: dropped.into_iter().map(|(stage, count)| (stage.to_owned(), count)).collect(),
+                readings: stream.readings.iter().map(|(name, &value)| (name.clone(), Some(value))).collect(),
+            };
+            (stream.id.clone(), entry)
+        });
+        let status = container::Status {
+            host_ns: status.host_ns,
+            written_bytes: self.writer.written_bytes(),
+            disk_free_bytes: (status.disk.total > 0).then_some(status.disk.free),
+            streams: streams.collect(),
+        };
+        self.writer.status(&status).map_err(|error| sort(&self.path, error))
+    }
+
+    fn flush(&mut self) -> Result<(), SinkError> {
+        self.writer.flush().map_err(|error| sort(&self.path, error))
+    }
+
+    fn bytes_written(&self) -> u64 {
+        self.writer.written_bytes()
+    }
+
+    fn finish(self: Box<Self>) -> Result<u64, SinkError> {
+        let Self { path, writer, .. } = *self;
+        let finished = writer.finish().map_err(|error| sort(&path, error))?;
+        let mut sink = finished.sink;
+        sink.flush().map_err(|error| SinkError::io(&path, error))?;
+        Ok(finished.bytes)
+    }
+}
+
+fn sort(path: &Path, error: ContainerError) -> SinkError {
+    match error {
+        ContainerError::Write { source, .. } => SinkError::io(path, source),
+        other => SinkError::Container { path: path.to_path_buf(), message: other.to_string() },
+    }
+}
+
+/// What helps to understand a recording later.
+pub struct MachineFacts;
+
+impl MachineFacts {
+    /// Kernel, architecture, name, clock source, and how `uvcvideo` stamps frames, as far as the system says.
+    #[must_use]
+    pub fn gather() -> BTreeMap<String, String> {
+        let mut facts = BTreeMap::from([
+            ("system".to_owned(), std::env::consts::OS.to_owned()),
+            ("architecture".to_owned(), std::env::consts::ARCH.to_owned()),
+        ]);
+        #[cfg(unix)]
+        {
+            let uname = rustix::system::uname();
+            facts.insert("kernel".to_owned(), uname.release().to_string_lossy().into_owned());
+            facts.insert("host".to_owned(), uname.nodename().to_string_lossy().into_owned());
+        }
+        for (name, path) in [
+            ("clocksource", "/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+            ("uvcvideo.hwtimestamps", "/sys/module/uvcvideo/parameters/hwtimestamps"),
+            ("uvcvideo.clock", "/sys/module/uvcvideo/parameters/clock"),
+            ("usbfs_memory_mb", "/sys/module/usbcore/parameters/usbfs_memory_mb"),
+        ] {
+            if let Ok(value) = std::fs::read_to_string(path) {
+                facts.insert(name.to_owned(), value.trim().to_owned());
+            }
+        }
+        facts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        io::{self, Cursor},
+        sync::{Arc, Mutex, PoisonError},
+    };
+
+    use erfgs_session::{container::Session, source::Encoding};
+
+    use super::*;
+    use crate::{ClockLine, StreamStatus, recorder::blank};
+
+    #[derive(Clone, Default)]
+    struct Held(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Held {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn what_is_known_of_the_clocks_of_event_cameras_is_in_the_session() {
+        let description = |id: &str, encoding| Description {
+            id: id.into(),
+            model: String::new(),
+            serial: String::new(),
+            encoding,
+            width: 640,
+            height: 480,
+            start_order: 0,
+            settings: serde_json::Map::new(),
+        };
+        let streams = [
+            description("left", Encoding::Events(EventEncoding::Evt3)),
+            description("cam", Encoding::Frames(PixelFormat::Mjpeg)),
+        ];
+        let held = Held::default();
+        let path = Path::new("s.mcap");
+        let mut sink = Mcap::default().write_to(held.clone(), path, &SessionInfo::default(), &streams).unwrap();
+        let begin = host_ns();
+        let line = ClockLine {
+            device_ns: 7_000_000_000,
+            host_ns: begin + 2_000_000_000,
+            rate: 1.000_04,
+            window_ns: [4_000_000_000, 9_000_000_000],
+            max_ns: 900.0,
+        };
+        let clock = ClockStatus { residual_p95_us: 0.5, samples: 5000, line, ..ClockStatus::default() };
+        let stream = |description: &Description| StreamStatus { clock: Some(clock.clone()), ..blank(description) };
+        let status = Status { host_ns: begin, streams: streams.iter().map(stream).collect(), ..Status::default() };
+        sink.status(&status).unwrap();
+        sink.finish().unwrap();
+
+        let bytes = held.0.lock().unwrap().clone();
+        let session = Session::read(Cursor::new(bytes), path).unwrap();
+        let clocks = &session.summary().totals.clocks;
+        assert_eq!(clocks.keys().collect::<Vec<_>>(), ["left"]);
+        let fit = &clocks["left"];
+        // A second of the device, which is slow by 40 ppm, after the moment at which both are known; the session began before.
+        let later = fit.session_ns(8_000_000) - 3_000_040_000;
+        assert!((0..1_000_000_000).contains(&later) && fit.window_ticks == [4_000_000, 9_000_000], "{later}");
+        assert_eq!((fit.samples, fit.residuals.p95_ns), (5000, 500.0));
+    }
+}

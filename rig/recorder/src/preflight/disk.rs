@@ -1,0 +1,156 @@
+//! The disk: its speed, measured by writing to it, and its room.
+
+use std::{
+    fs::{self, OpenOptions},
+    io::{self, Write},
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use super::{Finding, Plan, rates::Rates};
+use crate::host;
+
+/// Bytes of one write of the measurement.
+const BLOCK: usize = 4 << 20;
+/// The measurement writes no more than this share of the room that is left.
+const SHARE: u64 = 4;
+
+const SLOW: &str = "record to a faster disk (NVMe), or lower frame rates and event rates";
+
+pub(super) fn check(plan: &Plan<'_>, rates: &Rates) -> Vec<Finding> {
+    let mut findings = vec![room(plan, rates)];
+    if plan.disk_test > Duration::ZERO {
+        findings.push(speed(measure_write_speed(plan.folder, plan.disk_test), rates, plan.folder));
+    }
+    findings
+}
+
+/// Writes into `folder` for about `duration` and gives bytes a second, with what the disk takes to confirm it. The
+/// file is removed.
+///
+/// # Errors
+/// If the folder cannot be written to.
+pub fn measure_write_speed(folder: &Path, duration: Duration) -> io::Result<f64> {
+    let path = folder.join(format!(".erfgs-disk-test-{}", std::process::id()));
+    let measured = write_for(&path, duration, host::disk_space(folder)?.free / SHARE);
+    // The measurement counts even where the file has gone.
+    let _ = fs::remove_file(&path);
+    measured
+}
+
+fn write_for(path: &Path, duration: Duration, most: u64) -> io::Result<f64> {
+    let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+    // Numbers that no disk or file system compresses away.
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let block: Vec<u8> = std::iter::repeat_with(|| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state.to_le_bytes()
+    })
+    .take(BLOCK / 8)
+    .flatten()
+    .collect();
+    let (begun, mut written) = (Instant::now(), 0_u64);
+    while written == 0 || (begun.elapsed() < duration && written + (BLOCK as u64) < most) {
+        file.write_all(&block)?;
+        written += BLOCK as u64;
+        // A cache that takes all at memory speed must not fool the measurement.
+        if written.is_multiple_of(16 * BLOCK as u64) {
+            file.sync_data()?;
+        }
+    }
+    file.sync_data()?;
+    Ok(written as f64 / begun.elapsed().as_secs_f64())
+}
+
+fn speed(measured: io::Result<f64>, rates: &Rates, folder: &Path) -> Finding {
+    const CHECK: &str = "disk speed";
+    let bytes_per_s = match measured {
+        Ok(bytes_per_s) => bytes_per_s,
+        Err(error) => {
+            let says = format!("cannot write to '{}': {error}", folder.display());
+            return Finding::refusal(CHECK, says, "choose a folder that you may write to");
+        }
+    };
+    let says = format!(
+        "the disk takes {:.0} MB/s; the streams send about {:.0} MB/s, up to {:.0} MB/s",
+        bytes_per_s / 1e6,
+        rates.steady / 1e6,
+        rates.peak / 1e6
+    );
+    if bytes_per_s < rates.steady {
+        Finding::refusal(CHECK, says, SLOW)
+    } else if bytes_per_s < 1.2 * rates.peak {
+        Finding::warning(CHECK, format!("{says}: bursts longer than the queues will be cut"), SLOW)
+    } else {
+        Finding::good(CHECK, says)
+    }
+}
+
+fn room(plan: &Plan<'_>, rates: &Rates) -> Finding {
+    const CHECK: &str = "disk space";
+    let free = match host::disk_space(plan.folder) {
+        Ok(space) => space.free.saturating_sub(plan.reserve_bytes),
+        Err(error) => {
+            let says = format!("cannot ask for the room in '{}': {error}", plan.folder.display());
+            return Finding::warning(CHECK, says, "look at it by hand");
+        }
+    };
+    room_for(free, plan.duration, rates)
+}
+
+fn room_for(free: u64, duration: Option<Duration>, rates: &Rates) -> Finding {
+    const CHECK: &str = "disk space";
+    let minutes = |rate: f64| free as f64 / rate.max(1.0) / 60.0;
+    let says = format!(
+        "{:.1} GB are free: about {:.0} minutes, {:.0} while everything moves",
+        free as f64 / 1e9,
+        minutes(rates.steady),
+        minutes(rates.peak)
+    );
+    let wanted = duration.map_or(60.0, |duration| duration.as_secs_f64());
+    if (free as f64) < wanted * rates.steady {
+        Finding::refusal(CHECK, says, "free some space, record to another disk, or record for a shorter time")
+    } else if (free as f64) < wanted * rates.peak {
+        Finding::warning(CHECK, says, "the recording ends in good order when the disk is full; free some space")
+    } else {
+        Finding::good(CHECK, says)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::Verdict, *};
+
+    const RATES: Rates = Rates { steady: 100e6, peak: 300e6 };
+
+    #[test]
+    fn disks_are_judged_by_what_the_streams_send() {
+        let verdict = |mb_per_s: f64| speed(Ok(mb_per_s * 1e6), &RATES, Path::new("out")).verdict;
+        assert_eq!(
+            [90.0, 120.0, 350.0, 400.0].map(verdict),
+            [Verdict::Refusal, Verdict::Warning, Verdict::Warning, Verdict::Good]
+        );
+        let denied = speed(Err(io::ErrorKind::PermissionDenied.into()), &RATES, Path::new("out"));
+        assert_eq!(denied.verdict, Verdict::Refusal);
+    }
+
+    #[test]
+    fn room_is_judged_by_how_long_the_recording_lasts() {
+        let verdict =
+            |gb: u64, seconds| room_for(gb * 1_000_000_000, Some(Duration::from_secs(seconds)), &RATES).verdict;
+        assert_eq!(verdict(10, 120), Verdict::Refusal);
+        assert_eq!(verdict(20, 120), Verdict::Warning);
+        assert_eq!(verdict(40, 120), Verdict::Good);
+        assert!(room_for(12_000_000_000, None, &RATES).says.contains("about 2 minutes"));
+    }
+
+    #[test]
+    fn the_measurement_writes_and_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(measure_write_speed(folder.path(), Duration::from_millis(1)).unwrap() > 0.0);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        assert!(measure_write_speed(&folder.path().join("absent"), Duration::from_millis(1)).is_err());
+    }
+}

@@ -1,0 +1,192 @@
+//! What synchronisation found, and the file beside the session that keeps it.
+
+use std::{
+    collections::HashMap,
+    io,
+    path::{Path, PathBuf},
+};
+
+use erfgs_session::clock::{Clock, Epochs, Evidence};
+use serde::{Deserialize, Serialize};
+
+use super::{edges::Matched, frames::Exposures};
+
+/// Version of the file. Version 1, in which a stream had one clock, is read, too.
+pub const VERSION: u32 = 2;
+
+/// How well a stream is tied to the session clock, best first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Tier {
+    /// The trigger board drives the stream, or the stream saw its pulses.
+    HardwareTriggered,
+    /// The stream runs freely; a flash that it saw tells its lag.
+    Flash,
+    /// The stream runs freely: what is known is when its data arrived, or when the kernel stamped it.
+    FreeRunning,
+}
+
+impl Tier {
+    /// Of an event camera's clock.
+    #[must_use]
+    pub fn of(clock: &Clock) -> Self {
+        match clock.evidence() {
+            Some(Evidence::TriggerEdges) => Self::HardwareTriggered,
+            Some(Evidence::Flash) => Self::Flash,
+            Some(Evidence::Arrival | Evidence::KernelStamps) | None => Self::FreeRunning,
+        }
+    }
+
+    /// As the tables name it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HardwareTriggered => "A, hardware-triggered",
+            Self::FreeRunning => "B, free-running",
+            Self::Flash => "C, free-running with a flash",
+        }
+    }
+}
+
+/// One stream on the session clock.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "StreamFile")]
+pub struct StreamSync {
+    /// The stream.
+    pub id: String,
+    /// How it is tied to the session clock: the worst of its epochs.
+    pub tier: Tier,
+    /// From its ticks to session time, for each stretch in which its device's clock ran without a break; none for frames,
+    /// which have no ticks of their own.
+    #[serde(skip_serializing_if = "no_epochs")]
+    pub epochs: Epochs,
+    /// How its edges matched the board's pulses, all epochs together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matched: Option<Matched>,
+    /// Its frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposures: Option<Exposures>,
+    /// What the user should know.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Points for the plot: session time in seconds, distance in nanoseconds.
+    #[serde(skip)]
+    pub points: Vec<(f64, f64)>,
+}
+
+fn no_epochs(epochs: &Epochs) -> bool {
+    epochs.as_slice().is_empty()
+}
+
+/// A stream as files of all versions have it.
+#[derive(Deserialize)]
+struct StreamFile {
+    id: String,
+    tier: Tier,
+    #[serde(default)]
+    epochs: Epochs,
+    /// Version 1: the only clock.
+    #[serde(default)]
+    clock: Option<Clock>,
+    #[serde(default)]
+    matched: Option<Matched>,
+    #[serde(default)]
+    exposures: Option<Exposures>,
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+impl From<StreamFile> for StreamSync {
+    fn from(file: StreamFile) -> Self {
+        let StreamFile { id, tier, epochs, clock, matched, exposures, notes } = file;
+        let epochs = clock.map_or(epochs, Epochs::from);
+        Self { id, tier, epochs, matched, exposures, notes, points: Vec::new() }
+    }
+}
+
+/// All streams of a session on its clock.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Synchronisation {
+    /// Version of the file.
+    pub version: u32,
+    /// Name of the session's file.
+    pub session: String,
+    /// The streams, in the order of the session.
+    pub streams: Vec<StreamSync>,
+}
+
+/// Why the file of a synchronisation cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SyncFileError {
+    /// It cannot be read.
+    #[error("cannot read {path}: {source}; `erfgs sync` writes it anew", path = path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It cannot be written.
+    #[error("cannot write {path}: {source}; give another place with --out", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It is no such file, or of a version that this program does not know.
+    #[error("{path} is not a synchronisation that this program knows: {what}; `erfgs sync` writes it anew", path = path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+}
+
+impl StreamSync {
+    /// The middle of each exposure, session nanoseconds, by the frame's number; none where the stream has no frames.
+    #[must_use]
+    pub fn exposure_mids(&self) -> HashMap<u64, i64> {
+        let exposures = self.exposures.iter();
+        exposures.flat_map(|e| e.sequence.iter().copied().zip(e.mid_ns.iter().copied())).collect()
+    }
+}
+
+impl Synchronisation {
+    /// Where the synchronisation of a session lies: `a.sync.json` beside `a.mcap`.
+    #[must_use]
+    pub fn file_beside(session: &Path) -> PathBuf {
+        session.with_extension("sync.json")
+    }
+
+    /// The stream of this name.
+    #[must_use]
+    pub fn stream(&self, id: &str) -> Option<&StreamSync> {
+        self.streams.iter().find(|stream| stream.id == id)
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If it cannot be read or is of another kind or version.
+    pub fn load(path: &Path) -> Result<Self, SyncFileError> {
+        let bytes = std::fs::read(path).map_err(|source| SyncFileError::Read { path: path.to_owned(), source })?;
+        let content = |what: String| SyncFileError::Content { path: path.to_owned(), what };
+        let found: Self = serde_json::from_slice(&bytes).map_err(|error| content(error.to_string()))?;
+        if !(1..=VERSION).contains(&found.version) {
+            return Err(content(format!("its version is {}, known are 1 to {VERSION}", found.version)));
+        }
+        Ok(found)
+    }
+
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), SyncFileError> {
+        let failed = |source| SyncFileError::Write { path: path.to_owned(), source };
+        let bytes = serde_json::to_vec(self).map_err(|error| failed(error.into()))?;
+        erfgs_base::atomic::write(path, &bytes).map_err(failed)
+    }
+}

@@ -1,0 +1,9 @@
+//! Drivers against emulated devices, and against what is plugged into this machine.
+
+#[cfg(target_os = "linux")]
+mod frame_cameras;
+mod kept;
+mod libusb;
+#[cfg(unix)]
+mod trigger_board;
+mod usb_cameras;

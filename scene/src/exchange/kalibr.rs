@@ -1,0 +1,128 @@
+//! Kalibr's camchain: cameras in a row, each with its pose relative to the one before (`T_cn_cnm1`). The centre of the first
+//! pixel is (0, 0).
+
+use std::{fmt::Write as _, path::Path};
+
+use crate::{Distortion, Intrinsics, Modality, Pose};
+use erfgs_base::atomic;
+use glam::{DMat3, DVec3};
+use yaml_rust2::Yaml;
+
+use super::{
+    ConvertError, Format, Lens, common_losses, lens, pose,
+    yaml::{list, load, malformed, numbers},
+};
+use crate::rig_file::{RigCamera, RigFile};
+
+pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertError> {
+    let mut text = String::new();
+    let mut before: Option<Pose> = None;
+    for (index, camera) in rig.cameras.iter().enumerate() {
+        let i = &camera.intrinsics;
+        let (model, coefficients) = match lens(i) {
+            Lens::None => ("radtan", vec![0.0; 4]),
+            Lens::Brown(k) if k.len() == 4 => ("radtan", k),
+            Lens::Brown(_) => {
+                let (format, what, remedy) = (Format::Kalibr, "its polynomial goes beyond k2", "fisheye");
+                return Err(ConvertError::Lens { camera: camera.name.clone(), format, what, remedy });
+            }
+            Lens::Fisheye(k) => ("equidistant", k.to_vec()),
+        };
+        let pose = pose(camera, Format::Kalibr)?;
+        let _ = write!(
+            text,
+            "cam{index}:\n  camera_model: pinhole\n  distortion_coeffs: {}\n  distortion_model: {model}\n  intrinsics: {}\n  \
+             resolution: [{}, {}]\n  rostopic: /{}/image_raw\n",
+            list(&coefficients),
+            list(&[i.fx, i.fy, i.cx - 0.5, i.cy - 0.5]),
+            i.width,
+            i.height,
+            camera.name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"),
+        );
+        if let Some(before) = before {
+            let rotation = DMat3::from_quat(pose.rotation * before.rotation.conjugate());
+            let translation = pose.translation - rotation * before.translation;
+            text.push_str("  T_cn_cnm1:\n");
+            for row in 0..3 {
+                let r = rotation.row(row);
+                let _ = writeln!(text, "  - {}", list(&[r.x, r.y, r.z, translation[row]]));
+            }
+            text.push_str("  - [0.0, 0.0, 0.0, 1.0]\n");
+        }
+        before = Some(pose);
+    }
+    let io = |source| ConvertError::Io { doing: "write", path: out.into(), source };
+    atomic::write(out, text.as_bytes()).map_err(io)?;
+    let mut lost = common_losses(rig, Format::Kalibr);
+    if rig.cameras.first().and_then(|camera| camera.pose).is_some_and(|pose| pose != Pose::IDENTITY) {
+        lost.push("a camchain's world is its first camera: poses are relative to it".into());
+    }
+    Ok(lost)
+}
+
+pub(super) fn read(path: &Path) -> Result<RigFile, ConvertError> {
+    let document = load(path)?;
+    let mut cameras: Vec<RigCamera> = Vec::new();
+    loop {
+        let entry = &document[format!("cam{}", cameras.len()).as_str()];
+        if entry.is_badvalue() {
+            break;
+        }
+        let before = cameras.last().and_then(|camera| camera.pose);
+        cameras.push(camera(entry, cameras.len(), before).map_err(|what| malformed(path, what))?);
+    }
+    if cameras.is_empty() {
+        return Err(malformed(path, "it has no camera cam0; is it a camchain?".into()));
+    }
+    Ok(RigFile::new("kalibr", true, cameras))
+}
+
+fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera, String> {
+    let wrong = |what: &str| format!("cam{index}: {what}");
+    let list = |name: &str, count: usize| {
+        numbers(&entry[name])
+            .filter(|values| values.len() == count)
+            .ok_or_else(|| wrong(&format!("{name} is no list of {count} numbers")))
+    };
+    if entry["camera_model"].as_str() != Some("pinhole") {
+        return Err(wrong("only the camera model pinhole is supported"));
+    }
+    let i = list("intrinsics", 4)?;
+    let size = list("resolution", 2)?;
+    let side = |value: f64| (value >= 1.0 && value <= f64::from(u16::MAX)).then_some(value as u32);
+    let (Some(width), Some(height)) = (side(size[0]), side(size[1])) else {
+        return Err(wrong("resolution is no size"));
+    };
+    let distortion = match entry["distortion_model"].as_str() {
+        Some("none") | None => Distortion::None,
+        Some("radtan") => {
+            let k = list("distortion_coeffs", 4)?;
+            let all = [k[0], k[1], k[2], k[3], 0.0, 0.0, 0.0, 0.0];
+            if all == [0.0; 8] { Distortion::None } else { Distortion::BrownConrady(all) }
+        }
+        Some("equidistant") => {
+            let k = list("distortion_coeffs", 4)?;
+            Distortion::KannalaBrandt([k[0], k[1], k[2], k[3]])
+        }
+        Some(other) => return Err(wrong(&format!("the distortion model {other} is not supported"))),
+    };
+    let intrinsics = Intrinsics { width, height, fx: i[0], fy: i[1], cx: i[2] + 0.5, cy: i[3] + 0.5, distortion };
+    let pose = match before {
+        None => Pose::IDENTITY,
+        Some(before) => {
+            let rows = entry["T_cn_cnm1"].as_vec().ok_or_else(|| wrong("T_cn_cnm1 is missing"))?;
+            let rows: Option<Vec<Vec<f64>>> = rows.iter().map(numbers).collect();
+            let rows = rows.filter(|rows| rows.len() == 4 && rows.iter().all(|row| row.len() == 4));
+            let m = rows.ok_or_else(|| wrong("T_cn_cnm1 is no 4x4 matrix"))?;
+            let row = |at: usize| DVec3::new(m[at][0], m[at][1], m[at][2]);
+            let relative = Pose::from_matrix(
+                DMat3::from_cols(row(0), row(1), row(2)).transpose(),
+                DVec3::new(m[0][3], m[1][3], m[2][3]),
+            );
+            before.then(&relative)
+        }
+    };
+    let topic = entry["rostopic"].as_str().and_then(|topic| topic.trim_matches('/').split('/').next());
+    let name = topic.filter(|name| !name.is_empty()).map_or_else(|| format!("cam{index}"), String::from);
+    Ok(RigCamera::new(&name, Modality::Rgb, intrinsics, Some(pose)))
+}

@@ -1,0 +1,49 @@
+//! ROS's `camera_info` as `camera_info_manager` and `camera_calibration` keep it: a YAML file for each camera. It describes one
+//! camera and knows no poses; `rectification_matrix` and `projection_matrix` are those of a camera that is no part of a
+//! rectified pair: the identity, and the camera matrix with a column of zeros.
+
+use std::path::Path;
+
+use erfgs_base::atomic;
+
+use super::{
+    ConvertError, Format,
+    camera_yaml::{matrix, model, quoted},
+    common_losses,
+    yaml::list,
+};
+use crate::rig_file::{RigCamera, RigFile};
+
+/// Tells a `camera_info` from the same matrices as OpenCV writes them.
+pub(super) const OWN_KEY: &str = "projection_matrix";
+
+pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertError> {
+    for camera in &rig.cameras {
+        let path = out.join(format!("{}.yaml", camera.name));
+        let io = |source| ConvertError::Io { doing: "write", path: path.clone(), source };
+        atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
+    }
+    let mut lost = common_losses(rig, Format::Ros);
+    if rig.cameras.iter().any(|camera| camera.pose.is_some()) {
+        lost.push("a ROS camera_info holds no poses; publish them as transforms (tf)".into());
+    }
+    Ok(lost)
+}
+
+fn file(camera: &RigCamera) -> String {
+    let i = &camera.intrinsics;
+    let (model, coefficients) = model(i);
+    let of = |name: &str, rows: usize, data: &[f64]| {
+        format!("{name}:\n  rows: {rows}\n  cols: {}\n  data: {}\n", data.len() / rows, list(data))
+    };
+    let k = matrix(i);
+    let projection = [k[0], k[1], k[2], 0.0, k[3], k[4], k[5], 0.0, k[6], k[7], k[8], 0.0];
+    let mut text =
+        format!("image_width: {}\nimage_height: {}\ncamera_name: \"{}\"\n", i.width, i.height, quoted(&camera.name));
+    text += &of("camera_matrix", 3, &k);
+    text += &format!("distortion_model: {model}\n");
+    text += &of("distortion_coefficients", 1, &coefficients);
+    text += &of("rectification_matrix", 3, &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    text += &of(OWN_KEY, 3, &projection);
+    text
+}

@@ -1,0 +1,149 @@
+use crate::{Modality, Pose};
+use erfgs_base::npy::NpyArray;
+use glam::DVec3;
+
+use super::*;
+
+fn rig(distortion: Distortion) -> RigFile {
+    let intrinsics = Intrinsics { width: 640, height: 480, fx: 500.25, fy: 501.5, cx: 318.75, cy: 244.125, distortion };
+    let camera = |name: &str, eye: DVec3| {
+        RigCamera::new(name, Modality::Rgb, intrinsics, Some(Pose::look_at(eye, DVec3::ZERO, DVec3::Y)))
+    };
+    let mut cameras = vec![camera("a", DVec3::new(0.0, 0.1, -2.0)), camera("b", DVec3::new(1.5, -0.2, -1.0))];
+    cameras.push(camera("c", DVec3::new(-1.5, 0.4, -1.2)));
+    RigFile::new("wand", true, cameras)
+}
+
+/// What any format must keep: where a point of the world is seen.
+fn same_pictures(a: &RigFile, b: &RigFile, tolerance: f64) {
+    assert_eq!(a.cameras.len(), b.cameras.len());
+    // A camchain's world is its first camera.
+    let world = |rig: &RigFile, point: DVec3| rig.cameras[0].pose.unwrap().inverse().transform(point);
+    for (one, other) in a.cameras.iter().zip(&b.cameras) {
+        for point in [DVec3::new(0.1, 0.2, 2.0), DVec3::new(-0.3, -0.1, 1.7), DVec3::new(0.0, 0.3, 2.4)] {
+            let see = |rig: &RigFile, camera: &RigCamera| {
+                camera.intrinsics.project(camera.pose.unwrap().transform(world(rig, point))).unwrap()
+            };
+            let (left, right) = (see(a, one), see(b, other));
+            assert!((left - right).length() < tolerance, "{}: {left} {right}", one.name);
+        }
+    }
+}
+
+#[test]
+fn rigs_come_back_from_every_format_that_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let lenses = [
+        Distortion::None,
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.0, 0.0, 0.0, 0.0]),
+        Distortion::KannalaBrandt([0.05, -0.01, 1e-3, 0.0]),
+    ];
+    for distortion in lenses {
+        let rig = rig(distortion);
+        for (format, name) in [
+            (Format::Colmap, "model"),
+            (Format::Kalibr, "camchain.yaml"),
+            (Format::OpenCv, "opencv"),
+            (Format::Nerfstudio, "transforms.json"),
+            (Format::Rig, "rig.json"),
+        ] {
+            let path = folder.path().join(name);
+            write(&rig, format, &path).unwrap();
+            let read = read(&path).unwrap();
+            let names: Vec<&str> = read.cameras.iter().map(|camera| camera.name.as_str()).collect();
+            assert_eq!(names, ["a", "b", "c"], "{format}");
+            same_pictures(&rig, &read, 1e-8);
+        }
+    }
+}
+
+#[test]
+fn ros_keeps_intrinsics_and_says_that_it_has_no_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    for distortion in [
+        Distortion::None,
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]),
+        Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.1, 0.02, 1e-3]),
+        Distortion::KannalaBrandt([0.05, -0.01, 1e-3, 2e-4]),
+    ] {
+        let (rig, path) = (rig(distortion), folder.path().join("camera_info"));
+        let lost = write(&rig, Format::Ros, &path).unwrap().join("\n");
+        assert!(lost.contains("no poses"), "{lost}");
+        for found in [read(&path).unwrap(), read(&path.join("a.yaml")).unwrap()] {
+            assert_eq!((found.method.as_str(), found.cameras[0].name.as_str()), ("ros", "a"));
+            for (one, other) in found.cameras.iter().zip(&rig.cameras) {
+                assert_eq!((one.intrinsics, one.pose), (other.intrinsics, None));
+            }
+        }
+    }
+}
+
+/// As `camera_calibration` writes it: its own order, and a name that is not the file's.
+#[test]
+fn a_camera_info_of_others_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ost.yaml");
+    let text = "image_width: 640\nimage_height: 480\ncamera_name: narrow_stereo\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: \
+                [438.8, 0.0, 305.6, 0.0, 437.3, 243.7, 0.0, 0.0, 1.0]\ndistortion_model: plumb_bob\n\
+                distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.36, 0.11, 0.001, -0.0002, 0.0]\n\
+                rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]\n\
+                projection_matrix:\n  rows: 3\n  cols: 4\n  data: [393.7, 0.0, 322.8, 0.0, 0.0, 393.0, 241.1, 0.0, 0.0, 0.0, \
+                1.0, 0.0]\n";
+    std::fs::write(&path, text).unwrap();
+    let camera = read(&path).unwrap().cameras.remove(0);
+    let i = camera.intrinsics;
+    assert_eq!((camera.name.as_str(), i.width, i.height), ("ost", 640, 480));
+    assert_eq!((i.fx, i.fy, i.cx, i.cy), (438.8, 437.3, 306.1, 244.2));
+    assert_eq!(i.distortion, Distortion::BrownConrady([-0.36, 0.11, 0.001, -0.0002, 0.0, 0.0, 0.0, 0.0]));
+    std::fs::write(&path, text.replace("plumb_bob", "thin_prism")).unwrap();
+    let message = read(&path).unwrap_err().to_string();
+    assert!(message.contains("ost.yaml") && message.contains("thin_prism"), "{message}");
+}
+
+#[test]
+fn longer_polynomials_go_where_they_fit_and_are_refused_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig(Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.001, 0.0, 0.0]));
+    for (format, name) in [(Format::Colmap, "model"), (Format::OpenCv, "opencv")] {
+        let path = folder.path().join(name);
+        write(&rig, format, &path).unwrap();
+        same_pictures(&rig, &read(&path).unwrap(), 1e-8);
+    }
+    for format in [Format::Kalibr, Format::Nerfstudio] {
+        let message = write(&rig, format, &folder.path().join("x")).unwrap_err().to_string();
+        assert!(message.starts_with("camera a"), "{message}");
+    }
+}
+
+#[test]
+fn llff_says_what_it_drops_and_cameras_without_poses_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses_bounds.npy");
+    let mut rig = rig(Distortion::KannalaBrandt([0.01; 4]));
+    let lost = write(&rig, Format::Llff, &path).unwrap().join("\n");
+    assert!(lost.contains("distortion") && lost.contains("bounds"), "{lost}");
+    let array = NpyArray::decode(&std::fs::read(&path).unwrap()).unwrap();
+    let values = array.floats().unwrap();
+    assert_eq!(array.shape, [3, 17]);
+    // The centre is the fourth column; the third points back, away from what is looked at.
+    assert!((DVec3::new(values[3], values[8], values[13]) - DVec3::new(0.0, 0.1, -2.0)).length() < 1e-12);
+    assert!(values[12] < -0.9, "{}", values[12]);
+    rig.cameras[1].pose = None;
+    assert!(write(&rig, Format::Colmap, &folder.path().join("m")).unwrap_err().to_string().contains("camera b"));
+}
+
+#[test]
+fn broken_files_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in [
+        ("camchain.yaml", "cam0: {camera_model: omni}"),
+        ("camchain.yaml", "a: [1"),
+        ("transforms.json", "{\"frames\": [{}]}"),
+        ("rig.json", "{}"),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains(name), "{name}");
+    }
+    assert!(read(&folder.path().join("nothing")).is_err());
+}

@@ -1,8 +1,0 @@
-//! The session file, against the reader of the `mcap` crate and against damage.
-
-mod common;
-mod event_file;
-mod read;
-mod recover;
-mod ros;
-mod write;

@@ -1,0 +1,10 @@
+//! The session file, against the reader of the `mcap` crate and against damage.
+
+mod common;
+mod event_file;
+#[cfg(feature = "hdf5")]
+mod hdf5;
+mod read;
+mod recover;
+mod ros;
+mod write;

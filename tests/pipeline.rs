@@ -1,0 +1,6 @@
+//! The whole pipeline: the program as its user meets it, its files with the programs of others, and its mathematics against
+//! oracles in Python.
+
+mod command_line;
+mod oracles;
+mod recording;

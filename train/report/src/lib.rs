@@ -1,0 +1,95 @@
+//! The report: one HTML page that compares runs.
+//!
+//! The page is a single file without scripts and without anything to fetch: style sheet, plots (SVG) and pictures are
+//! inside it. The same runs give the same bytes. Each section is a file of this module.
+
+mod configuration;
+mod curves;
+mod load;
+mod picture_io;
+mod pictures;
+mod rig;
+mod scenes;
+mod setting;
+mod summary;
+mod time;
+mod views;
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use erfgs_page::{html, plot};
+
+use erfgs_base::atomic;
+use erfgs_run::{RunError, RunFolder};
+
+/// What can go wrong with a report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// There is nothing to report.
+    #[error("a report needs at least one run folder; give those that `erfgs train --out` wrote")]
+    NoRuns,
+    /// A run could not be read.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// The page could not be written.
+    #[error("could not write the report '{}': {source}; check the free space and the permissions", path.display())]
+    Write {
+        /// The page.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// A report that was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// Bytes of the page.
+    pub bytes: u64,
+    /// What is missing or not comparable, as the page says it.
+    pub notes: Vec<String>,
+}
+
+/// Compares `runs` in one page at `out`. Differences are against the first run over the same dataset; runs over several
+/// datasets give a table by scene, and a part of the page for each.
+///
+/// What a run lacks (it was stopped, or not evaluated) is noted in the page; what is broken is an error.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportError> {
+    if runs.is_empty() {
+        return Err(ReportError::NoRuns);
+    }
+    let mut scenes = load::load(runs)?;
+    let several = scenes.len() > 1;
+    let mut body = if several { scenes::table(&scenes) } else { String::new() };
+    for scene in &mut scenes {
+        if several {
+            body += &scenes::heading(scene);
+        }
+        // Pictures come first: what cannot be read becomes a note at the head of the page.
+        let side_by_side = pictures::views(scene);
+        let events = pictures::events(scene);
+        let sections = [
+            summary::section(scene),
+            curves::quality(scene),
+            time::section(scene),
+            side_by_side,
+            events,
+            views::section(scene),
+            setting::left_out(scene),
+            curves::losses(scene),
+            configuration::section(scene),
+            setting::dataset(scene),
+        ];
+        body += &sections.concat();
+    }
+    let text = html::page(&scenes::title(&scenes), &scenes::head(&scenes), &body);
+    atomic::write(out, text.as_bytes()).map_err(|source| ReportError::Write { path: out.to_owned(), source })?;
+    let notes = scenes.into_iter().flat_map(|scene| scene.notes).collect();
+    Ok(Report { bytes: text.len() as u64, notes })
+}
