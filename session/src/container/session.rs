@@ -238,7 +238,8 @@ impl<R: Read + Seek> Session<R> {
         self.summary.complete = true;
         self.summary.chunks = self.chunks.len();
         self.summary.whole_bytes = summary_start;
-        Ok(totals_found && ordered)
+        // The streams of a ROS 2 recording are known from their packets alone, also in a repaired copy, which has totals.
+        Ok(totals_found && ordered && self.summary.is_session)
     }
 
     /// Where the index starts, if the file was closed with one.

@@ -269,6 +269,23 @@ fn a_compressed_session_that_was_cut_off_keeps_its_whole_chunks_as_they_are() {
 }
 
 #[test]
+fn a_compressed_recording_of_ros_that_was_cut_off_keeps_its_whole_chunks() {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
+    for compression in [None, Some(Lz4), Some(Zstd)] {
+        let bytes = compressed_ros_recording("evt3", compression);
+        let last = chunks(&bytes).last().unwrap().0.clone();
+        fs::write(&source, &bytes[..last.end - 10]).unwrap();
+        recover(&source, &out).unwrap();
+        let copy = fs::read(&out).unwrap();
+        let (kept, all) = (common::entries(&copy), common::entries(&bytes));
+        assert!(!kept.is_empty() && kept.len() < all.len() && all.starts_with(&kept));
+        assert_eq!(check_with_mcap(&copy), kept.len());
+        fs::remove_file(&out).unwrap();
+    }
+}
+
+#[test]
 fn a_damaged_compressed_chunk_is_left_out_of_the_copy() {
     let folder = tempfile::tempdir().unwrap();
     let (source, out) = (folder.path().join("s.mcap"), folder.path().join("out.mcap"));
