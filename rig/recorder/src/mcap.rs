@@ -190,6 +190,8 @@ impl MachineFacts {
 
 #[cfg(test)]
 mod tests {
+    use erfgs_events::EventEncoding;
+    use erfgs_scene::pixel::PixelFormat;
     use std::{
         io::{self, Cursor},
         sync::{Arc, Mutex, PoisonError},

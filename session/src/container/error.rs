@@ -109,13 +109,17 @@ pub enum ContainerError {
         places: usize,
     },
     /// A chunk is compressed in a way that is not supported.
-    #[error("{path} holds a chunk compressed with '{compression}' at byte {offset}; `mcap compress --compression none` (the MCAP tools) unpacks the file", path = path.display())]
+    #[error(
+        "{path} holds a chunk at byte {offset} that is compressed with {compression:?}; erfgs reads \"lz4\" and \"zstd\", which \
+         the program that wrote the file may offer to compress with",
+        path = path.display()
+    )]
     Compression {
         /// The file.
         path: PathBuf,
         /// Where the chunk starts.
         offset: u64,
-        /// Its name in the file.
+        /// What the chunk is compressed with, as it says (the first 40 characters).
         compression: String,
     },
     /// Two streams of one session have the same name.

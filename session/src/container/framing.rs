@@ -11,8 +11,8 @@ use super::error::ContainerError;
 
 /// Opcode and length before the body of a record.
 const PREFIX: u64 = 9;
-/// Longer records are refused rather than read into memory.
-const MAX_BODY: u64 = 1 << 30;
+/// Longer records, and chunks that hold more when they are unpacked, are refused rather than read into memory.
+pub(super) const MAX_BODY: u64 = 1 << 30;
 
 /// Where a record lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,6 +17,7 @@ mod ros;
 mod session;
 mod states;
 mod tail;
+mod unpack;
 mod walk;
 mod writer;
 

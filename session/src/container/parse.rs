@@ -23,6 +23,7 @@ fn parts(opcode: u8) -> &'static [Part] {
         op::HEADER => &[Bytes, Bytes],
         op::SCHEMA => &[Fixed(2), Bytes, Bytes, Bytes],
         op::CHANNEL => &[Fixed(4), Bytes, Bytes, Strings],
+        op::CHUNK => &[Fixed(28), Bytes, LongBytes],
         op::MESSAGE_INDEX => &[Fixed(2), Numbers],
         op::CHUNK_INDEX => &[Fixed(32), Numbers, Fixed(8), Bytes, Fixed(16)],
         op::ATTACHMENT => &[Fixed(16), Bytes, Bytes, LongBytes, Fixed(4)],
@@ -91,7 +92,7 @@ mod tests {
     }
 
     /// A record of each kind that has lengths.
-    fn records() -> [(u8, Vec<u8>); 10] {
+    fn records() -> [(u8, Vec<u8>); 11] {
         let strings = with_length(&[string("key"), string("value")]);
         let numbers = with_length(&[vec![0; 10]]);
         let pairs = with_length(&[vec![0; 32]]);
@@ -107,6 +108,7 @@ mod tests {
             (op::STATISTICS, [vec![0; 42], numbers].concat()),
             (op::METADATA, [string("name"), strings].concat()),
             (op::METADATA_INDEX, [vec![0; 16], string("name")].concat()),
+            (op::CHUNK, [vec![0; 28], string("zstd"), 3_u64.to_le_bytes().to_vec(), vec![7; 3]].concat()),
         ]
     }
 

@@ -44,6 +44,8 @@ struct Survey {
     /// What is put behind the first of them: declarations of channels, in place of the damaged chunk that may have had them.
     declarations: Vec<u8>,
     tail: Tail,
+    /// The first chunk that is compressed in a way that is not read: it is left out as one that is damaged.
+    unread: Option<ContainerError>,
     closed: bool,
 }
 
@@ -56,11 +58,11 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
     let file = File::open(path).map_err(|source| open_error("open", path, source))?;
-    let Survey { recovered, keep, declarations, tail, closed } = survey(&file, path)?;
+    let Survey { recovered, keep, declarations, tail, unread, closed } = survey(&file, path)?;
     if closed && recovered.damaged.is_empty() {
         return Ok(Recovered { was_whole: true, ..recovered });
     }
-    worth_saving(&recovered, &tail, path)?;
+    worth_saving(&recovered, &tail, unread, path)?;
     let mut file = file;
     let mut read_failure = None;
     let written = erfgs_base::atomic::write_with(out, |sink| {
@@ -101,7 +103,7 @@ pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     if closed {
         return Ok(Recovered { was_whole: true, ..recovered });
     }
-    worth_saving(&recovered, &tail, path)?;
+    worth_saving(&recovered, &tail, None, path)?;
     let end = keep.last().map_or(0, |[_, to]| *to);
     let write_error = |source| ContainerError::Write { path: path.to_owned(), offset: end, source };
     file.set_len(end).map_err(write_error)?;
@@ -111,11 +113,17 @@ pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     Ok(recovered)
 }
 
-/// Refuses to make a session of nothing.
-fn worth_saving(recovered: &Recovered, tail: &Tail, path: &Path) -> Result<(), ContainerError> {
+/// Refuses to make a session of nothing; `unread` is what tells then why, if any chunk was compressed otherwise.
+fn worth_saving(
+    recovered: &Recovered,
+    tail: &Tail,
+    unread: Option<ContainerError>,
+    path: &Path,
+) -> Result<(), ContainerError> {
     let path = || path.to_owned();
     if recovered.messages == 0 && !recovered.damaged.is_empty() {
-        return Err(ContainerError::NothingWhole { path: path(), places: recovered.damaged.len() });
+        let nothing = ContainerError::NothingWhole { path: path(), places: recovered.damaged.len() };
+        return Err(unread.unwrap_or(nothing));
     }
     if recovered.messages == 0 && !tail.has_metadata(SESSION_METADATA) {
         let what = "neither the start of a session nor any message in it is whole";
@@ -158,6 +166,7 @@ fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, Con
         keep: vec![[0, 0]],
         declarations: Vec::new(),
         tail: Tail::default(),
+        unread: None,
         closed: false,
     };
     let mut totals = Totals::default();
@@ -170,12 +179,15 @@ fn survey_with(file: &File, path: &Path, declared: Layout) -> Result<Survey, Con
                 skipping_indexes = false;
                 survey.recovered.chunks += 1;
                 let offset = head.offset.saturating_add_signed(shift);
-                survey.tail.begin(ChunkEntry::new(offset, head.end() - head.offset, &header));
+                survey.tail.begin(ChunkEntry::new(offset, head.end() - head.offset, header));
             }
             Ok(Item::BadChunk(head, error)) => {
                 skipping_indexes = true;
                 survey.recovered.damaged.push(error.to_string());
                 survey.leave_out(&head, &mut shift);
+                if matches!(error, ContainerError::Compression { .. }) {
+                    survey.unread.get_or_insert(error);
+                }
                 if survey.keep.len() == 2 {
                     shift += declarations.len() as i64;
                     survey.declarations.clone_from(&declarations);

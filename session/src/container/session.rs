@@ -14,6 +14,7 @@ use super::{
     layout::{Entry, Layout, Stream},
     parse::parse_record,
     record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, StreamTotals, TOTALS_METADATA, Totals, VERSION},
+    unpack::Compression,
     walk::{FOOTER_BYTES, Item, Walk},
 };
 
@@ -210,6 +211,8 @@ impl<R: Read + Seek> Session<R> {
             };
             let body = self.walk.framing.body(&head)?;
             match parse_record(head.opcode, &body) {
+                // Either a chunk is compressed so, which reading through tells, or the index is damaged.
+                Ok(Record::ChunkIndex(chunk)) if Compression::named(&chunk.compression).is_none() => return Ok(false),
                 Ok(Record::ChunkIndex(chunk)) => {
                     self.chunks.push(ChunkAt { offset: chunk.chunk_start_offset, end: chunk.message_end_time });
                 }
@@ -235,7 +238,8 @@ impl<R: Read + Seek> Session<R> {
         self.summary.complete = true;
         self.summary.chunks = self.chunks.len();
         self.summary.whole_bytes = summary_start;
-        Ok(totals_found && ordered)
+        // The streams of a ROS 2 recording are known from their packets alone, also in a repaired copy, which has totals.
+        Ok(totals_found && ordered && self.summary.is_session)
     }
 
     /// Where the index starts, if the file was closed with one.
@@ -266,7 +270,7 @@ impl<R: Read + Seek> Session<R> {
         loop {
             match self.walk.step() {
                 Ok(Item::Chunk(head, header)) => {
-                    self.chunks.push(ChunkAt { offset: head.offset, end: header.end });
+                    self.chunks.push(ChunkAt { offset: head.offset, end: header.message_end_time });
                 }
                 Ok(Item::BadChunk(_, error @ ContainerError::Compression { .. })) => return Err(error),
                 Ok(Item::BadChunk(_, error)) => self.summary.damage.push(error.to_string()),

@@ -3,15 +3,10 @@
 use std::collections::BTreeMap;
 
 use bytes::BufMut;
-use mcap::records::{Record, op};
+use mcap::records::{ChunkHeader, Record, op};
 
 use super::{
-    chunk::{ChunkHeader, RawMessage},
-    framing::Head,
-    layout::Layout,
-    parse::parse_record,
-    record::TOTALS_METADATA,
-    repair::Texts,
+    chunk::RawMessage, framing::Head, layout::Layout, parse::parse_record, record::TOTALS_METADATA, repair::Texts,
 };
 
 /// A chunk for the index.
@@ -19,10 +14,7 @@ use super::{
 pub(super) struct ChunkEntry {
     offset: u64,
     length: u64,
-    start: u64,
-    end: u64,
-    packed: u64,
-    unpacked: u64,
+    header: ChunkHeader,
     /// Its messages, by channel: log time and offset in the chunk.
     messages: BTreeMap<u16, Vec<(u64, u64)>>,
     /// Where the index of each channel lies, and how long they are together.
@@ -31,18 +23,8 @@ pub(super) struct ChunkEntry {
 }
 
 impl ChunkEntry {
-    pub fn new(offset: u64, length: u64, header: &ChunkHeader) -> Self {
-        Self {
-            offset,
-            length,
-            start: header.start,
-            end: header.end,
-            packed: header.packed,
-            unpacked: header.unpacked,
-            messages: BTreeMap::new(),
-            indexes: BTreeMap::new(),
-            index_bytes: 0,
-        }
+    pub fn new(offset: u64, length: u64, header: ChunkHeader) -> Self {
+        Self { offset, length, header, messages: BTreeMap::new(), indexes: BTreeMap::new(), index_bytes: 0 }
     }
 
     /// Whether a channel with messages in the chunk has no index.
@@ -193,7 +175,8 @@ impl Tail {
         put_record(bytes, op::STATISTICS, &self.statistics());
         for chunk in &self.chunks {
             let mut body = Vec::new();
-            for number in [chunk.start, chunk.end, chunk.offset, chunk.length] {
+            let header = &chunk.header;
+            for number in [header.message_start_time, header.message_end_time, chunk.offset, chunk.length] {
                 body.put_u64_le(number);
             }
             body.put_u32_le(10 * chunk.indexes.len() as u32);
@@ -202,9 +185,9 @@ impl Tail {
                 body.put_u64_le(offset);
             }
             body.put_u64_le(chunk.index_bytes);
-            put_text(&mut body, "");
-            body.put_u64_le(chunk.packed);
-            body.put_u64_le(chunk.unpacked);
+            put_text(&mut body, &header.compression);
+            body.put_u64_le(header.compressed_size);
+            body.put_u64_le(header.uncompressed_size);
             put_record(bytes, op::CHUNK_INDEX, &body);
         }
         for body in &self.attachments {

@@ -1,18 +1,21 @@
 //! Everything in a session file, in the order in which it lies there, with one chunk in memory at a time.
 
 use std::{
+    borrow::Cow,
     io::{Read, Seek},
     path::Path,
 };
 
 use bytes::Bytes;
-use mcap::records::op;
+use mcap::records::{ChunkHeader, Record, op};
 
 use super::{
-    chunk::{ChunkHeader, RawMessage, take_record},
+    chunk::{RawMessage, take_record},
     error::ContainerError,
     framing::{Framing, Head},
     layout::{Entry, Layout, Meaning},
+    parse::parse_record,
+    unpack::Compression,
 };
 
 /// What a walk meets.
@@ -155,23 +158,26 @@ impl<R: Read + Seek> Walk<R> {
         }
     }
 
+    /// A chunk's header, and its records as they are when they are unpacked.
     fn verified_chunk(&mut self, head: &Head) -> Result<(ChunkHeader, Bytes), ContainerError> {
-        let mut body = self.framing.body(head)?;
-        let header = ChunkHeader::take(&mut body)
-            .filter(|header| header.packed <= body.len() as u64)
-            .ok_or_else(|| self.damaged(head.offset, "the header of the chunk does not fit its length"))?;
-        if !header.compression.is_empty() {
+        let body = self.framing.body(head)?;
+        let damaged = |what: String| self.damaged(head.offset, &what);
+        let Record::Chunk { header, data: Cow::Borrowed(packed) } = parse_record(op::CHUNK, &body).map_err(damaged)?
+        else {
+            return Err(self.damaged(head.offset, "its header is no chunk's"));
+        };
+        let Some(compression) = Compression::named(&header.compression) else {
             return Err(ContainerError::Compression {
                 path: self.framing.path().to_owned(),
                 offset: head.offset,
-                compression: header.compression,
+                compression: header.compression.chars().take(40).collect(),
             });
-        }
-        body.truncate(header.packed as usize);
-        if header.crc != 0 && crc32fast::hash(&body) != header.crc {
+        };
+        let content = compression.unpack(body.slice_ref(packed), header.uncompressed_size).map_err(damaged)?;
+        if header.uncompressed_crc != 0 && crc32fast::hash(&content) != header.uncompressed_crc {
             return Err(self.damaged(head.offset, "the content of the chunk does not match its checksum"));
         }
-        Ok((header, body))
+        Ok((header, content))
     }
 
     /// A record of a chunk, at `offset` of its content, or one that could be and lies outside.

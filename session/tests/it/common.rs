@@ -132,8 +132,14 @@ pub fn event_packet(sequence: u64, encoding: &str, events: &[u8]) -> Vec<u8> {
 
 /// A recording with five packets of this encoding.
 pub fn ros_recording(encoding: &str) -> Vec<u8> {
+    compressed_ros_recording(encoding, None)
+}
+
+/// As [`ros_recording`], of two chunks and more.
+pub fn compressed_ros_recording(encoding: &str, compression: Option<mcap::Compression>) -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut writer = mcap::Writer::new(Cursor::new(&mut bytes)).unwrap();
+    let options = mcap::WriteOptions::new().compression(compression).chunk_size(Some(300));
+    let mut writer = options.create(Cursor::new(&mut bytes)).unwrap();
     let schema = writer.add_schema("event_camera_msgs/msg/EventPacket", "ros2msg", b"").unwrap();
     let channel = writer.add_channel(schema, "/event_camera/events", "cdr", &Default::default()).unwrap();
     for sequence in 40..45 {

@@ -1,6 +1,7 @@
 //! The session file, against the reader of the `mcap` crate and against damage.
 
 mod common;
+mod compressed;
 mod event_file;
 #[cfg(feature = "hdf5")]
 mod hdf5;

@@ -5,7 +5,7 @@ use erfgs_session::container::{ContainerError, Session, recover, recover_in_plac
 use crate::common;
 
 /// Fails unless the `mcap` crate reads the file by its index and linearly, and finds the same messages both ways.
-fn check_with_mcap(bytes: &[u8]) -> usize {
+pub fn check_with_mcap(bytes: &[u8]) -> usize {
     let linear = mcap::MessageStream::new(bytes).unwrap().map(Result::unwrap).count();
     let summary = mcap::Summary::read(bytes).unwrap().unwrap();
     let mut indexed = 0;
@@ -30,7 +30,7 @@ fn check_with_mcap(bytes: &[u8]) -> usize {
     linear
 }
 
-fn check_recovered(path: &Path, cut: &[u8]) {
+pub fn check_recovered(path: &Path, cut: &[u8]) {
     let recovered = fs::read(path).unwrap();
     assert_eq!(check_with_mcap(&recovered), common::entries(cut).len());
     assert_eq!(common::entries(&recovered), common::entries(cut));

@@ -15,10 +15,7 @@ mod summary;
 mod time;
 mod views;
 
-use std::{
-    io::Write,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use erfgs_page::{html, plot};
 

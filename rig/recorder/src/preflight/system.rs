@@ -84,6 +84,7 @@ fn clock(source: &str) -> Finding {
 
 #[cfg(test)]
 mod tests {
+    use erfgs_events::EventEncoding;
     use erfgs_session::source::Encoding;
 
     use super::{super::Verdict, *};

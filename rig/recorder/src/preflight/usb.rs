@@ -1,5 +1,6 @@
 //! The USB topology from `/sys/bus/usb`: which devices share which bus, at what speed, and what they send together.
 
+use erfgs_session::source::Description;
 use std::{collections::BTreeMap, fs, path::Path};
 
 use super::{Finding, rates::rates_of};
@@ -86,6 +87,8 @@ pub(super) fn check(streams: &[Description], root: &Path) -> Vec<Finding> {
 
 #[cfg(test)]
 mod tests {
+    use erfgs_events::EventEncoding;
+    use erfgs_scene::pixel::PixelFormat;
     use erfgs_session::source::Encoding;
 
     use super::{super::Verdict, *};
