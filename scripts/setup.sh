@@ -38,7 +38,7 @@ if ! command -v apt-get >/dev/null; then
   exit 1
 fi
 
-install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev
+install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev libsqlite3-dev
 
 # The trigger board's firmware and its simulator; libclang reads the kernel's V4L2 header for the camera driver.
 install gcc-avr avr-libc simavr libsimavr-dev libelf-dev libclang1-14 libclang-common-14-dev
@@ -52,15 +52,25 @@ fi
 mesa=$(dpkg-query -W -f='${Version}' mesa-vulkan-drivers 2>/dev/null || echo 0)
 if dpkg --compare-versions "$mesa" lt 25; then
   . /etc/os-release
-  if [ "${VERSION_CODENAME:-}" = bookworm ] && ! grep -rqs 'bookworm-backports' /etc/apt/sources.list /etc/apt/sources.list.d; then
-    uri=$(sed -n 's/^URIs: *//p' /etc/apt/sources.list.d/debian.sources 2>/dev/null | head -1)
-    printf 'Types: deb\nURIs: %s\nSuites: bookworm-backports\nComponents: main\nSigned-By: /usr/share/keyrings/debian-archive-keyring.gpg\n' \
-      "${uri:-http://deb.debian.org/debian}" | as_root tee /etc/apt/sources.list.d/bookworm-backports.sources >/dev/null
-    updated=no
+  release=()
+  if [ "${VERSION_CODENAME:-}" = bookworm ]; then
+    release=(-t bookworm-backports)
+    # Where this machine's own sources get a release from, in whatever format they are written.
+    source_of() { apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' | awk -v release="$1" '$1 == release { print $2; exit }'; }
+    update_once
+    if [ -z "$(source_of bookworm-backports)" ]; then
+      mirror=$(source_of bookworm)
+      if [ -z "$mirror" ]; then
+        echo "setup.sh: Mesa 25 comes from bookworm-backports, and none of this machine's apt sources is Debian 12 (bookworm), whose" >&2
+        echo "          mirror would have it. Add bookworm-backports to the apt sources and run this again." >&2
+        exit 1
+      fi
+      printf 'Types: deb\nURIs: %s\nSuites: bookworm-backports\nComponents: main\nSigned-By: /usr/share/keyrings/debian-archive-keyring.gpg\n' \
+        "$mirror" | as_root tee /etc/apt/sources.list.d/bookworm-backports.sources >/dev/null
+      updated=no
+    fi
   fi
   update_once
-  release=()
-  [ "${VERSION_CODENAME:-}" = bookworm ] && release=(-t bookworm-backports)
   as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${release[@]}" mesa-vulkan-drivers libvulkan1
 fi
 

@@ -107,7 +107,7 @@ fn decoding_is_measured_in_events_a_second() {
     assert!(said.contains("NPZ") && said.contains("RAW"), "{said}");
 }
 
-/// With the feature, `session/tests/hdf5.rs` reads and writes such files.
+/// With the feature, `session/tests/it/hdf5.rs` reads and writes such files.
 #[cfg(not(feature = "hdf5"))]
 #[test]
 fn without_hdf5_it_is_said_how_to_get_it() {

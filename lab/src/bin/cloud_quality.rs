@@ -1,6 +1,6 @@
 //! Judges an initial cloud of the Panoptic basketball scene by what is known about the place.
 //!
-//! Usage: `cargo run -p erfgs-calibrate --example cloud_quality -- DATASET PANOPTIC METHOD [OPTIONS.json [OUT.ply]]`, where DATASET
+//! Usage: `cargo run -p erfgs-lab --features studies --bin cloud_quality -- DATASET PANOPTIC METHOD [OPTIONS.json [OUT.ply]]`, where DATASET
 //! was imported from the folder PANOPTIC and OPTIONS.json holds any of the cloud's options.
 //!
 //! There is no surface ground truth. A point counts as right if it lies on the floor (within 8 cm of the plane y = 0

@@ -2,7 +2,7 @@
 //! into a file.
 //!
 //! ```text
-//! cargo run --release -p erfgs-rig --example record_throughput -- OUT.mcap [SECONDS] [EVENT_MB_PER_S] [CAMERAS] [no-crc]
+//! cargo run --release -p erfgs-lab --features studies --bin record_throughput -- OUT.mcap [SECONDS] [EVENT_MB_PER_S] [CAMERAS] [no-crc]
 //! ```
 //!
 //! Every packet is copied once into memory of its own, as drivers do. Prints what was offered, written and dropped at each

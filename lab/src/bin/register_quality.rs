@@ -1,6 +1,6 @@
 //! Errors of event cameras that a dark ramp registers in a rig of frame cameras, against a dataset whose poses are known.
 //!
-//! `cargo run --release -p erfgs-calibrate --example register_quality -- DATASET [COLMAP] [FRAME] [SENSOR:RAMPS,..]`
+//! `cargo run --release -p erfgs-lab --features studies --bin register_quality -- DATASET [COLMAP] [FRAME] [SENSOR:RAMPS,..]`
 //!
 //! Four cameras of the dataset become event cameras: the simulator is shown their frame, in linear light, as it rises from black.
 

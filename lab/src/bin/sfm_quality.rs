@@ -1,6 +1,6 @@
 //! Errors of the calibration from images, against a dataset whose poses are known.
 //!
-//! `cargo run --release -p erfgs-calibrate --example sfm_quality -- DATASET known|unknown [COLMAP] [FRAME]`
+//! `cargo run --release -p erfgs-lab --features studies --bin sfm_quality -- DATASET known|unknown [COLMAP] [FRAME]`
 
 use std::{path::PathBuf, time::Instant};
 

@@ -1,6 +1,6 @@
 //! Errors of four event cameras that a simulated wand places among the frame cameras of the Panoptic Studio's dome.
 //!
-//! `ERFGS_SHARED=FOLDER cargo run --release -p erfgs-calibrate --example wand_register_quality -- [RIG] [SEEDS]`
+//! `ERFGS_SHARED=FOLDER cargo run --release -p erfgs-lab --features studies --bin wand_register_quality -- [RIG] [SEEDS]`
 //!
 //! RIG is a rig file of the same cameras from images (`erfgs calibrate sfm`); `-` for none. The wand is waved for two minutes on
 //! the dome's floor.

@@ -1,7 +1,7 @@
 //! How accurate a calibration by wand is, and whether its standard deviations are right: many simulated calibrations of a
 //! mixed rig with focal lengths that are 0.2 % wrong at first.
 //!
-//! `cargo run --release -p erfgs-calibrate --example wand_study [seeds]`
+//! `cargo run --release -p erfgs-lab --features studies --bin wand_study [seeds]`
 
 #[path = "../../../calibrate/tests/it/wand/rig.rs"]
 #[allow(dead_code)]

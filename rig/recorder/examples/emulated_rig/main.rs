@@ -2,7 +2,7 @@
 //! cameras beside them; everything is recorded and shown on the live page.
 //!
 //! ```text
-//! cargo run --release -p erfgs-rig --example emulated_rig -- OUT.mcap [SECONDS] [ADDRESS]
+//! cargo run --release -p erfgs-recorder --example emulated_rig -- OUT.mcap [SECONDS] [ADDRESS]
 //! ```
 //!
 //! The frame cameras are not behind a driver (a UVC driver needs a kernel): they hand the stage's pictures to the
