@@ -29,7 +29,7 @@ fi
 scripts/setup.sh
 . scripts/driver.sh
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
-cargo build --release --locked --workspace --bins
+cargo build --release --locked -p erfgs -p erfgs-stage --bins
 PATH=$PWD/target/release:$PATH
 erfgs doctor
 

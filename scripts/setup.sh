@@ -79,7 +79,7 @@ if [ "$hdf5" = yes ]; then
 fi
 
 if [ "$oracles" = yes ]; then
-  install python3 python3-venv
+  install python3 python3-venv libzstd-dev
   venv=target/oracles
   stamp="$venv/requirements.stamp"
   if ! cmp -s tests/oracles/requirements.txt "$stamp"; then
