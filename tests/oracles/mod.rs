@@ -9,35 +9,25 @@ mod exchange;
 mod field;
 mod raster;
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::process::Command;
 
+use erfgs_recordings::{python, root};
 use erfgs_train::gpu::{AdapterChoice, Gpu, Shape};
 use serde_json::Value;
 
-/// The Python of the oracles.
-fn python() -> PathBuf {
-    let usual = || Path::new(env!("CARGO_MANIFEST_DIR")).join("target/oracles/bin/python");
-    std::env::var_os("ERFGS_ORACLES").map_or_else(usual, PathBuf::from)
-}
-
 /// Asks the oracles; one answer for each question, in order.
 fn ask(questions: &[Value]) -> Vec<Value> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = python();
     let folder = tempfile::tempdir().expect("a temporary folder");
     let [asked, answered] = ["questions.json", "answers.json"].map(|name| folder.path().join(name));
     std::fs::write(&asked, serde_json::to_vec(questions).expect("JSON")).expect("questions written");
-    let output = Command::new(&python)
-        .arg(root.join("tests/oracles/answer.py"))
+    let output = Command::new(python())
+        .arg(root().join("tests/oracles/answer.py"))
         .args([&asked, &answered])
         .env("JAX_PLATFORMS", "cpu")
         // Small scenes take longer to compile than to compute.
         .env("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&std::fs::read(&answered).expect("answers")).expect("JSON")
 }

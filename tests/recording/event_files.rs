@@ -7,6 +7,7 @@ use erfgs_events::{
     Aedat4Compression, Aedat4Encoder, ApsFrame, CSV_HEADER, CdEvent, CsvEncoder, DatEncoder, DatFormat, Edge, Event,
     Events, Evt2Encoder, Evt3Encoder, ImuSample, Mark, RawHeader, SensorSize, Sink, npz,
 };
+use erfgs_recordings::fetched;
 
 use crate::recording::{
     files::{erfgs, json},
@@ -265,22 +266,17 @@ fn what_exists_is_overwritten_with_force_alone() {
 fn real_recordings_are_imported_played_and_exported_without_a_change() {
     let references: serde_json::Value =
         serde_json::from_str(include_str!("../../events/tests/it/digests.json")).unwrap();
-    let recording = |file: &str| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/recordings").join(file);
-        assert!(path.is_file(), "{} is missing: `scripts/setup.sh --oracles` fetches it", path.display());
-        path
-    };
     let folder = tempfile::tempdir().unwrap();
     for (file, encoding) in
         [("evt2.raw", "evt2"), ("evt3.raw", "evt3"), ("gen4.dat", "evt2"), ("davis346.aedat4", "aedat4")]
     {
-        let path = recording(file);
+        let path = fetched(file);
         check(folder.path(), path.to_str().unwrap(), encoding);
         json(folder.path(), &["import", path.to_str().unwrap(), "--out", "r.mcap", "--json"]);
         assert_eq!(digests(folder.path(), "r.mcap"), references[file], "{file}");
         fs::remove_file(folder.path().join("r.mcap")).unwrap();
     }
-    let davis = recording("davis346.aedat4");
+    let davis = fetched("davis346.aedat4");
     let exported = json(folder.path(), &["export", davis.to_str().unwrap(), "--to", "png", "--out", "p", "--json"]);
     assert_eq!(exported[0]["frames"], 59);
     assert!((exported[0]["rate_hz"].as_f64().unwrap() - 25.0).abs() < 0.01, "{exported}");

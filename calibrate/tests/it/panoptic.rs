@@ -1,24 +1,13 @@
 //! The initial cloud of a real rig: one frame of the Panoptic basketball scene.
 
-use std::path::{Path, PathBuf};
-
 use erfgs_dataset::import::{ImportOptions, Layout, import};
 use erfgs_points::{CloudOptions, Method, initial_cloud};
+use erfgs_recordings::shared;
 use glam::DVec3;
-
-/// The folder of real recordings, where there is one.
-fn shared() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    std::env::var_os("ERFGS_SHARED").map_or_else(beside, PathBuf::from)
-}
 
 #[test]
 fn known_pose_matching_finds_the_dome_and_the_floor() {
-    let source = shared().join("data/panoptic_basketball");
-    if !source.exists() {
-        eprintln!("{} is not there: nothing checked", source.display());
-        return;
-    }
+    let Some(source) = shared("data/panoptic_basketball") else { return };
     let folder = tempfile::tempdir().unwrap();
     let import_options = ImportOptions { frames: Some((40, 40)), ..ImportOptions::default() };
     let dataset = import(Layout::Panoptic, &source, &import_options, &folder.path().join("ds"), &mut |_| {}).unwrap();

@@ -11,6 +11,7 @@ use erfgs_dataset::{
     Camera, Dataset, DatasetError, Split,
     import::{ImportError, ImportOptions, Layout, import},
 };
+use erfgs_recordings::shared;
 use erfgs_scene::{
     Distortion, ImageGrey8, ImageRgb8, Intrinsics, Pose,
     colmap::{ColmapCamera, ColmapImage, Model},
@@ -123,13 +124,7 @@ fn nvidia_scenes_are_read_by_time_and_camera() {
 
 #[test]
 fn the_real_panoptic_recording_is_imported() {
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let shared = std::env::var_os("ERFGS_SHARED").map_or_else(|| workspace.join("../shared"), PathBuf::from);
-    let source = shared.join("data/panoptic_basketball");
-    if !source.is_dir() {
-        eprintln!("{} is not there: nothing to compare with", source.display());
-        return;
-    }
+    let Some(source) = shared("data/panoptic_basketball") else { return };
     let folder = tempfile::tempdir().unwrap();
     let options = ImportOptions { frames: Some((40, 41)), scale: Some(0.5), ..Default::default() };
     let dataset = run(Layout::Panoptic, &source, &options, &folder.path().join("ds")).unwrap();

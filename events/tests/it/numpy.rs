@@ -1,23 +1,11 @@
 //! Archives that NumPy wrote are read.
 
-use std::path::{Path, PathBuf};
-
 use erfgs_events::npz;
-
-fn reference(file: &str) -> Option<PathBuf> {
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let shared = std::env::var_os("ERFGS_SHARED").map_or_else(|| workspace.join("../shared"), PathBuf::from);
-    let path = shared.join("reference/v2e").join(file);
-    if !path.is_file() {
-        eprintln!("{} is not there: nothing to compare with", path.display());
-        return None;
-    }
-    Some(path)
-}
+use erfgs_recordings::shared;
 
 #[test]
 fn events_and_luma_that_numpy_wrote_are_read() {
-    let Some(path) = reference("cam5_noiseless.npz") else { return };
+    let Some(path) = shared("reference/v2e/cam5_noiseless.npz") else { return };
     let events = npz::read_events(&path, Some([640, 360])).unwrap();
     // The archive's header: (2,496,884 - 128) / 4 bytes.
     assert_eq!(events.len(), 624_189);
@@ -27,7 +15,7 @@ fn events_and_luma_that_numpy_wrote_are_read() {
     let message = npz::read_events(&path, Some([320, 180])).unwrap_err().to_string();
     assert!(message.contains("outside the sensor of 320 x 180"), "{message}");
 
-    let Some(path) = reference("cam5_luma_frames.npz") else { return };
+    let Some(path) = shared("reference/v2e/cam5_luma_frames.npz") else { return };
     let luma = npz::read_luma(&path).unwrap();
     assert_eq!((luma.frames, luma.width, luma.height, luma.iter().len()), (45, 640, 360, 45));
 }

@@ -1,20 +1,12 @@
 //! Real recordings: the digests of every field (`digests.json`) are those that faery's tests give.
 
-use std::path::{Path, PathBuf};
-
 use erfgs_events::{Anomalies, Columns, Digests, EventFile, SensorSize};
-
-/// A file of the recordings that `scripts/setup.sh --oracles` fetches.
-fn recording(file: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/recordings").join(file);
-    assert!(path.is_file(), "{} is missing: `scripts/setup.sh --oracles` fetches it", path.display());
-    path
-}
+use erfgs_recordings::fetched;
 
 fn check(file: &str, format: &str, size: SensorSize, events: u64) {
     let references: serde_json::Value = serde_json::from_str(include_str!("digests.json")).unwrap();
     let expected = references[file].as_object().unwrap();
-    let recording = EventFile::open(&recording(file)).unwrap();
+    let recording = EventFile::open(&fetched(file)).unwrap();
     assert_eq!((recording.format.name(), recording.size), (format, Some(size)));
     let mut digests = Digests::new();
     let anomalies = recording.decode(&mut digests).unwrap();
@@ -53,7 +45,7 @@ fn a_davis346_recording_decodes_as_in_faery_with_its_frames_samples_and_triggers
 fn frames_of_16_bits_are_read_and_unknown_ones_counted() {
     for (file, damaged) in [("test_data_gray16.aedat4", 0), ("test_data_unknown_then_gray16.aedat4", 1)] {
         let mut columns = Columns::default();
-        let anomalies = EventFile::open(&recording(file)).unwrap().decode(&mut columns).unwrap();
+        let anomalies = EventFile::open(&fetched(file)).unwrap().decode(&mut columns).unwrap();
         assert_eq!(anomalies, Anomalies { damaged, ..Anomalies::default() });
         let [frame] = &columns.frames[..] else { panic!("{} frames", columns.frames.len()) };
         assert_eq!((frame.width, frame.height, frame.channels, frame.bits), (2, 2, 1, 16));

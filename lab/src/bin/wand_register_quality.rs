@@ -24,7 +24,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let images =
         arguments.first().filter(|path| *path != "-").map(|path| RigFile::read(Path::new(path))).transpose()?;
     let seeds: u64 = arguments.get(1).map_or(Ok(5), |text| text.parse())?;
-    let eyes = dome::panoptic().ok_or("the Panoptic scene is not in $ERFGS_SHARED")?;
+    let source = erfgs_recordings::folder().map(|folder| folder.join(dome::PANOPTIC)).filter(|source| source.is_dir());
+    let eyes = dome::panoptic(&source.ok_or("the Panoptic scene is not in $ERFGS_SHARED")?);
     let stick = Stick::new([0.13, 0.26]).ok_or("no wand")?;
     let rgb = |eye: &&Eye| eye.modality == Modality::Rgb;
     let truth =

@@ -1,20 +1,8 @@
 //! The parity mode against events that v2e itself made from a recording (where the shared recordings are at hand).
 
-use std::path::PathBuf;
-
 use erfgs_events::{Event, Events, npz};
+use erfgs_recordings::shared;
 use erfgs_replay::{Luma, Simulator, SimulatorConfig};
-
-fn reference() -> Option<PathBuf> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("ERFGS_SHARED").map_or_else(|| PathBuf::from(default), PathBuf::from);
-    let folder = shared.join("reference/v2e");
-    if !folder.exists() {
-        eprintln!("no {}: not compared with v2e", folder.display());
-        return None;
-    }
-    Some(folder)
-}
 
 fn simulate(luma: &npz::LumaSequence, config: &SimulatorConfig) -> Events {
     let (width, height) = (luma.width, luma.height);
@@ -35,7 +23,7 @@ fn sorted(events: &Events) -> Vec<Event> {
 
 #[test]
 fn without_noise_every_event_is_v2es() {
-    let Some(folder) = reference() else { return };
+    let Some(folder) = shared("reference/v2e") else { return };
     let luma = npz::read_luma(&folder.join("cam5_luma_frames.npz")).unwrap();
     for (file, cutoff_hz) in [("cam5_noiseless.npz", 0.0), ("cam5_lowpass30.npz", 30.0)] {
         let expected = npz::read_events(&folder.join(file), Some([luma.width, luma.height])).unwrap();
@@ -50,7 +38,7 @@ fn without_noise_every_event_is_v2es() {
 
 #[test]
 fn with_noise_the_counts_are_v2es_within_sampling_error() {
-    let Some(folder) = reference() else { return };
+    let Some(folder) = shared("reference/v2e") else { return };
     let luma = npz::read_luma(&folder.join("cam5_luma_frames.npz")).unwrap();
     let summary = std::fs::read(folder.join("cam5_summary.json")).unwrap();
     let summary: serde_json::Value = serde_json::from_slice(&summary).unwrap();

@@ -1,11 +1,7 @@
 //! Colour from a mosaic against OpenCV, which scripts/setup.sh --oracles installs: the paper's filters as OpenCV convolves
 //! them, and OpenCV's own conversion.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{fs, path::Path, process::Command};
 
 use erfgs_scene::pixel::{BayerOrder, FrameFormat, PixelFormat, RawLook, Response, Samples, demosaic};
 
@@ -29,17 +25,14 @@ fn mosaic(order: BayerOrder) -> Vec<u16> {
 
 /// What `tests/oracles/demosaic.py` gives of a mosaic: the paper's filters, and OpenCV's interpolation.
 fn opencv(folder: &Path, order: BayerOrder, mosaic: &[u16]) -> [Vec<f32>; 2] {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| root.join("target/oracles/bin/python"), PathBuf::from);
     let file = folder.join("mosaic");
     fs::write(&file, mosaic.iter().map(|&value| value as u8).collect::<Vec<_>>()).unwrap();
-    let output = Command::new(&python)
-        .arg(root.join("tests/oracles/demosaic.py"))
+    let output = Command::new(erfgs_recordings::python())
+        .arg(erfgs_recordings::root().join("tests/oracles/demosaic.py"))
         .arg(&file)
         .args([WIDTH.to_string(), format!("{order:?}").to_lowercase()])
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "OpenCV failed:\n{}", String::from_utf8_lossy(&output.stderr));
     ["filtered", "converted"].map(|name| {
         let bytes = fs::read(folder.join(name)).unwrap();

@@ -1,6 +1,6 @@
 //! A small session to write.
 
-use std::{io::Cursor, path::Path};
+use std::{collections::HashMap, io::Cursor, path::Path};
 
 use erfgs_events::EventEncoding;
 use erfgs_scene::pixel::PixelFormat;
@@ -9,6 +9,7 @@ use erfgs_session::{
     container::{Entry, Session, SessionStart, SessionWriter, Settings, Status, StreamId},
     source::{Description, Encoding, FrameStamp, Incident, Packet, StampClock, StampPoint},
 };
+use mcap::records::{MessageHeader, Record};
 
 /// Host time at which the recording starts: not zero, as no host's is.
 pub const START_NS: i64 = 5_000_000_000_000;
@@ -144,12 +145,46 @@ pub fn compressed_ros_recording(encoding: &str, compression: Option<mcap::Compre
     let channel = writer.add_channel(schema, "/event_camera/events", "cdr", &Default::default()).unwrap();
     for sequence in 40..45 {
         let time = 1_744_000_000_000_000_000 + sequence * 1_000_000;
-        let header =
-            mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
+        let header = MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
         let message = event_packet(sequence, encoding, &vec![sequence as u8; sequence as usize]);
         writer.write_to_known_channel(&header, &message).unwrap();
     }
     writer.finish().unwrap();
     drop(writer);
     bytes
+}
+
+/// The session as another program writes it that copies every record, in chunks of its own.
+pub fn repacked(bytes: &[u8], compression: mcap::Compression) -> Vec<u8> {
+    let mut out = Vec::new();
+    let options = mcap::WriteOptions::new().compression(Some(compression)).chunk_size(Some(1200));
+    let mut writer = options.create(Cursor::new(&mut out)).unwrap();
+    let (mut schemas, mut channels) = (HashMap::from([(0, 0)]), HashMap::new());
+    for record in mcap::read::ChunkFlattener::new(bytes).unwrap() {
+        match record.unwrap() {
+            Record::Schema { header, data } => {
+                schemas.insert(header.id, writer.add_schema(&header.name, &header.encoding, &data).unwrap());
+            }
+            Record::Channel(channel) => {
+                let schema = schemas[&channel.schema_id];
+                let id = writer.add_channel(schema, &channel.topic, &channel.message_encoding, &channel.metadata);
+                channels.insert(channel.id, id.unwrap());
+            }
+            Record::Message { header, data } => {
+                let header = MessageHeader { channel_id: channels[&header.channel_id], ..header };
+                writer.write_to_known_channel(&header, &data).unwrap();
+            }
+            Record::Metadata(metadata) => writer.write_metadata(&metadata).unwrap(),
+            Record::Attachment { header, data, .. } => {
+                let (log_time, create_time) = (header.log_time, header.create_time);
+                let (name, media_type) = (header.name, header.media_type);
+                writer.attach(&mcap::Attachment { log_time, create_time, name, media_type, data }).unwrap();
+            }
+            Record::DataEnd(_) => break,
+            _ => {}
+        }
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    out
 }

@@ -1,56 +1,18 @@
 //! Chunks as other programs compress them, written by the `mcap` crate with the C libraries of LZ4 and Zstandard.
 
-use std::{collections::HashMap, fs, io::Cursor, ops::Range, path::Path};
+use std::{fs, io::Cursor, ops::Range, path::Path};
 
 use erfgs_events::Columns;
 use erfgs_session::container::{ContainerError, Entry, Session, recover, recover_in_place};
-use mcap::{
-    Compression::{self, Lz4, Zstd},
-    records::{MessageHeader, Record},
-};
+use mcap::Compression::{Lz4, Zstd};
 
 use crate::{
-    common::{self, compressed_ros_recording},
+    common::{self, compressed_ros_recording, repacked},
     recover::{check_recovered, check_with_mcap},
 };
 
 fn open(bytes: &[u8]) -> Result<Session<Cursor<&[u8]>>, ContainerError> {
     Session::read(Cursor::new(bytes), Path::new("packed.mcap"))
-}
-
-/// The session as another program writes it that copies every record, in chunks of its own.
-fn repacked(bytes: &[u8], compression: Compression) -> Vec<u8> {
-    let mut out = Vec::new();
-    let options = mcap::WriteOptions::new().compression(Some(compression)).chunk_size(Some(1200));
-    let mut writer = options.create(Cursor::new(&mut out)).unwrap();
-    let (mut schemas, mut channels) = (HashMap::from([(0, 0)]), HashMap::new());
-    for record in mcap::read::ChunkFlattener::new(bytes).unwrap() {
-        match record.unwrap() {
-            Record::Schema { header, data } => {
-                schemas.insert(header.id, writer.add_schema(&header.name, &header.encoding, &data).unwrap());
-            }
-            Record::Channel(channel) => {
-                let schema = schemas[&channel.schema_id];
-                let id = writer.add_channel(schema, &channel.topic, &channel.message_encoding, &channel.metadata);
-                channels.insert(channel.id, id.unwrap());
-            }
-            Record::Message { header, data } => {
-                let header = MessageHeader { channel_id: channels[&header.channel_id], ..header };
-                writer.write_to_known_channel(&header, &data).unwrap();
-            }
-            Record::Metadata(metadata) => writer.write_metadata(&metadata).unwrap(),
-            Record::Attachment { header, data, .. } => {
-                let (log_time, create_time) = (header.log_time, header.create_time);
-                let (name, media_type) = (header.name, header.media_type);
-                writer.attach(&mcap::Attachment { log_time, create_time, name, media_type, data }).unwrap();
-            }
-            Record::DataEnd(_) => break,
-            _ => {}
-        }
-    }
-    writer.finish().unwrap();
-    drop(writer);
-    out
 }
 
 /// Where the chunks lie that hold messages, and how they are compressed.

@@ -20,15 +20,12 @@ use erfgs_session::{
 
 /// Runs `tests/oracles/hdf5_files.py`, which must succeed, and gives what it prints.
 fn python(verb: &str, path: &Path) -> Vec<u8> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| root.join("target/oracles/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(root.join("tests/oracles/hdf5_files.py"))
+    let output = Command::new(erfgs_recordings::python())
+        .arg(erfgs_recordings::root().join("tests/oracles/hdf5_files.py"))
         .arg(verb)
         .arg(path)
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     output.stdout
 }

@@ -1,12 +1,10 @@
 //! Recordings of ROS 2, as `rosbag2` writes them: `event_camera_msgs/msg/EventPacket`.
 
-use std::{
-    io::Cursor,
-    path::{Path, PathBuf},
-};
+use std::{io::Cursor, path::Path};
 
 use erfgs_events::Columns;
 use erfgs_events::EventEncoding;
+use erfgs_recordings::shared;
 use erfgs_session::{
     container::{Entry, Session},
     source::Encoding,
@@ -47,13 +45,7 @@ fn an_encoding_that_is_not_known_is_named() {
 /// description in ros-event-camera/event_camera_codecs.
 #[test]
 fn a_recording_of_the_ros_driver_of_libcaer_gives_its_events() {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared");
-    let shared = std::env::var_os("ERFGS_SHARED").map_or_else(|| PathBuf::from(beside), PathBuf::from);
-    let path = shared.join("data/events_ros_event_camera_py/test_events_2/test_events_2_0.mcap");
-    if !path.is_file() {
-        eprintln!("no {}: nothing to read", path.display());
-        return;
-    }
+    let Some(path) = shared("data/events_ros_event_camera_py/test_events_2/test_events_2_0.mcap") else { return };
     let mut session = Session::open(&path).unwrap();
     let summary = session.summary().clone();
     assert!(summary.complete && summary.damage.is_empty());

@@ -1,7 +1,6 @@
 //! What must hold for every decoder of a stream.
 
-use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, SensorSize, Sink, StreamDecoder};
-use erfgs_session::source::Encoding;
+use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, EventEncoding, SensorSize, Sink, StreamDecoder};
 
 use crate::{Plan, memory};
 

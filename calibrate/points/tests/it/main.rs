@@ -65,12 +65,7 @@ fn colmap_finds_surfaces_and_knows_when_the_ball_was_where() {
 
 #[test]
 fn pycolmap_does_the_same() {
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/oracles/bin/python");
-    if !python.exists() {
-        eprintln!("the oracles' Python is not installed (scripts/setup.sh --oracles): nothing checked");
-        return;
-    }
-    check_colmap(ColmapProgram::Pycolmap(Some(python)));
+    check_colmap(ColmapProgram::Pycolmap(Some(erfgs_recordings::python())));
 }
 
 #[test]

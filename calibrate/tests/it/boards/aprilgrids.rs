@@ -5,6 +5,7 @@ use std::{
 
 use erfgs_base::random;
 use erfgs_calibrate::board::{BoardOptions, Corner, Target, calibrate, detect, look};
+use erfgs_recordings::python;
 use erfgs_scene::{Distortion, ImageRgb8, Intrinsics};
 use glam::{DVec2, DVec3};
 use serde_json::Value;
@@ -143,14 +144,12 @@ fn pictures_without_the_board_give_no_corner() {
 /// The tags that OpenCV finds in a picture: number, and corners from above left, clockwise, in OpenCV's convention.
 fn opencv(picture: &Path, border: usize) -> Value {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| here.join("../target/oracles/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(here.join("tests/boards/tags.py"))
+    let output = Command::new(python())
+        .arg(here.join("tests/it/boards/tags.py"))
         .arg(picture)
         .arg(border.to_string())
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "OpenCV failed:\n{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }

@@ -4,6 +4,7 @@ use std::{
 };
 
 use erfgs_calibrate::board::{BoardOptions, LensModel, Target, calibrate, look, single};
+use erfgs_recordings::python;
 use erfgs_scene::{Distortion, Intrinsics};
 use glam::DVec3;
 use serde_json::Value;
@@ -20,14 +21,12 @@ pub fn target() -> Target {
 /// What OpenCV makes of the same pictures.
 fn opencv(folder: &Path) -> Value {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| here.join("../target/oracles/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(here.join("tests/boards/opencv.py"))
+    let output = Command::new(python())
+        .arg(here.join("tests/it/boards/opencv.py"))
         .arg(folder)
         .args(["9", "6", "0.025"])
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "OpenCV failed:\n{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }

@@ -1,17 +1,9 @@
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, path::Path};
 
 use erfgs_calibrate::board::{BoardOptions, Corner, Seen, View, calibrate, look};
+use erfgs_recordings::shared;
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DMat3, DVec2, DVec3};
-
-/// The folder of real recordings, where there is one.
-fn shared() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    std::env::var_os("ERFGS_SHARED").map_or_else(beside, PathBuf::from)
-}
 
 /// The reference: intrinsics (OpenCV's pixel convention) and world-to-camera poses.
 fn reference(file: &Path) -> BTreeMap<String, (Intrinsics, Pose)> {
@@ -60,11 +52,7 @@ fn their_corners(file: &Path) -> Vec<Seen> {
 
 #[test]
 fn four_free_running_webcams_and_a_waved_board() {
-    let source = shared().join("data/caliscope_sessions/post_optimization");
-    if !source.exists() {
-        eprintln!("{} is not there: nothing checked", source.display());
-        return;
-    }
+    let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
     let target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
     let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
     let least = [50, 40, 45, 20];

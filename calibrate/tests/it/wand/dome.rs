@@ -1,6 +1,6 @@
 //! A wand that somebody waves on the floor of the Panoptic Studio's dome, as its cameras and four event cameras see it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use erfgs_base::random;
 use erfgs_calibrate::{
@@ -30,21 +30,14 @@ pub struct Eye {
     pub pose: Pose,
 }
 
-/// The folder of recordings that are not part of the repository.
-pub fn shared() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    std::env::var_os("ERFGS_SHARED").map_or_else(beside, PathBuf::from)
-}
+/// Where the Panoptic basketball scene lies among the shared recordings.
+pub const PANOPTIC: &str = "data/panoptic_basketball";
 
-/// The cameras of the Panoptic basketball scene, four of them as event cameras; `None` where the recording is not there.
-pub fn panoptic() -> Option<Vec<Eye>> {
-    let source = shared().join("data/panoptic_basketball");
-    if !source.exists() {
-        return None;
-    }
+/// The cameras of the Panoptic basketball scene, four of them as event cameras.
+pub fn panoptic(source: &Path) -> Vec<Eye> {
     let folder = tempfile::tempdir().unwrap();
     let options = ImportOptions { frames: Some((40, 40)), ..ImportOptions::default() };
-    let dataset = import(Layout::Panoptic, &source, &options, &folder.path().join("ds"), &mut |_| {}).unwrap();
+    let dataset = import(Layout::Panoptic, source, &options, &folder.path().join("ds"), &mut |_| {}).unwrap();
     let cameras = &dataset.manifest.cameras;
     let every = cameras.len() / 4;
     let eye = |(index, camera): (usize, &erfgs_dataset::Camera)| Eye {
@@ -53,7 +46,7 @@ pub fn panoptic() -> Option<Vec<Eye>> {
         intrinsics: camera.intrinsics,
         pose: camera.world_to_camera,
     };
-    Some(cameras.iter().enumerate().map(eye).collect())
+    cameras.iter().enumerate().map(eye).collect()
 }
 
 /// `frames` frame cameras around the same floor, with `events` event cameras between them.

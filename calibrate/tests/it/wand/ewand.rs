@@ -1,28 +1,17 @@
 //! eWand's recording of four cameras.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use erfgs_calibrate::{
     geometry::triangulate,
     wand::{WandCamera, WandOptions, calibrate, read_points},
 };
+use erfgs_recordings::shared;
 use erfgs_scene::Pose;
 use erfgs_scene::rig_file::RigFile;
 use glam::{DMat3, DVec3};
 
-/// The folder of real recordings, where there is one.
-fn shared() -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared");
-    std::env::var_os("ERFGS_SHARED").map_or_else(beside, PathBuf::from)
-}
-
-fn recording() -> Option<PathBuf> {
-    let folder = shared().join("data/ewand_wand_4cam_points");
-    if !folder.exists() {
-        eprintln!("{} is not there: nothing checked", folder.display());
-    }
-    folder.exists().then_some(folder)
-}
+const RECORDING: &str = "data/ewand_wand_4cam_points";
 
 fn options() -> WandOptions {
     WandOptions::new("0.13+0.26".parse().unwrap())
@@ -34,7 +23,7 @@ fn measure(rig: &RigFile, name: &str) -> f64 {
 
 #[test]
 fn a_recorded_rig_measures_wands_that_took_no_part() {
-    let Some(folder) = recording() else { return };
+    let Some(folder) = shared(RECORDING) else { return };
     let cameras = read_points(&folder).unwrap();
     let (rig, evidence) = calibrate(&cameras, &options()).unwrap();
     for gap in ["first_gap", "second_gap", "whole_wand"] {
@@ -55,7 +44,7 @@ fn a_recorded_rig_measures_wands_that_took_no_part() {
 
 #[test]
 fn the_focal_lengths_that_came_with_a_recording_measure_worse() {
-    let Some(folder) = recording() else { return };
+    let Some(folder) = shared(RECORDING) else { return };
     let cameras = read_points(&folder).unwrap();
     let (refined, _) = calibrate(&cameras, &options()).unwrap();
     let (kept, _) = calibrate(&cameras, &WandOptions { fix_focal: true, ..options() }).unwrap();

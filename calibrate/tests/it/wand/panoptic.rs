@@ -1,6 +1,7 @@
 //! Event cameras that a waved wand places among many frame cameras, on clocks of their own. What they see is only projected.
 
 use erfgs_calibrate::wand::{Frame, WandOptions, calibrate};
+use erfgs_recordings::shared;
 use erfgs_scene::Modality;
 use erfgs_scene::rig_file::{RigCamera, RigFile};
 
@@ -37,8 +38,6 @@ fn two_event_cameras_are_placed_among_the_cameras_of_a_ring() {
 
 #[test]
 fn four_event_cameras_are_placed_among_the_cameras_of_the_dome() {
-    match dome::panoptic() {
-        Some(eyes) => check(&eyes, 4, 7),
-        None => eprintln!("{} has no Panoptic scene: nothing checked", dome::shared().display()),
-    }
+    let Some(source) = shared(dome::PANOPTIC) else { return };
+    check(&dome::panoptic(&source), 4, 7);
 }

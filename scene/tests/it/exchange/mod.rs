@@ -1,10 +1,8 @@
 //! Converted rigs, read by the programs whose formats they are: where they see points of the world.
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{path::Path, process::Command};
 
+use erfgs_recordings::python;
 use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
 use erfgs_scene::{
     exchange::{Format, write},
@@ -33,14 +31,12 @@ const POINTS: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [0.3, -0.2, 0.1], [-0.4, 0.3, 0.
 /// Where the other program sees the points: for each camera in order, for each point.
 fn others(script: &str, path: &Path) -> Vec<Vec<[f64; 2]>> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python =
-        std::env::var_os("ERFGS_ORACLES").map_or_else(|| here.join("../target/oracles/bin/python"), PathBuf::from);
-    let output = Command::new(&python)
-        .arg(here.join("tests/convert").join(script))
+    let output = Command::new(python())
+        .arg(here.join("tests/it/exchange").join(script))
         .arg(path)
         .arg(serde_json::to_string(&POINTS).unwrap())
         .output()
-        .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
+        .unwrap();
     assert!(output.status.success(), "{script} failed:\n{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }

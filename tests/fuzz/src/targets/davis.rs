@@ -1,14 +1,11 @@
 //! Any bytes as words of a DAVIS. Options: bits 0 and 1 choose the size, bits 2 to 5 how events and frames turn.
 
-#![no_main]
+use erfgs_events::{DavisDecoder, DavisLayout, EventEncoding, SensorSize};
 
-use erfgs_events::EventEncoding;
-use erfgs_events::{DavisDecoder, DavisLayout, SensorSize};
-use erfgs_session::source::Encoding;
-use erfgs_session_fuzz::{Plan, check_resumed, check_stream};
-use libfuzzer_sys::fuzz_target;
+use crate::{Plan, check_resumed, check_stream};
 
-fuzz_target!(|input: &[u8]| {
+/// Checks one input.
+pub fn davis(input: &[u8]) {
     let Some(plan) = Plan::read(input) else { return };
     let size = |width, height| SensorSize { width, height };
     // The last is no sensor's: a size that a file claims.
@@ -19,5 +16,5 @@ fuzz_target!(|input: &[u8]| {
     // A frame grows by a column for each word that begins one.
     let limit = (1 << 20) + 16 * usize::from(size.width.max(size.height).min(4096)) * plan.len();
     check_stream(&plan, size, limit, || DavisDecoder::new(layout));
-    check_resumed(&plan, Encoding::Events(EventEncoding::Davis), size);
-});
+    check_resumed(&plan, EventEncoding::Davis, size);
+}

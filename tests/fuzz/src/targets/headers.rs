@@ -1,12 +1,11 @@
 //! Any bytes as the header of an event file. What a RAW header says is written as a header that says the same.
 
-#![no_main]
-
 use erfgs_events::{Aedat2Chip, Aedat4Header, DatFormat, RawHeader};
-use erfgs_session_fuzz::memory;
-use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(|bytes: &[u8]| {
+use crate::memory;
+
+/// Checks one input.
+pub fn headers(bytes: &[u8]) {
     let peak = memory::peak(|| {
         let (raw, at) = RawHeader::parse(bytes);
         assert!(at <= bytes.len());
@@ -30,4 +29,4 @@ fuzz_target!(|bytes: &[u8]| {
     });
     let limit = (64 << 10) + 256 * bytes.len();
     assert!(peak <= limit, "{peak} bytes of memory for a header of {} bytes", bytes.len());
-});
+}

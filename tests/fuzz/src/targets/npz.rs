@@ -4,17 +4,15 @@
 //! archive that is made of them. (Its checksums keep the fuzzer from reaching what lies behind by itself.) Bits 1 to 7: so
 //! many bytes are read at a time.
 
-#![no_main]
-
 use std::{
     io::{Cursor, Write},
     path::Path,
 };
 
 use erfgs_events::npz;
-use erfgs_session_fuzz::{Trickle, memory};
-use libfuzzer_sys::fuzz_target;
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
+
+use crate::{Trickle, memory};
 
 fn archive(mut arrays: &[u8]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
@@ -29,7 +27,8 @@ fn archive(mut arrays: &[u8]) -> Vec<u8> {
     zip.finish().expect("an archive").into_inner()
 }
 
-fuzz_target!(|input: &[u8]| {
+/// Checks one input.
+pub fn npz(input: &[u8]) {
     let Some((&options, rest)) = input.split_first() else { return };
     let made = archive(rest);
     let bytes = if options & 1 == 0 { rest } else { &made };
@@ -53,4 +52,4 @@ fuzz_target!(|input: &[u8]| {
     // A deflated byte stands for 1032 bytes at most, of which a column makes numbers of 8 bytes.
     let limit = (1 << 20) + 64_000 * bytes.len();
     assert!(peak <= limit, "{peak} bytes of memory for an archive of {} bytes", bytes.len());
-});
+}

@@ -1,12 +1,11 @@
 //! Any bytes as items of a DAT file. Options: bit 0, version 1; bit 1, trigger items; bit 2, the sensor's size is unknown.
 
-#![no_main]
-
 use erfgs_events::{DatDecoder, DatFormat, DatItems, SensorSize};
-use erfgs_session_fuzz::{Plan, check_stream};
-use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(|input: &[u8]| {
+use crate::{Plan, check_stream};
+
+/// Checks one input.
+pub fn dat(input: &[u8]) {
     let Some(plan) = Plan::read(input) else { return };
     let format = DatFormat {
         version: 2 - (plan.options & 1),
@@ -15,4 +14,4 @@ fuzz_target!(|input: &[u8]| {
     };
     let size = format.size.unwrap_or(SensorSize { width: 1 << 14, height: 1 << 14 });
     check_stream(&plan, size, 64 << 10, || DatDecoder::new(format));
-});
+}

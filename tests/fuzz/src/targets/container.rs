@@ -3,16 +3,14 @@
 //!
 //! The first byte says how many bytes are read at a time.
 
-#![no_main]
-
 use std::{
     io::{Cursor, Read, Seek},
     path::Path,
 };
 
-use erfgs_session::{container::{Entry, Session}};
-use erfgs_session_fuzz::{Nothing, Trickle, memory};
-use libfuzzer_sys::fuzz_target;
+use erfgs_session::container::{Entry, Session};
+
+use crate::{Nothing, Trickle, memory};
 
 /// The shortest message is longer.
 const SHORTEST_MESSAGE: usize = 9 + 22;
@@ -50,7 +48,8 @@ fn read(bytes: &[u8]) {
     }
 }
 
-fuzz_target!(|input: &[u8]| {
+/// Checks one input.
+pub fn container(input: &[u8]) {
     let Some((&most, bytes)) = input.split_first() else { return };
     let peak = memory::peak(|| read(bytes));
     // A frame of a DAVIS of any size that its words can name, decoded and handed on, is 64 MiB.
@@ -64,4 +63,4 @@ fuzz_target!(|input: &[u8]| {
         session.messages(None).map(|entry| format!("{entry:?}")).collect()
     };
     assert_eq!(text(&mut whole), text(&mut trickled));
-});
+}

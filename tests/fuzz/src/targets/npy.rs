@@ -1,12 +1,11 @@
 //! Any bytes as an array of NumPy. What is read as integers is written as an array that reads the same.
 
-#![no_main]
+use erfgs_base::npy::{self, NpyArray};
 
-use erfgs_base::{npy::{self, NpyArray}};
-use erfgs_session_fuzz::memory;
-use libfuzzer_sys::fuzz_target;
+use crate::memory;
 
-fuzz_target!(|bytes: &[u8]| {
+/// Checks one input.
+pub fn npy(bytes: &[u8]) {
     let peak = memory::peak(|| {
         let Ok(array) = NpyArray::decode(bytes) else { return };
         let elements = array.shape.iter().try_fold(1_usize, |all, &length| all.checked_mul(length));
@@ -27,4 +26,4 @@ fuzz_target!(|bytes: &[u8]| {
     });
     let limit = (64 << 10) + 128 * bytes.len();
     assert!(peak <= limit, "{peak} bytes of memory for an array of {} bytes", bytes.len());
-});
+}

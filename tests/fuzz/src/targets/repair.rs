@@ -1,14 +1,9 @@
 //! Any bytes as a session that is to be repaired. What comes out is whole, holds the messages that could be read before,
 //! and is left alone when it is repaired again; where nothing is damaged within, repairing in place gives the same bytes.
 
-#![no_main]
+use std::{fs, io::Cursor, path::Path};
 
-use std::{fs, io::Cursor, path::Path, sync::LazyLock};
-
-use erfgs_session::{container::{ContainerError, Entry, Session, recover, recover_in_place}};
-use libfuzzer_sys::fuzz_target;
-
-static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
+use erfgs_session::container::{ContainerError, Entry, Session, recover, recover_in_place};
 
 /// The messages of a session, with the names of the streams of packets: their order may be another in a copy.
 fn entries(bytes: &[u8]) -> Option<Vec<(Option<String>, Entry)>> {
@@ -21,9 +16,11 @@ fn entries(bytes: &[u8]) -> Option<Vec<(Option<String>, Entry)>> {
     Some(session.messages(None).filter_map(Result::ok).map(named).collect())
 }
 
-fuzz_target!(|bytes: &[u8]| {
-    let [source, out] = ["source.mcap", "out.mcap"].map(|name| FOLDER.path().join(name));
-    let _ = fs::remove_file(&out);
+/// Checks one input.
+pub fn repair(bytes: &[u8]) {
+    // In memory nobody waits for a disk.
+    let folder = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).expect("a temporary folder");
+    let [source, out] = ["source.mcap", "out.mcap"].map(|name| folder.path().join(name));
     fs::write(&source, bytes).expect("written");
     let Ok(report) = recover(&source, &out) else { return };
     assert_eq!(fs::read(&source).expect("read"), bytes, "the original is left alone");
@@ -51,4 +48,4 @@ fuzz_target!(|bytes: &[u8]| {
             assert!(matches!(error, ContainerError::DamagedWithin { .. }) && !report.damaged.is_empty(), "{error}");
         }
     }
-});
+}

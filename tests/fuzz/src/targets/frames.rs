@@ -1,19 +1,16 @@
-//! Any bytes as a frame in any encoding. A frame that can be shown has its size, in 8 and 16 bits and in linear light, which
+//! Any bytes as a frame in any pixel format. A frame that can be shown has its size, in 8 and 16 bits and in linear light, which
 //! agree with one another; what cannot is an error.
 //!
-//! The first bytes say the encoding, the size, and what the recording says of the camera ([`look`]); the rest is the frame.
-
-#![no_main]
+//! The first bytes say the pixel format, the size, and what the recording says of the camera ([`look`]); the rest is the frame.
 
 use std::sync::LazyLock;
 
-use erfgs_scene::pixel::PixelFormat;
-use erfgs_scene::pixel;
-use erfgs_session::{source::{Description, Encoding}};
-use erfgs_session_fuzz::memory;
-use libfuzzer_sys::fuzz_target;
+use erfgs_scene::pixel::{self, FrameFormat, PixelFormat};
+use erfgs_session::source::{Description, Encoding};
 
-static ENCODINGS: LazyLock<Vec<Encoding>> = LazyLock::new(|| Encoding::all().collect());
+use crate::memory;
+
+static FORMATS: LazyLock<Vec<PixelFormat>> = LazyLock::new(|| PixelFormat::all().collect());
 
 /// Bytes before the frame.
 const HEAD: usize = 6;
@@ -36,11 +33,11 @@ fn look(byte: u8) -> serde_json::Map<String, serde_json::Value> {
     settings
 }
 
-fn show(description: &Description, frame: &[u8]) {
+fn show(format: &FrameFormat, frame: &[u8]) {
     let [picture, deep, light] = [
-        pixel::picture(description, frame).map(|image| (image.width, image.height, image.data.len())),
-        pixel::deep_picture(description, frame).map(|image| (image.width, image.height, image.data.len())),
-        pixel::light(description, frame).map(|image| {
+        format.picture(frame).map(|image| (image.width, image.height, image.data.len())),
+        format.deep_picture(frame).map(|image| (image.width, image.height, image.data.len())),
+        format.light(frame).map(|image| {
             assert!(image.data.iter().all(|light| light.is_finite()));
             (image.width, image.height, image.data.len())
         }),
@@ -57,32 +54,34 @@ fn show(description: &Description, frame: &[u8]) {
         other => panic!("a frame that can be shown in one way only: {other:?}"),
     };
     assert_eq!(size.2, 3 * size.0 as usize * size.1 as usize);
-    if description.encoding != Encoding::Frames(PixelFormat::Mjpeg) {
-        assert_eq!((size.0, size.1), (description.width, description.height));
+    if format.pixels != PixelFormat::Mjpeg {
+        assert_eq!((size.0, size.1), (format.width, format.height));
     }
 }
 
-fuzz_target!(|input: &[u8]| {
-    let Some((&[encoding, width, height, said, fit, _], frame)) = input.split_first_chunk::<HEAD>() else { return };
-    let encoding = ENCODINGS[usize::from(encoding) % ENCODINGS.len()];
+/// Checks one input.
+pub fn frames(input: &[u8]) {
+    let Some((&[pixels, width, height, said, fit, _], frame)) = input.split_first_chunk::<HEAD>() else { return };
+    let pixels = FORMATS[usize::from(pixels) % FORMATS.len()];
     let (width, height) = (length(width), length(height));
     let description = Description {
         id: "camera".into(),
         model: String::new(),
         serial: String::new(),
-        encoding,
+        encoding: Encoding::Frames(pixels),
         width,
         height,
         start_order: 0,
         settings: look(said),
     };
+    let format = description.frame_format().expect("a stream of frames");
     let mut frame = frame.to_vec();
     // Mostly as long as it should be.
-    if let (true, Some(bytes)) = (fit != 0, pixel::frame_bytes(encoding, width % 250, height % 250)) {
+    if let (true, Some(bytes)) = (fit != 0, pixel::frame_bytes(pixels, width % 250, height % 250)) {
         frame.resize(bytes, fit);
     }
-    let peak = memory::peak(|| show(&description, &frame));
+    let peak = memory::peak(|| show(&format, &frame));
     // A byte of a JPEG image can be 512 pixels, of several planes and pictures.
-    let limit = (8 << 20) + if encoding == Encoding::Frames(PixelFormat::Mjpeg) { 512 * 32 } else { 64 } * frame.len();
+    let limit = (8 << 20) + if pixels == PixelFormat::Mjpeg { 512 * 32 } else { 64 } * frame.len();
     assert!(peak <= limit, "{peak} bytes of memory for a frame of {} bytes", frame.len());
-});
+}

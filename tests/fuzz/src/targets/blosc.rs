@@ -1,12 +1,11 @@
 //! Any bytes as a chunk that Blosc packed.
 
-#![no_main]
-
 use erfgs_events::hdf5::blosc;
-use erfgs_session_fuzz::memory;
-use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(|bytes: &[u8]| {
+use crate::memory;
+
+/// Checks one input.
+pub fn blosc(bytes: &[u8]) {
     let peak = memory::peak(|| {
         if let Ok(unpacked) = blosc::unpack(bytes) {
             let length =
@@ -17,4 +16,4 @@ fuzz_target!(|bytes: &[u8]| {
     // A chunk has 64 MiB at most, which Zstandard may make of a few bytes, in a window of 100 MiB.
     let limit = 640 << 20;
     assert!(peak <= limit, "{peak} bytes of memory for a chunk of {} bytes", bytes.len());
-});
+}
