@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use erfgs_session::source::{Counters, Encoding};
 use serde::{Deserialize, Serialize};
 
-use super::lane::Drops;
+use super::stream_queue::Drops;
 
 /// How a stream fares.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -29,7 +29,7 @@ use erfgs_hardware_mocks::usb::{
     scene::{TakeEvents, TakeFrames},
 };
 use erfgs_recorder::{
-    Input, MachineFacts, Mcap, Options, Recorder, RigConfig, SessionInfo, folder_of,
+    Input, MachineFacts, Options, Recorder, RigConfig, SessionFiles, SessionInfo, folder_of,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
     open_on,
 };
@@ -100,8 +100,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         flush_every: Duration::from_millis(500),
         reserve_bytes: 512 << 20,
         folder: folder_of(&out),
-        opener: Box::new(Mcap::default()),
-        tap: Some(Arc::clone(&monitor) as _),
+        opener: Box::new(SessionFiles::default()),
+        subscriber: Some(Arc::clone(&monitor) as _),
     };
     let recorder = Arc::new(Recorder::new(inputs, options)?);
     let page = LivePage::serve(Arc::clone(&recorder), monitor, &LiveOptions { address, names: Vec::new() })?;

@@ -17,7 +17,7 @@ use super::{
     eye::{Eye, Inbox},
     guide::{Guidance, Guide},
 };
-use crate::{StreamStatus, Tap};
+use crate::{StreamStatus, Subscriber};
 use erfgs_rig::host_time::host_ns;
 
 /// Pictures are made while somebody asked for one within this long, nanoseconds.
@@ -115,7 +115,7 @@ impl Monitor {
     }
 }
 
-impl Tap for Monitor {
+impl Subscriber for Monitor {
     fn packet(&self, stream: usize, packet: &Packet) {
         if let Some(guide) = self.guide.get() {
             guide.packet(stream, packet);
