@@ -13,7 +13,7 @@ use crate::evidence::Moment;
 
 /// A frame in which the board was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct BoardView {
     /// What frames of other cameras taken at the same instant are called, too.
     pub instant: String,
     /// When it was taken, seconds, where that is known.
@@ -27,7 +27,7 @@ pub struct View {
     pub corners: Vec<Corner>,
 }
 
-impl View {
+impl BoardView {
     /// When it was taken.
     #[must_use]
     pub fn moment(&self) -> Moment {
@@ -47,7 +47,7 @@ pub struct Seen {
     /// Number of frames that were looked at.
     pub frames: usize,
     /// Those with a board, in order.
-    pub views: Vec<View>,
+    pub views: Vec<BoardView>,
 }
 
 /// The file with the times of videos' frames.
@@ -161,11 +161,11 @@ fn of_images(
     target: &Target,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
-    let looked: Vec<([u32; 2], View)> = images
+    let looked: Vec<([u32; 2], BoardView)> = images
         .par_iter()
         .map(|(instant, file)| {
             let image = ImageRgb8::read(file)?;
-            let view = View {
+            let view = BoardView {
                 instant: instant.clone(),
                 time_s: None,
                 file: file.clone(),
@@ -212,13 +212,13 @@ fn of_video(
         }
         frames += batch.len();
         size = [batch[0].1.width, batch[0].1.height];
-        let found: Vec<View> = batch
+        let found: Vec<BoardView> = batch
             .par_iter()
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
                 let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
                 let (time_s, corners) = (label.map(|l| l.1), detect(image, target));
-                let view = View { instant, time_s, file: path.into(), frame: *number as u64, corners };
+                let view = BoardView { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
                 view
             })

@@ -31,7 +31,7 @@ pub use uncertainty::{CameraUncertainty, OpenDirection, Uncertainty};
 
 /// One camera of a rig that stands still.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Camera {
+pub struct BundleCamera {
     /// Name, for messages.
     pub name: String,
     /// Lens and sensor.
@@ -108,7 +108,7 @@ pub enum Prior {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bundle {
     /// The cameras.
-    pub cameras: Vec<Camera>,
+    pub cameras: Vec<BundleCamera>,
     /// The placements.
     pub placements: Vec<Placement>,
     /// What was seen, in any order.

@@ -79,7 +79,7 @@ pub(super) struct Watch {
 }
 
 /// The recording that runs.
-pub(super) struct Recording {
+pub(super) struct RunningRecording {
     pub path: PathBuf,
     pub queue: Arc<Queue>,
     pub progress: Arc<Progress>,
@@ -92,7 +92,7 @@ pub(super) struct Shared {
     pub slots: Vec<Slot>,
     pub options: Options,
     pub log: Arc<Mutex<Log>>,
-    pub recording: Mutex<Option<Recording>>,
+    pub recording: Mutex<Option<RunningRecording>>,
     /// The session file that is being completed.
     pub finishing: Mutex<Option<PathBuf>>,
     /// Held while a recording ends, so that whoever ends it too waits.
@@ -254,7 +254,7 @@ impl Recorder {
         }
         let (path, started, meter) = (path.to_path_buf(), Instant::now(), Meter::default());
         self.say(Level::Info, "", format!("recording into '{}'", path.display()));
-        *recording = Some(Recording { path, queue, progress, started, meter, writer });
+        *recording = Some(RunningRecording { path, queue, progress, started, meter, writer });
         Ok(())
     }
 
@@ -353,7 +353,7 @@ impl Shared {
     }
 }
 
-impl Recording {
+impl RunningRecording {
     pub fn status(&mut self) -> RecordingStatus {
         let bytes = self.progress.bytes.load(Relaxed);
         RecordingStatus {

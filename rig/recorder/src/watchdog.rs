@@ -83,7 +83,7 @@ pub(super) fn refresh(shared: &Shared) {
     let mut status = Status {
         rig: shared.options.info.rig.clone(),
         host_ns: host_ns(),
-        recording: recording.as_mut().map(super::recorder::Recording::status),
+        recording: recording.as_mut().map(super::recorder::RunningRecording::status),
         finishing: lock(&shared.finishing).clone(),
         last: lock(&shared.last).clone(),
         disk: DiskStatus::default(),

@@ -40,7 +40,7 @@ impl Default for MonitorOptions {
     }
 }
 
-struct Stream {
+struct WatchedStream {
     encoding: Encoding,
     id: String,
     inbox: Mutex<Inbox>,
@@ -49,7 +49,7 @@ struct Stream {
 }
 
 struct Shared {
-    streams: Vec<Stream>,
+    streams: Vec<WatchedStream>,
     quit: AtomicBool,
 }
 
@@ -73,7 +73,7 @@ impl Monitor {
         descriptions: impl IntoIterator<Item = &'a Description>,
         options: MonitorOptions,
     ) -> std::io::Result<Arc<Self>> {
-        let stream = |description: &Description| Stream {
+        let stream = |description: &Description| WatchedStream {
             encoding: description.encoding,
             id: description.id.clone(),
             inbox: Mutex::default(),
