@@ -1,7 +1,6 @@
 //! What can go wrong while the initial point cloud is made.
 
-use std::{io, path::PathBuf};
-
+use erfgs_base::FileError;
 use erfgs_calibrate::colmap::RunError;
 
 /// What can go wrong while the initial point cloud is made.
@@ -61,15 +60,8 @@ pub enum CloudError {
     #[error(transparent)]
     Dataset(#[from] erfgs_dataset::DatasetError),
     /// A file cannot be read or written.
-    #[error("while {doing} {}: {source}", path.display())]
-    Io {
-        /// What was being done.
-        doing: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// Neither a program nor pycolmap.
     #[error(
         "COLMAP was not found ({tried}); install it (Debian, Ubuntu: apt install colmap; any system: pip install \

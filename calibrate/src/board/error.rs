@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use erfgs_base::FileError;
 use erfgs_events::EventFileError;
 use erfgs_scene::{image::ImageError, video::VideoError};
 use erfgs_session::container::ContainerError;
@@ -12,13 +13,8 @@ use crate::bundle::BundleError;
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
     /// A folder cannot be listed.
-    #[error("cannot read the folder {}: {source}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// There is nothing to look at.
     #[error(
         "{} holds neither images, nor videos, nor folders of images; give one folder or video for each camera, or images whose \

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_scene::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
@@ -100,9 +101,9 @@ pub fn look(
 }
 
 fn list(folder: &Path) -> Result<Vec<PathBuf>, BoardError> {
-    let error = |source| BoardError::Folder { path: folder.into(), source };
+    let error = FileError::when("read the folder", folder);
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
-        .map_err(error)?
+        .map_err(&error)?
         .map(|entry| entry.map(|e| e.path()))
         .collect::<Result<_, _>>()
         .map_err(error)?;

@@ -20,6 +20,7 @@ mod views;
 
 use std::{fmt, fs, path::Path};
 
+use erfgs_base::FileError;
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
@@ -118,13 +119,13 @@ pub fn sfm(
     views.iter().try_for_each(CameraView::check)?;
     let scale = options.scale.as_ref().map(|scale| ends_of(views, scale)).transpose()?;
     let colmap = Colmap::find(&options.colmap)?;
-    let io = |source| SfmError::Io { doing: "making a folder in", path: work_dir.into(), source };
-    let work = tempfile::Builder::new().prefix("sfm-").tempdir_in(work_dir).map_err(io)?;
+    let io = FileError::when("make a folder in", work_dir);
+    let work = tempfile::Builder::new().prefix("sfm-").tempdir_in(work_dir).map_err(&io)?;
     let mut state = State { views, options, runs: Vec::new(), candidates: Vec::new(), evidence: Evidence::default() };
     let mut agreement = None;
     for (number, setting) in options.settings.iter().enumerate() {
         let folder = work.path().join(number.to_string());
-        fs::create_dir_all(&folder).map_err(io)?;
+        fs::create_dir_all(&folder).map_err(&io)?;
         let run = run::run(views, setting, &colmap, options.threads, &folder, progress)?;
         state.add(run, progress)?;
         agreement = state.agreement();

@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+use erfgs_base::FileError;
 use erfgs_scene::{Modality, Pose};
 
 use super::{
@@ -83,8 +84,8 @@ pub fn register(
     };
     let views: Vec<CameraView> = posed.iter().map(|(view, _)| *view).chain(new).map(alike).collect();
     let colmap = Colmap::find(&options.colmap)?;
-    let io = |source| SfmError::Io { doing: "making a folder in", path: work_dir.into(), source };
-    let work = tempfile::Builder::new().prefix("register-").tempdir_in(work_dir).map_err(io)?;
+    let work = tempfile::Builder::new().prefix("register-").tempdir_in(work_dir);
+    let work = work.map_err(FileError::when("make a folder in", work_dir))?;
     let extracted = extract(&views, &options.setting, &colmap, options.threads, work.path(), progress)?;
     let features = extracted.features(&views, options.setting.enlarge);
 

@@ -1,13 +1,13 @@
 //! One run of COLMAP: images enlarged, features, matches, verification, mapper, the largest model.
 
 use std::{
-    fs, io,
+    fs,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
 
-use erfgs_base::random;
+use erfgs_base::{FileError, random};
 use erfgs_scene::{
     Intrinsics, Pose,
     colmap::{CameraModel, ColmapCamera, Model},
@@ -100,7 +100,7 @@ pub(super) fn run(
     colmap.verify(&Verification { database: path.clone(), threads, seed }, &|_, _| {})?;
     progress(SfmStep::Mapping, 1, 2);
     let output = folder.join("models");
-    fs::create_dir_all(&output).map_err(io_error("making", &output))?;
+    fs::create_dir_all(&output).map_err(FileError::when("make the folder", &output))?;
     let refine_intrinsics = views.iter().any(|view| view.intrinsics.is_none());
     let mapping = Mapping {
         database: path,
@@ -120,11 +120,6 @@ pub(super) fn run(
     let mut run = read(views, &prepared, &models, setting);
     run.seconds = since.elapsed().as_secs_f64();
     Ok(run)
-}
-
-fn io_error(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> SfmError {
-    let path = path.to_owned();
-    move |source| SfmError::Io { doing, path, source }
 }
 
 fn enlarged_size(view: &CameraView, by: f64) -> [u32; 2] {
@@ -163,7 +158,7 @@ pub(super) fn extract(
     let mut sorted = names.clone();
     sorted.sort();
     let list = folder.join("images.txt");
-    fs::write(&list, sorted.join("\n") + "\n").map_err(io_error("writing", &list))?;
+    fs::write(&list, sorted.join("\n") + "\n").map_err(FileError::when("write", &list))?;
     let database = folder.join("database.db");
     let largest = views.iter().flat_map(|view| enlarged_size(view, setting.enlarge)).max().unwrap_or(1);
     let job = Extraction {
@@ -242,8 +237,8 @@ fn match_all(prepared: &Prepared, setting: &Setting, progress: Progress<'_>) -> 
 
 fn read_models(output: &Path) -> Result<Vec<Model>, SfmError> {
     let mut models = Vec::new();
-    for entry in fs::read_dir(output).map_err(io_error("listing", output))? {
-        let path = entry.map_err(io_error("listing", output))?.path();
+    for entry in fs::read_dir(output).map_err(FileError::when("list the folder", output))? {
+        let path = entry.map_err(FileError::when("list the folder", output))?.path();
         if path.is_dir() {
             models.push(Model::read(&path)?);
         }

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_dataset::Dataset;
 use erfgs_scene::{Intrinsics, Modality, image::ImageGrey8};
 
@@ -129,9 +130,9 @@ pub fn read_model_views(path: &Path, frame: usize, rig: &RigFile) -> Result<Vec<
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
-    let io = |source| SfmError::Io { doing: "listing", path: folder.into(), source };
+    let io = FileError::when("list the folder", folder);
     let mut entries: Vec<PathBuf> = fs::read_dir(folder)
-        .map_err(io)?
+        .map_err(&io)?
         .map(|entry| entry.map(|entry| entry.path()))
         .collect::<Result<_, _>>()
         .map_err(io)?;

@@ -9,11 +9,12 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
-    fs, io,
+    fs,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
 };
 
+use erfgs_base::FileError;
 use erfgs_dataset::DatasetError;
 use erfgs_scene::{
     Intrinsics,
@@ -58,13 +59,9 @@ pub fn points(
     check(options)?;
     let colmap = Colmap::find(&options.colmap.program)?;
     counts.insert("colmap_version".into(), colmap.version().into());
-    let io_error = |doing, path: &Path| {
-        let path = path.to_owned();
-        move |source: io::Error| CloudError::Io { doing, path, source }
-    };
-    fs::create_dir_all(work_dir).map_err(io_error("making the work folder", work_dir))?;
+    fs::create_dir_all(work_dir).map_err(FileError::when("make the work folder", work_dir))?;
     let work = tempfile::Builder::new().prefix("colmap-").tempdir_in(work_dir);
-    let work = work.map_err(io_error("making a folder in", work_dir))?;
+    let work = work.map_err(FileError::when("make a folder in", work_dir))?;
     let folder = work.path();
 
     let images = folder.join("images");
@@ -72,7 +69,7 @@ pub fn points(
     let list = folder.join("images.txt");
     let mut sorted: Vec<String> = names.keys().cloned().collect();
     sorted.sort();
-    fs::write(&list, sorted.join("\n") + "\n").map_err(io_error("writing", &list))?;
+    fs::write(&list, sorted.join("\n") + "\n").map_err(FileError::when("write", &list))?;
 
     let path = folder.join("database.db");
     let threads = if options.threads == 0 { -1 } else { options.threads as i64 };
@@ -114,7 +111,7 @@ pub fn points(
 
     let (input, output) = (folder.join("input"), folder.join("output"));
     posed_model(rig, &rows, &shots, &enlarged).write_text(&input)?;
-    fs::create_dir_all(&output).map_err(io_error("making", &output))?;
+    fs::create_dir_all(&output).map_err(FileError::when("make the folder", &output))?;
     progress(CloudStep::Triangulation, 0, 1);
     colmap.triangulate(
         &Triangulation {
