@@ -96,7 +96,7 @@ pub fn points(
         rig.stations.iter().map(|s| enlarge(s.intrinsics(), options.colmap.enlarge)).collect();
     set_cameras(&database, &rows, &shots, &enlarged)?;
     let features = read_features(&database, &rows, &shots, &enlarged)?;
-    let feature_count: usize = features.iter().map(Features::len).sum();
+    let feature_count: usize = features.iter().map(Features::count).sum();
     counts.insert("images".into(), rows.len().into());
     counts.insert("features".into(), feature_count.into());
     if feature_count < FEWEST_FEATURES {
