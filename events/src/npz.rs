@@ -270,15 +270,6 @@ pub fn read_luma_from(file: impl Read + Seek, path: &Path) -> Result<LumaSequenc
     Ok(LumaSequence { frames, width: width.into(), height: height.into(), data })
 }
 
-/// Writes `luma[T, H, W]` (u8).
-///
-/// # Errors
-/// If the file cannot be written.
-pub fn write_luma(path: &Path, luma: &LumaSequence) -> Result<(), NpzError> {
-    let shape = [luma.frames, luma.height as usize, luma.width as usize];
-    write(path, &[("luma", npy::encode(&shape, luma.data.iter().copied()))])
-}
-
 /// Writes arrays, encoded as `.npy`, into a new archive.
 fn write(path: &Path, arrays: &[(&str, Vec<u8>)]) -> Result<(), NpzError> {
     let io = FileError::when("write", path);
@@ -392,7 +383,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("luma.npz");
         let luma = LumaSequence { frames: 2, width: 3, height: 2, data: (0..12).collect() };
-        write_luma(&path, &luma).unwrap();
+        write(&path, &[("luma", npy::encode(&[2, 2, 3], luma.data.iter().copied()))]).unwrap();
         let read = read_luma(&path).unwrap();
         assert_eq!(read, luma);
         assert_eq!(read.iter().nth(1).unwrap(), [6, 7, 8, 9, 10, 11]);
