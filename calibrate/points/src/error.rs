@@ -27,7 +27,7 @@ pub enum CloudError {
     /// A frame that was asked for by name is missing.
     #[error("no frame called '{name}' is shared by 3 training cameras; image files are named without their extension")]
     UnknownFrame {
-        /// The name.
+        /// What was asked for: a file name without its extension.
         name: String,
     },
     /// A pose or intrinsics that no image can be projected with.
@@ -103,7 +103,7 @@ pub enum CloudError {
          belong to the images, widen the depth range, or use --init random"
     )]
     TooFewPoints {
-        /// The method.
+        /// How the cloud is made, as `--init` names it.
         method: &'static str,
         /// How many points it found.
         found: usize,

@@ -46,7 +46,7 @@ pub struct CloudPoint {
 pub struct Cloud {
     /// The points, ordered by time; of one time, those first that were found again at others.
     pub points: Vec<CloudPoint>,
-    /// The method.
+    /// How the points were found.
     pub method: Method,
     /// The method's parameters and what it counted on the way: images, features, matches, points before merging, and as
     /// `runs` how many points in a row share `t_ns` and whether they were `found_again` at another instant.

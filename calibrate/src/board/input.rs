@@ -24,7 +24,7 @@ pub struct BoardView {
     /// Which frame of it: the number from 0 in a video, the packet's in a session's stream, in events the end of the time that
     /// was looked at, microseconds.
     pub frame: u64,
-    /// The corners.
+    /// The corners of the board that were found: their numbers on it, and pixels.
     pub corners: Vec<Corner>,
 }
 

@@ -107,9 +107,9 @@ pub enum Prior {
 /// A problem, and after [`Bundle::solve`] its solution.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bundle {
-    /// The cameras.
+    /// The cameras, which observations name by index.
     pub cameras: Vec<BundleCamera>,
-    /// The placements.
+    /// What was held before them, which observations name by index.
     pub placements: Vec<Placement>,
     /// What was seen, in any order.
     pub observations: Vec<Observation>,

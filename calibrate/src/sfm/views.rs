@@ -19,7 +19,7 @@ pub struct CameraView {
     pub name: String,
     /// What it records.
     pub modality: Modality,
-    /// The image.
+    /// What it saw at the instant, grey.
     pub image: ImageGrey8,
     /// Its intrinsics, where they are known.
     pub intrinsics: Option<Intrinsics>,

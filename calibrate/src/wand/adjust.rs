@@ -25,7 +25,7 @@ pub(super) enum Round {
     First,
     /// The same, after the rig and the wand were brought to one scale.
     Scaled,
-    /// All.
+    /// All that was seen, the wands that were held out among it.
     All,
 }
 

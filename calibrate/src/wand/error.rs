@@ -32,7 +32,7 @@ pub enum WandError {
         folder.display()
     )]
     NoPoints {
-        /// The folder.
+        /// Where they were looked for.
         folder: PathBuf,
     },
     /// A rig with known intrinsics cannot be read.

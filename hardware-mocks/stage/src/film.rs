@@ -118,7 +118,7 @@ impl FilmOptions {
 /// What was filmed, and how long it took.
 #[derive(Clone, Debug)]
 pub struct FilmReport {
-    /// The dataset.
+    /// What was written, as it can be read again.
     pub dataset: Dataset,
     /// Frames of the RGB cameras, in all.
     pub rgb_frames: u64,

@@ -195,7 +195,7 @@ pub struct Status {
     pub last: Option<Summary>,
     /// The streams in the order of the rig.
     pub streams: Vec<StreamStatus>,
-    /// The disk.
+    /// What is left of the disk of the recordings.
     pub disk: DiskStatus,
     /// The latest messages, oldest first.
     pub messages: Vec<Message>,

@@ -29,7 +29,7 @@ pub struct RigFile {
     pub method: String,
     /// Whether lengths are metres; a rig from images alone has no scale.
     pub metric: bool,
-    /// The cameras.
+    /// Lenses of the cameras, and poses where they are known.
     pub cameras: Vec<RigCamera>,
     /// What the calibration as a whole says about itself; absent where it was converted.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -29,7 +29,7 @@ pub enum NameError {
 pub struct RecordingFile {
     /// File name, without a folder.
     pub name: String,
-    /// Bytes.
+    /// Its length, bytes.
     pub bytes: u64,
     /// When it was last written, seconds since 1970.
     pub modified_s: u64,
