@@ -12,7 +12,7 @@ use std::{
 use anyhow::Context;
 use erfgs_recorder as record;
 use erfgs_recorder::{
-    Input, Level, MachineFacts, Mcap, Options, RecordConfig, Recorder, RigConfig, SessionInfo, Status, Summary,
+    Input, Level, MachineFacts, Options, RecordConfig, Recorder, RigConfig, SessionFiles, SessionInfo, Status, Summary,
     folder_of,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
     preflight::{self, Finding, Plan, Verdict},
@@ -164,8 +164,8 @@ pub fn options(record: &RecordConfig, info: SessionInfo, folder: PathBuf, monito
         flush_every: Duration::from_millis(record.flush_ms),
         reserve_bytes: record.reserve_mib << 20,
         folder,
-        opener: Box::new(Mcap { settings }),
-        tap: Some(Arc::clone(monitor) as _),
+        opener: Box::new(SessionFiles { settings }),
+        subscriber: Some(Arc::clone(monitor) as _),
     }
 }
 

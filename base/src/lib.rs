@@ -4,13 +4,16 @@
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`npy`]: NumPy's arrays.
+//! - [`FileError`]: a file that could not be read or written, with what helps.
 
 #[cfg(feature = "files")]
 pub mod atomic;
+mod file_error;
 pub mod npy;
 #[cfg(feature = "parallel")]
 pub mod progress;
 pub mod random;
 
+pub use file_error::FileError;
 #[cfg(feature = "parallel")]
 pub use progress::Progress;

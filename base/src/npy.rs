@@ -37,13 +37,13 @@ pub enum NpyError {
         found: usize,
         /// Bytes needed (`u64::MAX` where that overflows).
         needed: u64,
-        /// The shape.
+        /// Its header's length of each axis.
         shape: Vec<u64>,
     },
     /// A value does not fit the type that is wanted.
     #[error("holds the value {value} at index {index}, outside {wanted}")]
     Range {
-        /// The value.
+        /// The first value that does not fit.
         value: i128,
         /// Its position.
         index: usize,

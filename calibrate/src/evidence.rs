@@ -87,13 +87,13 @@ pub struct Evidence {
 /// A table of the report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
-    /// Title.
+    /// Heading of the section.
     pub title: String,
     /// A sentence below it.
     pub note: String,
     /// Column heads.
     pub head: Vec<String>,
-    /// Rows.
+    /// Cells of each row, as many as heads.
     pub rows: Vec<Vec<String>>,
 }
 

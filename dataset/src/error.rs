@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::atomic::NewFolder;
+use erfgs_base::{FileError, atomic::NewFolder};
 use erfgs_events::npz::NpzError;
 use erfgs_scene::{image::ImageError, ply::PlyError};
 
@@ -25,15 +25,8 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// A file cannot be opened, read or written.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The manifest is no manifest.
     #[error("{} is malformed: {source}; see docs/dataset.md for the format", path.display())]
     Json {
@@ -157,7 +150,7 @@ impl DatasetError {
     pub(crate) fn new_folder(path: &Path) -> Result<NewFolder, Self> {
         NewFolder::begin(path).map_err(|source| match source.kind() {
             io::ErrorKind::AlreadyExists => Self::OutputExists { path: path.to_owned() },
-            _ => Self::Io { doing: "write", path: path.to_owned(), source },
+            _ => FileError::when("write", path)(source).into(),
         })
     }
 }

@@ -3,6 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use super::{Camera, Dataset, DatasetError, Frame, Manifest};
+use erfgs_base::FileError;
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
     image::{ImageGrey8, ImageRgb8},
@@ -29,7 +30,7 @@ impl Dataset {
         let file = root.join(Self::MANIFEST);
         let text = std::fs::read_to_string(&file).map_err(|source| match source.kind() {
             std::io::ErrorKind::NotFound => DatasetError::NotADataset { path: root.to_owned() },
-            _ => DatasetError::Io { doing: "read", path: file.clone(), source },
+            _ => FileError::when("read", &file)(source).into(),
         })?;
         #[derive(serde::Deserialize)]
         struct Head {
@@ -56,7 +57,7 @@ impl Dataset {
         let mut text = serde_json::to_vec_pretty(&self.manifest)
             .map_err(|source| DatasetError::Json { path: path.clone(), source })?;
         text.push(b'\n');
-        erfgs_base::atomic::write(&path, &text).map_err(|source| DatasetError::Io { doing: "write", path, source })
+        Ok(erfgs_base::atomic::write(&path, &text).map_err(FileError::when("write", &path))?)
     }
 
     /// Where a file that the manifest names lies on disk.

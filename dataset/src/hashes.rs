@@ -7,6 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
@@ -67,14 +68,14 @@ impl Dataset {
 }
 
 fn sha256(path: &Path) -> Result<String, DatasetError> {
-    let io = |source| DatasetError::Io { doing: "read", path: path.to_owned(), source };
-    let (mut file, mut hasher, mut buffer) = (File::open(path).map_err(io)?, Sha256::new(), vec![0; 1 << 16]);
+    let io = FileError::when("read", path);
+    let (mut file, mut hasher, mut buffer) = (File::open(path).map_err(&io)?, Sha256::new(), vec![0; 1 << 16]);
     loop {
         match file.read(&mut buffer) {
             Ok(0) => return Ok(hexadecimal(&hasher.finalize())),
             Ok(length) => hasher.update(&buffer[..length]),
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(io(error)),
+            Err(error) => return Err(io(error).into()),
         }
     }
 }

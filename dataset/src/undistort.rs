@@ -14,7 +14,10 @@ use glam::DVec2;
 use serde_json::json;
 
 use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Problem, VariantStep, layout};
-use erfgs_base::progress::{Progress, in_parallel};
+use erfgs_base::{
+    FileError,
+    progress::{Progress, in_parallel},
+};
 use erfgs_events::{Event, Events, npz};
 use erfgs_scene::{
     Distortion, Intrinsics,
@@ -35,7 +38,7 @@ pub fn undistort(dataset: &Dataset, out: &Path, progress: &mut dyn FnMut(Progres
         .collect::<Result<_, _>>()?;
     let tasks: Vec<Task> = cameras.iter().zip(&pinholes).flat_map(|(camera, (to, _))| tasks(camera, *to)).collect();
     let total = tasks.len() as u64;
-    let work = |task: &Task, tick: &dyn Fn()| {
+    let work = |task: &Task, tick: &dyn Fn()| -> Result<u64, DatasetError> {
         let count = task.run(dataset, folder.path())?;
         tick();
         Ok(count)
@@ -77,7 +80,7 @@ pub fn undistort(dataset: &Dataset, out: &Path, progress: &mut dyn FnMut(Progres
     new.hash_files()?;
     new.save()?;
     new.validate()?;
-    folder.finish().map_err(|source| DatasetError::Io { doing: "write", path: out.to_owned(), source })?;
+    folder.finish().map_err(FileError::when("write", out))?;
     new.root = out.to_owned();
     Ok(new)
 }
@@ -134,11 +137,12 @@ impl Task<'_> {
 
 fn copy(dataset: &Dataset, file: &Path, root: &Path) -> Result<(), DatasetError> {
     let (from, to) = (dataset.path(file)?, root.join(file));
-    let io = |source| DatasetError::Io { doing: "copy", path: from.clone(), source };
+    let io = FileError::when("copy", &from);
     if let Some(folder) = to.parent() {
-        std::fs::create_dir_all(folder).map_err(io)?;
+        std::fs::create_dir_all(folder).map_err(&io)?;
     }
-    std::fs::copy(&from, &to).map(drop).map_err(io)
+    std::fs::copy(&from, &to).map_err(io)?;
+    Ok(())
 }
 
 /// Events of `from` moved to the pixels of `to` that their rays fall in; those outside are dropped.

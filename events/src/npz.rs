@@ -9,21 +9,17 @@ use std::{
 use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter, write::SimpleFileOptions};
 
 use crate::Events;
-use erfgs_base::npy::{self, NpyArray, NpyError};
+use erfgs_base::{
+    FileError,
+    npy::{self, NpyArray, NpyError},
+};
 
 /// What can go wrong with an `.npz` file.
 #[derive(Debug, thiserror::Error)]
 pub enum NpzError {
     /// The file cannot be opened, read or written.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The archive.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The file is no whole zip archive.
     #[error("cannot read {}: {source}; the archive is cut short or damaged, make it again", path.display())]
     Archive {
@@ -90,8 +86,7 @@ struct Archive<'a, R> {
 }
 
 fn open(path: &Path) -> Result<BufReader<File>, NpzError> {
-    let file = File::open(path).map_err(|source| NpzError::Io { doing: "read", path: path.to_owned(), source })?;
-    Ok(BufReader::new(file))
+    Ok(BufReader::new(File::open(path).map_err(FileError::when("read", path))?))
 }
 
 impl<'a, R: Read + Seek> Archive<'a, R> {
@@ -275,18 +270,9 @@ pub fn read_luma_from(file: impl Read + Seek, path: &Path) -> Result<LumaSequenc
     Ok(LumaSequence { frames, width: width.into(), height: height.into(), data })
 }
 
-/// Writes `luma[T, H, W]` (u8).
-///
-/// # Errors
-/// If the file cannot be written.
-pub fn write_luma(path: &Path, luma: &LumaSequence) -> Result<(), NpzError> {
-    let shape = [luma.frames, luma.height as usize, luma.width as usize];
-    write(path, &[("luma", npy::encode(&shape, luma.data.iter().copied()))])
-}
-
 /// Writes arrays, encoded as `.npy`, into a new archive.
 fn write(path: &Path, arrays: &[(&str, Vec<u8>)]) -> Result<(), NpzError> {
-    let io = |source| NpzError::Io { doing: "write", path: path.to_owned(), source };
+    let io = FileError::when("write", path);
     let mut zip = ZipWriter::new(std::io::Cursor::new(Vec::new()));
     for (name, bytes) in arrays {
         let options = SimpleFileOptions::default()
@@ -295,10 +281,10 @@ fn write(path: &Path, arrays: &[(&str, Vec<u8>)]) -> Result<(), NpzError> {
             .last_modified_time(DateTime::default())
             .large_file(bytes.len() as u64 >= u64::from(u32::MAX));
         zip.start_file(format!("{name}.npy"), options).map_err(|error| io(error.into()))?;
-        zip.write_all(bytes).map_err(io)?;
+        zip.write_all(bytes).map_err(&io)?;
     }
     let bytes = zip.finish().map_err(|error| io(error.into()))?.into_inner();
-    erfgs_base::atomic::write(path, &bytes).map_err(io)
+    Ok(erfgs_base::atomic::write(path, &bytes).map_err(io)?)
 }
 
 /// Level of the compression: on simulated events level 6 saves a few per cent more and takes several times as long.
@@ -397,7 +383,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("luma.npz");
         let luma = LumaSequence { frames: 2, width: 3, height: 2, data: (0..12).collect() };
-        write_luma(&path, &luma).unwrap();
+        write(&path, &[("luma", npy::encode(&[2, 2, 3], luma.data.iter().copied()))]).unwrap();
         let read = read_luma(&path).unwrap();
         assert_eq!(read, luma);
         assert_eq!(read.iter().nth(1).unwrap(), [6, 7, 8, 9, 10, 11]);

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use image::{
     ExtendedColorType, ImageBuffer, ImageEncoder, Luma, Rgb,
     codecs::png::{CompressionType, FilterType, PngEncoder},
@@ -16,15 +17,8 @@ use image::{
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// The file cannot be opened or written.
-    #[error("cannot {doing} image {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The image file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The file is no image that can be decoded.
     #[error("cannot decode image {}: {source}; check that it is a complete PNG or JPEG file", path.display())]
     Decode {
@@ -208,26 +202,26 @@ fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
 }
 
 fn open(path: &Path) -> Result<image::ImageReader<std::io::BufReader<File>>, ImageError> {
-    let io = |source| ImageError::Io { doing: "read", path: path.to_owned(), source };
+    let io = FileError::when("read image", path);
     // The content decides what the format is: folders of frames with a wrong extension are common.
-    image::ImageReader::open(path).map_err(io)?.with_guessed_format().map_err(io)
+    Ok(image::ImageReader::open(path).map_err(&io)?.with_guessed_format().map_err(&io)?)
 }
 
 fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {
-    let io = |source| ImageError::Io { doing: "write", path: path.to_owned(), source };
+    let io = FileError::when("write image", path);
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(io)?;
+        std::fs::create_dir_all(folder).map_err(&io)?;
     }
     let bytes = usize::from(colour.bits_per_pixel()) / 8;
     if data.len() != width as usize * height as usize * bytes {
         let what = format!("{} bytes do not make {width} x {height} pixels", data.len());
-        return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)));
+        return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)).into());
     }
-    let mut file = BufWriter::new(File::create(path).map_err(io)?);
+    let mut file = BufWriter::new(File::create(path).map_err(&io)?);
     PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
         .write_image(data, width, height, colour)
         .map_err(|source| ImageError::Encode { path: path.to_owned(), source: Box::new(source) })?;
-    file.flush().map_err(io)
+    Ok(file.flush().map_err(io)?)
 }
 
 fn resize<P, const C: usize>(data: &[u8], from: [u32; 2], to: [u32; 2], how: Resample) -> Vec<u8>

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use erfgs_base::FileError;
+
 /// Points with colours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
@@ -15,15 +17,8 @@ pub struct PointCloud {
 #[derive(Debug, thiserror::Error)]
 pub enum PlyError {
     /// The file cannot be opened, read or written.
-    #[error("cannot {doing} point cloud {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The header cannot be used.
     #[error("point cloud {}: header line {line}: {what}", path.display())]
     Header {
@@ -214,8 +209,7 @@ impl PointCloud {
     /// # Errors
     /// If the file is missing, cut short, malformed, or a coordinate is not finite.
     pub fn read(path: &Path) -> Result<Self, PlyError> {
-        let bytes =
-            std::fs::read(path).map_err(|source| PlyError::Io { doing: "read", path: path.to_owned(), source })?;
+        let bytes = std::fs::read(path).map_err(FileError::when("read point cloud", path))?;
         Self::decode(path, &bytes)
     }
 
@@ -274,10 +268,10 @@ impl PointCloud {
     /// # Errors
     /// If there are not as many colours as positions, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), PlyError> {
-        let io = |source| PlyError::Io { doing: "write", path: path.to_owned(), source };
+        let io = FileError::when("write point cloud", path);
         if self.colours.len() != self.positions.len() {
             let what = format!("{} positions, but {} colours", self.positions.len(), self.colours.len());
-            return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)));
+            return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)).into());
         }
         let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", self.len()).into_bytes();
         for name in ["x", "y", "z"] {
@@ -291,7 +285,7 @@ impl PointCloud {
             position.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
             bytes.extend_from_slice(colour);
         }
-        erfgs_base::atomic::write(path, &bytes).map_err(io)
+        Ok(erfgs_base::atomic::write(path, &bytes).map_err(io)?)
     }
 }
 

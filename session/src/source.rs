@@ -68,7 +68,7 @@ pub enum StampPoint {
 pub struct FrameStamp {
     /// The kernel's time stamp, nanoseconds.
     pub kernel_ns: i64,
-    /// Its clock.
+    /// Which clock of the kernel it was taken from.
     pub clock: StampClock,
     /// What it marks.
     pub point: StampPoint,

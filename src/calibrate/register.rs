@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use erfgs_calibrate::{
     intensity::{LogIntensity, dark_ramp, leaky},
-    sfm::{RegisterOptions, View, read_model_views, register},
+    sfm::{CameraView, RegisterOptions, read_model_views, register},
 };
 use erfgs_events::{Columns, EventFile, Events, npz};
 use erfgs_points::ColmapProgram;
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         let size = [known.intrinsics.width, known.intrinsics.height];
         let (image, modality) = picture(&file, size, arguments, options.radius_px)?;
-        new.push(View { name, modality, image, intrinsics: Some(known.intrinsics) });
+        new.push(CameraView { name, modality, image, intrinsics: Some(known.intrinsics) });
     }
     if new.is_empty() {
         bail!("{} holds no image and no event file of a new camera", arguments.images.display());

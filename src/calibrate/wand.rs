@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use erfgs_calibrate::wand::{Frame, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points};
+use erfgs_calibrate::wand::{
+    KnownRig, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points,
+};
 use erfgs_scene::rig_file::RigFile;
 
 use super::{
@@ -156,13 +158,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     if let Some(rig) = rig.filter(|_| arguments.keep_poses) {
-        let mut frame = Frame::new(rig);
+        let mut known_rig = KnownRig::new(rig);
         match arguments.scale_from {
-            Some(ScaleFrom::Rig) => frame.scale = Scale::Rig,
-            Some(ScaleFrom::Wand) => frame.scale = Scale::Wand,
+            Some(ScaleFrom::Rig) => known_rig.scale = Scale::Rig,
+            Some(ScaleFrom::Wand) => known_rig.scale = Scale::Wand,
             None => {}
         }
-        options.frame = Some(frame);
+        options.known = Some(known_rig);
     }
     if arguments.sigma.is_some() {
         cameras.iter_mut().for_each(|camera| camera.sigma_px = arguments.sigma);

@@ -1,7 +1,6 @@
 //! What can go wrong while the initial point cloud is made.
 
-use std::{io, path::PathBuf};
-
+use erfgs_base::FileError;
 use erfgs_calibrate::colmap::RunError;
 
 /// What can go wrong while the initial point cloud is made.
@@ -28,7 +27,7 @@ pub enum CloudError {
     /// A frame that was asked for by name is missing.
     #[error("no frame called '{name}' is shared by 3 training cameras; image files are named without their extension")]
     UnknownFrame {
-        /// The name.
+        /// What was asked for: a file name without its extension.
         name: String,
     },
     /// A pose or intrinsics that no image can be projected with.
@@ -61,15 +60,8 @@ pub enum CloudError {
     #[error(transparent)]
     Dataset(#[from] erfgs_dataset::DatasetError),
     /// A file cannot be read or written.
-    #[error("while {doing} {}: {source}", path.display())]
-    Io {
-        /// What was being done.
-        doing: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// Neither a program nor pycolmap.
     #[error(
         "COLMAP was not found ({tried}); install it (Debian, Ubuntu: apt install colmap; any system: pip install \
@@ -111,7 +103,7 @@ pub enum CloudError {
          belong to the images, widen the depth range, or use --init random"
     )]
     TooFewPoints {
-        /// The method.
+        /// How the cloud is made, as `--init` names it.
         method: &'static str,
         /// How many points it found.
         found: usize,

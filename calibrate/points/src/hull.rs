@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use self::silhouette::Silhouette;
 use super::{
-    CloudError, CloudOptions, CloudPoint, Counts, HullOptions, Progress, Stage,
+    CloudError, CloudOptions, CloudPoint, CloudStep, Counts, HullOptions, Progress,
     photo::{Photo, median_colour},
     rig::{Reach, Rig, Station, all_instants, spread},
 };
@@ -29,7 +29,7 @@ const MOST_HALVINGS: u32 = 7;
 const MOST_CELLS: usize = 400_000;
 
 /// A view of one instant.
-struct View<'a> {
+struct SilhouetteView<'a> {
     station: &'a Station<'a>,
     photo: Photo,
     silhouette: Silhouette,
@@ -62,27 +62,27 @@ pub fn points(
     }
     let all = all_instants(&rig.stations);
     let chosen = spread(all.len(), hull.instants as usize);
-    progress(Stage::Silhouettes, 0, chosen.len() + 1);
+    progress(CloudStep::Silhouettes, 0, chosen.len() + 1);
     let usual: Vec<Vec<[u8; 3]>> =
         (0..rig.stations.len()).into_par_iter().map(|station| usual(rig, station)).collect::<Result<_, _>>()?;
     let mut points = Vec::new();
     for (done, &index) in chosen.iter().enumerate() {
-        progress(Stage::Silhouettes, done + 1, chosen.len() + 1);
+        progress(CloudStep::Silhouettes, done + 1, chosen.len() + 1);
         let instant = &all[index];
-        let views: Vec<View<'_>> = instant
+        let views: Vec<SilhouetteView<'_>> = instant
             .shots
             .par_iter()
             .map(|&(station, frame)| {
                 let photo = rig.photo(station, frame)?;
                 let silhouette = Silhouette::new(photo.image(), &usual[station], hull.threshold);
-                Ok(View { station: &rig.stations[station], photo, silhouette })
+                Ok(SilhouetteView { station: &rig.stations[station], photo, silhouette })
             })
             .collect::<Result<_, CloudError>>()?;
         let (grid, cells) = carve(&views, reach, hull);
         let most = (hull.max_points as usize / chosen.len()).max(1);
         points.extend(surface(&grid, &cells, &views, instant.t_ns, most));
     }
-    progress(Stage::Silhouettes, chosen.len() + 1, chosen.len() + 1);
+    progress(CloudStep::Silhouettes, chosen.len() + 1, chosen.len() + 1);
     counts.insert("moving_points".into(), points.len().into());
     Ok(points)
 }
@@ -104,7 +104,7 @@ fn usual(rig: &Rig<'_>, station: usize) -> Result<Vec<[u8; 3]>, CloudError> {
 }
 
 /// The finest cells that are part of what moves.
-fn carve(views: &[View<'_>], reach: &Reach, hull: &HullOptions) -> (Grid, Vec<IVec3>) {
+fn carve(views: &[SilhouetteView<'_>], reach: &Reach, hull: &HullOptions) -> (Grid, Vec<IVec3>) {
     // What the cameras look at, and as much around it as lies between them.
     let count = views.len().max(1) as f64;
     let target: DVec3 =
@@ -129,12 +129,12 @@ fn carve(views: &[View<'_>], reach: &Reach, hull: &HullOptions) -> (Grid, Vec<IV
     (grid, cells)
 }
 
-fn mean_focal_px(views: &[View<'_>]) -> f64 {
+fn mean_focal_px(views: &[SilhouetteView<'_>]) -> f64 {
     views.iter().map(|view| view.station.intrinsics().fx).sum::<f64>() / views.len().max(1) as f64
 }
 
 /// Whether enough views have moving pixels where they see a cell.
-fn may_move(grid: &Grid, cell: IVec3, views: &[View<'_>], hull: &HullOptions) -> bool {
+fn may_move(grid: &Grid, cell: IVec3, views: &[SilhouetteView<'_>], hull: &HullOptions) -> bool {
     let centre = grid.centre(cell);
     let (mut seeing, mut moving) = (0_u32, 0_u32);
     for view in views {
@@ -149,7 +149,7 @@ fn may_move(grid: &Grid, cell: IVec3, views: &[View<'_>], hull: &HullOptions) ->
 
 /// Cells with a neighbour that does not move, with the colour that the views show which see them first; at most `most`,
 /// evenly taken.
-fn surface(grid: &Grid, cells: &[IVec3], views: &[View<'_>], t_ns: i64, most: usize) -> Vec<CloudPoint> {
+fn surface(grid: &Grid, cells: &[IVec3], views: &[SilhouetteView<'_>], t_ns: i64, most: usize) -> Vec<CloudPoint> {
     let inside: HashSet<IVec3> = cells.iter().copied().collect();
     let sides = [IVec3::X, IVec3::NEG_X, IVec3::Y, IVec3::NEG_Y, IVec3::Z, IVec3::NEG_Z];
     let outer: Vec<IVec3> =
@@ -178,7 +178,7 @@ fn surface(grid: &Grid, cells: &[IVec3], views: &[View<'_>], t_ns: i64, most: us
 }
 
 /// The depth of the first cell on each pixel, metres.
-fn depths(grid: &Grid, cells: &[IVec3], view: &View<'_>) -> HashMap<[i32; 2], f64> {
+fn depths(grid: &Grid, cells: &[IVec3], view: &SilhouetteView<'_>) -> HashMap<[i32; 2], f64> {
     let mut nearest = HashMap::new();
     for &cell in cells {
         if let Some((pixel, depth_m)) = view.station.see(grid.centre(cell)) {

@@ -46,7 +46,7 @@ pub struct CloudPoint {
 pub struct Cloud {
     /// The points, ordered by time; of one time, those first that were found again at others.
     pub points: Vec<CloudPoint>,
-    /// The method.
+    /// How the points were found.
     pub method: Method,
     /// The method's parameters and what it counted on the way: images, features, matches, points before merging, and as
     /// `runs` how many points in a row share `t_ns` and whether they were `found_again` at another instant.
@@ -55,7 +55,7 @@ pub struct Cloud {
 
 /// What the making of a cloud is busy with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Stage {
+pub enum CloudStep {
     /// Reading, enlarging and writing the images.
     Images,
     /// COLMAP's feature extraction.
@@ -72,7 +72,7 @@ pub enum Stage {
     Silhouettes,
 }
 
-impl fmt::Display for Stage {
+impl fmt::Display for CloudStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Images => "images",
@@ -88,7 +88,7 @@ impl fmt::Display for Stage {
 
 /// Is told how far the making of a cloud has come: the stage, and how many of its items are done. May be called from
 /// several threads.
-pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
+pub type Progress<'a> = &'a (dyn Fn(CloudStep, usize, usize) + Sync);
 
 /// Makes the initial point cloud of `dataset`.
 ///

@@ -107,7 +107,7 @@ pub struct ColmapOptions {
     pub peak_threshold: f64,
     /// SIFT's threshold on edge-like features.
     pub edge_threshold: f64,
-    /// Matching.
+    /// When two features of different images are taken for one point.
     pub matching: MatchOptions,
     /// Points observed by fewer views are dropped.
     pub min_track: u32,

@@ -15,7 +15,7 @@ impl Photo {
         Self { image }
     }
 
-    /// The image.
+    /// Its pixels, as they were decoded.
     pub fn image(&self) -> &ImageRgb8 {
         &self.image
     }

@@ -65,9 +65,9 @@ pub struct Instant<'a> {
 /// The training cameras with frames, and the instants chosen.
 #[derive(Clone, Debug)]
 pub struct Rig<'a> {
-    /// The dataset.
+    /// What the cameras and frames belong to.
     pub dataset: &'a Dataset,
-    /// The cameras.
+    /// The training cameras that have frames.
     pub stations: Vec<Station<'a>>,
     /// The instants, ordered by time.
     pub instants: Vec<Instant<'a>>,

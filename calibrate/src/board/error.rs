@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use erfgs_base::FileError;
 use erfgs_events::EventFileError;
 use erfgs_scene::{image::ImageError, video::VideoError};
 use erfgs_session::container::ContainerError;
@@ -12,13 +13,8 @@ use crate::bundle::BundleError;
 #[derive(Debug, thiserror::Error)]
 pub enum BoardError {
     /// A folder cannot be listed.
-    #[error("cannot read the folder {}: {source}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// There is nothing to look at.
     #[error(
         "{} holds neither images, nor videos, nor folders of images; give one folder or video for each camera, or images whose \
@@ -55,7 +51,7 @@ pub enum BoardError {
     NoFrame {
         /// The file.
         path: PathBuf,
-        /// The frame.
+        /// Its number, counted from 0.
         frame: u64,
     },
     /// A session cannot be read.
@@ -101,7 +97,7 @@ pub enum BoardError {
         frames: usize,
         /// How many are needed.
         needed: usize,
-        /// The target.
+        /// The board that was looked for, as `--target` names it.
         target: String,
     },
     /// No focal length follows from the views.
@@ -121,7 +117,7 @@ pub enum BoardError {
     /// The adjustment leaves something open.
     #[error("the views do not determine {what}; add views that differ in tilt and distance, or fix what is known")]
     Open {
-        /// What.
+        /// The directions that are open: cameras and their parameters.
         what: String,
     },
     /// Cameras that cannot be tied together.
@@ -132,9 +128,9 @@ pub enum BoardError {
         other.join(", ")
     )]
     Apart {
-        /// One group.
+        /// Cameras that are tied to each other.
         one: Vec<String>,
-        /// The other.
+        /// Cameras that are tied to none of those.
         other: Vec<String>,
     },
     /// The adjustment cannot be set up.

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_scene::{ImageRgb8, video::Video};
 use rayon::prelude::*;
 
@@ -13,7 +14,7 @@ use crate::evidence::Moment;
 
 /// A frame in which the board was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct BoardView {
     /// What frames of other cameras taken at the same instant are called, too.
     pub instant: String,
     /// When it was taken, seconds, where that is known.
@@ -23,11 +24,11 @@ pub struct View {
     /// Which frame of it: the number from 0 in a video, the packet's in a session's stream, in events the end of the time that
     /// was looked at, microseconds.
     pub frame: u64,
-    /// The corners.
+    /// The corners of the board that were found: their numbers on it, and pixels.
     pub corners: Vec<Corner>,
 }
 
-impl View {
+impl BoardView {
     /// When it was taken.
     #[must_use]
     pub fn moment(&self) -> Moment {
@@ -47,7 +48,7 @@ pub struct Seen {
     /// Number of frames that were looked at.
     pub frames: usize,
     /// Those with a board, in order.
-    pub views: Vec<View>,
+    pub views: Vec<BoardView>,
 }
 
 /// The file with the times of videos' frames.
@@ -100,9 +101,9 @@ pub fn look(
 }
 
 fn list(folder: &Path) -> Result<Vec<PathBuf>, BoardError> {
-    let error = |source| BoardError::Folder { path: folder.into(), source };
+    let error = FileError::when("read the folder", folder);
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
-        .map_err(error)?
+        .map_err(&error)?
         .map(|entry| entry.map(|e| e.path()))
         .collect::<Result<_, _>>()
         .map_err(error)?;
@@ -161,11 +162,11 @@ fn of_images(
     target: &Target,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
-    let looked: Vec<([u32; 2], View)> = images
+    let looked: Vec<([u32; 2], BoardView)> = images
         .par_iter()
         .map(|(instant, file)| {
             let image = ImageRgb8::read(file)?;
-            let view = View {
+            let view = BoardView {
                 instant: instant.clone(),
                 time_s: None,
                 file: file.clone(),
@@ -212,13 +213,13 @@ fn of_video(
         }
         frames += batch.len();
         size = [batch[0].1.width, batch[0].1.height];
-        let found: Vec<View> = batch
+        let found: Vec<BoardView> = batch
             .par_iter()
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
                 let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
                 let (time_s, corners) = (label.map(|l| l.1), detect(image, target));
-                let view = View { instant, time_s, file: path.into(), frame: *number as u64, corners };
+                let view = BoardView { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
                 view
             })

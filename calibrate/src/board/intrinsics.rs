@@ -3,11 +3,11 @@
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DVec2, DVec3};
 
-use super::{BoardError, Seen, Target, View};
+use super::{BoardError, BoardView, Seen, Target};
 use crate::{
     bundle::{
-        Bundle, Camera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution, Uncertainty,
-        free_lens,
+        Bundle, BundleCamera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution,
+        Uncertainty, free_lens,
     },
     evidence::Moment,
     geometry::homography::plane_pose,
@@ -75,7 +75,7 @@ impl LensModel {
 /// # Errors
 /// If there are too few views, or they leave a parameter open.
 pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
-    let views: Vec<&View> = seen.views.iter().filter(|view| view.corners.len() >= 6).collect();
+    let views: Vec<&BoardView> = seen.views.iter().filter(|view| view.corners.len() >= 6).collect();
     if views.len() < LEAST_VIEWS {
         return Err(BoardError::TooFewViews {
             camera: seen.camera.clone(),
@@ -116,7 +116,10 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
 }
 
 /// The focal lengths that were estimated, with their standard deviations, pixels.
-pub(super) fn focals<'a>(camera: &'a Camera, known: &'a CameraUncertainty) -> impl Iterator<Item = [f64; 2]> + 'a {
+pub(super) fn focals<'a>(
+    camera: &'a BundleCamera,
+    known: &'a CameraUncertainty,
+) -> impl Iterator<Item = [f64; 2]> + 'a {
     let is_focal = |parameter: &Parameter| matches!(parameter, Parameter::Focal | Parameter::Fx | Parameter::Fy);
     let both = camera.free.iter().zip(&known.sigma).filter(move |(parameter, _)| is_focal(parameter));
     both.map(|(parameter, sigma)| [parameter.value(camera), *sigma])
@@ -129,7 +132,7 @@ pub(super) fn median_residual(bundle: &Bundle) -> f64 {
 }
 
 /// The board's pose before a camera with these intrinsics.
-pub(super) fn board_pose(view: &View, target: &Target, intrinsics: &Intrinsics) -> Option<Pose> {
+pub(super) fn board_pose(view: &BoardView, target: &Target, intrinsics: &Intrinsics) -> Option<Pose> {
     let (on_plane, rays): (Vec<DVec2>, Vec<DVec3>) = view
         .corners
         .iter()
@@ -140,7 +143,7 @@ pub(super) fn board_pose(view: &View, target: &Target, intrinsics: &Intrinsics) 
 
 /// The observations of a view.
 pub(super) fn observations<'a>(
-    view: &'a View,
+    view: &'a BoardView,
     target: &'a Target,
     camera: usize,
     placement: usize,
@@ -154,7 +157,12 @@ pub(super) fn observations<'a>(
 }
 
 /// A first guess: of several focal lengths, the one with which boards fit best after a few steps.
-fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Result<(Bundle, Vec<Moment>), BoardError> {
+fn start(
+    seen: &Seen,
+    views: &[&BoardView],
+    target: &Target,
+    model: LensModel,
+) -> Result<(Bundle, Vec<Moment>), BoardError> {
     let [width, height] = seen.size;
     let mut best: Option<(f64, Bundle, Vec<Moment>)> = None;
     for share in FOCALS {
@@ -162,7 +170,7 @@ fn start(seen: &Seen, views: &[&View], target: &Target, model: LensModel) -> Res
         let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
         let intrinsics = Intrinsics { width, height, fx: focal, fy: focal, cx, cy, distortion: model.none() };
         let mut bundle = Bundle {
-            cameras: vec![Camera {
+            cameras: vec![BundleCamera {
                 name: seen.camera.clone(),
                 intrinsics,
                 pose: Pose::IDENTITY,

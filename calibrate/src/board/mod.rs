@@ -25,7 +25,7 @@ mod target;
 
 pub use detect::{Corner, detect};
 pub use error::BoardError;
-pub use input::{Seen, View, look};
+pub use input::{BoardView, Seen, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use picture::pictures;
 pub use print::{Paper, print};

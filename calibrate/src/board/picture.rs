@@ -10,7 +10,7 @@ use erfgs_session::{
 };
 
 use super::{
-    BoardError, Seen, Target, View,
+    BoardError, BoardView, Seen, Target,
     input::{VIDEOS, has_extension},
     session::decode,
     stream::{EventBoard, picture_at},
@@ -33,7 +33,7 @@ pub fn pictures(
 ) -> Result<Vec<Picture>, BoardError> {
     let mut pictures = Vec::new();
     // Sessions are walked once for all their streams.
-    let mut packets: BTreeMap<(&str, u64), (usize, usize, &View)> = BTreeMap::new();
+    let mut packets: BTreeMap<(&str, u64), (usize, usize, &BoardView)> = BTreeMap::new();
     for &(camera, placement) in wanted {
         let (Some(seen), Some(moment)) = (seen.get(camera), evidence.moments.get(placement)) else { continue };
         let Some(view) = seen.views.iter().find(|view| view.instant == moment.name) else { continue };
@@ -66,12 +66,12 @@ pub fn pictures(
     Ok(pictures)
 }
 
-fn picture(camera: usize, placement: usize, image: &ImageRgb8, view: &View, target: &Target) -> Picture {
+fn picture(camera: usize, placement: usize, image: &ImageRgb8, view: &BoardView, target: &Target) -> Picture {
     let found = view.corners.iter().filter_map(|corner| Some((target.point(corner.id)?, corner.pixel)));
     Picture { found: found.collect(), ..Picture::new(camera, Some(placement), image) }
 }
 
-fn of_file(view: &View) -> Result<ImageRgb8, BoardError> {
+fn of_file(view: &BoardView) -> Result<ImageRgb8, BoardError> {
     if !has_extension(&view.file, &VIDEOS) {
         return Ok(ImageRgb8::read(&view.file)?);
     }
@@ -84,7 +84,7 @@ fn of_file(view: &View) -> Result<ImageRgb8, BoardError> {
 
 fn of_events(
     seen: &Seen,
-    view: &View,
+    view: &BoardView,
     events: Option<EventBoard>,
     epochs: Option<&Epochs>,
 ) -> Result<ImageRgb8, BoardError> {
@@ -104,6 +104,6 @@ fn of_events(
     failure.map_or_else(|| image.ok_or_else(|| gone(view)), Err)
 }
 
-fn gone(view: &View) -> BoardError {
+fn gone(view: &BoardView) -> BoardError {
     BoardError::NoFrame { path: view.file.clone(), frame: view.frame }
 }

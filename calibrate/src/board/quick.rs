@@ -4,7 +4,7 @@
 use glam::{DVec2, DVec3};
 use serde::Serialize;
 
-use super::{BoardError, Corner, LensModel, Seen, Single, Target, View, moved::moved_px, single};
+use super::{BoardError, BoardView, Corner, LensModel, Seen, Single, Target, moved::moved_px, single};
 use crate::{
     bundle::{Parameter, Placement},
     coverage::Coverage,
@@ -87,7 +87,7 @@ impl Quick {
         if self.is_new(&corners) && self.seen.views.len() < MOST_VIEWS {
             corners.iter().for_each(|corner| self.coverage.see(corner.pixel));
             let instant = self.seen.frames.to_string();
-            self.seen.views.push(View {
+            self.seen.views.push(BoardView {
                 instant,
                 time_s: None,
                 file: "live".into(),
@@ -207,7 +207,7 @@ impl Quick {
     /// The greatest share of the image's width or height that a view of the board fills.
     fn nearest_span(&self) -> f64 {
         let size = DVec2::from(self.seen.size.map(f64::from));
-        let span = |view: &View| {
+        let span = |view: &BoardView| {
             let pixels = || view.corners.iter().map(|corner| corner.pixel);
             let low = pixels().fold(DVec2::INFINITY, DVec2::min);
             let high = pixels().fold(DVec2::NEG_INFINITY, DVec2::max);

@@ -11,7 +11,7 @@ use super::{
     intrinsics::{Single, board_pose, median_residual, observations, single},
 };
 use crate::{
-    bundle::{Bundle, Camera, Loss, Options, Parameter, Placement},
+    bundle::{Bundle, BundleCamera, Loss, Options, Parameter, Placement},
     coverage::Coverage,
     evidence::{Evidence, Moment},
 };
@@ -144,7 +144,7 @@ fn tie(
             }
         }
         let (name, intrinsics) = (name.clone(), one.intrinsics);
-        bundle.cameras.push(Camera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free });
+        bundle.cameras.push(BundleCamera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free });
     }
     let sigmas: Vec<f64> = cameras
         .iter()
@@ -180,10 +180,10 @@ fn tie(
 }
 
 /// How fast a corner moves, pixels per second, from the views before and after.
-fn velocity(id: u32, view: &super::View, around: [Option<&super::View>; 2]) -> DVec2 {
+fn velocity(id: u32, view: &super::BoardView, around: [Option<&super::BoardView>; 2]) -> DVec2 {
     /// Views farther apart say nothing about the speed.
     const NEAR_S: f64 = 0.5;
-    let at = |view: Option<&super::View>| {
+    let at = |view: Option<&super::BoardView>| {
         let view = view?;
         let corner = view.corners.iter().find(|corner| corner.id == id)?;
         Some((view.time_s?, corner.pixel))

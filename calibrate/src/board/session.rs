@@ -15,7 +15,7 @@ use erfgs_session::{
 use rayon::prelude::*;
 
 use super::{
-    BoardError, EventBoard, Seen, Target, View, detect,
+    BoardError, BoardView, EventBoard, Seen, Target, detect,
     stream::{Watcher, watch},
 };
 
@@ -70,7 +70,7 @@ pub fn look_session(
             seen.frames += 1;
             if !corners.is_empty() {
                 let time_s = Some(1e-9 * t_ns as f64);
-                seen.views.push(View { instant: String::new(), time_s, file: path.into(), frame, corners });
+                seen.views.push(BoardView { instant: String::new(), time_s, file: path.into(), frame, corners });
             }
         }
     };
@@ -173,7 +173,7 @@ mod tests {
             frames: times.len(),
             views: times
                 .iter()
-                .map(|t| View {
+                .map(|t| BoardView {
                     instant: String::new(),
                     time_s: Some(*t),
                     file: "a".into(),

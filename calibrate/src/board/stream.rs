@@ -6,7 +6,7 @@ use erfgs_events::{CdEvent, EventFile, Sink};
 use erfgs_scene::ImageRgb8;
 
 use super::{
-    BoardError, Seen, Target, View,
+    BoardError, BoardView, Seen, Target,
     blink::Windows,
     detect,
     moved::moved_px,
@@ -124,8 +124,8 @@ pub(super) fn watch(
     board: EventBoard,
     tick: &dyn Fn(),
     decode: &mut dyn FnMut(&mut Watcher<'_>),
-) -> (usize, Vec<View>) {
-    let (mut frames, mut views) = (0, Vec::<View>::new());
+) -> (usize, Vec<BoardView>) {
+    let (mut frames, mut views) = (0, Vec::<BoardView>::new());
     let target = board.as_seen(target);
     let least_px = match board {
         EventBoard::Blinking { .. } => MOVED_PX,
@@ -139,7 +139,7 @@ pub(super) fn watch(
         if !corners.is_empty() && !still {
             let time_s = 1e-6 * t_us as f64;
             let (instant, frame) = (format!("{time_s:.2}"), t_us as u64);
-            views.push(View { instant, time_s: Some(time_s), file: path.into(), frame, corners });
+            views.push(BoardView { instant, time_s: Some(time_s), file: path.into(), frame, corners });
         }
     };
     walk(size, board, &mut found, decode);

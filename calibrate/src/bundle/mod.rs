@@ -31,7 +31,7 @@ pub use uncertainty::{CameraUncertainty, OpenDirection, Uncertainty};
 
 /// One camera of a rig that stands still.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Camera {
+pub struct BundleCamera {
     /// Name, for messages.
     pub name: String,
     /// Lens and sensor.
@@ -107,9 +107,9 @@ pub enum Prior {
 /// A problem, and after [`Bundle::solve`] its solution.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bundle {
-    /// The cameras.
-    pub cameras: Vec<Camera>,
-    /// The placements.
+    /// The cameras, which observations name by index.
+    pub cameras: Vec<BundleCamera>,
+    /// What was held before them, which observations name by index.
     pub placements: Vec<Placement>,
     /// What was seen, in any order.
     pub observations: Vec<Observation>,

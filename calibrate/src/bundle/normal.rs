@@ -59,7 +59,7 @@ impl Layout {
 pub(super) struct Block {
     /// Second derivatives of the placement's own parameters; the identity where it has none.
     pub own: Matrix6,
-    /// Its gradient.
+    /// Derivatives of the cost by the placement's own parameters.
     pub gradient: Vector6,
     /// The cameras that see it, and their mixed second derivatives: a camera's parameters by the placement's six.
     pub cameras: Vec<(usize, DMatrix<f64>)>,

@@ -3,7 +3,7 @@
 use erfgs_scene::{Distortion, Intrinsics, Pose, lens::INTRINSIC_PARAMETERS};
 use glam::{DQuat, DVec3};
 
-use super::{Camera, Placement};
+use super::{BundleCamera, Placement};
 
 /// A parameter of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -67,7 +67,7 @@ impl Parameter {
 
     /// The value in a camera; 0 for poses, which have no coordinates of their own.
     #[must_use]
-    pub fn value(self, camera: &Camera) -> f64 {
+    pub fn value(self, camera: &BundleCamera) -> f64 {
         match self {
             Self::Focal | Self::Fx => camera.intrinsics.fx,
             Self::Fy => camera.intrinsics.fy,
@@ -81,7 +81,7 @@ impl Parameter {
 
     /// `fx`, `k3`, `turn about x`, as messages and reports call it.
     #[must_use]
-    pub fn name(self, camera: &Camera) -> String {
+    pub fn name(self, camera: &BundleCamera) -> String {
         const AXES: [&str; 3] = ["x", "y", "z"];
         let axis = |index: u8| AXES.get(usize::from(index)).copied().unwrap_or("?");
         match self {
@@ -116,7 +116,7 @@ fn moved(pose: &Pose, rotation: DVec3, translation: DVec3) -> Pose {
     pose.then(&Pose { rotation: DQuat::from_scaled_axis(rotation), translation })
 }
 
-impl Camera {
+impl BundleCamera {
     /// The camera after a step in its free parameters.
     pub(super) fn moved(&self, step: &[f64]) -> Self {
         let mut camera = self.clone();

@@ -3,7 +3,7 @@
 use erfgs_scene::lens::INTRINSIC_PARAMETERS;
 use glam::{DVec2, DVec3};
 
-use super::{Camera, Observation, Placement, parameter::COLUMNS};
+use super::{BundleCamera, Observation, Placement, parameter::COLUMNS};
 
 /// A weighed residual (in standard deviations) and its derivatives.
 pub(super) struct Row {
@@ -15,7 +15,7 @@ pub(super) struct Row {
 }
 
 /// `None` where the camera cannot see the feature.
-pub(super) fn row(camera: &Camera, placement: &Placement, observation: &Observation) -> Option<Row> {
+pub(super) fn row(camera: &BundleCamera, placement: &Placement, observation: &Observation) -> Option<Row> {
     let world = placement.world(observation.on_target);
     let seen = camera.pose.transform(world);
     let projection = camera.intrinsics.project_with_derivatives(seen)?;

@@ -7,7 +7,7 @@ use erfgs_scene::{
     rig_file::{Quality, RigCamera, RigFile, Sigma},
 };
 
-use super::{Bundle, Camera, CameraUncertainty, Parameter, Uncertainty};
+use super::{Bundle, BundleCamera, CameraUncertainty, Parameter, Uncertainty};
 
 impl Bundle {
     /// The rig file of a solved bundle. `modalities` has an entry for each camera.
@@ -57,7 +57,7 @@ fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-fn sigma(camera: &Camera, known: &CameraUncertainty) -> Sigma {
+fn sigma(camera: &BundleCamera, known: &CameraUncertainty) -> Sigma {
     let mut sigma = Sigma::default();
     let mut shift_open = false;
     for (parameter, value) in camera.free.iter().zip(&known.sigma) {

@@ -39,7 +39,7 @@ impl Loss {
 /// How a bundle is solved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The loss.
+    /// What a residual costs.
     pub loss: Loss,
     /// Steps tried at most.
     pub iterations: usize,

@@ -10,12 +10,12 @@ fn lens() -> Intrinsics {
 }
 
 /// `count` cameras on an arc of 3 m around the origin.
-fn arc(count: usize) -> Vec<Camera> {
+fn arc(count: usize) -> Vec<BundleCamera> {
     (0..count)
         .map(|i| {
             let angle = -1.0 + 2.0 * i as f64 / (count - 1) as f64;
             let eye = DVec3::new(3.0 * angle.sin(), -0.4, -3.0 * angle.cos());
-            Camera {
+            BundleCamera {
                 name: format!("c{i}"),
                 intrinsics: lens(),
                 pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Y),
@@ -32,7 +32,7 @@ fn vector(seed: u64, index: u64, scale: f64) -> DVec3 {
 }
 
 /// What `cameras` see of wands at random places, with noise of `sigma` pixels.
-fn wands(cameras: &[Camera], count: usize, sigma: f64, seed: u64) -> Bundle {
+fn wands(cameras: &[BundleCamera], count: usize, sigma: f64, seed: u64) -> Bundle {
     let mut bundle = Bundle { cameras: cameras.to_vec(), ..Bundle::default() };
     for index in 0..count {
         let direction = vector(seed, 2 * index as u64, 1.0).normalize();
@@ -96,7 +96,8 @@ fn rows_are_the_limits_of_differences() {
     };
     for placement in placements {
         let at = row(&camera, &placement, &observation).unwrap();
-        let residual = |camera: &Camera, placement: &Placement| row(camera, placement, &observation).unwrap().residual;
+        let residual =
+            |camera: &BundleCamera, placement: &Placement| row(camera, placement, &observation).unwrap().residual;
         let unit = |index: usize, size: usize, by: f64| {
             (0..size).map(|i| if i == index { by } else { 0.0 }).collect::<Vec<_>>()
         };

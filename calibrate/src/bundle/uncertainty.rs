@@ -18,8 +18,8 @@ const NAMED: f64 = 0.02;
 /// What one camera's observations leave uncertain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraUncertainty {
-    /// Standard deviation of each free parameter, in the order of [`Camera::free`](super::Camera::free); infinite where it is
-    /// not determined.
+    /// Standard deviation of each free parameter, in the order of [`BundleCamera::free`](super::BundleCamera::free);
+    /// infinite where it is not determined.
     pub sigma: Vec<f64>,
     /// Covariance of the camera's centre in the world, square metres; zero where the pose is fixed.
     pub centre: DMat3,

@@ -48,7 +48,7 @@ impl Features {
     }
 
     /// How many features there are.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.points.len()
     }
 }
@@ -248,8 +248,8 @@ pub fn match_pair(
     let b_rays: Vec<DVec3> = b.points.iter().map(|&p| b_inverse * p.extend(1.0)).collect();
     let least_cosine = limits.max_ray_angle.cos();
 
-    let mut of_a = vec![Best::NONE; a.len()];
-    let mut of_b = vec![Best::NONE; b.len()];
+    let mut of_a = vec![Best::NONE; a.count()];
+    let mut of_b = vec![Best::NONE; b.count()];
     for (i, &x) in a.points.iter().enumerate() {
         let u = relative.rotation * (a_inverse * x.extend(1.0));
         let Some((low, high)) = depth_range(u, t, limits) else { continue };

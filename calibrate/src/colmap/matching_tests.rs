@@ -94,16 +94,16 @@ fn matched_plainly(
         let r = apart.cross(u).dot(normal) / normal.length_squared();
         [s, r].iter().all(|depth| (limits.depth_m[0]..=limits.depth_m[1]).contains(depth))
     };
-    let table: Vec<Vec<bool>> = (0..a.len()).map(|i| (0..b.len()).map(|j| candidate(i, j)).collect()).collect();
+    let table: Vec<Vec<bool>> = (0..a.count()).map(|i| (0..b.count()).map(|j| candidate(i, j)).collect()).collect();
     let accepted = |mut rivals: Vec<(f64, usize)>| -> Option<usize> {
         rivals.sort_by(|x, y| x.0.total_cmp(&y.0));
         let (nearest, index) = *rivals.first()?;
         let second = rivals.get(1).map_or(limits.max_descriptor_angle, |rival| rival.0);
         (nearest < limits.ratio * second && nearest < limits.max_descriptor_angle).then_some(index)
     };
-    let of_a = |i: usize| accepted((0..b.len()).filter(|&j| table[i][j]).map(|j| (angle(i, j), j)).collect());
-    let of_b = |j: usize| accepted((0..a.len()).filter(|&i| table[i][j]).map(|i| (angle(i, j), i)).collect());
-    (0..a.len()).filter_map(|i| of_a(i).filter(|&j| of_b(j) == Some(i)).map(|j| [i as u32, j as u32])).collect()
+    let of_a = |i: usize| accepted((0..b.count()).filter(|&j| table[i][j]).map(|j| (angle(i, j), j)).collect());
+    let of_b = |j: usize| accepted((0..a.count()).filter(|&i| table[i][j]).map(|i| (angle(i, j), i)).collect());
+    (0..a.count()).filter_map(|i| of_a(i).filter(|&j| of_b(j) == Some(i)).map(|j| [i as u32, j as u32])).collect()
 }
 
 #[test]

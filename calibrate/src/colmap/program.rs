@@ -28,11 +28,11 @@ pub enum Colmap {
         /// What it calls itself, such as `COLMAP 3.8`.
         version: String,
     },
-    /// pycolmap.
+    /// Its Python package.
     Pycolmap {
         /// The Python that has it.
         python: PathBuf,
-        /// Its version.
+        /// What the package calls itself.
         version: String,
     },
 }

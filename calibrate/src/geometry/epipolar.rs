@@ -10,7 +10,7 @@ use erfgs_scene::{Intrinsics, Pose, lens::NoRay};
 use glam::{DVec2, DVec3};
 
 /// A lens and where it stands (world to camera).
-type View<'a> = (&'a Intrinsics, &'a Pose);
+type PlacedLens<'a> = (&'a Intrinsics, &'a Pose);
 
 /// An arc shorter than this is a point, radians.
 const POINT: f64 = 1e-9;
@@ -38,7 +38,7 @@ pub struct EpipolarCurve {
 impl EpipolarCurve {
     /// The image in `to` of the ray that meets `pixel` in `from`; `None` where the lens of `from` has no ray there.
     #[must_use]
-    pub fn new(from: View<'_>, pixel: DVec2, to: View<'_>) -> Option<Self> {
+    pub fn new(from: PlacedLens<'_>, pixel: DVec2, to: PlacedLens<'_>) -> Option<Self> {
         let ray = from.0.unproject(pixel).ok()?;
         let direction = to.1.rotation * (from.1.rotation.conjugate() * ray);
         let centre = from.1.centre();

@@ -40,12 +40,12 @@ pub fn nearest_point(rays: &[Ray]) -> Option<DVec3> {
 }
 
 /// One view of a point: lens, world-to-camera pose, pixel, standard deviation in pixels.
-type View<'a> = (&'a Intrinsics, &'a Pose, DVec2, f64);
+type PixelView<'a> = (&'a Intrinsics, &'a Pose, DVec2, f64);
 
 /// The point whose images are nearest to the views' pixels in units of their standard deviations, and its covariance in
 /// square metres (Gauss-Newton from [`nearest_point`]). `None` where the rays are parallel or the iteration fails.
 #[must_use]
-pub fn triangulate(views: &[View<'_>]) -> Option<(DVec3, DMat3)> {
+pub fn triangulate(views: &[PixelView<'_>]) -> Option<(DVec3, DMat3)> {
     let rays: Option<Vec<Ray>> = views.iter().map(|(lens, pose, pixel, _)| Ray::of_pixel(lens, pose, *pixel)).collect();
     let mut point = nearest_point(&rays?)?;
     for _ in 0..20 {

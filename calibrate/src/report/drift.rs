@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, path::Path};
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use erfgs_page::html::{self, Escaped, number};
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
@@ -13,7 +13,7 @@ use super::{
     styled,
 };
 use crate::check::{Comparison, Drift};
-use erfgs_scene::rig_file::{RigCamera, RigFile, RigFileError};
+use erfgs_scene::rig_file::{RigCamera, RigFile};
 
 /// The farthest movement is drawn as long as this share of the rig's size at most.
 const LONGEST: f64 = 0.35;
@@ -24,9 +24,8 @@ const WIDEST_DEG: f64 = 15.0;
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_drift(earlier: &RigFile, comparison: &Comparison, path: &Path) -> Result<(), RigFileError> {
-    let io = |source| RigFileError::Io { doing: "write", path: path.into(), source };
-    atomic::write(path, drift_page(earlier, comparison).as_bytes()).map_err(io)
+pub fn write_drift(earlier: &RigFile, comparison: &Comparison, path: &Path) -> Result<(), FileError> {
+    atomic::write(path, drift_page(earlier, comparison).as_bytes()).map_err(FileError::when("write the report", path))
 }
 
 /// The page of a comparison with `earlier`.

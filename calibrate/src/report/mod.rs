@@ -14,7 +14,7 @@ mod space;
 
 use std::path::Path;
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use erfgs_page::{
     html::{self, Escaped, number},
     plot::{self, Plot, Series},
@@ -25,15 +25,14 @@ pub use drift::{drift_page, write_drift};
 pub use events::EventPicture;
 
 use crate::evidence::{Evidence, Pass, Table};
-use erfgs_scene::rig_file::{RigFile, RigFileError};
+use erfgs_scene::rig_file::RigFile;
 
 /// Writes the report of a calibration to `path`.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write(rig: &RigFile, evidence: &Evidence, path: &Path) -> Result<(), RigFileError> {
-    let io = |source| RigFileError::Io { doing: "write", path: path.into(), source };
-    atomic::write(path, page(rig, evidence).as_bytes()).map_err(io)
+pub fn write(rig: &RigFile, evidence: &Evidence, path: &Path) -> Result<(), FileError> {
+    atomic::write(path, page(rig, evidence).as_bytes()).map_err(FileError::when("write the report", path))
 }
 
 /// The page.

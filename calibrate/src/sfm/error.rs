@@ -1,6 +1,8 @@
 //! What can go wrong while a rig is calibrated from images of its surroundings.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
+
+use erfgs_base::FileError;
 
 use crate::{bundle::BundleError, colmap::RunError};
 
@@ -65,15 +67,8 @@ pub enum SfmError {
         source: erfgs_scene::image::ImageError,
     },
     /// A file or folder that cannot be read or written.
-    #[error("while {doing} {}: {source}", path.display())]
-    Io {
-        /// What was being done.
-        doing: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A dataset that cannot be read.
     #[error(transparent)]
     Dataset(#[from] erfgs_dataset::DatasetError),

@@ -20,13 +20,14 @@ mod views;
 
 use std::{fmt, fs, path::Path};
 
+use erfgs_base::FileError;
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
 pub use error::SfmError;
 pub use options::{Setting, SfmOptions};
 pub use register::{RegisterOptions, register};
-pub use views::{KnownIntrinsics, View, read_model_views, read_views};
+pub use views::{CameraView, KnownIntrinsics, read_model_views, read_views};
 
 use self::{
     agree::{Agreement, Candidate, agree, alike},
@@ -44,7 +45,7 @@ use erfgs_scene::rig_file::RigFile;
 
 /// What the calibration is busy with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Stage {
+pub enum SfmStep {
     /// Enlarging and writing the images.
     Images,
     /// COLMAP extracts features.
@@ -57,7 +58,7 @@ pub enum Stage {
     Refining,
 }
 
-impl fmt::Display for Stage {
+impl fmt::Display for SfmStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Images => "images",
@@ -70,7 +71,7 @@ impl fmt::Display for Stage {
 }
 
 /// Is told how many items of a stage are done, of how many.
-pub type Progress<'a> = &'a (dyn Fn(Stage, usize, usize) + Sync);
+pub type Progress<'a> = &'a (dyn Fn(SfmStep, usize, usize) + Sync);
 
 /// Epipolar bands: the first catches what a run has placed some pixels off, the last keeps what fits.
 const PASSES: [Pass; 2] = [Pass { name: "wide", band_px: 3.0 }, Pass { name: "narrow", band_px: 2.0 }];
@@ -95,7 +96,7 @@ enum Doubt {
 
 /// Everything between the runs and the result.
 struct State<'a> {
-    views: &'a [View],
+    views: &'a [CameraView],
     options: &'a SfmOptions,
     runs: Vec<Run>,
     candidates: Vec<Candidate>,
@@ -107,7 +108,7 @@ struct State<'a> {
 /// # Errors
 /// If COLMAP does not run, finds no model, or independent runs contradict each other.
 pub fn sfm(
-    views: &[View],
+    views: &[CameraView],
     options: &SfmOptions,
     work_dir: &Path,
     progress: Progress<'_>,
@@ -115,16 +116,16 @@ pub fn sfm(
     if views.len() < 3 {
         return Err(SfmError::TooFewViews { path: work_dir.into(), found: views.len() });
     }
-    views.iter().try_for_each(View::check)?;
+    views.iter().try_for_each(CameraView::check)?;
     let scale = options.scale.as_ref().map(|scale| ends_of(views, scale)).transpose()?;
     let colmap = Colmap::find(&options.colmap)?;
-    let io = |source| SfmError::Io { doing: "making a folder in", path: work_dir.into(), source };
-    let work = tempfile::Builder::new().prefix("sfm-").tempdir_in(work_dir).map_err(io)?;
+    let io = FileError::when("make a folder in", work_dir);
+    let work = tempfile::Builder::new().prefix("sfm-").tempdir_in(work_dir).map_err(&io)?;
     let mut state = State { views, options, runs: Vec::new(), candidates: Vec::new(), evidence: Evidence::default() };
     let mut agreement = None;
     for (number, setting) in options.settings.iter().enumerate() {
         let folder = work.path().join(number.to_string());
-        fs::create_dir_all(&folder).map_err(io)?;
+        fs::create_dir_all(&folder).map_err(&io)?;
         let run = run::run(views, setting, &colmap, options.threads, &folder, progress)?;
         state.add(run, progress)?;
         agreement = state.agreement();
@@ -136,7 +137,7 @@ pub fn sfm(
     state.finish(&agreement, scale, &colmap.version(), progress)
 }
 
-fn ends_of(views: &[View], (a, b, metres): &(String, String, f64)) -> Result<([usize; 2], f64), SfmError> {
+fn ends_of(views: &[CameraView], (a, b, metres): &(String, String, f64)) -> Result<([usize; 2], f64), SfmError> {
     let find = |name: &String| {
         views.iter().position(|view| view.name == *name).ok_or_else(|| SfmError::NoCamera {
             camera: name.clone(),

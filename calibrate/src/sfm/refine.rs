@@ -8,12 +8,12 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::{
-    Progress, SfmError, Stage, View,
+    CameraView, Progress, SfmError, SfmStep,
     run::Placed,
     tracks::{PairMatches, Track, components, triangulate},
 };
 use crate::{
-    bundle::{Bundle, Camera, Loss, Observation, Options, Parameter, Placement, Prior, Solution},
+    bundle::{Bundle, BundleCamera, Loss, Observation, Options, Parameter, Placement, Prior, Solution},
     colmap::{
         database::Keypoints,
         matching::{Features, Limits, Relative, match_pair},
@@ -91,7 +91,7 @@ pub(super) fn matches(
             let (ca, cb) = ((ka, &cameras[a].as_ref()?.pose), (kb, &cameras[b].as_ref()?.pose));
             let relative = Relative::new(ca, cb);
             let matches = match_pair(fa, ca, fb, cb, &relative, &limits);
-            progress(Stage::Refining, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
+            progress(SfmStep::Refining, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
             Some(((a, b), matches))
         })
         .collect()
@@ -127,7 +127,7 @@ pub(super) fn tracks(
 /// Adjusts cameras and points: first with a loss that outliers cannot pull, then without them and with the standard
 /// deviations that the residuals show.
 pub(super) fn adjust(
-    views: &[View],
+    views: &[CameraView],
     cameras: &[Option<Placed>],
     features: &[Keypoints],
     tracks: Vec<Track>,
@@ -159,7 +159,7 @@ pub(super) fn adjust(
         if !gauge.fixed.contains(&view) {
             free.extend(Parameter::POSE);
         }
-        bundle.cameras.push(Camera {
+        bundle.cameras.push(BundleCamera {
             name: views[view].name.clone(),
             intrinsics,
             pose: camera.pose,

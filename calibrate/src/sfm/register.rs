@@ -6,10 +6,11 @@
 
 use std::path::Path;
 
+use erfgs_base::FileError;
 use erfgs_scene::{Modality, Pose};
 
 use super::{
-    Progress, Setting, SfmError, View,
+    CameraView, Progress, Setting, SfmError,
     align::spread,
     place::{Known, Resected},
     refine::{Adjusted, FEWEST_VIEWS, Gauge, Pass, adjust, tracks},
@@ -58,13 +59,13 @@ const DEPTHS: [f64; 2] = [0.1, 20.0];
 /// If COLMAP does not run, a view has no intrinsics, or none of the new cameras can be registered.
 pub fn register(
     rig: &RigFile,
-    model: &[View],
-    new: &[View],
+    model: &[CameraView],
+    new: &[CameraView],
     options: &RegisterOptions,
     work_dir: &Path,
     progress: Progress<'_>,
 ) -> Result<(RigFile, Evidence), SfmError> {
-    let posed: Vec<(&View, Pose)> =
+    let posed: Vec<(&CameraView, Pose)> =
         model.iter().filter_map(|view| Some((view, rig.camera(&view.name)?.pose?))).collect();
     if posed.len() < 3 {
         return Err(SfmError::TooFewViews { path: "the rig's images".into(), found: posed.len() });
@@ -72,19 +73,19 @@ pub fn register(
     for view in model.iter().chain(new) {
         view.check()?;
     }
-    let missing = |view: &View| SfmError::NoIntrinsics { camera: view.name.clone(), path: "the rig file".into() };
+    let missing = |view: &CameraView| SfmError::NoIntrinsics { camera: view.name.clone(), path: "the rig file".into() };
     // Pictures of events are matched with pictures made alike.
     let events = new.iter().any(|view| !view.modality.has_frames());
-    let alike = |view: &View| match (events, view.modality) {
+    let alike = |view: &CameraView| match (events, view.modality) {
         (true, Modality::Rgb | Modality::Both) => {
-            View { image: LogIntensity::of_image(&view.image).picture(options.radius_px), ..view.clone() }
+            CameraView { image: LogIntensity::of_image(&view.image).picture(options.radius_px), ..view.clone() }
         }
         _ => view.clone(),
     };
-    let views: Vec<View> = posed.iter().map(|(view, _)| *view).chain(new).map(alike).collect();
+    let views: Vec<CameraView> = posed.iter().map(|(view, _)| *view).chain(new).map(alike).collect();
     let colmap = Colmap::find(&options.colmap)?;
-    let io = |source| SfmError::Io { doing: "making a folder in", path: work_dir.into(), source };
-    let work = tempfile::Builder::new().prefix("register-").tempdir_in(work_dir).map_err(io)?;
+    let work = tempfile::Builder::new().prefix("register-").tempdir_in(work_dir);
+    let work = work.map_err(FileError::when("make a folder in", work_dir))?;
     let extracted = extract(&views, &options.setting, &colmap, options.threads, work.path(), progress)?;
     let features = extracted.features(&views, options.setting.enlarge);
 
@@ -180,7 +181,7 @@ pub fn register(
 }
 
 fn place_all(
-    views: &[View],
+    views: &[CameraView],
     first: usize,
     known: &Known<'_>,
     features: &[Keypoints],

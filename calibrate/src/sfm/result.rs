@@ -3,7 +3,7 @@
 use erfgs_scene::{ImageRgb8, Modality};
 use glam::DVec3;
 
-use super::{Doubt, SfmError, State, View, agree::Agreement, refine::Adjusted, run::Run};
+use super::{CameraView, Doubt, SfmError, State, agree::Agreement, refine::Adjusted, run::Run};
 use crate::{
     bundle::{Bundle, BundleError, Loss, Parameter, Uncertainty, clusters::boxes},
     evidence::{Evidence, Picture, Table},
@@ -14,7 +14,7 @@ use erfgs_scene::rig_file::{RigCamera, RigFile};
 const FEWEST_NEIGHBOURS: usize = 3;
 
 /// Names of views, with commas.
-pub(super) fn names(views: &[View], chosen: impl IntoIterator<Item = usize>) -> String {
+pub(super) fn names(views: &[CameraView], chosen: impl IntoIterator<Item = usize>) -> String {
     let names: Vec<&str> = chosen.into_iter().map(|view| views[view].name.as_str()).collect();
     names.join(", ")
 }
@@ -158,8 +158,8 @@ pub(super) fn result(
 }
 
 /// The views' images, for the cameras that have a pose.
-pub(super) fn pictures<'a>(rig: &RigFile, views: impl IntoIterator<Item = &'a View>) -> Vec<Picture> {
-    let of = |view: &View| {
+pub(super) fn pictures<'a>(rig: &RigFile, views: impl IntoIterator<Item = &'a CameraView>) -> Vec<Picture> {
+    let of = |view: &CameraView| {
         let placed = |camera: &RigCamera| camera.name == view.name && camera.pose.is_some();
         let (width, height) = (view.image.width, view.image.height);
         let data = view.image.data.iter().flat_map(|grey| [*grey; 3]).collect();
@@ -169,7 +169,7 @@ pub(super) fn pictures<'a>(rig: &RigFile, views: impl IntoIterator<Item = &'a Vi
 }
 
 /// Residuals count cameras as the rig does.
-fn renumber(evidence: &mut Evidence, rig: &RigFile, adjusted: &Adjusted, views: &[View]) {
+fn renumber(evidence: &mut Evidence, rig: &RigFile, adjusted: &Adjusted, views: &[CameraView]) {
     let place = |view: usize| rig.cameras.iter().position(|camera| camera.name == views[view].name).unwrap_or(0);
     let places: Vec<usize> = adjusted.views.iter().map(|&view| place(view)).collect();
     for residual in &mut evidence.residuals {

@@ -1,13 +1,13 @@
 //! One run of COLMAP: images enlarged, features, matches, verification, mapper, the largest model.
 
 use std::{
-    fs, io,
+    fs,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
     time::Instant,
 };
 
-use erfgs_base::random;
+use erfgs_base::{FileError, random};
 use erfgs_scene::{
     Intrinsics, Pose,
     colmap::{CameraModel, ColmapCamera, Model},
@@ -15,7 +15,7 @@ use erfgs_scene::{
 };
 use rayon::prelude::*;
 
-use super::{Progress, Setting, SfmError, Stage, View};
+use super::{CameraView, Progress, Setting, SfmError, SfmStep};
 use crate::colmap::{
     Colmap, Extraction, Mapping, Verification,
     brute::Descriptors,
@@ -77,7 +77,7 @@ pub(super) fn thread_count(threads: usize) -> i64 {
 
 /// Runs COLMAP with a setting, in an empty `folder`.
 pub(super) fn run(
-    views: &[View],
+    views: &[CameraView],
     setting: &Setting,
     colmap: &Colmap,
     threads: usize,
@@ -96,11 +96,11 @@ pub(super) fn run(
     let path = folder.join("database.db");
     let seed = setting.seed;
     let threads = thread_count(threads);
-    progress(Stage::Mapping, 0, 2);
+    progress(SfmStep::Mapping, 0, 2);
     colmap.verify(&Verification { database: path.clone(), threads, seed }, &|_, _| {})?;
-    progress(Stage::Mapping, 1, 2);
+    progress(SfmStep::Mapping, 1, 2);
     let output = folder.join("models");
-    fs::create_dir_all(&output).map_err(io_error("making", &output))?;
+    fs::create_dir_all(&output).map_err(FileError::when("make the folder", &output))?;
     let refine_intrinsics = views.iter().any(|view| view.intrinsics.is_none());
     let mapping = Mapping {
         database: path,
@@ -116,24 +116,19 @@ pub(super) fn run(
     if let (Err(error), true) = (mapped, models.is_empty()) {
         tracing::debug!("{}: {error}", setting.name());
     }
-    progress(Stage::Mapping, 2, 2);
+    progress(SfmStep::Mapping, 2, 2);
     let mut run = read(views, &prepared, &models, setting);
     run.seconds = since.elapsed().as_secs_f64();
     Ok(run)
 }
 
-fn io_error(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> SfmError {
-    let path = path.to_owned();
-    move |source| SfmError::Io { doing, path, source }
-}
-
-fn enlarged_size(view: &View, by: f64) -> [u32; 2] {
+fn enlarged_size(view: &CameraView, by: f64) -> [u32; 2] {
     [view.image.width, view.image.height].map(|side| ((f64::from(side) * by).round() as u32).max(1))
 }
 
 /// Writes the enlarged images and extracts their features.
 pub(super) fn extract(
-    views: &[View],
+    views: &[CameraView],
     setting: &Setting,
     colmap: &Colmap,
     threads: usize,
@@ -152,18 +147,18 @@ pub(super) fn extract(
     }
     let names: Vec<String> = place.iter().map(|place| format!("{place:05}/view.png")).collect();
     let done = AtomicUsize::new(0);
-    progress(Stage::Images, 0, views.len());
+    progress(SfmStep::Images, 0, views.len());
     views.par_iter().zip(&names).try_for_each(|(view, name)| -> Result<(), SfmError> {
         let [width, height] = enlarged_size(view, setting.enlarge);
         let image = |source| SfmError::Image { camera: view.name.clone(), source };
         view.image.resized(width, height, Resample::Lanczos).write_png(&images.join(name)).map_err(image)?;
-        progress(Stage::Images, done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+        progress(SfmStep::Images, done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
         Ok(())
     })?;
     let mut sorted = names.clone();
     sorted.sort();
     let list = folder.join("images.txt");
-    fs::write(&list, sorted.join("\n") + "\n").map_err(io_error("writing", &list))?;
+    fs::write(&list, sorted.join("\n") + "\n").map_err(FileError::when("write", &list))?;
     let database = folder.join("database.db");
     let largest = views.iter().flat_map(|view| enlarged_size(view, setting.enlarge)).max().unwrap_or(1);
     let job = Extraction {
@@ -178,7 +173,7 @@ pub(super) fn extract(
         peak_threshold: setting.peak_threshold,
         edge_threshold: setting.edge_threshold,
     };
-    colmap.extract(&job, &|done, total| progress(Stage::Features, done, total))?;
+    colmap.extract(&job, &|done, total| progress(SfmStep::Features, done, total))?;
     let database = Database::open(&database)?;
     let rows = database.images()?;
     let of_rows: Vec<usize> =
@@ -194,8 +189,8 @@ pub(super) fn extract(
 
 impl Prepared {
     /// The features in the views' own pixels.
-    pub fn features(&self, views: &[View], enlarge: f64) -> Vec<Keypoints> {
-        let of = |(view, raw): (&View, &Keypoints)| {
+    pub fn features(&self, views: &[CameraView], enlarge: f64) -> Vec<Keypoints> {
+        let of = |(view, raw): (&CameraView, &Keypoints)| {
             let [width, height] = enlarged_size(view, enlarge);
             let (x, y) =
                 (f64::from(view.image.width) / f64::from(width), f64::from(view.image.height) / f64::from(height));
@@ -209,7 +204,7 @@ impl Prepared {
     }
 }
 
-fn colmap_camera(view: &View, [width, height]: [u32; 2]) -> (ColmapCamera, bool) {
+fn colmap_camera(view: &CameraView, [width, height]: [u32; 2]) -> (ColmapCamera, bool) {
     match &view.intrinsics {
         Some(k) => (ColmapCamera::from_intrinsics(&k.resized(width, height)), true),
         None => {
@@ -234,7 +229,7 @@ fn match_all(prepared: &Prepared, setting: &Setting, progress: Progress<'_>) -> 
         .par_iter()
         .map(|&(a, b)| {
             let matches = descriptors[a].matches(&descriptors[b], setting.ratio, MAX_DESCRIPTOR_ANGLE);
-            progress(Stage::Matching, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
+            progress(SfmStep::Matching, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
             ([rows[a].image, rows[b].image], matches)
         })
         .collect()
@@ -242,8 +237,8 @@ fn match_all(prepared: &Prepared, setting: &Setting, progress: Progress<'_>) -> 
 
 fn read_models(output: &Path) -> Result<Vec<Model>, SfmError> {
     let mut models = Vec::new();
-    for entry in fs::read_dir(output).map_err(io_error("listing", output))? {
-        let path = entry.map_err(io_error("listing", output))?.path();
+    for entry in fs::read_dir(output).map_err(FileError::when("list the folder", output))? {
+        let path = entry.map_err(FileError::when("list the folder", output))?.path();
         if path.is_dir() {
             models.push(Model::read(&path)?);
         }
@@ -252,7 +247,7 @@ fn read_models(output: &Path) -> Result<Vec<Model>, SfmError> {
     Ok(models)
 }
 
-fn read(views: &[View], prepared: &Prepared, models: &[Model], setting: &Setting) -> Run {
+fn read(views: &[CameraView], prepared: &Prepared, models: &[Model], setting: &Setting) -> Run {
     let features = prepared.features(views, setting.enlarge);
     let mut run = Run {
         name: setting.name(),

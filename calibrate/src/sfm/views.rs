@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_dataset::Dataset;
 use erfgs_scene::{Intrinsics, Modality, image::ImageGrey8};
 
@@ -13,12 +14,12 @@ use erfgs_scene::rig_file::RigFile;
 
 /// What one camera saw.
 #[derive(Clone, Debug)]
-pub struct View {
+pub struct CameraView {
     /// Name of the camera.
     pub name: String,
     /// What it records.
     pub modality: Modality,
-    /// The image.
+    /// What it saw at the instant, grey.
     pub image: ImageGrey8,
     /// Its intrinsics, where they are known.
     pub intrinsics: Option<Intrinsics>,
@@ -40,7 +41,7 @@ pub enum KnownIntrinsics<'a> {
 ///
 /// # Errors
 /// If there are fewer than three, one cannot be read, or the intrinsics do not fit.
-pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Result<Vec<View>, SfmError> {
+pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Result<Vec<CameraView>, SfmError> {
     let mut found: Vec<(String, Modality, PathBuf, Option<Intrinsics>)> = Vec::new();
     if path.join("dataset.json").is_file() || path.is_file() {
         let dataset = Dataset::load(path)?;
@@ -87,14 +88,14 @@ pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Res
                 }
                 KnownIntrinsics::Dataset | KnownIntrinsics::Unknown => intrinsics,
             };
-            let view = View { name, modality, image, intrinsics };
+            let view = CameraView { name, modality, image, intrinsics };
             view.check()?;
             Ok(view)
         })
         .collect()
 }
 
-impl View {
+impl CameraView {
     /// Whether the image is of the size that the intrinsics are for.
     ///
     /// # Errors
@@ -114,14 +115,14 @@ impl View {
 ///
 /// # Errors
 /// As [`read_views`].
-pub fn read_model_views(path: &Path, frame: usize, rig: &RigFile) -> Result<Vec<View>, SfmError> {
-    let placed = |view: &View| rig.camera(&view.name).filter(|camera| camera.pose.is_some());
+pub fn read_model_views(path: &Path, frame: usize, rig: &RigFile) -> Result<Vec<CameraView>, SfmError> {
+    let placed = |view: &CameraView| rig.camera(&view.name).filter(|camera| camera.pose.is_some());
     let views = read_views(path, frame, &KnownIntrinsics::Unknown)?.into_iter().filter_map(|view| {
         let camera = placed(&view)?;
-        Some(View { intrinsics: Some(camera.intrinsics), modality: camera.modality, ..view })
+        Some(CameraView { intrinsics: Some(camera.intrinsics), modality: camera.modality, ..view })
     });
-    let views: Vec<View> = views.collect();
-    views.iter().try_for_each(View::check)?;
+    let views: Vec<CameraView> = views.collect();
+    views.iter().try_for_each(CameraView::check)?;
     if views.len() < 3 {
         return Err(SfmError::TooFewViews { path: path.into(), found: views.len() });
     }
@@ -129,9 +130,9 @@ pub fn read_model_views(path: &Path, frame: usize, rig: &RigFile) -> Result<Vec<
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
-    let io = |source| SfmError::Io { doing: "listing", path: folder.into(), source };
+    let io = FileError::when("list the folder", folder);
     let mut entries: Vec<PathBuf> = fs::read_dir(folder)
-        .map_err(io)?
+        .map_err(&io)?
         .map(|entry| entry.map(|entry| entry.path()))
         .collect::<Result<_, _>>()
         .map_err(io)?;

@@ -2,7 +2,7 @@
 
 use super::{Stick, WandOptions, instants::Instant, place};
 use crate::{
-    bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter, Prior},
+    bundle::{Bundle, BundleCamera, BundleError, Loss, Options, Parameter, Prior},
     evidence::{Evidence, Moment},
     statistics::median,
 };
@@ -25,7 +25,7 @@ pub(super) enum Round {
     First,
     /// The same, after the rig and the wand were brought to one scale.
     Scaled,
-    /// All.
+    /// All that was seen, the wands that were held out among it.
     All,
 }
 
@@ -57,7 +57,7 @@ impl Scatter {
 /// Adjusts `cameras` to what they saw at `instants`, `scatter` where it is not known, and returns the whole problem. `known`
 /// are the cameras' focal lengths as known beforehand, pixels. The evidence gets the placements' moments.
 pub(super) fn adjust(
-    cameras: &[Camera],
+    cameras: &[BundleCamera],
     known: &[f64],
     instants: &[&Instant],
     scatter: &mut [Scatter],
@@ -104,7 +104,7 @@ pub(super) fn adjust(
     Ok(bundle)
 }
 
-fn build(stick: &Stick, cameras: &[Camera], instants: &[&Instant], scatter: &[Scatter]) -> (Bundle, Vec<Moment>) {
+fn build(stick: &Stick, cameras: &[BundleCamera], instants: &[&Instant], scatter: &[Scatter]) -> (Bundle, Vec<Moment>) {
     let mut bundle = Bundle { cameras: cameras.to_vec(), ..Bundle::default() };
     let mut moments = Vec::new();
     for instant in instants {

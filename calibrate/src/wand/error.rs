@@ -1,6 +1,8 @@
 //! What can go wrong with a calibration by wand.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
+
+use erfgs_base::FileError;
 
 use crate::bundle::BundleError;
 use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
@@ -9,13 +11,8 @@ use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
 #[derive(Debug, thiserror::Error)]
 pub enum WandError {
     /// A file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A file cannot be understood.
     #[error("{}{}: {what}", path.display(), line.map(|line| format!(", line {line}")).unwrap_or_default())]
     Malformed {
@@ -35,7 +32,7 @@ pub enum WandError {
         folder.display()
     )]
     NoPoints {
-        /// The folder.
+        /// Where they were looked for.
         folder: PathBuf,
     },
     /// A rig with known intrinsics cannot be read.

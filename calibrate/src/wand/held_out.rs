@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::{Stick, instants::Instant};
-use crate::{bundle::Camera, evidence::HeldOut, geometry::triangulate};
+use crate::{bundle::BundleCamera, evidence::HeldOut, geometry::triangulate};
 
 /// A view that lies farther from a triangulated LED, in standard deviations, is left out.
 const LIMIT: f64 = 5.0;
@@ -11,9 +11,14 @@ const LIMIT: f64 = 5.0;
 const COARSE_M: f64 = 0.02;
 
 /// The gaps of the wands of `instants`, each LED triangulated on its own. `sigma_px` is that of each camera.
-pub(super) fn lengths(stick: &Stick, cameras: &[Camera], sigma_px: &[f64], instants: &[&Instant]) -> Vec<HeldOut> {
+pub(super) fn lengths(
+    stick: &Stick,
+    cameras: &[BundleCamera],
+    sigma_px: &[f64],
+    instants: &[&Instant],
+) -> Vec<HeldOut> {
     let mut lengths = Vec::new();
-    let cameras: Vec<Option<Camera>> = cameras.iter().cloned().map(Some).collect();
+    let cameras: Vec<Option<BundleCamera>> = cameras.iter().cloned().map(Some).collect();
     for instant in instants {
         let points: [Option<DVec3>; 3] = std::array::from_fn(|led| {
             let (point, covariance) = locate(&cameras, sigma_px, instant, led)?;
@@ -33,7 +38,7 @@ pub(super) fn lengths(stick: &Stick, cameras: &[Camera], sigma_px: &[f64], insta
 
 /// A LED by the cameras that are there, and its covariance.
 pub(super) fn locate(
-    cameras: &[Option<Camera>],
+    cameras: &[Option<BundleCamera>],
     sigma_px: &[f64],
     instant: &Instant,
     led: usize,

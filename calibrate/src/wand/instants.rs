@@ -44,7 +44,7 @@ pub(super) struct Led {
 
 /// The wand in one camera at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct View {
+pub(super) struct WandView {
     pub camera: usize,
     pub leds: [Option<Led>; 3],
     /// The wand from this view alone, where all LEDs make one.
@@ -55,7 +55,7 @@ pub(super) struct View {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Instant {
     pub t_ns: i64,
-    pub views: Vec<View>,
+    pub views: Vec<WandView>,
 }
 
 /// The instants at which two cameras or more saw the wand, in order.
@@ -78,7 +78,7 @@ pub(super) fn instants(cameras: &[WandCamera], stick: &Stick, matching: &Matchin
                 _ => None,
             };
             let lone = pixels.and_then(|pixels| view::Lone::new(stick, &cameras[camera].intrinsics, pixels));
-            Some(View { camera, leds, lone })
+            Some(WandView { camera, leds, lone })
         });
         Instant { t_ns, views: views.collect() }
     };

@@ -4,14 +4,14 @@
 //! pairs of cameras are aligned by wands that both saw (`pair.rs`) and chained (`start.rs`), and one adjustment makes the
 //! poses, focal lengths and time offsets what all observations say (`adjust.rs`). A fifth of the placements is held out of
 //! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric. Cameras of a rig
-//! that is calibrated already may keep their poses, and the others are placed among them (`frame.rs`).
+//! that is calibrated already may keep their poses, and the others are placed among them (`known_rig.rs`).
 
 mod adjust;
 pub mod detect;
 mod error;
-mod frame;
 mod held_out;
 mod instants;
+mod known_rig;
 mod outcome;
 mod pair;
 mod place;
@@ -25,17 +25,17 @@ mod view;
 use erfgs_scene::Pose;
 
 pub use error::WandError;
-pub use frame::{Frame, Scale};
 pub use instants::Matching;
+pub use known_rig::{KnownRig, Scale};
 pub use points::read_points;
 pub use sighting::{Sighting, WandCamera};
 pub use stick::Stick;
 
 use adjust::Round;
-use frame::Fixed;
+use known_rig::Fixed;
 
 use crate::{
-    bundle::{Bundle, Camera, Loss, Parameter},
+    bundle::{Bundle, BundleCamera, Loss, Parameter},
     evidence::Evidence,
 };
 use erfgs_scene::rig_file::RigFile;
@@ -50,11 +50,11 @@ pub struct WandOptions {
     pub stick: Stick,
     /// How sightings are matched in time.
     pub matching: Matching,
-    /// The camera in whose space the world lies and to whose clock times are given; the first without it. With a `frame` it
-    /// stands for the clock alone, and is the first camera of the frame without it.
+    /// The camera in whose space the world lies and to whose clock times are given; the first without it. With a `known`
+    /// rig it stands for the clock alone, and is the first camera of the known rig without it.
     pub reference: Option<String>,
     /// A rig whose cameras keep their poses and intrinsics, and in whose space the world lies.
-    pub frame: Option<Frame>,
+    pub known: Option<KnownRig>,
     /// Cameras that are left out.
     pub without: Vec<String>,
     /// Whether focal lengths stay as they are.
@@ -79,7 +79,7 @@ impl WandOptions {
             stick,
             matching: Matching::default(),
             reference: None,
-            frame: None,
+            known: None,
             without: Vec::new(),
             fix_focal: false,
             focal_sigma: 0.01,
@@ -101,11 +101,11 @@ impl WandOptions {
         if self.most < 10 {
             return wrong("fewer than 10 placements cannot make a calibration");
         }
-        self.frame.as_ref().map_or(Ok(()), Frame::check)
+        self.known.as_ref().map_or(Ok(()), KnownRig::check)
     }
 
     fn keeps(&self, camera: &str) -> bool {
-        self.frame.as_ref().is_some_and(|frame| frame.kept(camera).is_some())
+        self.known.as_ref().is_some_and(|known_rig| known_rig.kept(camera).is_some())
     }
 }
 
@@ -133,9 +133,11 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
         (held.into_iter().map(|(i, _)| i).collect(), kept.into_iter().map(|(i, _)| i).collect());
 
     let mut scatter: Vec<_> = cameras.iter().map(|camera| adjust::Scatter::new(camera.sigma_px)).collect();
-    let mut fixed = match &options.frame {
+    let mut fixed = match &options.known {
         None => Fixed::reference(cameras.len(), reference, options.stick),
-        Some(frame) => Fixed::of(frame, &cameras, &vec![0.0; cameras.len()], &sigmas(&scatter), &kept, options)?,
+        Some(known_rig) => {
+            Fixed::of(known_rig, &cameras, &vec![0.0; cameras.len()], &sigmas(&scatter), &kept, options)?
+        }
     };
     let mut scaled = WandOptions { stick: fixed.stick, ..options.clone() };
     let poses = start::poses(&cameras, &kept, &fixed.poses, &scaled)?;
@@ -143,14 +145,14 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     let known: Vec<f64> = cameras.iter().map(|camera| camera.intrinsics.fx).collect();
     let mut evidence = Evidence::default();
     let mut bundle = adjust::adjust(&states, &known, &kept, &mut scatter, &scaled, Round::First, &mut evidence)?;
-    let freed = |bundle: &Bundle| -> Vec<Camera> {
-        bundle.cameras.iter().zip(&states).map(|(c, s)| Camera { free: s.free.clone(), ..c.clone() }).collect()
+    let freed = |bundle: &Bundle| -> Vec<BundleCamera> {
+        bundle.cameras.iter().zip(&states).map(|(c, s)| BundleCamera { free: s.free.clone(), ..c.clone() }).collect()
     };
-    if let Some(frame) = &options.frame {
+    if let Some(known_rig) = &options.known {
         // Late stamps make lengths wrong, so that the scale is measured again when they are known.
         let offsets: Vec<f64> = bundle.cameras.iter().map(|camera| camera.time_offset_s).collect();
-        let again = Fixed::of(frame, &cameras, &offsets, &sigmas(&scatter), &kept, options)?;
-        let change = again.divisor(frame) / fixed.divisor(frame);
+        let again = Fixed::of(known_rig, &cameras, &offsets, &sigmas(&scatter), &kept, options)?;
+        let change = again.divisor(known_rig) / fixed.divisor(known_rig);
         let mut start = freed(&bundle);
         for (camera, pose) in start.iter_mut().zip(&again.poses) {
             camera.pose = pose.unwrap_or(Pose { translation: camera.pose.translation / change, ..camera.pose });
@@ -168,8 +170,8 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     enough(&cameras, &outcome::placements(&bundle), options)?;
     let uncertainty = bundle.uncertainty(Loss::Squared)?;
     let (mut rig, evidence) = outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)?;
-    if let Some(frame) = &options.frame {
-        frame.complete(&mut rig, &fixed);
+    if let Some(known_rig) = &options.known {
+        known_rig.complete(&mut rig, &fixed);
     }
     Ok((rig, evidence))
 }
@@ -185,12 +187,12 @@ fn chosen(cameras: &[WandCamera], options: &WandOptions) -> Result<Vec<WandCamer
     }
     let mut chosen: Vec<_> = cameras.iter().filter(|c| !options.without.contains(&c.name)).cloned().collect();
     let sees = |camera: &WandCamera| camera.sightings.iter().any(|s| s.leds.iter().any(Option::is_some));
-    if let Some(frame) = &options.frame {
+    if let Some(known_rig) = &options.known {
         // A camera of the rig that did not see the wand needs none.
         chosen.retain(|camera| !options.keeps(&camera.name) || sees(camera));
         let mut kept = 0;
         for camera in &mut chosen {
-            if let Some((known, _)) = frame.kept(&camera.name) {
+            if let Some((known, _)) = known_rig.kept(&camera.name) {
                 camera.intrinsics = known.intrinsics;
                 kept += 1;
             }
@@ -224,7 +226,7 @@ fn states(
     fixed: &Fixed,
     reference: usize,
     options: &WandOptions,
-) -> Vec<Camera> {
+) -> Vec<BundleCamera> {
     let state = |(index, (camera, pose)): (usize, (&WandCamera, &Pose))| {
         let mut free = Vec::new();
         if !options.fix_focal && !options.keeps(&camera.name) {
@@ -237,7 +239,7 @@ fn states(
             free.push(Parameter::TimeOffset);
         }
         let (name, intrinsics) = (camera.name.clone(), camera.intrinsics);
-        Camera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free }
+        BundleCamera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free }
     };
     cameras.iter().zip(poses).enumerate().map(state).collect()
 }

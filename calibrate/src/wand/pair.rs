@@ -11,11 +11,11 @@ use glam::DVec3;
 
 use super::{
     Stick,
-    instants::{Instant, View},
+    instants::{Instant, WandView},
     place,
 };
 use crate::{
-    bundle::{Bundle, BundleError, Camera, Loss, Options, Parameter},
+    bundle::{Bundle, BundleCamera, BundleError, Loss, Options, Parameter},
     geometry::rigid,
 };
 
@@ -43,7 +43,7 @@ pub(super) struct Pair {
 }
 
 /// The placements in which both cameras see a wand that could be one.
-pub(super) fn shared<'a>(instants: &[&'a Instant], a: usize, b: usize) -> Vec<[&'a View; 2]> {
+pub(super) fn shared<'a>(instants: &[&'a Instant], a: usize, b: usize) -> Vec<[&'a WandView; 2]> {
     let of = |instant: &'a Instant, camera| instant.views.iter().find(|v| v.camera == camera && v.lone.is_some());
     instants.iter().filter_map(|instant| Some([of(instant, a)?, of(instant, b)?])).collect()
 }
@@ -52,11 +52,11 @@ pub(super) fn shared<'a>(instants: &[&'a Instant], a: usize, b: usize) -> Vec<[&
 pub(super) fn pair(
     stick: &Stick,
     lenses: [&Intrinsics; 2],
-    views: &[[&View; 2]],
+    views: &[[&WandView; 2]],
     seed: u64,
 ) -> Result<Option<Pair>, BundleError> {
     let stride = views.len().div_ceil(MOST).max(1);
-    let views: Vec<[&View; 2]> = views.iter().step_by(stride).copied().collect();
+    let views: Vec<[&WandView; 2]> = views.iter().step_by(stride).copied().collect();
     let focal = (lenses[0].fx * lenses[1].fx).sqrt();
     let mut best: Option<(f64, Pose)> = None;
     let mut consider = |motion: Option<Pose>| {
@@ -84,8 +84,8 @@ pub(super) fn pair(
 }
 
 /// The motion that aligns the single views' wands.
-fn align(views: &[[&View; 2]]) -> Option<Pose> {
-    let lone = |view: &View| view.lone;
+fn align(views: &[[&WandView; 2]]) -> Option<Pose> {
+    let lone = |view: &WandView| view.lone;
     let pairs: Vec<(DVec3, DVec3, f64)> = views
         .iter()
         .filter_map(|views| Some((lone(views[0])?, lone(views[1])?)))
@@ -98,7 +98,7 @@ fn align(views: &[[&View; 2]]) -> Option<Pose> {
 }
 
 /// By how much the rays of a wand miss each other, the mean over its LEDs, pixels.
-fn misses(motion: &Pose, views: &[&View; 2], focal: f64) -> f64 {
+fn misses(motion: &Pose, views: &[&WandView; 2], focal: f64) -> f64 {
     let [Some(a), Some(b)] = views.map(|view| view.lone) else { return f64::INFINITY };
     let miss = |i: usize| {
         let (ray, other) = (motion.rotation * a.rays[i], b.rays[i]);
@@ -113,12 +113,12 @@ fn misses(motion: &Pose, views: &[&View; 2], focal: f64) -> f64 {
 fn refine(
     stick: &Stick,
     lenses: [&Intrinsics; 2],
-    views: &[[&View; 2]],
+    views: &[[&WandView; 2]],
     motion: Pose,
 ) -> Result<Option<Pair>, BundleError> {
     let mut bundle = Bundle::default();
     for (camera, intrinsics) in lenses.into_iter().enumerate() {
-        bundle.cameras.push(Camera {
+        bundle.cameras.push(BundleCamera {
             name: camera.to_string(),
             intrinsics: *intrinsics,
             pose: if camera == 0 { Pose::IDENTITY } else { motion },

@@ -4,10 +4,10 @@ use glam::{DVec2, DVec3};
 
 use super::{
     Stick,
-    instants::{Led, View},
+    instants::{Led, WandView},
 };
 use crate::{
-    bundle::{Bundle, Camera, Observation, Placement},
+    bundle::{Bundle, BundleCamera, Observation, Placement},
     geometry::{Ray, nearest_point},
 };
 
@@ -21,7 +21,7 @@ const PAIRS: usize = 20;
 pub(super) fn add(
     bundle: &mut Bundle,
     stick: &Stick,
-    views: &[(usize, &View)],
+    views: &[(usize, &WandView)],
     weigh: impl Fn(usize, &Led) -> (f64, DVec2),
 ) {
     let Some(held) = placement(stick, &bundle.cameras, views) else { return };
@@ -50,7 +50,7 @@ pub(super) fn add(
 ///
 /// Candidates are the wand of each view alone, and of each two views their triangulated LEDs; one outlier, or a camera
 /// that took the wand for its mirror image, spoils only its own candidates.
-pub(super) fn placement(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)]) -> Option<Placement> {
+pub(super) fn placement(stick: &Stick, cameras: &[BundleCamera], views: &[(usize, &WandView)]) -> Option<Placement> {
     let lone = views.iter().filter_map(|(camera, view)| {
         let to_world = cameras[*camera].pose.inverse();
         view.lone.map(|lone| lone.points.map(|point| to_world.transform(point)))
@@ -61,7 +61,7 @@ pub(super) fn placement(stick: &Stick, cameras: &[Camera], views: &[(usize, &Vie
     let triangulated = pairs.filter_map(|[(a, first), (b, second)]| {
         let mut points = [DVec3::ZERO; 3];
         for (led, point) in points.iter_mut().enumerate() {
-            let ray = |camera: usize, view: &View| {
+            let ray = |camera: usize, view: &WandView| {
                 Ray::of_pixel(&cameras[camera].intrinsics, &cameras[camera].pose, view.leds[led]?.pixel)
             };
             *point = nearest_point(&[ray(a, first)?, ray(b, second)?])?;
@@ -92,7 +92,13 @@ fn fit(stick: &Stick, points: [DVec3; 3]) -> Option<Placement> {
 }
 
 /// What a wand costs; something that is not less than `least` where it cannot be.
-fn cost(stick: &Stick, cameras: &[Camera], views: &[(usize, &View)], placement: &Placement, least: f64) -> f64 {
+fn cost(
+    stick: &Stick,
+    cameras: &[BundleCamera],
+    views: &[(usize, &WandView)],
+    placement: &Placement,
+    least: f64,
+) -> f64 {
     let mut cost = 0.0;
     for (camera, view) in views {
         if cost >= least {

@@ -6,7 +6,7 @@ use crate::room as common;
 use erfgs_calibrate::{
     geometry::angle,
     intensity::dark_ramp,
-    sfm::{KnownIntrinsics, RegisterOptions, Setting, View, read_views, register},
+    sfm::{CameraView, KnownIntrinsics, RegisterOptions, Setting, read_views, register},
 };
 use erfgs_events::Events;
 use erfgs_replay::{
@@ -46,17 +46,17 @@ fn event_cameras_that_saw_light_come_up_are_placed_among_the_rig_s_cameras() {
     let mut model = read_views(folder.path(), 0, &KnownIntrinsics::Dataset).unwrap();
     let options = RegisterOptions::default();
     let options = RegisterOptions { setting: Setting { enlarge: 1.5, ..options.setting }, ..options };
-    let events: Vec<View> = [("noisy", 4, model.remove(4)), ("clean", 1, model.remove(2))]
+    let events: Vec<CameraView> = [("noisy", 4, model.remove(4)), ("clean", 1, model.remove(2))]
         .into_iter()
         .map(|(preset, count, view)| {
             let config = SimulatorConfig { mode: Mode::Enhanced, ..SimulatorConfig::preset(preset).unwrap() };
             let seen = dark_ramp(&ramps(&view.name, &view.image, count, &config), config.threshold_on);
-            View { image: seen.picture(options.radius_px), modality: Modality::Event, ..view }
+            CameraView { image: seen.picture(options.radius_px), modality: Modality::Event, ..view }
         })
         .collect();
     let pose = |name: &str| room.camera(name).unwrap().world_to_camera;
     let entry =
-        |view: &View| RigCamera::new(&view.name, view.modality, view.intrinsics.unwrap(), Some(pose(&view.name)));
+        |view: &CameraView| RigCamera::new(&view.name, view.modality, view.intrinsics.unwrap(), Some(pose(&view.name)));
     let rig = RigFile::new("board", true, model.iter().map(entry).collect());
     let (whole, evidence) = register(&rig, &model, &events, &options, folder.path(), &|_, _, _| {}).unwrap();
     assert_eq!(whole.cameras[..5], rig.cameras[..], "the rig's own cameras stay");

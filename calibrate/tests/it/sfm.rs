@@ -8,7 +8,7 @@ use erfgs_calibrate::{
     colmap::{ColmapProgram, RunError},
     report::page,
     sfm::{
-        KnownIntrinsics, RegisterOptions, Setting, SfmError, SfmOptions, View,
+        CameraView, KnownIntrinsics, RegisterOptions, Setting, SfmError, SfmOptions,
         align::{Tolerance, align},
         read_model_views, read_views, register, sfm,
     },
@@ -123,7 +123,7 @@ fn images_of_nothing_are_refused_and_so_is_what_does_not_fit() {
     let few = read_views(folder.path(), 0, &KnownIntrinsics::Unknown).unwrap_err();
     assert!(matches!(few, SfmError::TooFewViews { found: 2, .. }), "{few}");
     write("c.png", 64);
-    let views: Vec<View> = read_views(folder.path(), 0, &KnownIntrinsics::Unknown).unwrap();
+    let views: Vec<CameraView> = read_views(folder.path(), 0, &KnownIntrinsics::Unknown).unwrap();
     assert_eq!(views.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
 
     let k = erfgs_scene::Intrinsics {

@@ -16,8 +16,8 @@ use std::{
 
 use super::{
     ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, View},
-    write::{self, Recording},
+    common::{self, FileFrame, Frames, SourceView},
+    write::{self, SourceRecording},
 };
 use crate::{Dataset, Split};
 use erfgs_base::progress::Progress;
@@ -67,7 +67,7 @@ pub fn import(
             let what = format!("the camera has {} images, but camera {first} has {count}", files.len());
             return Err(ImportError::Camera { camera: name.clone(), path: images.join(&name), what });
         }
-        if views.iter().any(|other: &View| other.name == view.name) {
+        if views.iter().any(|other: &SourceView| other.name == view.name) {
             let what = format!("two cameras would be called {}; rename a folder", view.name);
             return Err(ImportError::Camera { camera: name.clone(), path: images.join(&name), what });
         }
@@ -75,7 +75,7 @@ pub fn import(
     }
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
-    let recording = Recording { importer: "colmap", source, views, any_size: false, fps };
+    let recording = SourceRecording { importer: "colmap", source, views, any_size: false, fps };
     write::write(recording, options, out, progress)
 }
 
@@ -87,7 +87,7 @@ fn view(
     images: &Path,
     options: &ImportOptions,
     fps: f64,
-) -> Result<View, ImportError> {
+) -> Result<SourceView, ImportError> {
     let wrong = |what| ImportError::Camera { camera: name.to_owned(), path: folder.to_owned(), what };
     let Some(first) = shots.first() else { return Err(wrong("it has no image".to_owned())) };
     for other in shots {
@@ -120,5 +120,5 @@ fn view(
         if files.len() > 1 || options.frames.is_some() { common::in_range(files, options, &own)? } else { files };
     let frame = |(index, image)| FileFrame { image, mask: None, t_ns: common::frame_time(index as u64, fps) };
     let frames = Frames::Files(files.into_iter().enumerate().map(frame).collect());
-    Ok(View { name: common::folder_name(name), split: Split::Train, intrinsics, pose: first.pose, frames })
+    Ok(SourceView { name: common::folder_name(name), split: Split::Train, intrinsics, pose: first.pose, frames })
 }

@@ -12,7 +12,7 @@ use crate::Split;
 use erfgs_scene::{Intrinsics, Pose};
 
 /// One viewpoint of a recording.
-pub(super) struct View {
+pub(super) struct SourceView {
     pub(super) name: String,
     pub(super) split: Split,
     /// Intrinsics of the source's images.
@@ -135,7 +135,7 @@ pub(super) fn number(name: &str) -> Option<u64> {
 
 /// Marks the cameras named by the option `test_cameras` as test cameras and all others as training cameras; a name may
 /// also be a camera's number. Without the option nothing changes.
-pub(super) fn override_split(views: &mut [View], options: &ImportOptions) -> Result<(), ImportError> {
+pub(super) fn override_split(views: &mut [SourceView], options: &ImportOptions) -> Result<(), ImportError> {
     let Some(wanted) = &options.test_cameras else { return Ok(()) };
     let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
     let splits = splits(&names, wanted)?;
@@ -164,7 +164,7 @@ pub(super) fn splits(names: &[&str], tested: &[String]) -> Result<Vec<Split>, Im
 }
 
 /// Every eighth view for testing, from the first, as LLFF and its successors split a set without a split of its own.
-pub(super) fn every_eighth(views: &mut [View]) {
+pub(super) fn every_eighth(views: &mut [SourceView]) {
     if views.len() > 1 {
         views.iter_mut().step_by(8).for_each(|view| view.split = Split::Test);
     }

@@ -16,9 +16,9 @@ use serde::Deserialize;
 
 use super::{
     ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, View},
+    common::{self, FileFrame, Frames, SourceView},
     json::{self, Number},
-    write::{self, Recording},
+    write::{self, SourceRecording},
 };
 use crate::{Dataset, Split};
 use erfgs_base::progress::Progress;
@@ -119,7 +119,7 @@ pub fn import(
         common::every_eighth(&mut views);
     }
     common::override_split(&mut views, options)?;
-    let recording = Recording { importer: "nerfstudio", source: root, views, any_size: true, fps };
+    let recording = SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps };
     write::write(recording, options, out, progress)
 }
 
@@ -207,7 +207,7 @@ impl Lens {
 }
 
 /// Frames of equal pose and intrinsics made into views with times.
-fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> Result<Vec<View>, ImportError> {
+fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> Result<Vec<SourceView>, ImportError> {
     let bits = |shot: &Shot| {
         let (i, p) = (shot.intrinsics, shot.pose);
         let numbers = [i.fx, i.fy, i.cx, i.cy].into_iter().chain(p.rotation.to_array()).chain(p.translation.to_array());
@@ -247,7 +247,7 @@ fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> R
     // Times are kept as they are given: they need not be evenly spaced.
     let seconds = |time: f64| if length > 0.0 { (time - start) / length * (times.len() - 1) as f64 / fps } else { 0.0 };
 
-    let mut views: Vec<View> = Vec::new();
+    let mut views: Vec<SourceView> = Vec::new();
     for (number, key) in order.iter().enumerate() {
         let mut shots = cameras.remove(key).unwrap_or_default();
         shots.sort_by(|a, b| a.time.unwrap_or(0.0).total_cmp(&b.time.unwrap_or(0.0)));
@@ -274,7 +274,13 @@ fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> R
         let taken = views.iter().any(|view| view.name == name);
         let name = if taken { format!("{name}_{number:03}") } else { name };
         let split = if shots.iter().any(|shot| shot.split == Split::Test) { Split::Test } else { Split::Train };
-        views.push(View { name, split, intrinsics: shot.intrinsics, pose: shot.pose, frames: Frames::Files(frames) });
+        views.push(SourceView {
+            name,
+            split,
+            intrinsics: shot.intrinsics,
+            pose: shot.pose,
+            frames: Frames::Files(frames),
+        });
     }
     Ok(views)
 }

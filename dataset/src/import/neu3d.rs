@@ -15,9 +15,9 @@ use std::{
 
 use super::{
     ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, View},
+    common::{self, FileFrame, Frames, SourceView},
     llff,
-    write::{self, Recording},
+    write::{self, SourceRecording},
 };
 use crate::{Dataset, Split};
 use erfgs_base::progress::Progress;
@@ -70,10 +70,10 @@ pub fn import(
             Frames::Video { path, first, last, fps }
         };
         let split = if common::number(&name) == Some(0) { Split::Test } else { Split::Train };
-        views.push(View { name, split, intrinsics, pose, frames });
+        views.push(SourceView { name, split, intrinsics, pose, frames });
     }
     common::override_split(&mut views, options)?;
-    let recording = Recording { importer: "neu3d", source, views, any_size: true, fps };
+    let recording = SourceRecording { importer: "neu3d", source, views, any_size: true, fps };
     write::write(recording, options, out, progress)
 }
 

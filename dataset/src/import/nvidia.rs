@@ -16,9 +16,9 @@ use std::{
 
 use super::{
     ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, View},
+    common::{self, FileFrame, Frames, SourceView},
     llff,
-    write::{self, Recording},
+    write::{self, SourceRecording},
 };
 use crate::{Dataset, Split};
 use erfgs_base::progress::Progress;
@@ -81,10 +81,16 @@ pub fn import(
         }
         let test = common::number(name).is_some_and(|number| TEST.contains(&number));
         let split = if test { Split::Test } else { Split::Train };
-        views.push(View { name: common::folder_name(name), split, intrinsics, pose, frames: Frames::Files(frames) });
+        views.push(SourceView {
+            name: common::folder_name(name),
+            split,
+            intrinsics,
+            pose,
+            frames: Frames::Files(frames),
+        });
     }
     common::override_split(&mut views, options)?;
-    let recording = Recording { importer: "nvidia", source, views, any_size: true, fps };
+    let recording = SourceRecording { importer: "nvidia", source, views, any_size: true, fps };
     write::write(recording, options, out, progress)
 }
 

@@ -19,9 +19,9 @@ use serde::Deserialize;
 
 use super::{
     ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, View},
+    common::{self, FileFrame, Frames, SourceView},
     json::{self, Number},
-    write::{self, Recording},
+    write::{self, SourceRecording},
 };
 use crate::{Dataset, Split};
 use erfgs_base::progress::Progress;
@@ -85,7 +85,7 @@ pub fn import(
         views.push(view(source, *id, track, first, fps)?);
     }
     common::override_split(&mut views, options)?;
-    let recording = Recording { importer: "panoptic", source, views, any_size: false, fps };
+    let recording = SourceRecording { importer: "panoptic", source, views, any_size: false, fps };
     write::write(recording, options, out, progress)
 }
 
@@ -163,7 +163,7 @@ fn same(a: &[Number], b: &[Number]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a.0 - b.0).abs() <= 1e-6 * (1.0 + a.0.abs()) || (a.0.is_nan() && b.0.is_nan()))
 }
 
-fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<View, ImportError> {
+fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<SourceView, ImportError> {
     let name = camera_name(id);
     let wrong = |what| ImportError::Camera { camera: name.clone(), path: track.meta.clone(), what };
     let k = track.k.map(|row| row.map(|value| value.0));
@@ -194,7 +194,7 @@ fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<V
         }
         frames.push(FileFrame { image, mask, t_ns: common::frame_time(number - first, fps) });
     }
-    Ok(View { name, split: track.split, intrinsics, pose, frames: Frames::Files(frames) })
+    Ok(SourceView { name, split: track.split, intrinsics, pose, frames: Frames::Files(frames) })
 }
 
 /// A hint at the frames that lie beside a missing one.

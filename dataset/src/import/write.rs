@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::{
     ImportError, ImportOptions,
-    common::{FileFrame, Frames, View, frame_time},
+    common::{FileFrame, Frames, SourceView, frame_time},
 };
 use crate::{Camera, Dataset, DatasetError, Frame, Manifest, Provenance, layout};
 use erfgs_base::progress::{Progress, in_parallel};
@@ -17,11 +17,11 @@ use erfgs_scene::{
 };
 
 /// All that an importer found out.
-pub(super) struct Recording<'a> {
+pub(super) struct SourceRecording<'a> {
     /// The importer's name, as in [`Provenance::importer`].
     pub(super) importer: &'static str,
     pub(super) source: &'a Path,
-    pub(super) views: Vec<View>,
+    pub(super) views: Vec<SourceView>,
     /// Whether images may be larger or smaller than the intrinsics say, which are then resized to them.
     pub(super) any_size: bool,
     /// Frames a second.
@@ -36,7 +36,7 @@ enum Task {
 
 /// Writes the dataset into a folder beside `out`, which becomes `out` once it is whole.
 pub(super) fn write(
-    recording: Recording,
+    recording: SourceRecording,
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
@@ -114,7 +114,7 @@ struct Target {
 }
 
 impl Target {
-    fn of(view: &View, any_size: bool, scale: f64) -> Result<Self, ImportError> {
+    fn of(view: &SourceView, any_size: bool, scale: f64) -> Result<Self, ImportError> {
         let (path, source) = match &view.frames {
             Frames::Files(files) => {
                 let Some(first) = files.first() else {
@@ -158,13 +158,13 @@ fn size_error(camera: &str, path: &Path, found: [u32; 2], named: [u32; 2]) -> Im
     ImportError::Camera { camera: camera.to_owned(), path: path.to_owned(), what }
 }
 
-fn frame(view: &View, index: usize, t_ns: i64, mask: bool) -> Frame {
+fn frame(view: &SourceView, index: usize, t_ns: i64, mask: bool) -> Frame {
     let mask = mask.then(|| layout::mask(&view.name, index));
     Frame { file: layout::image(&view.name, index), t_ns, exposure_ns: [t_ns, t_ns], mask }
 }
 
 fn write_file(
-    view: &View,
+    view: &SourceView,
     target: &Target,
     file: &FileFrame,
     index: usize,
@@ -199,7 +199,7 @@ fn white(mut mask: ImageGrey8) -> ImageGrey8 {
 
 /// Writes the frames of a video and returns how many there were.
 fn write_video(
-    view: &View,
+    view: &SourceView,
     target: &Target,
     root: &Path,
     how: Resample,
@@ -235,7 +235,7 @@ fn write_video(
 }
 
 /// How many frames there will be. A video's length is known once it has been read; until then the total is 0.
-fn total(views: &[View]) -> u64 {
+fn total(views: &[SourceView]) -> u64 {
     let known = views.iter().map(|view| match &view.frames {
         Frames::Files(files) => Some(files.len() as u64),
         Frames::Video { first, last, .. } => last.map(|last| (last - first).saturating_add(1)),
@@ -244,7 +244,7 @@ fn total(views: &[View]) -> u64 {
 }
 
 /// Cameras of one recording film together, so that all have as many frames as the first, where times are shared.
-fn check_counts(recording: &Recording, cameras: &[Camera]) -> Result<(), ImportError> {
+fn check_counts(recording: &SourceRecording, cameras: &[Camera]) -> Result<(), ImportError> {
     let Some(first) = cameras.first() else {
         let what = "there are no cameras".to_owned();
         return Err(ImportError::Malformed { path: recording.source.to_owned(), what });
@@ -265,7 +265,7 @@ fn check_counts(recording: &Recording, cameras: &[Camera]) -> Result<(), ImportE
     Ok(())
 }
 
-fn manifest(recording: &Recording, cameras: Vec<Camera>, options: &ImportOptions) -> Manifest {
+fn manifest(recording: &SourceRecording, cameras: Vec<Camera>, options: &ImportOptions) -> Manifest {
     let name = std::path::absolute(recording.source).ok();
     let name = name.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy().into_owned();
     let resample = match options.resample {

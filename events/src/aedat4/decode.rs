@@ -53,7 +53,7 @@ impl Aedat4Header {
     }
 }
 
-/// Decodes whole files, header included. Of several streams of one kind the first is decoded, unless others are chosen.
+/// Decodes whole files, header included. Of several streams of one kind the first is decoded.
 #[derive(Clone, Debug)]
 pub struct Aedat4Decoder {
     place: Place,
@@ -62,7 +62,6 @@ pub struct Aedat4Decoder {
     /// Bytes before those held.
     position: u64,
     header: Option<Aedat4Header>,
-    chosen: Option<Vec<u32>>,
     /// For each kind, the last time.
     last_us: [u64; 4],
     restarted: bool,
@@ -97,7 +96,6 @@ impl Aedat4Decoder {
             held: Vec::new(),
             position: 0,
             header: None,
-            chosen: None,
             last_us: [0; 4],
             restarted: false,
             unpacked: Vec::new(),
@@ -116,13 +114,6 @@ impl Aedat4Decoder {
             .collect();
         let header = Aedat4Header { compression: Aedat4Compression::Lz4, table: None, streams, length: 0 };
         Self { place: Place::Packet, header: Some(header), ..Self::new() }
-    }
-
-    /// Decodes these streams, and no others.
-    #[must_use]
-    pub fn with_streams(mut self, ids: Vec<u32>) -> Self {
-        self.chosen = Some(ids);
-        self
     }
 
     /// The header, once it was read.
@@ -185,8 +176,7 @@ impl Aedat4Decoder {
             return Some(8 + length);
         };
         let first = |kind| header.stream(kind).is_some_and(|stream| stream.id == id);
-        let wanted = |kind| self.chosen.as_ref().map_or_else(|| first(kind), |chosen| chosen.contains(&id));
-        if let Some(kind) = stream.kind.filter(|&kind| wanted(kind)) {
+        if let Some(kind) = stream.kind.filter(|&kind| first(kind)) {
             let size = stream.size.unwrap_or(SensorSize { width: 1 << 15, height: 1 << 15 });
             if self.restarted {
                 self.restarted = false;

@@ -1,6 +1,8 @@
 //! What can go wrong with an HDF5 file.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
+
+use erfgs_base::FileError;
 
 /// What can go wrong with an HDF5 file of events. Each message names the file and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -28,15 +30,8 @@ pub enum Hdf5Error {
         what: String,
     },
     /// The file cannot be read or written.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The file is HDF5, and its content is no events.
     #[error(
         "{} holds no events that erfgs reads: {what}; layouts are DSEC's (/events/t, x, y, p) and Metavision's (/CD/events)",

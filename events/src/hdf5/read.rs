@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use hdf5::{
     Dataset, H5Type,
     datatype::ByteOrder,
@@ -34,7 +35,7 @@ pub struct Hdf5File {
 /// If it cannot be read, or holds no events in a layout that is known.
 pub fn open(path: &Path) -> Result<Hdf5File, Hdf5Error> {
     // The library does not say why a file cannot be opened.
-    File::open(path).map_err(|source| Hdf5Error::Io { doing: "read", path: path.to_owned(), source })?;
+    File::open(path).map_err(FileError::when("read", path))?;
     let file = hdf5::File::open(path).map_err(|error| library(path, "read", error))?;
     let (layout, size) = if file.link_exists("CD") && file.link_exists("CD/events") {
         let attribute = |name: &str| text(&file, name);
@@ -245,8 +246,7 @@ struct Chunks {
 
 impl Chunks {
     fn new(of: &Hdf5File, name: &str, dataset: &Dataset) -> Result<Self, Hdf5Error> {
-        let file = File::open(&of.path);
-        let file = file.map_err(|source| Hdf5Error::Io { doing: "read", path: of.path.clone(), source })?;
+        let file = File::open(&of.path).map_err(FileError::when("read", &of.path))?;
         match dataset.chunk().as_deref() {
             Some(&[length]) if length > 0 && of.file.userblock() == 0 => {
                 Ok(Self { name: name.to_owned(), dataset: dataset.clone(), length, file })
@@ -273,7 +273,7 @@ impl Chunks {
         let mut bytes = Vec::new();
         let read = self.file.seek(SeekFrom::Start(info.addr));
         let read = read.and_then(|_| (&mut self.file).take(info.size).read_to_end(&mut bytes));
-        read.map_err(|source| Hdf5Error::Io { doing: "read", path: of.path.clone(), source })?;
+        read.map_err(FileError::when("read", &of.path))?;
         if bytes.len() as u64 == info.size {
             Ok((bytes, info.filter_mask & 1 == 0))
         } else {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use erfgs_base::FileError;
 use hdf5::{Dataset, H5Type};
 
 use super::Hdf5Error;
@@ -34,9 +35,8 @@ pub struct Hdf5Writer {
 /// # Errors
 /// If the file cannot be written.
 pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5Error> {
-    let io = |source| Hdf5Error::Io { doing: "write", path: path.to_owned(), source };
     let failed = |error: hdf5::Error| library(path, error);
-    let temporary = erfgs_base::atomic::place(path).map_err(io)?;
+    let temporary = erfgs_base::atomic::place(path).map_err(FileError::when("write", path))?;
     let file = hdf5::File::create(&temporary).map_err(failed)?;
     let events = file.create_group("events").map_err(failed)?;
     if let Some(size) = size {
@@ -145,8 +145,8 @@ impl Hdf5Writer {
         let Self { path, temporary, file, t, x, y, p, milliseconds, events, .. } = self;
         drop((t, x, y, p, milliseconds));
         file.close().map_err(|error| library(&path, error))?;
-        let io = |source| Hdf5Error::Io { doing: "write", path: path.clone(), source };
-        std::fs::File::open(&temporary).and_then(|file| file.sync_all()).map_err(io)?;
+        let io = FileError::when("write", &path);
+        std::fs::File::open(&temporary).and_then(|file| file.sync_all()).map_err(&io)?;
         temporary.persist(&path).map_err(|error| io(error.error))?;
         Ok(events)
     }

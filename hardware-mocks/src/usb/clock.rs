@@ -106,12 +106,6 @@ impl TimeBase {
         }
     }
 
-    /// Whether it runs.
-    #[must_use]
-    pub fn is_running(&self) -> bool {
-        self.started_ns.is_some()
-    }
-
     /// The true time from which it counts: its own start, or for a slave that of its master if that came later.
     #[must_use]
     pub fn zero_ns(&self) -> Option<i64> {

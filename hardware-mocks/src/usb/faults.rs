@@ -84,7 +84,7 @@ pub enum FaultKind {
         endpoint: u8,
         /// Which word of the transfer; the last one if it has fewer.
         word: usize,
-        /// The bits.
+        /// Those that are inverted are 1.
         bits: u16,
     },
     /// The next transfer from the endpoint that carries data never arrives.

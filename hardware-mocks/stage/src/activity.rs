@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{
     actors::{Actors, Moment},
-    view::View,
+    view::StageView,
 };
 
 /// A sphere that holds an actor (or what casts its shadow) during an interval of time.
@@ -21,7 +21,7 @@ struct Bound {
 /// The rod is bounded by this many spheres.
 const ROD_SPHERES: u32 = 6;
 
-impl View<'_> {
+impl StageView<'_> {
     /// The pixels that something can touch during `[from, to]` seconds, in order, and what can touch each.
     pub(crate) fn reached(&self, from: f64, to: f64) -> Vec<(usize, Actors)> {
         let mut reached = vec![Actors::NONE; self.pixels()];

@@ -39,7 +39,7 @@ pub enum StageError {
     Range {
         /// Which number.
         what: &'static str,
-        /// Its value.
+        /// What was asked for.
         value: f64,
         /// What it may be.
         range: &'static str,

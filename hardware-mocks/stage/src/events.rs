@@ -1,8 +1,8 @@
 //! The event sensor: continuous in time, so that an event has the microsecond at which its pixel crossed its threshold.
 //!
 //! A pixel fires whenever its log intensity has moved by one contrast threshold from where it last fired. Its intensity
-//! is the exact function of time that frames integrate ([`View`]); an interval is halved until the intensity is nearly
-//! straight in it, and each crossing is then found to the microsecond (the first whole microsecond at which it has
+//! is the exact function of time that frames integrate ([`StageView`]); an interval is halved until the intensity is
+//! nearly straight in it, and each crossing is then found to the microsecond (the first whole microsecond at which it has
 //! happened). Only pixels that something moving can reach are evaluated.
 
 use std::ops::Range;
@@ -18,7 +18,7 @@ use super::{
     actors::{Actors, Moment},
     colour::{decode, encode, lin_log, luma},
     pixel::{Pixel, Signal},
-    view::View,
+    view::StageView,
 };
 
 /// The sensor's parameters. The default is a good sensor in good light.
@@ -127,7 +127,7 @@ struct Visit {
 /// # Errors
 /// If an option is out of its range, or the interval is empty.
 pub fn record(
-    view: &View<'_>,
+    view: &StageView<'_>,
     [start_ns, end_ns]: [i64; 2],
     options: &EventOptions,
     seed: u64,
@@ -178,7 +178,7 @@ pub fn record(
 
 /// The events of every pixel during a block of time, as (microsecond, polarity) in order of time.
 fn record_block(
-    view: &View<'_>,
+    view: &StageView<'_>,
     options: &EventOptions,
     block: Range<i64>,
     pixels: &mut [Pixel],
@@ -220,7 +220,7 @@ fn record_block(
         .collect()
 }
 
-fn slab_visits(view: &View<'_>, index: usize, slab: &Range<i64>) -> Vec<Visit> {
+fn slab_visits(view: &StageView<'_>, index: usize, slab: &Range<i64>) -> Vec<Visit> {
     let (from, to) = (micro(slab.start), micro(slab.end));
     let speeds = view.pixel_speeds(0.5 * (from + to), 0.5 * (to - from));
     view.reached(from, to)

@@ -23,7 +23,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    EventOptions, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, View, colour::to_u8, events,
+    EventOptions, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::to_u8, events,
     truth_points,
 };
 
@@ -118,7 +118,7 @@ impl FilmOptions {
 /// What was filmed, and how long it took.
 #[derive(Clone, Debug)]
 pub struct FilmReport {
-    /// The dataset.
+    /// What was written, as it can be read again.
     pub dataset: Dataset,
     /// Frames of the RGB cameras, in all.
     pub rgb_frames: u64,
@@ -181,7 +181,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
     let mut points = PointCloud::default();
     for (number, camera) in rig.iter().enumerate() {
         let start = Instant::now();
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         report.room_time += start.elapsed();
         let start = Instant::now();
         let mut entry = Camera {
@@ -272,7 +272,7 @@ fn empty_manifest(options: &FilmOptions) -> Manifest {
 
 fn rgb_frames(
     out: &Path,
-    view: &View<'_>,
+    view: &StageView<'_>,
     name: &str,
     times: &[i64],
     exposure: i64,
@@ -292,7 +292,7 @@ fn rgb_frames(
 
 fn test_frames(
     out: &Path,
-    view: &View<'_>,
+    view: &StageView<'_>,
     name: &str,
     times: &[i64],
     advance: &(dyn Fn() + Sync),
@@ -310,7 +310,7 @@ fn test_frames(
 
 fn event_file(
     out: &Path,
-    view: &View<'_>,
+    view: &StageView<'_>,
     name: &str,
     options: &FilmOptions,
     stream: u64,
@@ -344,14 +344,14 @@ fn event_file(
 
 /// Linear light as an 8-bit image.
 #[must_use]
-pub fn image(view: &View<'_>, linear: &[[f32; 3]]) -> ImageRgb8 {
+pub fn image(view: &StageView<'_>, linear: &[[f32; 3]]) -> ImageRgb8 {
     let data = linear.iter().flat_map(|pixel| to_u8(DVec3::from(pixel.map(f64::from)))).collect();
     ImageRgb8 { width: view.intrinsics.width, height: view.intrinsics.height, data }
 }
 
 /// A mask as an image: 255 where it is true.
 #[must_use]
-pub fn mask_image(view: &View<'_>, mask: &[bool]) -> ImageGrey8 {
+pub fn mask_image(view: &StageView<'_>, mask: &[bool]) -> ImageGrey8 {
     let data = mask.iter().map(|&moving| if moving { 255 } else { 0 }).collect();
     ImageGrey8 { width: view.intrinsics.width, height: view.intrinsics.height, data }
 }

@@ -21,10 +21,10 @@
 //! | [`mod@film`] | the dataset writer |
 //!
 //! ```
-//! use crate::{RigOptions, Stage, StageOptions, View};
+//! use crate::{RigOptions, Stage, StageOptions, StageView};
 //! let stage = Stage::new(StageOptions::default());
 //! let rig = RigOptions { width: 16, height: 12, rgb: 1, event: 0, test: 0, ..RigOptions::default() }.cameras(1)?;
-//! let view = View::new(&stage, &rig[0].intrinsics, &rig[0].world_to_camera)?;
+//! let view = StageView::new(&stage, &rig[0].intrinsics, &rig[0].world_to_camera)?;
 //! let pixels = view.frame(250_000_000); // linear light, a quarter of a second into the take
 //! assert_eq!(pixels.len(), 16 * 12);
 //! # Ok::<(), crate::StageError>(())
@@ -52,7 +52,7 @@ pub use events::EventOptions;
 pub use film::{FilmOptions, FilmReport, film};
 pub use points::truth_points;
 pub use rig::{RigCamera, RigOptions, Role};
-pub use view::View;
+pub use view::StageView;
 
 use self::{
     light::Light,

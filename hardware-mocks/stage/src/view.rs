@@ -44,7 +44,7 @@ pub(crate) struct Patch {
 
 /// A camera on the stage, ready to render at any time.
 #[derive(Clone, Debug)]
-pub struct View<'stage> {
+pub struct StageView<'stage> {
     pub(crate) stage: &'stage Stage,
     pub(crate) intrinsics: Intrinsics,
     pub(crate) pose: Pose,
@@ -59,7 +59,7 @@ pub struct View<'stage> {
 /// Rays to the lamp from each sub-pixel's place on the static set.
 const LAMP_RAYS: u32 = 5;
 
-impl<'stage> View<'stage> {
+impl<'stage> StageView<'stage> {
     /// Traces the static set from a viewpoint.
     ///
     /// # Errors
@@ -139,7 +139,7 @@ impl<'stage> View<'stage> {
         image
     }
 
-    /// Enough instants for [`View::exposure`]: nothing crosses more than `step_px` pixels from one to the next.
+    /// Enough instants for [`StageView::exposure`]: nothing crosses more than `step_px` pixels from one to the next.
     #[must_use]
     pub fn exposure_samples(&self, [start, end]: [i64; 2], step_px: f64) -> u32 {
         let (from, to) = (seconds(start), seconds(end.max(start)));
@@ -295,7 +295,7 @@ impl<'stage> View<'stage> {
 
 /// One pixel of a view: its rays, and what they see of the static set.
 pub(crate) struct Looker<'view> {
-    view: &'view View<'view>,
+    view: &'view StageView<'view>,
     backdrop: &'view [Backdrop],
     rays: Vec<Ray>,
     middle: Ray,
@@ -343,7 +343,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// The colour of a pixel with every object tried on every ray.
-    fn brute(view: &View<'_>, pixel: usize, moment: &Moment) -> DVec3 {
+    fn brute(view: &StageView<'_>, pixel: usize, moment: &Moment) -> DVec3 {
         let looker = view.looker(pixel);
         let actors = if view.stage.options.shadows { Actors::ALL } else { Actors::ALL.without(Actors::SHADOWS) };
         let colours = looker.rays.iter().zip(looker.backdrop).map(|(ray, backdrop)| {
@@ -366,7 +366,7 @@ mod tests {
             let stage = Stage::new(StageOptions { shadows, samples_per_axis: 2, ..StageOptions::default() });
             let rig = RigOptions { width: 48, height: 36, rgb: 5, event: 1, test: 1, ..RigOptions::default() };
             let camera = &rig.cameras(seed).unwrap()[camera];
-            let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+            let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
             let t_ns = t_ms * 1_000_000 + 321;
             let (frame, mask) = (view.frame(t_ns), view.mask(t_ns));
             let moment = Moment::at(&stage, seconds(t_ns), Actors::ALL);
@@ -383,7 +383,7 @@ mod tests {
             let stage = Stage::new(StageOptions { shadows: true, samples_per_axis: 2, ..StageOptions::default() });
             let rig = RigOptions { width: 48, height: 36, rgb: 1, event: 0, test: 0, ..RigOptions::default() };
             let camera = &rig.cameras(1).unwrap()[0];
-            let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+            let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
             let reached: std::collections::BTreeSet<usize> = view.reached(t, t + length).into_iter().map(|(pixel, _)| pixel).collect();
             let inside = ((t + share * length) * 1e9) as i64;
             for (pixel, moving) in view.mask(inside).into_iter().enumerate() {
@@ -396,7 +396,7 @@ mod tests {
     fn cameras_that_cannot_be_rendered_are_typed_errors() {
         let stage = Stage::new(StageOptions::default());
         let camera = &RigOptions { width: 1, height: 1, ..RigOptions::default() }.cameras(1).unwrap()[0];
-        let fails = |intrinsics: Intrinsics, pose: Pose| View::new(&stage, &intrinsics, &pose).is_err();
+        let fails = |intrinsics: Intrinsics, pose: Pose| StageView::new(&stage, &intrinsics, &pose).is_err();
         let (good, pose) = (camera.intrinsics, camera.world_to_camera);
         assert!(!fails(good, pose), "one pixel is an image");
         assert!(fails(Intrinsics { width: 0, ..good }, pose));

@@ -11,7 +11,7 @@
 use std::{collections::HashMap, env, error::Error, path::Path, time::Instant};
 
 use erfgs_dataset::{Dataset, Split};
-use erfgs_points::{Cloud, CloudOptions, CloudPoint, Stage, initial_cloud};
+use erfgs_points::{Cloud, CloudOptions, CloudPoint, CloudStep, initial_cloud};
 use erfgs_scene::{image::ImageGrey8, ply::PointCloud};
 use glam::DVec3;
 
@@ -135,7 +135,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     options.method = method.parse()?;
     let start = Instant::now();
-    let last = std::sync::Mutex::new((Stage::Images, Instant::now()));
+    let last = std::sync::Mutex::new((CloudStep::Images, Instant::now()));
     let work = tempfile::tempdir()?;
     let cloud = initial_cloud(&dataset, &options, work.path(), &|stage, _, _| {
         let mut last = last.lock().unwrap_or_else(|poisoned| poisoned.into_inner());

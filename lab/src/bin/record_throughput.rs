@@ -23,7 +23,7 @@ use std::{
 
 use bytes::Bytes;
 use erfgs_events::EventEncoding;
-use erfgs_recorder::{Input, Mcap, Options, Recorder, SessionInfo, folder_of};
+use erfgs_recorder::{Input, Options, Recorder, SessionFiles, SessionInfo, folder_of};
 use erfgs_rig::host_time::host_ns;
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
@@ -130,8 +130,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         flush_every: Duration::from_millis(500),
         reserve_bytes: 0,
         folder: folder_of(&out),
-        opener: Box::new(Mcap { settings: Settings { crc, ..Settings::default() } }),
-        tap: None,
+        opener: Box::new(SessionFiles { settings: Settings { crc, ..Settings::default() } }),
+        subscriber: None,
     };
     let recorder = Recorder::new(inputs, options)?;
     recorder.start_recording(&out)?;

@@ -10,7 +10,7 @@ use erfgs_calibrate::{
     colmap::ColmapProgram,
     geometry::angle,
     intensity::dark_ramp,
-    sfm::{KnownIntrinsics, RegisterOptions, View, read_views, register},
+    sfm::{CameraView, KnownIntrinsics, RegisterOptions, read_views, register},
 };
 use erfgs_dataset::Dataset;
 use erfgs_events::Events;
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         colmap: ColmapProgram::from(arguments.get(1).cloned().unwrap_or_default()),
         ..RegisterOptions::default()
     };
-    let own = |view: &View| {
+    let own = |view: &CameraView| {
         let pose = dataset.camera(&view.name).map(|camera| camera.world_to_camera);
         view.intrinsics.map(|intrinsics| RigCamera::new(&view.name, Modality::Rgb, intrinsics, pose))
     };
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "frames" => Ok(view.clone()),
             _ => event_view(view, preset, ramps, options.radius_px),
         });
-        let seen: Vec<View> = seen.collect::<Result<_, _>>()?;
+        let seen: Vec<CameraView> = seen.collect::<Result<_, _>>()?;
         if let Some(folder) = std::env::var_os("SAVE") {
             for view in &seen {
                 view.image.write_png(&PathBuf::from(&folder).join(format!("{}-{preset}-{ramps}.png", view.name)))?;
@@ -81,7 +81,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// What an event camera makes of light that rises from black onto the view, `ramps` times.
-fn event_view(view: &View, preset: &str, ramps: i64, radius_px: u32) -> Result<View, Box<dyn std::error::Error>> {
+fn event_view(
+    view: &CameraView,
+    preset: &str,
+    ramps: i64,
+    radius_px: u32,
+) -> Result<CameraView, Box<dyn std::error::Error>> {
     let config =
         SimulatorConfig { mode: Mode::Enhanced, seed: 1, ..SimulatorConfig::preset(preset).ok_or("no such preset")? };
     let (width, height) = (view.image.width, view.image.height);
@@ -109,7 +114,7 @@ fn event_view(view: &View, preset: &str, ramps: i64, radius_px: u32) -> Result<V
         }
     }
     let image = dark_ramp(&events, config.threshold_on).picture(radius_px);
-    Ok(View { image, modality: Modality::Event, ..view.clone() })
+    Ok(CameraView { image, modality: Modality::Event, ..view.clone() })
 }
 
 fn compare(rig: &RigFile, dataset: &Dataset, row: &[String]) {

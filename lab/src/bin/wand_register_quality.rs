@@ -13,7 +13,7 @@ use std::path::Path;
 
 use dome::Eye;
 use erfgs_base::random;
-use erfgs_calibrate::wand::{Frame, Stick, WandOptions, calibrate};
+use erfgs_calibrate::wand::{KnownRig, Stick, WandOptions, calibrate};
 use erfgs_scene::Modality;
 use erfgs_scene::rig_file::{RigCamera, RigFile};
 
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             camera.intrinsics.fy *= factor;
         }
         for (name, rig) in &frames {
-            let options = WandOptions { frame: rig.clone().map(Frame::new), ..WandOptions::new(stick) };
+            let options = WandOptions { known: rig.clone().map(KnownRig::new), ..WandOptions::new(stick) };
             let since = std::time::Instant::now();
             let (found, _) = calibrate(&cameras, &options)?;
             let measures = found.quality.as_ref().map(|quality| &quality.measures);

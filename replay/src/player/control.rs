@@ -200,16 +200,6 @@ impl Controls {
         self.order(|orders| orders.paused = paused);
     }
 
-    /// Changes the speed.
-    pub fn set_speed(&self, speed: Speed) {
-        self.order(|orders| orders.options.speed = speed);
-    }
-
-    /// Whether to start over at the end.
-    pub fn set_repeat(&self, repeat: bool) {
-        self.order(|orders| orders.options.repeat = repeat);
-    }
-
     /// Jumps to a session time, nanoseconds.
     pub fn seek(&self, session_ns: i64) {
         self.order(|orders| {

@@ -16,7 +16,7 @@ use std::{
     sync::mpsc,
 };
 
-use erfgs_base::Progress;
+use erfgs_base::{FileError, Progress};
 use erfgs_dataset::{CameraEvents, Dataset, DatasetError, Frame};
 use rayon::prelude::*;
 
@@ -38,7 +38,7 @@ pub fn variant(
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Dataset, VariantError> {
-    let write = |source| DatasetError::Io { doing: "write", path: out.to_owned(), source };
+    let write = |source| DatasetError::from(FileError { doing: "write", path: out.to_owned(), source });
     if out.exists() && std::fs::read_dir(out).map_err(write)?.next().is_some() {
         return Err(VariantError::NotEmpty { path: out.to_owned() });
     }

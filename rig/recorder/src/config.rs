@@ -57,7 +57,7 @@ fn named(id: &str) -> String {
 /// A rig: `RIG.toml` as read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigConfig {
-    /// Its name.
+    /// What it is called, in the session and in the names of files.
     pub name: String,
     /// How to record.
     pub record: RecordConfig,

@@ -1,8 +1,8 @@
 //! The recorder: from sources through bounded queues into one session file.
 //!
 //! ```text
-//! source ─► port ─► queue (bounded bytes a stream) ─► writer thread ─► session file
-//!             └───► tap (previews, event rates)          steward: stalls, drops, disk, status
+//! source ─► outlet ─► queue (bounded bytes a stream) ─► writer thread ─► session file
+//!             └─────► subscriber (previews, event rates)     watchdog thread: stalls, drops, disk, status
 //! ```
 //!
 //! Nothing blocks a device: what finds no room is dropped and counted at its stage, and the next packet of the stream
@@ -11,32 +11,33 @@
 mod config;
 mod error;
 mod host;
-mod lane;
 pub mod live;
 mod log;
-mod mcap;
 mod meter;
 mod pattern;
-mod port;
 pub mod preflight;
 mod queue;
 mod recorder;
 mod rig;
+mod session_file;
 mod sink;
 mod status;
-mod steward;
+mod stream_outlet;
+mod stream_queue;
+mod subscriber;
+mod watchdog;
 mod writer;
 
 pub use config::{ConfigError, DeviceConfig, DeviceSettings, RecordConfig, RigConfig};
 pub use error::RecordError;
 pub use host::{DiskSpace, disk_space, folder_of};
-pub use lane::Drops;
-pub use mcap::{MachineFacts, Mcap};
 pub use pattern::{Pattern, PatternConfig, PatternKind};
-pub use port::Tap;
 pub use recorder::{Input, Options, Recorder, is_id};
 pub use rig::{OpenError, open, open_on};
+pub use session_file::{MachineFacts, SessionFiles};
 pub use sink::{OpenSession, SessionInfo, SessionSink, SinkError};
 pub use status::{
     ClockLine, ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,
 };
+pub use stream_queue::Drops;
+pub use subscriber::Subscriber;

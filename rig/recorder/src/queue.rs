@@ -8,7 +8,7 @@ use std::{
 
 use erfgs_session::source::{Incident, Packet};
 
-use super::{lane::Lane, status::Status};
+use super::{status::Status, stream_queue::StreamQueue};
 
 /// Incidents and status lines that may wait; a device that reports without end fills no memory.
 const NOTES: usize = 4096;
@@ -32,12 +32,12 @@ pub(super) struct Queue {
     inner: Mutex<Inner>,
     ready: Condvar,
     /// The streams, in the order of the session.
-    pub lanes: Vec<Lane>,
+    pub streams: Vec<StreamQueue>,
 }
 
 impl Queue {
-    pub fn new(lanes: Vec<Lane>) -> Self {
-        Self { inner: Mutex::default(), ready: Condvar::new(), lanes }
+    pub fn new(streams: Vec<StreamQueue>) -> Self {
+        Self { inner: Mutex::default(), ready: Condvar::new(), streams }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -46,15 +46,15 @@ impl Queue {
 
     /// Takes a packet, or drops it and counts it where its stream has no room. Never waits for the disk.
     pub fn packet(&self, stream: usize, mut packet: Packet) -> bool {
-        let Some(lane) = self.lanes.get(stream) else { return false };
-        if !lane.reserve(packet.payload.len()) {
+        let Some(share) = self.streams.get(stream) else { return false };
+        if !share.reserve(packet.payload.len()) {
             return false;
         }
-        packet.discontinuity |= lane.take_gap();
+        packet.discontinuity |= share.take_gap();
         let mut inner = self.lock();
         if inner.closed {
             drop(inner);
-            lane.release(packet.payload.len());
+            share.release(packet.payload.len());
             return false;
         }
         inner.items.push_back(Item::Packet { stream, packet });
@@ -102,7 +102,7 @@ impl Queue {
 mod tests {
     use bytes::Bytes;
 
-    use super::{super::lane::PACKET_OVERHEAD, *};
+    use super::{super::stream_queue::PACKET_OVERHEAD, *};
 
     fn packet(sequence: u64, bytes: usize) -> Packet {
         Packet {
@@ -116,7 +116,7 @@ mod tests {
     }
 
     fn queue(limits: &[usize]) -> Queue {
-        Queue::new(limits.iter().map(|&limit| Lane::new(limit)).collect())
+        Queue::new(limits.iter().map(|&limit| StreamQueue::new(limit)).collect())
     }
 
     fn taken(queue: &Queue) -> Vec<(usize, Packet)> {
@@ -135,10 +135,10 @@ mod tests {
         assert!(queue.packet(0, packet(0, 100)) && queue.packet(0, packet(1, 100)));
         assert!(!queue.packet(0, packet(2, 100)), "the third packet exceeds the limit");
         assert!(queue.packet(1, packet(0, 5000)));
-        let drops = queue.lanes[0].drops(0);
+        let drops = queue.streams[0].drops(0);
         assert_eq!((drops.queue, drops.queue_bytes, drops.writer), (1, 100, 0));
-        assert_eq!(queue.lanes[1].drops(0), Default::default());
-        assert_eq!(queue.lanes[0].waiting().1, 2 * (100 + PACKET_OVERHEAD));
+        assert_eq!(queue.streams[1].drops(0), Default::default());
+        assert_eq!(queue.streams[0].waiting().1, 2 * (100 + PACKET_OVERHEAD));
     }
 
     #[test]
@@ -146,7 +146,7 @@ mod tests {
         let queue = queue(&[2 * (100 + PACKET_OVERHEAD)]);
         assert!(queue.packet(0, packet(0, 200)) && !queue.packet(0, packet(1, 1)));
         for (_, packet) in taken(&queue) {
-            queue.lanes[0].release(packet.payload.len());
+            queue.streams[0].release(packet.payload.len());
         }
         assert!(queue.packet(0, packet(2, 10)) && queue.packet(0, packet(3, 10)));
         let marks: Vec<(u64, bool)> =
@@ -160,7 +160,7 @@ mod tests {
         assert!(queue.packet(0, packet(0, 100)));
         let held = taken(&queue);
         assert!(!queue.packet(0, packet(1, 100)), "the writer still holds the first packet");
-        queue.lanes[0].release(held[0].1.payload.len());
+        queue.streams[0].release(held[0].1.payload.len());
         assert!(queue.packet(0, packet(2, 100)));
     }
 
@@ -173,7 +173,7 @@ mod tests {
         let mut batch = VecDeque::new();
         assert!(!queue.take(&mut batch, Instant::now() + Duration::from_secs(60)));
         assert_eq!(batch.len(), 1);
-        assert_eq!(queue.lanes[0].waiting().0, 1 + PACKET_OVERHEAD);
+        assert_eq!(queue.streams[0].waiting().0, 1 + PACKET_OVERHEAD);
     }
 
     #[test]

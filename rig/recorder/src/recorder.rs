@@ -1,4 +1,4 @@
-//! The recorder: sources started in order, one recording at a time, and a steward that watches over both.
+//! The recorder: sources started in order, one recording at a time, and a watchdog thread over both.
 
 use std::{
     path::{Path, PathBuf},
@@ -16,14 +16,15 @@ use erfgs_rig::host_time::host_ns;
 
 use super::{
     error::RecordError,
-    lane::Lane,
     log::Log,
     meter::Meter,
-    port::{Port, Tap},
     queue::{Item, Queue},
     sink::{OpenSession, SessionInfo, SinkError},
     status::{Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary},
-    steward,
+    stream_outlet::StreamOutlet,
+    stream_queue::StreamQueue,
+    subscriber::Subscriber,
+    watchdog,
     writer::{self, Progress},
 };
 
@@ -49,18 +50,18 @@ pub struct Options {
     pub folder: PathBuf,
     /// Opens session files.
     pub opener: Box<dyn OpenSession>,
-    /// Who watches packets as they pass.
-    pub tap: Option<Arc<dyn Tap>>,
+    /// Who is shown every packet as it passes.
+    pub subscriber: Option<Arc<dyn Subscriber>>,
 }
 
 /// A stream at work.
 pub(super) struct Slot {
     pub description: Description,
     pub source: Mutex<Box<dyn Source>>,
-    pub port: Arc<Port>,
+    pub outlet: Arc<StreamOutlet>,
     pub queue_bytes: usize,
     pub stall_after: Option<Duration>,
-    /// What the steward knows of it.
+    /// What the watchdog knows of it.
     pub watch: Mutex<Watch>,
 }
 
@@ -78,7 +79,7 @@ pub(super) struct Watch {
 }
 
 /// The recording that runs.
-pub(super) struct Recording {
+pub(super) struct RunningRecording {
     pub path: PathBuf,
     pub queue: Arc<Queue>,
     pub progress: Arc<Progress>,
@@ -91,7 +92,7 @@ pub(super) struct Shared {
     pub slots: Vec<Slot>,
     pub options: Options,
     pub log: Arc<Mutex<Log>>,
-    pub recording: Mutex<Option<Recording>>,
+    pub recording: Mutex<Option<RunningRecording>>,
     /// The session file that is being completed.
     pub finishing: Mutex<Option<PathBuf>>,
     /// Held while a recording ends, so that whoever ends it too waits.
@@ -131,11 +132,11 @@ impl Recorder {
             if slots.iter().any(|slot| slot.description.id == *id) {
                 return Err(RecordError::DuplicateId(id.clone()));
             }
-            let port = Arc::new(Port::new(stream, id, options.tap.clone(), Arc::clone(&log)));
+            let outlet = Arc::new(StreamOutlet::new(stream, id, options.subscriber.clone(), Arc::clone(&log)));
             slots.push(Slot {
                 description,
                 source: Mutex::new(input.source),
-                port,
+                outlet,
                 queue_bytes: input.queue_bytes,
                 stall_after: input.stall_after,
                 watch: Mutex::default(),
@@ -152,13 +153,13 @@ impl Recorder {
             status: Mutex::default(),
             quit: AtomicBool::new(false),
         });
-        steward::refresh(&shared);
+        watchdog::refresh(&shared);
         let spawn = |name: &'static str, work: fn(&Shared)| {
             let shared = Arc::clone(&shared);
             let thread = thread::Builder::new().name(name.into()).spawn(move || work(&shared));
             thread.map_err(|source| RecordError::Thread { name, source })
         };
-        let threads = vec![spawn("steward", steward::watch)?, spawn("readings", steward::read_devices)?];
+        let threads = vec![spawn("watchdog", watchdog::watch)?, spawn("readings", watchdog::read_devices)?];
         Ok(Self { shared, threads: Mutex::new(threads) })
     }
 
@@ -185,7 +186,7 @@ impl Recorder {
                 watch.started = Some(Instant::now());
                 watch.state = StreamState::Waiting;
             }
-            let started = lock(&slot.source).start(Arc::clone(&slot.port) as _);
+            let started = lock(&slot.source).start(Arc::clone(&slot.outlet) as _);
             if let Err(source) = started {
                 lock(&slot.watch).state = StreamState::Stopped;
                 self.stop_in_order(self.start_order().into_iter().take(done).rev());
@@ -236,7 +237,7 @@ impl Recorder {
         }
         let descriptions: Vec<Description> = self.descriptions().cloned().collect();
         let sink = shared.options.opener.open(path, &shared.options.info, &descriptions)?;
-        let queue = Arc::new(Queue::new(shared.slots.iter().map(|slot| Lane::new(slot.queue_bytes)).collect()));
+        let queue = Arc::new(Queue::new(shared.slots.iter().map(|slot| StreamQueue::new(slot.queue_bytes)).collect()));
         let progress = Arc::new(Progress::default());
         let name = "session-writer";
         let flush_every = shared.options.flush_every.min(Duration::from_secs(1));
@@ -249,11 +250,11 @@ impl Recorder {
             let mut watch = lock(&slot.watch);
             watch.baseline = watch.counters;
             (watch.drops_seen, watch.drop_seen_at) = (0, None);
-            slot.port.attach(Some(Arc::clone(&queue)));
+            slot.outlet.attach(Some(Arc::clone(&queue)));
         }
         let (path, started, meter) = (path.to_path_buf(), Instant::now(), Meter::default());
         self.say(Level::Info, "", format!("recording into '{}'", path.display()));
-        *recording = Some(Recording { path, queue, progress, started, meter, writer });
+        *recording = Some(RunningRecording { path, queue, progress, started, meter, writer });
         Ok(())
     }
 
@@ -319,11 +320,11 @@ impl Shared {
             recording
         };
         for slot in &self.slots {
-            slot.port.attach(None);
+            slot.outlet.attach(None);
         }
         let seconds = recording.started.elapsed().as_secs_f64();
         let host_ns = host_ns();
-        let streams = steward::streams(self, Some(&recording.queue));
+        let streams = watchdog::streams(self, Some(&recording.queue));
         recording.queue.note(Item::Status(Arc::new(Status { host_ns, streams, ..Status::clone(&lock(&self.status)) })));
         let incident = Incident::Ended { reason: reason.to_owned() };
         recording.queue.note(Item::Incident { stream: None, host_ns, incident });
@@ -338,7 +339,7 @@ impl Shared {
             bytes: recording.progress.bytes.load(Relaxed),
             reason: reason.to_owned(),
             failure,
-            streams: steward::streams(self, Some(&recording.queue)),
+            streams: watchdog::streams(self, Some(&recording.queue)),
             path: recording.path,
         };
         let text = match &summary.failure {
@@ -352,7 +353,7 @@ impl Shared {
     }
 }
 
-impl Recording {
+impl RunningRecording {
     pub fn status(&mut self) -> RecordingStatus {
         let bytes = self.progress.bytes.load(Relaxed);
         RecordingStatus {
@@ -385,7 +386,7 @@ pub(super) fn blank(description: &Description) -> StreamStatus {
         bytes_per_s: 0.0,
         events_per_s: None,
         decoded_share: None,
-        drops: super::lane::Drops::default(),
+        drops: super::stream_queue::Drops::default(),
         counters: Counters::default(),
         waiting_bytes: 0,
         peak_waiting_bytes: 0,

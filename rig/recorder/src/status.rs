@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use erfgs_session::source::{Counters, Encoding};
 use serde::{Deserialize, Serialize};
 
-use super::lane::Drops;
+use super::stream_queue::Drops;
 
 /// How a stream fares.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -195,7 +195,7 @@ pub struct Status {
     pub last: Option<Summary>,
     /// The streams in the order of the rig.
     pub streams: Vec<StreamStatus>,
-    /// The disk.
+    /// What is left of the disk of the recordings.
     pub disk: DiskStatus,
     /// The latest messages, oldest first.
     pub messages: Vec<Message>,

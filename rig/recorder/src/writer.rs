@@ -48,11 +48,11 @@ pub(super) fn write(
             let begun = Instant::now();
             let done = if failed.is_some() { None } else { Some(put(sink.as_mut(), &item)) };
             if let Item::Packet { stream, packet } = &item
-                && let Some(lane) = queue.lanes.get(*stream)
+                && let Some(share) = queue.streams.get(*stream)
             {
-                let count = if let Some(Ok(())) = done { &lane.written } else { &lane.unwritten };
+                let count = if let Some(Ok(())) = done { &share.written } else { &share.unwritten };
                 count.add(packet.payload.len());
-                lane.release(packet.payload.len());
+                share.release(packet.payload.len());
             }
             dirty = true;
             if let Some(Err(error)) = done {

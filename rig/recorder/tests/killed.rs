@@ -17,7 +17,9 @@ use std::{
 
 use bytes::Bytes;
 use erfgs_events::EventEncoding;
-use erfgs_recorder::{Input, Mcap, OpenSession, Options, Recorder, SessionInfo, SessionSink, SinkError, Status};
+use erfgs_recorder::{
+    Input, OpenSession, Options, Recorder, SessionFiles, SessionInfo, SessionSink, SinkError, Status,
+};
 use erfgs_rig::host_time::host_ns;
 use erfgs_session::{
     container::{Entry, Session, recover},
@@ -56,7 +58,7 @@ fn record(folder: &Path, take_ms: u64) {
         reserve_bytes: 0,
         folder: folder.into(),
         opener: Box::new(Telling),
-        tap: None,
+        subscriber: None,
     };
     let recorder = Recorder::new(inputs.collect(), options).unwrap();
     for take in 0.. {
@@ -137,7 +139,7 @@ impl OpenSession for Telling {
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let take = path.file_stem().unwrap().to_str().unwrap().to_owned();
         tell(&format!("begun {take}\n"));
-        let sink = Mcap::default().open(path, info, streams)?;
+        let sink = SessionFiles::default().open(path, info, streams)?;
         Ok(Box::new(Teller { take, sink, last: [None; STREAMS] }))
     }
 }

@@ -13,6 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use glam::DVec2;
 
 use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, pose};
@@ -29,10 +30,8 @@ struct Reader {
 impl Reader {
     fn open(folder: &Path, name: &str) -> Result<Self, ColmapError> {
         let path = folder.join(name);
-        match std::fs::read(&path) {
-            Ok(bytes) => Ok(Self { path, bytes, at: 0 }),
-            Err(source) => Err(ColmapError::Io { doing: "read", path, source }),
-        }
+        let bytes = std::fs::read(&path).map_err(FileError::when("read COLMAP model file", &path))?;
+        Ok(Self { path, bytes, at: 0 })
     }
 
     fn error(&self, what: impl Into<String>) -> ColmapError {

@@ -10,6 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use glam::{DQuat, DVec2, DVec3};
 
 use crate::{Distortion, Intrinsics, Pose};
@@ -109,15 +110,8 @@ pub struct Model {
 #[derive(Debug, thiserror::Error)]
 pub enum ColmapError {
     /// A file cannot be opened, read or written.
-    #[error("cannot {doing} COLMAP model file {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// There is no model.
     #[error("{} holds no COLMAP model (cameras, images, points3D as .bin or .txt); name the folder that does, often `sparse/0`", path.display())]
     NoModel {
@@ -332,7 +326,7 @@ const NAMES: [&str; 3] = ["cameras", "images", "points3D"];
 fn write_files(folder: &Path, extension: &str, files: [Vec<u8>; 3]) -> Result<(), ColmapError> {
     for (name, bytes) in NAMES.iter().zip(files) {
         let path = folder.join(name).with_extension(extension);
-        erfgs_base::atomic::write(&path, &bytes).map_err(|source| ColmapError::Io { doing: "write", path, source })?;
+        erfgs_base::atomic::write(&path, &bytes).map_err(FileError::when("write COLMAP model file", &path))?;
     }
     let other = if extension == "bin" { "txt" } else { "bin" };
     let stale = NAMES.iter().map(|name| (*name, other));
@@ -341,7 +335,7 @@ fn write_files(folder: &Path, extension: &str, files: [Vec<u8>; 3]) -> Result<()
         let path = folder.join(name).with_extension(extension);
         match std::fs::remove_file(&path) {
             Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                return Err(ColmapError::Io { doing: "remove", path, source });
+                return Err(FileError { doing: "remove COLMAP model file", path, source }.into());
             }
             _ => {}
         }

@@ -16,6 +16,7 @@ use std::{
     str::{FromStr, SplitAsciiWhitespace},
 };
 
+use erfgs_base::FileError;
 use glam::DVec2;
 
 use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, pose};
@@ -85,10 +86,8 @@ fn malformed(path: &Path, line: usize, what: impl Into<String>) -> ColmapError {
 impl File {
     fn open(folder: &Path, name: &str) -> Result<Self, ColmapError> {
         let path = folder.join(name);
-        match std::fs::read_to_string(&path) {
-            Ok(text) => Ok(Self { path, text }),
-            Err(source) => Err(ColmapError::Io { doing: "read", path, source }),
-        }
+        let text = std::fs::read_to_string(&path).map_err(FileError::when("read COLMAP model file", &path))?;
+        Ok(Self { path, text })
     }
 
     /// All lines that are no comments, with their numbers from 1.

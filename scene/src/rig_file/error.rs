@@ -1,20 +1,15 @@
 //! What can go wrong with a rig file.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
+
+use erfgs_base::FileError;
 
 /// What can go wrong with a rig file.
 #[derive(Debug, thiserror::Error)]
 pub enum RigFileError {
     /// It cannot be read or written.
-    #[error("cannot {doing} the rig file {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// It cannot be understood.
     #[error("{} is no usable rig file: {what}; make one with `erfgs calibrate`", path.display())]
     Malformed {

@@ -8,7 +8,7 @@ mod error;
 use std::{collections::BTreeMap, path::Path};
 
 use crate::{Intrinsics, Modality, Pose};
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use serde::{Deserialize, Serialize};
 
 pub use error::RigFileError;
@@ -29,7 +29,7 @@ pub struct RigFile {
     pub method: String,
     /// Whether lengths are metres; a rig from images alone has no scale.
     pub metric: bool,
-    /// The cameras.
+    /// Lenses of the cameras, and poses where they are known.
     pub cameras: Vec<RigCamera>,
     /// What the calibration as a whole says about itself; absent where it was converted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -118,8 +118,7 @@ impl RigFile {
     /// # Errors
     /// If the file cannot be read, is no rig file, is of a newer version, or holds numbers that make no sense.
     pub fn read(path: &Path) -> Result<Self, RigFileError> {
-        let io = |source| RigFileError::Io { doing: "read", path: path.into(), source };
-        let text = std::fs::read_to_string(path).map_err(io)?;
+        let text = std::fs::read_to_string(path).map_err(FileError::when("read the rig file", path))?;
         let malformed = |what: String| RigFileError::Malformed { path: path.into(), what };
         let rig: Self = serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
         if rig.format != FORMAT {
@@ -139,10 +138,10 @@ impl RigFile {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), RigFileError> {
-        let io = |source| RigFileError::Io { doing: "write", path: path.into(), source };
+        let io = FileError::when("write the rig file", path);
         let mut text = serde_json::to_vec_pretty(self).map_err(|error| io(error.into()))?;
         text.push(b'\n');
-        atomic::write(path, &text).map_err(io)
+        Ok(atomic::write(path, &text).map_err(io)?)
     }
 
     /// The camera of this name.
@@ -229,6 +228,6 @@ mod tests {
         assert!(message.contains("rig.json") && message.contains("camera left"), "{message}");
         std::fs::write(&path, "{\"format\": \"other\"").unwrap();
         assert!(matches!(RigFile::read(&path), Err(RigFileError::Malformed { .. })));
-        assert!(matches!(RigFile::read(&folder.path().join("none.json")), Err(RigFileError::Io { .. })));
+        assert!(matches!(RigFile::read(&folder.path().join("none.json")), Err(RigFileError::File(_))));
     }
 }

@@ -36,7 +36,7 @@ pub enum Entry {
     Packet {
         /// Which stream: an index into [`super::Summary::streams`].
         stream: usize,
-        /// The packet.
+        /// What the device sent, and when it arrived.
         packet: Packet,
     },
     /// The state of a stream's decoder before a packet.
@@ -49,7 +49,7 @@ pub enum Entry {
     Clock {
         /// The stream's id.
         stream: String,
-        /// The fit.
+        /// From the device's ticks to session time.
         fit: ClockFit,
     },
 }

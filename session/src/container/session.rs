@@ -41,7 +41,7 @@ pub struct Summary {
     pub damage: Vec<String>,
     /// Encodings of events in the file that erfgs does not decode.
     pub unknown_encodings: Vec<String>,
-    /// Chunks.
+    /// How many chunks the file has.
     pub chunks: usize,
 }
 

@@ -55,7 +55,8 @@ impl Default for Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct StreamId(usize);
 
-struct Stream {
+/// A stream of the file that is being written.
+struct WrittenStream {
     id: String,
     channel: u16,
     clock: u16,
@@ -82,7 +83,7 @@ pub struct SessionWriter<W: Write> {
     settings: Settings,
     writer: mcap::Writer<NoSeek<Counted<W>>>,
     written: Arc<AtomicU64>,
-    streams: Vec<Stream>,
+    streams: Vec<WrittenStream>,
     packet_schema: u16,
     clock_schema: u16,
     state_schema: u16,
@@ -218,7 +219,7 @@ impl<W: Write> SessionWriter<W> {
         let (channel, clock, state) = channels.map_err(|error| self.failed(error))?;
         let keeper = StateKeeper::new(description);
         let totals = StreamTotals::default();
-        self.streams.push(Stream { id: id.clone(), channel, clock, state, keeper, totals });
+        self.streams.push(WrittenStream { id: id.clone(), channel, clock, state, keeper, totals });
         self.flush()?;
         Ok(StreamId(self.streams.len() - 1))
     }

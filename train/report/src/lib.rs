@@ -15,11 +15,11 @@ mod summary;
 mod time;
 mod views;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use erfgs_page::{html, plot};
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use erfgs_run::{RunError, RunFolder};
 
 /// What can go wrong with a report.
@@ -32,13 +32,8 @@ pub enum ReportError {
     #[error(transparent)]
     Run(#[from] RunError),
     /// The page could not be written.
-    #[error("could not write the report '{}': {source}; check the free space and the permissions", path.display())]
-    Write {
-        /// The page.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// A report that was written.
@@ -86,7 +81,7 @@ pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportErro
         body += &sections.concat();
     }
     let text = html::page(&scenes::title(&scenes), &scenes::head(&scenes), &body);
-    atomic::write(out, text.as_bytes()).map_err(|source| ReportError::Write { path: out.to_owned(), source })?;
+    atomic::write(out, text.as_bytes()).map_err(FileError::when("write the report", out))?;
     let notes = scenes.into_iter().flat_map(|scene| scene.notes).collect();
     Ok(Report { bytes: text.len() as u64, notes })
 }

@@ -7,6 +7,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
+
 use super::{RunError, json};
 
 const HEADER: &str = "iteration,stage,wall_seconds,loss_rgb,loss_event,loss_trajectory,loss_colour,loss_plane,gaussians,dynamic,psnr,dpsnr";
@@ -107,7 +109,7 @@ impl Curve {
     /// Reads `curve.csv`.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], and [`RunError::Malformed`] for a wrong header or a bad line that is
+    /// [`RunError::Missing`], [`RunError::File`], and [`RunError::Malformed`] for a wrong header or a bad line that is
     /// not the last one.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         let text = json::read_text(path, "the run has not begun to train; start it with `erfgs train`")?;
@@ -152,7 +154,7 @@ impl CurveWriter {
     /// Starts a new curve at `path`.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn create(path: &Path) -> Result<Self, RunError> {
         json::write_atomically(path, format!("{HEADER}\n").as_bytes())?;
         Self::open(path)
@@ -162,7 +164,7 @@ impl CurveWriter {
     /// that was cut short, are dropped. A missing file is started anew.
     ///
     /// # Errors
-    /// Those of [`Curve::read`], and [`RunError::Write`].
+    /// Those of [`Curve::read`], and [`RunError::File`].
     pub fn resume(path: &Path, iteration: u64) -> Result<Self, RunError> {
         let curve = match Curve::read(path) {
             Err(RunError::Missing { .. }) => return Self::create(path),
@@ -179,17 +181,14 @@ impl CurveWriter {
     /// Writes one row.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn append(&mut self, row: &CurveRow) -> Result<(), RunError> {
         let written = self.file.write_all(row.line().as_bytes()).and_then(|()| self.file.flush());
-        written.map_err(|source| RunError::Write { path: self.path.clone(), source })
+        Ok(written.map_err(FileError::when("write", &self.path))?)
     }
 
     fn open(path: &Path) -> Result<Self, RunError> {
-        let file = OpenOptions::new()
-            .append(true)
-            .open(path)
-            .map_err(|source| RunError::Write { path: path.to_owned(), source })?;
+        let file = OpenOptions::new().append(true).open(path).map_err(FileError::when("write", path))?;
         Ok(Self { path: path.to_owned(), file })
     }
 }

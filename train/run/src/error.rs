@@ -1,6 +1,8 @@
 //! What can go wrong with a run folder.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
+
+use erfgs_base::FileError;
 
 /// What can go wrong when a run folder is read or written.
 #[derive(Debug, thiserror::Error)]
@@ -22,22 +24,9 @@ pub enum RunError {
         /// What to do next.
         hint: &'static str,
     },
-    /// A file could not be read.
-    #[error("could not read '{}': {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A file could not be written.
-    #[error("could not write '{}': {source}; check the free space and the permissions of the folder", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    /// A file could not be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A file does not hold what it should.
     #[error("'{}' is not a valid {what}: {message}; write it again with `{remedy}`", path.display())]
     Malformed {

@@ -149,7 +149,7 @@ impl RunFolder {
     /// Writes `run.json`.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn write_info(&self, info: &RunInfo) -> Result<(), RunError> {
         json::write_json(&self.info_file(), "run description", info)
     }
@@ -157,7 +157,7 @@ impl RunFolder {
     /// Reads `run.json`.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], [`RunError::Malformed`], [`RunError::Version`].
+    /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`], [`RunError::Version`].
     pub fn read_info(&self) -> Result<RunInfo, RunError> {
         let path = self.info_file();
         let info: RunInfo =
@@ -179,7 +179,7 @@ impl RunFolder {
     /// Writes the effective configuration.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn write_config(&self, toml: &str) -> Result<(), RunError> {
         json::write_atomically(&self.config_file(), toml.as_bytes())
     }
@@ -187,7 +187,7 @@ impl RunFolder {
     /// Reads the effective configuration.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], [`RunError::Malformed`].
+    /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_config(&self) -> Result<toml::Table, RunError> {
         let path = self.config_file();
         let text = json::read_text(&path, "the run has not begun to train; start it with `erfgs train`")?;
@@ -202,7 +202,7 @@ impl RunFolder {
     /// Writes the copy of the dataset's manifest.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn write_dataset(&self, manifest: &Manifest) -> Result<(), RunError> {
         json::write_json(&self.dataset_file(), "dataset manifest", manifest)
     }
@@ -210,7 +210,7 @@ impl RunFolder {
     /// Reads the copy of the dataset's manifest.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], [`RunError::Malformed`].
+    /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_dataset(&self) -> Result<Manifest, RunError> {
         json::read_json(
             &self.dataset_file(),
@@ -223,7 +223,7 @@ impl RunFolder {
     /// Starts `curve.csv`.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn create_curve(&self) -> Result<CurveWriter, RunError> {
         CurveWriter::create(&self.curve_file())
     }
@@ -247,7 +247,7 @@ impl RunFolder {
     /// Writes `metrics.json`.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn write_metrics(&self, metrics: &Metrics) -> Result<(), RunError> {
         json::write_json(&self.metrics_file(), "evaluation", metrics)
     }
@@ -255,7 +255,7 @@ impl RunFolder {
     /// Reads `metrics.json`.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], [`RunError::Malformed`].
+    /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_metrics(&self) -> Result<Metrics, RunError> {
         json::read_json(&self.metrics_file(), "evaluation", "evaluate the run with `erfgs eval`", "erfgs eval")
     }
@@ -263,7 +263,7 @@ impl RunFolder {
     /// Writes `per_view.json`.
     ///
     /// # Errors
-    /// [`RunError::Write`].
+    /// [`RunError::File`].
     pub fn write_per_view(&self, views: &[PerView]) -> Result<(), RunError> {
         json::write_json(&self.per_view_file(), "list of views", &views)
     }
@@ -271,7 +271,7 @@ impl RunFolder {
     /// Reads `per_view.json`.
     ///
     /// # Errors
-    /// [`RunError::Missing`], [`RunError::Read`], [`RunError::Malformed`].
+    /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_per_view(&self) -> Result<Vec<PerView>, RunError> {
         json::read_json(&self.per_view_file(), "list of views", "evaluate the run with `erfgs eval`", "erfgs eval")
     }

@@ -2,7 +2,7 @@
 
 use std::{fs, io, path::Path};
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -12,9 +12,9 @@ use super::RunError;
 /// needed.
 ///
 /// # Errors
-/// [`RunError::Write`].
+/// [`RunError::File`].
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
-    atomic::write(path, bytes).map_err(|source| RunError::Write { path: path.to_owned(), source })
+    Ok(atomic::write(path, bytes).map_err(FileError::when("write", path))?)
 }
 
 /// Writes `value` as indented JSON, in one step.
@@ -49,7 +49,7 @@ pub(super) fn read_json<T: DeserializeOwned>(
 pub(super) fn read_text(path: &Path, hint: &'static str) -> Result<String, RunError> {
     fs::read_to_string(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => RunError::Missing { path: path.to_owned(), hint },
-        _ => RunError::Read { path: path.to_owned(), source },
+        _ => FileError::when("read", path)(source).into(),
     })
 }
 

@@ -9,11 +9,12 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
-    fs, io,
+    fs,
     path::Path,
     sync::atomic::{AtomicUsize, Ordering},
 };
 
+use erfgs_base::FileError;
 use erfgs_dataset::DatasetError;
 use erfgs_scene::{
     Intrinsics,
@@ -23,7 +24,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::{
-    CloudError, CloudOptions, CloudPoint, Counts, Progress, Stage,
+    CloudError, CloudOptions, CloudPoint, CloudStep, Counts, Progress,
     photo::{Photo, median_colour},
     rig::{Reach, Rig},
 };
@@ -58,13 +59,9 @@ pub fn points(
     check(options)?;
     let colmap = Colmap::find(&options.colmap.program)?;
     counts.insert("colmap_version".into(), colmap.version().into());
-    let io_error = |doing, path: &Path| {
-        let path = path.to_owned();
-        move |source: io::Error| CloudError::Io { doing, path, source }
-    };
-    fs::create_dir_all(work_dir).map_err(io_error("making the work folder", work_dir))?;
+    fs::create_dir_all(work_dir).map_err(FileError::when("make the work folder", work_dir))?;
     let work = tempfile::Builder::new().prefix("colmap-").tempdir_in(work_dir);
-    let work = work.map_err(io_error("making a folder in", work_dir))?;
+    let work = work.map_err(FileError::when("make a folder in", work_dir))?;
     let folder = work.path();
 
     let images = folder.join("images");
@@ -72,12 +69,12 @@ pub fn points(
     let list = folder.join("images.txt");
     let mut sorted: Vec<String> = names.keys().cloned().collect();
     sorted.sort();
-    fs::write(&list, sorted.join("\n") + "\n").map_err(io_error("writing", &list))?;
+    fs::write(&list, sorted.join("\n") + "\n").map_err(FileError::when("write", &list))?;
 
     let path = folder.join("database.db");
     let threads = if options.threads == 0 { -1 } else { options.threads as i64 };
     let sizes = rig.stations.iter().map(|station| station.intrinsics().width.max(station.intrinsics().height));
-    progress(Stage::Features, 0, sorted.len());
+    progress(CloudStep::Features, 0, sorted.len());
     let extraction = Extraction {
         database: path.clone(),
         images: images.clone(),
@@ -90,7 +87,7 @@ pub fn points(
         peak_threshold: options.colmap.peak_threshold,
         edge_threshold: options.colmap.edge_threshold,
     };
-    colmap.extract(&extraction, &|done, total| progress(Stage::Features, done, total))?;
+    colmap.extract(&extraction, &|done, total| progress(CloudStep::Features, done, total))?;
 
     let mut database = Database::open(&path)?;
     let rows = database.images()?;
@@ -99,7 +96,7 @@ pub fn points(
         rig.stations.iter().map(|s| enlarge(s.intrinsics(), options.colmap.enlarge)).collect();
     set_cameras(&database, &rows, &shots, &enlarged)?;
     let features = read_features(&database, &rows, &shots, &enlarged)?;
-    let feature_count: usize = features.iter().map(Features::len).sum();
+    let feature_count: usize = features.iter().map(Features::count).sum();
     counts.insert("images".into(), rows.len().into());
     counts.insert("features".into(), feature_count.into());
     if feature_count < FEWEST_FEATURES {
@@ -114,8 +111,8 @@ pub fn points(
 
     let (input, output) = (folder.join("input"), folder.join("output"));
     posed_model(rig, &rows, &shots, &enlarged).write_text(&input)?;
-    fs::create_dir_all(&output).map_err(io_error("making", &output))?;
-    progress(Stage::Triangulation, 0, 1);
+    fs::create_dir_all(&output).map_err(FileError::when("make the folder", &output))?;
+    progress(CloudStep::Triangulation, 0, 1);
     colmap.triangulate(
         &Triangulation {
             database: path,
@@ -129,7 +126,7 @@ pub fn points(
         &|_, _| {},
     )?;
     let model = Model::read(&output)?;
-    progress(Stage::Triangulation, 1, 1);
+    progress(CloudStep::Triangulation, 1, 1);
     counts.insert("triangulated".into(), model.points.len().into());
     observed(rig, photos, &model, &names, options)
 }
@@ -178,13 +175,13 @@ fn write_images(
         })
         .collect();
     let done = AtomicUsize::new(0);
-    progress(Stage::Images, 0, shots.len());
+    progress(CloudStep::Images, 0, shots.len());
     shots.par_iter().try_for_each(|(name, shot)| -> Result<(), CloudError> {
         let image = photos[shot.instant][shot.position].enlarged(factor);
         image
             .write_png(&folder.join(name))
             .map_err(|source| DatasetError::Image { camera: rig.stations[shot.station].camera.name.clone(), source })?;
-        progress(Stage::Images, done.fetch_add(1, Ordering::Relaxed) + 1, shots.len());
+        progress(CloudStep::Images, done.fetch_add(1, Ordering::Relaxed) + 1, shots.len());
         Ok(())
     })?;
     Ok(shots.into_iter().collect())
@@ -268,7 +265,7 @@ fn match_all(
             let camera = |index: usize| (&enlarged[shots[index].station], rig.stations[shots[index].station].pose());
             let relative = Relative::new(camera(a), camera(b));
             let matches = match_pair(&features[a], camera(a), &features[b], camera(b), &relative, &limits);
-            progress(Stage::Matching, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
+            progress(CloudStep::Matching, done.fetch_add(1, Ordering::Relaxed) + 1, pairs.len());
             PairMatches { images: [rows[a].image, rows[b].image], matches, relative }
         })
         .filter(|pair| !pair.matches.is_empty())

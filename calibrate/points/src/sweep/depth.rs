@@ -3,7 +3,7 @@
 use erfgs_scene::image::ImageGrey8;
 use glam::{DMat3, DVec3};
 
-use super::{View, window::BoxSum};
+use super::{SweepView, window::BoxSum};
 use crate::SweepOptions;
 
 /// Windows with a smaller standard deviation of grey levels have nothing to compare.
@@ -65,8 +65,8 @@ struct Winner {
 /// Sweeps `planes` (at least 2) planes parallel to the image of `view`, evenly spaced in inverse depth, over the depths
 /// `[near, far]`.
 pub fn depth_map(
-    view: &View<'_>,
-    neighbours: &[&View<'_>],
+    view: &SweepView<'_>,
+    neighbours: &[&SweepView<'_>],
     depth_m: [f64; 2],
     planes: u32,
     options: &SweepOptions,
@@ -185,7 +185,7 @@ struct Warp {
 }
 
 impl Warp {
-    fn new(view: &View<'_>, other: &View<'_>) -> Self {
+    fn new(view: &SweepView<'_>, other: &SweepView<'_>) -> Self {
         let (from, to) = (view.station.pose(), other.station.pose());
         let relative = DMat3::from_quat((to.rotation * from.rotation.conjugate()).normalize());
         let translation = to.translation - relative * from.translation;

@@ -5,7 +5,7 @@ use std::{cmp::Reverse, collections::HashSet};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use super::{View, depth::DepthMap};
+use super::{SweepView, depth::DepthMap};
 use crate::{
     CloudPoint, SweepOptions,
     photo::{Photo, median_colour},
@@ -34,7 +34,7 @@ enum Opinion {
 /// The points on which enough depth maps agree, one for each voxel, best first. Positions are means over the views that
 /// agree.
 pub fn fuse(
-    views: &[View<'_>],
+    views: &[SweepView<'_>],
     photos: &[Photo],
     maps: &[DepthMap],
     t_ns: i64,
@@ -63,7 +63,7 @@ pub fn fuse(
 }
 
 fn candidate(
-    views: &[View<'_>],
+    views: &[SweepView<'_>],
     photos: &[Photo],
     maps: &[DepthMap],
     view: usize,
@@ -109,7 +109,7 @@ fn candidate(
     })
 }
 
-fn opinion(view: &View<'_>, map: &DepthMap, point: DVec3, options: &SweepOptions) -> Opinion {
+fn opinion(view: &SweepView<'_>, map: &DepthMap, point: DVec3, options: &SweepOptions) -> Opinion {
     let seen = view.station.pose().transform(point);
     if seen.z <= 1e-9 {
         return Opinion::Silent;
@@ -134,7 +134,7 @@ fn pixel_centre(map: &DepthMap, pixel: usize) -> DVec2 {
     DVec2::new((pixel % map.width) as f64 + 0.5, (pixel / map.width) as f64 + 0.5)
 }
 
-fn full_resolution(view: &View<'_>, pixel: DVec2) -> DVec2 {
+fn full_resolution(view: &SweepView<'_>, pixel: DVec2) -> DVec2 {
     let full = view.station.intrinsics();
     pixel
         * DVec2::new(
@@ -143,7 +143,7 @@ fn full_resolution(view: &View<'_>, pixel: DVec2) -> DVec2 {
         )
 }
 
-fn unproject(view: &View<'_>, map: &DepthMap, pixel: usize) -> DVec3 {
+fn unproject(view: &SweepView<'_>, map: &DepthMap, pixel: usize) -> DVec3 {
     let depth = 1.0 / f64::from(map.inverse[pixel]);
     view.station.pose().inverse().transform(view.intrinsics.unproject_pinhole(pixel_centre(map, pixel), depth))
 }

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use self::depth::{DepthMap, Grey, depth_map};
 use super::{
-    CloudError, CloudOptions, CloudPoint, Counts, Progress, Stage,
+    CloudError, CloudOptions, CloudPoint, CloudStep, Counts, Progress,
     photo::Photo,
     rig::{Reach, Rig, Station, spread},
     thin::merge_instants,
@@ -33,7 +33,7 @@ const MOST_PLANES: f64 = 1024.0;
 
 /// A view at the resolution that depth maps are made at.
 #[derive(Clone, Debug)]
-struct View<'a> {
+struct SweepView<'a> {
     station: &'a Station<'a>,
     intrinsics: Intrinsics,
     grey: Grey,
@@ -66,23 +66,23 @@ pub fn points(
     for &instant in &chosen {
         let photos = &photos[instant];
         let views = views(rig, instant, photos, options);
-        progress(Stage::Sweep, done.load(Ordering::Relaxed), total);
+        progress(CloudStep::Sweep, done.load(Ordering::Relaxed), total);
         let maps: Vec<DepthMap> = (0..views.len())
             .into_par_iter()
             .map(|index| {
                 let near = neighbours(&views, index, reach.focus_m, options.sweep.neighbours as usize);
-                let near: Vec<&View<'_>> = near.into_iter().map(|other| &views[other]).collect();
+                let near: Vec<&SweepView<'_>> = near.into_iter().map(|other| &views[other]).collect();
                 let planes = planes(&views[index], &near, depth_m, options.sweep.plane_step_px);
                 let map = depth_map(&views[index], &near, depth_m, planes, &options.sweep);
-                progress(Stage::Sweep, done.fetch_add(1, Ordering::Relaxed) + 1, total);
+                progress(CloudStep::Sweep, done.fetch_add(1, Ordering::Relaxed) + 1, total);
                 map
             })
             .collect();
-        progress(Stage::Fusion, 0, 1);
+        progress(CloudStep::Fusion, 0, 1);
         let fused = fuse::fuse(&views, photos, &maps, rig.instants[instant].t_ns, &options.sweep);
         candidates += maps.iter().map(|map| map.count(options.sweep.min_score as f32)).sum::<usize>();
         points.extend(fused);
-        progress(Stage::Fusion, 1, 1);
+        progress(CloudStep::Fusion, 1, 1);
     }
     counts.insert("sweep_candidates".into(), candidates.into());
     counts.insert("sweep_points".into(), points.len().into());
@@ -116,7 +116,7 @@ fn check(options: &CloudOptions) -> Result<(), CloudError> {
     Ok(())
 }
 
-fn views<'a>(rig: &'a Rig<'_>, instant: usize, photos: &[Photo], options: &CloudOptions) -> Vec<View<'a>> {
+fn views<'a>(rig: &'a Rig<'_>, instant: usize, photos: &[Photo], options: &CloudOptions) -> Vec<SweepView<'a>> {
     let shots = &rig.instants[instant].shots;
     let make = |(&(station, _), photo): (&(usize, _), &Photo)| {
         let station = &rig.stations[station];
@@ -124,13 +124,13 @@ fn views<'a>(rig: &'a Rig<'_>, instant: usize, photos: &[Photo], options: &Cloud
         let factor = full.width.div_ceil(options.sweep.max_width).max(1);
         let (width, height) = ((full.width / factor).max(1), (full.height / factor).max(1));
         let grey = Grey::new(&photo.grey().resized(width, height, Resample::Area));
-        View { station, intrinsics: full.resized(width, height), grey }
+        SweepView { station, intrinsics: full.resized(width, height), grey }
     };
     shots.iter().zip(photos).map(make).collect()
 }
 
 /// How many planes make steps of `step_px` in the middle one of the neighbours.
-fn planes(view: &View<'_>, neighbours: &[&View<'_>], [near, far]: [f64; 2], step_px: f64) -> u32 {
+fn planes(view: &SweepView<'_>, neighbours: &[&SweepView<'_>], [near, far]: [f64; 2], step_px: f64) -> u32 {
     let own = view.station.centre;
     let disparities = neighbours
         .iter()
@@ -140,7 +140,7 @@ fn planes(view: &View<'_>, neighbours: &[&View<'_>], [near, far]: [f64; 2], step
 }
 
 /// Up to `most` views that see what view `index` looks at from the nearest angles, nearest first.
-fn neighbours(views: &[View<'_>], index: usize, focus_m: f64, most: usize) -> Vec<usize> {
+fn neighbours(views: &[SweepView<'_>], index: usize, focus_m: f64, most: usize) -> Vec<usize> {
     let own = views[index].station;
     let target = own.centre + own.forward() * focus_m;
     let mut others: Vec<(f64, usize)> = views

@@ -8,7 +8,7 @@ use std::{fs, path::Path, sync::Mutex};
 use common::{BALL_RADIUS, HALF, TIMES, ball, distance_from_surface, film};
 use erfgs_dataset::Dataset;
 use erfgs_points::{
-    Cloud, CloudError, CloudOptions, CloudPoint, ColmapProgram, FrameChoice, Method, Stage, attach, initial_cloud,
+    Cloud, CloudError, CloudOptions, CloudPoint, CloudStep, ColmapProgram, FrameChoice, Method, attach, initial_cloud,
 };
 use erfgs_scene::{Distortion, image::ImageRgb8};
 use glam::DVec3;
@@ -184,7 +184,14 @@ fn progress_goes_through_every_stage_to_its_end() {
     })
     .unwrap();
     let seen = seen.into_inner().unwrap();
-    for stage in [Stage::Images, Stage::Features, Stage::Matching, Stage::Triangulation, Stage::Sweep, Stage::Fusion] {
+    for stage in [
+        CloudStep::Images,
+        CloudStep::Features,
+        CloudStep::Matching,
+        CloudStep::Triangulation,
+        CloudStep::Sweep,
+        CloudStep::Fusion,
+    ] {
         assert!(seen.contains(&(stage, true)), "{stage} never ends");
     }
 }

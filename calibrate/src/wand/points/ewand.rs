@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use erfgs_base::FileError;
 use erfgs_scene::Modality;
 
 use super::{super::WandCamera, WandError, csv};
@@ -9,10 +10,10 @@ use erfgs_scene::exchange::read_intrinsics;
 
 /// Reads all cameras of the folder, in the order of their numbers.
 pub fn read(folder: &Path) -> Result<Vec<WandCamera>, WandError> {
-    let io = |source| WandError::Io { path: folder.into(), source };
+    let io = FileError::when("read the folder", folder);
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
+    for entry in std::fs::read_dir(folder).map_err(&io)? {
+        let path = entry.map_err(&io)?.path();
         if let Some(number) = number(&path) {
             files.push((number, path));
         }

@@ -8,6 +8,8 @@ mod own;
 
 use std::path::Path;
 
+use erfgs_base::FileError;
+
 use super::{WandCamera, WandError};
 
 /// Name of the file that makes a folder one of erfgs's own layout.
@@ -26,7 +28,7 @@ pub fn read_points(path: &Path) -> Result<Vec<WandCamera>, WandError> {
 }
 
 fn read_text(path: &Path) -> Result<String, WandError> {
-    std::fs::read_to_string(path).map_err(|source| WandError::Io { path: path.into(), source })
+    Ok(std::fs::read_to_string(path).map_err(FileError::when("read", path))?)
 }
 
 fn malformed(path: &Path, line: Option<usize>, what: impl Into<String>) -> WandError {

@@ -16,12 +16,12 @@ const VERSION: u32 = 1;
 struct File {
     format: String,
     version: u32,
-    cameras: Vec<Camera>,
+    cameras: Vec<CameraEntry>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Camera {
+struct CameraEntry {
     name: String,
     modality: Modality,
     intrinsics: Intrinsics,
@@ -43,7 +43,7 @@ pub fn read(path: &Path) -> Result<Vec<WandCamera>, WandError> {
     file.cameras
         .into_iter()
         .map(|camera| {
-            let Camera { name, modality, intrinsics, sigma_px, points } = camera;
+            let CameraEntry { name, modality, intrinsics, sigma_px, points } = camera;
             if sigma_px.is_some_and(|sigma| !(sigma > 0.0 && sigma.is_finite())) {
                 return Err(malformed(path, None, format!("camera {name}: sigma_px is not positive")));
             }

@@ -1,7 +1,7 @@
 //! Whether views of a board determine a focal length, and what is said where they do not.
 
 use erfgs_base::random;
-use erfgs_calibrate::board::{BoardError, BoardOptions, Corner, LensModel, Seen, Target, View, calibrate, single};
+use erfgs_calibrate::board::{BoardError, BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate, single};
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -24,7 +24,7 @@ fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> Seen {
             Corner { id, pixel: camera().project(pose.transform(board().point(id).unwrap())).unwrap() + noise }
         };
         let corners = (0..40).map(corner).collect();
-        View { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
+        BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
     };
     let views = places.iter().enumerate().map(view).collect();
     Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views }

@@ -1,6 +1,6 @@
 use std::{collections::BTreeMap, path::Path};
 
-use erfgs_calibrate::board::{BoardOptions, Corner, Seen, View, calibrate, look};
+use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, calibrate, look};
 use erfgs_recordings::shared;
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DMat3, DVec2, DVec3};
@@ -40,13 +40,18 @@ fn their_corners(file: &Path) -> Vec<Seen> {
         let view = views.entry((format!("cam_{}", cells[1]), cells[0].parse().unwrap())).or_default();
         view.push(Corner { id: cells[5].parse().unwrap(), pixel });
     }
-    let mut cameras: BTreeMap<String, Vec<View>> = BTreeMap::new();
+    let mut cameras: BTreeMap<String, Vec<BoardView>> = BTreeMap::new();
     for ((camera, instant), corners) in views {
-        let view = View { instant: instant.to_string(), time_s: None, file: file.into(), frame: 0, corners };
+        let view = BoardView { instant: instant.to_string(), time_s: None, file: file.into(), frame: 0, corners };
         cameras.entry(camera).or_default().push(view);
     }
-    let seen =
-        |(camera, views): (String, Vec<View>)| Seen { camera, events: false, size: [1280, 720], frames: 57, views };
+    let seen = |(camera, views): (String, Vec<BoardView>)| Seen {
+        camera,
+        events: false,
+        size: [1280, 720],
+        frames: 57,
+        views,
+    };
     cameras.into_iter().map(seen).collect()
 }
 

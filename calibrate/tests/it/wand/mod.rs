@@ -4,7 +4,7 @@ mod accuracy;
 mod dome;
 mod ewand;
 mod extreme;
-mod frame;
+mod known_rig;
 mod panoptic;
 mod refusals;
 mod rig;

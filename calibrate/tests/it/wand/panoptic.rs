@@ -1,6 +1,6 @@
 //! Event cameras that a waved wand places among many frame cameras, on clocks of their own. What they see is only projected.
 
-use erfgs_calibrate::wand::{Frame, WandOptions, calibrate};
+use erfgs_calibrate::wand::{KnownRig, WandOptions, calibrate};
 use erfgs_recordings::shared;
 use erfgs_scene::Modality;
 use erfgs_scene::rig_file::{RigCamera, RigFile};
@@ -17,7 +17,7 @@ fn check(eyes: &[Eye], events: usize, seed: u64) {
     let known = frames.map(|eye| RigCamera::new(&eye.name, Modality::Rgb, eye.intrinsics, Some(eye.pose)));
     let known = RigFile::new("truth", true, known.collect());
     assert_eq!(known.cameras.len() + events, eyes.len());
-    let options = WandOptions { frame: Some(Frame::new(known)), most: 400, ..WandOptions::new(rig::stick()) };
+    let options = WandOptions { known: Some(KnownRig::new(known)), most: 400, ..WandOptions::new(rig::stick()) };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     let mut late_s = dome::LATE_S.into_iter();
     for (name, modality, mm, deg) in dome::errors(&found, eyes) {

@@ -8,7 +8,7 @@ use erfgs_session::container::Recording;
 
 use super::{DeviceFile, Kind, RigError};
 use crate::usb::scene::{EventScene, FrameScene, Pattern, PatternFrames, Picture, TakeEvents, TakeFrames};
-use erfgs_stage::{EventOptions, RigCamera, RigOptions, Stage, StageError, StageOptions, View};
+use erfgs_stage::{EventOptions, RigCamera, RigOptions, Stage, StageError, StageOptions, StageView};
 
 /// Columns and rows.
 type Size = [u16; 2];
@@ -46,7 +46,7 @@ impl DeviceFile {
         if self.stage {
             let camera = stage_camera(RigOptions { rgb: 0, event: number + 1, ..rig(size) }, number)?;
             let stage = stage();
-            let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+            let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
             return Ok(Box::new(TakeEvents::record(&view, 500_000, &EventOptions::default(), number as u64)?));
         }
         if let Some(path) = &self.events {
@@ -72,7 +72,7 @@ impl DeviceFile {
         if self.stage {
             let camera = stage_camera(RigOptions { rgb: number + 1, event: 0, ..rig(size) }, number)?;
             let stage = stage();
-            let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+            let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
             return Ok(Box::new(TakeFrames::film(&view, 15, 33_333_333, 5_000_000)));
         }
         // A DAVIS346 plays the events of a dataset, which come without its frames.

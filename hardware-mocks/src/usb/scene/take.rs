@@ -7,7 +7,7 @@ use erfgs_events::{CdEvent, Events};
 
 use super::{EventScene, FrameScene, Picture};
 use crate::usb::clock::TimeBase;
-use erfgs_stage::{EventOptions, StageError, View, events::record, film::image};
+use erfgs_stage::{EventOptions, StageError, StageView, events::record, film::image};
 
 /// The events of a take, which starts again when it has ended.
 #[derive(Clone, Debug)]
@@ -23,7 +23,12 @@ impl TakeEvents {
     ///
     /// # Errors
     /// If an option is out of range.
-    pub fn record(view: &View<'_>, length_us: u64, options: &EventOptions, stream: u64) -> Result<Self, StageError> {
+    pub fn record(
+        view: &StageView<'_>,
+        length_us: u64,
+        options: &EventOptions,
+        stream: u64,
+    ) -> Result<Self, StageError> {
         let end = i64::try_from(length_us.saturating_mul(1000)).unwrap_or(i64::MAX);
         let take = record(view, [0, end], options, 1, stream, &|_| {})?;
         Ok(Self::new(Arc::new(take), length_us))
@@ -78,7 +83,7 @@ pub struct TakeFrames {
 impl TakeFrames {
     /// Renders `count` pictures, `period_ns` apart, each exposed for `exposure_ns`. Cameras show them at this size.
     #[must_use]
-    pub fn film(view: &View<'_>, count: usize, period_ns: i64, exposure_ns: i64) -> Self {
+    pub fn film(view: &StageView<'_>, count: usize, period_ns: i64, exposure_ns: i64) -> Self {
         let pictures = (0..count.max(1) as i64)
             .map(|number| {
                 let middle = number * period_ns;

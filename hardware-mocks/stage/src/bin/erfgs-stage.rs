@@ -11,7 +11,7 @@ use std::{
 use clap::{Args, Parser, Subcommand};
 use erfgs_base::Progress;
 use erfgs_stage::{
-    EventOptions, FilmOptions, FilmReport, RigOptions, StageError, StageOptions, View, film,
+    EventOptions, FilmOptions, FilmReport, RigOptions, StageError, StageOptions, StageView, film,
     film::{image, mask_image},
 };
 
@@ -251,7 +251,7 @@ impl FrameCommand {
             name: self.camera.clone(),
             known: rig.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", "),
         })?;
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         let (t, exposure) = (nanoseconds(self.t_ms), nanoseconds(self.exposure_ms.max(0.0)));
         let shutter = [t.saturating_sub(exposure / 2), t.saturating_add(exposure / 2)];
         let linear = view.exposure(shutter, view.exposure_samples(shutter, 0.35));

@@ -2,7 +2,7 @@
 
 use erfgs_base::random;
 use erfgs_events::Events;
-use erfgs_stage::{EventOptions, RigCamera, RigOptions, Role, Stage, StageOptions, View, events::record};
+use erfgs_stage::{EventOptions, RigCamera, RigOptions, Role, Stage, StageOptions, StageView, events::record};
 
 const SPAN: [i64; 2] = [100_000_000, 220_000_000];
 
@@ -19,11 +19,11 @@ fn camera() -> RigCamera {
 
 fn quiet(_: f64) {}
 
-fn filmed(view: &View<'_>, options: &EventOptions) -> Events {
+fn filmed(view: &StageView<'_>, options: &EventOptions) -> Events {
     record(view, SPAN, options, 1, 0, &quiet).unwrap()
 }
 
-fn levels(view: &View<'_>, options: &EventOptions, t_us: i64) -> Vec<f64> {
+fn levels(view: &StageView<'_>, options: &EventOptions, t_us: i64) -> Vec<f64> {
     view.frame(t_us * 1000).into_iter().map(|pixel| options.response(pixel.map(f64::from))).collect()
 }
 
@@ -40,7 +40,7 @@ fn sums(events: &Events, options: &EventOptions, t_us: i64) -> Vec<f64> {
 #[test]
 fn signed_events_follow_the_log_intensity_within_one_threshold() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     for (linear_light, threshold_on, threshold_off) in [(false, 0.2, 0.2), (false, 0.05, 0.11), (true, 0.3, 0.25)] {
         let options = EventOptions { linear_light, threshold_on, threshold_off, ..EventOptions::ideal() };
         let events = filmed(&view, &options);
@@ -68,7 +68,7 @@ fn signed_events_follow_the_log_intensity_within_one_threshold() {
 #[test]
 fn an_event_carries_the_first_microsecond_past_its_crossing() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     let options = EventOptions::ideal();
     let events = filmed(&view, &options);
     let start = levels(&view, &options, SPAN[0] / 1000);
@@ -86,7 +86,7 @@ fn an_event_carries_the_first_microsecond_past_its_crossing() {
 #[test]
 fn events_are_ordered_inside_the_sensor_and_the_span() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     let events = filmed(&view, &EventOptions { shot_hz: 20.0, leak_hz: 5.0, ..EventOptions::default() });
     assert!(events.t_us.is_sorted());
     for event in events.iter() {
@@ -98,7 +98,7 @@ fn events_are_ordered_inside_the_sensor_and_the_span() {
 #[test]
 fn a_pixel_is_blind_for_the_refractory_period() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     let events = filmed(&view, &EventOptions { refractory_us: 700, shot_hz: 50.0, ..EventOptions::default() });
     let mut last = vec![i64::MIN / 2; (events.width * events.height) as usize];
     for event in events.iter() {
@@ -112,7 +112,7 @@ fn a_pixel_is_blind_for_the_refractory_period() {
 #[test]
 fn leak_shot_noise_and_hot_pixels_have_their_nominal_rates() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     // Pixels at the left edge, which nothing reaches during the take.
     let still: Vec<usize> = {
         let masks: Vec<Vec<bool>> = (0..=60).map(|k| view.mask(SPAN[0] + k * 2_000_000)).collect();
@@ -149,7 +149,7 @@ fn leak_shot_noise_and_hot_pixels_have_their_nominal_rates() {
 #[test]
 fn impossible_sensors_are_typed_errors() {
     let (stage, camera) = (stage(), camera());
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     let good = EventOptions::default();
     for bad in [
         EventOptions { threshold_on: 0.0, ..good.clone() },

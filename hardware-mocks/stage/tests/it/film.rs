@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path, process::Command};
 use erfgs_dataset::{Dataset, Split};
 use erfgs_scene::{Modality, PointCloud};
 use erfgs_stage::{
-    FilmOptions, RigOptions, Role, Stage, StageError, StageOptions, View, colour::encode, film, film::image,
+    FilmOptions, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film, film::image,
 };
 use glam::{DVec2, DVec3};
 
@@ -109,7 +109,7 @@ fn the_seed_changes_the_room_and_the_rig() {
     let two = FilmOptions { seed: 2, ..small() }.set_up().unwrap();
     assert_ne!(one.1, two.1);
     let room = |stage: &Stage| {
-        View::new(stage, &one.1[0].intrinsics, &one.1[0].world_to_camera).unwrap().empty_room().to_vec()
+        StageView::new(stage, &one.1[0].intrinsics, &one.1[0].world_to_camera).unwrap().empty_room().to_vec()
     };
     assert_ne!(room(&one.0), room(&two.0));
 }
@@ -159,7 +159,7 @@ fn one_pixel_and_one_camera_make_a_film() {
 #[test]
 fn the_exposure_integral_converges_and_the_default_is_fine_enough() {
     let (stage, rig) = small().set_up().unwrap();
-    let view = View::new(&stage, &rig[1].intrinsics, &rig[1].world_to_camera).unwrap();
+    let view = StageView::new(&stage, &rig[1].intrinsics, &rig[1].world_to_camera).unwrap();
     let shutter = [200_000_000, 233_000_000];
     let exact = view.exposure(shutter, 4096);
     let worst = |samples: u32| {
@@ -183,8 +183,8 @@ fn depth_agrees_between_viewpoints_and_follows_the_ball() {
     let stage = Stage::new(StageOptions::default());
     let rig =
         RigOptions { width: 80, height: 60, rgb: 3, event: 0, test: 0, ..RigOptions::default() }.cameras(1).unwrap();
-    let views: Vec<View<'_>> =
-        rig.iter().map(|camera| View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap()).collect();
+    let views: Vec<StageView<'_>> =
+        rig.iter().map(|camera| StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap()).collect();
     let t_ns = 250_000_000;
     let depths: Vec<Vec<f32>> = views.iter().map(|view| view.depth(t_ns)).collect();
     let ball = stage.ball.centre(0.25);
@@ -218,7 +218,7 @@ fn depth_agrees_between_viewpoints_and_follows_the_ball() {
 fn truth_points_lie_on_surfaces_that_their_camera_sees() {
     let (stage, rig) = small().set_up().unwrap();
     let camera = &rig[0];
-    let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
+    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
     let cloud = erfgs_stage::truth_points(&view, 0, 800, 3);
     let depth = view.depth(0);
     let agree = cloud.positions.iter().filter(|position| {

@@ -16,7 +16,7 @@ use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::source::{
     Counters, Description, Encoding, FrameStamp, Outlet, Packet, Source, SourceError, StampClock, StampPoint,
 };
-use erfgs_stage::{RigOptions, Stage, StageOptions, View, film::image};
+use erfgs_stage::{RigOptions, Stage, StageOptions, StageView, film::image};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
 /// Frames a second.
@@ -38,7 +38,7 @@ impl StageCamera {
         let camera = RigOptions { width, height, rgb: 4, event: 0, test: 0, ..RigOptions::default() }
             .cameras(1)?
             .swap_remove(index);
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         let frame = |number: usize| -> Result<Bytes, Box<dyn Error>> {
             let start = number as i64 * 1_000_000_000 / RATE_HZ;
             let picture = image(&view, &view.exposure([start, start + 8_000_000], 3));

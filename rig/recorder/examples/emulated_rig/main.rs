@@ -29,12 +29,12 @@ use erfgs_hardware_mocks::usb::{
     scene::{TakeEvents, TakeFrames},
 };
 use erfgs_recorder::{
-    Input, MachineFacts, Mcap, Options, Recorder, RigConfig, SessionInfo, folder_of,
+    Input, MachineFacts, Options, Recorder, RigConfig, SessionFiles, SessionInfo, folder_of,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
     open_on,
 };
 use erfgs_rig::{host_time::host_ns, usb::Bus};
-use erfgs_stage::{EventOptions, RigOptions, Stage, StageOptions, View};
+use erfgs_stage::{EventOptions, RigOptions, Stage, StageOptions, StageView};
 
 const RIG: &str = r#"
 [rig]
@@ -100,8 +100,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         flush_every: Duration::from_millis(500),
         reserve_bytes: 512 << 20,
         folder: folder_of(&out),
-        opener: Box::new(Mcap::default()),
-        tap: Some(Arc::clone(&monitor) as _),
+        opener: Box::new(SessionFiles::default()),
+        subscriber: Some(Arc::clone(&monitor) as _),
     };
     let recorder = Arc::new(Recorder::new(inputs, options)?);
     let page = LivePage::serve(Arc::clone(&recorder), monitor, &LiveOptions { address, names: Vec::new() })?;
@@ -124,7 +124,7 @@ fn devices() -> Result<Vec<Box<dyn UsbDevice>>, Box<dyn Error>> {
     let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
     let events = |number: usize, width: u32, height: u32| -> Result<TakeEvents, Box<dyn Error>> {
         let cameras = RigOptions { width, height, rgb: 0, event: 3, test: 0, ..RigOptions::default() }.cameras(1)?;
-        let view = View::new(&stage, &cameras[number].intrinsics, &cameras[number].world_to_camera)?;
+        let view = StageView::new(&stage, &cameras[number].intrinsics, &cameras[number].world_to_camera)?;
         // Dull sensors: the models make their events while they are recorded, on the same machine.
         let dull = EventOptions { threshold_on: 0.4, threshold_off: 0.4, ..EventOptions::default() };
         Ok(TakeEvents::record(&view, TAKE_US, &dull, number as u64)?)
@@ -132,7 +132,7 @@ fn devices() -> Result<Vec<Box<dyn UsbDevice>>, Box<dyn Error>> {
     let frames = {
         let rig = RigOptions { width: 346, height: 260, rgb: 0, event: 3, test: 0, ..RigOptions::default() };
         let camera = rig.cameras(1)?.swap_remove(1);
-        let view = View::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
+        let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         TakeFrames::film(&view, 3, TAKE_US as i64 * 1000 / 3, 4_000_000)
     };
     let evk4 =

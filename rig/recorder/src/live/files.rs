@@ -26,10 +26,10 @@ pub enum NameError {
 
 /// A session file in the folder.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Recording {
+pub struct RecordingFile {
     /// File name, without a folder.
     pub name: String,
-    /// Bytes.
+    /// Its length, bytes.
     pub bytes: u64,
     /// When it was last written, seconds since 1970.
     pub modified_s: u64,
@@ -39,7 +39,7 @@ pub struct Recording {
 ///
 /// # Errors
 /// If the folder cannot be read.
-pub fn recordings(folder: &Path) -> io::Result<Vec<Recording>> {
+pub fn recordings(folder: &Path) -> io::Result<Vec<RecordingFile>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -49,7 +49,7 @@ pub fn recordings(folder: &Path) -> io::Result<Vec<Recording>> {
             continue;
         }
         let Ok(about) = entry.metadata() else { continue };
-        found.push(Recording { name, bytes: about.len(), modified_s: about.modified().map_or(0, seconds) });
+        found.push(RecordingFile { name, bytes: about.len(), modified_s: about.modified().map_or(0, seconds) });
     }
     found.sort_by(|a, b| (b.modified_s, &b.name).cmp(&(a.modified_s, &a.name)));
     Ok(found)

@@ -15,7 +15,7 @@ mod routes;
 mod server;
 
 pub use access::{Access, Token};
-pub use files::{NameError, Recording, recordings};
+pub use files::{NameError, RecordingFile, recordings};
 pub use guide::{Guidance, Guide};
 pub use monitor::{Monitor, MonitorOptions};
 pub use server::{LiveError, LiveOptions, LivePage};

@@ -17,7 +17,7 @@ use super::{
     eye::{Eye, Inbox},
     guide::{Guidance, Guide},
 };
-use crate::{StreamStatus, Tap};
+use crate::{StreamStatus, Subscriber};
 use erfgs_rig::host_time::host_ns;
 
 /// Pictures are made while somebody asked for one within this long, nanoseconds.
@@ -40,7 +40,7 @@ impl Default for MonitorOptions {
     }
 }
 
-struct Stream {
+struct WatchedStream {
     encoding: Encoding,
     id: String,
     inbox: Mutex<Inbox>,
@@ -49,7 +49,7 @@ struct Stream {
 }
 
 struct Shared {
-    streams: Vec<Stream>,
+    streams: Vec<WatchedStream>,
     quit: AtomicBool,
 }
 
@@ -73,7 +73,7 @@ impl Monitor {
         descriptions: impl IntoIterator<Item = &'a Description>,
         options: MonitorOptions,
     ) -> std::io::Result<Arc<Self>> {
-        let stream = |description: &Description| Stream {
+        let stream = |description: &Description| WatchedStream {
             encoding: description.encoding,
             id: description.id.clone(),
             inbox: Mutex::default(),
@@ -115,7 +115,7 @@ impl Monitor {
     }
 }
 
-impl Tap for Monitor {
+impl Subscriber for Monitor {
     fn packet(&self, stream: usize, packet: &Packet) {
         if let Some(guide) = self.guide.get() {
             guide.packet(stream, packet);

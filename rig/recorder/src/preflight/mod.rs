@@ -58,7 +58,7 @@ impl Finding {
 /// What is to be recorded.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
-    /// The streams.
+    /// What the devices will deliver, one entry for each stream.
     pub streams: &'a [Description],
     /// The folder that the session goes to.
     pub folder: &'a Path,

@@ -10,7 +10,7 @@ use std::{
 };
 
 use erfgs_recorder::{
-    Input, Mcap, Options, Pattern, PatternConfig, PatternKind, Recorder, SessionInfo,
+    Input, Options, Pattern, PatternConfig, PatternKind, Recorder, SessionFiles, SessionInfo,
     live::{LiveOptions, LivePage, Monitor, MonitorOptions},
 };
 
@@ -72,8 +72,8 @@ fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
         flush_every: Duration::from_millis(50),
         reserve_bytes: 0,
         folder: folder.into(),
-        opener: Box::new(Mcap::default()),
-        tap: Some(Arc::clone(&monitor) as _),
+        opener: Box::new(SessionFiles::default()),
+        subscriber: Some(Arc::clone(&monitor) as _),
     };
     let recorder = Arc::new(Recorder::new(inputs, options).unwrap());
     recorder.start_sources().unwrap();

@@ -17,7 +17,7 @@ use super::{
     controls,
     find::{choose, fourcc_text, list},
     stamp::{is_damaged, stamp},
-    sys::{Node, Stream, StreamFormat},
+    sys::{NodeStream, Node, StreamFormat},
 };
 use crate::{
     frame::{
@@ -250,8 +250,8 @@ fn identity(config: &FrameConfig, found: &FoundCamera) -> String {
     by.cloned().unwrap_or_else(|| found.node.display().to_string())
 }
 
-fn begin(config: &FrameConfig, found: &FoundCamera, ready: &Ready) -> Result<Stream, FrameError> {
-    Stream::start(ready.node.clone(), config.buffers).map_err(|source| FrameError::Camera {
+fn begin(config: &FrameConfig, found: &FoundCamera, ready: &Ready) -> Result<NodeStream, FrameError> {
+    NodeStream::start(ready.node.clone(), config.buffers).map_err(|source| FrameError::Camera {
         id: config.id.clone(),
         node: found.node.display().to_string(),
         doing: "stream".into(),
@@ -283,7 +283,7 @@ impl Watch {
         self.state.stopping.load(Ordering::Relaxed)
     }
 
-    fn run(mut self, mut stream: Stream, mut format: StreamFormat) {
+    fn run(mut self, mut stream: NodeStream, mut format: StreamFormat) {
         while let Err(reason) = self.stream(&mut stream, format) {
             drop(stream);
             self.outlet.report(Incident::Lost { reason });
@@ -296,7 +296,7 @@ impl Watch {
     }
 
     /// Takes frames until the owner stops (`Ok`), or the camera is lost.
-    fn stream(&mut self, stream: &mut Stream, format: StreamFormat) -> Result<(), String> {
+    fn stream(&mut self, stream: &mut NodeStream, format: StreamFormat) -> Result<(), String> {
         tracing::debug!("camera {} streams into {} buffers", self.config.id, stream.buffers());
         let timeout = Duration::from_millis(u64::from(self.config.timeout_ms));
         let mut last = Instant::now();
@@ -339,7 +339,7 @@ impl Watch {
         }
     }
 
-    fn deliver(&mut self, host_ns: i64, stream: &Stream, frame: &super::sys::Filled, format: StreamFormat) {
+    fn deliver(&mut self, host_ns: i64, stream: &NodeStream, frame: &super::sys::Filled, format: StreamFormat) {
         let encoding = self.config.format;
         let raw = stream.bytes(frame);
         let payload = match without_padding(encoding, format.width, format.stride, raw) {
@@ -366,7 +366,7 @@ impl Watch {
     }
 
     /// Looks for the same camera until it is there again, or the owner stops.
-    fn bring_back(&self) -> Option<(Stream, StreamFormat)> {
+    fn bring_back(&self) -> Option<(NodeStream, StreamFormat)> {
         while !self.stopping() {
             let back =
                 (self.list)().and_then(|cameras| choose(&self.config.id, &self.identity, cameras)).and_then(|found| {

@@ -225,12 +225,12 @@ impl Drop for Mapping {
 
 /// A node that streams. Dropping it stops the stream.
 #[derive(Debug)]
-pub struct Stream {
+pub struct NodeStream {
     node: Arc<Node>,
     buffers: Vec<Mapping>,
 }
 
-impl Stream {
+impl NodeStream {
     /// Starts streaming into so many buffers (the driver may give more or fewer).
     pub fn start(node: Arc<Node>, buffers: u32) -> io::Result<Self> {
         // SAFETY: as in `Node::capabilities`.
@@ -320,7 +320,7 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl Drop for NodeStream {
     fn drop(&mut self) {
         let mut kind = VIDEO_CAPTURE as libc::c_int;
         // SAFETY: the request takes a pointer to an integer. An unplugged camera answers ENODEV: there is nothing left

@@ -9,7 +9,7 @@ use std::{
 };
 
 use erfgs_recorder::{
-    Input, Level, Mcap, OpenSession, RecordError, Recorder, SessionInfo, SessionSink, SinkError, StreamState,
+    Input, Level, OpenSession, RecordError, Recorder, SessionFiles, SessionInfo, SessionSink, SinkError, StreamState,
 };
 use erfgs_session::{
     container::{Entry, Session, Settings, recover},
@@ -107,7 +107,7 @@ impl OpenSession for OpenTiny {
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let file = Tiny { bytes: Arc::clone(&self.0), room: self.1 };
         let settings = Settings { chunk_bytes: 20_000, ..Settings::default() };
-        Mcap { settings }.write_to(file, path, info, streams)
+        SessionFiles { settings }.write_to(file, path, info, streams)
     }
 }
 
@@ -236,7 +236,7 @@ fn recordings_are_never_overwritten() {
     let path = folder.path().join("take.mcap");
     std::fs::write(&path, b"precious").unwrap();
     let (puppet, _handle) = Puppet::new("one", 0);
-    let recorder = Recorder::new(vec![puppet.input(1 << 20)], options(Mcap::default())).unwrap();
+    let recorder = Recorder::new(vec![puppet.input(1 << 20)], options(SessionFiles::default())).unwrap();
     let refused = recorder.start_recording(&path);
     assert!(matches!(refused, Err(RecordError::Sink(SinkError::Exists(_)))), "{refused:?}");
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");

@@ -208,7 +208,7 @@ pub fn options(opener: impl OpenSession + 'static) -> Options {
         reserve_bytes: 0,
         folder: std::env::temp_dir(),
         opener: Box::new(opener),
-        tap: None,
+        subscriber: None,
     }
 }
 

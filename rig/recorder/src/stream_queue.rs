@@ -1,4 +1,4 @@
-//! The bookkeeping of one stream of a recording: what waits in memory, what was dropped and where, what was written.
+//! The share of one stream in the queue: what of it waits in memory, what was dropped and where, what was written.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 
@@ -29,9 +29,10 @@ impl Count {
     }
 }
 
-/// One stream of a recording, shared by the threads of its source, the writer and the status.
+/// The share of one stream in the [queue](super::queue), as counts: the packets themselves wait in the queue, in the order
+/// of their arrival. Used by the threads of the stream's source, the writer and the watchdog.
 #[derive(Debug, Default)]
-pub(super) struct Lane {
+pub(super) struct StreamQueue {
     /// Bytes that may wait in memory.
     pub limit: usize,
     waiting: AtomicUsize,
@@ -46,7 +47,7 @@ pub(super) struct Lane {
     gap: AtomicBool,
 }
 
-impl Lane {
+impl StreamQueue {
     pub fn new(limit: usize) -> Self {
         Self { limit, ..Self::default() }
     }

@@ -1,4 +1,4 @@
-//! Where a source delivers: the outlet of one stream, which feeds the recording and whoever watches.
+//! Where a source delivers: the outlet of one stream, which feeds the recording and the subscriber.
 
 use std::sync::{
     Arc, Mutex, PoisonError, RwLock,
@@ -10,23 +10,15 @@ use erfgs_session::source::{Incident, Outlet, Packet};
 use erfgs_rig::host_time::host_ns;
 
 use super::{
-    lane::Count,
     log::Log,
     queue::{Item, Queue},
-    status::{Level, StreamStatus},
+    status::Level,
+    stream_queue::Count,
+    subscriber::Subscriber,
 };
 
-/// Someone who looks at packets as they pass: previews, event rates, clocks. Must return at once.
-pub trait Tap: Send + Sync {
-    /// A packet of stream `stream` passes.
-    fn packet(&self, stream: usize, packet: &Packet);
-
-    /// Completes the status of stream `stream` with what was seen.
-    fn annotate(&self, stream: usize, status: &mut StreamStatus);
-}
-
 /// See the module.
-pub(super) struct Port {
+pub(super) struct StreamOutlet {
     stream: usize,
     id: String,
     /// Everything that arrived since the source started.
@@ -36,12 +28,12 @@ pub(super) struct Port {
     /// The driver says that the device is gone.
     pub lost: AtomicBool,
     recording: RwLock<Option<Arc<Queue>>>,
-    tap: Option<Arc<dyn Tap>>,
+    subscriber: Option<Arc<dyn Subscriber>>,
     log: Arc<Mutex<Log>>,
 }
 
-impl Port {
-    pub fn new(stream: usize, id: &str, tap: Option<Arc<dyn Tap>>, log: Arc<Mutex<Log>>) -> Self {
+impl StreamOutlet {
+    pub fn new(stream: usize, id: &str, subscriber: Option<Arc<dyn Subscriber>>, log: Arc<Mutex<Log>>) -> Self {
         Self {
             stream,
             id: id.to_owned(),
@@ -49,7 +41,7 @@ impl Port {
             last_ns: AtomicI64::new(0),
             lost: AtomicBool::new(false),
             recording: RwLock::new(None),
-            tap,
+            subscriber,
             log,
         }
     }
@@ -74,12 +66,12 @@ impl Port {
     }
 }
 
-impl Outlet for Port {
+impl Outlet for StreamOutlet {
     fn send(&self, packet: Packet) -> bool {
         self.arrived.add(packet.payload.len());
         self.last_ns.store(host_ns().max(1), Relaxed);
-        if let Some(tap) = &self.tap {
-            tap.packet(self.stream, &packet);
+        if let Some(subscriber) = &self.subscriber {
+            subscriber.packet(self.stream, &packet);
         }
         self.with_queue(|queue| queue.packet(self.stream, packet))
     }

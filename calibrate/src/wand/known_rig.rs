@@ -7,7 +7,7 @@ use erfgs_scene::{Intrinsics, Pose};
 use glam::DVec3;
 
 use super::{Stick, WandCamera, WandError, WandOptions, held_out::locate, instants::Instant};
-use crate::{bundle::Camera, statistics::median};
+use crate::{bundle::BundleCamera, statistics::median};
 use erfgs_scene::rig_file::{RigCamera, RigFile, Sigma};
 
 /// A length less certain than this share of it takes no part in the scale.
@@ -32,14 +32,14 @@ pub enum Scale {
 
 /// A rig whose cameras keep their poses and intrinsics.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct KnownRig {
     /// The rig; its cameras with poses are kept.
     pub rig: RigFile,
     /// Whose lengths hold.
     pub scale: Scale,
 }
 
-impl Frame {
+impl KnownRig {
     /// A rig that keeps its lengths if it has any, and otherwise gets them from the wand.
     #[must_use]
     pub fn new(rig: RigFile) -> Self {
@@ -131,7 +131,7 @@ impl Fixed {
     /// # Errors
     /// If the wand must give the scale and no two kept cameras measured it.
     pub fn of(
-        frame: &Frame,
+        known_rig: &KnownRig,
         cameras: &[WandCamera],
         offsets_s: &[f64],
         sigma_px: &[f64],
@@ -139,16 +139,16 @@ impl Fixed {
         options: &WandOptions,
     ) -> Result<Self, WandError> {
         let poses: Vec<Option<Pose>> =
-            cameras.iter().map(|camera| frame.kept(&camera.name).map(|(_, pose)| pose)).collect();
+            cameras.iter().map(|camera| known_rig.kept(&camera.name).map(|(_, pose)| pose)).collect();
         let mut ratio = ratio(&options.stick, cameras, &poses, offsets_s, sigma_px, instants);
-        if ratio.is_none() && frame.scale == Scale::Wand {
+        if ratio.is_none() && known_rig.scale == Scale::Wand {
             let what = "no two cameras of the rig saw the wand together often enough to take the scale from it; wave it \
                         where two of them see it";
             return Err(WandError::Option(what.into()));
         }
         let factor = ratio.get_or_insert(Ratio { value: 1.0, sigma: f64::INFINITY, count: 0 }).value;
         let [first, second] = options.stick.gaps_m();
-        Ok(match frame.scale {
+        Ok(match known_rig.scale {
             Scale::Wand => Self {
                 poses: poses.into_iter().map(|pose| pose.map(|pose| shrunk(&pose, factor))).collect(),
                 stick: options.stick,
@@ -162,8 +162,8 @@ impl Fixed {
     }
 
     /// What the rig's lengths are divided by.
-    pub fn divisor(&self, frame: &Frame) -> f64 {
-        match (frame.scale, self.ratio) {
+    pub fn divisor(&self, known_rig: &KnownRig) -> f64 {
+        match (known_rig.scale, self.ratio) {
             (Scale::Wand, Some(ratio)) => ratio.value,
             _ => 1.0,
         }
@@ -195,7 +195,7 @@ fn ratio(
     instants: &[&Instant],
 ) -> Option<Ratio> {
     let known = |camera: usize, intrinsics: &Intrinsics| {
-        poses[camera].map(|pose| Camera {
+        poses[camera].map(|pose| BundleCamera {
             name: String::new(),
             intrinsics: *intrinsics,
             pose,
@@ -203,7 +203,7 @@ fn ratio(
             free: Vec::new(),
         })
     };
-    let known: Vec<Option<Camera>> =
+    let known: Vec<Option<BundleCamera>> =
         cameras.iter().enumerate().map(|(index, camera)| known(index, &camera.intrinsics)).collect();
     let lengths = instants.iter().filter_map(|instant| {
         let [(first, first_covariance), (last, last_covariance)] =

@@ -1,13 +1,13 @@
 //! Cameras placed by wand in a rig that is calibrated already and stays as it is.
 
-use erfgs_calibrate::wand::{Frame, Scale, WandCamera, WandError, WandOptions, calibrate};
+use erfgs_calibrate::wand::{KnownRig, Scale, WandCamera, WandError, WandOptions, calibrate};
 use erfgs_scene::rig_file::{RigCamera, RigFile, Sigma};
 use erfgs_scene::{Modality, Pose};
 
 use crate::wand::rig::{self, Station};
 
 /// The RGB cameras of the mixed rig where they are, made larger by `factor`, and one more that sees no wand.
-fn frame_of(stations: &[Station], cameras: &[WandCamera], factor: f64) -> RigFile {
+fn known_rig_of(stations: &[Station], cameras: &[WandCamera], factor: f64) -> RigFile {
     let entry = |(station, camera): (&Station, &WandCamera)| {
         let pose = Pose { translation: station.pose.translation * factor, ..station.pose };
         let mut entry = RigCamera::new(&camera.name, station.modality, station.intrinsics, Some(pose));
@@ -35,10 +35,10 @@ fn errors(found: &RigFile, stations: &[Station]) -> Vec<(f64, f64)> {
 fn event_cameras_are_placed_in_the_frame_of_a_rig_that_stays() {
     let stations = rig::mixed();
     let mut cameras = rig::observe(&stations, &rig::wands(200, 1), 1, |_, _| true);
-    let known = frame_of(&stations, &cameras, 1.0);
+    let known = known_rig_of(&stations, &cameras, 1.0);
     // The rig's intrinsics count for its cameras; the event cameras' focal lengths are found.
     rig::spoil_focal(&mut cameras, 0.002, 1);
-    let options = WandOptions { frame: Some(Frame::new(known.clone())), ..rig::options() };
+    let options = WandOptions { known: Some(KnownRig::new(known.clone())), ..rig::options() };
     let (found, evidence) = calibrate(&cameras, &options).unwrap();
     let errors = errors(&found, &stations);
     assert_eq!(errors.len(), 6);
@@ -64,9 +64,9 @@ fn event_cameras_are_placed_in_the_frame_of_a_rig_that_stays() {
 fn a_rig_without_scale_gets_the_wands_and_a_metric_rig_keeps_its_own() {
     let stations = rig::mixed();
     let cameras = rig::observe(&stations, &rig::wands(150, 2), 2, |_, _| true);
-    let mut known = frame_of(&stations, &cameras, 3.7);
+    let mut known = known_rig_of(&stations, &cameras, 3.7);
     known.metric = false;
-    let options = WandOptions { frame: Some(Frame::new(known.clone())), ..rig::options() };
+    let options = WandOptions { known: Some(KnownRig::new(known.clone())), ..rig::options() };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     assert!(found.metric);
     let seen = errors(&found, &stations);
@@ -76,8 +76,8 @@ fn a_rig_without_scale_gets_the_wands_and_a_metric_rig_keeps_its_own() {
     assert!((kept.sigma.as_ref().unwrap().centre_m[0].unwrap() - 1e-3).abs() < 1e-6);
 
     // A rig that is 1 % too large and says that it is metric: its lengths hold, and the difference is told.
-    let large = frame_of(&stations, &cameras, 1.01);
-    let options = WandOptions { frame: Some(Frame::new(large.clone())), ..rig::options() };
+    let large = known_rig_of(&stations, &cameras, 1.01);
+    let options = WandOptions { known: Some(KnownRig::new(large.clone())), ..rig::options() };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     assert!(
         found.warnings.iter().any(|warning| warning.contains("+1.0") && warning.contains("gaps")),
@@ -93,7 +93,7 @@ fn a_rig_without_scale_gets_the_wands_and_a_metric_rig_keeps_its_own() {
         .collect();
     assert!(errors(&found, &larger).iter().all(|(mm, _)| *mm < 2.5), "{:?}", errors(&found, &larger));
     // Or the wand's, where it is asked for.
-    let options = WandOptions { frame: Some(Frame { rig: large, scale: Scale::Wand }), ..rig::options() };
+    let options = WandOptions { known: Some(KnownRig { rig: large, scale: Scale::Wand }), ..rig::options() };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     assert!(errors(&found, &stations).iter().all(|(mm, _)| *mm < 2.5), "{:?}", errors(&found, &stations));
 }
@@ -102,11 +102,11 @@ fn a_rig_without_scale_gets_the_wands_and_a_metric_rig_keeps_its_own() {
 fn a_kept_camera_that_was_moved_is_named() {
     let stations = rig::mixed();
     let cameras = rig::observe(&stations, &rig::wands(150, 3), 3, |_, _| true);
-    let mut known = frame_of(&stations, &cameras, 1.0);
+    let mut known = known_rig_of(&stations, &cameras, 1.0);
     let moved = known.cameras[3].pose.as_mut().unwrap();
     moved.translation.x += 0.05;
     let name = known.cameras[3].name.clone();
-    let options = WandOptions { frame: Some(Frame::new(known)), ..rig::options() };
+    let options = WandOptions { known: Some(KnownRig::new(known)), ..rig::options() };
     let (found, _) = calibrate(&cameras, &options).unwrap();
     for camera in &found.cameras {
         let told = camera.warnings.iter().any(|warning| warning.contains("has it been moved?"));
@@ -119,18 +119,18 @@ fn a_kept_camera_that_was_moved_is_named() {
 fn a_frame_that_cannot_hold_is_refused() {
     let stations = rig::mixed();
     let cameras = rig::observe(&stations, &rig::wands(60, 4), 4, |_, _| true);
-    let known = frame_of(&stations, &cameras, 1.0);
-    let refused = |cameras: &[WandCamera], frame: Frame| {
-        calibrate(cameras, &WandOptions { frame: Some(frame), ..rig::options() }).map(|_| ()).unwrap_err()
+    let known = known_rig_of(&stations, &cameras, 1.0);
+    let refused = |cameras: &[WandCamera], rig: KnownRig| {
+        calibrate(cameras, &WandOptions { known: Some(rig), ..rig::options() }).map(|_| ()).unwrap_err()
     };
     let mut strange = known.clone();
     strange.cameras.iter_mut().for_each(|camera| camera.name.push('x'));
-    let error = refused(&cameras, Frame::new(strange));
+    let error = refused(&cameras, KnownRig::new(strange));
     assert!(matches!(&error, WandError::NoneKept { cameras } if cameras.len() == 14), "{error}");
     let frames: Vec<WandCamera> = cameras.iter().filter(|c| c.name.starts_with("rgb")).cloned().collect();
-    assert!(refused(&frames, Frame::new(known.clone())).to_string().contains("have a pose in the rig"));
+    assert!(refused(&frames, KnownRig::new(known.clone())).to_string().contains("have a pose in the rig"));
     let without = RigFile { metric: false, ..known };
-    let error = refused(&cameras, Frame { rig: without.clone(), scale: Scale::Rig });
+    let error = refused(&cameras, KnownRig { rig: without.clone(), scale: Scale::Rig });
     assert!(error.to_string().contains("--scale-from wand"), "{error}");
     // Two cameras of it that never see the wand together tell no scale.
     let two = |camera: usize, wand: usize| {
@@ -139,6 +139,6 @@ fn a_frame_that_cannot_hold_is_refused() {
             || (camera == 2 && !wand.is_multiple_of(2))
     };
     let apart = rig::observe(&stations, &rig::wands(60, 4), 4, two);
-    let error = refused(&apart, Frame::new(without));
+    let error = refused(&apart, KnownRig::new(without));
     assert!(error.to_string().contains("scale"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! The steward: a thread that looks at the streams, the writer and the disk several times a second, tells the user
+//! The watchdog: a thread that looks at the streams, the writer and the disk several times a second, tells the user
 //! what is wrong, and ends a recording before the disk is full.
 
 use std::{
@@ -83,7 +83,7 @@ pub(super) fn refresh(shared: &Shared) {
     let mut status = Status {
         rig: shared.options.info.rig.clone(),
         host_ns: host_ns(),
-        recording: recording.as_mut().map(super::recorder::Recording::status),
+        recording: recording.as_mut().map(super::recorder::RunningRecording::status),
         finishing: lock(&shared.finishing).clone(),
         last: lock(&shared.last).clone(),
         disk: DiskStatus::default(),
@@ -114,14 +114,14 @@ fn look(shared: &Shared, slot: &Slot, now: Instant) {
         watch.counters = counters;
     }
     let Some(started) = watch.started else { return };
-    let last_ns = slot.port.last_ns.load(Relaxed);
+    let last_ns = slot.outlet.last_ns.load(Relaxed);
     let silent = match last_ns {
         0 => now.saturating_duration_since(started),
         _ => Duration::from_nanos(u64::try_from(host_ns() - last_ns).unwrap_or(0))
             .min(now.saturating_duration_since(started)),
     };
     let before = watch.state;
-    watch.state = if slot.port.lost.load(Relaxed) {
+    watch.state = if slot.outlet.lost.load(Relaxed) {
         StreamState::Lost
     } else if slot.stall_after.is_some_and(|limit| silent > limit) {
         StreamState::Stalled
@@ -145,7 +145,7 @@ fn look(shared: &Shared, slot: &Slot, now: Instant) {
                 silent.as_secs_f64()
             );
             lock(&shared.log).say(Level::Warning, id, message.as_str());
-            slot.port.note(Incident::Warning { message });
+            slot.outlet.note(Incident::Warning { message });
         }
         (_, StreamState::Lost) => {}
     }
@@ -157,7 +157,7 @@ pub(super) fn streams(shared: &Shared, queue: Option<&Queue>) -> Vec<StreamStatu
     let stream = |(index, slot): (usize, &Slot)| {
         let mut status = blank(&slot.description);
         let mut watch = lock(&slot.watch);
-        let totals = [slot.port.arrived.packets(), slot.port.arrived.bytes()];
+        let totals = [slot.outlet.arrived.packets(), slot.outlet.arrived.bytes()];
         [status.packets_per_s, status.bytes_per_s] = watch.meter.rates(now, totals);
         status.state = watch.state;
         status.counters = watch.counters;
@@ -166,15 +166,15 @@ pub(super) fn streams(shared: &Shared, queue: Option<&Queue>) -> Vec<StreamStatu
         let driver = watch.counters.lost;
         drop(watch);
         status.drops.driver = driver;
-        if let Some(lane) = queue.and_then(|queue| queue.lanes.get(index)) {
+        if let Some(share) = queue.and_then(|queue| queue.streams.get(index)) {
             let baseline = lock(&slot.watch).baseline.lost;
-            status.drops = lane.drops(driver.saturating_sub(baseline));
-            let (waiting, peak) = lane.waiting();
+            status.drops = share.drops(driver.saturating_sub(baseline));
+            let (waiting, peak) = share.waiting();
             (status.waiting_bytes, status.peak_waiting_bytes) = (waiting as u64, peak as u64);
-            (status.written, status.written_bytes) = (lane.written.packets(), lane.written.bytes());
+            (status.written, status.written_bytes) = (share.written.packets(), share.written.bytes());
         }
-        if let Some(tap) = &shared.options.tap {
-            tap.annotate(index, &mut status);
+        if let Some(subscriber) = &shared.options.subscriber {
+            subscriber.annotate(index, &mut status);
         }
         status
     };
@@ -215,6 +215,6 @@ fn tell_drops(shared: &Shared, streams: &[StreamStatus], recording: bool, now: I
             )
         };
         lock(&shared.log).say(Level::Error, &slot.description.id, text.as_str());
-        slot.port.note(Incident::Warning { message: text });
+        slot.outlet.note(Incident::Warning { message: text });
     }
 }

@@ -1,4 +1,4 @@
-//! Session files: the recorder's sink into the MCAP container.
+//! The sink of a recording: session files in the MCAP container.
 
 use std::{
     collections::BTreeMap,
@@ -23,12 +23,12 @@ use super::{
 
 /// Opens session files.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Mcap {
+pub struct SessionFiles {
     /// How they are written.
     pub settings: Settings,
 }
 
-impl Mcap {
+impl SessionFiles {
     /// A session into any writer; `path` names it in errors.
     ///
     /// # Errors
@@ -58,11 +58,11 @@ impl Mcap {
         }
         // The streams are in the file before anything can go wrong.
         writer.flush().map_err(failed)?;
-        Ok(Box::new(McapSink { path: path.to_path_buf(), writer, ids, begin }))
+        Ok(Box::new(SessionFileSink { path: path.to_path_buf(), writer, ids, begin }))
     }
 }
 
-impl OpenSession for Mcap {
+impl OpenSession for SessionFiles {
     fn open(
         &self,
         path: &Path,
@@ -74,7 +74,7 @@ impl OpenSession for Mcap {
     }
 }
 
-struct McapSink<W: Write> {
+struct SessionFileSink<W: Write> {
     path: PathBuf,
     writer: SessionWriter<W>,
     ids: Vec<StreamId>,
@@ -98,7 +98,7 @@ fn fit(clock: &ClockStatus, begin: i64) -> ClockFit {
     }
 }
 
-impl<W: Write + Send> SessionSink for McapSink<W> {
+impl<W: Write + Send> SessionSink for SessionFileSink<W> {
     fn packet(&mut self, stream: usize, packet: &Packet) -> Result<(), SinkError> {
         self.writer.packet(self.ids[stream], packet).map_err(|error| sort(&self.path, error))
     }
@@ -234,7 +234,7 @@ mod tests {
         ];
         let held = Held::default();
         let path = Path::new("s.mcap");
-        let mut sink = Mcap::default().write_to(held.clone(), path, &SessionInfo::default(), &streams).unwrap();
+        let mut sink = SessionFiles::default().write_to(held.clone(), path, &SessionInfo::default(), &streams).unwrap();
         let begin = host_ns();
         let line = ClockLine {
             device_ns: 7_000_000_000,
