@@ -7,6 +7,7 @@
 mod event;
 mod exchange;
 mod field;
+mod metrics;
 mod raster;
 
 use std::{
@@ -23,22 +24,27 @@ fn python() -> PathBuf {
     std::env::var_os("ERFGS_ORACLES").map_or_else(usual, PathBuf::from)
 }
 
-/// Asks the oracles; one answer for each question, in order.
-fn ask(questions: &[Value]) -> Vec<Value> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+/// Runs an oracle, a file of this folder, with what `arguments` adds to its command.
+fn run(oracle: &str, arguments: impl FnOnce(&mut Command) -> &mut Command) {
     let python = python();
-    let folder = tempfile::tempdir().expect("a temporary folder");
-    let [asked, answered] = ["questions.json", "answers.json"].map(|name| folder.path().join(name));
-    std::fs::write(&asked, serde_json::to_vec(questions).expect("JSON")).expect("questions written");
-    let output = Command::new(&python)
-        .arg(root.join("tests/oracles/answer.py"))
-        .args([&asked, &answered])
-        .env("JAX_PLATFORMS", "cpu")
-        // Small scenes take longer to compile than to compute.
-        .env("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
+    let mut command = Command::new(&python);
+    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/oracles").join(oracle)).env("JAX_PLATFORMS", "cpu");
+    let output = arguments(&mut command)
         .output()
         .unwrap_or_else(|error| panic!("{}: {error}; run scripts/setup.sh --oracles", python.display()));
     assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Asks the oracles; one answer for each question, in order.
+fn ask(questions: &[Value]) -> Vec<Value> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let [asked, answered] = ["questions.json", "answers.json"].map(|name| folder.path().join(name));
+    std::fs::write(&asked, serde_json::to_vec(questions).expect("JSON")).expect("questions written");
+    run("answer.py", |oracle| {
+        // Small scenes take longer to compile than to compute.
+        let quick = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true";
+        oracle.args([&asked, &answered]).env("XLA_FLAGS", quick)
+    });
     serde_json::from_slice(&std::fs::read(&answered).expect("answers")).expect("JSON")
 }
 

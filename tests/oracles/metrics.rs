@@ -1,19 +1,11 @@
-//! SSIM and LPIPS against JAX (tests/oracles/metrics.py).
+//! SSIM and LPIPS against JAX (`metrics.py`).
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::path::Path;
 
 use erfgs_run::LpipsScaling;
 use erfgs_train::metrics::{Lpips, LpipsWeights, Picture, ssim};
 
-/// The Python that `scripts/setup.sh --oracles` installs, where it is installed.
-fn oracles_python() -> Option<PathBuf> {
-    let installed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/oracles/bin/python");
-    let python = std::env::var_os("ERFGS_ORACLES").map_or(installed, PathBuf::from);
-    python.is_file().then_some(python)
-}
+use super::run;
 
 fn floats(path: &Path) -> Vec<f32> {
     std::fs::read(path).unwrap().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
@@ -21,13 +13,8 @@ fn floats(path: &Path) -> Vec<f32> {
 
 #[test]
 fn ssim_and_lpips_agree_with_jax() {
-    let Some(python) = oracles_python() else {
-        eprintln!("the oracles' Python is not installed (scripts/setup.sh --oracles): nothing compared");
-        return;
-    };
     let folder = tempfile::tempdir().unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/oracles/metrics.py");
-    assert!(Command::new(python).arg(script).arg(folder.path()).status().unwrap().success());
+    run("metrics.py", |oracle| oracle.arg(folder.path()));
 
     let text = std::fs::read_to_string(folder.path().join("expected.json")).unwrap();
     let expected: serde_json::Value = serde_json::from_str(&text).unwrap();
