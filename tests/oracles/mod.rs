@@ -7,6 +7,7 @@
 mod event;
 mod exchange;
 mod field;
+mod metrics;
 mod raster;
 
 use std::process::Command;
@@ -15,20 +16,26 @@ use erfgs_recordings::{python, root};
 use erfgs_train::gpu::{AdapterChoice, Gpu, Shape};
 use serde_json::Value;
 
+/// Runs an oracle, a file of this folder, with what `arguments` adds to its command.
+fn run(oracle: &str, arguments: impl FnOnce(&mut Command) -> &mut Command) {
+    let mut command = Command::new(python());
+    command.arg(root().join("tests/oracles").join(oracle)).env("JAX_PLATFORMS", "cpu");
+    let output = arguments(&mut command)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));
+}
+
 /// Asks the oracles; one answer for each question, in order.
 fn ask(questions: &[Value]) -> Vec<Value> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let [asked, answered] = ["questions.json", "answers.json"].map(|name| folder.path().join(name));
     std::fs::write(&asked, serde_json::to_vec(questions).expect("JSON")).expect("questions written");
-    let output = Command::new(python())
-        .arg(root().join("tests/oracles/answer.py"))
-        .args([&asked, &answered])
-        .env("JAX_PLATFORMS", "cpu")
+    run("answer.py", |oracle| {
         // Small scenes take longer to compile than to compute.
-        .env("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));
+        let quick = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true";
+        oracle.args([&asked, &answered]).env("XLA_FLAGS", quick)
+    });
     serde_json::from_slice(&std::fs::read(&answered).expect("answers")).expect("JSON")
 }
 

@@ -142,12 +142,12 @@ pub fn mean_squared_distance(points: &[[f32; 3]], count: usize) -> Vec<f32> {
 /// A search tree over points.
 pub struct Neighbours {
     tree: Option<ImmutableKdTree<f32, 3>>,
-    count: usize,
 }
 
 impl std::fmt::Debug for Neighbours {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Neighbours").field("count", &self.count).finish_non_exhaustive()
+        let points = self.tree.as_ref().map_or(0, ImmutableKdTree::size);
+        formatter.debug_struct("Neighbours").field("points", &points).finish_non_exhaustive()
     }
 }
 
@@ -158,16 +158,15 @@ impl Neighbours {
         // The tree wants finite numbers; these are farther than any that matter.
         let finite = |value: f32| if value.is_finite() { value.clamp(-1e15, 1e15) } else { 1e15 };
         let points: Vec<[f32; 3]> = points.iter().map(|point| point.map(finite)).collect();
-        Self { tree: ImmutableKdTree::new_from_slice(&points).ok(), count: points.len() }
+        Self { tree: (!points.is_empty()).then(|| ImmutableKdTree::new_from_slice(&points)) }
     }
 
     /// Index and squared distance of the `count` nearest points (fewer where there are fewer), nearest first.
     #[must_use]
     pub fn nearest(&self, point: &[f32; 3], count: usize) -> Vec<(usize, f32)> {
-        let (Some(tree), Some(count)) = (&self.tree, NonZero::new(count.min(self.count))) else {
-            return Vec::new();
-        };
-        let found = tree.query(point).nearest_n::<SquaredEuclidean<f32>>(count).execute();
+        let Some(tree) = &self.tree else { return Vec::new() };
+        let Some(count) = NonZero::new(count.min(tree.size())) else { return Vec::new() };
+        let found = tree.nearest_n::<SquaredEuclidean>(point, count);
         found.into_iter().map(|found| (found.item as usize, found.distance)).collect()
     }
 }
@@ -181,6 +180,28 @@ mod tests {
         let points = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
         let found = Neighbours::new(&points).nearest(&[0.9, 0.0, 0.0], 2);
         assert_eq!(found.iter().map(|(index, _)| *index).collect::<Vec<_>>(), [2, 0]);
+    }
+
+    #[test]
+    fn neighbours_are_those_that_a_search_through_all_points_finds() {
+        let unit = |i: u64| erfgs_base::random::uniform(erfgs_base::random::key(7, &[i])) as f32;
+        // Half of them on a coarse grid, where coordinates and distances are often equal.
+        let points: Vec<[f32; 3]> = (0..2000u64)
+            .map(|i| {
+                let point = [unit(3 * i), unit(3 * i + 1), unit(3 * i + 2)];
+                if i % 2 == 0 { point } else { point.map(|x| (x * 5.0).round() / 5.0) }
+            })
+            .collect();
+        let squared = |a: &[f32; 3], b: &[f32; 3]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+        let tree = Neighbours::new(&points);
+        for point in points.iter().step_by(7).chain(&[[5.0, -1.0, 0.5]]) {
+            let found = tree.nearest(point, 9);
+            assert!(found.iter().all(|&(index, distance)| squared(point, &points[index]) == distance));
+            let mut all: Vec<f32> = points.iter().map(|other| squared(point, other)).collect();
+            all.sort_unstable_by(f32::total_cmp);
+            assert_eq!(found.iter().map(|(_, distance)| *distance).collect::<Vec<_>>(), all[..9]);
+        }
+        assert_eq!(tree.nearest(&[0.0; 3], usize::MAX).len(), points.len());
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod field;
 pub mod gaussians;
 pub mod gpu;
 pub mod losses;
+mod matrix;
 pub mod metrics;
 pub mod optimiser;
 pub mod raster;

@@ -28,7 +28,7 @@ impl Stage {
 /// Where a run stands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Clock {
-    /// The stage.
+    /// Which of the two stages it is in.
     pub stage: Stage,
     /// Iterations of the stage that are done.
     pub iteration: u32,

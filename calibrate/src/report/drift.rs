@@ -3,7 +3,10 @@
 use std::{fmt::Write as _, path::Path};
 
 use erfgs_base::{FileError, atomic};
-use erfgs_page::html::{self, Escaped, number};
+use erfgs_page::{
+    html::{self, Escaped, number},
+    plot::{Interval, Intervals},
+};
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
@@ -119,61 +122,11 @@ fn charts(comparison: &Comparison) -> String {
 }
 
 fn chart(comparison: &Comparison, label: &str, of: &dyn Fn(&Drift) -> [f64; 3]) -> String {
-    const WIDTH: f64 = 560.0;
-    const LEFT: f64 = 120.0;
-    const ROW: f64 = 22.0;
-    let height = ROW * comparison.cameras.len() as f64;
-    let far = |drift: &Drift| {
+    let row = |drift: &Drift| {
         let [value, sigma, limit] = of(drift);
-        (value + sigma).max(limit)
+        Interval { name: drift.camera.clone(), value, sigma, limit, marked: drift.moved }
     };
-    let most = comparison.cameras.iter().map(far).fold(0.0, f64::max).max(1e-9);
-    let step = round_down(most / 2.5);
-    let x = |value: f64| LEFT + (WIDTH - LEFT - 20.0) * value / (1.05 * most);
-    let mut svg = format!(
-        "<svg class=\"plot drift\" viewBox=\"0 0 {WIDTH} {:.0}\" role=\"img\" aria-label=\"{}\">",
-        height + 50.0,
-        Escaped(label)
-    );
-    for tick in 0..=(1.05 * most / step) as usize {
-        let value = step * tick as f64;
-        let decimals = (-step.log10().floor()).max(0.0) as usize;
-        let _ = write!(
-            svg,
-            "<path class=\"grid\" d=\"M{0:.1} 0V{height:.0}\"/><text class=\"tick\" text-anchor=\"middle\" x=\"{0:.1}\" \
-             y=\"{1:.0}\">{2}</text>",
-            x(value),
-            height + 18.0,
-            number(value, decimals)
-        );
-    }
-    let _ = write!(
-        svg,
-        "<text class=\"label\" text-anchor=\"end\" x=\"{:.0}\" y=\"{:.0}\">{}</text>",
-        WIDTH - 20.0,
-        height + 40.0,
-        Escaped(label)
-    );
-    for (index, drift) in comparison.cameras.iter().enumerate() {
-        let [value, sigma, limit] = of(drift);
-        let y = ROW * (index as f64 + 0.5);
-        let _ = write!(
-            svg,
-            "<text class=\"tick\" text-anchor=\"end\" x=\"{:.0}\" y=\"{:.1}\">{}</text><path class=\"limit\" \
-             d=\"M{:.1} {:.1}v14\"/><g class=\"{}\"><path d=\"M{:.1} {y:.1}H{:.1}\"/><circle cx=\"{:.1}\" cy=\"{y:.1}\" \
-             r=\"4\"/></g>",
-            LEFT - 10.0,
-            y + 4.0,
-            Escaped(&drift.camera),
-            x(limit),
-            y - 7.0,
-            if drift.moved { "moved" } else { "still" },
-            x((value - sigma).max(0.0)),
-            x(value + sigma),
-            x(value),
-        );
-    }
-    svg + "</svg>"
+    Intervals { label: label.into(), rows: comparison.cameras.iter().map(row).collect() }.svg()
 }
 
 /// The rig as it was, and those cameras that moved where they are now, farther away than they are.

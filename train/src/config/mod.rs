@@ -74,7 +74,7 @@ pub struct Config {
     pub init: InitConfig,
     /// Spherical harmonics.
     pub sh: ShConfig,
-    /// Learning rates.
+    /// Learning rates of all parameters, and how they decay.
     pub learning_rate: LearningRates,
     /// The deformation field.
     pub field: FieldOptions,
@@ -130,7 +130,7 @@ pub struct LearningRates {
     pub sh_dc: f32,
     /// The other SH coefficients.
     pub sh_rest: f32,
-    /// Opacity.
+    /// Opacity logits.
     pub opacity: f32,
     /// Log-scales.
     pub scale: f32,
@@ -138,7 +138,7 @@ pub struct LearningRates {
     pub rotation: f32,
     /// Steps of the decay; 0 means the iterations of the stage.
     pub decay_steps: u32,
-    /// Epsilon of Adam.
+    /// What Adam adds to the root of the second moment.
     pub adam_epsilon: f32,
 }
 
@@ -263,7 +263,7 @@ pub struct EarlConfig {
     pub from: u32,
     /// How a change is compared with a count.
     pub quantise: Quantise,
-    /// The norm.
+    /// Norm of the difference between change and count.
     pub norm: Norm,
     /// Whether pixels are weighted by 1 / max(|E|, 1).
     pub confidence: bool,

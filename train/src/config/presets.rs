@@ -137,7 +137,7 @@ impl Config {
         config
     }
 
-    /// Ours.
+    /// The preset `default`: the paper, but for what is set here.
     fn ours() -> Self {
         let mut config = Self::paper();
         config.preset = Preset::Default;

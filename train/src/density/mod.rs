@@ -39,9 +39,9 @@ impl Moments {
 /// Gaussians and their moments.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Population {
-    /// The Gaussians.
+    /// Their parameters.
     pub gaussians: Gaussians,
-    /// Their moments.
+    /// Adam's moments of the parameters, row by row.
     pub moments: Moments,
 }
 

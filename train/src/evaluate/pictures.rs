@@ -3,7 +3,6 @@
 use erfgs_scene::image::{ImageGrey8, ImageRgb8};
 
 use crate::{
-    losses::Sensor,
     metrics::to_bytes,
     trainer::{TrainError, Trainer},
 };
@@ -47,7 +46,7 @@ impl Trainer<'_> {
                     .0
                     .iter()
                     .zip(after.as_chunks::<3>().0)
-                    .map(|(before, after)| (level(after, &sensor) - level(before, &sensor)) / sensor.threshold)
+                    .map(|(before, after)| (sensor.lin_log(after) - sensor.lin_log(before)) / sensor.threshold)
                     .collect();
                 let scene_view = &self.scene.views[view];
                 let size = [scene_view.view.width, scene_view.view.height];
@@ -59,10 +58,6 @@ impl Trainer<'_> {
         }
         Ok(())
     }
-}
-
-fn level(rgb: &[f32; 3], sensor: &Sensor) -> f32 {
-    crate::reference::losses::lin_log(&rgb.map(f64::from), sensor) as f32
 }
 
 /// Red where the light grew, blue where it fell, white where nothing happened; full colour at four thresholds.

@@ -13,7 +13,7 @@ pub const PLANE_AXES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, TIME], [1, 2], [1, 
 /// A plane: `rows` x `cols` cells of `features` values, row-major, features innermost.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plane {
-    /// Its level.
+    /// Index of its level in the configuration.
     pub level: usize,
     /// The axes along its columns and its rows (0 to 2 for x to z, 3 for time). 4DGS stores `[feature, row, column]`.
     pub axes: [usize; 2],
@@ -45,9 +45,9 @@ impl Plane {
 pub struct Linear {
     /// Such as `trunk.0` or `head.position.1`.
     pub name: String,
-    /// Inputs.
+    /// Values that go in: columns of the weights.
     pub inputs: usize,
-    /// Outputs.
+    /// Values that come out: rows of the weights.
     pub outputs: usize,
     /// Its first weight in the flat vector.
     pub weight: usize,

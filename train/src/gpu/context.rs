@@ -84,7 +84,7 @@ pub struct AdapterChoice {
 pub struct Gpu {
     /// The wgpu device.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// Where work for it is submitted.
     pub queue: wgpu::Queue,
     /// What the adapter says of itself.
     pub info: wgpu::AdapterInfo,

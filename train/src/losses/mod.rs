@@ -6,6 +6,7 @@
 mod colour;
 
 use bytemuck::{Pod, Zeroable};
+use erfgs_scene::srgb;
 use wgpu::Buffer;
 
 pub use self::colour::ColourChange;
@@ -76,6 +77,16 @@ pub struct Sensor {
     pub lin_log: f32,
     /// Whether intensity is linearised before the logarithm.
     pub linear_light: bool,
+}
+
+impl Sensor {
+    /// Lin-log intensity of a display colour (0 to 1, red, green, blue), as `event.wgsl` computes it.
+    #[must_use]
+    pub fn lin_log(&self, colour: &[f32; 3]) -> f32 {
+        let luma: f32 = colour.iter().zip([0.299, 0.587, 0.114]).map(|(value, weight)| value * weight).sum();
+        let x = 255.0 * if self.linear_light { srgb::decode(luma) } else { luma };
+        if x <= self.lin_log { x * self.lin_log.ln() / self.lin_log } else { x.ln() }
+    }
 }
 
 /// The kernels of the losses.

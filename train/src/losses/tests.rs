@@ -35,6 +35,17 @@ fn difference(mut loss: impl FnMut(f64) -> f64) -> f64 {
 }
 
 #[test]
+fn the_lin_log_of_a_sensor_is_the_twins() {
+    for (lin_log, linear_light) in [(20.0, false), (20.0, true), (5.0, true)] {
+        let sensor = Sensor { threshold: 0.2, lin_log, linear_light };
+        for pixel in image(5).iter().flat_map(|p| [[p[0], p[1], p[2]], [p[0] * 0.02, p[1] * 0.02, p[2] * 0.02]]) {
+            let (got, want) = (f64::from(sensor.lin_log(&pixel)), twin::lin_log(&pixel.map(f64::from), &sensor));
+            assert!((got - want).abs() <= 2e-6 * want.abs().max(1.0), "{pixel:?}: {got} against {want}");
+        }
+    }
+}
+
+#[test]
 fn the_photometric_loss_and_its_gradient_match_the_twin() {
     for gpu in gpus() {
         for linear_light in [false, true] {

@@ -36,13 +36,13 @@ impl AdamConfig {
 /// The buffers of one Adam step: `rows` rows of `stride` floats each.
 #[derive(Clone, Copy, Debug)]
 pub struct AdamBuffers<'a> {
-    /// Parameters.
+    /// What is optimised.
     pub parameters: &'a Buffer,
     /// Their gradients; left as they are.
     pub gradients: &'a Buffer,
-    /// First moments.
+    /// Running means of the gradients.
     pub first_moment: &'a Buffer,
-    /// Second moments.
+    /// Running means of their squares.
     pub second_moment: &'a Buffer,
     /// Rows to update.
     pub rows: u32,

@@ -20,7 +20,7 @@ pub struct BenchScene {
     pub height: u32,
     /// Median standard deviation of a splat, pixels.
     pub sigma_px: f64,
-    /// SH degree.
+    /// Degree of the colours' spherical harmonics, 0 to 3.
     pub sh_degree: u32,
 }
 

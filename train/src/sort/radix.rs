@@ -16,9 +16,9 @@ pub struct RadixSort {
 /// Keys and values, and what the sort works with.
 #[derive(Debug)]
 pub struct SortBuffers {
-    /// Keys.
+    /// What is sorted by, ascending: a `u32` each.
     pub keys: Buffer,
-    /// Values.
+    /// What goes with each key: a `u32`.
     pub values: Buffer,
     other_keys: Buffer,
     other_values: Buffer,

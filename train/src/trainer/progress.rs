@@ -29,7 +29,7 @@ pub enum Outcome {
 /// Where a run stands.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
-    /// The stage.
+    /// Which of the two stages it is in.
     pub stage: Stage,
     /// Iterations done, over both stages.
     pub iteration: u64,
@@ -39,7 +39,7 @@ pub struct Progress {
     pub share: f64,
     /// Seconds of training so far, without evaluation.
     pub seconds: f64,
-    /// Gaussians.
+    /// Gaussians, those that never move included.
     pub gaussians: u32,
     /// Gaussians that the field deforms.
     pub dynamic: u32,
@@ -92,7 +92,7 @@ pub enum TrainError {
     Metric(#[from] MetricError),
     /// An exported file.
     #[error(transparent)]
-    Export(#[from] crate::export::ExportError),
+    Export(#[from] erfgs_scene::ply::GaussianCloudError),
     /// A picture.
     #[error(transparent)]
     Image(#[from] erfgs_scene::image::ImageError),

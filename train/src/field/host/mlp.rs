@@ -1,9 +1,11 @@
 //! The MLP on a block of rows, small enough that its activations stay in the cache.
 
-use super::product::{Matrix, multiply};
-use crate::field::{
-    Layout, Linear, Outputs,
-    layout::{Head, Target},
+use crate::{
+    field::{
+        Layout, Linear, Outputs,
+        layout::{Head, Target},
+    },
+    matrix::{Matrix, multiply},
 };
 
 /// Rows of a block.

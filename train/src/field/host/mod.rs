@@ -5,7 +5,6 @@ mod adam;
 mod compute;
 mod grid;
 mod mlp;
-mod product;
 mod regular;
 
 use wgpu::Buffer;

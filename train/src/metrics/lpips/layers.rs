@@ -3,8 +3,9 @@
 //! Feature maps are row-major with channels last, so that a band of output rows is one contiguous block that one
 //! thread fills.
 
-use gemm::{Parallelism, gemm};
 use rayon::prelude::*;
+
+use crate::matrix::{Matrix, multiply};
 
 /// A feature map: `height` x `width` x `channels`.
 #[derive(Clone, Debug)]
@@ -70,7 +71,9 @@ impl Convolution {
             for pixel in out.chunks_exact_mut(self.outputs) {
                 pixel.copy_from_slice(&self.bias);
             }
-            multiply_add(pixels, self.outputs, depth, unrolled, &self.weights, out);
+            let unrolled = Matrix::new(unrolled, pixels, depth, depth);
+            let weights = Matrix::new(&self.weights, depth, self.outputs, self.outputs);
+            multiply(out, self.outputs, unrolled, weights, true);
             for value in out {
                 *value = value.max(0.0);
             }
@@ -102,36 +105,6 @@ impl Convolution {
                 }
             }
         }
-    }
-}
-
-/// `out += a b` for row-major `a` (m x k), `b` (k x n) and `out` (m x n).
-fn multiply_add(m: usize, n: usize, k: usize, a: &[f32], b: &[f32], out: &mut [f32]) {
-    assert!(a.len() == m * k && b.len() == k * n && out.len() == m * n, "matrix sizes");
-    // SAFETY: the assertion above bounds every element that the strides reach; `out` is borrowed uniquely and so
-    // overlaps neither `a` nor `b`.
-    unsafe {
-        gemm(
-            m,
-            n,
-            k,
-            out.as_mut_ptr(),
-            1,
-            n as isize,
-            true,
-            a.as_ptr(),
-            1,
-            k as isize,
-            b.as_ptr(),
-            1,
-            n as isize,
-            1.0f32,
-            1.0f32,
-            false,
-            false,
-            false,
-            Parallelism::None,
-        );
     }
 }
 

@@ -1,4 +1,6 @@
-//! Matrix products on the host: a safe face for the crate `gemm`.
+//! Matrix products on the host: a safe face for the crate `gemm-f32`.
+
+use gemm_common::Parallelism;
 
 /// A matrix inside a slice.
 #[derive(Clone, Copy)]
@@ -43,30 +45,33 @@ pub fn multiply(out: &mut [f32], stride: usize, a: Matrix<'_>, b: Matrix<'_>, ad
         return;
     }
     assert!(stride >= b.cols && out.len() >= (a.rows - 1) * stride + b.cols, "the result lies within its slice");
+    let gemm = gemm_f32::gemm::f32::get_gemm_fn();
+    // The kernels want a result whose columns are contiguous. This one's rows are, so that it is computed as
+    // out^T = b^T a^T.
     // SAFETY: the constructor of `Matrix` and the assertions above keep every element within its slice; transposing
     // exchanges sizes and strides together. `out` is borrowed mutably, so that it overlaps neither operand, and its rows
     // do not overlap because `stride >= b.cols`.
     unsafe {
-        gemm::gemm(
-            a.rows,
+        gemm(
             b.cols,
+            a.rows,
             a.cols,
             out.as_mut_ptr(),
-            1,
             stride as isize,
+            1,
             add,
-            a.data.as_ptr(),
-            a.col_stride as isize,
-            a.row_stride as isize,
             b.data.as_ptr(),
-            b.col_stride as isize,
             b.row_stride as isize,
+            b.col_stride as isize,
+            a.data.as_ptr(),
+            a.row_stride as isize,
+            a.col_stride as isize,
             1.0,
             1.0,
             false,
             false,
             false,
-            gemm::Parallelism::None,
+            Parallelism::None,
         );
     }
 }

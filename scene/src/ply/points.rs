@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use erfgs_base::FileError;
 
+use super::header::{self, Header, HeaderError, Property, Scalar};
+
 /// Points with colours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
@@ -51,142 +53,24 @@ pub enum PlyError {
     },
 }
 
-/// A number type of PLY.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
+/// Where what makes a point lies in a vertex.
+struct Places<'a> {
+    position: [&'a Property; 3],
+    colour: Option<[&'a Property; 3]>,
 }
 
-impl Scalar {
-    fn parse(name: &str) -> Option<Self> {
-        Some(match name {
-            "char" | "int8" => Self::I8,
-            "uchar" | "uint8" => Self::U8,
-            "short" | "int16" => Self::I16,
-            "ushort" | "uint16" => Self::U16,
-            "int" | "int32" => Self::I32,
-            "uint" | "uint32" => Self::U32,
-            "float" | "float32" => Self::F32,
-            "double" | "float64" => Self::F64,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
+impl<'a> Places<'a> {
+    fn find(header: &'a Header) -> Result<Self, &'static str> {
+        let three = |names: [&str; 3]| match names.map(|name| header.property(name)) {
+            [Some(a), Some(b), Some(c)] => Some([a, b, c]),
+            _ => None,
+        };
+        let position = three(["x", "y", "z"]).ok_or("the vertices have no properties x, y, z")?;
+        let colour = three(["red", "green", "blue"]).or_else(|| three(["r", "g", "b"]));
+        if colour.is_some_and(|places| places.iter().any(|place| place.scalar != Scalar::U8)) {
+            return Err("colours must be of type uchar");
         }
-    }
-
-    /// The number at the beginning of `bytes`, which hold at least [`Scalar::size`] of them.
-    fn decode(self, bytes: &[u8]) -> Option<f64> {
-        Some(match self {
-            Self::I8 => f64::from(*bytes.first()? as i8),
-            Self::U8 => f64::from(*bytes.first()?),
-            Self::I16 => i16::from_le_bytes(*bytes.first_chunk()?).into(),
-            Self::U16 => u16::from_le_bytes(*bytes.first_chunk()?).into(),
-            Self::I32 => i32::from_le_bytes(*bytes.first_chunk()?).into(),
-            Self::U32 => u32::from_le_bytes(*bytes.first_chunk()?).into(),
-            Self::F32 => f32::from_le_bytes(*bytes.first_chunk()?).into(),
-            Self::F64 => f64::from_le_bytes(*bytes.first_chunk()?),
-        })
-    }
-}
-
-/// Where a property of a vertex lies.
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    scalar: Scalar,
-    /// Number of the column in ASCII.
-    column: usize,
-    /// Offset from the beginning of the vertex in binary.
-    offset: usize,
-}
-
-/// What is known of the vertices once the header is read.
-#[derive(Debug)]
-struct Layout {
-    ascii: bool,
-    vertices: usize,
-    /// Bytes of one vertex.
-    stride: usize,
-    position: [Place; 3],
-    colour: Option<[Place; 3]>,
-    /// Number of header lines, and bytes up to the first vertex.
-    lines: usize,
-    header: usize,
-}
-
-impl Layout {
-    /// Reads the header; an error is a line number (from 1) and what is wrong with it.
-    fn parse(bytes: &[u8]) -> Result<Self, (usize, String)> {
-        let (mut ascii, mut vertices, mut elements) = (None, None, 0);
-        let mut properties: Vec<(String, Place)> = Vec::new();
-        let (mut header, mut stride, mut lines) = (0, 0, 0);
-        for (index, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
-            header += line.len();
-            lines = index + 1;
-            let wrong = |what: &str| Err((lines, what.to_owned()));
-            let Some(text) = std::str::from_utf8(line).ok().filter(|_| line.ends_with(b"\n")) else {
-                return wrong("not text, or the header does not end");
-            };
-            let words: Vec<&str> = text.split_whitespace().collect();
-            match (index, words.as_slice()) {
-                (0, ["ply"]) => {}
-                (0, _) => return wrong("the file does not begin with `ply`"),
-                (_, [] | ["comment" | "obj_info", ..]) => {}
-                (_, ["format", "ascii", _]) => ascii = Some(true),
-                (_, ["format", "binary_little_endian", _]) => ascii = Some(false),
-                (_, ["format", ..]) => {
-                    return wrong("only ascii and binary_little_endian can be read; convert the file");
-                }
-                (_, ["element", "vertex", count]) => {
-                    if elements > 0 {
-                        return wrong("vertices must be the first element");
-                    }
-                    let Ok(count) = count.parse::<usize>() else { return wrong("the count of vertices is no number") };
-                    (vertices, elements) = (Some(count), 1);
-                }
-                (_, ["element", ..]) => elements += 1,
-                (_, ["property", ..]) if elements != 1 || vertices.is_none() => {}
-                (_, ["property", kind, name]) => {
-                    let Some(scalar) = Scalar::parse(kind) else { return wrong("unknown type of a property") };
-                    let place = Place { scalar, column: properties.len(), offset: stride };
-                    properties.push(((*name).to_owned(), place));
-                    stride += scalar.size();
-                }
-                (_, ["property", ..]) => return wrong("vertices with list properties cannot be read"),
-                (_, ["end_header"]) => {
-                    let find = |name: &str| properties.iter().find(|(n, _)| n == name).map(|(_, place)| *place);
-                    let three = |names: [&str; 3]| match names.map(find) {
-                        [Some(a), Some(b), Some(c)] => Some([a, b, c]),
-                        _ => None,
-                    };
-                    let Some(ascii) = ascii else { return wrong("the line `format` is missing") };
-                    let Some(vertices) = vertices else { return wrong("there is no element vertex") };
-                    let Some(position) = three(["x", "y", "z"]) else {
-                        return wrong("the vertices have no properties x, y, z");
-                    };
-                    let colour = three(["red", "green", "blue"]).or_else(|| three(["r", "g", "b"]));
-                    if colour.is_some_and(|places| places.iter().any(|place| place.scalar != Scalar::U8)) {
-                        return wrong("colours must be of type uchar");
-                    }
-                    return Ok(Self { ascii, vertices, stride, position, colour, lines, header });
-                }
-                _ => return wrong("unknown keyword"),
-            }
-        }
-        Err((lines.max(1), "the header does not end".to_owned()))
+        Ok(Self { position, colour })
     }
 }
 
@@ -214,10 +98,15 @@ impl PointCloud {
     }
 
     fn decode(path: &Path, bytes: &[u8]) -> Result<Self, PlyError> {
-        let layout =
-            Layout::parse(bytes).map_err(|(line, what)| PlyError::Header { path: path.to_owned(), line, what })?;
-        let body = bytes.get(layout.header..).unwrap_or_default();
-        let truncated = |found| PlyError::Truncated { path: path.to_owned(), found, named: layout.vertices };
+        let io = |source| PlyError::Io { doing: "read", path: path.to_owned(), source };
+        let wrong = |line, what| PlyError::Header { path: path.to_owned(), line, what };
+        let mut body = bytes;
+        let header = Header::read(&mut body).map_err(|error| match error {
+            HeaderError::Io(source) => io(source),
+            HeaderError::Line(line, what) => wrong(line, what),
+        })?;
+        let places = Places::find(&header).map_err(|what| wrong(header.lines, what.to_owned()))?;
+        let truncated = |found| PlyError::Truncated { path: path.to_owned(), found, named: header.vertices };
         let vertex = |index, what| PlyError::Vertex { path: path.to_owned(), index, what };
         let mut cloud = Self::default();
         let mut push = |index, position: [Option<f64>; 3], colour: [Option<f64>; 3]| {
@@ -235,28 +124,24 @@ impl PointCloud {
             Ok(())
         };
         let grey = [Some(128.0); 3];
-        if layout.ascii {
-            let text = std::str::from_utf8(body).map_err(|_| PlyError::Header {
-                path: path.to_owned(),
-                line: layout.lines,
-                what: "the vertices of an ascii file are not text".to_owned(),
-            })?;
+        if header.ascii {
+            let text = std::str::from_utf8(body)
+                .map_err(|_| wrong(header.lines, "the vertices of an ascii file are not text".to_owned()))?;
             // A last line without its end may have lost digits.
             let whole = text.rfind('\n').map_or("", |end| &text[..end]);
             let mut lines = whole.lines().filter(|line| !line.trim().is_empty());
-            for index in 0..layout.vertices {
+            for index in 0..header.vertices {
                 let line = lines.next().ok_or_else(|| truncated(index))?;
                 let words: Vec<&str> = line.split_whitespace().collect();
-                let number = |place: Place| words.get(place.column)?.parse::<f64>().ok();
-                push(index, layout.position.map(number), layout.colour.map_or(grey, |places| places.map(number)))?;
+                let number = |place: &Property| words.get(place.column)?.parse::<f64>().ok();
+                push(index, places.position.map(number), places.colour.map_or(grey, |places| places.map(number)))?;
             }
         } else {
-            let mut rest = body;
-            for index in 0..layout.vertices {
-                let (bytes, after) = rest.split_at_checked(layout.stride).ok_or_else(|| truncated(index))?;
-                let number = |place: Place| place.scalar.decode(bytes.get(place.offset..)?);
-                push(index, layout.position.map(number), layout.colour.map_or(grey, |places| places.map(number)))?;
-                rest = after;
+            for index in 0..header.vertices {
+                let (bytes, after) = body.split_at_checked(header.stride).ok_or_else(|| truncated(index))?;
+                let number = |place: &Property| place.scalar.decode(bytes.get(place.offset..)?);
+                push(index, places.position.map(number), places.colour.map_or(grey, |places| places.map(number)))?;
+                body = after;
             }
         }
         Ok(cloud)
@@ -273,14 +158,9 @@ impl PointCloud {
             let what = format!("{} positions, but {} colours", self.positions.len(), self.colours.len());
             return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)).into());
         }
-        let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", self.len()).into_bytes();
-        for name in ["x", "y", "z"] {
-            bytes.extend_from_slice(format!("property float {name}\n").as_bytes());
-        }
-        for name in ["red", "green", "blue"] {
-            bytes.extend_from_slice(format!("property uchar {name}\n").as_bytes());
-        }
-        bytes.extend_from_slice(b"end_header\n");
+        let positions = ["x", "y", "z"].map(|name| (Scalar::F32, name));
+        let colours = ["red", "green", "blue"].map(|name| (Scalar::U8, name));
+        let mut bytes = header::write(self.len(), positions.into_iter().chain(colours)).into_bytes();
         for (position, colour) in self.positions.iter().zip(&self.colours) {
             position.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
             bytes.extend_from_slice(colour);

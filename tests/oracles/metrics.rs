@@ -1,9 +1,11 @@
-//! SSIM and LPIPS against JAX (tests/oracles/metrics.py).
+//! SSIM and LPIPS against JAX (`metrics.py`).
 
-use std::{path::Path, process::Command};
+use std::path::Path;
 
 use erfgs_run::LpipsScaling;
 use erfgs_train::metrics::{Lpips, LpipsWeights, Picture, ssim};
+
+use super::run;
 
 fn floats(path: &Path) -> Vec<f32> {
     std::fs::read(path).unwrap().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
@@ -12,8 +14,7 @@ fn floats(path: &Path) -> Vec<f32> {
 #[test]
 fn ssim_and_lpips_agree_with_jax() {
     let folder = tempfile::tempdir().unwrap();
-    let script = erfgs_recordings::root().join("tests/oracles/metrics.py");
-    assert!(Command::new(erfgs_recordings::python()).arg(script).arg(folder.path()).status().unwrap().success());
+    run("metrics.py", |oracle| oracle.arg(folder.path()));
 
     let text = std::fs::read_to_string(folder.path().join("expected.json")).unwrap();
     let expected: serde_json::Value = serde_json::from_str(&text).unwrap();
