@@ -1,9 +1,9 @@
 //! `erfgs sync`: fit the clocks of a session anew.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use erfgs_session::container::Session;
-use erfgs_sync::{Row, StreamSync, SyncOptions, Synchronisation, page, synchronise};
+use erfgs_session::container::{Session, Summary};
+use erfgs_sync::{Row, StreamSync, SyncFileError, SyncNote, SyncOptions, Synchronisation, page, synchronise};
 
 use crate::terminal::{Terminal, table, thousands};
 
@@ -39,21 +39,14 @@ pub struct Arguments {
 
 /// The session's clocks: as `erfgs sync` left them in the file beside it, or fitted now.
 pub fn of_session(session: &mut Session, terminal: &Terminal) -> anyhow::Result<Synchronisation> {
-    let beside = Synchronisation::file_beside(session.path());
-    if beside.is_file() {
-        let found = Synchronisation::load(&beside)?;
-        for stream in session.summary().streams.iter().filter(|stream| stream.totals.discontinuities > 0) {
-            let id = &stream.description.id;
-            if found.version == 1 && found.stream(id).is_some_and(|sync| sync.epochs.as_slice().len() == 1) {
-                let beside = beside.display();
-                terminal.note(format!(
-                    "{id}: {beside} has one clock across the breaks of this stream; `erfgs sync` fits one for each part"
-                ));
-            }
-        }
-        return Ok(found);
-    }
-    fit(session, SyncOptions::default(), terminal)
+    let progress = terminal.progress("fitting clocks");
+    let mut note = |note: SyncNote| terminal.note(note.to_string());
+    Ok(erfgs_sync::of_session(session, &mut note, |bytes, total| progress.update(bytes, total, "bytes"))?)
+}
+
+/// The clocks in the file beside a recording, if there is one that fits.
+pub fn kept(path: &Path, summary: &Summary, terminal: &Terminal) -> Result<Option<Synchronisation>, SyncFileError> {
+    erfgs_sync::kept(path, summary, &mut |note| terminal.note(note.to_string()))
 }
 
 fn fit(session: &mut Session, options: SyncOptions, terminal: &Terminal) -> anyhow::Result<Synchronisation> {

@@ -41,7 +41,24 @@ impl Description {
         let look = RawLook::of_settings(&self.settings, pixels);
         Some(FrameFormat { pixels, width: self.width, height: self.height, look })
     }
+
+    /// The exposure that a frame camera was set to, nanoseconds: its setting `exposure_us`. `None` where it has none, or
+    /// one that is no length of time.
+    #[must_use]
+    pub fn exposure_ns(&self) -> Option<i64> {
+        let exposure_us = self.settings.get("exposure_us").and_then(serde_json::Value::as_f64)?;
+        (exposure_us > 0.0 && exposure_us <= 1e-3 * LONGEST_EXPOSURE_NS).then(|| (1e3 * exposure_us).round() as i64)
+    }
+
+    /// Whether each frame is taken at a pulse of the trigger board: the setting `triggered`.
+    #[must_use]
+    pub fn is_triggered(&self) -> bool {
+        self.settings.get("triggered").and_then(serde_json::Value::as_bool) == Some(true)
+    }
 }
+
+/// No frame of a video is exposed for longer, nanoseconds: an hour.
+const LONGEST_EXPOSURE_NS: f64 = 3.6e12;
 
 /// The clock that a kernel stamped a frame with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +92,14 @@ pub struct FrameStamp {
     /// The driver's count of frames; a gap means that the kernel lost some.
     pub sequence: u32,
 }
+
+/// How late a packet may be, nanoseconds: the most by which its arrival ([`Packet::host_ns`]) follows what it holds, and by
+/// which it lies out of the order of arrival in a file.
+///
+/// Who looks for what was seen within a window of time reads on until so much after its end. Devices hand events over within
+/// milliseconds; a frame comes after its exposure, readout and a queue of frames, which at a low rate takes seconds. What is
+/// too long costs reading, what is too short costs data.
+pub const LATE_NS: i64 = 5_000_000_000;
 
 /// One transfer of a device, as it arrived.
 #[derive(Clone, Debug, PartialEq)]
@@ -183,5 +208,27 @@ mod tests {
             let stream = Description { id, model, serial, encoding, width: 2, height: 1, start_order: 0, settings };
             assert_eq!(stream.frame_format().is_some(), encoding.is_frames(), "{encoding}");
         }
+    }
+
+    #[test]
+    fn an_exposure_is_a_length_of_time() {
+        let camera = |settings: serde_json::Value| Description {
+            id: "cam".into(),
+            model: String::new(),
+            serial: String::new(),
+            encoding: Encoding::TriggerLines,
+            width: 2,
+            height: 1,
+            start_order: 0,
+            settings: settings.as_object().unwrap().clone(),
+        };
+        let exposure_ns = |exposure_us| camera(serde_json::json!({ "exposure_us": exposure_us })).exposure_ns();
+        assert_eq!(exposure_ns(serde_json::json!(5000)), Some(5_000_000));
+        assert_eq!(exposure_ns(serde_json::json!(5020.3)), Some(5_020_300));
+        for wrong in [serde_json::json!(0), serde_json::json!(-3), serde_json::json!(1e300), serde_json::json!("5")] {
+            assert_eq!(exposure_ns(wrong.clone()), None, "{wrong}");
+        }
+        assert!(camera(serde_json::json!({ "triggered": true })).is_triggered());
+        assert!(!camera(serde_json::json!({ "triggered": "yes" })).is_triggered());
     }
 }

@@ -1,21 +1,17 @@
 //! `erfgs calibrate board`: cameras from a chessboard, ChArUco board or AprilGrid.
 
-use std::{
-    collections::HashMap,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
     board::{BoardOptions, EventBoard, LensModel, Seen, Target, calibrate, look, look_session, pictures},
     report::telling,
 };
 use erfgs_scene::rig_file::RigFile;
-
-use erfgs_session::{clock::Epochs, source::Packet};
+use erfgs_session::container::Session;
 use erfgs_sync::Synchronisation;
 
 use super::summary::finish;
-use crate::terminal::Terminal;
+use crate::{sync, terminal::Terminal};
 
 /// Calibrate with a chessboard, ChArUco board or AprilGrid that was held before the cameras.
 #[derive(Debug, clap::Args)]
@@ -89,30 +85,24 @@ pub fn lens_model(text: &str) -> Result<LensModel, String> {
     }
 }
 
-/// Looks for the board in a session, or in a folder.
+/// Looks for the board in a session, or in a folder; of a session also its clocks, if `erfgs sync` has fitted them.
 pub fn boards(
     input: &Path,
     target: &Target,
     events: Option<EventBoard>,
     terminal: &Terminal,
-) -> anyhow::Result<(Vec<Seen>, HashMap<String, Epochs>)> {
+) -> anyhow::Result<(Vec<Seen>, Option<Synchronisation>)> {
     let progress = terminal.progress("looking for the board");
     let tell = |done: usize, total: Option<usize>| match total {
         Some(total) => progress.update(done as u64, total as u64, "frames"),
         None => progress.share(0.0, || format!("{done} frames")),
     };
     if !input.is_file() {
-        return Ok((look(input, target, events, &tell)?, HashMap::new()));
+        return Ok((look(input, target, events, &tell)?, None));
     }
-    // The middle of the exposure, where `erfgs sync` found it.
-    let beside = Synchronisation::file_beside(input);
-    let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
-    let mids: HashMap<&str, HashMap<u64, i64>> =
-        sync.iter().flat_map(|sync| &sync.streams).map(|stream| (stream.id.as_str(), stream.exposure_mids())).collect();
-    let streams = sync.iter().flat_map(|sync| &sync.streams);
-    let epochs = streams.map(|stream| (stream.id.clone(), stream.epochs.clone())).collect();
-    let time_ns = |id: &str, packet: &Packet| mids.get(id)?.get(&packet.sequence).copied();
-    Ok((look_session(input, target, events, &time_ns, &epochs, &tell)?, epochs))
+    let mut session = Session::open(input)?;
+    let sync = sync::kept(input, session.summary(), terminal)?;
+    Ok((look_session(&mut session, target, events, sync.as_ref(), &tell)?, sync))
 }
 
 /// Looks for boards and calibrates.
@@ -130,7 +120,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
     let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
-    let (seen, epochs) = boards(&arguments.input, &arguments.target, events, terminal)?;
+    let (seen, sync) = boards(&arguments.input, &arguments.target, events, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
     }
@@ -139,7 +129,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         progress.update(done as u64, total as u64, what);
     })?;
     drop(progress);
-    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence), &epochs) {
+    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),
     }

@@ -8,7 +8,6 @@ mod sfm;
 mod summary;
 mod target;
 mod wand;
-mod wand_session;
 
 use clap::Subcommand;
 

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use erfgs_calibrate::wand::{
-    KnownRig, Matching, Scale, Stick, WandOptions, calibrate, detect::BlinkOptions, read_points,
+    KnownRig, Matching, Scale, Stick, WandCamera, WandError, WandOptions, calibrate, detect::BlinkOptions, look_session,
+    pictures, read_points,
 };
 use erfgs_scene::rig_file::RigFile;
+use erfgs_session::container::Session;
+use erfgs_sync::Synchronisation;
 
-use super::{
-    summary::finish,
-    wand_session::{Recording, look, pictures},
-};
-use crate::{errors::Usage, terminal::Terminal};
+use super::summary::finish;
+use crate::{errors::Usage, progress::Progress, sync, terminal::Terminal};
 
 /// Calibrate with a wand of three LEDs that was waved before the cameras.
 #[derive(Debug, clap::Args)]
@@ -139,9 +139,16 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut options = arguments.options()?;
     let rig = arguments.rig.as_deref().map(RigFile::read).transpose()?;
     let is_session = arguments.input.extension().is_some_and(|extension| extension == "mcap");
-    let mut recording = is_session.then(|| Recording::open(&arguments.input, terminal)).transpose()?;
+    let mut recording = match is_session {
+        true => {
+            let mut session = Session::open(&arguments.input)?;
+            let sync = sync::of_session(&mut session, terminal)?;
+            Some((session, sync))
+        }
+        false => None,
+    };
     let mut cameras = match &mut recording {
-        Some(recording) => look(recording, rig.as_ref(), &arguments.wand, &arguments.blinks()?, terminal)?,
+        Some((session, sync)) => look(session, sync, rig.as_ref(), arguments, terminal)?,
         None => read_points(&arguments.input)?,
     };
     if let Some(rig) = &rig {
@@ -170,11 +177,43 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         cameras.iter_mut().for_each(|camera| camera.sigma_px = arguments.sigma);
     }
     let (rig, mut evidence) = calibrate(&cameras, &options)?;
-    if let Some(recording) = &mut recording {
-        match pictures(recording, &rig, &evidence) {
+    if let Some((session, sync)) = &mut recording {
+        match pictures(session, sync, &rig, &evidence) {
             Ok(pictures) => evidence.pictures = pictures,
             Err(error) => terminal.note(format!("the report has no pictures: {error}")),
         }
     }
     finish(&rig, &evidence, &arguments.out, terminal)
+}
+
+/// Looks for the wand in a session, and tells what was found.
+fn look(
+    session: &mut Session,
+    sync: &Synchronisation,
+    rig: Option<&RigFile>,
+    arguments: &Arguments,
+    terminal: &Terminal,
+) -> anyhow::Result<Vec<WandCamera>> {
+    let mut of_stream: Option<(String, Progress)> = None;
+    let found = look_session(session, sync, rig, &arguments.wand, &arguments.blinks()?, &mut |stream, step| {
+        if of_stream.as_ref().is_none_or(|(of, _)| of != stream) {
+            of_stream = Some((stream.to_owned(), terminal.progress(stream)));
+        }
+        if let Some((_, progress)) = &of_stream {
+            progress.update(step.done, step.total, step.what);
+        }
+    });
+    drop(of_stream);
+    let found = found.map_err(|error| match error {
+        WandError::NoIntrinsics { .. } => Usage(error.to_string()).into(),
+        error => anyhow::Error::from(error),
+    })?;
+    for (camera, lit) in found.cameras.iter().zip(&found.lit) {
+        let wands = camera.sightings.len();
+        terminal.note(format!("{}: lights at {lit} instants, the wand at {wands}", camera.name));
+    }
+    if !found.without.is_empty() {
+        terminal.note(format!("left out, as the rig file has no intrinsics for them: {}", found.without.join(", ")));
+    }
+    Ok(found.cameras)
 }

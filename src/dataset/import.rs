@@ -112,8 +112,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let scale = arguments.scale.unwrap_or(1.0);
         let options =
             SessionOptions { scale, resample, test_cameras, jobs: arguments.jobs, ..SessionOptions::default() };
-        let imported = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
-        return info::dataset(&imported.dataset, terminal);
+        let dataset = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
+        return info::dataset(&dataset, terminal);
     };
     anyhow::ensure!(
         arguments.session.rig.is_none(),

@@ -21,6 +21,7 @@ use serde::Serialize;
 use super::{Format, Task, events::is_passed_over, sensor_frames};
 use crate::{
     render::{exr, video::Video},
+    sync,
     terminal::Terminal,
 };
 
@@ -44,8 +45,7 @@ enum Out {
 
 /// Writes the streams and lists them.
 pub fn export(recording: &mut Recording, format: Format, tasks: &[Task], terminal: &Terminal) -> anyhow::Result<()> {
-    let beside = Synchronisation::file_beside(recording.path());
-    let sync = if beside.is_file() { Some(Synchronisation::load(&beside)?) } else { None };
+    let sync = sync::kept(recording.path(), recording.summary(), terminal)?;
     let (mut exported, mut lost) = (Vec::new(), Vec::new());
     for task in tasks {
         let mut writing = Writing::begin(recording, format, task, sync.as_ref());

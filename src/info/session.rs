@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::settings;
 use crate::{
     date::utc,
+    sync,
     terminal::{Terminal, bytes, table, thousands},
 };
 
@@ -93,12 +94,10 @@ pub fn run(path: &Path, digest: bool, check: bool, terminal: &Terminal) -> anyho
         decoded.push(if digest { decode(&mut session, stream, &mut damage, terminal)? } else { None });
     }
     let summary = session.summary();
-    let beside = Synchronisation::file_beside(path);
-    let sync = beside.is_file().then(|| Synchronisation::load(&beside));
-    if let Some(Err(error)) = &sync {
+    let sync = sync::kept(path, summary, terminal).unwrap_or_else(|error| {
         terminal.note(format!("clocks by `erfgs sync` are left out: {error}"));
-    }
-    let sync = sync.and_then(Result::ok);
+        None
+    });
     let places = damage.len();
     let mut described = SessionSummary { checked, damage, sync: sync.as_ref(), ..describe(path, summary) };
     for (stream, decoded) in std::iter::zip(&mut described.streams, decoded) {

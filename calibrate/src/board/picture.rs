@@ -1,13 +1,11 @@
 //! Frames in which the board was found, read once more for the report.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use erfgs_events::EventFile;
 use erfgs_scene::{ImageRgb8, video::Video};
-use erfgs_session::{
-    clock::Epochs,
-    container::{ContainerError, Entry, Session},
-};
+use erfgs_session::container::{ContainerError, Entry, Session};
+use erfgs_sync::{StreamSync, Synchronisation};
 
 use super::{
     BoardError, BoardView, Seen, Target,
@@ -18,7 +16,7 @@ use super::{
 use crate::evidence::{Evidence, Picture};
 
 /// The frames of cameras (indices in `seen`) that show placements (numbers in `evidence`), reduced, with the corners that were
-/// found. Those of events are pictures of what `events` says, by the same `epochs` with which they were found. Frames are read
+/// found. Those of events are pictures of what `events` says, by the same `sync` with which they were found. Frames are read
 /// one at a time.
 ///
 /// # Errors
@@ -29,7 +27,7 @@ pub fn pictures(
     events: Option<EventBoard>,
     evidence: &Evidence,
     wanted: &[(usize, usize)],
-    epochs: &HashMap<String, Epochs>,
+    sync: Option<&Synchronisation>,
 ) -> Result<Vec<Picture>, BoardError> {
     let mut pictures = Vec::new();
     // Sessions are walked once for all their streams.
@@ -41,7 +39,8 @@ pub fn pictures(
             packets.insert((&seen.camera, view.frame), (camera, placement, view));
             continue;
         }
-        let image = if seen.events { of_events(seen, view, events, epochs.get(&seen.camera))? } else { of_file(view)? };
+        let clock = sync.and_then(|sync| sync.stream(&seen.camera));
+        let image = if seen.events { of_events(seen, view, events, clock)? } else { of_file(view)? };
         pictures.push(picture(camera, placement, &image, view, target));
     }
     let Some((_, _, first)) = packets.values().next() else { return Ok(pictures) };
@@ -86,7 +85,7 @@ fn of_events(
     seen: &Seen,
     view: &BoardView,
     events: Option<EventBoard>,
-    epochs: Option<&Epochs>,
+    clock: Option<&StreamSync>,
 ) -> Result<ImageRgb8, BoardError> {
     let board = events.ok_or_else(|| BoardError::NoBlink { path: view.file.clone() })?;
     let size = seen.size.map(|side| side as usize);
@@ -95,7 +94,7 @@ fn of_events(
         let mut session = Session::open(&view.file)?;
         let (stream, _) = session.stream(&seen.camera)?;
         picture_at(size, board, view.frame, &mut |watcher| {
-            failure = decode(&mut session, stream, epochs, watcher);
+            failure = decode(&mut session, stream, clock, watcher);
         })
     } else {
         let file = EventFile::open(&view.file)?;

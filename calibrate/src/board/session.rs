@@ -1,17 +1,14 @@
 //! Boards in the streams of a recorded session.
 
-use std::{
-    collections::{HashMap, HashSet},
-    path::Path,
-};
+use std::collections::{HashMap, HashSet};
 
 use erfgs_events::{CdEvent, Sink};
 use erfgs_scene::ImageRgb8;
 use erfgs_session::{
-    clock::{Dated, Epochs},
+    clock::Dated,
     container::{ContainerError, Entry, Session},
-    source::Packet,
 };
+use erfgs_sync::{StreamSync, Synchronisation};
 use rayon::prelude::*;
 
 use super::{
@@ -23,22 +20,21 @@ use super::{
 const BATCH: usize = 16;
 
 /// Looks for `target` in all streams of a session: in the frames, and, where `events` says what to look for,
-/// in the events. `time_ns` says when a frame of a stream was taken, on the session's clock; frames of several cameras within
-/// half a frame's time of each other belong together. `epochs` has the clocks of streams of events, which are looked at by
-/// their devices' own time without. `progress` gets the number of frames looked at and, where there are only
-/// frames, that of all.
+/// in the events. `sync` says when things were seen on the session's clock: without it frames are taken for as old as their
+/// arrival, and events are looked at by their devices' own time. Frames of several cameras within half a frame's time of each
+/// other belong together. `progress` gets the number of frames looked at and, where there are only frames, that of all.
 ///
 /// # Errors
 /// If the session cannot be read, or has no stream to look at.
 pub fn look_session(
-    path: &Path,
+    session: &mut Session,
     target: &Target,
     events: Option<EventBoard>,
-    time_ns: &dyn Fn(&str, &Packet) -> Option<i64>,
-    epochs: &HashMap<String, Epochs>,
+    sync: Option<&Synchronisation>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
-    let mut session = Session::open(path)?;
+    let path = &session.path().to_owned();
+    let of_stream = |id: &str| sync.and_then(|sync| sync.stream(id));
     let streams = session.summary().streams.clone();
     let start = session.summary().start.clone();
     let mut seen: Vec<Option<Seen>> = streams
@@ -58,6 +54,10 @@ pub fn look_session(
     if seen.iter().all(Option::is_none) {
         return Err(BoardError::NoFrames { path: path.into() });
     }
+    let mids: Vec<HashMap<u64, i64>> = streams
+        .iter()
+        .map(|stream| of_stream(&stream.description.id).map(StreamSync::exposure_mids).unwrap_or_default())
+        .collect();
     let is_frames = |stream: usize| streams[stream].description.encoding.is_frames();
     let total =
         (0..streams.len()).filter(|stream| is_frames(*stream)).map(|s| streams[s].totals.packets as usize).sum();
@@ -85,7 +85,8 @@ pub fn look_session(
         progress(done, Some(total));
         // A frame that was cut or damaged shows nothing.
         let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&packet.payload)) else { continue };
-        let t_ns = time_ns(&d.id, &packet).unwrap_or_else(|| start.session_ns(packet.host_ns));
+        let mid_ns = mids[stream].get(&packet.sequence).copied();
+        let t_ns = mid_ns.unwrap_or_else(|| start.session_ns(packet.host_ns));
         batch.push((stream, packet.sequence, t_ns, image));
         if batch.len() == BATCH {
             look_at(&mut batch, &mut seen);
@@ -99,7 +100,7 @@ pub fn look_session(
             let tick = || progress(done, None);
             let mut failure = None;
             (seen.frames, seen.views) = watch(path, size, target, board, &tick, &mut |watcher| {
-                failure = decode(&mut session, index, epochs.get(&seen.camera), watcher);
+                failure = decode(session, index, of_stream(&seen.camera), watcher);
             });
             if let Some(error) = failure {
                 return Err(error);
@@ -124,10 +125,10 @@ pub fn look_session(
 pub(super) fn decode(
     session: &mut Session,
     stream: usize,
-    epochs: Option<&Epochs>,
+    sync: Option<&StreamSync>,
     watcher: &mut Watcher<'_>,
 ) -> Option<BoardError> {
-    let decoded = match epochs.filter(|epochs| !epochs.are_undated()) {
+    let decoded = match sync.map(|sync| &sync.epochs).filter(|epochs| !epochs.are_undated()) {
         Some(epochs) => session.decode_events(stream, None, &mut Dated::new(epochs, Handed(watcher)), |_| {}),
         None => session.decode_events(stream, None, watcher, |_| {}),
     };

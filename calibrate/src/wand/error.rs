@@ -6,6 +6,7 @@ use erfgs_base::FileError;
 
 use crate::bundle::BundleError;
 use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
+use erfgs_session::container::ContainerError;
 
 /// What can go wrong with a calibration by wand.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +39,30 @@ pub enum WandError {
     /// A rig with known intrinsics cannot be read.
     #[error(transparent)]
     Rig(#[from] RigFileError),
+    /// A session cannot be read.
+    #[error(transparent)]
+    Session(#[from] ContainerError),
+    /// A session of which fewer than two cameras have known intrinsics.
+    #[error(
+        "a wand in a session needs known intrinsics: give a rig file that has them with --rig; there are none for {}",
+        cameras.join(", ")
+    )]
+    NoIntrinsics {
+        /// The cameras without.
+        cameras: Vec<String>,
+    },
+    /// An event camera of a session whose clock is not known.
+    #[error("stream {stream} has no clock; `erfgs sync` tells why")]
+    NoClock {
+        /// The stream.
+        stream: String,
+    },
+    /// An event camera of a session without a size that a sensor can have.
+    #[error("the sensor's size of stream {stream} makes no sense; record the session anew")]
+    SensorSize {
+        /// The stream.
+        stream: String,
+    },
     /// An option that makes no sense.
     #[error("{0}")]
     Option(String),

@@ -1,6 +1,7 @@
 //! Calibration by wand: three LEDs on a stick, moved before cameras of either kind at any angle.
 //!
-//! What the cameras saw ([`WandCamera`]) is matched in time (`instants.rs`). Each view alone places the wand (`view.rs`),
+//! A recorded session is looked through for the LEDs ([`look_session`]), or what was found elsewhere is read
+//! ([`read_points`]). What the cameras saw ([`WandCamera`]) is matched in time (`instants.rs`). Each view alone places the wand (`view.rs`),
 //! pairs of cameras are aligned by wands that both saw (`pair.rs`) and chained (`start.rs`), and one adjustment makes the
 //! poses, focal lengths and time offsets what all observations say (`adjust.rs`). A fifth of the placements is held out of
 //! it, and its lengths are measured with the result (`held_out.rs`). The wand's gaps make the rig metric. Cameras of a rig
@@ -17,6 +18,7 @@ mod pair;
 mod place;
 mod points;
 mod select;
+mod session;
 mod sighting;
 mod start;
 mod stick;
@@ -28,6 +30,7 @@ pub use error::WandError;
 pub use instants::Matching;
 pub use known_rig::{KnownRig, Scale};
 pub use points::read_points;
+pub use session::{Found, look_session, pictures};
 pub use sighting::{Sighting, WandCamera};
 pub use stick::Stick;
 

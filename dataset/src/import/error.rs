@@ -50,6 +50,21 @@ pub enum ImportError {
         /// What is wrong, and what to do.
         what: String,
     },
+    /// No camera of a rig recorded a stream of a session.
+    #[error(
+        "no camera of the rig file recorded a stream of {}: the rig has {}, the session {}",
+        path.display(),
+        cameras.join(", "),
+        streams.join(", ")
+    )]
+    NoViewpoint {
+        /// The session.
+        path: PathBuf,
+        /// The rig's cameras.
+        cameras: Vec<String>,
+        /// The session's streams.
+        streams: Vec<String>,
+    },
     /// A frame of one camera cannot be read or written.
     #[error("camera {camera}: {source}")]
     Image {

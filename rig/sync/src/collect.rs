@@ -104,14 +104,10 @@ fn gather(description: &Description, options: SyncOptions) -> Gathered {
             packets: 0,
         })),
         _ => {
-            let looks = options.flash && !is_triggered(description);
+            let looks = options.flash && !description.is_triggered();
             Gathered::Frames(Frames { brightness: looks.then(Vec::new), ..Frames::default() })
         }
     }
-}
-
-pub(super) fn is_triggered(description: &Description) -> bool {
-    description.settings.get("triggered").and_then(serde_json::Value::as_bool) == Some(true)
 }
 
 impl Gathered {

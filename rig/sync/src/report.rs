@@ -9,7 +9,10 @@ use std::{
 use erfgs_session::clock::{Clock, Epochs, Evidence};
 use serde::{Deserialize, Serialize};
 
-use super::{edges::Matched, frames::Exposures};
+use super::{
+    edges::Matched,
+    exposures::{Exposure, Exposures},
+};
 
 /// Version of the file. Version 1, in which a stream had one clock, is read, too.
 pub const VERSION: u32 = 2;
@@ -148,8 +151,13 @@ impl StreamSync {
     /// The middle of each exposure, session nanoseconds, by the frame's number; none where the stream has no frames.
     #[must_use]
     pub fn exposure_mids(&self) -> HashMap<u64, i64> {
-        let exposures = self.exposures.iter();
-        exposures.flat_map(|e| e.sequence.iter().copied().zip(e.mid_ns.iter().copied())).collect()
+        self.frames().into_iter().map(|(sequence, exposure)| (sequence, exposure.mid_ns)).collect()
+    }
+
+    /// The exposure of each frame, by the frame's number; none where the stream has no frames.
+    #[must_use]
+    pub fn frames(&self) -> HashMap<u64, Exposure> {
+        self.exposures.as_ref().map(Exposures::by_sequence).unwrap_or_default()
     }
 }
 

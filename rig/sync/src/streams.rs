@@ -10,7 +10,7 @@ use erfgs_session::{
 
 use super::{
     board::{Board, BoardLines, Bounds},
-    collect::{Events, Frames, Gathered, is_triggered},
+    collect::{Events, Frames, Gathered},
     edges::Matched,
     epochs::{self, Fitted},
     even::{Even, even},
@@ -178,9 +178,8 @@ fn many_outliers(clock: &Clock) -> Option<String> {
 fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>, lamp: Option<&Lamp>) -> StreamSync {
     let mut sync = empty(&description.id, Tier::FreeRunning);
     let arrived = &frames.arrived[..];
-    let exposure_us = description.settings.get("exposure_us").and_then(serde_json::Value::as_f64);
-    let exposure_ns = exposure_us.map(|exposure| (exposure * 1000.0) as i64);
-    if let (Some(board), true) = (board, is_triggered(description)) {
+    let exposure_ns = description.exposure_ns();
+    if let (Some(board), true) = (board, description.is_triggered()) {
         let exposures = frames::match_pulses(arrived, board, exposure_ns);
         if exposures.pulse.is_empty() {
             sync.notes.push("no frame matched a pulse: check the wire to the camera's trigger".into());
@@ -217,11 +216,13 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
     if let Some(exposures) = &sync.exposures {
         let stamps: BTreeMap<u64, i64> = arrived.iter().map(|frame| (frame.sequence, frame.stamp_ns)).collect();
         let step = exposures.sequence.len().div_ceil(MAX_POINTS).max(1);
+        let usual_ns = exposures.usual_ns();
         sync.points = std::iter::zip(&exposures.sequence, &exposures.mid_ns)
+            .enumerate()
             .step_by(step)
-            .filter_map(|(sequence, &mid)| {
-                let stamp = stamps.get(sequence)?;
-                Some((mid as f64 * 1e-9, (stamp - mid - exposures.lag_ns) as f64))
+            .filter_map(|(at, (sequence, &mid))| {
+                let off_ns = exposures.off_ns(at, usual_ns, *stamps.get(sequence)?)?;
+                Some((mid as f64 * 1e-9, off_ns as f64))
             })
             .collect();
     }

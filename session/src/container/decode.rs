@@ -3,14 +3,12 @@
 use std::io::{Read, Seek};
 
 use super::{ContainerError, DecoderState, Entry, Session};
-use crate::source::{Description, Packet};
+use crate::source::{Description, LATE_NS, Packet};
 use erfgs_events::EventEncoding;
 use erfgs_events::{Anomalies, Decoder, SensorSize, Sink, StreamDecoder};
 
 /// States lie about a second apart: one is looked for in so much time before the start.
 const STATE_SEARCH_NS: i64 = 3_000_000_000;
-/// Streams lie a little out of order in the file, but not by seconds.
-const DISORDER_NS: i64 = 3_000_000_000;
 
 /// What came of decoding.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -71,7 +69,7 @@ impl<R: Read + Seek> Session<R> {
         let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| encoding == EventEncoding::Aedat4);
         for entry in self.messages(state.map(|state| state.host_ns).or(anywhere)) {
             let packet = match entry {
-                Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(DISORDER_NS) => break,
+                Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(LATE_NS) => break,
                 Ok(Entry::Packet { stream: of, packet }) if of == stream && packet.host_ns <= to => packet,
                 Ok(_) => continue,
                 Err(error @ ContainerError::Read { .. }) => return Err(error),
@@ -105,7 +103,7 @@ impl<R: Read + Seek> Session<R> {
         for entry in self.messages(Some(host_ns.saturating_sub(STATE_SEARCH_NS))) {
             match entry {
                 Ok(Entry::DecoderState(state)) if state.stream == id && state.host_ns <= host_ns => found = Some(state),
-                Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(DISORDER_NS) => break,
+                Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(LATE_NS) => break,
                 Err(error @ ContainerError::Read { .. }) => return Err(error),
                 _ => {}
             }

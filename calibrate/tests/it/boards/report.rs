@@ -1,9 +1,8 @@
-use std::collections::HashMap;
-
 use erfgs_calibrate::{
     board::{BoardOptions, calibrate, look, look_session, pictures},
     report::{page, telling},
 };
+use erfgs_session::container::Session;
 
 use super::{
     chessboards::{folder, target},
@@ -27,7 +26,7 @@ fn the_report_shows_pictures_that_are_straight_without_distortion_and_points_on_
     let (rig, mut evidence) = calibrate(&seen, &target(), &BoardOptions::default(), &|_, _, _| {}).unwrap();
     let wanted = telling(&rig, &evidence);
     assert_eq!((wanted.len(), wanted[0].1), (2, wanted[1].1), "both at one instant");
-    evidence.pictures = pictures(&seen, &target(), None, &evidence, &wanted, &HashMap::new()).unwrap();
+    evidence.pictures = pictures(&seen, &target(), None, &evidence, &wanted, None).unwrap();
     assert!(evidence.pictures.iter().all(|picture| picture.found.len() == 54));
     let page = page(&rig, &evidence);
     assert_eq!(page.matches("data:image/jpeg").count(), 4, "each as it is and undistorted");
@@ -45,10 +44,10 @@ fn the_report_of_a_session_shows_its_frames() {
     let temporary = tempfile::tempdir().unwrap();
     let path = temporary.path().join("s.mcap");
     record(&path);
-    let seen = look_session(&path, &target(), None, &|_, _| None, &HashMap::new(), &|_, _| {}).unwrap();
+    let seen = look_session(&mut Session::open(&path).unwrap(), &target(), None, None, &|_, _| {}).unwrap();
     let (rig, evidence) = calibrate(&seen, &target(), &BoardOptions::default(), &|_, _, _| {}).unwrap();
     let wanted = telling(&rig, &evidence);
-    let of_session = pictures(&seen, &target(), None, &evidence, &wanted, &HashMap::new()).unwrap();
+    let of_session = pictures(&seen, &target(), None, &evidence, &wanted, None).unwrap();
     assert_eq!(of_session.iter().map(|picture| picture.camera).collect::<Vec<_>>(), [0, 1]);
     let files = look(&folder(), &target(), None, &|_, _| {}).unwrap();
     for picture in &of_session {
@@ -59,6 +58,6 @@ fn the_report_of_a_session_shows_its_frames() {
         assert_eq!(picture.image, erfgs_scene::ImageRgb8::read(file).unwrap());
     }
     std::fs::remove_file(&path).unwrap();
-    let error = pictures(&seen, &target(), None, &evidence, &wanted, &HashMap::new()).unwrap_err().to_string();
+    let error = pictures(&seen, &target(), None, &evidence, &wanted, None).unwrap_err().to_string();
     assert!(error.contains("s.mcap"), "{error}");
 }

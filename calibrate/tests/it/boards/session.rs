@@ -1,9 +1,9 @@
-use std::{collections::HashMap, path::Path};
+use std::path::Path;
 
 use erfgs_calibrate::board::{BoardOptions, calibrate, look, look_session};
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
-    container::{SessionStart, SessionWriter, Settings},
+    container::{Session, SessionStart, SessionWriter, Settings},
     source::{Description, Encoding, Packet},
 };
 
@@ -51,7 +51,7 @@ fn the_streams_of_a_session_give_what_their_pictures_give() {
     let temporary = tempfile::tempdir().unwrap();
     let path = temporary.path().join("s.mcap");
     record(&path);
-    let of_session = look_session(&path, &target(), None, &|_, _| None, &HashMap::new(), &|_, _| {}).unwrap();
+    let of_session = look_session(&mut Session::open(&path).unwrap(), &target(), None, None, &|_, _| {}).unwrap();
     let of_files = look(&folder(), &target(), None, &|_, _| {}).unwrap();
     for (a, b) in of_session.iter().zip(&of_files) {
         assert_eq!((&a.camera, a.frames, a.size), (&b.camera, b.frames, b.size));
@@ -64,7 +64,6 @@ fn the_streams_of_a_session_give_what_their_pictures_give() {
     let (a, b) = (solve(&still), solve(&of_files));
     let apart = (a.cameras[1].pose.unwrap().centre() - b.cameras[1].pose.unwrap().centre()).length();
     assert!(apart < 1e-6, "{apart}");
-    let unasked =
-        look_session(&folder().join("left01.jpg"), &target(), None, &|_, _| None, &HashMap::new(), &|_, _| {});
-    assert!(unasked.unwrap_err().to_string().contains("left01.jpg"));
+    let unasked = Session::open(&folder().join("left01.jpg"));
+    assert!(unasked.err().unwrap().to_string().contains("left01.jpg"));
 }

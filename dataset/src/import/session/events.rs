@@ -4,10 +4,7 @@ use super::{ImportError, Timing, Viewpoint};
 use erfgs_base::progress::Progress;
 use erfgs_events::{ApsFrame, CdEvent, Event, Events, Sink};
 use erfgs_scene::{ImageRgb8, srgb};
-use erfgs_session::{clock::EpochCursor, container::Session};
-
-/// Data may arrive so much later than it was seen, nanoseconds.
-const LATE_NS: i64 = 2_000_000_000;
+use erfgs_session::{clock::EpochCursor, container::Session, source::LATE_NS};
 
 /// What an event camera recorded within the window.
 pub(super) struct Gathered {

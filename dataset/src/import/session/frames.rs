@@ -11,46 +11,54 @@ use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_scene::{ImageRgb8, image::Resample};
 use erfgs_session::{
     container::{ContainerError, Entry, Session},
-    source::Packet,
+    source::{LATE_NS, Packet},
 };
 
 /// Frames that are decoded and written together.
 const BATCH: usize = 64;
-/// Packets lie a little out of order in the file, and a frame arrives after its exposure: so much time, nanoseconds.
-const LATE_NS: i64 = 5_000_000_000;
-
 /// The frames of a view that are wanted.
 pub(super) struct Planned {
     view: usize,
     /// The middles of the exposures on the session's clock, in order.
     pub mids_ns: Vec<i64>,
+    /// Half the length of each exposure; 0 where it is not known.
+    halves_ns: Vec<i64>,
     /// The place among them of each packet.
     places: HashMap<u64, usize>,
-    exposure_ns: i64,
 }
 
 impl Planned {
     /// Each `every`-th frame of a view whose exposure has its middle within the window.
     pub fn new(view: usize, timing: &Timing, [from, to]: [i64; 2], every: usize) -> Self {
-        let mut frames: Vec<(i64, u64)> =
-            timing.mids_ns.iter().map(|(&sequence, mid)| (mid.saturating_add(timing.offset_ns), sequence)).collect();
+        let mut frames: Vec<(i64, u64, i64)> = timing
+            .frames
+            .iter()
+            .map(|(&sequence, exposure)| {
+                let half = exposure.length_ns.unwrap_or(0).max(0) / 2;
+                (exposure.mid_ns.saturating_add(timing.offset_ns), sequence, half)
+            })
+            .collect();
         frames.sort_unstable();
         // Counted from the start of the recording, so that the same frames are taken in any window.
-        let chosen = frames.into_iter().step_by(every).filter(|(mid, _)| (from..=to).contains(mid));
-        let chosen: Vec<(i64, u64)> = chosen.collect();
+        let chosen = frames.into_iter().step_by(every).filter(|(mid, ..)| (from..=to).contains(mid));
+        let chosen: Vec<(i64, u64, i64)> = chosen.collect();
         Self {
             view,
-            places: chosen.iter().enumerate().map(|(place, &(_, sequence))| (sequence, place)).collect(),
-            mids_ns: chosen.into_iter().map(|(mid, _)| mid).collect(),
-            exposure_ns: timing.exposure_ns.max(0),
+            places: chosen.iter().enumerate().map(|(place, &(_, sequence, _))| (sequence, place)).collect(),
+            halves_ns: chosen.iter().map(|&(.., half)| half).collect(),
+            mids_ns: chosen.into_iter().map(|(mid, ..)| mid).collect(),
         }
     }
-}
 
-impl Planned {
+    /// When the shutter opened and closed for the frame at a place; equal where that is not known.
+    fn exposure_ns(&self, place: usize) -> [i64; 2] {
+        let (mid, half) = (self.mids_ns[place], self.halves_ns[place]);
+        [mid.saturating_sub(half), mid.saturating_add(half)]
+    }
+
     /// When the first exposure begins.
     pub fn first_ns(&self) -> Option<i64> {
-        Some(self.mids_ns.first()? - self.exposure_ns / 2)
+        (0..self.mids_ns.len()).map(|place| self.exposure_ns(place)[0]).min()
     }
 }
 
@@ -134,11 +142,7 @@ pub(super) fn write(
     let written = plans.iter().zip(good).map(|(planned, good)| {
         let lost = good.iter().filter(|good| !**good).count();
         let places = good.iter().enumerate().filter(|(_, good)| **good).map(|(place, _)| place);
-        let frames = places.map(|place| {
-            let mid = planned.mids_ns[place];
-            let half = planned.exposure_ns / 2;
-            frame(&views[planned.view].stream, place, [mid - half, mid + half])
-        });
+        let frames = places.map(|place| frame(&views[planned.view].stream, place, planned.exposure_ns(place)));
         Written { view: planned.view, frames: frames.collect(), lost }
     });
     Ok(written.collect())

@@ -1,8 +1,8 @@
 //! A recorded session and a calibrated rig, made into a dataset: frames with the times of their exposures, events on the
 //! session's clock, each camera where the calibration put it.
 //!
-//! This module knows neither rig files nor synchronisations: who calls it says of each stream what camera it is
-//! ([`Viewpoint`]) and how its times are told ([`Timing`]).
+//! [`import_recording`] brings a session, its synchronisation and a rig file together by the names of streams and cameras
+//! (`join.rs`). [`import`] is told of each stream what camera it is ([`Viewpoint`]) and how its times are told ([`Timing`]).
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -17,10 +17,16 @@ use erfgs_base::progress::Progress;
 use erfgs_events::npz;
 use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
 use erfgs_session::{clock::Epochs, container::Session};
+use erfgs_sync::Exposure;
 
 mod events;
 mod frames;
+mod join;
+mod notes;
 mod times;
+
+pub use join::{import_recording, window_ns};
+pub use notes::SessionNote;
 
 use events::Gathered;
 use frames::Planned;
@@ -45,10 +51,8 @@ pub struct Viewpoint {
 pub struct Timing {
     /// From the ticks of an event camera to session time; none of a camera that takes frames.
     pub epochs: Epochs,
-    /// The middle of the exposure of each frame, session nanoseconds, by the number of its packet.
-    pub mids_ns: HashMap<u64, i64>,
-    /// How long frames were exposed, nanoseconds; 0 where that is not known.
-    pub exposure_ns: i64,
+    /// The exposure of each frame, session nanoseconds, by the number of its packet.
+    pub frames: HashMap<u64, Exposure>,
     /// What to add to the camera's times, nanoseconds.
     pub offset_ns: i64,
 }
@@ -65,6 +69,9 @@ pub struct SessionOptions {
     pub scale: f64,
     /// How images are resized.
     pub resample: Resample,
+    /// Contrast thresholds of ON and OFF events, natural logarithm of intensity; what is usual for each camera's sensor where
+    /// absent.
+    pub thresholds: Option<[f64; 2]>,
     /// Whether frames without colour are taken although other cameras see colours.
     pub grey: bool,
     /// Names of the test cameras; each eighth of four and more frame cameras where absent.
@@ -75,21 +82,20 @@ pub struct SessionOptions {
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        let resample = Resample::Area;
-        Self { window_ns: None, every: 1, scale: 1.0, resample, grey: false, test_cameras: None, jobs: None }
+        Self {
+            window_ns: None,
+            every: 1,
+            scale: 1.0,
+            resample: Resample::Area,
+            thresholds: None,
+            grey: false,
+            test_cameras: None,
+            jobs: None,
+        }
     }
 }
 
-/// The dataset, and what was left out or should be known.
-#[derive(Debug)]
-pub struct Imported {
-    /// The dataset.
-    pub dataset: Dataset,
-    /// Sentences.
-    pub notes: Vec<String>,
-}
-
-/// Makes the dataset `out` of what `views` recorded in `session`.
+/// Makes the dataset `out` of what `views` recorded in `session`. `note` is told what is left out.
 ///
 /// # Errors
 /// If an option makes no sense, a stream is missing or has another size than its camera, nothing lies within the window, or
@@ -99,11 +105,11 @@ pub fn import(
     views: &[Viewpoint],
     options: &SessionOptions,
     out: &Path,
+    note: &mut dyn FnMut(SessionNote),
     progress: &mut dyn FnMut(Progress),
-) -> Result<Imported, ImportError> {
+) -> Result<Dataset, ImportError> {
     let merged = check(options, views)?;
     let streams = streams(session, views)?;
-    let mut notes = Vec::new();
     let building = DatasetError::new_folder(out)?;
 
     let window = options.window_ns.unwrap_or([i64::MIN, i64::MAX]);
@@ -117,13 +123,14 @@ pub fn import(
             continue;
         }
         if description.encoding.is_grey() && !grey {
-            notes.push(format!("{}: left out, it sees no colours and others do (--grey takes it)", viewpoint.stream));
+            note(SessionNote::NoColours { stream: viewpoint.stream.clone() });
             continue;
         }
         plans.push(Planned::new(view, &viewpoint.timing, window, options.every.max(1)));
     }
     let first_ns = plans.iter().filter_map(Planned::first_ns).min();
     let mut gathered: Vec<(usize, Gathered)> = Vec::new();
+    let mut undated = Vec::new();
     for (view, (viewpoint, description)) in views.iter().zip(&descriptions).enumerate() {
         if !description.encoding.is_events() {
             continue;
@@ -132,7 +139,10 @@ pub fn import(
         let found = events::gather(session, streams[view], viewpoint, window, merged, grey, progress)?;
         match found {
             Some(found) => gathered.push((view, found)),
-            None => notes.push(format!("{}: left out, its clock is not fitted to the session's", viewpoint.stream)),
+            None => {
+                undated.push(view);
+                note(SessionNote::NoClock { stream: viewpoint.stream.clone() });
+            }
         }
     }
     // Without frame cameras the first event or picture of an event camera is the beginning.
@@ -148,7 +158,7 @@ pub fn import(
     }
     times::share(&mut written);
     for one in written.iter().filter(|one| one.lost > 0) {
-        notes.push(format!("{}: {} frames are damaged or missing in the file", views[one.view].stream, one.lost));
+        note(SessionNote::LostFrames { stream: views[one.view].stream.clone(), frames: one.lost });
     }
     let last_ns = written.iter().filter_map(|one| one.frames.last().map(|frame| frame.exposure_ns[1])).max();
     let last_ns = last_ns.or(gathered.iter().filter_map(|(_, found)| found.last_ns()).max()).unwrap_or(zero_ns);
@@ -192,8 +202,9 @@ pub fn import(
             (true, true) => Modality::Event,
             (true, false) => {
                 let left_out = descriptions[view].encoding.is_grey() && !grey;
-                if !left_out && !notes.iter().any(|note| note.starts_with(&format!("{}:", viewpoint.stream))) {
-                    notes.push(format!("{}: left out, it recorded nothing within the window", viewpoint.stream));
+                let lost = written.iter().any(|one| one.view == view && one.lost > 0);
+                if !left_out && !lost && !undated.contains(&view) {
+                    note(SessionNote::Nothing { stream: viewpoint.stream.clone() });
                 }
                 continue;
             }
@@ -212,7 +223,7 @@ pub fn import(
     dataset.validate()?;
     building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
     dataset.root = out.to_owned();
-    Ok(Imported { dataset, notes })
+    Ok(dataset)
 }
 
 /// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.

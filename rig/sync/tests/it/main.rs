@@ -1,4 +1,5 @@
-//! Sessions whose clocks break, run freely, or are told by a flash.
+//! Sessions whose clocks break, run freely, or are told by a flash, and exposures by pulses.
 
 mod breaks;
+mod exposures;
 mod flash;

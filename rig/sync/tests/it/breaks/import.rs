@@ -41,7 +41,7 @@ fn a_dataset_has_the_events_of_both_sides_at_their_times() {
     ] {
         let out = folder.path().join(name);
         let options = SessionOptions { window_ns, ..SessionOptions::default() };
-        import(&mut session, std::slice::from_ref(&view), &options, &out, &mut |_| {}).unwrap();
+        import(&mut session, std::slice::from_ref(&view), &options, &out, &mut |_| {}, &mut |_| {}).unwrap();
         let file = std::fs::read_dir(out.join("events")).unwrap().next().unwrap().unwrap().path();
         let events = npz::read_events(&file, None).unwrap();
         let expected: Vec<i64> =

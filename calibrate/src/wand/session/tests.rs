@@ -1,8 +1,8 @@
 use std::path::Path;
 
-use erfgs_calibrate::evidence::Residual;
-use erfgs_calibrate::report::page;
-use erfgs_calibrate::wand::{WandOptions, calibrate};
+use crate::evidence::Residual;
+use crate::report::page;
+use crate::wand::{WandOptions, calibrate};
 use erfgs_events::EventEncoding;
 use erfgs_events::Evt3Encoder;
 use erfgs_scene::pixel::PixelFormat;
@@ -12,6 +12,7 @@ use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, FrameStamp, Packet, StampClock, StampPoint},
 };
+use erfgs_sync::of_session;
 use glam::{DVec2, DVec3};
 
 use super::*;
@@ -138,19 +139,22 @@ fn a_recorded_wand_calibrates_cameras_of_both_kinds() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.mcap");
     record(&path);
-    let terminal = Terminal::default();
-    let mut recording = Recording::open(&path, &terminal).unwrap();
-    let cameras = look(&mut recording, Some(&rig()), &stick(), &BlinkOptions::default(), &terminal).unwrap();
-    assert_eq!(cameras.len(), 3);
-    let (found, mut evidence) = calibrate(&cameras, &WandOptions::new(stick())).unwrap();
+    let mut session = Session::open(&path).unwrap();
+    let sync = of_session(&mut session, &mut |_| {}, |_, _| {}).unwrap();
+    let mut look = |rig| look_session(&mut session, &sync, rig, &stick(), &BlinkOptions::default(), &mut |_, _| {});
     let known = rig();
+    let Found { cameras, lit, without } = look(Some(&known)).unwrap();
+    let error = look(None).unwrap_err().to_string();
+    assert_eq!(cameras.len(), 3);
+    assert!(lit.iter().zip(&cameras).all(|(lit, camera)| *lit >= camera.sightings.len()) && without.is_empty());
+    let (found, mut evidence) = calibrate(&cameras, &WandOptions::new(stick())).unwrap();
     let centre = |rig: &RigFile, index: usize| rig.cameras[index].pose.unwrap().centre();
     for (a, b) in [(0, 1), (0, 2), (1, 2)] {
         let apart = |rig: &RigFile| (centre(rig, a) - centre(rig, b)).length();
         assert!((apart(&found) - apart(&known)).abs() < 5e-3, "{a} {b}: {} {}", apart(&found), apart(&known));
     }
     assert!(found.quality.as_ref().unwrap().rms_px < 0.25);
-    evidence.pictures = pictures(&mut recording, &found, &evidence).unwrap();
+    evidence.pictures = pictures(&mut session, &sync, &found, &evidence).unwrap();
     assert_eq!(evidence.pictures.iter().map(|picture| picture.camera).collect::<Vec<_>>(), [0, 1, 2]);
     for picture in &evidence.pictures {
         // It is bright where the LEDs were found.
@@ -164,6 +168,5 @@ fn a_recorded_wand_calibrates_cameras_of_both_kinds() {
     }
     let page = page(&found, &evidence);
     assert!(page.contains("RGB on events") && page.matches("data:image/jpeg").count() == 3);
-    let error = look(&mut recording, None, &stick(), &BlinkOptions::default(), &terminal).unwrap_err().to_string();
     assert!(error.contains("--rig") && error.contains("left, right, film"), "{error}");
 }

@@ -1,0 +1,99 @@
+//! Which stream of a session is which camera of a rig, and how its times go over to the session's clock.
+
+use std::path::Path;
+
+use super::{ImportError, SessionNote, SessionOptions, Timing, Viewpoint, import};
+use crate::Dataset;
+use erfgs_base::progress::Progress;
+use erfgs_scene::rig_file::{RigCamera, RigFile};
+use erfgs_session::container::{Session, Stream};
+use erfgs_sync::{StreamSync, Synchronisation};
+
+/// Makes the dataset `out` of what the cameras of `rig` recorded in `session`, whose clocks are those of `sync`. Cameras and
+/// streams belong together by name; `note` is told of those without a partner, and of what else is left out.
+///
+/// # Errors
+/// If no camera with a pose recorded a stream, and as [`import`].
+pub fn import_recording(
+    session: &mut Session,
+    sync: &Synchronisation,
+    rig: &RigFile,
+    options: &SessionOptions,
+    out: &Path,
+    note: &mut dyn FnMut(SessionNote),
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Dataset, ImportError> {
+    let views = views(session, sync, rig, options, note)?;
+    import(session, &views, options, out, note, progress)
+}
+
+/// A window of a session that begins `from_s` seconds after its start and is `seconds` long, as [`SessionOptions`] take it.
+/// Without a beginning it begins at the start, without a length it has all that follows; `None` without either.
+#[must_use]
+pub fn window_ns(session: &Session, from_s: Option<f64>, seconds: Option<f64>) -> Option<[i64; 2]> {
+    if from_s.is_none() && seconds.is_none() {
+        return None;
+    }
+    let span_ns = session.summary().span_ns().map_or(0, |[first, last]| last.saturating_sub(first));
+    let from_s = from_s.unwrap_or(0.0);
+    // Exposures and events of the last packets lie before their arrival.
+    let to_s = seconds.map_or(from_s.max(0.0) + 1e-9 * span_ns as f64 + 1.0, |seconds| from_s + seconds);
+    Some([from_s, to_s].map(|t_s| (1e9 * t_s) as i64))
+}
+
+/// The cameras with a pose that recorded a stream.
+fn views(
+    session: &Session,
+    sync: &Synchronisation,
+    rig: &RigFile,
+    options: &SessionOptions,
+    note: &mut dyn FnMut(SessionNote),
+) -> Result<Vec<Viewpoint>, ImportError> {
+    let summary = session.summary();
+    let mut views = Vec::new();
+    for recorded in &summary.streams {
+        let d = &recorded.description;
+        if !(d.encoding.is_events() || d.encoding.is_frames()) {
+            continue;
+        }
+        let stream = d.id.clone();
+        match rig.camera(&stream).map(|camera| (camera, camera.pose)) {
+            Some((camera, Some(pose))) => views.push(Viewpoint {
+                intrinsics: camera.intrinsics,
+                pose,
+                timing: timing(camera, recorded, sync.stream(&stream)),
+                thresholds: options.thresholds.unwrap_or_else(|| d.contrast_thresholds()),
+                stream,
+            }),
+            Some(_) => note(SessionNote::NoPose { stream }),
+            None => note(SessionNote::NoCamera { stream }),
+        }
+    }
+    if views.is_empty() {
+        return Err(ImportError::NoViewpoint {
+            path: session.path().to_owned(),
+            cameras: rig.cameras.iter().map(|camera| camera.name.clone()).collect(),
+            streams: summary.streams.iter().map(|stream| stream.description.id.clone()).collect(),
+        });
+    }
+    for camera in rig.cameras.iter().filter(|camera| summary.stream(&camera.name).is_none()) {
+        note(SessionNote::NoStream { camera: camera.name.clone() });
+    }
+    Ok(views)
+}
+
+fn timing(camera: &RigCamera, stream: &Stream, sync: Option<&StreamSync>) -> Timing {
+    let mut frames = sync.map(StreamSync::frames).unwrap_or_default();
+    let set_ns = stream.description.exposure_ns();
+    for exposure in frames.values_mut() {
+        exposure.length_ns = exposure.length_ns.or(set_ns);
+    }
+    Timing {
+        epochs: sync
+            .filter(|_| stream.description.encoding.is_events())
+            .map(|sync| sync.epochs.clone())
+            .unwrap_or_default(),
+        frames,
+        offset_ns: (1e9 * camera.time_offset_s).round() as i64,
+    }
+}
