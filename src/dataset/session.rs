@@ -3,7 +3,10 @@
 use std::path::Path;
 
 use anyhow::Context;
-use erfgs_dataset::import::session::{Imported, SessionOptions, Timing, Viewpoint, import};
+use erfgs_dataset::import::{
+    Imported,
+    session::{SessionOptions, Timing, Viewpoint, import},
+};
 use erfgs_scene::rig_file::{RigCamera, RigFile};
 use erfgs_session::container::{Session, Stream};
 use erfgs_sync::StreamSync;

@@ -3,7 +3,7 @@
 use std::{io, path::PathBuf};
 
 use crate::bundle::BundleError;
-use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
+use erfgs_scene::{exchange::ExchangeError, rig_file::RigFileError};
 
 /// What can go wrong with a calibration by wand.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +28,7 @@ pub enum WandError {
     },
     /// A file of intrinsics cannot be read.
     #[error(transparent)]
-    Intrinsics(#[from] ConvertError),
+    Intrinsics(#[from] ExchangeError),
     /// A folder without points.
     #[error(
         "{} holds no wand points: neither wand.json nor files such as frame_0.csv with frame_0.yaml beside them",

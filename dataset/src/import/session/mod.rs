@@ -11,7 +11,7 @@ use std::{
 
 use serde_json::json;
 
-use super::{ImportError, common};
+use super::{ImportError, Imported, common};
 use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Provenance, Split, layout};
 use erfgs_base::progress::Progress;
 use erfgs_events::npz;
@@ -78,15 +78,6 @@ impl Default for SessionOptions {
         let resample = Resample::Area;
         Self { window_ns: None, every: 1, scale: 1.0, resample, grey: false, test_cameras: None, jobs: None }
     }
-}
-
-/// The dataset, and what was left out or should be known.
-#[derive(Debug)]
-pub struct Imported {
-    /// The dataset.
-    pub dataset: Dataset,
-    /// Sentences.
-    pub notes: Vec<String>,
 }
 
 /// Makes the dataset `out` of what `views` recorded in `session`.
