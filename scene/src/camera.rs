@@ -36,7 +36,44 @@ pub struct Intrinsics {
     pub distortion: Distortion,
 }
 
+/// The longest side of an image that is believed, pixels.
+const LONGEST_SIDE: u32 = 65_535;
+
+/// The pixels along a side of an image, of a number in a file: a whole one from 1 to 65535.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn image_side(pixels: f64) -> Result<u32, String> {
+    if (1.0..=f64::from(LONGEST_SIDE)).contains(&pixels) && pixels.fract() == 0.0 {
+        return Ok(pixels as u32);
+    }
+    Err(format!("{pixels} is no side of an image; a whole number of pixels from 1 to {LONGEST_SIDE} is"))
+}
+
 impl Intrinsics {
+    /// These intrinsics, which a file gave, if they can be those of a camera.
+    ///
+    /// # Errors
+    /// What is wrong: sides that are none ([`image_side`]), focal lengths that are not positive, numbers that are not
+    /// finite.
+    pub fn checked(self) -> Result<Self, String> {
+        image_side(self.width.into())?;
+        image_side(self.height.into())?;
+        let Self { fx, fy, cx, cy, .. } = self;
+        if !(fx > 0.0 && fy > 0.0 && fx.is_finite() && fy.is_finite()) {
+            return Err(format!("the focal lengths {fx} and {fy} are not positive"));
+        }
+        let coefficients = match &self.distortion {
+            Distortion::None => &[][..],
+            Distortion::BrownConrady(k) => k,
+            Distortion::KannalaBrandt(k) => k,
+        };
+        if ![cx, cy].iter().chain(coefficients).all(|value| value.is_finite()) {
+            return Err("the principal point or a distortion coefficient is not finite".into());
+        }
+        Ok(self)
+    }
+
     /// The pixel position of a camera-space point under the pinhole part of the model (no distortion).
     #[must_use]
     pub fn project_pinhole(&self, camera: DVec3) -> DVec2 {
@@ -75,6 +112,30 @@ mod tests {
         let half = full.resized(320, 180);
         let point = DVec3::new(0.3, -0.2, 2.0);
         assert!((half.project_pinhole(point) * 2.0 - full.project_pinhole(point)).length() < 1e-12);
+    }
+
+    #[test]
+    fn what_no_camera_has_is_refused() {
+        let distortion = Distortion::BrownConrady([0.1; 8]);
+        let good = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 501.0, cx: 320.0, cy: 240.0, distortion };
+        assert_eq!(good.checked(), Ok(good));
+        let mut coefficients = [0.1; 8];
+        coefficients[7] = f64::INFINITY;
+        for bad in [
+            Intrinsics { width: 0, ..good },
+            Intrinsics { height: 65_536, ..good },
+            Intrinsics { fx: -500.0, ..good },
+            Intrinsics { fy: f64::NAN, ..good },
+            Intrinsics { fx: f64::INFINITY, ..good },
+            Intrinsics { cx: f64::NAN, ..good },
+            Intrinsics { distortion: Distortion::BrownConrady(coefficients), ..good },
+        ] {
+            assert!(bad.checked().is_err(), "{bad:?}");
+        }
+        assert_eq!(image_side(640.0), Ok(640));
+        for bad in [0.0, -1.0, 0.5, 640.5, 1e30, f64::NAN, f64::INFINITY] {
+            assert!(image_side(bad).is_err(), "{bad}");
+        }
     }
 }
 

@@ -45,6 +45,25 @@ impl Pose {
         Self { rotation: DQuat::from_mat3(&rotation).normalize(), translation }
     }
 
+    /// As [`Pose::from_matrix`], of numbers in a file: the matrix must be a rotation to within the rounding of text.
+    ///
+    /// # Errors
+    /// What is wrong: it deviates from a rotation by more than 0.001, mirrors, or a number is not finite.
+    pub fn rigid(rotation: DMat3, translation: DVec3) -> Result<Self, String> {
+        if !rotation.is_finite() || !translation.is_finite() {
+            return Err("the pose holds a number that is not finite; calibrate the recording again".to_owned());
+        }
+        let deviation = rotation.transpose() * rotation - DMat3::IDENTITY;
+        let largest = deviation.to_cols_array().iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        if largest > 1e-3 || rotation.determinant() < 0.0 {
+            let determinant = rotation.determinant();
+            return Err(format!(
+                "the pose is no rotation (it deviates by {largest:.3}, its determinant is {determinant:.3}); calibrate again"
+            ));
+        }
+        Ok(Self::from_matrix(rotation, translation))
+    }
+
     /// The camera that stands at `eye` and looks at `target`; `down` is the world direction that points down the image.
     #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, down: DVec3) -> Self {
@@ -107,5 +126,14 @@ mod tests {
         assert!(seen.x.abs() < 1e-12 && seen.y.abs() < 1e-12 && seen.z > 0.0, "{seen}");
         assert!(pose.transform(DVec3::new(0.5, 1.0, 0.0)).y > seen.y, "down in the world is down in the image");
         assert!((pose.centre() - DVec3::new(1.0, -2.0, 3.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn reflections_shears_and_nan_are_no_rotations() {
+        let ok = DMat3::from_rotation_y(0.3);
+        assert!(Pose::rigid(ok, DVec3::ONE).is_ok());
+        assert!(Pose::rigid(-ok, DVec3::ONE).unwrap_err().contains("determinant"));
+        assert!(Pose::rigid(ok * 1.01, DVec3::ONE).is_err());
+        assert!(Pose::rigid(ok, DVec3::new(0.0, f64::NAN, 0.0)).unwrap_err().contains("not finite"));
     }
 }

@@ -10,8 +10,8 @@ use crate::terminal::Terminal;
 /// Write a rig in the format of another program, or read one from there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-RIG is a rig.json, a folder with a COLMAP model, a folder with YAML files of OpenCV or ROS (or one such file), a Kalibr camchain (YAML) or a nerfstudio \
-transforms.json.
+RIG is a rig.json, a folder with a COLMAP model, a folder with YAML files of OpenCV or ROS (or one such file), a Kalibr camchain (YAML), a nerfstudio \
+transforms.json or LLFF's poses_bounds.npy.
 
 Formats:
   colmap      a model without points (text): a folder
@@ -48,6 +48,9 @@ struct Answer {
 /// Converts.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let rig = read(&arguments.rig)?;
+    for warning in &rig.warnings {
+        terminal.note(warning);
+    }
     let name = match arguments.to {
         Format::Colmap => "colmap",
         Format::Kalibr => "camchain.yaml",

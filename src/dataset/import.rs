@@ -2,10 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_dataset::{
-    Dataset,
-    import::{ImportOptions, Layout, import, session::SessionOptions},
-};
+use erfgs_dataset::import::{ImportOptions, Layout, import, session::SessionOptions};
 use erfgs_scene::image::Resample;
 
 use super::session::{self, SessionArguments};
@@ -129,9 +126,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         jobs: arguments.jobs,
     };
     let progress = terminal.progress("importing");
-    let dataset: Dataset = import(layout, &arguments.source, &options, &arguments.out, &mut |step| {
+    let imported = import(layout, &arguments.source, &options, &arguments.out, &mut |step| {
         progress.update(step.done, step.total, step.what);
     })?;
     drop(progress);
-    info::dataset(&dataset, terminal)
+    for note in &imported.notes {
+        terminal.note(note);
+    }
+    info::dataset(&imported.dataset, terminal)
 }

@@ -268,7 +268,13 @@ fn read(views: &[CameraView], prepared: &Prepared, models: &[Model], setting: &S
     let Some(model) = models.first() else { return run };
     for (&id, image) in &model.images {
         let (Some(view), Some(camera)) = (view_of(id), model.cameras.get(&image.camera)) else { continue };
-        let Ok(intrinsics) = camera.intrinsics() else { continue };
+        let intrinsics = match camera.intrinsics() {
+            Ok(intrinsics) => intrinsics,
+            Err(error) => {
+                tracing::warn!("{}: {} is not placed: {error}", run.name, views[view].name);
+                continue;
+            }
+        };
         let own = &views[view].image;
         let points = image.points.iter().filter(|point| point.point3d.is_some()).count();
         run.cameras[view] =

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use erfgs_base::FileError;
 
 use crate::bundle::BundleError;
-use erfgs_scene::{exchange::ConvertError, rig_file::RigFileError};
+use erfgs_scene::{exchange::ExchangeError, rig_file::RigFileError};
 use erfgs_session::container::ContainerError;
 
 /// What can go wrong with a calibration by wand.
@@ -26,7 +26,7 @@ pub enum WandError {
     },
     /// A file of intrinsics cannot be read.
     #[error(transparent)]
-    Intrinsics(#[from] ConvertError),
+    Intrinsics(#[from] ExchangeError),
     /// A folder without points.
     #[error(
         "{} holds no wand points: neither wand.json nor files such as frame_0.csv with frame_0.yaml beside them",

@@ -15,11 +15,11 @@ use std::{
 };
 
 use super::{
-    ImportError, ImportOptions,
+    ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView},
     write::{self, SourceRecording},
 };
-use crate::{Dataset, Split};
+use crate::Split;
 use erfgs_base::progress::Progress;
 use erfgs_scene::colmap::{ColmapImage, Model};
 
@@ -35,7 +35,7 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let fps = common::fps(options, FPS)?;
     let candidates = ["sparse/0", "sparse", "colmap/sparse/0", "."].map(|folder| source.join(folder));
     let has_model = |folder: &&PathBuf| ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file());
@@ -75,8 +75,27 @@ pub fn import(
     }
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "colmap", source, views, any_size: false, fps };
+    let notes = left_out(&model, &images, &views)?;
+    let recording = SourceRecording { importer: "colmap", source, views, any_size: false, fps, notes };
     write::write(recording, options, out, progress)
+}
+
+/// What of the model and of the folder of images is not in the dataset.
+fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<String>, ImportError> {
+    let mut notes = Vec::new();
+    if !model.points.is_empty() {
+        let count = model.points.len();
+        notes.push(format!("the {count} points of the model are not taken; erfgs dataset points makes points anew"));
+    }
+    for (name, path) in common::entries(images)? {
+        let own = if path.is_dir() { name.clone() } else { common::stem(&path) };
+        let known = views.iter().any(|view| view.name == common::folder_name(&own));
+        let has_images = if path.is_dir() { !common::images(&path)?.is_empty() } else { common::is_image(&name) };
+        if has_images && !known {
+            notes.push(format!("{name}: left out, the model has no image of it"));
+        }
+    }
+    Ok(notes)
 }
 
 fn view(
@@ -105,7 +124,7 @@ fn view(
         }
     }
     let Some(camera) = model.cameras.get(&first.camera) else { return Err(wrong("its camera is missing".to_owned())) };
-    let intrinsics = camera.intrinsics()?;
+    let intrinsics = camera.intrinsics().map_err(|error| wrong(error.to_string()))?;
     let single = images.join(&first.name);
     let own = images.join(name);
     let files = match (single.is_file(), own.is_dir()) {

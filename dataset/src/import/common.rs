@@ -1,15 +1,13 @@
-//! What the importers share: frame times, rotations, folders of images, and the choice of test cameras.
+//! What the importers share: frame times, folders of images, and the choice of test cameras.
 
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
-use glam::{DMat3, DVec3};
-
 use super::{ImportError, ImportOptions};
 use crate::Split;
-use erfgs_scene::{Intrinsics, Pose};
+use erfgs_scene::{Intrinsics, Pose, exchange::llff};
 
 /// One viewpoint of a recording.
 pub(super) struct SourceView {
@@ -77,20 +75,13 @@ pub(super) fn checked_range(options: &ImportOptions) -> Result<Option<(u64, u64)
     }
 }
 
-/// A pose from a rotation that must be one to within rounding of text files.
-pub(super) fn rigid(rotation: DMat3, translation: DVec3) -> Result<Pose, String> {
-    if !rotation.is_finite() || !translation.is_finite() {
-        return Err("the pose holds a number that is not finite; calibrate the recording again".to_owned());
+/// The cameras of an LLFF file, in its order.
+pub(super) fn poses_bounds(path: &Path) -> Result<Vec<llff::Row>, ImportError> {
+    if !path.is_file() {
+        let remedy = "the folder must hold the poses that LLFF made";
+        return Err(ImportError::Missing { path: path.to_owned(), remedy });
     }
-    let deviation = rotation.transpose() * rotation - DMat3::IDENTITY;
-    let largest = deviation.to_cols_array().iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-    if largest > 1e-3 || rotation.determinant() < 0.0 {
-        let determinant = rotation.determinant();
-        return Err(format!(
-            "the pose is no rotation (it deviates by {largest:.3}, its determinant is {determinant:.3}); calibrate again"
-        ));
-    }
-    Ok(Pose::from_matrix(rotation, translation))
+    Ok(llff::rows(path)?)
 }
 
 /// The entries of a folder with their names, in order of the names.
@@ -104,15 +95,17 @@ pub(super) fn entries(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Import
     Ok(found)
 }
 
+/// Whether a file of this name is an image, and not one that is hidden.
+pub(super) fn is_image(name: &str) -> bool {
+    let extension = name.rsplit_once('.').map(|(_, extension)| extension.to_ascii_lowercase());
+    !name.starts_with('.') && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
+}
+
 /// The images in a folder, ordered by the last number in their names, then by name.
 pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let image = |name: &str| {
-        let extension = name.rsplit_once('.').map(|(_, extension)| extension.to_ascii_lowercase());
-        !name.starts_with('.') && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
-    };
     let mut found: Vec<(Option<u64>, String, PathBuf)> = entries(folder)?
         .into_iter()
-        .filter(|(name, path)| image(name) && path.is_file())
+        .filter(|(name, path)| is_image(name) && path.is_file())
         .map(|(name, path)| (number(&stem(&path)), name, path))
         .collect();
     found.sort();
@@ -195,14 +188,5 @@ mod tests {
         assert_eq!(folder_name("../a b"), "_.._a_b");
         assert_eq!(folder_name(""), "_");
         assert_eq!(folder_name("cam-1.x"), "cam-1.x");
-    }
-
-    #[test]
-    fn reflections_shears_and_nan_are_no_rotations() {
-        let ok = DMat3::from_rotation_y(0.3);
-        assert!(rigid(ok, DVec3::ONE).is_ok());
-        assert!(rigid(-ok, DVec3::ONE).unwrap_err().contains("determinant"));
-        assert!(rigid(ok * 1.01, DVec3::ONE).is_err());
-        assert!(rigid(ok, DVec3::new(0.0, f64::NAN, 0.0)).unwrap_err().contains("not finite"));
     }
 }

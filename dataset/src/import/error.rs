@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use crate::DatasetError;
-use erfgs_base::npy::NpyError;
 use erfgs_events::npz::NpzError;
-use erfgs_scene::{colmap::ColmapError, image::ImageError, video::VideoError};
+use erfgs_scene::{colmap::ColmapError, exchange::ExchangeError, image::ImageError, video::VideoError};
 use erfgs_session::container::ContainerError;
 
 /// What can go wrong with an import. Each message names the file and, where there is one, the camera.
@@ -81,14 +80,9 @@ pub enum ImportError {
         /// Why.
         source: VideoError,
     },
-    /// A NumPy array cannot be used.
-    #[error("{} {source}", path.display())]
-    Npy {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: NpyError,
-    },
+    /// A file of another program cannot be used.
+    #[error(transparent)]
+    Exchange(#[from] ExchangeError),
     /// A recorded session cannot be read.
     #[error(transparent)]
     Session(Box<ContainerError>),

@@ -16,8 +16,6 @@ use erfgs_scene::image::Resample;
 pub mod colmap;
 mod common;
 mod error;
-mod json;
-mod llff;
 pub mod nerfstudio;
 pub mod neu3d;
 pub mod nvidia;
@@ -59,6 +57,15 @@ pub enum Layout {
     Colmap,
 }
 
+/// The dataset, and what was left out or should be known.
+#[derive(Debug)]
+pub struct Imported {
+    /// The dataset.
+    pub dataset: Dataset,
+    /// Sentences.
+    pub notes: Vec<String>,
+}
+
 /// Imports the recording in `source`, which has the layout `layout`, into a new dataset in the folder `out`.
 ///
 /// # Errors
@@ -69,7 +76,7 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     match layout {
         Layout::Panoptic => panoptic::import(source, options, out, progress),
         Layout::Neu3d => neu3d::import(source, options, out, progress),

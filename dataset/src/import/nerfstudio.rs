@@ -1,68 +1,24 @@
 //! nerfstudio's `transforms.json`.
 //!
-//! Camera-to-world matrices with OpenGL axes (x right, y up, z backward); intrinsics for the whole file or for each
-//! frame; `camera_model` PINHOLE, OPENCV or OPENCV_FISHEYE; principal points as COLMAP gives them, which is our
-//! convention. `time` in [0, 1] (as in D-NeRF) is spread over the number of distinct times at the frame rate. Frames of
+//! The file is read by [`erfgs_scene::exchange::nerfstudio`]. `time` in [0, 1] (as in D-NeRF) is spread over the number of distinct times at the frame rate. Frames of
 //! equal pose and intrinsics are frames of one camera, named by its folder of images. Units are those of the file.
 //! Masks are not taken: they say what to ignore, not what moves.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeMap,
     path::{Path, PathBuf},
 };
 
-use glam::{DMat3, DVec3};
-use serde::Deserialize;
-
 use super::{
-    ImportError, ImportOptions,
+    ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView},
-    json::{self, Number},
     write::{self, SourceRecording},
 };
-use crate::{Dataset, Split};
+use crate::Split;
 use erfgs_base::progress::Progress;
-use erfgs_scene::{Distortion, Intrinsics, Pose};
+use erfgs_scene::{Distortion, Intrinsics, Pose, exchange::nerfstudio::Transforms};
 
 const FPS: f64 = 30.0;
-
-/// The intrinsics of the file or of a frame; the frame's come first.
-#[derive(Clone, Default, Deserialize)]
-struct Lens {
-    camera_model: Option<String>,
-    camera_angle_x: Option<Number>,
-    fl_x: Option<Number>,
-    fl_y: Option<Number>,
-    cx: Option<Number>,
-    cy: Option<Number>,
-    w: Option<Number>,
-    h: Option<Number>,
-    k1: Option<Number>,
-    k2: Option<Number>,
-    k3: Option<Number>,
-    k4: Option<Number>,
-    p1: Option<Number>,
-    p2: Option<Number>,
-}
-
-#[derive(Deserialize)]
-struct File {
-    #[serde(flatten)]
-    lens: Lens,
-    frames: Vec<FrameEntry>,
-    train_filenames: Option<Vec<String>>,
-    val_filenames: Option<Vec<String>>,
-    test_filenames: Option<Vec<String>>,
-}
-
-#[derive(Deserialize)]
-struct FrameEntry {
-    file_path: String,
-    transform_matrix: Vec<Vec<Number>>,
-    time: Option<Number>,
-    #[serde(flatten)]
-    lens: Lens,
-}
 
 /// A frame whose camera is known but not yet gathered with its like.
 struct Shot {
@@ -83,43 +39,36 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let fps = common::fps(options, FPS)?;
     let path = if source.is_file() { source.to_owned() } else { source.join("transforms.json") };
     if !path.is_file() {
         return Err(ImportError::Missing { path, remedy: "a nerfstudio folder holds transforms.json" });
     }
     let root = path.parent().unwrap_or(Path::new("."));
-    let file: File = json::read(&path)?;
-    let held: BTreeSet<&String> = file.test_filenames.iter().chain(&file.val_filenames).flatten().collect();
-    let split_given = file.train_filenames.is_some() && !held.is_empty();
+    let Transforms { frames, train, held_out, mut notes } = Transforms::read(&path)?;
+    let split_given = train.is_some() && !held_out.is_empty();
     let mut shots = Vec::new();
-    for entry in &file.frames {
-        let wrong = |what| ImportError::Camera { camera: entry.file_path.clone(), path: path.clone(), what };
-        let image = find_image(root, &entry.file_path).ok_or_else(|| wrong("the image is missing".to_owned()))?;
-        let broken = |source| ImportError::Image { camera: entry.file_path.clone(), source };
-        let size = match entry.lens.size().or_else(|| file.lens.size()) {
-            Some(size) => size,
-            None => erfgs_scene::image::size(&image).map_err(broken)?,
+    for frame in frames {
+        let Some(image) = find_image(root, &frame.file) else {
+            let what = "the image is missing".to_owned();
+            return Err(ImportError::Camera { camera: frame.file, path, what });
         };
-        let intrinsics = entry.lens.over(&file.lens).intrinsics(size).map_err(wrong)?;
-        let pose = pose(&entry.transform_matrix).map_err(wrong)?;
-        let time = entry.time.map(|time| time.0);
-        if time.is_some_and(|time| !time.is_finite()) {
-            return Err(wrong("the time is not a number".to_owned()));
-        }
-        let split = if held.contains(&entry.file_path) { Split::Test } else { Split::Train };
+        let size = match frame.lens.size() {
+            Some(size) => size,
+            None => erfgs_scene::image::size(&image)
+                .map_err(|source| ImportError::Image { camera: frame.file.clone(), source })?,
+        };
+        let (intrinsics, pose, time) = (frame.lens.intrinsics(size), frame.pose, frame.time);
+        let split = if held_out.contains(&frame.file) { Split::Test } else { Split::Train };
         shots.push(Shot { path: image, intrinsics, pose, time, split });
     }
-    if shots.is_empty() {
-        return Err(ImportError::Malformed { path, what: "it names no frames".to_owned() });
-    }
-    let mut views = gather(shots, options, &path, fps)?;
+    let mut views = gather(shots, options, &path, fps, &mut notes)?;
     if !split_given {
         common::every_eighth(&mut views);
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps };
+    let recording = SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps, notes };
     write::write(recording, options, out, progress)
 }
 
@@ -130,84 +79,14 @@ fn find_image(root: &Path, file: &str) -> Option<PathBuf> {
     std::iter::once(plain).chain(extended).find(|path| path.is_file())
 }
 
-fn pose(rows: &[Vec<Number>]) -> Result<Pose, String> {
-    let row = |at: usize| match rows.get(at).map(Vec::as_slice) {
-        Some(&[a, b, c, d]) => Ok([a.0, b.0, c.0, d.0]),
-        _ => Err("transform_matrix has not four columns and at least three rows".to_owned()),
-    };
-    let [x, y, z] = [row(0)?, row(1)?, row(2)?];
-    let column = |at: usize| DVec3::new(x[at], y[at], z[at]);
-    // OpenGL's y points up and its z backward.
-    let rotation = DMat3::from_cols(column(0), -column(1), -column(2)).transpose();
-    common::rigid(rotation, -(rotation * column(3)))
-}
-
-impl Lens {
-    fn size(&self) -> Option<[u32; 2]> {
-        let whole = |length: Number| (1.0..=65_535.0).contains(&length.0).then_some(length.0 as u32);
-        Some([self.w.and_then(whole)?, self.h.and_then(whole)?])
-    }
-
-    /// These values, and those of `file` where they are absent.
-    fn over(&self, file: &Self) -> Self {
-        let Self { camera_model, camera_angle_x, fl_x, fl_y, cx, cy, w, h, k1, k2, k3, k4, p1, p2 } = self.clone();
-        Self {
-            camera_model: camera_model.or_else(|| file.camera_model.clone()),
-            camera_angle_x: camera_angle_x.or(file.camera_angle_x),
-            fl_x: fl_x.or(file.fl_x),
-            fl_y: fl_y.or(file.fl_y),
-            cx: cx.or(file.cx),
-            cy: cy.or(file.cy),
-            w: w.or(file.w),
-            h: h.or(file.h),
-            k1: k1.or(file.k1),
-            k2: k2.or(file.k2),
-            k3: k3.or(file.k3),
-            k4: k4.or(file.k4),
-            p1: p1.or(file.p1),
-            p2: p2.or(file.p2),
-        }
-    }
-
-    fn intrinsics(&self, [width, height]: [u32; 2]) -> Result<Intrinsics, String> {
-        let from_angle = |angle: Number| 0.5 * f64::from(width) / (0.5 * angle.0).tan();
-        let Some(fx) = self.fl_x.map(|f| f.0).or(self.camera_angle_x.map(from_angle)) else {
-            return Err("there is neither fl_x nor camera_angle_x; add the focal length in pixels".to_owned());
-        };
-        let fy = self.fl_y.map_or(fx, |f| f.0);
-        if !(fx > 0.0 && fy > 0.0 && fx.is_finite() && fy.is_finite()) {
-            return Err(format!("the focal lengths {fx} and {fy} are not positive"));
-        }
-        let [cx, cy] = [(self.cx, width), (self.cy, height)].map(|(c, size)| c.map_or(f64::from(size) / 2.0, |c| c.0));
-        let [k1, k2, k3, k4, p1, p2] =
-            [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2].map(|value| value.map_or(0.0, |value| value.0));
-        if ![cx, cy, k1, k2, k3, k4, p1, p2].iter().all(|value| value.is_finite()) {
-            return Err("the principal point or a distortion coefficient is not finite".to_owned());
-        }
-        let distortion = match self.camera_model.as_deref() {
-            _ if [k1, k2, k3, k4, p1, p2] == [0.0; 6] && self.camera_model.as_deref() != Some("OPENCV_FISHEYE") => {
-                Distortion::None
-            }
-            // nerfstudio's k4 is the fourth radial term, OpenCV's the first of a denominator.
-            None | Some("PINHOLE" | "OPENCV" | "SIMPLE_PINHOLE") if k4 == 0.0 => {
-                Distortion::BrownConrady([k1, k2, p1, p2, k3, 0.0, 0.0, 0.0])
-            }
-            Some("OPENCV_FISHEYE") => Distortion::KannalaBrandt([k1, k2, k3, k4]),
-            Some("OPENCV") | None => {
-                return Err("a k4 with the model OPENCV cannot be imported; calibrate without".to_owned());
-            }
-            Some(other) => {
-                return Err(format!(
-                    "the camera model {other} cannot be imported; PINHOLE, OPENCV, OPENCV_FISHEYE can"
-                ));
-            }
-        };
-        Ok(Intrinsics { width, height, fx, fy, cx, cy, distortion })
-    }
-}
-
 /// Frames of equal pose and intrinsics made into views with times.
-fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> Result<Vec<SourceView>, ImportError> {
+fn gather(
+    shots: Vec<Shot>,
+    options: &ImportOptions,
+    path: &Path,
+    fps: f64,
+    notes: &mut Vec<String>,
+) -> Result<Vec<SourceView>, ImportError> {
     let bits = |shot: &Shot| {
         let (i, p) = (shot.intrinsics, shot.pose);
         let numbers = [i.fx, i.fy, i.cx, i.cy].into_iter().chain(p.rotation.to_array()).chain(p.translation.to_array());
@@ -267,10 +146,14 @@ fn gather(shots: Vec<Shot>, options: &ImportOptions, path: &Path, fps: f64) -> R
             };
             frames.push(FileFrame { image: shot.path.clone(), mask: None, t_ns });
         }
-        let Some(shot) = shots.first().filter(|_| !frames.is_empty()) else { continue };
+        let Some(shot) = shots.first() else { continue };
         let folder = shot.path.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let own = if shots.len() > 1 { folder.unwrap_or_default() } else { common::stem(&shot.path) };
         let name = common::folder_name(&own);
+        if frames.is_empty() {
+            notes.push(format!("{name}: left out, it has no frame among those asked for"));
+            continue;
+        }
         let taken = views.iter().any(|view| view.name == name);
         let name = if taken { format!("{name}_{number:03}") } else { name };
         let split = if shots.iter().any(|shot| shot.split == Split::Test) { Split::Test } else { Split::Train };

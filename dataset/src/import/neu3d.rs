@@ -14,13 +14,13 @@ use std::{
 };
 
 use super::{
-    ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, SourceView},
-    llff,
+    ImportError, ImportOptions, Imported,
+    common::{self, FileFrame, Frames, SourceView, poses_bounds},
     write::{self, SourceRecording},
 };
-use crate::{Dataset, Split};
+use crate::Split;
 use erfgs_base::progress::Progress;
+use erfgs_scene::exchange::llff::BOUNDS_LEFT_OUT;
 
 /// The rate of the published recordings.
 const FPS: f64 = 30.0;
@@ -34,11 +34,11 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let fps = common::fps(options, FPS)?;
     let range = common::checked_range(options)?;
     let poses = source.join("poses_bounds.npy");
-    let rows = llff::read(&poses)?;
+    let rows = poses_bounds(&poses)?;
     let cameras = cameras(source)?;
     if rows.len() != cameras.len() {
         let names: Vec<&str> = cameras.keys().map(String::as_str).collect();
@@ -73,7 +73,8 @@ pub fn import(
         views.push(SourceView { name, split, intrinsics, pose, frames });
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "neu3d", source, views, any_size: true, fps };
+    let recording =
+        SourceRecording { importer: "neu3d", source, views, any_size: true, fps, notes: vec![BOUNDS_LEFT_OUT.to_owned()] };
     write::write(recording, options, out, progress)
 }
 

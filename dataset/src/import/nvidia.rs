@@ -15,14 +15,13 @@ use std::{
 };
 
 use super::{
-    ImportError, ImportOptions,
-    common::{self, FileFrame, Frames, SourceView},
-    llff,
+    ImportError, ImportOptions, Imported,
+    common::{self, FileFrame, Frames, SourceView, poses_bounds},
     write::{self, SourceRecording},
 };
-use crate::{Dataset, Split};
+use crate::Split;
 use erfgs_base::progress::Progress;
-use erfgs_scene::Pose;
+use erfgs_scene::{Pose, exchange::llff::BOUNDS_LEFT_OUT};
 
 const FPS: f64 = 15.0;
 const TEST: [u64; 2] = [4, 9];
@@ -36,7 +35,7 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let fps = common::fps(options, FPS)?;
     let dense = source.join("dense");
     let root = if dense.join("mv_images").is_dir() { dense } else { source.to_owned() };
@@ -46,7 +45,7 @@ pub fn import(
         return Err(ImportError::Missing { path: folder, remedy });
     }
     let poses = root.join("poses_bounds.npy");
-    let rows = llff::read(&poses)?;
+    let rows = poses_bounds(&poses)?;
     let times: Vec<PathBuf> = common::entries(&folder)?.into_values().filter(|path| path.is_dir()).collect();
     let times = common::in_range(times, options, &folder)?;
     let images: Vec<Vec<PathBuf>> = times.iter().map(|time| common::images(time)).collect::<Result<_, _>>()?;
@@ -90,7 +89,8 @@ pub fn import(
         });
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "nvidia", source, views, any_size: true, fps };
+    let recording =
+        SourceRecording { importer: "nvidia", source, views, any_size: true, fps, notes: vec![BOUNDS_LEFT_OUT.to_owned()] };
     write::write(recording, options, out, progress)
 }
 

@@ -18,14 +18,16 @@ use glam::{DMat3, DVec3};
 use serde::Deserialize;
 
 use super::{
-    ImportError, ImportOptions,
+    ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView},
-    json::{self, Number},
     write::{self, SourceRecording},
 };
-use crate::{Dataset, Split};
+use crate::Split;
 use erfgs_base::progress::Progress;
-use erfgs_scene::{Distortion, Intrinsics};
+use erfgs_scene::{
+    Distortion, Intrinsics, Pose,
+    exchange::json::{self, Number},
+};
 
 /// The rate of the Panoptic Studio's HD cameras as packaged.
 const FPS: f64 = 30.0;
@@ -62,7 +64,7 @@ pub fn import(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let fps = common::fps(options, FPS)?;
     let range = common::checked_range(options)?;
     let mut tracks = BTreeMap::new();
@@ -85,7 +87,7 @@ pub fn import(
         views.push(view(source, *id, track, first, fps)?);
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "panoptic", source, views, any_size: false, fps };
+    let recording = SourceRecording { importer: "panoptic", source, views, any_size: false, fps, notes: Vec::new() };
     write::write(recording, options, out, progress)
 }
 
@@ -179,7 +181,7 @@ fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<S
         return Err(wrong(format!("the last row of w2c is {bottom:?} instead of 0, 0, 0, 1")));
     }
     let rotation = DMat3::from_cols_array_2d(&[[a, d, g], [b, e, h], [c, f, i]]);
-    let pose = common::rigid(rotation, DVec3::new(x, y, z)).map_err(wrong)?;
+    let pose = Pose::rigid(rotation, DVec3::new(x, y, z)).map_err(wrong)?;
     let [width, height] = track.size;
     let intrinsics = Intrinsics { width, height, fx, fy, cx, cy, distortion: Distortion::None };
 

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 use serde_json::json;
 
 use super::{
-    ImportError, ImportOptions,
+    ImportError, ImportOptions, Imported,
     common::{FileFrame, Frames, SourceView, frame_time},
 };
 use crate::{Camera, Dataset, DatasetError, Frame, Manifest, Provenance, layout};
@@ -26,6 +26,8 @@ pub(super) struct SourceRecording<'a> {
     pub(super) any_size: bool,
     /// Frames a second.
     pub(super) fps: f64,
+    /// What was left out or should be known, a sentence for each.
+    pub(super) notes: Vec<String>,
 }
 
 /// What one thread does at a time.
@@ -40,7 +42,7 @@ pub(super) fn write(
     options: &ImportOptions,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
-) -> Result<Dataset, ImportError> {
+) -> Result<Imported, ImportError> {
     let scale = options.scale.unwrap_or(1.0);
     if !(scale > 0.0 && scale <= 16.0) {
         return Err(ImportError::Options(format!("--scale {scale} makes no image; give a fraction such as 0.5")));
@@ -102,7 +104,7 @@ pub(super) fn write(
     dataset.validate()?;
     building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
     dataset.root = out.to_owned();
-    Ok(dataset)
+    Ok(Imported { dataset, notes: recording.notes })
 }
 
 /// How large the images of a view are and shall be.

@@ -61,3 +61,30 @@ fn one_image_for_each_camera_gives_one_instant() {
     assert_eq!(dataset.manifest.span_ns, [0, 33_333_333]);
     assert!(dataset.manifest.cameras.iter().all(|camera| camera.frames.len() == 1));
 }
+
+#[test]
+fn points_and_cameras_without_images_in_the_model_are_said_to_be_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a", "b"] {
+        write(folder.path().join(format!("images/{name}.png")), &halves(16, 8, 1, 2));
+    }
+    let mut model = model(&[("a.png", 0), ("b.png", 1)]);
+    let sparse = folder.path().join("sparse/0");
+    model.write_binary(&sparse).unwrap();
+    let said = || notes(Layout::Colmap, folder.path(), &ImportOptions::default());
+    assert_eq!(said(), "");
+    let point = Point3d { position: DVec3::ONE, colour: [1, 2, 3], error: 0.5, track: Vec::new() };
+    model.points.insert(7, point);
+    model.write_binary(&sparse).unwrap();
+    write(folder.path().join("images/c.png"), &halves(16, 8, 1, 2));
+    write(folder.path().join("images/north/0.png"), &halves(16, 8, 1, 2));
+    let said = said();
+    assert!(
+        said.contains("1 points") && said.contains("c.png: left out") && said.contains("north: left out"),
+        "{said}"
+    );
+    model.cameras.insert(1, ColmapCamera { parameters: vec![-1.0; 8], ..ColmapCamera::from_intrinsics(&intrinsics()) });
+    model.write_binary(&sparse).unwrap();
+    let message = refused(Layout::Colmap, folder.path(), &ImportOptions::default());
+    assert!(message.contains("camera a") && message.contains("not positive"), "{message}");
+}

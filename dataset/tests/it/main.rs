@@ -9,13 +9,15 @@ use std::{
 use erfgs_base::npy;
 use erfgs_dataset::{
     Camera, Dataset, DatasetError, Split,
-    import::{ImportError, ImportOptions, Layout, import},
+    import::{ImportError, ImportOptions, Imported, Layout, import},
 };
 use erfgs_recordings::shared;
 use erfgs_scene::{
-    Distortion, ImageGrey8, ImageRgb8, Intrinsics, Pose,
-    colmap::{ColmapCamera, ColmapImage, Model},
+    Distortion, ImageGrey8, ImageRgb8, Intrinsics, Modality, Pose,
+    colmap::{ColmapCamera, ColmapImage, Model, Point3d},
+    exchange::{self, Format},
     image::Resample,
+    rig_file::{RigCamera, RigFile},
 };
 use glam::{DMat3, DVec3};
 use serde_json::{Value, json};
@@ -49,7 +51,14 @@ fn close(a: &Pose, b: &Pose) -> bool {
 }
 
 fn run(layout: Layout, source: &Path, options: &ImportOptions, out: &Path) -> Result<Dataset, ImportError> {
-    import(layout, source, options, out, &mut |_| {})
+    import(layout, source, options, out, &mut |_| {}).map(|imported| imported.dataset)
+}
+
+/// The notes of an import, one in a line.
+fn notes(layout: Layout, source: &Path, options: &ImportOptions) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let Imported { notes, .. } = import(layout, source, options, &folder.path().join("ds"), &mut |_| {}).unwrap();
+    notes.join("\n")
 }
 
 /// The message of an import that must fail, and must leave nothing behind.
@@ -111,6 +120,9 @@ fn nvidia_scenes_are_read_by_time_and_camera() {
         let mask = dataset.read_mask(camera, &camera.frames[0]).unwrap();
         assert_eq!(mask.map(|mask| mask.data[..2].to_vec()), (number == 2).then(|| vec![255, 0]));
     }
+
+    let notes = notes(Layout::Nvidia, folder.path(), &options);
+    assert!(notes.contains("bounds"), "{notes}");
 
     let message = || refused(Layout::Nvidia, folder.path(), &options);
     std::fs::write(&poses, poses_bounds(&[1, 2, 3, 4, 5, 1, 2, 9, 4, 5])).unwrap();

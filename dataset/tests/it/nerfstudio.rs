@@ -99,3 +99,77 @@ fn what_is_wrong_is_named_with_the_frame() {
     assert!(message(json!({ "frames": [] })).contains("no frames"));
     assert!(message(json!({ "frame": [] })).contains("transforms.json"));
 }
+
+/// What `erfgs calibrate convert` writes, every coefficient of the lens included.
+#[test]
+fn a_rig_written_for_nerfstudio_is_imported_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let lenses = [
+        Distortion::None,
+        Distortion::BrownConrady([0.1, -0.02, 0.003, -0.004, 0.0, 0.0, 0.0, 0.0]),
+        Distortion::BrownConrady([0.1, -0.02, 0.003, -0.004, 0.005, 0.0, 0.0, 0.0]),
+        Distortion::KannalaBrandt([0.0; 4]),
+        Distortion::KannalaBrandt([0.1, -0.02, 0.003, -0.004]),
+    ];
+    let camera = |(number, distortion): (u64, Distortion)| {
+        let name = format!("cam{number}");
+        write(folder.path().join(format!("images/{name}.png")), &halves(16, 8, 1, 2));
+        let intrinsics = Intrinsics { width: 16, height: 8, fx: 20.125, fy: 21.1, cx: 7.3, cy: 4.5, distortion };
+        RigCamera::new(&name, Modality::Rgb, intrinsics, Some(pose(number)))
+    };
+    let rig = RigFile::new("wand", true, (0..).zip(lenses).map(camera).collect());
+    exchange::write(&rig, Format::Nerfstudio, &folder.path().join("transforms.json")).unwrap();
+    let options = ImportOptions::default();
+    let dataset = run(Layout::Nerfstudio, folder.path(), &options, &folder.path().join("ds")).unwrap();
+    assert_eq!(notes(Layout::Nerfstudio, folder.path(), &options), "");
+    assert_eq!(dataset.manifest.cameras.len(), rig.cameras.len());
+    for (imported, written) in dataset.manifest.cameras.iter().zip(&rig.cameras) {
+        assert_eq!((&imported.name, imported.intrinsics), (&written.name, written.intrinsics));
+        assert!(close(&imported.world_to_camera, &written.pose.unwrap()), "{}", written.name);
+    }
+    // And the rig's own reader says the same.
+    let back = exchange::read(&folder.path().join("transforms.json")).unwrap();
+    for (read, imported) in back.cameras.iter().zip(&dataset.manifest.cameras) {
+        assert_eq!(
+            (read.intrinsics, read.pose),
+            (imported.intrinsics, Some(imported.world_to_camera)),
+            "{}",
+            read.name
+        );
+    }
+}
+
+#[test]
+fn a_model_that_is_not_known_is_refused_even_without_coefficients() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path().join("a.png"), &halves(16, 8, 1, 2));
+    for (keys, said) in [
+        (json!({ "camera_model": "EQUIRECTANGULAR" }), "EQUIRECTANGULAR"),
+        (json!({ "k6": 0.1 }), "k6"),
+        (json!({ "camera_model": "OPENCV_FISHEYE", "p2": 0.1 }), "p2"),
+        (json!({ "w": 1e30, "h": 8 }), "no side of an image"),
+        (json!({ "w": 0, "h": 8 }), "no side of an image"),
+        (json!({ "w": 16 }), "w and h"),
+    ] {
+        let file = json!({ "fl_x": 20.0, "frames": [frame("a.png", 0, keys)] });
+        std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
+        let message = refused(Layout::Nerfstudio, folder.path(), &ImportOptions::default());
+        assert!(message.contains("a.png") && message.contains(said), "{message}");
+    }
+}
+
+#[test]
+fn what_is_not_taken_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = [0_u64, 1].map(|number| {
+        write(folder.path().join(format!("{number}.png")), &halves(16, 8, 1, 2));
+        frame(&format!("{number}.png"), number, json!({ "time": number, "mask_path": "m.png" }))
+    });
+    let file = json!({ "fl_x": 20.0, "ply_file_path": "p.ply", "aabb_scale": 4, "frames": frames });
+    std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
+    let options = ImportOptions { frames: Some((1, 1)), ..Default::default() };
+    let said = notes(Layout::Nerfstudio, folder.path(), &options);
+    for word in ["mask_path", "ply_file_path", "left out: aabb_scale", "0: left out, it has no frame"] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+}

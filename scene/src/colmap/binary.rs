@@ -16,7 +16,7 @@ use std::{
 use erfgs_base::FileError;
 use glam::DVec2;
 
-use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, pose};
+use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, REMEDY, pose};
 
 const NONE: u64 = u64::MAX;
 
@@ -119,7 +119,7 @@ pub(super) fn read(folder: &Path) -> Result<Model, ColmapError> {
     let cameras = Reader::open(folder, "cameras.bin")?.items(24, |file| {
         let (id, number) = (file.u32()?, file.take().map(i32::from_le_bytes)?);
         let Some(model) = CameraModel::from_id(number) else {
-            return Err(file.error(format!("camera {id} has the model {number}, which is not supported")));
+            return Err(file.error(format!("camera {id} has the model {number}, which is not supported; {REMEDY}")));
         };
         let (width, height) = (file.u64()?, file.u64()?);
         let parameters = (0..model.parameters()).map(|_| file.f64()).collect::<Result<_, _>>()?;

@@ -38,6 +38,9 @@ pub enum CameraModel {
     FullOpenCv = 6,
 }
 
+/// What to do about other camera models.
+const REMEDY: &str = "register with OPENCV, FULL_OPENCV or OPENCV_FISHEYE, or undistort the images";
+
 /// One camera of a model: a lens and a sensor, shared by any number of images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
@@ -222,10 +225,10 @@ impl ColmapCamera {
         Self { model, width: width.into(), height: height.into(), parameters }
     }
 
-    /// The intrinsics of the camera. Coefficients that are all zero give no distortion.
+    /// The intrinsics of the camera. Coefficients that are all zero give no distortion, except those of a fisheye.
     ///
     /// # Errors
-    /// If the number of parameters is wrong or the size does not fit.
+    /// If the number of parameters is wrong, or no camera has such a size or such parameters.
     pub fn intrinsics(&self) -> Result<Intrinsics, ColmapError> {
         let error = |what| ColmapError::Camera { model: self.model.name(), what };
         let (Ok(width), Ok(height)) = (u32::try_from(self.width), u32::try_from(self.height)) else {
@@ -242,17 +245,19 @@ impl ColmapCamera {
             _ => return Err(error("has no parameters".to_owned())),
         };
         let [cx, cy, k @ ..] = rest else { return Err(error("has no principal point".to_owned())) };
-        let distortion = if k.iter().all(|&k| k == 0.0) {
-            Distortion::None
-        } else if let (CameraModel::OpenCvFisheye, &[k1, k2, k3, k4]) = (self.model, k) {
+        let distortion = if let (CameraModel::OpenCvFisheye, &[k1, k2, k3, k4]) = (self.model, k) {
+            // All zero it is the equidistant fisheye, no pinhole.
             Distortion::KannalaBrandt([k1, k2, k3, k4])
+        } else if k.iter().all(|&k| k == 0.0) {
+            Distortion::None
         } else {
             // The shorter models are prefixes: (k1), (k1, k2), (k1, k2, p1, p2).
             let mut all = [0.0; 8];
             all.iter_mut().zip(k).for_each(|(to, from)| *to = *from);
             Distortion::BrownConrady(all)
         };
-        Ok(Intrinsics { width, height, fx: focal[0], fy: focal[1], cx: *cx, cy: *cy, distortion })
+        let intrinsics = Intrinsics { width, height, fx: focal[0], fy: focal[1], cx: *cx, cy: *cy, distortion };
+        intrinsics.checked().map_err(|what| error(format!("cannot be used: {what}")))
     }
 }
 

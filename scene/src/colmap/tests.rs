@@ -188,6 +188,21 @@ fn what_is_wrong_is_named() {
 }
 
 #[test]
+fn a_fisheye_without_coefficients_is_no_pinhole_and_no_camera_has_any_numbers() {
+    let distortion = Distortion::KannalaBrandt([0.0; 4]);
+    let intrinsics = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 510.0, cx: 320.5, cy: 239.0, distortion };
+    let camera = ColmapCamera::from_intrinsics(&intrinsics);
+    assert_eq!(camera.intrinsics().unwrap(), intrinsics);
+    for (width, focal, cx) in
+        [(0, 500.0, 320.0), (u64::MAX, 500.0, 320.0), (640, -500.0, 320.0), (640, f64::NAN, 1.0), (640, 9.0, f64::NAN)]
+    {
+        let parameters = vec![focal, 510.0, cx, 239.0, 0.0, 0.0, 0.0, 0.0];
+        let error = ColmapCamera { width, parameters, ..camera.clone() }.intrinsics().unwrap_err();
+        assert!(error.to_string().contains("OPENCV_FISHEYE"), "{error}");
+    }
+}
+
+#[test]
 fn stale_rigs_and_frames_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["rigs.bin", "frames.bin"] {

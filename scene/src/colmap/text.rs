@@ -19,7 +19,7 @@ use std::{
 use erfgs_base::FileError;
 use glam::DVec2;
 
-use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, pose};
+use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, REMEDY, pose};
 
 /// The comments that COLMAP writes at the beginning of each file; the count follows the last.
 const HEADERS: [&str; 3] = [
@@ -139,7 +139,7 @@ fn read_cameras(folder: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ColmapErro
         let Some(id) = line.optional("the camera's id")? else { continue };
         let name: String = line.next("the camera's model")?;
         let Some(model) = CameraModel::from_name(&name) else {
-            return Err(line.error(format!("camera {id} has the model {name}, which is not supported")));
+            return Err(line.error(format!("camera {id} has the model {name}, which is not supported; {REMEDY}")));
         };
         let (width, height) = (line.next("the width")?, line.next("the height")?);
         let parameters = (0..model.parameters()).map(|_| line.finite("a parameter")).collect::<Result<_, _>>()?;

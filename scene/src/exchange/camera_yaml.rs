@@ -3,58 +3,101 @@
 
 use std::path::Path;
 
-use crate::{Distortion, Intrinsics};
+use crate::{Distortion, Intrinsics, camera::image_side};
 use yaml_rust2::Yaml;
 
 use super::{
-    ConvertError, Lens, lens,
-    yaml::{load, malformed, numbers},
+    ExchangeError, Lens, lens, notes,
+    yaml::{self, load, malformed, numbers},
 };
 
 /// Reads the intrinsics of a file.
 ///
 /// # Errors
 /// If it cannot be read, or something in it is missing or not supported.
-pub fn read_intrinsics(path: &Path) -> Result<Intrinsics, ConvertError> {
+pub fn read_intrinsics(path: &Path) -> Result<Intrinsics, ExchangeError> {
     intrinsics(&load(path)?).map_err(|what| malformed(path, what))
 }
 
 /// The intrinsics of a document.
 pub(super) fn intrinsics(document: &Yaml) -> Result<Intrinsics, String> {
     let side = |key: &str| {
-        let value = &document[key];
-        let size = value.as_i64().and_then(|size| u32::try_from(size).ok()).filter(|size| *size > 0);
+        let size = document[key].as_i64().and_then(|size| image_side(size as f64).ok());
         size.ok_or_else(|| format!("it has no '{key}' that is a number of pixels"))
     };
     let (width, height) = (side("image_width")?, side("image_height")?);
     let matrix = numbers(&document["camera_matrix"]).filter(|matrix| matrix.len() == 9);
-    let matrix = matrix.ok_or("it has no 'camera_matrix' with the nine numbers of a 3x3 matrix")?;
-    let (fx, fy) = (matrix[0], matrix[4]);
-    if !(fx > 0.0 && fy > 0.0) {
-        return Err("a focal length in its camera_matrix is not positive".into());
+    let m = matrix.ok_or("it has no 'camera_matrix' with the nine numbers of a 3x3 matrix")?;
+    if [m[1], m[3], m[6], m[7], m[8]] != [0.0, 0.0, 0.0, 0.0, 1.0] {
+        return Err("its camera_matrix has a skew or another last row than 0, 0, 1; calibrate without skew".into());
     }
-    let coefficients = &document["distortion_coefficients"];
-    let k = match coefficients {
+    let distortion = distortion(document)?;
+    Intrinsics { width, height, fx: m[0], fy: m[4], cx: m[2] + 0.5, cy: m[5] + 0.5, distortion }
+        .checked()
+        .map_err(|what| format!("its camera_matrix: {what}"))
+}
+
+fn distortion(document: &Yaml) -> Result<Distortion, String> {
+    let k = match &document["distortion_coefficients"] {
         Yaml::BadValue | Yaml::Null => Vec::new(),
         value => numbers(value).ok_or("its distortion_coefficients are not all numbers")?,
     };
-    let distortion = match (document["distortion_model"].as_str().unwrap_or("plumb_bob"), k.as_slice()) {
-        ("equidistant" | "fisheye", &[k1, k2, k3, k4]) => Distortion::KannalaBrandt([k1, k2, k3, k4]),
-        ("plumb_bob" | "rational_polynomial" | "", k) if k.iter().all(|value| *value == 0.0) => Distortion::None,
+    // What OpenCV's calibration programs write names no model, but says whether it is the fisheye.
+    let fisheye = matches!(document["fisheye_model"], Yaml::Integer(1) | Yaml::Boolean(true));
+    let model = document["distortion_model"].as_str().unwrap_or(if fisheye { "fisheye" } else { "plumb_bob" });
+    match (model, k.as_slice()) {
+        ("equidistant" | "fisheye", &[k1, k2, k3, k4]) => Ok(Distortion::KannalaBrandt([k1, k2, k3, k4])),
+        ("plumb_bob" | "rational_polynomial" | "", k) if k.iter().all(|value| *value == 0.0) => Ok(Distortion::None),
         ("plumb_bob" | "rational_polynomial" | "", k) if k.len() <= 8 => {
             let mut all = [0.0; 8];
             all[..k.len()].copy_from_slice(k);
-            Distortion::BrownConrady(all)
+            Ok(Distortion::BrownConrady(all))
         }
-        (model, k) => {
-            return Err(format!(
-                "distortion model '{model}' with {} coefficients is not supported; plumb_bob, rational_polynomial and \
-                 equidistant are",
-                k.len()
-            ));
+        (model, k) => Err(format!(
+            "distortion model '{model}' with {} coefficients is not supported; plumb_bob, rational_polynomial and \
+             equidistant are",
+            k.len()
+        )),
+    }
+}
+
+/// What is read of a document, or known to say the same again.
+const KNOWN: [&str; 11] = [
+    "camera_matrix",
+    "camera_name",
+    "distortion_coefficients",
+    "distortion_model",
+    "fisheye_model",
+    "image_height",
+    "image_width",
+    "projection_matrix",
+    "R",
+    "rectification_matrix",
+    "T",
+];
+
+/// What a document says beyond the intrinsics and pose of the camera `name`, a sentence for each.
+pub(super) fn left_out(document: &Yaml, intrinsics: &Intrinsics, name: &str) -> Vec<String> {
+    let mut notes = Vec::new();
+    if let Some(own) = document["camera_name"].as_str().filter(|own| *own != quoted(name)) {
+        let own: String = own.escape_debug().take(40).collect();
+        notes.push(format!("the name {own} within the file is not kept"));
+    }
+    let [fx, _, cx, _, fy, cy, ..] = matrix(intrinsics);
+    for (key, usual) in [
+        ("rectification_matrix", &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0][..]),
+        ("projection_matrix", &[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
+    ] {
+        let value = &document[key];
+        let same =
+            |found: &[f64]| found.len() == usual.len() && found.iter().zip(usual).all(|(a, b)| (a - b).abs() < 1e-9);
+        if !value.is_badvalue() && !numbers(value).is_some_and(|found| same(&found)) {
+            notes.push(format!("its {key} is that of rectified images and is not kept"));
         }
-    };
-    Ok(Intrinsics { width, height, fx, fy, cx: matrix[2] + 0.5, cy: matrix[5] + 0.5, distortion })
+    }
+    let keys = yaml::keys(document).filter(|key| !KNOWN.contains(key)).map(str::to_owned).collect();
+    notes.extend(notes::unknown(&keys));
+    notes
 }
 
 /// The name of the lens model and its coefficients.

@@ -1,15 +1,15 @@
-//! What can go wrong while a rig is converted.
+//! What can go wrong with a file of another program.
 
 use std::{io, path::PathBuf};
 
-use crate::colmap::ColmapError;
+use erfgs_base::npy::NpyError;
 
 use super::Format;
-use crate::rig_file::RigFileError;
+use crate::{colmap::ColmapError, rig_file::RigFileError};
 
-/// What can go wrong while a rig is converted.
+/// What can go wrong with a file of another program, read or written.
 #[derive(Debug, thiserror::Error)]
-pub enum ConvertError {
+pub enum ExchangeError {
     /// The format needs poses.
     #[error("camera {camera} has no pose, and a {format} needs one; leave the camera out, or calibrate its pose")]
     NoPose {
@@ -32,6 +32,14 @@ pub enum ConvertError {
         /// A lens model that fits.
         remedy: &'static str,
     },
+    /// Two cameras would be written under one name.
+    #[error("two cameras would be called {name} in a {format}; rename one of them")]
+    SameName {
+        /// The name there.
+        name: String,
+        /// The format.
+        format: Format,
+    },
     /// A file cannot be read or written.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
@@ -49,6 +57,24 @@ pub enum ConvertError {
         path: PathBuf,
         /// What is wrong.
         what: String,
+    },
+    /// What a file says of one camera cannot be used.
+    #[error("camera {camera}: {}: {what}", path.display())]
+    Camera {
+        /// The camera's name, or its image.
+        camera: String,
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        what: String,
+    },
+    /// A NumPy array cannot be used.
+    #[error("{} {source}", path.display())]
+    Npy {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: NpyError,
     },
     /// A COLMAP model.
     #[error(transparent)]

@@ -1,20 +1,20 @@
 //! Kalibr's camchain: cameras in a row, each with its pose relative to the one before (`T_cn_cnm1`). The centre of the first
 //! pixel is (0, 0).
 
-use std::{fmt::Write as _, path::Path};
+use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
-use crate::{Distortion, Intrinsics, Modality, Pose};
+use crate::{Distortion, Intrinsics, Modality, Pose, camera::image_side};
 use erfgs_base::atomic;
 use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
 use super::{
-    ConvertError, Format, Lens, common_losses, lens, pose,
-    yaml::{list, load, malformed, numbers},
+    ExchangeError, Format, Lens, lens, losses, notes, pose,
+    yaml::{self, list, load, malformed, numbers},
 };
 use crate::rig_file::{RigCamera, RigFile};
 
-pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertError> {
+pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
     let mut text = String::new();
     let mut before: Option<Pose> = None;
     for (index, camera) in rig.cameras.iter().enumerate() {
@@ -24,7 +24,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertErr
             Lens::Brown(k) if k.len() == 4 => ("radtan", k),
             Lens::Brown(_) => {
                 let (format, what, remedy) = (Format::Kalibr, "its polynomial goes beyond k2", "fisheye");
-                return Err(ConvertError::Lens { camera: camera.name.clone(), format, what, remedy });
+                return Err(ExchangeError::Lens { camera: camera.name.clone(), format, what, remedy });
             }
             Lens::Fisheye(k) => ("equidistant", k.to_vec()),
         };
@@ -37,7 +37,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertErr
             list(&[i.fx, i.fy, i.cx - 0.5, i.cy - 0.5]),
             i.width,
             i.height,
-            camera.name.replace(|c: char| !c.is_ascii_alphanumeric(), "_"),
+            topic(&camera.name),
         );
         if let Some(before) = before {
             let rotation = DMat3::from_quat(pose.rotation * before.rotation.conjugate());
@@ -51,16 +51,24 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertErr
         }
         before = Some(pose);
     }
-    let io = |source| ConvertError::Io { doing: "write", path: out.into(), source };
+    let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
     atomic::write(out, text.as_bytes()).map_err(io)?;
-    let mut lost = common_losses(rig, Format::Kalibr);
+    let mut lost = losses::common(rig, Format::Kalibr);
+    for camera in rig.cameras.iter().filter(|camera| topic(&camera.name) != camera.name) {
+        lost.push(format!("{}: it is called {} in its topic", camera.name.escape_debug(), topic(&camera.name)));
+    }
     if rig.cameras.first().and_then(|camera| camera.pose).is_some_and(|pose| pose != Pose::IDENTITY) {
         lost.push("a camchain's world is its first camera: poses are relative to it".into());
     }
     Ok(lost)
 }
 
-pub(super) fn read(path: &Path) -> Result<RigFile, ConvertError> {
+/// A camera's name in a ROS topic.
+fn topic(name: &str) -> String {
+    name.replace(|c: char| !c.is_ascii_alphanumeric(), "_")
+}
+
+pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     let document = load(path)?;
     let mut cameras: Vec<RigCamera> = Vec::new();
     loop {
@@ -74,8 +82,32 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ConvertError> {
     if cameras.is_empty() {
         return Err(malformed(path, "it has no camera cam0; is it a camchain?".into()));
     }
-    Ok(RigFile::new("kalibr", true, cameras))
+    let names: BTreeSet<String> = (0..cameras.len()).map(|index| format!("cam{index}")).collect();
+    let mut other: BTreeSet<String> =
+        yaml::keys(&document).filter(|key| !names.contains(*key)).map(str::to_owned).collect();
+    let is_camera = |key: &&String| key.strip_prefix("cam").is_some_and(|number| number.parse::<u32>().is_ok());
+    if let Some(camera) = other.iter().find(is_camera) {
+        return Err(malformed(path, format!("{camera} follows a gap: number the cameras from cam0 on")));
+    }
+    for name in &names {
+        other.extend(yaml::keys(&document[name.as_str()]).filter(|key| !KNOWN.contains(key)).map(str::to_owned));
+    }
+    let mut rig = RigFile::new("kalibr", true, cameras);
+    rig.warnings.extend(notes::unknown(&other));
+    Ok(rig)
 }
+
+/// What is read of a camera, or says nothing of it.
+const KNOWN: [&str; 8] = [
+    "T_cn_cnm1",
+    "cam_overlaps",
+    "camera_model",
+    "distortion_coeffs",
+    "distortion_model",
+    "intrinsics",
+    "resolution",
+    "rostopic",
+];
 
 fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera, String> {
     let wrong = |what: &str| format!("cam{index}: {what}");
@@ -84,17 +116,29 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
             .filter(|values| values.len() == count)
             .ok_or_else(|| wrong(&format!("{name} is no list of {count} numbers")))
     };
-    if entry["camera_model"].as_str() != Some("pinhole") {
-        return Err(wrong("only the camera model pinhole is supported"));
+    match entry["camera_model"].as_str() {
+        Some("pinhole") => {}
+        other => {
+            let other = other.unwrap_or("that is absent").escape_debug();
+            return Err(wrong(&format!(
+                "the camera model {other} is not supported; calibrate with pinhole, and radtan or equidistant for the lens"
+            )));
+        }
     }
     let i = list("intrinsics", 4)?;
     let size = list("resolution", 2)?;
-    let side = |value: f64| (value >= 1.0 && value <= f64::from(u16::MAX)).then_some(value as u32);
-    let (Some(width), Some(height)) = (side(size[0]), side(size[1])) else {
-        return Err(wrong("resolution is no size"));
-    };
+    let side = |value: f64| image_side(value).map_err(|what| wrong(&format!("resolution: {what}")));
+    let (width, height) = (side(size[0])?, side(size[1])?);
     let distortion = match entry["distortion_model"].as_str() {
-        Some("none") | None => Distortion::None,
+        Some("none") | None => {
+            let k = numbers(&entry["distortion_coeffs"]).unwrap_or_default();
+            if k.iter().any(|value| *value != 0.0) {
+                return Err(wrong(
+                    "it has distortion_coeffs but no distortion_model; name the model, radtan or equidistant",
+                ));
+            }
+            Distortion::None
+        }
         Some("radtan") => {
             let k = list("distortion_coeffs", 4)?;
             let all = [k[0], k[1], k[2], k[3], 0.0, 0.0, 0.0, 0.0];
@@ -104,9 +148,15 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
             let k = list("distortion_coeffs", 4)?;
             Distortion::KannalaBrandt([k[0], k[1], k[2], k[3]])
         }
-        Some(other) => return Err(wrong(&format!("the distortion model {other} is not supported"))),
+        Some(other) => {
+            return Err(wrong(&format!(
+                "the distortion model {} is not supported; radtan and equidistant are",
+                other.escape_debug()
+            )));
+        }
     };
     let intrinsics = Intrinsics { width, height, fx: i[0], fy: i[1], cx: i[2] + 0.5, cy: i[3] + 0.5, distortion };
+    let intrinsics = intrinsics.checked().map_err(|what| wrong(&what))?;
     let pose = match before {
         None => Pose::IDENTITY,
         Some(before) => {
@@ -115,11 +165,9 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
             let rows = rows.filter(|rows| rows.len() == 4 && rows.iter().all(|row| row.len() == 4));
             let m = rows.ok_or_else(|| wrong("T_cn_cnm1 is no 4x4 matrix"))?;
             let row = |at: usize| DVec3::new(m[at][0], m[at][1], m[at][2]);
-            let relative = Pose::from_matrix(
-                DMat3::from_cols(row(0), row(1), row(2)).transpose(),
-                DVec3::new(m[0][3], m[1][3], m[2][3]),
-            );
-            before.then(&relative)
+            let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
+            let relative = Pose::rigid(rotation, DVec3::new(m[0][3], m[1][3], m[2][3]));
+            before.then(&relative.map_err(|what| wrong(&format!("T_cn_cnm1: {what}")))?)
         }
     };
     let topic = entry["rostopic"].as_str().and_then(|topic| topic.trim_matches('/').split('/').next());

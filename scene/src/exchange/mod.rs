@@ -1,24 +1,34 @@
-//! Rigs in the formats of other programs, and back.
+//! Files of other programs, read and written here alone: rigs as a whole ([`read`], [`write`]), and what datasets take from
+//! them beside ([`nerfstudio::Transforms`], [`llff::rows`]; COLMAP's models are in [`crate::colmap`]).
 //!
 //! What differs: pixel centres (ours and COLMAP's at half-integers; OpenCV's, ROS's and Kalibr's at integers), axes
 //! (nerfstudio's and LLFF's cameras look along -z), and which lenses a format can hold. What a format has no place for is said,
-//! never dropped in silence; a lens that it would distort differently is refused.
+//! never dropped in silence; a lens that it would distort differently is refused. Numbers in files may be anything: sides of
+//! images, focal lengths and rotations are checked as they are read.
 
 mod camera_yaml;
 mod colmap;
 mod error;
+pub mod json;
 mod kalibr;
-mod llff;
-mod nerfstudio;
+pub mod llff;
+mod losses;
+pub mod nerfstudio;
+mod notes;
 mod opencv;
 mod ros;
 mod yaml;
 
-use std::{fmt, path::Path, str::FromStr};
+use std::{
+    collections::BTreeSet,
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 use crate::{Distortion, Intrinsics};
 pub use camera_yaml::read_intrinsics;
-pub use error::ConvertError;
+pub use error::ExchangeError;
 
 use crate::rig_file::{RigCamera, RigFile};
 
@@ -76,7 +86,7 @@ impl fmt::Display for Format {
 ///
 /// # Errors
 /// If a camera has no pose where the format needs one, its lens does not fit, or a file cannot be written.
-pub fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<String>, ConvertError> {
+pub fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<String>, ExchangeError> {
     match format {
         Format::Colmap => colmap::write(rig, out),
         Format::Kalibr => kalibr::write(rig, out),
@@ -84,31 +94,58 @@ pub fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<String>, C
         Format::Ros => ros::write(rig, out),
         Format::Nerfstudio => nerfstudio::write(rig, out),
         Format::Llff => llff::write(rig, out),
-        Format::Rig => rig.write(out).map(|()| Vec::new()).map_err(ConvertError::from),
+        Format::Rig => rig.write(out).map(|()| Vec::new()).map_err(ExchangeError::from),
     }
 }
 
-/// Reads a rig in any format but LLFF's, told by what is there: a folder with a COLMAP model or with YAML files of
-/// OpenCV or ROS, one such file, a `camchain` (YAML), `transforms.json` or `rig.json`.
+/// Reads a rig in any format, told by what is there: a folder with a COLMAP model or with YAML files of OpenCV or ROS, one
+/// such file, a `camchain` (YAML), `transforms.json`, LLFF's array (`.npy`) or `rig.json`. What it says beyond a rig is in the
+/// rig's warnings, a sentence for each.
 ///
 /// # Errors
-/// If it is none of them, or malformed.
-pub fn read(path: &Path) -> Result<RigFile, ConvertError> {
-    if path.is_dir() {
+/// If it is none of them, malformed, or says what no camera has.
+pub fn read(path: &Path) -> Result<RigFile, ExchangeError> {
+    let mut rig = if path.is_dir() {
         let model = ["cameras.bin", "cameras.txt"].iter().any(|name| path.join(name).is_file());
-        return if model { colmap::read(path) } else { opencv::read(path) };
+        if model { colmap::read(path)? } else { opencv::read(path)? }
+    } else {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path)?,
+            Some("yaml" | "yml") => kalibr::read(path)?,
+            Some("npy") => llff::read(path)?,
+            _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path)?,
+            _ => return Ok(RigFile::read(path)?),
+        }
+    };
+    let mut names = BTreeSet::new();
+    let twice: BTreeSet<&str> =
+        rig.cameras.iter().map(|camera| camera.name.as_str()).filter(|name| !names.insert(*name)).collect();
+    let warnings: Vec<String> =
+        twice.iter().take(10).map(|name| format!("several cameras are called {name}; rename all but one")).collect();
+    rig.warnings.extend(warnings);
+    Ok(rig)
+}
+
+/// The files of a format with one for each camera, and a sentence for each camera that cannot be called in a file system as
+/// it is in the rig.
+fn files(rig: &RigFile, format: Format, out: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ExchangeError> {
+    let (mut files, mut renamed, mut names) = (Vec::new(), Vec::new(), BTreeSet::new());
+    for camera in &rig.cameras {
+        let name = camera.name.replace(|c: char| matches!(c, '/' | '\\') || c.is_control(), "_");
+        if name != camera.name {
+            renamed.push(format!("{}: its file is called {name}.yaml", camera.name.escape_debug()));
+        }
+        files.push(out.join(format!("{name}.yaml")));
+        if !names.insert(name.clone()) {
+            return Err(ExchangeError::SameName { name, format });
+        }
     }
-    match path.extension().and_then(|extension| extension.to_str()) {
-        Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path),
-        Some("yaml" | "yml") => kalibr::read(path),
-        _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path),
-        _ => Ok(RigFile::read(path)?),
-    }
+    Ok((files, renamed))
 }
 
 /// The camera's pose, which the format cannot do without.
-fn pose(camera: &RigCamera, format: Format) -> Result<crate::Pose, ConvertError> {
-    camera.pose.ok_or_else(|| ConvertError::NoPose { camera: camera.name.clone(), format })
+fn pose(camera: &RigCamera, format: Format) -> Result<crate::Pose, ExchangeError> {
+    camera.pose.ok_or_else(|| ExchangeError::NoPose { camera: camera.name.clone(), format })
 }
 
 /// Coefficients of a lens without any, with four (k1, k2, p1, p2) or more, or of a fisheye.
@@ -128,18 +165,6 @@ fn lens(intrinsics: &Intrinsics) -> Lens {
         }
         Distortion::KannalaBrandt(k) => Lens::Fisheye(k),
     }
-}
-
-/// What every format but ours loses.
-fn common_losses(rig: &RigFile, format: Format) -> Vec<String> {
-    let mut lost = Vec::new();
-    if rig.cameras.iter().any(|camera| camera.sigma.is_some()) {
-        lost.push(format!("a {format} holds no uncertainties"));
-    }
-    if rig.cameras.iter().any(|camera| camera.time_offset_s != 0.0) {
-        lost.push(format!("a {format} holds no time offsets of cameras"));
-    }
-    lost
 }
 
 #[cfg(test)]

@@ -9,30 +9,29 @@ use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
 use super::{
-    ConvertError, Format,
+    ExchangeError, Format,
     camera_yaml::{self, model, quoted},
-    common_losses, ros,
-    yaml::{load, malformed, numbers},
+    files, losses, ros,
+    yaml::{list, load, malformed, numbers},
 };
 use crate::rig_file::{RigCamera, RigFile};
 
-pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertError> {
-    for camera in &rig.cameras {
-        let path = out.join(format!("{}.yaml", camera.name));
-        let io = |source| ConvertError::Io { doing: "write", path: path.clone(), source };
+pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
+    let (paths, renamed) = files(rig, Format::OpenCv, out)?;
+    for (camera, path) in rig.cameras.iter().zip(paths) {
+        let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
         atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
     }
-    Ok(common_losses(rig, Format::OpenCv))
+    let mut lost = losses::common(rig, Format::OpenCv);
+    lost.extend(renamed);
+    Ok(lost)
 }
 
 fn file(camera: &RigCamera) -> String {
     let i = &camera.intrinsics;
     let (model, coefficients) = model(i);
     let matrix = |name: &str, rows: usize, columns: usize, data: &[f64]| {
-        format!(
-            "{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: {}\n",
-            super::yaml::list(data)
-        )
+        format!("{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: {}\n", list(data))
     };
     let mut text = format!(
         "%YAML:1.0\n---\ncamera_name: \"{}\"\nimage_width: {}\nimage_height: {}\ndistortion_model: {model}\n",
@@ -50,8 +49,8 @@ fn file(camera: &RigCamera) -> String {
     text
 }
 
-pub(super) fn read(folder: &Path) -> Result<RigFile, ConvertError> {
-    let io = |source| ConvertError::Io { doing: "read", path: folder.into(), source };
+pub(super) fn read(folder: &Path) -> Result<RigFile, ExchangeError> {
+    let io = |source| ExchangeError::Io { doing: "read", path: folder.into(), source };
     let entries: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(io)?
         .map(|entry| entry.map(|e| e.path()))
@@ -66,25 +65,44 @@ pub(super) fn read(folder: &Path) -> Result<RigFile, ConvertError> {
             "the folder holds neither a COLMAP model nor YAML files of OpenCV or ROS".into(),
         ));
     }
-    let mut rigs = files.iter().map(|path| read_file(path)).collect::<Result<Vec<RigFile>, _>>()?;
-    let cameras: Vec<RigCamera> = rigs.iter_mut().flat_map(|rig| rig.cameras.drain(..)).collect();
-    let method = rigs.first().map_or("opencv", |rig| rig.method.as_str());
-    Ok(RigFile::new(method, true, cameras))
+    let mut rig = RigFile::new("opencv", true, Vec::new());
+    for (number, path) in files.iter().enumerate() {
+        let one = read_file(path)?;
+        if number == 0 {
+            rig.method = one.method;
+        }
+        rig.cameras.extend(one.cameras);
+        rig.warnings.extend(one.warnings);
+    }
+    Ok(rig)
 }
 
 /// Reads the file of one camera, OpenCV's or ROS's. Its name is the file's: what files call their cameras need not differ.
-pub(super) fn read_file(path: &Path) -> Result<RigFile, ConvertError> {
+pub(super) fn read_file(path: &Path) -> Result<RigFile, ExchangeError> {
     let document = load(path)?;
-    let intrinsics = camera_yaml::intrinsics(&document).map_err(|what| malformed(path, what))?;
-    let pose = match (numbers(&document["R"]), numbers(&document["T"])) {
-        (Some(r), Some(t)) if r.len() == 9 && t.len() == 3 => {
-            Some(Pose::from_matrix(DMat3::from_cols_slice(&r).transpose(), DVec3::from_slice(&t)))
-        }
-        _ => None,
-    };
+    let wrong = |what| malformed(path, what);
+    let intrinsics = camera_yaml::intrinsics(&document).map_err(wrong)?;
+    let pose = pose(&document).map_err(wrong)?;
     let name = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let method = if document[ros::OWN_KEY].is_badvalue() { "opencv" } else { "ros" };
-    Ok(RigFile::new(method, true, vec![RigCamera::new(&name, Modality::Rgb, intrinsics, pose)]))
+    let notes = camera_yaml::left_out(&document, &intrinsics, &name);
+    let mut rig = RigFile::new(method, true, vec![RigCamera::new(&name, Modality::Rgb, intrinsics, pose)]);
+    rig.warnings.extend(notes.into_iter().map(|note| format!("{name}: {note}")));
+    Ok(rig)
+}
+
+/// World to camera, where the document says.
+fn pose(document: &Yaml) -> Result<Option<Pose>, String> {
+    let (r, t) = (&document["R"], &document["T"]);
+    if r.is_badvalue() && t.is_badvalue() {
+        return Ok(None);
+    }
+    match (numbers(r), numbers(t)) {
+        (Some(r), Some(t)) if r.len() == 9 && t.len() == 3 => {
+            Pose::rigid(DMat3::from_cols_slice(&r).transpose(), DVec3::from_slice(&t)).map(Some)
+        }
+        _ => Err("its R and T are no 3x3 matrix with a vector of three; give both, or neither".into()),
+    }
 }
 
 /// Whether a document describes one camera in this way.

@@ -7,9 +7,9 @@ use std::path::Path;
 use erfgs_base::atomic;
 
 use super::{
-    ConvertError, Format,
+    ExchangeError, Format,
     camera_yaml::{matrix, model, quoted},
-    common_losses,
+    files, losses,
     yaml::list,
 };
 use crate::rig_file::{RigCamera, RigFile};
@@ -17,13 +17,14 @@ use crate::rig_file::{RigCamera, RigFile};
 /// Tells a `camera_info` from the same matrices as OpenCV writes them.
 pub(super) const OWN_KEY: &str = "projection_matrix";
 
-pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ConvertError> {
-    for camera in &rig.cameras {
-        let path = out.join(format!("{}.yaml", camera.name));
-        let io = |source| ConvertError::Io { doing: "write", path: path.clone(), source };
+pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
+    let (paths, renamed) = files(rig, Format::Ros, out)?;
+    for (camera, path) in rig.cameras.iter().zip(paths) {
+        let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
         atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
     }
-    let mut lost = common_losses(rig, Format::Ros);
+    let mut lost = losses::common(rig, Format::Ros);
+    lost.extend(renamed);
     if rig.cameras.iter().any(|camera| camera.pose.is_some()) {
         lost.push("a ROS camera_info holds no poses; publish them as transforms (tf)".into());
     }

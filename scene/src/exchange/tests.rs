@@ -115,6 +115,133 @@ fn longer_polynomials_go_where_they_fit_and_are_refused_elsewhere() {
     }
 }
 
+/// A reader that drops the third radial coefficient shows points some pixels elsewhere.
+#[test]
+fn a_third_radial_coefficient_goes_through_nerfstudio() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    let rig = rig(Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.5, 0.0, 0.0, 0.0]));
+    write(&rig, Format::Nerfstudio, &path).unwrap();
+    let read = read(&path).unwrap();
+    same_pictures(&rig, &read, 1e-8);
+    assert_eq!(read.cameras[0].intrinsics, rig.cameras[0].intrinsics);
+}
+
+#[test]
+fn llff_is_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("poses_bounds.npy");
+    let mut rig = rig(Distortion::None);
+    for camera in &mut rig.cameras {
+        let i = &mut camera.intrinsics;
+        (i.fy, i.cx, i.cy) = (i.fx, 0.5 * f64::from(i.width), 0.5 * f64::from(i.height));
+    }
+    let lost = write(&rig, Format::Llff, &path).unwrap();
+    assert!(lost.iter().any(|lost| lost.contains("names")), "{lost:?}");
+    let found = read(&path).unwrap();
+    same_pictures(&rig, &found, 1e-8);
+    let names: Vec<&str> = found.cameras.iter().map(|camera| camera.name.as_str()).collect();
+    assert_eq!(names, ["cam00", "cam01", "cam02"]);
+    assert!(found.warnings.iter().any(|warning| warning == llff::BOUNDS_LEFT_OUT), "{:?}", found.warnings);
+    let mut values = NpyArray::decode(&std::fs::read(&path).unwrap()).unwrap().floats().unwrap();
+    for (at, value, said) in
+        [(4, 1e30, "no size"), (9, 0.0, "no size"), (14, -1.0, "not positive"), (0, f64::NAN, "finite")]
+    {
+        let before = std::mem::replace(&mut values[17 + at], value);
+        std::fs::write(&path, erfgs_base::npy::encode(&[3, 17], values.iter().copied())).unwrap();
+        let message = read(&path).unwrap_err().to_string();
+        assert!(message.contains("cam01") && message.contains(said), "{message}");
+        values[17 + at] = before;
+    }
+}
+
+#[test]
+fn what_a_format_says_beyond_a_rig_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = rig(Distortion::None);
+    let said = |path: &Path| read(path).unwrap().warnings.join("\n");
+
+    let model = folder.path().join("model");
+    write(&rig, Format::Colmap, &model).unwrap();
+    assert!(!said(&model).contains("points"), "{}", said(&model));
+    std::fs::write(model.join("points3D.txt"), "7 0.1 0.2 0.3 9 8 7 1.5\n").unwrap();
+    assert!(said(&model).contains("1 points"), "{}", said(&model));
+
+    let chain = folder.path().join("camchain.yaml");
+    write(&rig, Format::Kalibr, &chain).unwrap();
+    let text = std::fs::read_to_string(&chain).unwrap();
+    assert_eq!(said(&chain), "");
+    std::fs::write(&chain, text.replacen("  camera_model", "  timeshift_cam_imu: 0.01\n  camera_model", 1)).unwrap();
+    assert!(said(&chain).contains("timeshift_cam_imu"), "{}", said(&chain));
+    for (from, to, expected) in [
+        ("cam1:", "cam4:", "cam2 follows a gap"),
+        ("[640, 480]", "[1e30, 480]", "no side of an image"),
+        ("[500.25,", "[-500.25,", "not positive"),
+        ("pinhole", "omni", "omni"),
+        ("distortion_model: radtan", "distortion_model: fov", "fov"),
+        ("[0.0, 0.0, 0.0, 0.0]\n  distortion_model: radtan", "[0.1, 0.0, 0.0, 0.0]", "no distortion_model"),
+    ] {
+        std::fs::write(&chain, text.replacen(from, to, 1)).unwrap();
+        let message = read(&chain).unwrap_err().to_string();
+        assert!(message.contains(expected) && message.contains("camchain.yaml"), "{message}");
+    }
+
+    let matrices = folder.path().join("opencv");
+    write(&rig, Format::OpenCv, &matrices).unwrap();
+    assert_eq!(said(&matrices), "");
+    let (path, text) = (matrices.join("b.yaml"), std::fs::read_to_string(matrices.join("b.yaml")).unwrap());
+    std::fs::write(&path, format!("{text}avg_reprojection_error: 0.2\n")).unwrap();
+    assert!(said(&matrices).contains("b: not known here and left out: avg_reprojection_error"), "{}", said(&matrices));
+    for (from, to, expected) in
+        [("T: ", "t: ", "R and T"), ("500.25, 0.0", "500.25, 0.1", "skew"), ("640", "70000", "image_width")]
+    {
+        std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        let message = read(&matrices).unwrap_err().to_string();
+        assert!(message.contains(expected) && message.contains("b.yaml"), "{message}");
+    }
+    // As OpenCV's calibration programs say which lens it is.
+    let fisheye = text.replace("distortion_model: plumb_bob", "fisheye_model: 1");
+    let fisheye = fisheye.replace("cols: 5", "cols: 4").replace("[0.0, 0.0, 0.0, 0.0, 0.0]", "[0.1, 0.0, 0.0, 0.2]");
+    std::fs::write(&path, fisheye).unwrap();
+    assert_eq!(read(&path).unwrap().cameras[0].intrinsics.distortion, Distortion::KannalaBrandt([0.1, 0.0, 0.0, 0.2]));
+}
+
+#[test]
+fn names_that_are_no_files_stay_in_the_folder_and_names_that_meet_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = rig(Distortion::None);
+    rig.cameras[0].name = "../a".into();
+    for format in [Format::OpenCv, Format::Ros] {
+        let out = folder.path().join(format!("{format}"));
+        let lost = write(&rig, format, &out).unwrap().join("\n");
+        assert!(lost.contains("../a: its file is called .._a.yaml"), "{lost}");
+        assert!(out.join(".._a.yaml").is_file() && !folder.path().join("a.yaml").exists());
+        let mut same = rig.clone();
+        same.cameras[1].name = "..\\a".into();
+        assert!(matches!(write(&same, format, &out), Err(ExchangeError::SameName { .. })));
+    }
+    rig.cameras[1].name = "../a".into();
+    let path = folder.path().join("model");
+    write(&rig, Format::Colmap, &path).unwrap();
+    let said = read(&path).unwrap().warnings.join("\n");
+    assert!(said.contains("several cameras are called ../a"), "{said}");
+}
+
+#[test]
+fn what_no_other_format_holds_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = rig(Distortion::None);
+    assert_eq!(write(&rig, Format::Colmap, &folder.path().join("m")).unwrap(), Vec::<String>::new());
+    rig.metric = false;
+    rig.cameras[0].modality = Modality::Event;
+    rig.cameras[1].rms_px = Some(0.3);
+    rig.cameras[2].warnings.push("it moved".into());
+    let lost = write(&rig, Format::Colmap, &folder.path().join("m")).unwrap().join("\n");
+    for word in ["event cameras", "how good", "warnings", "metre"] {
+        assert!(lost.contains(word), "{word}: {lost}");
+    }
+}
+
 #[test]
 fn llff_says_what_it_drops_and_cameras_without_poses_are_named() {
     let folder = tempfile::tempdir().unwrap();

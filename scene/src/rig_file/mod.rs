@@ -169,16 +169,10 @@ impl RigCamera {
         }
     }
 
-    fn check(&self) -> Result<(), &'static str> {
-        let i = &self.intrinsics;
-        if i.width == 0 || i.height == 0 {
-            return Err("its image has no pixels");
-        }
-        if !(i.fx > 0.0 && i.fy > 0.0 && [i.fx, i.fy, i.cx, i.cy].iter().all(|value| value.is_finite())) {
-            return Err("a focal length is not positive, or an intrinsic parameter is not finite");
-        }
+    fn check(&self) -> Result<(), String> {
+        self.intrinsics.checked()?;
         if !self.pose.is_none_or(|pose| pose.is_finite() && (pose.rotation.length() - 1.0).abs() < 1e-6) {
-            return Err("its pose is not finite, or its quaternion has not the length 1");
+            return Err("its pose is not finite, or its quaternion has not the length 1".into());
         }
         Ok(())
     }

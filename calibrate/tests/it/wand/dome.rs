@@ -37,7 +37,7 @@ pub const PANOPTIC: &str = "data/panoptic_basketball";
 pub fn panoptic(source: &Path) -> Vec<Eye> {
     let folder = tempfile::tempdir().unwrap();
     let options = ImportOptions { frames: Some((40, 40)), ..ImportOptions::default() };
-    let dataset = import(Layout::Panoptic, source, &options, &folder.path().join("ds"), &mut |_| {}).unwrap();
+    let dataset = import(Layout::Panoptic, source, &options, &folder.path().join("ds"), &mut |_| {}).unwrap().dataset;
     let cameras = &dataset.manifest.cameras;
     let every = cameras.len() / 4;
     let eye = |(index, camera): (usize, &erfgs_dataset::Camera)| Eye {

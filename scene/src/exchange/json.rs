@@ -4,12 +4,12 @@ use std::path::Path;
 
 use serde::{Deserialize, Deserializer, de::DeserializeOwned};
 
-use super::ImportError;
+use super::ExchangeError;
 
 /// A number; NaN and infinities, which Python writes as bare words, come out as NaN, so that the camera that they
 /// belong to can be named.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Number(pub(super) f64);
+pub struct Number(pub f64);
 
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -31,13 +31,13 @@ impl<'de> Deserialize<'de> for Number {
 const NOT_A_NUMBER: &str = "NaN";
 
 /// Reads and parses a file.
-pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ImportError> {
-    let text = std::fs::read_to_string(path).map_err(|source| ImportError::Io {
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ExchangeError> {
+    let text = std::fs::read_to_string(path).map_err(|source| ExchangeError::Io {
         doing: "read",
         path: path.to_owned(),
         source,
     })?;
-    serde_json::from_str(&without_nan(&text)).map_err(|error| ImportError::Malformed {
+    serde_json::from_str(&without_nan(&text)).map_err(|error| ExchangeError::Malformed {
         path: path.to_owned(),
         what: format!("{error}; the file is cut short or of another layout"),
     })

@@ -1,0 +1,120 @@
+//! Sensor and lens of a frame of `transforms.json`.
+
+use super::keys::LensKeys;
+use crate::{Distortion, Intrinsics, camera::image_side, exchange::json::Number};
+
+/// Sensor and lens of a frame. The file need not say how large images are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    size: Option<[u32; 2]>,
+    /// Across and down.
+    focal: [Focal; 2],
+    /// Pixels; the middle of the image where absent.
+    centre: [Option<f64>; 2],
+    distortion: Distortion,
+}
+
+/// What a file tells the focal length by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Focal {
+    Pixels(f64),
+    /// Half the field of view, the tangent.
+    Angle(f64),
+    /// As across: pixels are square.
+    Square,
+}
+
+impl Focal {
+    fn new(pixels: Option<Number>, angle: Option<Number>) -> Result<Option<Self>, String> {
+        match (pixels, angle) {
+            (Some(Number(pixels)), _) if pixels > 0.0 && pixels.is_finite() => Ok(Some(Self::Pixels(pixels))),
+            (Some(Number(pixels)), _) => Err(format!("the focal length {pixels} is not positive")),
+            (None, Some(Number(angle))) if (1e-6..std::f64::consts::PI - 1e-6).contains(&angle) => {
+                Ok(Some(Self::Angle((0.5 * angle).tan())))
+            }
+            (None, Some(Number(angle))) => Err(format!("the field of view {angle} is no angle from 0 to pi")),
+            (None, None) => Ok(None),
+        }
+    }
+}
+
+impl Lens {
+    /// The lens that keys tell of.
+    pub(super) fn new(keys: &LensKeys) -> Result<Self, String> {
+        let size = match (keys.w, keys.h) {
+            (Some(Number(w)), Some(Number(h))) => Some([image_side(w)?, image_side(h)?]),
+            (None, None) => None,
+            _ => return Err("there is one of w and h; give both, or neither".to_owned()),
+        };
+        let Some(across) = Focal::new(keys.fl_x, keys.camera_angle_x)? else {
+            return Err("there is neither fl_x nor camera_angle_x; add the focal length in pixels".to_owned());
+        };
+        let down = Focal::new(keys.fl_y, keys.camera_angle_y.filter(|_| keys.fl_x.is_none()))?;
+        let centre = [keys.cx, keys.cy].map(|centre| centre.map(|Number(centre)| centre));
+        let lens = Self { size, focal: [across, down.unwrap_or(Focal::Square)], centre, distortion: distortion(keys)? };
+        lens.intrinsics(size.unwrap_or([1, 1])).checked()?;
+        Ok(lens)
+    }
+
+    /// Width and height of images, where the file says.
+    #[must_use]
+    pub fn size(&self) -> Option<[u32; 2]> {
+        self.size
+    }
+
+    /// The intrinsics for images of `width` x `height` pixels, which is [`Lens::size`] unless the file does not say.
+    #[must_use]
+    pub fn intrinsics(&self, [width, height]: [u32; 2]) -> Intrinsics {
+        let [w, h] = [width, height].map(f64::from);
+        let focal = |focal: Focal, side: f64, across: f64| match focal {
+            Focal::Pixels(pixels) => pixels,
+            Focal::Angle(tangent) => 0.5 * side / tangent,
+            Focal::Square => across,
+        };
+        let fx = focal(self.focal[0], w, 0.0);
+        let fy = focal(self.focal[1], h, fx);
+        let [cx, cy] = self.centre;
+        let (cx, cy) = (cx.unwrap_or(0.5 * w), cy.unwrap_or(0.5 * h));
+        Intrinsics { width, height, fx, fy, cx, cy, distortion: self.distortion }
+    }
+}
+
+/// nerfstudio tells apart perspective models by name alone: all share one polynomial of up to four radial coefficients and two
+/// tangential ones, of which ours has no fourth. FULL_OPENCV is COLMAP's, OpenCV's rational model.
+fn distortion(keys: &LensKeys) -> Result<Distortion, String> {
+    let LensKeys { k1, k2, k3, k4, k5, k6, p1, p2, .. } = keys;
+    let k = [k1, k2, p1, p2, k3, k4, k5, k6].map(|value| value.map_or(0.0, |Number(value)| value));
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = k;
+    if !k.iter().all(|value| value.is_finite()) {
+        return Err("a distortion coefficient is not finite".to_owned());
+    }
+    let fisheye = keys.is_fisheye == Some(true);
+    let model = match keys.camera_model.as_deref() {
+        None if fisheye => "OPENCV_FISHEYE",
+        None => "OPENCV",
+        Some(model) => model,
+    };
+    match model {
+        "OPENCV_FISHEYE" if [p1, p2, k5, k6] == [0.0; 4] => Ok(Distortion::KannalaBrandt([k1, k2, k3, k4])),
+        "OPENCV_FISHEYE" => {
+            Err("p1, p2, k5 or k6 with the model OPENCV_FISHEYE cannot be held; calibrate with k1 to k4 alone"
+                .to_owned())
+        }
+        other if fisheye => Err(format!("is_fisheye contradicts the camera model {other}; correct one of them")),
+        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" if [k4, k5, k6] != [0.0; 3] => {
+            // nerfstudio's k4 is the fourth radial term, OpenCV's the first of a denominator.
+            Err(format!("a k4, k5 or k6 with the model {model} cannot be held; calibrate without"))
+        }
+        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" if k == [0.0; 8] => {
+            Ok(Distortion::None)
+        }
+        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" => {
+            Ok(Distortion::BrownConrady(k))
+        }
+        other => Err(format!(
+            "the camera model {} is not supported; PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV and \
+             OPENCV_FISHEYE are: undistort the images to one of them",
+            other.escape_debug()
+        )),
+    }
+}

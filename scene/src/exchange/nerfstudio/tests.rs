@@ -1,0 +1,126 @@
+use super::*;
+use crate::{Distortion, Intrinsics, exchange};
+
+/// A file of one frame, whose keys these are beside its pose and name.
+fn one(keys: &str) -> String {
+    let matrix = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]";
+    format!("{{\"frames\": [{{\"file_path\": \"images/a.png\", \"transform_matrix\": {matrix}, {keys}}}]}}")
+}
+
+fn read_rig(text: &str) -> Result<RigFile, ExchangeError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    std::fs::write(&path, text).unwrap();
+    exchange::read(&path)
+}
+
+const SIZE: &str = "\"w\": 640, \"h\": 480, \"fl_x\": 500.0";
+
+fn distortion(keys: &str) -> Distortion {
+    read_rig(&one(&format!("{SIZE}, {keys}"))).unwrap().cameras[0].intrinsics.distortion
+}
+
+fn refused(keys: &str) -> String {
+    read_rig(&one(keys)).unwrap_err().to_string()
+}
+
+#[test]
+fn every_radial_coefficient_is_kept_or_refused() {
+    let k3 = Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]);
+    let keys = "\"k1\": -0.2, \"k2\": 0.05, \"p1\": 1e-3, \"p2\": -2e-3, \"k3\": 0.01";
+    assert_eq!(distortion(keys), k3);
+    for model in ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV"] {
+        assert_eq!(distortion(&format!("\"camera_model\": \"{model}\", {keys}")), k3, "{model}");
+        assert_eq!(distortion(&format!("\"camera_model\": \"{model}\"")), Distortion::None, "{model}");
+    }
+    let full = "\"camera_model\": \"FULL_OPENCV\", \"k1\": 1, \"k2\": 2, \"p1\": 7, \"p2\": 8, \"k3\": 3, \"k4\": 4, \"k5\": 5, \"k6\": 6";
+    assert_eq!(distortion(full), Distortion::BrownConrady([1.0, 2.0, 7.0, 8.0, 3.0, 4.0, 5.0, 6.0]));
+    for fisheye in ["\"camera_model\": \"OPENCV_FISHEYE\"", "\"is_fisheye\": true"] {
+        let keys = format!("{fisheye}, \"k1\": 0.1, \"k2\": 0.2, \"k3\": 0.3, \"k4\": 0.4");
+        assert_eq!(distortion(&keys), Distortion::KannalaBrandt([0.1, 0.2, 0.3, 0.4]));
+        assert_eq!(distortion(fisheye), Distortion::KannalaBrandt([0.0; 4]), "no pinhole");
+    }
+    for keys in ["\"k4\": 0.1", "\"camera_model\": \"OPENCV\", \"k6\": 0.1"] {
+        let message = refused(&format!("{SIZE}, {keys}"));
+        assert!(message.contains("a.png") && message.contains("OPENCV") && message.contains("k4"), "{message}");
+    }
+    let message = refused(&format!("{SIZE}, \"camera_model\": \"OPENCV_FISHEYE\", \"p1\": 0.1"));
+    assert!(message.contains("p1"), "{message}");
+}
+
+#[test]
+fn a_model_that_is_not_known_is_refused_by_name() {
+    for model in ["EQUIRECTANGULAR", "FISHEYE624", "opencv"] {
+        for coefficient in ["", ", \"k1\": 0.1"] {
+            let message = refused(&format!("{SIZE}, \"camera_model\": \"{model}\"{coefficient}"));
+            assert!(message.contains(model) && message.contains("a.png") && message.contains("undistort"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn numbers_that_no_camera_has_are_refused() {
+    for (keys, said) in [
+        ("\"w\": 640, \"h\": 480, \"fl_x\": -500.0", "not positive"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": NaN", "not positive"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": Infinity", "not positive"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"fl_y\": 0", "not positive"),
+        ("\"w\": 640, \"h\": 480, \"camera_angle_x\": 4.0", "field of view"),
+        ("\"w\": 640, \"h\": 480, \"camera_angle_x\": 1e-320", "field of view"),
+        ("\"w\": 0, \"h\": 480, \"fl_x\": 500", "no side of an image"),
+        ("\"w\": 1e30, \"h\": 480, \"fl_x\": 500", "no side of an image"),
+        ("\"w\": 640, \"h\": -480, \"fl_x\": 500", "no side of an image"),
+        ("\"w\": 640, \"h\": 480.5, \"fl_x\": 500", "no side of an image"),
+        ("\"w\": 640, \"fl_x\": 500", "w and h"),
+        ("\"fl_x\": 500", "w and h"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"k1\": NaN", "not finite"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"cy\": -Infinity", "not finite"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"time\": NaN", "time"),
+    ] {
+        let message = refused(keys);
+        assert!(message.contains("a.png") && message.contains(said), "{keys}: {message}");
+    }
+    let sheared = one(SIZE).replace("[0, 1, 0, 0]", "[0, 2, 0, 0]");
+    assert!(read_rig(&sheared).unwrap_err().to_string().contains("no rotation"));
+    let projective = one(SIZE).replace("[0, 0, 0, 1]", "[0, 0, 0.5, 1]");
+    assert!(read_rig(&projective).unwrap_err().to_string().contains("last row"));
+    assert!(read_rig("{\"frames\": []}").unwrap_err().to_string().contains("no frames"));
+    assert!(read_rig(&format!("{}1{}", "[".repeat(100_000), "]".repeat(100_000))).is_err());
+}
+
+#[test]
+fn fields_of_view_give_both_focal_lengths() {
+    let i = read_rig(&one("\"w\": 16, \"h\": 8, \"camera_angle_x\": 1.0, \"camera_angle_y\": 0.5")).unwrap().cameras[0]
+        .intrinsics;
+    assert!((i.fx - 8.0 / 0.5_f64.tan()).abs() < 1e-12 && (i.fy - 4.0 / 0.25_f64.tan()).abs() < 1e-12, "{i:?}");
+    let i = read_rig(&one("\"w\": 16, \"h\": 8, \"camera_angle_x\": 1.0")).unwrap().cameras[0].intrinsics;
+    assert_eq!((i.fy, i.cx, i.cy), (i.fx, 8.0, 4.0));
+}
+
+#[test]
+fn what_is_left_out_is_said() {
+    let text = one(&format!("{SIZE}, \"mask_path\": \"m.png\", \"time\": 0.5, \"sharpness\": 9"));
+    let text =
+        text.replacen('{', "{\"applied_scale\": 2, \"ply_file_path\": \"p.ply\", \"test_filenames\": [\"x\"], ", 1);
+    let said = read_rig(&text).unwrap().warnings.join("\n");
+    for word in ["mask_path", "applied_scale", "ply_file_path", "times", "test with", "left out: sharpness"] {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert_eq!(read_rig(&one(SIZE)).unwrap().warnings.len(), 1, "the unit alone");
+}
+
+#[test]
+fn what_is_written_is_read_with_every_coefficient() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("transforms.json");
+    let distortion = Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]);
+    let intrinsics = Intrinsics { width: 640, height: 480, fx: 500.25, fy: 501.5, cx: 318.75, cy: 244.125, distortion };
+    let pose = Pose::look_at(DVec3::new(0.3, 0.1, -2.0), DVec3::ZERO, DVec3::Y);
+    let rig = RigFile::new("wand", true, vec![RigCamera::new("a", Modality::Rgb, intrinsics, Some(pose))]);
+    exchange::write(&rig, exchange::Format::Nerfstudio, &path).unwrap();
+    let read = Transforms::read(&path).unwrap();
+    let frame = &read.frames[0];
+    assert_eq!((frame.file.as_str(), frame.lens.size()), ("images/a.png", Some([640, 480])));
+    assert_eq!(frame.lens.intrinsics([640, 480]), intrinsics);
+    assert!((frame.pose.translation - pose.translation).length() < 1e-12 && read.notes.is_empty(), "{frame:?}");
+}
