@@ -1,10 +1,10 @@
 //! HDF5 files against h5py and hdf5plugin, which scripts/setup.sh --oracles installs.
 //!
-//! `cargo test -p erfgs-session --features hdf5 --test hdf5`; the environment variable `ERFGS_ORACLES` names another Python
+//! `cargo test -p erfgs-session --features hdf5 --test it hdf5`; the environment variable `ERFGS_ORACLES` names another Python
 //! that has h5py and hdf5plugin.
 
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     process::Command,
     sync::{LazyLock, Mutex, MutexGuard, PoisonError},
 };
