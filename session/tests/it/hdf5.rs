@@ -4,7 +4,7 @@
 //! that has h5py and hdf5plugin.
 
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     process::Command,
     sync::{LazyLock, Mutex, MutexGuard, PoisonError},
 };

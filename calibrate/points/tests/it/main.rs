@@ -3,7 +3,7 @@
 mod common;
 mod moving;
 
-use std::{fs, path::Path, sync::Mutex};
+use std::{fs, sync::Mutex};
 
 use common::{BALL_RADIUS, HALF, TIMES, ball, distance_from_surface, film};
 use erfgs_dataset::Dataset;
