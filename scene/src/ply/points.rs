@@ -98,11 +98,10 @@ impl PointCloud {
     }
 
     fn decode(path: &Path, bytes: &[u8]) -> Result<Self, PlyError> {
-        let io = |source| PlyError::Io { doing: "read", path: path.to_owned(), source };
         let wrong = |line, what| PlyError::Header { path: path.to_owned(), line, what };
         let mut body = bytes;
         let header = Header::read(&mut body).map_err(|error| match error {
-            HeaderError::Io(source) => io(source),
+            HeaderError::Io(source) => FileError::when("read point cloud", path)(source).into(),
             HeaderError::Line(line, what) => wrong(line, what),
         })?;
         let places = Places::find(&header).map_err(|what| wrong(header.lines, what.to_owned()))?;

@@ -11,7 +11,7 @@ use std::{
 
 use serde_json::json;
 
-use super::{ImportError, Imported, common};
+use super::{ImportError, common};
 use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Provenance, Split, layout};
 use erfgs_base::progress::Progress;
 use erfgs_events::npz;
