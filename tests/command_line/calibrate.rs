@@ -69,3 +69,26 @@ fn a_check_passes_on_the_same_pictures_and_tells_when_cameras_moved() {
     assert!(page.contains("moved against each other") && page.contains("Before and after"), "{page}");
     assert!(folder.fail(2, "calibrate check rig.json pairs").contains("--target"));
 }
+
+#[test]
+fn a_transforms_json_keeps_its_lens_or_is_refused_by_name() {
+    let folder = Folder::new();
+    let write = |model: &str| {
+        let frame = serde_json::json!({
+            "file_path": "images/a.png", "camera_model": model, "w": 640, "h": 480, "fl_x": 500.0, "k1": -0.2, "k3": 0.01,
+            "mask_path": "a_mask.png",
+            "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]],
+        });
+        let file = serde_json::json!({ "frames": [frame] });
+        std::fs::write(folder.path("transforms.json"), file.to_string()).unwrap();
+    };
+    write("OPENCV");
+    folder.succeed("calibrate convert transforms.json --to rig --out rig.json");
+    let rig: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.path("rig.json")).unwrap()).unwrap();
+    let lens = &rig["cameras"][0]["intrinsics"]["distortion"]["brown_conrady"];
+    assert_eq!(*lens, serde_json::json!([-0.2, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0]));
+    assert!(rig["warnings"].to_string().contains("mask_path"), "{rig}");
+    write("EQUIRECTANGULAR");
+    let message = folder.fail(1, "calibrate convert transforms.json --to rig --out rig.json");
+    assert!(message.contains("a.png") && message.contains("EQUIRECTANGULAR"), "{message}");
+}

@@ -10,7 +10,8 @@ fn known_pose_matching_finds_the_dome_and_the_floor() {
     let Some(source) = shared("data/panoptic_basketball") else { return };
     let folder = tempfile::tempdir().unwrap();
     let import_options = ImportOptions { frames: Some((40, 40)), ..ImportOptions::default() };
-    let dataset = import(Layout::Panoptic, &source, &import_options, &folder.path().join("ds"), &mut |_| {}).unwrap().dataset;
+    let dataset =
+        import(Layout::Panoptic, &source, &import_options, &folder.path().join("ds"), &mut |_| {}).unwrap().dataset;
     let mut options = CloudOptions { method: Method::Colmap, max_points: None, ..CloudOptions::default() };
     options.colmap.enlarge = 1;
     let cloud = initial_cloud(&dataset, &options, folder.path(), &|_, _, _| {}).unwrap();

@@ -1,8 +1,8 @@
 //! nerfstudio's `transforms.json`.
 //!
-//! The file is read by [`erfgs_scene::exchange::nerfstudio`]. `time` in [0, 1] (as in D-NeRF) is spread over the number of distinct times at the frame rate. Frames of
-//! equal pose and intrinsics are frames of one camera, named by its folder of images. Units are those of the file.
-//! Masks are not taken: they say what to ignore, not what moves.
+//! The file is read by [`erfgs_scene::exchange::nerfstudio`]. `time` in [0, 1] (as in D-NeRF) is spread over the number of
+//! distinct times at the frame rate. Frames of equal pose and intrinsics are frames of one camera, named by its folder of
+//! images. Units are those of the file. Masks are not taken: they say what to ignore, not what moves.
 
 use std::{
     collections::BTreeMap,

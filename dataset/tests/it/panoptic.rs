@@ -54,7 +54,8 @@ fn frames_cameras_masks_and_times_are_imported() {
         assert_eq!(progress.done, done + 1);
         (done, total) = (progress.done, progress.total);
     })
-    .unwrap();
+    .unwrap()
+    .dataset;
     assert_eq!((done, total), (9, 9));
     assert_eq!(Dataset::load(&out).unwrap(), dataset);
     dataset.verify().unwrap();

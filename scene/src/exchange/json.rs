@@ -31,6 +31,9 @@ impl<'de> Deserialize<'de> for Number {
 const NOT_A_NUMBER: &str = "NaN";
 
 /// Reads and parses a file.
+///
+/// # Errors
+/// If it cannot be read, or is no JSON of this type.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ExchangeError> {
     let text = std::fs::read_to_string(path).map_err(|source| ExchangeError::Io {
         doing: "read",
