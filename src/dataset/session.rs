@@ -56,11 +56,15 @@ pub fn run(
     options.thresholds = arguments.threshold.map(|given| given.0);
     options.grey = arguments.grey;
     let progress = terminal.progress("importing");
-    let mut note = |note: SessionNote| terminal.note(note.to_string());
-    let dataset = import_recording(&mut session, &sync, &rig, &options, out, &mut note, &mut |step| {
+    let mut notes: Vec<SessionNote> = Vec::new();
+    let mut note = |note| notes.push(note);
+    let imported = import_recording(&mut session, &sync, &rig, &options, out, &mut note, &mut |step| {
         progress.update(step.done, step.total, step.what);
-    })?;
+    });
     drop(progress);
+    // What was left out may be why nothing was imported.
+    notes.iter().for_each(|note| terminal.note(note.to_string()));
+    let dataset = imported?;
     if dataset.manifest.cameras.iter().any(|camera| camera.intrinsics.distortion != Distortion::None) {
         let ds = out.display();
         terminal.note(format!("before training: erfgs dataset undistort {ds} --out {ds}-pinhole"));
