@@ -10,11 +10,12 @@ mod aedat4;
 mod anomalies;
 mod carry;
 mod clock;
-#[cfg(feature = "digest")]
 mod columns;
 mod csv;
 mod dat;
 mod davis;
+#[cfg(feature = "digest")]
+mod digests;
 mod encode;
 mod encoding;
 pub mod event;
@@ -34,11 +35,12 @@ pub use aedat4::{
     AEDAT4_MAGIC, Aedat4Compression, Aedat4Decoder, Aedat4Encoder, Aedat4Header, Aedat4Kind, Aedat4Stream,
 };
 pub use anomalies::Anomalies;
-#[cfg(feature = "digest")]
-pub use columns::{Columns, Digests};
+pub use columns::Columns;
 pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder};
 pub use dat::{DatDecoder, DatEncoder, DatFormat, DatItems};
 pub use davis::{DavisDecoder, DavisEncoder, DavisLayout};
+#[cfg(feature = "digest")]
+pub use digests::Digests;
 pub use encode::EncodeError;
 pub use encoding::EventEncoding;
 pub use event::{Event, Events};
