@@ -14,3 +14,8 @@ pub mod random;
 
 #[cfg(feature = "parallel")]
 pub use progress::Progress;
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

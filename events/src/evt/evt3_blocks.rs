@@ -22,6 +22,10 @@ impl Masks {
     /// Sorts a block. `repeated` is the time word that says nothing new.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
+    #[expect(
+        unsafe_code,
+        reason = "a function with a target feature is called from one without, which the language cannot check"
+    )]
     pub fn of(block: &[u8; BYTES], repeated: u16) -> Self {
         // SAFETY: SSE2, which is all that the function asks for, belongs to every x86-64 processor.
         unsafe { Self::by_sixteen(block, repeated) }

@@ -106,6 +106,7 @@ impl Convolution {
 }
 
 /// `out += a b` for row-major `a` (m x k), `b` (k x n) and `out` (m x n).
+#[expect(unsafe_code, reason = "the crate gemm takes pointers and strides; the sizes are asserted before")]
 fn multiply_add(m: usize, n: usize, k: usize, a: &[f32], b: &[f32], out: &mut [f32]) {
     assert!(a.len() == m * k && b.len() == k * n && out.len() == m * n, "matrix sizes");
     // SAFETY: the assertion above bounds every element that the strides reach; `out` is borrowed uniquely and so
