@@ -73,7 +73,7 @@ mod davis;
 mod digests;
 mod encode;
 mod encoding;
-pub mod event;
+mod event;
 mod evt;
 mod file;
 pub mod hdf5;

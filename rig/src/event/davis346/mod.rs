@@ -2,9 +2,9 @@
 //!
 //! Facts and their sources: `docs/drivers.md`.
 
-pub mod bias;
+mod bias;
 mod config;
-pub mod spi;
+mod spi;
 
 use std::{sync::Arc, time::Duration};
 

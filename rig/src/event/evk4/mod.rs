@@ -10,8 +10,8 @@ mod identify;
 mod monitor;
 mod rate;
 mod region;
-pub mod sequence;
-pub mod treuzell;
+mod sequence;
+mod treuzell;
 
 use std::{sync::Arc, time::Duration};
 
