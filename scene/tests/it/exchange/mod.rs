@@ -36,7 +36,7 @@ fn others(script: &str, path: &Path) -> Vec<Vec<[f64; 2]>> {
     let python =
         std::env::var_os("ERFGS_ORACLES").map_or_else(|| here.join("../target/oracles/bin/python"), PathBuf::from);
     let output = Command::new(&python)
-        .arg(here.join("tests/convert").join(script))
+        .arg(here.join("tests/it/exchange").join(script))
         .arg(path)
         .arg(serde_json::to_string(&POINTS).unwrap())
         .output()
