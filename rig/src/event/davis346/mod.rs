@@ -4,6 +4,7 @@
 
 mod bias;
 mod config;
+#[allow(dead_code, reason = "the table names all parameters of the device")]
 mod spi;
 
 use std::{sync::Arc, time::Duration};

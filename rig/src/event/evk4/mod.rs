@@ -11,6 +11,7 @@ mod monitor;
 mod rate;
 mod region;
 mod sequence;
+#[allow(dead_code, reason = "the protocol has properties that the driver does not ask for")]
 mod treuzell;
 
 use std::{sync::Arc, time::Duration};
