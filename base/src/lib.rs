@@ -17,3 +17,8 @@ pub mod random;
 pub use file_error::FileError;
 #[cfg(feature = "parallel")]
 pub use progress::Progress;
+
+/// The example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

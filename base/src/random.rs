@@ -5,7 +5,7 @@
 //! nor on the order of work.
 //!
 //! ```
-//! use crate::random;
+//! use erfgs_base::random;
 //! const PURPOSE_THRESHOLD: u64 = random::purpose("threshold");
 //! let (seed, camera, pixel) = (7, 3, 1234);
 //! let key = random::key(seed, &[PURPOSE_THRESHOLD, camera, pixel]);

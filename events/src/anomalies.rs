@@ -1,9 +1,8 @@
 //! What was wrong with a stream.
 
-use serde::{Deserialize, Serialize};
-
 /// Anomalies of a stream by class. Decoders never stop at one: they skip what cannot be right, count it and go on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Anomalies {
     /// Events and edges that came while the time was unknown (before the first time word, or while a jump of time
     /// waited to be confirmed); skipped.

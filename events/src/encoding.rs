@@ -4,6 +4,7 @@ use std::fmt;
 
 /// How the bytes of a stream of events are to be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(not(feature = "aedat4"), non_exhaustive)]
 pub enum EventEncoding {
     /// Prophesee EVT 2.0: 32-bit little-endian words.
     Evt2,
@@ -16,13 +17,23 @@ pub enum EventEncoding {
     /// iniVation DAVIS: 16-bit little-endian words of events, frames, inertial samples and external edges.
     Davis,
     /// Whole packets of AEDAT 4, each an LZ4 frame, of the streams 0 (events), 1 (frames), 2 (inertial samples) and 3
-    /// (triggers), without the header of a file: how event files without the words of a device lie in a session.
+    /// (triggers), without the header of a file: how event files without the words of a device lie in a session. There with
+    /// the feature `aedat4`.
+    #[cfg(feature = "aedat4")]
     Aedat4,
 }
 
 impl EventEncoding {
     /// All encodings.
-    pub const ALL: [Self; 6] = [Self::Evt2, Self::Evt21, Self::Evt21Legacy, Self::Evt3, Self::Davis, Self::Aedat4];
+    pub const ALL: &'static [Self] = &[
+        Self::Evt2,
+        Self::Evt21,
+        Self::Evt21Legacy,
+        Self::Evt3,
+        Self::Davis,
+        #[cfg(feature = "aedat4")]
+        Self::Aedat4,
+    ];
 
     /// The name in recordings, topics and `RIG.toml`.
     #[must_use]
@@ -33,6 +44,7 @@ impl EventEncoding {
             Self::Evt21Legacy => "evt21-legacy",
             Self::Evt3 => "evt3",
             Self::Davis => "davis",
+            #[cfg(feature = "aedat4")]
             Self::Aedat4 => "aedat4",
         }
     }
@@ -40,7 +52,12 @@ impl EventEncoding {
     /// Whether a stream may hold frames of the same pixels.
     #[must_use]
     pub fn has_sensor_frames(self) -> bool {
-        matches!(self, Self::Davis | Self::Aedat4)
+        match self {
+            Self::Davis => true,
+            #[cfg(feature = "aedat4")]
+            Self::Aedat4 => true,
+            _ => false,
+        }
     }
 }
 

@@ -7,10 +7,12 @@ use std::{
 };
 
 use super::{
-    AEDAT4_MAGIC, Aedat2Chip, Aedat2Decoder, Aedat4Decoder, Aedat4Header, Aedat4Kind, Anomalies, CsvDecoder,
-    DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink, StreamDecoder,
+    Aedat2Chip, Aedat2Decoder, Anomalies, CsvDecoder, DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink,
+    StreamDecoder,
 };
 use crate::EventEncoding;
+#[cfg(feature = "aedat4")]
+use crate::aedat4::{AEDAT4_MAGIC, Aedat4Decoder, Aedat4Header, Aedat4Kind};
 
 /// Bytes read at once.
 const PIECE: usize = 1 << 20;
@@ -55,6 +57,7 @@ pub enum EventFileError {
 
 /// The format of an event file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(feature = "aedat4"), non_exhaustive)]
 pub enum EventFormat {
     /// RAW with one of Prophesee's encodings.
     Raw(EventEncoding),
@@ -63,6 +66,7 @@ pub enum EventFormat {
     /// AEDAT 2.
     Aedat2(Aedat2Chip),
     /// AEDAT 4.
+    #[cfg(feature = "aedat4")]
     Aedat4,
     /// CSV.
     Csv,
@@ -80,6 +84,7 @@ impl EventFormat {
             Self::Dat(format) if format.version == 1 => "dat1",
             Self::Dat(_) => "dat2",
             Self::Aedat2(_) => "aedat2",
+            #[cfg(feature = "aedat4")]
             Self::Aedat4 => "aedat4",
             Self::Csv => "csv",
         }
@@ -124,6 +129,11 @@ impl EventFile {
             _ if extension == "dat" => dat(path, &head)?,
             [b'%', b' ', ..] => raw(path, &head)?,
             _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &head)?,
+            #[cfg(not(feature = "aedat4"))]
+            _ if head.starts_with(b"#!AER-DAT4.") => {
+                return Err(unknown("it is AEDAT 4, without which erfgs-events was built (feature `aedat4`)"));
+            }
+            #[cfg(feature = "aedat4")]
             _ if head.starts_with(AEDAT4_MAGIC) => aedat4(path, &mut file, head)?,
             _ if extension == "csv" => (EventFormat::Csv, None, Vec::new(), 0),
             _ => return Err(unknown("its first bytes are those of no format")),
@@ -145,6 +155,7 @@ impl EventFile {
             EventFormat::Raw(encoding) => StreamDecoder::new(encoding, self.size),
             EventFormat::Dat(format) => StreamDecoder::Dat(DatDecoder::new(DatFormat { size: self.size, ..format })),
             EventFormat::Aedat2(chip) => StreamDecoder::Aedat2(Aedat2Decoder::new(chip)),
+            #[cfg(feature = "aedat4")]
             EventFormat::Aedat4 => StreamDecoder::Aedat4(Aedat4Decoder::new()),
             EventFormat::Csv => StreamDecoder::Csv(CsvDecoder::new(self.size)),
         }
@@ -228,6 +239,7 @@ fn aedat2(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
 }
 
 /// The decoder of AEDAT 4 reads the header itself; here it is read to find what is wrong with it.
+#[cfg(feature = "aedat4")]
 fn aedat4(path: &Path, file: &mut File, mut head: Vec<u8>) -> Result<Head, EventFileError> {
     let needs = Aedat4Header::needs(&head).unwrap_or(0);
     let missing = needs.saturating_sub(head.len()) as u64;

@@ -3,16 +3,18 @@
 use super::{
     Anomalies, Decoder, SensorSize, Sink,
     aedat2::Aedat2Decoder,
-    aedat4::Aedat4Decoder,
     csv::CsvDecoder,
     dat::DatDecoder,
     davis::{DavisDecoder, DavisLayout},
     evt::{Evt2Decoder, Evt3Decoder, Evt21Decoder, WordOrder},
 };
 use crate::EventEncoding;
+#[cfg(feature = "aedat4")]
+use crate::aedat4::Aedat4Decoder;
 
 /// A decoder of any of the formats that come as a stream of bytes.
 #[derive(Clone, Debug)]
+#[cfg_attr(not(feature = "aedat4"), non_exhaustive)]
 pub enum StreamDecoder {
     /// EVT 2.0.
     Evt2(Evt2Decoder),
@@ -27,6 +29,7 @@ pub enum StreamDecoder {
     /// AEDAT 2.
     Aedat2(Aedat2Decoder),
     /// AEDAT 4.
+    #[cfg(feature = "aedat4")]
     Aedat4(Aedat4Decoder),
     /// CSV.
     Csv(CsvDecoder),
@@ -43,6 +46,7 @@ impl StreamDecoder {
             EventEncoding::Evt21Legacy => Self::Evt21(Evt21Decoder::new(WordOrder::Legacy, size)),
             EventEncoding::Evt3 => Self::Evt3(Evt3Decoder::new(size)),
             EventEncoding::Davis => Self::Davis(DavisDecoder::new(layout(size))),
+            #[cfg(feature = "aedat4")]
             EventEncoding::Aedat4 => Self::Aedat4(Aedat4Decoder::packets(size)),
         }
     }
@@ -56,7 +60,8 @@ impl StreamDecoder {
             EventEncoding::Evt21Legacy => Some(Self::Evt21(Evt21Decoder::from_state(state, WordOrder::Legacy, size))),
             EventEncoding::Evt3 => Some(Self::Evt3(Evt3Decoder::from_state(state, size))),
             EventEncoding::Davis => Some(Self::Davis(DavisDecoder::from_state(state, layout(size)))),
-            _ => None,
+            #[cfg(feature = "aedat4")]
+            EventEncoding::Aedat4 => None,
         }
     }
 
@@ -68,7 +73,9 @@ impl StreamDecoder {
             Self::Evt21(decoder) => Some(decoder.state()),
             Self::Evt3(decoder) => Some(decoder.state()),
             Self::Davis(decoder) => Some(decoder.state()),
-            Self::Dat(_) | Self::Aedat2(_) | Self::Aedat4(_) | Self::Csv(_) => None,
+            #[cfg(feature = "aedat4")]
+            Self::Aedat4(_) => None,
+            Self::Dat(_) | Self::Aedat2(_) | Self::Csv(_) => None,
         }
     }
 }
@@ -89,6 +96,7 @@ macro_rules! each {
             StreamDecoder::Davis($decoder) => $call,
             StreamDecoder::Dat($decoder) => $call,
             StreamDecoder::Aedat2($decoder) => $call,
+            #[cfg(feature = "aedat4")]
             StreamDecoder::Aedat4($decoder) => $call,
             StreamDecoder::Csv($decoder) => $call,
         }

@@ -16,6 +16,7 @@ impl NotApplied {
     }
 
     /// A setting that was read back: nothing is noted if it is what was asked for.
+    #[cfg(any(feature = "evk4", feature = "frames"))]
     pub fn compare<T: PartialEq + Display>(&mut self, setting: &str, asked: T, now: T) {
         if asked != now {
             self.because(&format!("{setting} = {asked}"), format_args!("it has {now}"));
@@ -34,6 +35,7 @@ impl NotApplied {
 mod tests {
     use super::*;
 
+    #[cfg(any(feature = "evk4", feature = "frames"))]
     #[test]
     fn only_what_differs_is_told() {
         let mut settings = Map::new();

@@ -33,7 +33,7 @@ pub fn names(encodings: impl Iterator<Item = Encoding>) -> String {
 impl Encoding {
     /// All encodings.
     pub fn all() -> impl Iterator<Item = Self> {
-        let events = EventEncoding::ALL.map(Self::Events).into_iter();
+        let events = EventEncoding::ALL.iter().copied().map(Self::Events);
         events.chain([Self::TriggerLines]).chain(PixelFormat::all().map(Self::Frames))
     }
 

@@ -39,6 +39,7 @@ impl<'a> Matrix<'a> {
 
 /// `out = a b`, or `out += a b`, where the rows of `out` lie `stride` floats apart. Runs on the calling thread, so that
 /// the order of the sums depends on nothing but the sizes.
+#[expect(unsafe_code, reason = "the crate gemm takes pointers and strides; the sizes are asserted before")]
 pub fn multiply(out: &mut [f32], stride: usize, a: Matrix<'_>, b: Matrix<'_>, add: bool) {
     assert_eq!(a.cols, b.rows, "inner dimensions agree");
     if a.rows == 0 || b.cols == 0 {

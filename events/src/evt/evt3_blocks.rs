@@ -22,6 +22,10 @@ impl Masks {
     /// Sorts a block. `repeated` is the time word that says nothing new.
     #[cfg(target_arch = "x86_64")]
     #[inline(always)]
+    #[expect(
+        unsafe_code,
+        reason = "a function with a target feature is called from one without, which the language cannot check"
+    )]
     pub fn of(block: &[u8; BYTES], repeated: u16) -> Self {
         // SAFETY: SSE2, which is all that the function asks for, belongs to every x86-64 processor.
         unsafe { Self::by_sixteen(block, repeated) }
@@ -32,13 +36,14 @@ impl Masks {
     #[inline]
     fn by_sixteen(block: &[u8; BYTES], repeated: u16) -> Self {
         use std::arch::x86_64::{
-            __m128i, _mm_cmpeq_epi8, _mm_cmpeq_epi16, _mm_movemask_epi8, _mm_packs_epi16, _mm_packus_epi16,
+            _mm_cmpeq_epi8, _mm_cmpeq_epi16, _mm_movemask_epi8, _mm_packs_epi16, _mm_packus_epi16, _mm_set_epi64x,
             _mm_set1_epi8, _mm_set1_epi16, _mm_srli_epi16,
         };
         let (mut row, mut event, mut low, mut nothing) = (0, 0, 0, 0);
         let repeated = _mm_set1_epi16(repeated as i16);
-        for (at, pair) in block.as_chunks::<32>().0.iter().enumerate() {
-            let [a, b]: [__m128i; 2] = bytemuck::cast(*pair);
+        for (at, sixteen) in block.as_chunks::<8>().0.as_chunks::<4>().0.iter().enumerate() {
+            let [a_low, a_high, b_low, b_high] = sixteen.map(i64::from_le_bytes);
+            let (a, b) = (_mm_set_epi64x(a_high, a_low), _mm_set_epi64x(b_high, b_low));
             let types = _mm_packus_epi16(_mm_srli_epi16::<12>(a), _mm_srli_epi16::<12>(b));
             let repeats = _mm_packs_epi16(_mm_cmpeq_epi16(a, repeated), _mm_cmpeq_epi16(b, repeated));
             let shift = 16 * at;

@@ -8,6 +8,7 @@
 //! | DSEC | `/events/t` (microseconds after `/t_offset`), `/events/x`, `/events/y`, `/events/p` (1 is ON); `/ms_to_idx`: the first event of each millisecond |
 //! | Metavision | `/CD/events` of `x`, `y`, `p`, `t`; `/EXT_TRIGGER/events` of `p`, `t`, `id`; the attributes of a RAW header |
 
+#[cfg(feature = "compressions")]
 pub mod blosc;
 pub mod ecf;
 mod error;

@@ -4,7 +4,11 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EventError, davis346::Davis346, evk4::Evk4};
+#[cfg(feature = "davis346")]
+use super::davis346::Davis346;
+#[cfg(feature = "evk4")]
+use super::evk4::Evk4;
+use super::{Driver, EventError};
 use crate::usb::{Bus, Fault, Identity, LibusbBus, TransportError};
 
 /// Kinds of device that the drivers recognise.
@@ -40,11 +44,24 @@ pub struct FoundDevice {
     pub problem: Option<String>,
 }
 
-pub(super) fn is_event_camera(identity: &Identity) -> bool {
-    Evk4::is_candidate(identity) || Davis346::is_candidate(identity)
+/// What a device on the bus may be, of the kinds whose drivers were built.
+fn candidate(identity: &Identity) -> Option<Kind> {
+    #[cfg(feature = "evk4")]
+    if Evk4::is_candidate(identity) {
+        return Some(Kind::Evk4);
+    }
+    #[cfg(feature = "davis346")]
+    if Davis346::is_candidate(identity) {
+        return Some(Kind::Davis346);
+    }
+    None
 }
 
-/// The event cameras of this machine. Opens each for a moment to read its serial number; those in use by another
+pub(super) fn is_event_camera(identity: &Identity) -> bool {
+    candidate(identity).is_some()
+}
+
+/// The event cameras of this machine, of the kinds whose drivers were built. Opens each for a moment to read its serial number; those in use by another
 /// program are listed with that problem.
 ///
 /// # Errors
@@ -61,14 +78,12 @@ pub fn list_on(bus: &dyn Bus) -> Result<Vec<FoundDevice>, TransportError> {
     let mut found: Vec<_> = bus
         .list()?
         .iter()
-        .filter_map(|identity| {
-            if Evk4::is_candidate(identity) {
-                Some(look::<Evk4>(bus, identity, Kind::Evk4))
-            } else if Davis346::is_candidate(identity) {
-                Some(look::<Davis346>(bus, identity, Kind::Davis346))
-            } else {
-                None
-            }
+        .filter_map(|identity| match candidate(identity)? {
+            #[cfg(feature = "evk4")]
+            kind @ Kind::Evk4 => Some(look::<Evk4>(bus, identity, kind)),
+            #[cfg(feature = "davis346")]
+            kind @ Kind::Davis346 => Some(look::<Davis346>(bus, identity, kind)),
+            _ => None,
         })
         .collect();
     found.sort_by(|a, b| a.port.cmp(&b.port));

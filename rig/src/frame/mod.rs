@@ -16,7 +16,7 @@ use serde::Serialize;
 pub use config::{Backend, FrameConfig, Lock, NamedLock};
 pub use error::FrameError;
 pub use format::{encoding_of, fourccs};
-pub use portable::PortableCamera;
+use portable::PortableCamera;
 #[cfg(target_os = "linux")]
 pub use v4l2::{PreciseCamera, list_in};
 

@@ -16,6 +16,10 @@
 //! 5. **Panics** do not cross the boundary: the receiver runs inside `catch_unwind`, and a panic ends the stream.
 //! 6. **Cancellation.** After `stopping` is set the event thread cancels every transfer again each time around its loop.
 //!    A callback that had read `stopping` before it was set and submits once more is thereby cancelled the next time.
+#![expect(
+    unsafe_code,
+    reason = "libusb's asynchronous interface is one of raw pointers and callbacks; see above for what makes it sound"
+)]
 
 use std::{
     ffi::c_void,

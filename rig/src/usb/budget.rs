@@ -7,7 +7,7 @@ const LIMIT_FILE: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
 /// The limit of usbfs, bytes; `None` where there is none (0 MiB means no limit) or it cannot be read (no Linux, no
 /// USB module).
 #[must_use]
-pub fn usbfs_limit_bytes() -> Option<usize> {
+fn usbfs_limit_bytes() -> Option<usize> {
     parse_limit(&std::fs::read_to_string(LIMIT_FILE).ok()?)
 }
 

@@ -14,7 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-pub use budget::{Budget, memory_advice, usbfs_limit_bytes};
+pub use budget::{Budget, memory_advice};
 pub use error::{Fault, TransportError};
 pub use libusb::LibusbBus;
 

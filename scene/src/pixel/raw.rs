@@ -1,11 +1,8 @@
 //! What grey and Bayer frames look like: from the values of a sensor to fractions of white, and to pictures.
 
-use std::sync::OnceLock;
-
 use serde::{Deserialize, Serialize};
 
-use super::demosaic::demosaic;
-use super::{BayerOrder, PixelFormat};
+use super::PixelFormat;
 use crate::srgb;
 
 /// How the values of grey and Bayer frames become a picture: the table `raw` of a camera in `RIG.toml`, and of its
@@ -77,7 +74,7 @@ impl RawLook {
 
     /// For each value of an encoding what fraction of white it is, in one colour (0 red, 1 green, 2 blue). Black may lie
     /// above 0, so that fractions may be negative; factors may lift them above 1.
-    fn fractions(&self, encoding: PixelFormat, colour: usize) -> Vec<f32> {
+    pub(super) fn fractions(&self, encoding: PixelFormat, colour: usize) -> Vec<f32> {
         let white = encoding.samples().map_or(255, super::Samples::white);
         let factor = self.white_balance[colour] / (f64::from(white) - self.black_level);
         (0..=white).map(|value| ((f64::from(value) - self.black_level) * factor) as f32).collect()
@@ -92,7 +89,7 @@ impl RawLook {
 }
 
 /// A fraction of white as a picture codes it, of `white` steps.
-fn code(response: Response, fraction: f32, white: f32) -> f32 {
+pub(super) fn code(response: Response, fraction: f32, white: f32) -> f32 {
     let coded = match response {
         Response::Linear => srgb::encode(fraction),
         Response::Srgb => fraction.clamp(0.0, 1.0),
@@ -100,80 +97,10 @@ fn code(response: Response, fraction: f32, white: f32) -> f32 {
     (coded * white).round()
 }
 
-/// Levels of an 8-bit picture for linear light in steps of a 16384th: at the dark end, where the curve is steepest, a step
-/// is a fifth of a level.
-fn level_of_light() -> &'static [u8] {
-    const STEPS: u16 = 1 << 14;
-    static LEVELS: OnceLock<Vec<u8>> = OnceLock::new();
-    LEVELS.get_or_init(|| {
-        (0..=STEPS).map(|step| code(Response::Linear, f32::from(step) / f32::from(STEPS), 255.0) as u8).collect()
-    })
-}
-
-/// A grey or Bayer frame in colour, as fractions of white (that of the sensor, before white balance).
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Developed {
-    pub response: Response,
-    /// Rows of red, green, blue.
-    pub rgb: Vec<f32>,
-}
-
-impl Developed {
-    /// `values` holds `height` rows of `width` values, none above white.
-    pub fn new(encoding: PixelFormat, look: &RawLook, width: usize, height: usize, values: &[u16]) -> Self {
-        let rgb = match encoding {
-            PixelFormat::Bayer(order, _) => {
-                let fractions = std::array::from_fn(|colour| look.fractions(encoding, colour));
-                demosaic(order, width, height, &balanced(order, width, values, &fractions))
-            }
-            _ => {
-                let fractions = look.fractions(encoding, 1);
-                values.iter().flat_map(|&value| [fractions[usize::from(value)]; 3]).collect()
-            }
-        };
-        Self { response: look.response(encoding), rgb }
-    }
-
-    /// 8-bit levels.
-    pub fn levels(&self) -> Vec<u8> {
-        match self.response {
-            Response::Linear => {
-                let levels = level_of_light();
-                let last = (levels.len() - 1) as f32;
-                self.rgb.iter().map(|&light| levels[(light.clamp(0.0, 1.0) * last).round() as usize]).collect()
-            }
-            Response::Srgb => self.rgb.iter().map(|&value| code(Response::Srgb, value, 255.0) as u8).collect(),
-        }
-    }
-
-    /// 16-bit levels.
-    pub fn deep_levels(&self) -> Vec<u16> {
-        self.rgb.iter().map(|&value| code(self.response, value, 65_535.0) as u16).collect()
-    }
-
-    /// Linear light; what is above white stays.
-    pub fn light(self) -> Vec<f32> {
-        match self.response {
-            Response::Linear => self.rgb,
-            Response::Srgb => self.rgb.into_iter().map(srgb::decode).collect(),
-        }
-    }
-}
-
-/// The mosaic as fractions of white, of each colour by its own table.
-fn balanced(order: BayerOrder, width: usize, values: &[u16], fractions: &[Vec<f32>; 3]) -> Vec<f32> {
-    let rows = values.chunks(width).enumerate();
-    rows.flat_map(|(y, row)| {
-        let tables = [order.colour(0, y), order.colour(1, y)].map(|colour| &fractions[colour]);
-        row.iter().enumerate().map(move |(x, &value)| tables[x % 2][usize::from(value)])
-    })
-    .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pixel::Samples;
+    use crate::pixel::{BayerOrder, Samples};
 
     const RGGB12: PixelFormat = PixelFormat::Bayer(BayerOrder::Rggb, Samples::Bits12);
 
@@ -196,19 +123,6 @@ mod tests {
         assert_eq!([level(0, 0), level(0, 95), level(1, 95), level(1, 4095)], [0, 0, 0, 255]);
         assert_eq!([level(0, 1095), level(1, 1095), level(2, 1095)], [128, 64, 96]);
         assert_eq!(level(0, 4095), 255, "white is the most there is");
-        // In linear light it may be more.
-        let developed = Developed::new(RGGB12, &look, 2, 2, &[4095, 2095, 2095, 95]);
-        assert_eq!(developed.rgb[0], 2.0);
-    }
-
-    #[test]
-    fn the_table_of_levels_rounds_to_a_tenth_beyond_half_a_level() {
-        let light: Vec<f32> = (0..=4095_u16).map(|value| f32::from(value) / 4095.0).collect();
-        let developed = Developed { response: Response::Linear, rgb: light.clone() };
-        let exact = light.iter().map(|&light| 255.0 * srgb::encode(light));
-        let worst = std::iter::zip(developed.levels(), exact).map(|(level, exact)| (f32::from(level) - exact).abs());
-        assert!(worst.fold(0.0, f32::max) < 0.61);
-        assert_eq!(developed.deep_levels()[4095], 65_535);
     }
 
     #[test]

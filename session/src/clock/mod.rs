@@ -16,5 +16,4 @@ mod tests;
 pub use dated::Dated;
 pub use epochs::{Epoch, EpochCursor, Epochs};
 pub use fit::{ClockFit, Evidence, FitError, Residuals, Sample};
-pub use line::{fit_line, fit_lower_envelope};
 pub use pieces::{Clock, Errors};

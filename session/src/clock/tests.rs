@@ -2,7 +2,10 @@
 
 use proptest::prelude::*;
 
-use super::*;
+use super::{
+    line::{fit_line, fit_lower_envelope},
+    *,
+};
 use erfgs_base::random;
 
 /// A device clock: session time of a tick, for ticks of 1 µs. `ppm` at the start, `drift` ppm more for each minute.

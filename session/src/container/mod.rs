@@ -10,7 +10,7 @@ mod framing;
 mod layout;
 pub mod packet;
 mod parse;
-pub mod record;
+mod record;
 mod recording;
 mod repair;
 mod ros;

@@ -10,8 +10,9 @@ mod identify;
 mod monitor;
 mod rate;
 mod region;
-pub mod sequence;
-pub mod treuzell;
+mod sequence;
+#[allow(dead_code, reason = "the protocol has properties that the driver does not ask for")]
+mod treuzell;
 
 use std::{sync::Arc, time::Duration};
 

@@ -1,5 +1,9 @@
 //! V4L2 system calls: the only unsafe code of this driver. The structures and request numbers are those of the `v4l`
 //! crate; its own wrappers are not used, since they panic on names and colour spaces that they do not know.
+#![expect(
+    unsafe_code,
+    reason = "system calls take pointers to structures, and frames lie in memory that the kernel maps"
+)]
 
 use std::{
     fs::{File, OpenOptions},
