@@ -4,9 +4,11 @@
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`npy`]: NumPy's arrays.
+//! - [`calendar`]: dates.
 
 #[cfg(feature = "files")]
 pub mod atomic;
+pub mod calendar;
 pub mod npy;
 #[cfg(feature = "parallel")]
 pub mod progress;

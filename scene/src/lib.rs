@@ -4,8 +4,11 @@
 //! half-integers: the centre of the top-left pixel is (0.5, 0.5).
 
 pub mod camera;
+pub mod camera_path;
 pub mod colmap;
 pub mod exchange;
+#[cfg(feature = "exr")]
+pub mod exr;
 pub mod image;
 pub mod lens;
 pub mod pixel;

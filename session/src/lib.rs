@@ -6,6 +6,7 @@
 pub mod clock;
 pub mod container;
 mod encoding;
+pub mod export;
 pub mod source;
 pub mod trigger;
 

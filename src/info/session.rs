@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use erfgs_base::calendar::DateTime;
 use erfgs_events::{Anomalies, Digests};
 use erfgs_recorder::RigConfig;
 use erfgs_session::{
@@ -13,10 +14,7 @@ use erfgs_sync::Synchronisation;
 use serde::Serialize;
 
 use super::settings;
-use crate::{
-    date::utc,
-    terminal::{Terminal, bytes, table, thousands},
-};
+use crate::terminal::{Terminal, bytes, table, thousands};
 
 #[derive(Serialize)]
 struct SessionSummary<'a> {
@@ -187,7 +185,8 @@ fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'
 /// `2025-06-15 15:06:40 UTC, 2.600 s, with erfgs 0.1.0`.
 fn recorded(session: &SessionSummary<'_>) -> String {
     // What no clock told is not the year 1970.
-    let when = if session.epoch_ns > 0 { format!("{} UTC, ", utc(session.epoch_ns)) } else { String::new() };
+    let when =
+        if session.epoch_ns > 0 { format!("{} UTC, ", DateTime::of_ns(session.epoch_ns)) } else { String::new() };
     format!("{when}{:.3} s, with {}", session.span_seconds, session.recorded_with)
 }
 
