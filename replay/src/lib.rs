@@ -3,11 +3,9 @@
 //! - [`simulator`]: events from frames, by v2e's pixel model (`parity`) or a finer one (`enhanced`).
 //! - [`variant`]: temporal subsampling, motion blur and disjoint viewpoints made from a dataset, with simulated events.
 //! - [`player`]: recorded sessions as live sources.
-//! - [`picture`]: events as pictures, for reports.
 //! - [`mod@bench`]: the simulator's speed.
 
 pub mod bench;
-pub mod picture;
 pub mod player;
 pub mod simulator;
 pub mod variant;
