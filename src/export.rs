@@ -3,12 +3,15 @@
 mod events;
 mod frames;
 mod run;
-mod sensor_frames;
 
 use std::path::{Path, PathBuf};
 
-use erfgs_events::{RawHeader, SensorSize};
-use erfgs_session::{container::Recording, source::Encoding};
+use erfgs_events::SensorSize;
+use erfgs_session::{
+    container::Recording,
+    export::{EventsFormat, FramesFormat},
+    source::Encoding,
+};
 
 use crate::{
     device::{Adapter, TrainedRun},
@@ -83,6 +86,12 @@ enum Format {
     Mp4,
 }
 
+/// What a format is one of.
+enum Kind {
+    Events(EventsFormat),
+    Frames(FramesFormat),
+}
+
 impl Format {
     fn extension(self) -> &'static str {
         match self {
@@ -97,13 +106,23 @@ impl Format {
         }
     }
 
-    fn is_of_events(self) -> bool {
-        matches!(self, Self::Raw | Self::Aedat4 | Self::Csv | Self::Npz | Self::H5)
+    /// What it is a format of.
+    fn kind(self) -> Kind {
+        match self {
+            Self::Raw => Kind::Events(EventsFormat::Raw),
+            Self::Aedat4 => Kind::Events(EventsFormat::Aedat4),
+            Self::Csv => Kind::Events(EventsFormat::Csv),
+            Self::Npz => Kind::Events(EventsFormat::Npz),
+            Self::H5 => Kind::Events(EventsFormat::Hdf5),
+            Self::Png => Kind::Frames(FramesFormat::Png),
+            Self::Exr => Kind::Frames(FramesFormat::Exr),
+            Self::Mp4 => Kind::Frames(FramesFormat::Mp4),
+        }
     }
 
     /// Whether a stream becomes a folder.
     fn is_folder(self) -> bool {
-        matches!(self, Self::Png | Self::Exr)
+        matches!(self.kind(), Kind::Frames(format) if format.is_folder())
     }
 
     /// What an earlier export to `out` left there.
@@ -168,21 +187,17 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
         ))
         .into());
     }
-    if format.is_of_events() {
-        events::export(&mut recording, format, &tasks, terminal)
-    } else {
-        frames::export(&mut recording, format, &tasks, terminal)
+    match format.kind() {
+        Kind::Events(format) => events::export(&mut recording, format, &tasks, terminal),
+        Kind::Frames(format) => frames::export(&mut recording, format, &tasks, terminal),
     }
 }
 
 fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow::Result<Vec<Task>> {
     let path = recording.path();
-    let fits = |encoding: Encoding| match format {
-        Format::Raw => {
-            encoding.events().and_then(|encoding| RawHeader::new(encoding, SensorSize::ALL, "", "")).is_some()
-        }
-        format if format.is_of_events() => encoding.is_events(),
-        _ => encoding.is_frames() || encoding.has_sensor_frames(),
+    let fits = |encoding: Encoding| match format.kind() {
+        Kind::Events(format) => format.fits(encoding),
+        Kind::Frames(_) => encoding.is_frames() || encoding.has_sensor_frames(),
     };
     let extension = format.extension();
     let streams = &recording.summary().streams;

@@ -6,7 +6,6 @@
 mod bench;
 mod calibrate;
 mod dataset;
-mod date;
 mod device;
 mod devices;
 mod doctor;

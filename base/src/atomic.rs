@@ -22,14 +22,27 @@ pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    let temporary = temporary(path)?;
+    try_write_with(path, fill, |error| error)
+}
+
+/// As [`write_with()`], for content whose making fails in ways of its own; `failed` says how it fails where the file does.
+/// Gives what `fill` gives.
+///
+/// # Errors
+/// If the folder or the file cannot be written, or `fill` fails.
+pub fn try_write_with<T, E>(
+    path: &Path,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
+    failed: impl Fn(io::Error) -> E,
+) -> Result<T, E> {
+    let temporary = temporary(path).map_err(&failed)?;
     let mut writer = io::BufWriter::with_capacity(1 << 16, temporary.as_file());
-    fill(&mut writer)?;
-    writer.flush()?;
+    let filled = fill(&mut writer)?;
+    writer.flush().map_err(&failed)?;
     drop(writer);
-    temporary.as_file().sync_all()?;
-    temporary.persist(path).map_err(|error| error.error)?;
-    Ok(())
+    temporary.as_file().sync_all().map_err(&failed)?;
+    temporary.persist(path).map_err(|error| failed(error.error))?;
+    Ok(filled)
 }
 
 /// A place beside `path` for a library that wants to make the file itself: to be persisted at `path` once it is whole,

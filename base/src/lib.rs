@@ -5,9 +5,11 @@
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`npy`]: NumPy's arrays.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
+//! - [`calendar`]: dates.
 
 #[cfg(feature = "files")]
 pub mod atomic;
+pub mod calendar;
 mod file_error;
 pub mod npy;
 #[cfg(feature = "parallel")]

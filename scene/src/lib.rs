@@ -38,18 +38,23 @@
 //!
 //! # Features
 //!
-//! The default is all of them; without any there are the names and sizes of pixel layouts ([`pixel`]).
+//! The default is all but `exr`; without any there are the names and sizes of pixel layouts ([`pixel`]).
 //!
 //! - `cameras`: cameras, lenses, poses, `rig.json`.
 //! - `images`: pictures, their files, and frames decoded into them.
 //! - `formats`: COLMAP, PLY, and the calibrations of other programs.
+//! - `exr`: pictures in OpenEXR files; not among the default.
 
 #[cfg(feature = "cameras")]
 pub mod camera;
+#[cfg(feature = "cameras")]
+pub mod camera_path;
 #[cfg(feature = "formats")]
 pub mod colmap;
 #[cfg(feature = "formats")]
 pub mod exchange;
+#[cfg(feature = "exr")]
+pub mod exr;
 #[cfg(feature = "images")]
 pub mod image;
 #[cfg(feature = "cameras")]

@@ -1,9 +1,11 @@
-//! Frames of a video file, decoded by ffmpeg.
+//! Frames of a video file, decoded by ffmpeg, and videos that it encodes.
 //!
 //! ffmpeg is called as a program and not linked. It decodes whatever cameras write and is kept up to date against
 //! damaged and hostile files by others; as a separate process it cannot bring this one down, its licence (LGPL or GPL,
 //! depending on how it was built) stays apart, and nobody needs its headers to build erfgs. The price is one pipe:
 //! frames arrive as PPM images, which cost less to parse than to decode.
+
+mod write;
 
 use std::{
     ffi::OsStr,
@@ -13,6 +15,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
+pub use self::write::VideoWriter;
 use crate::ImageRgb8;
 
 /// What can go wrong with a video.
@@ -39,6 +42,38 @@ pub enum VideoError {
         path: PathBuf,
         /// What ffmpeg said.
         message: String,
+    },
+    /// ffmpeg cannot be started to write.
+    #[error("cannot start ffmpeg, which writes MP4; install it (Debian, Ubuntu: apt install ffmpeg), or write PNG")]
+    NoEncoder {
+        /// Why.
+        source: io::Error,
+    },
+    /// A frame has another size than its video.
+    #[error("a frame of {bytes} bytes in a video whose frames have {wanted}")]
+    FrameSize {
+        /// Its length.
+        bytes: usize,
+        /// The length of the video's frames.
+        wanted: usize,
+    },
+    /// ffmpeg gave up writing.
+    #[error("ffmpeg did not write {} ({status}): {message}", path.display())]
+    Encode {
+        /// The video.
+        path: PathBuf,
+        /// How it ended.
+        status: String,
+        /// What ffmpeg said.
+        message: String,
+    },
+    /// The system lost hold of ffmpeg.
+    #[error("cannot {what}")]
+    Encoder {
+        /// What was being done.
+        what: &'static str,
+        /// Why.
+        source: io::Error,
     },
     /// What ffmpeg sent is no PPM image.
     #[error("cannot read the frames that ffmpeg decodes from {}: {source}", path.display())]

@@ -77,12 +77,15 @@
 //!
 //! - `file`: the session file, and event files read as sessions are.
 //! - `pictures`: frames decoded ([`Description::frame_format`](source::Description::frame_format)).
+//! - `export`: the files that streams become: event files, pictures, videos; with `exr` OpenEXR, too.
 //! - `hdf5`: events in HDF5 files, with libhdf5, which must be installed.
 
 pub mod clock;
 #[cfg(feature = "file")]
 pub mod container;
 mod encoding;
+#[cfg(feature = "export")]
+pub mod export;
 pub mod sensor;
 pub mod source;
 pub mod trigger;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use erfgs_calibrate::wand::{
-    KnownRig, Matching, Scale, Stick, WandCamera, WandError, WandOptions, calibrate, detect::BlinkOptions, look_session,
-    pictures, read_points,
+    KnownRig, Matching, Scale, Stick, WandCamera, WandError, WandOptions, calibrate, detect::BlinkOptions,
+    look_session, pictures, read_points,
 };
 use erfgs_scene::rig_file::RigFile;
 use erfgs_session::container::Session;

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use erfgs_base::calendar::DateTime;
 use erfgs_events::{Anomalies, Digests};
 use erfgs_recorder::RigConfig;
 use erfgs_session::{
@@ -14,7 +15,6 @@ use serde::Serialize;
 
 use super::settings;
 use crate::{
-    date::utc,
     sync,
     terminal::{Terminal, bytes, table, thousands},
 };
@@ -186,7 +186,8 @@ fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'
 /// `2025-06-15 15:06:40 UTC, 2.600 s, with erfgs 0.1.0`.
 fn recorded(session: &SessionSummary<'_>) -> String {
     // What no clock told is not the year 1970.
-    let when = if session.epoch_ns > 0 { format!("{} UTC, ", utc(session.epoch_ns)) } else { String::new() };
+    let when =
+        if session.epoch_ns > 0 { format!("{} UTC, ", DateTime::of_ns(session.epoch_ns)) } else { String::new() };
     format!("{when}{:.3} s, with {}", session.span_seconds, session.recorded_with)
 }
 

@@ -1,13 +1,15 @@
 //! `erfgs render`: pictures and videos of a run.
 
-pub mod exr;
 mod path;
-pub mod video;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_scene::{ImageRgb8, Intrinsics};
+use erfgs_scene::{
+    ImageRgb8, Intrinsics,
+    exr::{Layers, write_layers},
+    video::VideoWriter,
+};
 use erfgs_train::{
     metrics::to_bytes,
     raster::View,
@@ -15,7 +17,7 @@ use erfgs_train::{
 };
 use serde::Serialize;
 
-use self::{path::Choice, video::Video};
+use self::path::Choice;
 use crate::{
     device::TrainedRun,
     errors::Usage,
@@ -188,7 +190,7 @@ fn render(trainer: &mut Trainer<'_>, view: &View, t01: f64) -> anyhow::Result<Re
 enum Writer<'a> {
     Png(&'a Path),
     Exr(&'a Path),
-    Mp4(Video),
+    Mp4(VideoWriter),
 }
 
 impl<'a> Writer<'a> {
@@ -199,7 +201,7 @@ impl<'a> Writer<'a> {
         Ok(match format {
             Format::Png => Self::Png(out),
             Format::Exr => Self::Exr(out),
-            Format::Mp4 => Self::Mp4(Video::create(out, width, height, fps)?),
+            Format::Mp4 => Self::Mp4(VideoWriter::create(out, width, height, fps)?),
         })
     }
 
@@ -210,15 +212,19 @@ impl<'a> Writer<'a> {
                 let image = ImageRgb8 { width, height, data: to_bytes(&rendered.rgb) };
                 Ok(image.write_png(&folder.join(format!("{index:05}.png")))?)
             }
-            Self::Exr(folder) => exr::write(&folder.join(format!("{index:05}.exr")), width, height, rendered),
-            Self::Mp4(video) => video.push(&to_bytes(&rendered.rgb)),
+            Self::Exr(folder) => {
+                let Rendered { rgb, transmittance, depth } = rendered;
+                let layers = Layers { width, height, rgb, transmittance, depth };
+                Ok(write_layers(&folder.join(format!("{index:05}.exr")), &layers)?)
+            }
+            Self::Mp4(video) => Ok(video.push(&to_bytes(&rendered.rgb))?),
         }
     }
 
     fn finish(self) -> anyhow::Result<()> {
         match self {
             Self::Png(_) | Self::Exr(_) => Ok(()),
-            Self::Mp4(video) => video.finish(),
+            Self::Mp4(video) => Ok(video.finish()?),
         }
     }
 }

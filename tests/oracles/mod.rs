@@ -20,9 +20,7 @@ use serde_json::Value;
 fn run(oracle: &str, arguments: impl FnOnce(&mut Command) -> &mut Command) {
     let mut command = Command::new(python());
     command.arg(root().join("tests/oracles").join(oracle)).env("JAX_PLATFORMS", "cpu");
-    let output = arguments(&mut command)
-        .output()
-        .unwrap();
+    let output = arguments(&mut command).output().unwrap();
     assert!(output.status.success(), "the oracle failed:\n{}", String::from_utf8_lossy(&output.stderr));
 }
 

@@ -3,7 +3,7 @@
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
 //! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
 //! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the second step while frames still
-//! come in. Event cameras see boards that blink on a screen (`blink.rs`) and printed ones that move (`moving.rs`).
+//! come in, `quick_rig.rs` for all cameras of a rig that runs. Event cameras see boards that blink on a screen (`blink.rs`) and printed ones that move (`moving.rs`).
 
 mod aprilgrid;
 mod blink;
@@ -18,6 +18,7 @@ mod moving;
 mod picture;
 mod print;
 mod quick;
+mod quick_rig;
 mod rig;
 mod session;
 mod stream;
@@ -29,7 +30,8 @@ pub use input::{BoardView, Seen, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use picture::pictures;
 pub use print::{Paper, print};
-pub use quick::{Fit, GRID, Quick};
+pub use quick::{Fit, GRID, Quick, QuickState};
+pub use quick_rig::QuickRig;
 pub use rig::{BoardOptions, calibrate};
 pub use session::look_session;
 pub use stream::{EventBoard, EventPictures, Watcher};

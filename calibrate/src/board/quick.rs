@@ -45,6 +45,25 @@ pub struct Fit {
     pub views: usize,
 }
 
+/// What is known of a camera at one moment.
+#[derive(Clone, Debug)]
+pub struct QuickState {
+    /// The camera's name.
+    pub camera: String,
+    /// Width and height of its images, pixels.
+    pub size: [u32; 2],
+    /// See [`Quick::last`].
+    pub last: Vec<Corner>,
+    /// See [`Quick::counts`].
+    pub counts: [usize; 3],
+    /// See [`Quick::coverage`].
+    pub coverage: Vec<u32>,
+    /// See [`Quick::fit`].
+    pub fit: Option<Fit>,
+    /// See [`Quick::advice`].
+    pub advice: Option<String>,
+}
+
 /// One camera that is being calibrated.
 #[derive(Clone, Debug)]
 pub struct Quick {
@@ -124,16 +143,18 @@ impl Quick {
         true
     }
 
-    /// The camera's name.
+    /// All that is known now.
     #[must_use]
-    pub fn camera(&self) -> &str {
-        &self.seen.camera
-    }
-
-    /// Width and height of the images, pixels.
-    #[must_use]
-    pub fn size(&self) -> [u32; 2] {
-        self.seen.size
+    pub fn state(&self) -> QuickState {
+        QuickState {
+            camera: self.seen.camera.clone(),
+            size: self.seen.size,
+            last: self.last.clone(),
+            counts: self.counts(),
+            coverage: self.coverage(),
+            fit: self.fit(),
+            advice: self.advice(),
+        }
     }
 
     /// The corners in the frame that was looked at last.

@@ -1,4 +1,8 @@
 //! What an event camera saw in a short time, as a picture.
+//!
+//! The live page has a painter of its own (`rig/recorder/src/live/picture.rs`), which is another thing: it goes on from picture
+//! to picture, so that events fade, is smaller than the sensor, and takes OFF events from ON events. Here a pixel whose light
+//! came and went in the time of the picture shows that it did.
 
 use erfgs_scene::ImageRgb8;
 

@@ -73,8 +73,14 @@ pub fn import(
         views.push(SourceView { name, split, intrinsics, pose, frames });
     }
     common::override_split(&mut views, options)?;
-    let recording =
-        SourceRecording { importer: "neu3d", source, views, any_size: true, fps, notes: vec![BOUNDS_LEFT_OUT.to_owned()] };
+    let recording = SourceRecording {
+        importer: "neu3d",
+        source,
+        views,
+        any_size: true,
+        fps,
+        notes: vec![BOUNDS_LEFT_OUT.to_owned()],
+    };
     write::write(recording, options, out, progress)
 }
 

@@ -89,8 +89,14 @@ pub fn import(
         });
     }
     common::override_split(&mut views, options)?;
-    let recording =
-        SourceRecording { importer: "nvidia", source, views, any_size: true, fps, notes: vec![BOUNDS_LEFT_OUT.to_owned()] };
+    let recording = SourceRecording {
+        importer: "nvidia",
+        source,
+        views,
+        any_size: true,
+        fps,
+        notes: vec![BOUNDS_LEFT_OUT.to_owned()],
+    };
     write::write(recording, options, out, progress)
 }
 

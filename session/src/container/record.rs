@@ -89,6 +89,13 @@ pub struct StreamTotals {
 }
 
 impl StreamTotals {
+    /// Mean packets a second, from the first to the last; `None` where they span no time.
+    #[must_use]
+    pub fn rate_hz(&self) -> Option<f64> {
+        let span_ns = self.last_host_ns?.saturating_sub(self.first_host_ns?);
+        (span_ns > 0).then(|| self.packets.saturating_sub(1) as f64 / (span_ns as f64 * 1e-9))
+    }
+
     /// Counts a packet.
     pub fn count(&mut self, packet: &crate::source::Packet) {
         self.packets += 1;

@@ -1,4 +1,5 @@
 //! How much memory a piece of the program takes.
+#![expect(unsafe_code, reason = "an allocator that counts has to be one")]
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},

@@ -3,9 +3,9 @@
 use std::{collections::VecDeque, time::Instant};
 
 use bytes::Bytes;
-use erfgs_events::{ApsFrame, CdEvent, Decoder, EventBatch, SensorSize, Sink, StreamDecoder};
+use erfgs_events::{ApsFrame, CdEvent, Decoder, EventBatch, Sink, StreamDecoder};
 use erfgs_session::{
-    container::hand_over,
+    container::{hand_over, sensor_size},
     source::{Description, Encoding, Packet},
 };
 use serde::Serialize;
@@ -88,10 +88,7 @@ struct Window {
 impl Eye {
     pub fn new(description: &Description) -> Self {
         let (width, height) = (description.width, description.height);
-        let size = match (u16::try_from(width), u16::try_from(height)) {
-            (Ok(width), Ok(height)) if width > 0 && height > 0 => Some(SensorSize { width, height }),
-            _ => None,
-        };
+        let size = sensor_size(description);
         let window = Window { since: Instant::now(), offered_before: 0, events: 0, bytes: 0, last: None };
         let is_events = description.encoding.is_events();
         Self {

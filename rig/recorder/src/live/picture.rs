@@ -45,7 +45,8 @@ impl Picture {
     }
 }
 
-/// Events accumulated to a picture.
+/// Events accumulated to a picture, which goes on from one picture to the next: what the light did fades, where it came and
+/// went nothing remains. Pictures of reports, which stand for themselves, count instead (`calibrate/src/report/events.rs`).
 pub(super) struct Canvas {
     step: u16,
     width: u16,

@@ -17,7 +17,7 @@ use super::{
     controls,
     find::{choose, fourcc_text, list},
     stamp::{is_damaged, stamp},
-    sys::{NodeStream, Node, StreamFormat},
+    sys::{Node, NodeStream, StreamFormat},
 };
 use crate::{
     frame::{

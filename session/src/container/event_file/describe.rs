@@ -14,6 +14,7 @@ use super::{
     survey::Survey,
 };
 use crate::source::Description;
+use erfgs_base::calendar::DateTime;
 use erfgs_events::EventFormat;
 
 /// Times from here on, September 2001, are taken for microseconds since 1970, as those of AEDAT 4 are.
@@ -116,21 +117,10 @@ fn recorded_ns(source: &EventSource, first_us: u64) -> Option<i64> {
     date_ns(&header(source, "date")?)
 }
 
-/// Nanoseconds since 1970 of `YYYY-MM-DD hh:mm:ss` (dates to days after H. Hinnant, "chrono-Compatible Low-Level Date
-/// Algorithms").
+/// Nanoseconds since 1970 of `YYYY-MM-DD hh:mm:ss`, for years that 64 bits of them hold.
 fn date_ns(text: &str) -> Option<i64> {
-    let numbers: Vec<i64> =
-        text.split(|letter: char| !letter.is_ascii_digit()).map(|number| number.parse().ok()).collect::<Option<_>>()?;
-    let &[year, month, day, hour, minute, second] = &numbers[..] else { return None };
-    if !(1970..=2261).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
-        return None;
-    }
-    let year = year - i64::from(month <= 2);
-    let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
-    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    let days = era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468;
-    let seconds = hour.checked_mul(3600)?.checked_add(minute.checked_mul(60)?)?.checked_add(second)?;
-    days.checked_mul(86_400)?.checked_add(seconds)?.checked_mul(1_000_000_000)
+    let date = DateTime::parse(text).filter(|date| (1970..=2261).contains(&date.year))?;
+    date.seconds()?.checked_mul(1_000_000_000)
 }
 
 #[cfg(test)]
@@ -138,16 +128,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
-        for (seconds, text) in [
-            (0, "1970-01-01 00:00:00"),
-            (951_782_399, "2000-02-28 23:59:59"),
-            (951_782_400, "2000-02-29 00:00:00"),
-            (1_750_000_000, "2025-06-15 15:06:40"),
+    fn dates_are_those_that_64_bits_of_nanoseconds_hold() {
+        assert_eq!(date_ns("2025-06-15 15:06:40"), Some(1_750_000_000_000_000_000));
+        assert_eq!(date_ns("1970-01-01 00:00:00"), Some(0));
+        for wrong in [
+            "",
+            "yesterday",
+            "2025-13-01 00:00:00",
+            "2025-06-15",
+            "99999999999999999999-01-01 0:0:0",
+            "1969-12-31 23:59:59",
+            "2262-01-01 00:00:00",
         ] {
-            assert_eq!(date_ns(text), Some(seconds * 1_000_000_000));
-        }
-        for wrong in ["", "yesterday", "2025-13-01 00:00:00", "2025-06-15", "99999999999999999999-01-01 0:0:0"] {
             assert_eq!(date_ns(wrong), None, "{wrong}");
         }
     }

@@ -1,9 +1,8 @@
 //! An event file as a session file.
 
-use std::{
-    io::{self, Write},
-    path::Path,
-};
+use std::{io::Write, path::Path};
+
+use erfgs_base::atomic;
 
 use super::{
     super::{ContainerError, Entry, SessionStart, SessionWriter, Settings, Totals},
@@ -23,18 +22,8 @@ pub fn import_events(
     if out.exists() {
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
-    let (mut totals, mut failure) = (Totals::default(), None);
-    let written = erfgs_base::atomic::write_with(out, |sink| {
-        write(file, sink, out, &mut progress).map(|done| totals = done).map_err(|error| {
-            failure = Some(error);
-            io::Error::other("the import failed")
-        })
-    });
-    match (failure, written) {
-        (Some(error), _) => Err(error),
-        (None, Err(source)) => Err(ContainerError::Write { path: out.to_owned(), offset: 0, source }),
-        (None, Ok(())) => Ok(totals),
-    }
+    let failed = |source| ContainerError::Write { path: out.to_owned(), offset: 0, source };
+    atomic::try_write_with(out, |sink| write(file, sink, out, &mut progress), failed)
 }
 
 fn write(

@@ -6,19 +6,23 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use anyhow::{Context, bail};
+use super::VideoError;
 
 /// A video that is being written.
-pub struct Video {
+#[derive(Debug)]
+pub struct VideoWriter {
     ffmpeg: Child,
     path: PathBuf,
     frame_bytes: usize,
 }
 
-impl Video {
+impl VideoWriter {
     /// Starts a video of `width` x `height` pixels at `fps` frames a second. Odd sizes lose a row or column, which H.264
     /// in 4:2:0 does not have.
-    pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// If ffmpeg cannot be started.
+    pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, VideoError> {
         let size = format!("{width}x{height}");
         let ffmpeg = Command::new("ffmpeg")
             .args(["-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
@@ -30,42 +34,47 @@ impl Video {
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
-            .context(
-                "cannot start ffmpeg, which writes MP4; install it (Debian, Ubuntu: apt install ffmpeg), or write PNG \
-                 with --format png",
-            )?;
+            .map_err(|source| VideoError::NoEncoder { source })?;
         Ok(Self { ffmpeg, path: path.to_owned(), frame_bytes: width as usize * height as usize * 3 })
     }
 
     /// Adds a frame: RGB, 8 bits a channel, row-major.
-    pub fn push(&mut self, rgb: &[u8]) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// If the frame is not as long as the others, or ffmpeg cannot write.
+    pub fn push(&mut self, rgb: &[u8]) -> Result<(), VideoError> {
         if rgb.len() != self.frame_bytes {
-            bail!("a frame of {} bytes in a video whose frames have {}", rgb.len(), self.frame_bytes);
+            return Err(VideoError::FrameSize { bytes: rgb.len(), wanted: self.frame_bytes });
         }
         let written = self.ffmpeg.stdin.as_mut().map(|pipe| pipe.write_all(rgb));
         if matches!(written, Some(Ok(()))) { Ok(()) } else { self.end() }
     }
 
     /// Ends the video.
-    pub fn finish(mut self) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// If ffmpeg cannot write.
+    pub fn finish(mut self) -> Result<(), VideoError> {
         self.end()
     }
 
-    fn end(&mut self) -> anyhow::Result<()> {
+    fn end(&mut self) -> Result<(), VideoError> {
         drop(self.ffmpeg.stdin.take());
         let mut said = String::new();
         if let Some(mut stderr) = self.ffmpeg.stderr.take() {
-            stderr.read_to_string(&mut said).context("cannot read what ffmpeg says")?;
+            stderr
+                .read_to_string(&mut said)
+                .map_err(|source| VideoError::Encoder { what: "read what ffmpeg says", source })?;
         }
-        let status = self.ffmpeg.wait().context("cannot wait for ffmpeg")?;
-        if !status.success() {
-            bail!("ffmpeg did not write {} ({status}): {}", self.path.display(), said.trim());
+        let status = self.ffmpeg.wait().map_err(|source| VideoError::Encoder { what: "wait for ffmpeg", source })?;
+        if status.success() {
+            return Ok(());
         }
-        Ok(())
+        Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message: said.trim().to_owned() })
     }
 }
 
-impl Drop for Video {
+impl Drop for VideoWriter {
     fn drop(&mut self) {
         // Ended already, or abandoned after an error elsewhere: no process stays behind.
         drop(self.ffmpeg.stdin.take());
@@ -81,7 +90,7 @@ mod tests {
     fn a_video_of_odd_size_is_written_and_a_wrong_frame_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("x.mp4");
-        let mut video = Video::create(&path, 33, 17, 30.0).expect("ffmpeg");
+        let mut video = VideoWriter::create(&path, 33, 17, 30.0).expect("ffmpeg");
         for level in 0..4 {
             video.push(&[level * 60; 33 * 17 * 3]).expect("a frame");
         }
@@ -92,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_path_that_cannot_be_written_is_named() {
-        let mut video = Video::create(Path::new("/nowhere/at/all.mp4"), 16, 16, 30.0).expect("ffmpeg");
+        let mut video = VideoWriter::create(Path::new("/nowhere/at/all.mp4"), 16, 16, 30.0).expect("ffmpeg");
         let frame = vec![0; 16 * 16 * 3];
         let error = (0..1000).find_map(|_| video.push(&frame).err()).unwrap_or_else(|| video.finish().expect_err("no"));
         assert!(error.to_string().contains("/nowhere/at/all.mp4"), "{error}");

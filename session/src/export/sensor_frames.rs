@@ -2,26 +2,29 @@
 
 use erfgs_events::{ApsFrame, CdEvent, EventBatch, Sink};
 use erfgs_scene::pixel::PixelFormat;
-use erfgs_session::{clock::EpochCursor, container::Recording, source::Encoding};
 
-use super::{Task, frames::Writing};
+use super::{
+    ExportError,
+    frames::{UNKNOWN_RATE_HZ, Writing},
+};
+use crate::{clock::EpochCursor, container::Recording, source::Encoding};
 
 /// Frames from which the rate of a video is taken.
 const RATED: usize = 32;
 
 /// Decodes a stream of events and writes the frames in it.
-pub fn decode(
+pub(super) fn decode(
     recording: &mut Recording,
-    task: &Task,
+    stream: usize,
     writing: &mut Writing<'_>,
-    lost: &mut Vec<String>,
-    progress: impl Fn(u64),
-) -> anyhow::Result<()> {
+    damage: &mut Vec<String>,
+    progress: impl FnMut(u64),
+) -> Result<(), ExportError> {
     let clocks = writing.clocks();
     let mut sink = Frames { writing, clocks, waiting: Vec::new(), begun: false, error: None };
-    let decoded = recording.decode_events(task.stream, &mut sink, progress)?;
+    let decoded = recording.decode_events(stream, &mut sink, progress)?;
     sink.flush();
-    lost.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
+    damage.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
     sink.error.map_or(Ok(()), Err)
 }
 
@@ -32,7 +35,7 @@ struct Frames<'a, 'b> {
     /// The first frames, which wait until their rate is known, and the middles of their exposures in session time.
     waiting: Vec<(ApsFrame, Option<i64>)>,
     begun: bool,
-    error: Option<anyhow::Error>,
+    error: Option<ExportError>,
 }
 
 impl Sink for Frames<'_, '_> {
@@ -65,7 +68,7 @@ impl Frames<'_, '_> {
             && let [(first, _), .., (last, _)] = &frames[..]
         {
             let span_us = last.exposure_start_us.saturating_sub(first.exposure_start_us);
-            let rate = if span_us > 0 { (frames.len() - 1) as f64 / (span_us as f64 * 1e-6) } else { 30.0 };
+            let rate = if span_us > 0 { (frames.len() - 1) as f64 / (span_us as f64 * 1e-6) } else { UNKNOWN_RATE_HZ };
             self.writing.set_rate(rate);
         }
         self.begun |= !frames.is_empty();
@@ -77,7 +80,7 @@ impl Frames<'_, '_> {
         }
     }
 
-    fn write(&mut self, frame: &ApsFrame, mid_ns: Option<i64>) -> anyhow::Result<()> {
+    fn write(&mut self, frame: &ApsFrame, mid_ns: Option<i64>) -> Result<(), ExportError> {
         let (encoding, payload) = samples(frame);
         let exposure_us = [frame.exposure_start_us, frame.exposure_end_us];
         self.writing.push_exposed(encoding, [frame.width, frame.height], exposure_us, mid_ns, &payload)

@@ -1,0 +1,86 @@
+//! Streams of a recording as files that other programs read: events as RAW, AEDAT 4, CSV, NPZ and HDF5, frames as PNG, EXR
+//! and MP4.
+//!
+//! The way back, from event files to sessions, is [`import_events`](crate::container::import_events). Frames are here and not
+//! with the datasets, because nothing is joined: a frame goes out as the camera gave it, at its own size, and the clocks of
+//! the stream, where the caller has them, only date it.
+
+mod events;
+mod frames;
+mod sensor_frames;
+
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use erfgs_events::{EventEncoding, hdf5::Hdf5Error, npz::NpzError};
+use erfgs_scene::{image::ImageError, video::VideoError};
+
+pub use events::{EventsFormat, write_events};
+pub use frames::{Exposures, FramesFormat, write_frames};
+
+use crate::container::ContainerError;
+
+/// Why a stream is not written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Recording(#[from] ContainerError),
+    /// The file system refuses.
+    #[error("cannot write {}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file system refuses a folder.
+    #[error("cannot make {}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// RAW files hold words of Prophesee's sensors.
+    #[error("{encoding} has no RAW file")]
+    NoRaw {
+        /// What the stream has.
+        encoding: EventEncoding,
+    },
+    /// The stream has no events.
+    #[error("stream '{id}' has no events that can be written")]
+    NoEvents {
+        /// The stream.
+        id: String,
+    },
+    /// NumPy's archive cannot be written.
+    #[error(transparent)]
+    Npz(#[from] NpzError),
+    /// The HDF5 file cannot be written.
+    #[error(transparent)]
+    Hdf5(#[from] Hdf5Error),
+    /// A picture cannot be written.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A video cannot be written.
+    #[error(transparent)]
+    Video(#[from] VideoError),
+    /// A picture in linear light cannot be written.
+    #[cfg(feature = "exr")]
+    #[error(transparent)]
+    Exr(#[from] erfgs_scene::exr::ExrError),
+}
+
+impl ExportError {
+    fn writing(path: &Path) -> impl Fn(io::Error) -> Self {
+        |source| Self::Write { path: path.to_owned(), source }
+    }
+}
+
+/// Whether reading goes on behind the place of an error.
+fn is_passed_over(error: &ContainerError) -> bool {
+    matches!(error, ContainerError::Damaged { .. })
+}
