@@ -5,7 +5,7 @@
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`npy`]: NumPy's arrays.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
-//! - [`calendar`]: dates.
+//! - [`calendar`](mod@calendar): dates as UTC.
 
 #[cfg(feature = "files")]
 pub mod atomic;

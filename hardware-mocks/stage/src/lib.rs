@@ -21,13 +21,13 @@
 //! | [`mod@film`] | the dataset writer |
 //!
 //! ```
-//! use crate::{RigOptions, Stage, StageOptions, StageView};
+//! use erfgs_stage::{RigOptions, Stage, StageOptions, StageView};
 //! let stage = Stage::new(StageOptions::default());
 //! let rig = RigOptions { width: 16, height: 12, rgb: 1, event: 0, test: 0, ..RigOptions::default() }.cameras(1)?;
 //! let view = StageView::new(&stage, &rig[0].intrinsics, &rig[0].world_to_camera)?;
 //! let pixels = view.frame(250_000_000); // linear light, a quarter of a second into the take
 //! assert_eq!(pixels.len(), 16 * 12);
-//! # Ok::<(), crate::StageError>(())
+//! # Ok::<(), erfgs_stage::StageError>(())
 //! ```
 
 mod activity;

@@ -24,7 +24,8 @@ fn among_cameras(test: &str, body: impl FnOnce(&Cameras)) {
     let folder = tempfile::tempdir().unwrap();
     let cameras = Cameras::build(folder.path()).unwrap();
     let mut command = Command::new(env::current_exe().unwrap());
-    command.args([test, "--exact", "--nocapture"]).env(FOLDER, folder.path());
+    let test = format!("frame_cameras::{test}");
+    command.args([&test, "--exact", "--nocapture"]).env(FOLDER, folder.path());
     cameras.preload(&mut command);
     let output = command.output().unwrap();
     let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();

@@ -1,4 +1,4 @@
-//! Files of other programs, read and written here alone: rigs as a whole ([`read`], [`write`]), and what datasets take from
+//! Files of other programs, read and written here alone: rigs as a whole ([`read`], [`write()`]), and what datasets take from
 //! them beside ([`nerfstudio::Transforms`], [`llff::rows`]; COLMAP's models are in [`crate::colmap`]).
 //!
 //! What differs: pixel centres (ours and COLMAP's at half-integers; OpenCV's, ROS's and Kalibr's at integers), axes

@@ -10,13 +10,10 @@ use std::{
 };
 
 use erfgs_events::{
-    Anomalies, CdEvent, Columns, Edge, SensorSize, Sink,
+    Anomalies, CdEvent, Columns, Edge, EventEncoding, SensorSize, Sink,
     hdf5::{self, Hdf5Error, Hdf5Layout},
 };
-use erfgs_session::{
-    container::{Recording, import_events},
-    source::Encoding,
-};
+use erfgs_session::container::{Recording, import_events};
 
 /// Runs `tests/oracles/hdf5_files.py`, which must succeed, and gives what it prints.
 fn python(verb: &str, path: &Path) -> Vec<u8> {
@@ -99,7 +96,7 @@ fn files_are_played_and_imported_with_their_edges_between_their_events() {
     {
         let path = FILES.path().join(format!("{name}.h5"));
         let Recording::EventFile(file) = Recording::open(&path, None).unwrap() else { panic!("no event file") };
-        assert_eq!(file.summary().streams[0].description.encoding, encoding);
+        assert_eq!(file.summary().streams[0].description.encoding, encoding.into());
         let out = folder.path().join(format!("{name}.mcap"));
         import_events(&file, &out, |_| {}).unwrap();
         let mut columns = Columns::default();
