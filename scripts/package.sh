@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Packs the crates that are published, builds each from its package alone, and prints what each costs: the size of its package,
 # and the crates that it depends on (itself included, on Linux) by default and with as few features as a use of it takes.
+# Before that it looks whether each feature compiles alone.
 # usage: scripts/package.sh [--sizes]   (--sizes packs and counts, and builds nothing)
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -9,11 +10,28 @@ build=()
 case "${1:-}" in
   "") ;;
   --sizes) build=(--no-verify) ;;
-  *) sed -n '2,4p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
+  *) sed -n '2,5p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
 esac
 
 crates=(base events scene session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
+
+# Each feature alone, and none.
+alone() { # alone CRATE FEATURE...
+  local crate=$1 feature
+  shift
+  for feature in '' "$@"; do
+    cargo check --quiet --locked -p "erfgs-$crate" --no-default-features --features "$feature" \
+      || { echo "package.sh: erfgs-$crate does not compile with the features '$feature' alone" >&2; return 1; }
+  done
+}
+if [ ${#build[@]} -eq 0 ]; then
+  alone base files parallel
+  alone events aedat4 npz digest serde
+  alone scene cameras images formats exr
+  alone session file pictures export exr
+  alone rig evk4 davis346 frames trigger
+fi
 # Whether it is committed is not asked: the check is for what lies here. What is built goes to the folder of all builds.
 # shellcheck disable=SC2068
 cargo package --locked --quiet --allow-dirty "${build[@]}" ${crates[@]/#/-p erfgs-}

@@ -50,7 +50,7 @@
 //!
 //! # Features
 //!
-//! Without any, EVT 2, 2.1 and 3, DAVIS, DAT, AEDAT 2 and CSV are there, at the cost of `thiserror` alone. The default is all
+//! Without any, EVT 2, 2.1 and 3, DAVIS, DAT, AEDAT 2 and CSV are there, at the cost of `thiserror` and `erfgs-base` alone. The default is all
 //! but `hdf5`.
 //!
 //! - `aedat4`: AEDAT 4, with its compressions.

@@ -9,10 +9,7 @@ use std::{
 use erfgs_base::atomic;
 #[cfg(feature = "exr")]
 use erfgs_scene::exr;
-use erfgs_scene::{
-    pixel::{self, PixelFormat},
-    video::VideoWriter,
-};
+use erfgs_scene::{pixel, video::VideoWriter};
 
 use super::{ExportError, is_passed_over, sensor_frames};
 use crate::{
@@ -251,7 +248,7 @@ impl Out {
                 image.write_png(&file("png"))?;
             }
             #[cfg(feature = "exr")]
-            Self::Exr if is_deep || matches!(format.pixels, PixelFormat::Bayer(..)) => {
+            Self::Exr if is_deep || matches!(format.pixels, pixel::PixelFormat::Bayer(..)) => {
                 let Ok(light) = format.light(payload) else { return Ok(false) };
                 exr::write_light(&file("exr"), &light)?;
             }
