@@ -28,13 +28,6 @@ pub enum SyncError {
 /// What should be known of the file beside a session.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SyncNote {
-    /// It is of version 1, and has one clock for a stream whose device's clock began anew.
-    OneClock {
-        /// The stream.
-        stream: String,
-        /// The file.
-        path: PathBuf,
-    },
     /// It is of another session, and is not used.
     Misfit {
         /// The file.
@@ -47,11 +40,6 @@ pub enum SyncNote {
 impl fmt::Display for SyncNote {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::OneClock { stream, path } => write!(
-                f,
-                "{stream}: {} has one clock across the breaks of this stream; `erfgs sync` fits one for each part",
-                path.display()
-            ),
             Self::Misfit { path, what } => {
                 write!(f, "{} is not used, as {what}; `erfgs sync` writes it anew", path.display())
             }
@@ -77,12 +65,6 @@ pub fn kept(
     if let Some(what) = misfit(&found, summary) {
         note(SyncNote::Misfit { path, what });
         return Ok(None);
-    }
-    for stream in summary.streams.iter().filter(|stream| stream.totals.discontinuities > 0) {
-        let id = &stream.description.id;
-        if found.version == 1 && found.stream(id).is_some_and(|sync| sync.epochs.as_slice().len() == 1) {
-            note(SyncNote::OneClock { stream: id.clone(), path: path.clone() });
-        }
     }
     Ok(Some(found))
 }

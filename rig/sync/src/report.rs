@@ -14,7 +14,7 @@ use super::{
     exposures::{Exposure, Exposures},
 };
 
-/// Version of the file. Version 1, in which a stream had one clock, is read, too.
+/// Version of the file.
 pub const VERSION: u32 = 2;
 
 /// How well a stream is tied to the session clock, best first.
@@ -53,7 +53,6 @@ impl Tier {
 
 /// One stream on the session clock.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "StreamFile")]
 pub struct StreamSync {
     /// The stream.
     pub id: String,
@@ -61,16 +60,16 @@ pub struct StreamSync {
     pub tier: Tier,
     /// From its ticks to session time, for each stretch in which its device's clock ran without a break; none for frames,
     /// which have no ticks of their own.
-    #[serde(skip_serializing_if = "no_epochs")]
+    #[serde(default, skip_serializing_if = "no_epochs")]
     pub epochs: Epochs,
     /// How its edges matched the board's pulses, all epochs together.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matched: Option<Matched>,
     /// Its frames.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposures: Option<Exposures>,
     /// What the user should know.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Points for the plot: session time in seconds, distance in nanoseconds.
     #[serde(skip)]
@@ -79,32 +78,6 @@ pub struct StreamSync {
 
 fn no_epochs(epochs: &Epochs) -> bool {
     epochs.as_slice().is_empty()
-}
-
-/// A stream as files of all versions have it.
-#[derive(Deserialize)]
-struct StreamFile {
-    id: String,
-    tier: Tier,
-    #[serde(default)]
-    epochs: Epochs,
-    /// Version 1: the only clock.
-    #[serde(default)]
-    clock: Option<Clock>,
-    #[serde(default)]
-    matched: Option<Matched>,
-    #[serde(default)]
-    exposures: Option<Exposures>,
-    #[serde(default)]
-    notes: Vec<String>,
-}
-
-impl From<StreamFile> for StreamSync {
-    fn from(file: StreamFile) -> Self {
-        let StreamFile { id, tier, epochs, clock, matched, exposures, notes } = file;
-        let epochs = clock.map_or(epochs, Epochs::from);
-        Self { id, tier, epochs, matched, exposures, notes, points: Vec::new() }
-    }
 }
 
 /// All streams of a session on its clock.
@@ -182,8 +155,8 @@ impl Synchronisation {
         let bytes = std::fs::read(path).map_err(|source| SyncFileError::Read { path: path.to_owned(), source })?;
         let content = |what: String| SyncFileError::Content { path: path.to_owned(), what };
         let found: Self = serde_json::from_slice(&bytes).map_err(|error| content(error.to_string()))?;
-        if !(1..=VERSION).contains(&found.version) {
-            return Err(content(format!("its version is {}, known are 1 to {VERSION}", found.version)));
+        if found.version != VERSION {
+            return Err(content(format!("its version is {}, known is {VERSION}", found.version)));
         }
         Ok(found)
     }

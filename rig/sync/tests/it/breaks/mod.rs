@@ -95,20 +95,12 @@ fn a_clock_that_sets_many_edges_aside_is_told() {
 }
 
 #[test]
-fn a_file_of_version_1_is_one_epoch() {
+fn a_file_of_another_version_is_refused_with_what_helps() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("s.sync.json");
-    let fit = r#""evidence":"trigger-edges","origin_ticks":10,"origin_ns":500,"ns_per_tick":1000.0,"window_ticks":[0,99],
-        "residuals":{"p50_ns":0.0,"p95_ns":0.0,"max_ns":0.0},"samples":3,"outliers":1"#;
-    let clock = format!(
-        r#"{{"nominal_ns_per_tick":1000.0,"pieces":[{{{fit}}}],"residuals":{{"p50_ns":0.0,"p95_ns":0.0,"max_ns":0.0}},"samples":3,"outliers":1}}"#
-    );
-    let streams = format!(r#"[{{"id":"eye","tier":"hardware-triggered","clock":{clock}}}]"#);
-    std::fs::write(&file, format!(r#"{{"version":1,"session":"s.mcap","streams":{streams}}}"#)).unwrap();
-    let found = Synchronisation::load(&file).unwrap();
-    let eye = found.stream("eye").unwrap();
-    assert_eq!(eye.epochs.follow().session_ns(11), Some(1500));
-    assert_eq!(eye.rows()[0].outliers, Some(0.25));
-    std::fs::write(&file, r#"{"version":3,"session":"s.mcap","streams":[]}"#).unwrap();
-    assert!(Synchronisation::load(&file).unwrap_err().to_string().contains("version is 3"));
+    for version in [1, 3] {
+        std::fs::write(&file, format!(r#"{{"version":{version},"session":"s.mcap","streams":[]}}"#)).unwrap();
+        let message = Synchronisation::load(&file).unwrap_err().to_string();
+        assert!(message.contains(&format!("version is {version}")) && message.contains("`erfgs sync`"), "{message}");
+    }
 }
