@@ -4,7 +4,7 @@
 //! `cargo run --release -p erfgs-lab --features studies --bin wand_study [seeds]`
 
 #[path = "../../../calibrate/tests/it/wand/rig.rs"]
-#[allow(dead_code)]
+#[allow(dead_code, reason = "shared with the tests of the wand, which use more of it")]
 mod rig;
 
 use erfgs_calibrate::wand::{WandError, calibrate};
