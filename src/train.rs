@@ -9,7 +9,7 @@ use erfgs_run::RunFolder;
 use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
-    config::{Config, Method, Preset},
+    config::{Config, Method, MotionModel, Preset},
     export::write_ply,
     gpu::Gpu,
     scene::Scene,
@@ -39,12 +39,18 @@ Presets (config.toml of a run lists every field, and --set changes any):
   released-code  ERF-GS as its released code does it
   default        what gives the best moving pixels per second here
 
+Motion:
+  hexplane   a deformation field that all Gaussians share (4DGS)
+  free-time  each Gaussian is born at an instant, with a velocity, and lives for a while (after FreeTimeGS); starts from the \
+points of what moves, which `erfgs dataset points` finds
+
 A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
 with --resume goes on from there.
 
 Examples:
   erfgs train ds-dv --method erf-gs --preset paper --iterations 3000+14000 --seed 1 --out run
   erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
+  erfgs train ds-dv --motion free-time --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --resume")]
 pub struct Arguments {
@@ -62,6 +68,9 @@ pub struct Arguments {
     /// Settings from a file (config.toml of another run); --method, --preset and what they imply are then taken from it.
     #[arg(long, value_name = "CONFIG.toml", conflicts_with_all = ["method", "preset"])]
     config: Option<PathBuf>,
+    /// How what moves does so; the preset's unless given.
+    #[arg(long, value_enum)]
+    motion: Option<MotionName>,
     /// Iterations of the coarse and the fine stage; one number alone is of the fine stage.
     #[arg(long, value_name = "COARSE+FINE")]
     iterations: Option<Iterations>,
@@ -106,6 +115,25 @@ impl MethodName {
         match self {
             Self::FourDgs => "4dgs",
             Self::ErfGs => "erf-gs",
+        }
+    }
+}
+
+/// A motion model, as the command line spells it.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum MotionName {
+    /// A deformation field of planes and a network.
+    #[value(name = "hexplane")]
+    HexPlane,
+    /// A trajectory and a life for each Gaussian.
+    FreeTime,
+}
+
+impl From<MotionName> for MotionModel {
+    fn from(name: MotionName) -> Self {
+        match name {
+            MotionName::HexPlane => Self::HexPlane,
+            MotionName::FreeTime => Self::FreeTime,
         }
     }
 }
@@ -176,6 +204,9 @@ impl Arguments {
         if let Some(iterations) = self.iterations {
             config.coarse_iterations = iterations.coarse.unwrap_or(config.coarse_iterations);
             config.fine_iterations = iterations.fine;
+        }
+        if let Some(motion) = self.motion {
+            config.motion = motion.into();
         }
         if let Some(seed) = self.seed {
             config.seed = seed;
@@ -303,7 +334,7 @@ fn drive(
         last = Some(*now);
     })?;
     drop(bar);
-    let gaussians = trainer.model.population(gpu)?.gaussians;
+    let gaussians = trainer.model.gaussians_still(gpu)?;
     write_ply(&folder.point_cloud_file(), &gaussians)?;
     let done = trainer.iterations_done();
     let summary = Summary {

@@ -113,6 +113,14 @@ pub enum DatasetError {
         /// Points in the manifest.
         named: u64,
     },
+    /// The times of the points are not told as they should be.
+    #[error("{}: the point cloud's parameter `runs`: {reason}; make the point cloud again with `erfgs dataset points`", path.display())]
+    PointRuns {
+        /// The manifest.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
     /// The manifest contradicts itself or the files.
     #[error("{}: {problem}", path.display())]
     Manifest {

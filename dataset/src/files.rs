@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use super::{Camera, Dataset, DatasetError, Frame, Manifest};
+use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointRun};
 use erfgs_base::FileError;
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
@@ -126,6 +126,15 @@ impl Dataset {
             return Err(DatasetError::PointCount { path, found: cloud.len() as u64, named: file.count });
         }
         Ok(Some(cloud))
+    }
+
+    /// Which instant each point of the initial cloud belongs to, where that is known.
+    ///
+    /// # Errors
+    /// [`DatasetError::PointRuns`] where the manifest tells it in a way that cannot be.
+    pub fn point_runs(&self) -> Result<Option<Vec<PointRun>>, DatasetError> {
+        let Some(file) = &self.manifest.points else { return Ok(None) };
+        file.runs().map_err(|reason| DatasetError::PointRuns { path: self.root.join("dataset.json"), reason })
     }
 }
 

@@ -18,7 +18,9 @@ pub mod undistort;
 mod validate;
 
 pub use error::{DatasetError, Problem};
-pub use manifest::{Camera, CameraEvents, Dataset, Frame, Manifest, PointCloudFile, Provenance, Split, VariantStep};
+pub use manifest::{
+    Camera, CameraEvents, Dataset, Frame, Manifest, PointCloudFile, PointRun, Provenance, Split, VariantStep,
+};
 
 #[cfg(test)]
 mod tests;

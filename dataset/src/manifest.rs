@@ -111,6 +111,39 @@ pub struct PointCloudFile {
     pub parameters: BTreeMap<String, serde_json::Value>,
 }
 
+/// Points in a row, in the order of the file, that belong to one instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PointRun {
+    /// The instant that they were first seen at, nanoseconds on the session clock.
+    pub t_ns: i64,
+    /// Whether they were found again at another instant: such points stand still.
+    pub found_again: bool,
+    /// Whether they are known to lie on something that moves, which was there at `t_ns`.
+    #[serde(default)]
+    pub moving: bool,
+    /// How many there are.
+    pub count: u64,
+}
+
+impl PointCloudFile {
+    /// The parameter that holds the [`PointRun`]s of the file.
+    pub const RUNS: &str = "runs";
+
+    /// The runs of points that share an instant, in the order of the file; `None` where the cloud came without.
+    ///
+    /// # Errors
+    /// Where the parameter `runs` is no list of runs, with the reason.
+    pub fn runs(&self) -> Result<Option<Vec<PointRun>>, String> {
+        let Some(value) = self.parameters.get(Self::RUNS) else { return Ok(None) };
+        let runs: Vec<PointRun> = serde_json::from_value(value.clone()).map_err(|error| error.to_string())?;
+        let total = runs.iter().try_fold(0_u64, |total, run| total.checked_add(run.count));
+        match total {
+            Some(total) if total == self.count => Ok(Some(runs)),
+            _ => Err(format!("the runs do not add up to the {} points of the file", self.count)),
+        }
+    }
+}
+
 /// What `dataset.json` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {

@@ -38,7 +38,7 @@ pub fn run(run: &TrainedRun, instants: Option<u32>, out: Option<&Path>, terminal
         files.push(Exported { file, t_ns, gaussians: gaussians.len(), bytes });
         Ok(())
     };
-    write(out.point_cloud_file(), None, trainer.model.population(&gpu)?.gaussians)?;
+    write(out.point_cloud_file(), None, trainer.model.gaussians_still(&gpu)?)?;
     for index in 0..instants {
         progress.update(index.into(), instants.into(), "instants");
         let t01 = f64::from(index) / f64::from(instants.max(2) - 1);

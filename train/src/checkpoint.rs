@@ -19,7 +19,9 @@ use crate::{
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-const VERSION: u32 = 1;
+/// The version where the motion model keeps rows for each Gaussian; without them a file is of [`PLAIN`].
+const VERSION: u32 = 2;
+const PLAIN: u32 = 1;
 
 /// Why a checkpoint could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -77,6 +79,8 @@ struct Header {
     step: u32,
     sh_degree: u32,
     dynamic: usize,
+    #[serde(default)]
+    motion_floats: usize,
     field_box: [[f32; 3]; 2],
     field_step: Option<u32>,
     left_out: Vec<LeftOut>,
@@ -114,16 +118,24 @@ impl Checkpoint {
             ("sh.v".into(), &moments.sh_second),
             ("seen".into(), &seen),
         ];
+        if gaussians.motion_floats > 0 {
+            vectors.extend([
+                ("motion".into(), &gaussians.motion[..]),
+                ("motion.m".into(), &moments.motion_first),
+                ("motion.v".into(), &moments.motion_second),
+            ]);
+        }
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: VERSION,
+            version: if gaussians.motion_floats > 0 { VERSION } else { PLAIN },
             config: self.config.clone(),
             clock: self.clock,
             step: self.step,
             sh_degree: gaussians.sh_degree,
             dynamic: gaussians.dynamic,
+            motion_floats: gaussians.motion_floats,
             field_box: self.field_box,
             field_step: self.field.as_ref().map(|field| field.step),
             left_out: self.left_out.clone(),
@@ -150,8 +162,9 @@ impl Checkpoint {
         let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| "its header is too long")?;
         let (header, mut rest) = rest.split_at_checked(length).ok_or("its header is cut short")?;
         let header: Header = serde_json::from_slice(header).map_err(|error| format!("its header: {error}"))?;
-        if header.version != VERSION {
-            return Err(format!("it is of version {}, this program reads version {VERSION}", header.version));
+        if !(PLAIN..=VERSION).contains(&header.version) {
+            let known = format!("versions {PLAIN} to {VERSION}");
+            return Err(format!("it is of version {}, this program reads {known}", header.version));
         }
         header.config.validate().map_err(|error| error.to_string())?;
         let mut vectors = Vec::with_capacity(header.vectors.len());
@@ -167,13 +180,20 @@ impl Checkpoint {
             Some(vector) if vector.name == name => Ok(vector.values),
             _ => Err(format!("'{name}' is missing")),
         };
-        let gaussians =
-            Gaussians { sh_degree: header.sh_degree, dynamic: header.dynamic, core: next("core")?, sh: next("sh")? };
-        let moments = Moments {
+        let mut gaussians = Gaussians {
+            sh_degree: header.sh_degree,
+            dynamic: header.dynamic,
+            core: next("core")?,
+            sh: next("sh")?,
+            motion_floats: header.motion_floats,
+            motion: Vec::new(),
+        };
+        let mut moments = Moments {
             core_first: next("core.m")?,
             core_second: next("core.v")?,
             sh_first: next("sh.m")?,
             sh_second: next("sh.v")?,
+            ..Moments::default()
         };
         let seen: Vec<Seen> = next("seen")?
             .as_chunks::<3>()
@@ -181,11 +201,19 @@ impl Checkpoint {
             .iter()
             .map(|row| Seen { gradient: row[0], iterations: row[1], radius_px: row[2] })
             .collect();
+        if header.motion_floats > 0 {
+            gaussians.motion = next("motion")?;
+            (moments.motion_first, moments.motion_second) = (next("motion.m")?, next("motion.v")?);
+        }
         let count = gaussians.len();
+        let motion = header.dynamic.checked_mul(header.motion_floats);
         let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
         let core = count * CORE;
         let fits = [&gaussians.core, &moments.core_first, &moments.core_second].iter().all(|v| v.len() == core)
             && [&gaussians.sh, &moments.sh_first, &moments.sh_second].iter().all(|v| v.len() == sh)
+            && [&gaussians.motion, &moments.motion_first, &moments.motion_second]
+                .iter()
+                .all(|v| Some(v.len()) == motion)
             && seen.len() == count
             && header.dynamic <= count;
         if !fits {
@@ -233,6 +261,19 @@ mod tests {
         let path = folder.path().join("checkpoint.bin");
         checkpoint().save(&path).expect("saved");
         assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
+    }
+
+    #[test]
+    fn rows_of_motion_come_back_and_are_as_many_as_move() {
+        let mut checkpoint = checkpoint();
+        let gaussians = &mut checkpoint.population.gaussians;
+        (gaussians.motion_floats, gaussians.motion) = (8, (0..16).map(|i| i as f32).collect());
+        checkpoint.population.moments = Moments::zero(gaussians);
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+        checkpoint.population.gaussians.motion.pop();
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
     }
 
     #[test]

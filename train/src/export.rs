@@ -40,7 +40,8 @@ mod tests {
     /// Gaussians of distinct values.
     fn gaussians(sh_degree: u32, count: usize) -> Gaussians {
         let values = |count: usize| (0..count).map(|i| i as f32).collect();
-        Gaussians { sh_degree, dynamic: 1, core: values(count * CORE), sh: values(count * sh_stride(sh_degree)) }
+        let (core, sh) = (values(count * CORE), values(count * sh_stride(sh_degree)));
+        Gaussians { sh_degree, dynamic: 1, core, sh, ..Gaussians::default() }
     }
 
     #[test]

@@ -29,6 +29,10 @@ pub struct Gaussians {
     pub core: Vec<f32>,
     /// SH rows of [`sh_stride`] floats.
     pub sh: Vec<f32>,
+    /// Floats of a row of `motion`: 0 where the motion model keeps nothing for each Gaussian.
+    pub motion_floats: usize,
+    /// What the motion model keeps for each dynamic Gaussian (none for the others): see [`crate::motion`].
+    pub motion: Vec<f32>,
 }
 
 impl Gaussians {
@@ -52,8 +56,8 @@ impl Gaussians {
         let distances = mean_squared_distance(&positions, 3);
         let stride = sh_stride(sh_degree);
         let logit = (opacity / (1.0 - opacity)).ln();
-        let mut gaussians =
-            Self { sh_degree, dynamic: points.len(), core: Vec::new(), sh: vec![0.0; points.len() * stride] };
+        let sh = vec![0.0; points.len() * stride];
+        let mut gaussians = Self { sh_degree, dynamic: points.len(), sh, ..Self::default() };
         for (index, ((position, colour), distance)) in points.iter().zip(&distances).enumerate() {
             let scale = distance.max(1e-7).sqrt().ln();
             gaussians.core.extend_from_slice(position);
@@ -94,10 +98,11 @@ impl Gaussians {
         for (new, old) in sh.chunks_exact_mut(to).zip(self.sh.chunks_exact(from)) {
             new[..shared].copy_from_slice(&old[..shared]);
         }
-        Self { sh_degree: degree, dynamic: self.dynamic, core: self.core.clone(), sh }
+        Self { sh_degree: degree, sh, ..self.clone() }
     }
 
-    /// The rows `order` names, in that order, of which the first `dynamic` are dynamic.
+    /// The rows `order` names, in that order, of which the first `dynamic` are dynamic; those must have been so before
+    /// where the motion model keeps something for each.
     #[must_use]
     pub fn select(&self, order: &[usize], dynamic: usize) -> Self {
         Self {
@@ -105,6 +110,8 @@ impl Gaussians {
             dynamic,
             core: select_rows(&self.core, CORE, order),
             sh: select_rows(&self.sh, sh_stride(self.sh_degree), order),
+            motion_floats: self.motion_floats,
+            motion: select_rows(&self.motion, self.motion_floats, &order[..dynamic]),
         }
     }
 }

@@ -12,6 +12,7 @@ pub mod gpu;
 pub mod losses;
 mod matrix;
 pub mod metrics;
+pub mod motion;
 pub mod optimiser;
 pub mod raster;
 pub mod reference;

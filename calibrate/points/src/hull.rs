@@ -172,6 +172,7 @@ fn surface(grid: &Grid, cells: &[IVec3], views: &[SilhouetteView<'_>], t_ns: i64
             reprojection_error_px: 0.0,
             t_ns,
             instants: 1,
+            moving: true,
         })
     };
     outer.iter().step_by(step).filter_map(point).collect()

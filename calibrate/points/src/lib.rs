@@ -14,7 +14,7 @@ mod thin;
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
-use erfgs_dataset::{Dataset, PointCloudFile};
+use erfgs_dataset::{Dataset, PointCloudFile, PointRun};
 use erfgs_scene::ply::PointCloud;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -39,6 +39,8 @@ pub struct CloudPoint {
     pub t_ns: i64,
     /// At how many of the instants used a point was found at this place: more than one means that it stands still.
     pub instants: u32,
+    /// Whether it is known to lie on something that moves (from the silhouettes of what does).
+    pub moving: bool,
 }
 
 /// The initial point cloud and how it was made.
@@ -49,7 +51,7 @@ pub struct Cloud {
     /// How the points were found.
     pub method: Method,
     /// The method's parameters and what it counted on the way: images, features, matches, points before merging, and as
-    /// `runs` how many points in a row share `t_ns` and whether they were `found_again` at another instant.
+    /// [`PointCloudFile::RUNS`] which points in a row share an instant ([`PointRun`]).
     pub parameters: BTreeMap<String, serde_json::Value>,
 }
 
@@ -142,18 +144,20 @@ pub fn initial_cloud(
     if options.hull.instants > 0 {
         points.extend(inside(hull::points(&rig, options, &reach, progress, &mut parameters)?, bounds));
     }
-    points.sort_by_key(|point| (point.t_ns, point.instants == 1));
-    parameters.insert("runs".into(), runs(&points));
+    points.sort_by_key(|point| (point.t_ns, point.moving, point.instants == 1));
+    parameters.insert(PointCloudFile::RUNS.into(), json!(runs(&points)));
     Ok(Cloud { points, method: options.method, parameters })
 }
 
-/// How many points in a row were first seen at the same instant, and whether they were found again at others. With it
-/// the time of each point in `points.ply` is known.
-fn runs(points: &[CloudPoint]) -> Value {
-    let same = |a: &CloudPoint, b: &CloudPoint| a.t_ns == b.t_ns && (a.instants == 1) == (b.instants == 1);
+/// The points in a row that share an instant. With it the time of each point in `points.ply` is known.
+fn runs(points: &[CloudPoint]) -> Vec<PointRun> {
+    let kind = |point: &CloudPoint| (point.t_ns, point.instants > 1, point.moving);
     points
-        .chunk_by(same)
-        .map(|run| json!({"t_ns": run[0].t_ns, "found_again": run[0].instants > 1, "count": run.len()}))
+        .chunk_by(|a, b| kind(a) == kind(b))
+        .map(|run| {
+            let (t_ns, found_again, moving) = kind(&run[0]);
+            PointRun { t_ns, found_again, moving, count: run.len() as u64 }
+        })
         .collect()
 }
 

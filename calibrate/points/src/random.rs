@@ -51,6 +51,7 @@ pub fn points(
                 reprojection_error_px: 0.0,
                 t_ns: taken.t_ns,
                 instants: 1,
+                moving: false,
             })
         })
         .take(count)

@@ -124,6 +124,7 @@ mod tests {
             reprojection_error_px: 0.5,
             t_ns,
             instants: 1,
+            moving: false,
         }
     }
 

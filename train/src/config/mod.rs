@@ -6,6 +6,7 @@ mod presets;
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::motion::FreeTimeOptions;
 pub use overrides::ConfigError;
 
 /// What is trained.
@@ -30,6 +31,18 @@ pub enum Preset {
     /// Ours: what gives the best moving pixels per second.
     #[default]
     Default,
+}
+
+/// How the dynamic Gaussians move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MotionModel {
+    /// A deformation field of planes and a network that all share (4DGS).
+    #[default]
+    #[serde(rename = "hexplane")]
+    HexPlane,
+    /// An instant, a velocity, an acceleration and a life for each Gaussian (after FreeTimeGS).
+    FreeTime,
 }
 
 /// A switch that the program may decide from the data.
@@ -76,8 +89,14 @@ pub struct Config {
     pub sh: ShConfig,
     /// Learning rates of all parameters, and how they decay.
     pub learning_rate: LearningRates,
-    /// The deformation field.
+    /// How the dynamic Gaussians move.
+    #[serde(default)]
+    pub motion: MotionModel,
+    /// The deformation field, where the motion is `hexplane`.
     pub field: FieldOptions,
+    /// Gaussians that are free in time, where the motion is `free-time`.
+    #[serde(default)]
+    pub free_time: FreeTimeOptions,
     /// Adaptive density control.
     pub density: DensityConfig,
     /// Event-assisted regularised loss.

@@ -127,6 +127,44 @@ impl Config {
             self.field.features.to_string(),
             "a multiple of 4 up to 64",
         )?;
+        let free = &self.free_time;
+        let positive = |value: f32| value.is_finite() && value > 0.0;
+        let not_negative = |value: f32| value.is_finite() && value >= 0.0;
+        check(
+            not_negative(free.least_life),
+            "free_time.least_life",
+            free.least_life.to_string(),
+            "0 or more RGB intervals",
+        )?;
+        check(
+            free.first_life.is_finite() && free.first_life > free.least_life,
+            "free_time.first_life",
+            free.first_life.to_string(),
+            "more than free_time.least_life",
+        )?;
+        check(
+            free.opacity > 0.0 && free.opacity < 1.0,
+            "free_time.opacity",
+            free.opacity.to_string(),
+            "between 0 and 1",
+        )?;
+        check(positive(free.fastest), "free_time.fastest", free.fastest.to_string(), "above 0")?;
+        check(
+            (0.0..=1.0).contains(&free.event_opacity),
+            "free_time.event_opacity",
+            free.event_opacity.to_string(),
+            "0 to 1",
+        )?;
+        for (key, value) in [
+            ("free_time.velocity", free.velocity),
+            ("free_time.acceleration", free.acceleration),
+            ("free_time.instant", free.instant),
+            ("free_time.life", free.life),
+            ("free_time.weight_presence", free.weight_presence),
+            ("free_time.weight_acceleration", free.weight_acceleration),
+        ] {
+            check(not_negative(value), key, value.to_string(), "0 or more")?;
+        }
         check(self.dynamic.whole_image_every >= 1, "dynamic.whole_image_every", "0".into(), "at least 1")?;
         check(self.field.regularise_every >= 1, "field.regularise_every", "0".into(), "at least 1")?;
         check(self.evaluation.log_every >= 1, "evaluation.log_every", "0".into(), "at least 1")?;
@@ -138,7 +176,7 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Norm;
+    use crate::config::{MotionModel, Norm};
 
     #[test]
     fn a_field_is_set_by_its_dotted_name() {
@@ -148,8 +186,21 @@ mod tests {
         config.set("earl.weight=1").expect("a whole number for a float");
         config.set("field.levels=[1, 2, 4]").expect("a list");
         config.set("blur.instant=0.5").expect("an optional field");
+        config.set("motion=free-time").expect("a model");
+        assert_eq!(config.motion, MotionModel::FreeTime);
+        config.set("motion=hexplane").expect("a model");
         assert_eq!((config.density.every, config.earl.norm, config.earl.weight), (250, Norm::L2, 1.0));
         assert_eq!((config.field.levels, config.blur.instant), (vec![1, 2, 4], Some(0.5)));
+    }
+
+    #[test]
+    fn a_configuration_from_before_there_were_motion_models_is_of_the_field() {
+        let text = Config::default().to_toml().expect("text");
+        let mut table: toml::Table = toml::from_str(&text).expect("a table");
+        table.remove("motion").expect("a field");
+        table.remove("free_time").expect("a section");
+        let old = toml::to_string(&table).expect("text");
+        assert_eq!(Config::from_toml(&old).expect("read"), Config::default());
     }
 
     #[test]
@@ -160,6 +211,9 @@ mod tests {
         assert!(matches!(config.set("nothing"), Err(ConfigError::NotAnAssignment(_))));
         assert!(matches!(config.set("batch=0"), Err(ConfigError::OutOfRange { .. })));
         assert!(config.set("earl.norm=l7").is_err());
+        assert!(config.set("motion=sideways").is_err());
+        assert!(config.set("free_time.first_life=0.5").is_err(), "not shorter than the least");
+        assert!(config.set("free_time.life=nan").is_err());
         assert_eq!(config, before);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     BlurConfig, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions,
-    InitConfig, LearningRates, Method, Norm, Pairing, Preset, Quantise, ShConfig, Switch,
+    FreeTimeOptions, InitConfig, LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch,
 };
 
 impl Config {
@@ -52,6 +52,8 @@ impl Config {
                 decay_steps: 25_000,
                 adam_epsilon: 1e-8,
             },
+            motion: MotionModel::HexPlane,
+            free_time: FreeTimeOptions::default(),
             field: FieldOptions {
                 levels: vec![1, 2],
                 features: 16,

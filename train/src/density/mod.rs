@@ -25,14 +25,26 @@ pub struct Moments {
     pub sh_first: Vec<f32>,
     /// Second moments of the SH rows.
     pub sh_second: Vec<f32>,
+    /// First moments of the rows of motion.
+    pub motion_first: Vec<f32>,
+    /// Second moments of the rows of motion.
+    pub motion_second: Vec<f32>,
 }
 
 impl Moments {
     /// Zero moments for `gaussians`.
     #[must_use]
     pub fn zero(gaussians: &Gaussians) -> Self {
-        let (core, sh) = (vec![0.0; gaussians.core.len()], vec![0.0; gaussians.sh.len()]);
-        Self { core_first: core.clone(), core_second: core, sh_first: sh.clone(), sh_second: sh }
+        let zeros = |like: &Vec<f32>| vec![0.0; like.len()];
+        let [core, sh, motion] = [&gaussians.core, &gaussians.sh, &gaussians.motion].map(zeros);
+        Self {
+            core_first: core.clone(),
+            core_second: core,
+            sh_first: sh.clone(),
+            sh_second: sh,
+            motion_first: motion.clone(),
+            motion_second: motion,
+        }
     }
 }
 
@@ -55,6 +67,8 @@ impl Population {
             core_second: select_rows(&self.moments.core_second, CORE, order),
             sh_first: select_rows(&self.moments.sh_first, stride, order),
             sh_second: select_rows(&self.moments.sh_second, stride, order),
+            motion_first: select_rows(&self.moments.motion_first, self.gaussians.motion_floats, &order[..dynamic]),
+            motion_second: select_rows(&self.moments.motion_second, self.gaussians.motion_floats, &order[..dynamic]),
         };
         Self { gaussians: self.gaussians.select(order, dynamic), moments }
     }
@@ -74,19 +88,25 @@ impl Population {
         let at = self.gaussians.dynamic;
         let stride = sh_stride(self.gaussians.sh_degree);
         let insert = |old: &[f32], stride: usize, new: &[f32]| [&old[..at * stride], new, &old[at * stride..]].concat();
-        let zeros = vec![0.0; rows.core.len().max(rows.sh.len())];
+        let zeros = vec![0.0; rows.core.len().max(rows.sh.len()).max(rows.motion.len())];
+        let motion_floats = if at == 0 { rows.motion_floats } else { self.gaussians.motion_floats };
+        let append = |old: &[f32], new: &[f32]| [old, new].concat();
         Self {
             gaussians: Gaussians {
                 sh_degree: self.gaussians.sh_degree,
                 dynamic: at + rows.len(),
                 core: insert(&self.gaussians.core, CORE, &rows.core),
                 sh: insert(&self.gaussians.sh, stride, &rows.sh),
+                motion_floats,
+                motion: append(&self.gaussians.motion, &rows.motion),
             },
             moments: Moments {
                 core_first: insert(&self.moments.core_first, CORE, &zeros[..rows.core.len()]),
                 core_second: insert(&self.moments.core_second, CORE, &zeros[..rows.core.len()]),
                 sh_first: insert(&self.moments.sh_first, stride, &zeros[..rows.sh.len()]),
                 sh_second: insert(&self.moments.sh_second, stride, &zeros[..rows.sh.len()]),
+                motion_first: append(&self.moments.motion_first, &zeros[..rows.motion.len()]),
+                motion_second: append(&self.moments.motion_second, &zeros[..rows.motion.len()]),
             },
         }
     }
@@ -214,6 +234,11 @@ pub fn densify(
         ] {
             moments[row * stride..(row + 1) * stride].fill(0.0);
         }
+        if row < dynamic {
+            let of_row = row * gaussians.motion_floats..(row + 1) * gaussians.motion_floats;
+            result.moments.motion_first[of_row.clone()].fill(0.0);
+            result.moments.motion_second[of_row].fill(0.0);
+        }
     }
     (result, change)
 }
@@ -234,7 +259,11 @@ fn is_removed(
     index: usize,
 ) -> bool {
     let row = &gaussians.core[index * CORE..(index + 1) * CORE];
-    if row.iter().any(|value| !value.is_finite()) {
+    let motion = match index < gaussians.dynamic {
+        true => &gaussians.motion[index * gaussians.motion_floats..(index + 1) * gaussians.motion_floats],
+        false => &[],
+    };
+    if row.iter().chain(motion).any(|value| !value.is_finite()) {
         return true;
     }
     let largest = gaussians.scale(index).into_iter().fold(0.0, f32::max);
@@ -335,6 +364,26 @@ mod tests {
         population.reset_opacity(0.01);
         assert_eq!(population.gaussians.core[10], -9.0);
         assert!((population.gaussians.opacity(1) - 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_the_motion_keeps_of_a_gaussian_goes_with_it() {
+        let mut before = population(&[0.001, 0.5, 0.001], 2);
+        before.gaussians.motion_floats = 2;
+        before.gaussians.motion = vec![1.0, 2.0, 3.0, 4.0];
+        before.moments = Moments::zero(&before.gaussians);
+        before.moments.motion_first.fill(5.0);
+        let (after, _) = densify(&before, &hot(3), &config(), true, &MEASURES);
+        assert_eq!(after.gaussians.dynamic, 4);
+        assert_eq!(after.gaussians.motion, [1.0, 2.0, 1.0, 2.0, 3.0, 4.0, 3.0, 4.0]);
+        assert_eq!(after.moments.motion_first, [5.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let more = after.with_dynamic(&before.select(&[1], 1).gaussians);
+        assert_eq!((more.gaussians.dynamic, &more.gaussians.motion[8..]), (5, &[3.0, 4.0][..]));
+        assert_eq!(more.moments.motion_second.len(), 10);
+        let mut broken = before;
+        broken.gaussians.motion[3] = f32::NAN;
+        let (left, change) = densify(&broken, &hot(3), &config(), false, &MEASURES);
+        assert_eq!((change.pruned, left.gaussians.dynamic, left.gaussians.motion.len()), (1, 1, 2));
     }
 
     #[test]

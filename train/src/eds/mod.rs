@@ -52,6 +52,19 @@ pub struct Draw {
     pub seed: u64,
     /// Likewise.
     pub iteration: u64,
+    /// Where Gaussians are free in time: what the new ones have of it.
+    pub birth: Option<Birth>,
+}
+
+/// How a Gaussian that is free in time is born from events.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Birth {
+    /// Its instant, the middle of the bin, RGB intervals.
+    pub time: f32,
+    /// Half the length of the bin, RGB intervals.
+    pub half: f32,
+    /// What its row stores of its life.
+    pub log_life: f32,
 }
 
 /// Gaussians that the events of the bin ask for. They are all dynamic.
@@ -63,9 +76,10 @@ pub fn propose(
     config: &EdsConfig,
     draw: &Draw,
 ) -> (Gaussians, EdsReport) {
-    let Draw { bin, denoise, seed, iteration } = *draw;
+    let Draw { bin, denoise, seed, iteration, birth } = *draw;
     let mut report = EdsReport::default();
-    let nothing = Gaussians { sh_degree: gaussians.sh_degree, ..Gaussians::default() };
+    let motion_floats = gaussians.motion_floats;
+    let nothing = Gaussians { sh_degree: gaussians.sh_degree, motion_floats, ..Gaussians::default() };
     if scene.events.is_empty() || gaussians.is_empty() || bin + 1 >= scene.bins.edges.len() {
         return (nothing, report);
     }
@@ -88,10 +102,14 @@ pub fn propose(
     let mut new = nothing;
     for (point, neighbours) in coherent {
         let at_end = neighbours.iter().map(|&index| distance(&point, &moving.end[index])).sum::<f32>();
-        if at_end > limit * neighbours.len() as f32 {
+        // A neighbour that has gone by then has no place, and the sum is no number.
+        if !(at_end <= limit * neighbours.len() as f32) {
             continue;
         }
         append(&mut new, gaussians, &moving, &point, &neighbours, config);
+        if let Some(birth) = birth {
+            be_born(&mut new, &moving, &point, &neighbours, birth);
+        }
     }
     new.dynamic = new.len();
     report.added = new.len();
@@ -149,6 +167,19 @@ fn append(
     new.core.extend_from_slice(&[log_scale, log_scale, log_scale, 1.0, 0.0, 0.0, 0.0, config.opacity_logit, 0.0]);
     new.sh.extend_from_slice(&colour);
     new.sh.resize(new.core.len() / CORE * stride, 0.0);
+}
+
+/// Gives the last row of `new` its place at its instant, and the mean velocity of its neighbours over the bin.
+fn be_born(new: &mut Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbours: &[usize], birth: Birth) {
+    let weight = 1.0 / (neighbours.len() as f32 * 2.0 * birth.half.max(1e-6));
+    let velocity: [f32; 3] = std::array::from_fn(|axis| {
+        neighbours.iter().map(|&index| weight * (moving.end[index][axis] - moving.start[index][axis])).sum()
+    });
+    let row = new.core.len() - CORE;
+    // The point was seen somewhere within the bin.
+    new.core[row..row + 3].copy_from_slice(point);
+    let [x, y, z] = velocity;
+    new.motion.extend([x, y, z, birth.time, 0.0, 0.0, 0.0, birth.log_life]);
 }
 
 fn distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {

@@ -34,6 +34,8 @@ pub struct Pass {
 pub struct Tape {
     /// The outputs of the pass.
     pub deltas: Deltas,
+    /// The time of the pass, in [0, 1].
+    pub(crate) t01: f32,
     /// Absent where nothing was computed: no rows, or no head.
     pub(super) pass: Option<Pass>,
     pub(super) host: HostTape,
@@ -47,7 +49,13 @@ impl Tape {
     /// [`FieldError::Gpu`].
     pub fn new(gpu: &Gpu) -> Result<Self, FieldError> {
         let deltas = Deltas::new(gpu, "deltas", 0, None)?;
-        Ok(Self { deltas, pass: None, host: HostTape::default(), device: None })
+        Ok(Self { deltas, t01: 0.0, pass: None, host: HostTape::default(), device: None })
+    }
+
+    /// Begins a pass of a model that computes no SH and leaves nothing but its deltas.
+    pub(crate) fn begin_rows(&mut self, gpu: &Gpu, rows: u32, t01: f32) -> Result<(), FieldError> {
+        (self.pass, self.t01) = (None, t01);
+        self.fit(gpu, rows, None)
     }
 
     /// Replaces the buffers of the deltas where they do not fit.

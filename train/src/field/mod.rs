@@ -158,6 +158,7 @@ impl Field {
     ) -> Result<(), FieldError> {
         let layout = &self.domain.layout;
         let with_sh = layout.config.heads.sh && what == Outputs::All;
+        tape.t01 = t01;
         tape.fit(gpu, rows, with_sh.then_some(layout.config.sh_stride))?;
         if rows == 0 || layout.heads_of(what).is_empty() {
             tape.pass = None;

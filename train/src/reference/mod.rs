@@ -2,5 +2,6 @@
 
 pub mod adam;
 pub mod field;
+pub mod free_time;
 pub mod losses;
 pub mod raster;

@@ -35,6 +35,7 @@ impl Scene {
             bins: Bins::default(),
             held_out: Vec::new(),
             points: Vec::new(),
+            point_times: Vec::new(),
             frame_times: Vec::new(),
             extent,
             linear_exposure: dataset.manifest.linear_exposure,
@@ -73,7 +74,21 @@ impl Scene {
             (false, None) => return Err(SceneError::NoPoints { path: scene.dataset.root.clone() }),
             (true, _) => scene.random_points(config)?,
         };
+        if !random_init {
+            scene.point_times = scene.moving_times()?;
+        }
         Ok(scene)
+    }
+
+    /// When each point of the dataset's cloud was there, for those on something that moves.
+    fn moving_times(&self) -> Result<Vec<Option<f64>>, SceneError> {
+        let Some(runs) = self.dataset.point_runs()? else { return Ok(Vec::new()) };
+        let times = runs.iter().flat_map(|run| {
+            let time = run.moving.then(|| self.to_unit(run.t_ns));
+            std::iter::repeat_n(time, run.count as usize)
+        });
+        // The runs add up to the points of the file, which has as many as the manifest says.
+        Ok(times.collect())
     }
 
     fn read_frame(&self, view: usize, index: usize) -> Result<TrainFrame, SceneError> {

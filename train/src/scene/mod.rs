@@ -43,6 +43,14 @@ pub enum SceneError {
         /// The dataset.
         path: PathBuf,
     },
+    /// The motion model starts from points that move, and there are none.
+    #[error(
+        "no point of dataset '{path}' is known to move, and `motion = \"free-time\"` starts from those; make the points again with `erfgs dataset points {path}` (each camera needs four frames, and something must move), or train with --motion hexplane"
+    )]
+    NoMovingPoints {
+        /// The dataset.
+        path: PathBuf,
+    },
     /// The cameras of a random start enclose nothing.
     #[error(
         "the cameras of dataset '{path}' stand at one point, so that no box for random points follows from them; make a point cloud with `erfgs dataset points {path}`"
@@ -112,6 +120,9 @@ pub struct Scene {
     pub held_out: Vec<HeldOutFrame>,
     /// The initial cloud.
     pub points: Vec<Point>,
+    /// For each point the instant, in [0, 1], at which it is known to have been there on something that moves; empty where
+    /// nothing is known of any.
+    pub point_times: Vec<Option<f64>>,
     /// Times of the training frames, each once, ascending, in [0, 1].
     pub frame_times: Vec<f64>,
     /// 1.1 times the largest distance of a training camera from their mean, metres: the unit of learning rates and sizes.
@@ -126,6 +137,35 @@ impl Scene {
     pub fn to_unit(&self, t_ns: i64) -> f64 {
         let [start, end] = self.dataset.manifest.span_ns;
         if end > start { (t_ns - start) as f64 / (end - start) as f64 } else { 0.0 }
+    }
+
+    /// How many intervals between the frames of a camera the recording spans: the unit of time of trajectories.
+    #[must_use]
+    pub fn intervals(&self) -> f64 {
+        let mut steps: Vec<f64> = Vec::new();
+        for view in 0..self.views.len() {
+            let times: Vec<f64> =
+                self.frames.iter().filter(|frame| frame.view == view).map(|frame| frame.t01).collect();
+            steps.extend(times.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
+        }
+        if steps.is_empty() {
+            return 1.0;
+        }
+        let middle = steps.len() / 2;
+        1.0 / steps.select_nth_unstable_by(middle, f64::total_cmp).1.clamp(1e-6, 1.0)
+    }
+
+    /// The points of the initial cloud that are not known to move.
+    #[must_use]
+    pub fn still_points(&self) -> Vec<Point> {
+        let moves = |index: usize| self.point_times.get(index).is_some_and(Option::is_some);
+        self.points.iter().enumerate().filter(|(index, _)| !moves(*index)).map(|(_, point)| *point).collect()
+    }
+
+    /// The points that are known to move, and when each was where it is, in [0, 1].
+    #[must_use]
+    pub fn moving_points(&self) -> Vec<(Point, f64)> {
+        self.points.iter().zip(&self.point_times).filter_map(|(point, time)| Some((*point, (*time)?))).collect()
     }
 
     /// Whether any frame was exposed for longer than an instant.

@@ -6,10 +6,11 @@ use erfgs_base::random;
 
 use super::{Model, TrainError, Trainer};
 use crate::{
-    config::Switch,
-    density::{Measures, Moments, densify},
+    config::{MotionModel, Switch},
+    density::{Measures, Moments, Population, densify},
     eds,
     gaussians::Gaussians,
+    motion::birth,
     raster::Region,
     scene::{MotionMasks, Point, classify},
     schedule::Stage,
@@ -29,12 +30,18 @@ impl Trainer<'_> {
         let count = population.gaussians.len();
         let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
         let masks = self.find_regions();
-        if self.config.dynamic.skip_static {
-            let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
-            population = population.partition(&moves);
-        } else {
-            population.gaussians.dynamic = count;
-        }
+        population = match self.config.motion {
+            MotionModel::FreeTime => self.born(&population)?,
+            MotionModel::HexPlane if self.config.dynamic.skip_static => {
+                let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
+                population.partition(&moves)
+            }
+            MotionModel::HexPlane => {
+                population.gaussians.dynamic = count;
+                population
+            }
+        };
+        let count = population.gaussians.len();
         self.note_left_out(&population.gaussians);
         let enclosed = if self.config.field.box_of_moving { population.gaussians.dynamic } else { count };
         let field_box = if self.config.field.box_of_moving {
@@ -46,13 +53,25 @@ impl Trainer<'_> {
         };
         self.model.replace(gpu, &population)?;
         self.model.step = 0;
-        self.model.start_field(gpu, &self.config, self.scene.frame_times.len(), field_box)?;
+        self.model.start_motion(gpu, &self.config, &self.scene, field_box)?;
         self.statistics.replace(gpu, &vec![Default::default(); count])?;
         self.clock.stage = Stage::Fine;
         self.clock.coarse = self.clock.iteration;
         self.clock.iteration = 0;
         self.clock.stage_start = self.clock.seconds;
         Ok(())
+    }
+
+    /// The Gaussians of the coarse stage as what stands still, and with them those born from points that move.
+    fn born(&self, population: &Population) -> Result<Population, TrainError> {
+        let intervals = self.scene.intervals();
+        let points: Vec<_> =
+            self.scene.moving_points().into_iter().map(|(point, t01)| (point, t01 * intervals)).collect();
+        let (degree, extent) = (population.gaussians.sh_degree, self.scene.extent);
+        let rows = birth::gaussians(&points, degree, extent, &self.config.free_time);
+        let mut population = population.clone();
+        population.gaussians.dynamic = 0;
+        Ok(population.with_dynamic(&rows))
     }
 
     /// Finds where things move, and keeps it for the views whose samples look there alone.
@@ -136,7 +155,12 @@ impl Trainer<'_> {
         let start = model.means_at(self.gpu, gaussians, edges[0])?;
         let end = model.means_at(self.gpu, gaussians, edges[1])?;
         let moving = eds::Moving { start: &start, end: &end };
-        let draw = eds::Draw { bin, denoise: self.config.earl.denoise, seed: self.config.seed, iteration: done };
+        let birth = (self.config.motion == MotionModel::FreeTime).then(|| eds::Birth {
+            time: (0.5 * (edges[0] + edges[1]) * self.scene.intervals()) as f32,
+            half: (0.5 * (edges[1] - edges[0]) * self.scene.intervals()) as f32,
+            log_life: birth::log_life(&self.config.free_time),
+        });
+        let draw = eds::Draw { bin, denoise: self.config.earl.denoise, seed: self.config.seed, iteration: done, birth };
         let (rows, report) = eds::propose(&self.scene, gaussians, moving, &self.config.eds, &draw);
         tracing::debug!(?report, bin, "event-guided densification");
         Ok(rows)
@@ -147,7 +171,15 @@ impl Trainer<'_> {
             self.left_out.push(LeftOut { what: what.into(), why, saves });
         };
         let (count, dynamic) = (gaussians.len(), gaussians.dynamic);
-        if self.config.dynamic.skip_static {
+        if self.config.motion == MotionModel::FreeTime {
+            note(
+                "the deformation field",
+                format!(
+                    "{dynamic} of {count} Gaussians have a trajectory and a life of their own, the others stand still"
+                ),
+                "planes, network and their regularisers".into(),
+            );
+        } else if self.config.dynamic.skip_static {
             note(
                 "the deformation field for static Gaussians",
                 format!("{} of {count} Gaussians project onto pixels where nothing moves", count - dynamic),
@@ -167,7 +199,7 @@ impl Trainer<'_> {
                 format!("{:.0} % of the pixels of those samples", 100.0 * (1.0 - share)),
             );
         }
-        if !self.config.field.sh_head {
+        if self.config.motion == MotionModel::HexPlane && !self.config.field.sh_head {
             note(
                 "the head that deforms colour",
                 "colours are taken to travel with their Gaussians, which leaves the colour regulariser nothing to hold"

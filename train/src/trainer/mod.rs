@@ -25,14 +25,16 @@ pub use self::{
 use self::{model::Rendering, step::Workspace};
 use crate::{
     checkpoint::Checkpoint,
-    config::Config,
+    config::{Config, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
+    field::FieldError,
     gaussians::Gaussians,
     gpu::Gpu,
+    motion::Motion,
     optimiser::FiniteCheck,
     raster::Region,
-    scene::Scene,
+    scene::{Scene, SceneError},
     schedule::{Clock, Schedule, Stage},
 };
 use erfgs_run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
@@ -70,7 +72,14 @@ impl<'a> Trainer<'a> {
     /// [`TrainError`] where the device has no room.
     pub fn new(gpu: &'a Gpu, scene: Scene, config: Config, options: &TrainOptions) -> Result<Self, TrainError> {
         config.validate()?;
-        let points = grow::thin(&scene.points, config.init.max_points as usize);
+        // What is free in time is born at its own instant, when the fine stage begins.
+        let points = match config.motion {
+            MotionModel::HexPlane => grow::thin(&scene.points, config.init.max_points as usize),
+            MotionModel::FreeTime if scene.moving_points().is_empty() => {
+                return Err(SceneError::NoMovingPoints { path: scene.dataset.root.clone() }.into());
+            }
+            MotionModel::FreeTime => grow::thin(&scene.still_points(), config.init.max_points as usize),
+        };
         let gaussians = Gaussians::from_points(&points, config.sh.max_degree, config.init.opacity);
         let moments = Moments::zero(&gaussians);
         let population = Population { gaussians, moments };
@@ -93,8 +102,13 @@ impl<'a> Trainer<'a> {
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
         trainer.find_regions();
         if clock.stage == Stage::Fine {
-            trainer.model.start_field(gpu, &trainer.config, trainer.scene.frame_times.len(), field_box)?;
-            if let (Some(live), Some(saved)) = (&mut trainer.model.field, &field) {
+            trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
+            let live = trainer.model.motion.as_mut().and_then(Motion::field_mut);
+            if live.is_some() != field.is_some() {
+                let reason = "it was saved with another motion model; resume with the same `motion`".into();
+                return Err(FieldError::State { reason }.into());
+            }
+            if let (Some(live), Some(saved)) = (live, &field) {
                 live.restore(gpu, saved)?;
             }
         }
@@ -278,12 +292,18 @@ impl<'a> Trainer<'a> {
 
     fn check_finite(&self) -> Result<(), TrainError> {
         let gaussians = &self.model.gaussians;
-        for (what, buffer, stride) in [
-            ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, 12),
-            ("colours of the Gaussians", &gaussians.sh, crate::raster::sh_stride(gaussians.sh_degree)),
+        let (rows, row_floats) = self.model.motion_values();
+        for (what, buffer, floats) in [
+            ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
+            (
+                "colours of the Gaussians",
+                &gaussians.sh,
+                gaussians.count * crate::raster::sh_stride(gaussians.sh_degree),
+            ),
+            ("trajectories and lives of the Gaussians", rows, row_floats),
         ] {
             let mut commands = self.gpu.commands();
-            self.finite.scan(&mut commands, buffer, gaussians.count * stride);
+            self.finite.scan(&mut commands, buffer, floats);
             commands.submit();
             if self.finite.take(self.gpu)? > 0 {
                 return Err(self.diverged(what));
@@ -314,7 +334,7 @@ impl<'a> Trainer<'a> {
             step: self.model.step,
             population: self.model.population(self.gpu)?,
             field_box: self.model.field_box,
-            field: self.model.field.as_ref().map(|field| field.state(self.gpu)).transpose()?,
+            field: self.model.motion.as_ref().and_then(Motion::field).map(|field| field.state(self.gpu)).transpose()?,
             seen: self.statistics.read(self.gpu)?,
             left_out: self.left_out.clone(),
         })

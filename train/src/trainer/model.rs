@@ -1,16 +1,18 @@
-//! The Gaussians, the field and their optimisers on the device.
+//! The Gaussians, their motion and their optimisers on the device.
 
 use wgpu::Buffer;
 
 use super::{StageTimes, TrainError};
 use crate::{
-    config::{Config, FieldOptions},
+    config::{Config, FieldOptions, MotionModel},
     density::{Moments, Population},
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
-    gaussians::{CORE, Gaussians, sh_stride},
+    gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
+    motion::{FreeTime, Motion, MotionRows, Witness, free_time},
     optimiser::{Adam, AdamBuffers, AdamConfig},
     raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View},
+    scene::Scene,
     schedule::decayed,
 };
 
@@ -35,10 +37,11 @@ impl Rendering {
 pub struct Model {
     /// The Gaussians' parameters.
     pub gaussians: GaussianBuffers,
-    /// How many of them, from the first, the field deforms.
+    /// How many of them, from the first, move.
     pub dynamic: u32,
-    /// The field, in the fine stage.
-    pub field: Option<Field>,
+    /// How they move, in the fine stage.
+    pub motion: Option<Motion>,
+    rows: RowBuffers,
     /// The box of the field, metres.
     pub field_box: [[f32; 3]; 2],
     /// Adam steps since the moments were zero.
@@ -51,6 +54,34 @@ pub struct Model {
     moments: [Buffer; 4],
 }
 
+/// What the motion model keeps for each dynamic Gaussian, on the device: rows of `floats`.
+#[derive(Debug)]
+struct RowBuffers {
+    floats: usize,
+    values: Buffer,
+    gradients: Buffer,
+    moments: [Buffer; 2],
+}
+
+impl RowBuffers {
+    fn new(gpu: &Gpu, population: &Population) -> Result<Self, GpuError> {
+        let Population { gaussians, moments } = population;
+        Ok(Self {
+            floats: gaussians.motion_floats,
+            values: gpu.storage_from("rows of motion", &gaussians.motion)?,
+            gradients: gpu.storage("gradient of the rows of motion", gaussians.motion.len() as u64 * 4)?,
+            moments: [
+                gpu.storage_from("first moment of motion", &moments.motion_first)?,
+                gpu.storage_from("second moment of motion", &moments.motion_second)?,
+            ],
+        })
+    }
+
+    fn own(&self) -> MotionRows<'_> {
+        MotionRows { values: &self.values, gradients: &self.gradients }
+    }
+}
+
 impl Model {
     /// Puts a population on the device.
     ///
@@ -60,7 +91,8 @@ impl Model {
         let gaussians = upload(gpu, &population.gaussians)?;
         Ok(Self {
             dynamic: population.gaussians.dynamic as u32,
-            field: None,
+            motion: None,
+            rows: RowBuffers::new(gpu, population)?,
             field_box: [[0.0; 3]; 2],
             step: 0,
             sh_head: false,
@@ -73,32 +105,41 @@ impl Model {
         })
     }
 
-    /// Replaces the population; the field stays.
+    /// Replaces the population; what is shared by all in the motion model stays.
     pub(super) fn replace(&mut self, gpu: &Gpu, population: &Population) -> Result<(), TrainError> {
         self.gaussians = upload(gpu, &population.gaussians)?;
         self.dynamic = population.gaussians.dynamic as u32;
         self.gradients = Gradients::new(gpu, &self.gaussians)?;
         self.moments = upload_moments(gpu, &population.moments)?;
+        self.rows = RowBuffers::new(gpu, population)?;
         self.size_deltas(gpu)
     }
 
-    /// Starts the fine stage's field in `field_box`.
-    pub(super) fn start_field(
+    /// Starts the fine stage's motion; a field spans `field_box`.
+    pub(super) fn start_motion(
         &mut self,
         gpu: &Gpu,
         config: &Config,
-        frame_times: usize,
+        scene: &Scene,
         field_box: [[f32; 3]; 2],
     ) -> Result<(), TrainError> {
-        let field_config = field_config(&config.field, self.gaussians.sh_degree, frame_times);
-        self.field = Some(Field::new(gpu, &field_config, field_box, config.seed)?);
+        self.motion = Some(match config.motion {
+            MotionModel::HexPlane => {
+                let field_config = field_config(&config.field, self.gaussians.sh_degree, scene.frame_times.len());
+                Motion::HexPlane(Box::new(Field::new(gpu, &field_config, field_box, config.seed)?))
+            }
+            MotionModel::FreeTime => {
+                let intervals = scene.intervals() as f32;
+                Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)))
+            }
+        });
         self.field_box = field_box;
-        self.sh_head = config.field.sh_head;
+        self.sh_head = config.motion == MotionModel::HexPlane && config.field.sh_head;
         self.size_deltas(gpu)
     }
 
     fn size_deltas(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
-        self.d_deltas = match &self.field {
+        self.d_deltas = match &self.motion {
             Some(_) if self.dynamic > 0 => {
                 let stride = self.sh_head.then(|| sh_stride(self.gaussians.sh_degree) as u32);
                 Some(Deltas::new(gpu, "gradient of the deltas", self.dynamic, stride)?)
@@ -117,32 +158,45 @@ impl Model {
         let (core, sh) = (count * CORE, count * sh_stride(self.gaussians.sh_degree));
         let read = |buffer: &Buffer, floats: usize| gpu.download::<f32>(buffer, floats);
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
+        let [motion_first, motion_second] = &self.rows.moments;
+        let rows = self.dynamic as usize * self.rows.floats;
         Ok(Population {
             gaussians: Gaussians {
                 sh_degree: self.gaussians.sh_degree,
                 dynamic: self.dynamic as usize,
                 core: read(&self.gaussians.core, core)?,
                 sh: read(&self.gaussians.sh, sh)?,
+                motion_floats: self.rows.floats,
+                motion: read(&self.rows.values, rows)?,
             },
             moments: Moments {
                 core_first: read(core_first, core)?,
                 core_second: read(core_second, core)?,
                 sh_first: read(sh_first, sh)?,
                 sh_second: read(sh_second, sh)?,
+                motion_first: read(motion_first, rows)?,
+                motion_second: read(motion_second, rows)?,
             },
         })
     }
 
-    /// The means as they stand at `t01`, metres.
+    /// The means as they stand at `t01`, metres; not a number where a Gaussian is not there then.
     pub(super) fn means_at(&mut self, gpu: &Gpu, gaussians: &Gaussians, t01: f64) -> Result<Vec<[f32; 3]>, TrainError> {
+        /// What is fainter than this share of its opacity has gone.
+        const THERE: f32 = 0.1;
         let mut means: Vec<[f32; 3]> = (0..gaussians.len()).map(|index| gaussians.mean(index)).collect();
-        if let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) {
-            let mut tape = Tape::new(gpu)?;
-            field.forward(gpu, &self.gaussians.core, self.dynamic, t01 as f32, &mut tape, Outputs::PositionOnly)?;
+        let mut tape = Tape::new(gpu)?;
+        if self.deform(gpu, t01, &mut tape, Outputs::PositionOnly)? {
             let deltas: Vec<f32> = gpu.download(&tape.deltas.core, self.dynamic as usize * CORE)?;
-            for (mean, delta) in means.iter_mut().zip(deltas.chunks_exact(CORE)) {
+            let comes_and_goes = self.rows.floats > 0;
+            for ((mean, delta), core) in
+                means.iter_mut().zip(deltas.chunks_exact(CORE)).zip(gaussians.core.chunks_exact(CORE))
+            {
                 for axis in 0..3 {
                     mean[axis] += delta[axis];
+                }
+                if comes_and_goes && sigmoid(core[10] + delta[10]) < THERE * sigmoid(core[10]) {
+                    *mean = [f32::NAN; 3];
                 }
             }
         }
@@ -155,9 +209,10 @@ impl Model {
     /// [`TrainError`] where the device fails.
     pub fn gaussians_at(&mut self, gpu: &Gpu, t01: f64) -> Result<Gaussians, TrainError> {
         let mut gaussians = self.population(gpu)?.gaussians;
-        let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) else { return Ok(gaussians) };
         let mut tape = Tape::new(gpu)?;
-        field.forward(gpu, &self.gaussians.core, self.dynamic, t01 as f32, &mut tape, Outputs::All)?;
+        if !self.deform(gpu, t01, &mut tape, Outputs::All)? {
+            return Ok(gaussians);
+        }
         let rows = self.dynamic as usize;
         let add = |to: &mut [f32], deltas: Vec<f32>| to.iter_mut().zip(deltas).for_each(|(to, delta)| *to += delta);
         add(&mut gaussians.core, gpu.download(&tape.deltas.core, rows * CORE)?);
@@ -165,6 +220,30 @@ impl Model {
             add(&mut gaussians.sh, gpu.download(sh, rows * sh_stride(self.gaussians.sh_degree))?);
         }
         Ok(gaussians)
+    }
+
+    /// The Gaussians of one moment that stand for all: as they are stored, or, where each is stored at an instant of its
+    /// own, as they stand in the middle of the recording.
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device fails.
+    pub fn gaussians_still(&mut self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
+        match &self.motion {
+            Some(Motion::FreeTime(_)) => self.gaussians_at(gpu, 0.5),
+            Some(Motion::HexPlane(_)) | None => Ok(self.population(gpu)?.gaussians),
+        }
+    }
+
+    /// What the motion model keeps for the Gaussians, and how many floats that is.
+    pub(super) fn motion_values(&self) -> (&Buffer, u32) {
+        (&self.rows.values, self.dynamic * self.rows.floats as u32)
+    }
+
+    /// Evaluates the motion at `t01`; says whether there is any.
+    pub(super) fn deform(&mut self, gpu: &Gpu, t01: f64, tape: &mut Tape, what: Outputs) -> Result<bool, TrainError> {
+        let Some(motion) = self.motion.as_mut().filter(|_| self.dynamic > 0) else { return Ok(false) };
+        motion.forward(gpu, &self.gaussians.core, self.rows.own(), self.dynamic, t01 as f32, tape, what)?;
+        Ok(true)
     }
 
     /// Renders `view` at `t01`.
@@ -177,14 +256,11 @@ impl Model {
         rendering: &mut Rendering,
         times: &mut StageTimes,
     ) -> Result<(), TrainError> {
-        let deltas = match self.field.as_mut().filter(|_| self.dynamic > 0) {
-            Some(field) => {
-                let (core, rows) = (&self.gaussians.core, self.dynamic);
-                field.forward(gpu, core, rows, t01 as f32, &mut rendering.tape, Outputs::All)?;
-                times.lap(gpu, "field forward")?;
-                Some(&rendering.tape.deltas)
-            }
-            None => None,
+        let deltas = if self.deform(gpu, t01, &mut rendering.tape, Outputs::All)? {
+            times.lap(gpu, "motion forward")?;
+            Some(&rendering.tape.deltas)
+        } else {
+            None
         };
         self.rasteriser.forward(gpu, &self.gaussians, deltas, view, options, &mut rendering.frame)?;
         Ok(times.lap(gpu, "raster forward")?)
@@ -216,10 +292,16 @@ impl Model {
         Ok(())
     }
 
-    /// Passes the gradients of the deltas on to the field.
-    pub(super) fn backward_field(&mut self, gpu: &Gpu, rendering: &Rendering) -> Result<(), TrainError> {
-        if let (Some(field), Some(d_deltas)) = (&mut self.field, &self.d_deltas) {
-            field.backward(gpu, &rendering.tape, d_deltas, &self.gradients.core)?;
+    /// Passes the gradients of the deltas on to the motion.
+    pub(super) fn backward_motion(
+        &mut self,
+        gpu: &Gpu,
+        rendering: &Rendering,
+        witness: Witness,
+    ) -> Result<(), TrainError> {
+        if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
+            let (core, d_core) = (&self.gaussians.core, &self.gradients.core);
+            motion.backward(gpu, core, self.rows.own(), &rendering.tape, d_deltas, d_core, witness)?;
         }
         Ok(())
     }
@@ -230,6 +312,7 @@ impl Model {
         commands.clear(&self.gradients.core);
         commands.clear(&self.gradients.sh);
         commands.clear(&self.gradients.screen);
+        commands.clear(&self.rows.gradients);
         commands.submit();
     }
 
@@ -256,25 +339,33 @@ impl Model {
         ];
         let mut sh_rates = vec![rates.sh_rest; sh_stride(self.gaussians.sh_degree)];
         sh_rates[..3].fill(rates.sh_dc);
+        let free = &config.free_time;
+        let (velocity, acceleration) = (free.velocity * position, free.acceleration * position);
+        let row_rates: [f32; free_time::ROW] =
+            [velocity, velocity, velocity, free.instant, acceleration, acceleration, acceleration, free.life];
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
+        let [row_first, row_second] = &self.rows.moments;
+        let count = self.gaussians.count;
+        let rows = if self.rows.floats > 0 { self.dynamic } else { 0 };
         let mut commands = gpu.commands();
-        for (parameters, gradients, first_moment, second_moment, rates) in [
-            (&self.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..]),
-            (&self.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..]),
+        for (parameters, gradients, first_moment, second_moment, rates, rows) in [
+            (&self.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..], count),
+            (&self.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..], count),
+            (&self.rows.values, &self.rows.gradients, row_first, row_second, &row_rates[..], rows),
         ] {
             let buffers = AdamBuffers {
                 parameters,
                 gradients,
                 first_moment,
                 second_moment,
-                rows: self.gaussians.count,
+                rows,
                 stride: rates.len() as u32,
                 mask: None,
             };
             self.adam.step(&mut commands, &buffers, rates, &adam, self.step)?;
         }
         commands.submit();
-        if let Some(field) = self.field.as_mut().filter(|_| self.dynamic > 0) {
+        if let Some(field) = self.motion.as_mut().and_then(Motion::field_mut).filter(|_| self.dynamic > 0) {
             let planes = extent * decayed(rates.planes, progress);
             let network = extent * decayed(rates.network, progress);
             field.step(gpu, planes, network, &adam)?;
@@ -286,8 +377,10 @@ impl Model {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let row = CORE + sh_stride(self.gaussians.sh_degree);
-        let (planes, network) = self.field.as_ref().map_or((0, 0), Field::parameters);
-        4 * (u64::from(self.gaussians.count) * row as u64 + planes as u64 + network as u64)
+        let field = self.motion.as_ref().and_then(Motion::field);
+        let (planes, network) = field.map_or((0, 0), Field::parameters);
+        let rows = u64::from(self.dynamic) * self.rows.floats as u64;
+        4 * (u64::from(self.gaussians.count) * row as u64 + rows + planes as u64 + network as u64)
     }
 }
 

@@ -4,7 +4,7 @@ use erfgs_base::random;
 use wgpu::Buffer;
 
 use super::{
-    Model, TrainError, Trainer,
+    TrainError, Trainer,
     model::{Rendering, plane_weights},
     samples::{self, Sample},
 };
@@ -13,6 +13,7 @@ use crate::{
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
     losses::{ColourChange, LEFT_OUT, LossSum, Losses},
+    motion::{Motion, Witness},
     raster::{RenderOptions, View},
     scene::TrainFrame,
     schedule::Stage,
@@ -103,7 +104,8 @@ impl Trainer<'_> {
         }
         let every = self.config.field.regularise_every;
         if iteration.is_multiple_of(every)
-            && let Some(field) = self.model.field.as_mut().filter(|_| self.model.dynamic > 0)
+            && let Some(field) =
+                self.model.motion.as_mut().and_then(Motion::field_mut).filter(|_| self.model.dynamic > 0)
         {
             let weights = plane_weights(&self.config.field, every as f32);
             let losses = field.regularise(self.gpu, &weights)?;
@@ -212,8 +214,8 @@ impl Trainer<'_> {
             };
             self.model.backward_raster(gpu, &view, &options, rendering, d_image, true)?;
             self.times.lap(gpu, "raster backward")?;
-            self.model.backward_field(gpu, rendering)?;
-            self.times.lap(gpu, "field backward")?;
+            self.model.backward_motion(gpu, rendering, Witness::Frame)?;
+            self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
     }
@@ -281,8 +283,8 @@ impl Trainer<'_> {
                 self.regularise_colour(&view, options.sh_degree);
                 self.times.lap(gpu, "colour regulariser")?;
             }
-            self.model.backward_field(gpu, &self.work.renderings[slot])?;
-            self.times.lap(gpu, "field backward")?;
+            self.model.backward_motion(gpu, &self.work.renderings[slot], Witness::Events)?;
+            self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
     }
@@ -300,20 +302,20 @@ impl Trainer<'_> {
             return Ok(());
         }
         let gpu = self.gpu;
-        let Model { field, gaussians, dynamic, d_deltas, .. } = &mut self.model;
-        let (Some(field), Some(d_deltas)) = (field, d_deltas) else { return Ok(()) };
+        // The trajectories of a model without a field are smooth as they are.
+        if self.model.motion.as_ref().and_then(Motion::field).is_none() {
+            return Ok(());
+        }
         let anchored = self.config.earl.pairing == Pairing::FrameAnchored && (start - times[0]).abs() < 1e-9;
         if !anchored {
-            field.forward(
-                gpu,
-                &gaussians.core,
-                *dynamic,
-                start as f32,
-                &mut self.work.before,
-                Outputs::PositionOnly,
-            )?;
+            self.model.deform(gpu, start, &mut self.work.before, Outputs::PositionOnly)?;
         }
-        field.forward(gpu, &gaussians.core, *dynamic, end as f32, &mut self.work.after, Outputs::PositionOnly)?;
+        self.model.deform(gpu, end, &mut self.work.after, Outputs::PositionOnly)?;
+        let (Some(field), Some(d_deltas)) =
+            (self.model.motion.as_ref().and_then(Motion::field), self.model.d_deltas.as_ref())
+        else {
+            return Ok(());
+        };
         let before = if anchored { &self.work.renderings[0].tape.deltas } else { &self.work.before.deltas };
         let blend = ((times[1] - start) / (end - start)) as f32;
         let reference = Blend { before, after: &self.work.after.deltas, blend };

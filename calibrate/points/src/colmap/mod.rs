@@ -323,6 +323,7 @@ fn observed(
             reprojection_error_px: (error / point.track.len() as f64) as f32,
             t_ns,
             instants: 1,
+            moving: false,
         });
     }
     Ok(points)

@@ -104,6 +104,7 @@ fn candidate(
             reprojection_error_px: error as f32,
             t_ns,
             instants: 1,
+            moving: false,
         },
         score: maps[view].score[pixel],
     })

@@ -113,16 +113,13 @@ fn the_union_keeps_colmaps_points_and_its_limit() {
     let kept = |point: &&CloudPoint| union.points.iter().any(|other| other.position.distance(point.position) < 1e-3);
     let kept = colmap.points.iter().filter(kept).count();
     assert!(kept * 20 > colmap.points.len() * 19, "{kept} of {}", colmap.points.len());
-    let runs = union.parameters["runs"].as_array().unwrap();
-    let mut index = 0;
-    for run in runs {
-        for _ in 0..run["count"].as_u64().unwrap() {
-            assert_eq!(union.points[index].t_ns, run["t_ns"].as_i64().unwrap());
-            assert_eq!(union.points[index].instants > 1, run["found_again"].as_bool().unwrap());
-            index += 1;
-        }
-    }
-    assert_eq!(index, union.points.len(), "the manifest tells the time of every point");
+    let mut dataset = dataset;
+    let file = attach(&mut dataset, &union).unwrap();
+    let told = Dataset::load(&dataset.root).unwrap().point_runs().unwrap().expect("runs");
+    assert_eq!(Some(&told), file.runs().unwrap().as_ref());
+    let told: Vec<_> = told.iter().flat_map(|run| vec![(run.t_ns, run.found_again); run.count as usize]).collect();
+    let found: Vec<_> = union.points.iter().map(|point| (point.t_ns, point.instants > 1)).collect();
+    assert_eq!(told, found, "the manifest tells the time of every point");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Points of what moves, from silhouettes, in a room where only a ball does.
 
 use erfgs_dataset::Dataset;
-use erfgs_points::{CloudOptions, CloudPoint, Method, initial_cloud};
+use erfgs_points::{CloudOptions, CloudPoint, Method, attach, initial_cloud};
 use erfgs_scene::image::ImageRgb8;
 
 use crate::common::{BALL_RADIUS, ball, film_at};
@@ -44,6 +44,37 @@ fn points_lie_where_the_ball_was_at_their_time_and_have_its_colour() {
         let red = of_time.iter().filter(|point| f64::from(point.colour[0]) > 1.5 * f64::from(point.colour[2])).count();
         assert!(red * 10 >= of_time.len() * 8, "{red} of {} are red", of_time.len());
     }
+}
+
+#[test]
+fn the_dataset_tells_which_points_move_and_when() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut dataset = film_at(folder.path(), 7, &PASSING);
+    let mut options = CloudOptions { method: Method::Random, random_points: 20, ..CloudOptions::default() };
+    options.hull.instants = 4;
+    let work = tempfile::tempdir().unwrap();
+    let cloud = initial_cloud(&dataset, &options, work.path(), &|_, _, _| {}).unwrap();
+    attach(&mut dataset, &cloud).unwrap();
+    let read = Dataset::load(&dataset.root).unwrap();
+    let positions = read.read_points().unwrap().unwrap().positions;
+    let runs = read.point_runs().unwrap().expect("runs");
+    let (mut next, mut near, mut moving) = (0, 0, 0);
+    for run in &runs {
+        for position in &positions[next..next + run.count as usize] {
+            let centre = ball(run.t_ns).as_vec3();
+            moving += u32::from(run.moving);
+            near += u32::from(run.moving && glam::Vec3::from(*position).distance(centre) < 2.0 * BALL_RADIUS as f32);
+        }
+        next += run.count as usize;
+    }
+    assert_eq!((next, moving as usize), (positions.len(), positions.len() - 20));
+    assert!(near * 10 > moving * 8, "{near} of {moving} where the ball was at their time");
+
+    let mut wrong = read;
+    let file = wrong.manifest.points.as_mut().unwrap();
+    file.parameters.insert("runs".into(), serde_json::json!([{"t_ns": 1, "found_again": false, "count": 3}]));
+    let error = wrong.point_runs().unwrap_err().to_string();
+    assert!(error.contains("do not add up") && error.contains("dataset.json"), "{error}");
 }
 
 #[test]

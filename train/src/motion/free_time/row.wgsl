@@ -1,0 +1,44 @@
+// A row of a Gaussian that is free in time, as it stands at a moment.
+
+struct Moment {
+    rows: u32,
+    time: f32,          // intervals
+    least: f32,         // shortest life, intervals
+    path: f32,          // how much of the gradient reaches instants and lives
+    presence: f32,      // weight of the mean opacity of what is present / rows
+    acceleration: f32,  // 2 weight of the mean squared acceleration / (rows extent^2)
+    padding_a: u32,
+    padding_b: u32,
+}
+
+struct State {
+    dt: f32,        // since the row's instant, intervals
+    life: f32,
+    u: f32,         // dt / life
+    presence: f32,
+    odds: f32,      // of the stored opacity: o / (1 - o)
+    left: f32,      // (1 - o presence) / (1 - o)
+    d_logit: f32,   // change of the logit that makes the opacity o * presence, not less than GONE
+    there: bool,
+}
+
+fn state_of(moment: Moment, logit: f32, first: vec4f, second: vec4f) -> State {
+    var s: State;
+    s.dt = moment.time - first.w;
+    // Bounded, so that no life or opacity overflows.
+    s.life = moment.least + exp(clamp(second.w, -30.0, 30.0));
+    s.u = s.dt / s.life;
+    let log_presence = -0.5 * s.u * s.u;
+    s.presence = exp(max(log_presence, -80.0));
+    s.odds = exp(clamp(logit, -30.0, 30.0));
+    // 1 - presence, without cancellation where the presence is nearly whole.
+    var absent = 1.0 - s.presence;
+    if log_presence > -1e-3 {
+        absent = -log_presence * (1.0 + 0.5 * log_presence);
+    }
+    s.left = 1.0 + s.odds * absent;
+    let wanted = log_presence - log(s.left);
+    s.there = wanted > GONE;
+    s.d_logit = select(GONE, wanted, s.there);
+    return s;
+}

@@ -1,0 +1,203 @@
+use erfgs_base::random;
+
+use super::*;
+use crate::{
+    gpu::{AdapterChoice, Gpu},
+    reference::free_time as twin,
+};
+
+const INTERVALS: f32 = 11.0;
+const EXTENT: f32 = 2.0;
+const CORE: usize = 12;
+
+fn open(shape: Shape) -> Gpu {
+    Gpu::open(&AdapterChoice { shape: Some(shape), ..Default::default() }).expect("an adapter")
+}
+
+fn between(seed: u64, low: f64, high: f64) -> f64 {
+    random::range(random::key(seed, &[]), low, high)
+}
+
+/// Rows that are there to all degrees, and their logits.
+fn rows(count: u64) -> (Vec<f32>, Vec<f32>) {
+    let row = |i: u64| {
+        let at = |k: u64, low, high| between(100 * i + k, low, high) as f32;
+        [
+            at(0, -1.0, 1.0),
+            at(1, -1.0, 1.0),
+            at(2, -1.0, 1.0),
+            at(3, 0.0, 11.0),
+            at(4, -0.3, 0.3),
+            at(5, -0.3, 0.3),
+            0.1,
+            at(6, -2.0, 1.0),
+        ]
+    };
+    let logits = (0..count).map(|i| between(100 * i + 50, -3.0, 5.0) as f32).collect();
+    ((0..count).flat_map(row).collect(), logits)
+}
+
+fn moment(options: &FreeTimeOptions, t01: f32, witness: Witness, rows: usize) -> twin::Moment {
+    let (path, weight) = match witness {
+        Witness::Frame => (1.0, 1.0 / rows as f64),
+        Witness::Events => (f64::from(options.event_opacity), 0.0),
+    };
+    twin::Moment {
+        time: f64::from(t01 * INTERVALS),
+        least: f64::from(options.least_life),
+        path,
+        weight_presence: weight * f64::from(options.weight_presence),
+        weight_acceleration: weight * f64::from(options.weight_acceleration) / f64::from(EXTENT * EXTENT),
+    }
+}
+
+fn wide(row: &[f32]) -> [f64; ROW] {
+    std::array::from_fn(|k| f64::from(row[k]))
+}
+
+/// What the kernels make of rows and gradients: deltas, gradients of the core, gradients of the rows.
+fn run(
+    gpu: &Gpu,
+    options: &FreeTimeOptions,
+    values: &[f32],
+    logits: &[f32],
+    d: &[f32],
+    t01: f32,
+    witness: Witness,
+) -> [Vec<f32>; 3] {
+    let rows = logits.len();
+    let mut core = vec![0.0_f32; rows * CORE];
+    core.chunks_exact_mut(CORE).zip(logits).for_each(|(row, logit)| row[10] = *logit);
+    let model = FreeTime::new(gpu, options, INTERVALS, EXTENT);
+    let core = gpu.storage_from("core", &core).expect("a buffer");
+    let values = gpu.storage_from("rows", values).expect("a buffer");
+    let [d_core, gradients] =
+        [CORE, ROW].map(|stride| gpu.storage("gradients", (rows * stride * 4) as u64).expect("a buffer"));
+    let own = MotionRows { values: &values, gradients: &gradients };
+    let mut tape = Tape::new(gpu).expect("a tape");
+    model.forward(gpu, &core, &values, rows as u32, t01, &mut tape).expect("deltas");
+    let d_deltas = Deltas::new(gpu, "gradients of the deltas", rows as u32, None).expect("buffers");
+    gpu.upload(&d_deltas.core, 0, d);
+    model.backward(gpu, &core, own, &tape, &d_deltas, &d_core, witness).expect("gradients");
+    let read = |buffer, stride: usize| gpu.download::<f32>(buffer, rows * stride).expect("read back");
+    [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, ROW)]
+}
+
+fn gradients(rows: usize) -> Vec<f32> {
+    (0..rows * CORE).map(|i| between(7_000_000 + i as u64, -1.0, 1.0) as f32).collect()
+}
+
+fn assert_close(what: &str, got: f32, want: f64, scale: f64) {
+    assert!((f64::from(got) - want).abs() <= 2e-5 * (want.abs() + scale), "{what}: {got} instead of {want}");
+}
+
+#[test]
+fn both_shapes_follow_the_double_precision_twin() {
+    let options =
+        FreeTimeOptions { event_opacity: 0.3, weight_presence: 0.5, weight_acceleration: 0.7, ..Default::default() };
+    let count = 777;
+    let (values, logits) = rows(count as u64);
+    let d = gradients(count);
+    for shape in [Shape::Cpu, Shape::Gpu] {
+        let gpu = open(shape);
+        for (t01, witness) in [(0.43, Witness::Frame), (0.0, Witness::Events), (1.0, Witness::Frame)] {
+            let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &d, t01, witness);
+            let moment = moment(&options, t01, witness, count);
+            let mut there = 0;
+            for i in 0..count {
+                let (row, logit) = (wide(&values[i * ROW..]), f64::from(logits[i]));
+                let (moved, changed) = twin::forward(logit, &row, &moment);
+                there += u32::from(changed > f64::from(GONE));
+                let at = &deltas[i * CORE..(i + 1) * CORE];
+                for axis in 0..3 {
+                    assert_close("place", at[axis], moved[axis], 1.0);
+                }
+                assert_close("logit", at[10], changed, 1.0);
+                assert!(at[3..10].iter().chain(&at[11..]).all(|&other| other == 0.0));
+                let d_row = &d[i * CORE..];
+                let d_mean = std::array::from_fn(|axis| f64::from(d_row[axis]));
+                let d_changed = f64::from(d_row[10]);
+                let (d_logit, expected) = twin::backward(logit, &row, &moment, d_mean, d_changed);
+                // The rasteriser adds the gradient of the changed logit to that of the stored one itself.
+                assert_close("d logit", d_core[i * CORE + 10], d_logit - d_changed, 1.0);
+                for k in 0..ROW {
+                    assert_close(&format!("d row {k}"), d_rows[i * ROW + k], expected[k], 3.0);
+                }
+            }
+            assert!(there > 100, "{there} rows are there");
+        }
+    }
+}
+
+#[test]
+fn gradients_of_the_twin_match_finite_differences() {
+    let options = FreeTimeOptions { weight_presence: 0.5, weight_acceleration: 0.7, ..Default::default() };
+    let (values, logits) = rows(60);
+    for (i, row) in values.chunks_exact(ROW).enumerate() {
+        let moment = moment(&options, 0.37, Witness::Frame, 1);
+        let (row, logit) = (wide(row), f64::from(logits[i]));
+        if twin::forward(logit, &row, &moment).1 <= f64::from(GONE) {
+            continue;
+        }
+        let weights = [0.3, -0.7, 0.2, 0.9];
+        let given = twin::presence(&row, &moment).0;
+        // The motion of the instant is left out of its gradient, so the place is that of the row as it was.
+        let loss = |logit: f64, moved: &[f64; ROW], for_place: &[f64; ROW]| {
+            let place = twin::forward(logit, for_place, &moment).0;
+            let changed = twin::forward(logit, moved, &moment).1 + logit;
+            std::iter::zip(place, weights).map(|(p, w)| p * w).sum::<f64>()
+                + weights[3] * changed
+                + twin::regularisers(logit, moved, &moment, given)
+        };
+        let (d_logit, d_row) = twin::backward(logit, &row, &moment, [0.3, -0.7, 0.2], 0.9);
+        let step = 1e-6;
+        let close = |what: &str, gradient: f64, above: f64, below: f64| {
+            let difference = (above - below) / (2.0 * step);
+            assert!(
+                (gradient - difference).abs() < 1e-6 * (1.0 + difference.abs()),
+                "{what} of {i}: {gradient} {difference}"
+            );
+        };
+        close("logit", d_logit, loss(logit + step, &row, &row), loss(logit - step, &row, &row));
+        for k in 0..ROW {
+            let at = |delta: f64| {
+                let mut moved = row;
+                moved[k] += delta;
+                loss(logit, &moved, if k == 3 { &row } else { &moved })
+            };
+            close(&format!("parameter {k}"), d_row[k], at(step), at(-step));
+        }
+    }
+}
+
+#[test]
+fn extremes_stay_finite_and_what_is_over_is_gone() {
+    let options = FreeTimeOptions::default();
+    let huge = 1e30_f32;
+    let cases: [([f32; ROW], f32); 7] = [
+        ([1.0, 0.0, 0.0, 5.5, 0.0, 0.0, 0.0, 0.0], 80.0),
+        ([1.0, 0.0, 0.0, 5.5, 0.0, 0.0, 0.0, 0.0], -80.0),
+        ([1.0, 0.0, 0.0, 5.5, 0.0, 0.0, 0.0, 200.0], 0.0),
+        ([1.0, 0.0, 0.0, 5.5, 0.0, 0.0, 0.0, -200.0], 0.0),
+        ([huge, 0.0, 0.0, 1e6, 0.0, 0.0, 0.0, -200.0], 0.0),
+        ([1.0, 0.0, 0.0, -1e6, huge, 0.0, 0.0, 0.0], 9.0),
+        ([1.0, 0.0, 0.0, 5.500_001, 0.0, 0.0, 0.0, 0.0], 30.0),
+    ];
+    let values: Vec<f32> = cases.iter().flat_map(|(row, _)| *row).collect();
+    let logits: Vec<f32> = cases.iter().map(|(_, logit)| *logit).collect();
+    for shape in [Shape::Cpu, Shape::Gpu] {
+        let gpu = open(shape);
+        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame);
+        for all in [&deltas, &d_core] {
+            assert!(all.iter().all(|value| value.is_finite()), "{all:?}");
+        }
+        // The acceleration of the row that is out of range is regularised as it is: a huge, finite number.
+        assert!(d_rows.iter().all(|value| value.is_finite()), "{d_rows:?}");
+        for over in [4, 5] {
+            assert_eq!(deltas[over * CORE..over * CORE + 3], [0.0; 3], "what is over does not move");
+            assert_eq!(deltas[over * CORE + 10], GONE);
+        }
+        // At its own instant a Gaussian is as its parameters say.
+        assert_eq!((deltas[0], deltas[10]), (0.0, 0.0));
+    }
+}

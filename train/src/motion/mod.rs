@@ -1,0 +1,106 @@
+//! How the dynamic Gaussians move: what a motion model gives is each one's difference from its stored parameters at a time,
+//! and it takes the gradients of those differences back.
+//!
+//! Two models stand behind [`Motion`]: the deformation field of 4DGS, whose planes and network all Gaussians share
+//! ([`crate::field`]), and rows of their own for each Gaussian, born at an instant with a velocity ([`free_time`]).
+
+pub mod birth;
+pub mod free_time;
+
+use wgpu::Buffer;
+
+pub use free_time::{FreeTime, FreeTimeOptions};
+
+use crate::{
+    field::{Field, FieldError, Outputs, Tape},
+    gpu::Gpu,
+    raster::Deltas,
+};
+
+/// What a rendering was compared with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Witness {
+    /// A frame: it knows what is there.
+    Frame,
+    /// Events: they know what changed.
+    Events,
+}
+
+/// Parameters that a motion model keeps for each dynamic Gaussian, and their gradients; a row for each. Both are empty
+/// where the model keeps none.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionRows<'a> {
+    /// The parameters.
+    pub values: &'a Buffer,
+    /// Their gradients.
+    pub gradients: &'a Buffer,
+}
+
+/// A model of how the dynamic Gaussians move.
+#[derive(Debug)]
+pub enum Motion {
+    /// A deformation field over space and time.
+    HexPlane(Box<Field>),
+    /// A trajectory and a life for each Gaussian.
+    FreeTime(Box<FreeTime>),
+}
+
+impl Motion {
+    /// Fills `tape.deltas` for rows `0..rows` of `core` at `t01`.
+    ///
+    /// # Errors
+    /// [`FieldError::Gpu`].
+    pub fn forward(
+        &mut self,
+        gpu: &Gpu,
+        core: &Buffer,
+        own: MotionRows<'_>,
+        rows: u32,
+        t01: f32,
+        tape: &mut Tape,
+        what: Outputs,
+    ) -> Result<(), FieldError> {
+        match self {
+            Self::HexPlane(field) => field.forward(gpu, core, rows, t01, tape, what),
+            Self::FreeTime(model) => model.forward(gpu, core, own.values, rows, t01, tape),
+        }
+    }
+
+    /// Takes the gradients of the deltas of the pass on `tape` to the parameters of the model; those of the Gaussians
+    /// themselves are added to `d_core`.
+    ///
+    /// # Errors
+    /// [`FieldError::Gpu`], [`FieldError::Mismatch`].
+    pub fn backward(
+        &mut self,
+        gpu: &Gpu,
+        core: &Buffer,
+        own: MotionRows<'_>,
+        tape: &Tape,
+        d_deltas: &Deltas,
+        d_core: &Buffer,
+        witness: Witness,
+    ) -> Result<(), FieldError> {
+        match self {
+            Self::HexPlane(field) => field.backward(gpu, tape, d_deltas, d_core),
+            Self::FreeTime(model) => model.backward(gpu, core, own, tape, d_deltas, d_core, witness),
+        }
+    }
+
+    /// The deformation field, where this is one.
+    #[must_use]
+    pub fn field(&self) -> Option<&Field> {
+        match self {
+            Self::HexPlane(field) => Some(field),
+            Self::FreeTime(_) => None,
+        }
+    }
+
+    /// The deformation field, where this is one.
+    pub fn field_mut(&mut self) -> Option<&mut Field> {
+        match self {
+            Self::HexPlane(field) => Some(field),
+            Self::FreeTime(_) => None,
+        }
+    }
+}
