@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_run::{LpipsScaling, Metrics};
+use erfgs_run::{LpipsScaling, Metrics, Part};
 use erfgs_train::{
     evaluate::EvaluateOptions,
     metrics::{Lpips, LpipsWeights},
@@ -64,13 +64,35 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
 
 fn describe(metrics: &Metrics) -> String {
     let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2} dB"));
+    let part = |part: &Part| match part.frames {
+        0 => "no frame".to_owned(),
+        frames => format!("{}, moving {}, over {frames} frames", decibels(part.psnr), decibels(part.dpsnr)),
+    };
     let rows = [
         ("PSNR", decibels(Some(metrics.psnr))),
         ("DPSNR", format!("{} (masks: {})", decibels(metrics.dpsnr), metrics.dpsnr_mask)),
+        ("static", format!("{} where nothing moves", decibels(metrics.psnr_static))),
+        ("at frames", part(&metrics.at_frames)),
+        ("between", part(&metrics.between_frames)),
+        ("outside", part(&metrics.outside_frames)),
+        (
+            "colour-matched",
+            metrics.colour_corrected.map_or("-".into(), |matched| {
+                format!("{}, moving {}", decibels(Some(matched.psnr)), decibels(matched.dpsnr))
+            }),
+        ),
         ("SSIM", format!("{:.4}", metrics.ssim)),
         ("LPIPS", metrics.lpips.map_or("- (no weights; see --lpips)".into(), |value| format!("{value:.4}"))),
         ("training PSNR", decibels(metrics.train_psnr)),
-        ("iterations", format!("{} in {}", thousands(metrics.iterations), duration(metrics.train_seconds))),
+        (
+            "iterations",
+            format!(
+                "{} in {}{}",
+                thousands(metrics.iterations),
+                duration(metrics.train_seconds),
+                metrics.train_cpu_seconds.map_or(String::new(), |cpu| format!(", {} of CPU time", duration(cpu)))
+            ),
+        ),
         ("Gaussians", format!("{}, {}", thousands(metrics.gaussians), bytes(metrics.bytes))),
         ("rendering", format!("{:.1} frames a second", metrics.render_fps)),
     ];

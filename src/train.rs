@@ -13,6 +13,7 @@ use erfgs_train::{
     export::write_ply,
     gpu::Gpu,
     scene::Scene,
+    schedule::Budget,
     trainer::{Outcome, Progress, TrainOptions, Trainer},
 };
 use serde::Serialize;
@@ -50,6 +51,7 @@ with --resume goes on from there.
 Examples:
   erfgs train ds-dv --method erf-gs --preset paper --iterations 3000+14000 --seed 1 --out run
   erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
+  erfgs train ds-dv --cpu-minutes 14 --out run-14
   erfgs train ds-dv --motion free-time --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --resume")]
@@ -77,6 +79,9 @@ pub struct Arguments {
     /// Minutes of training; learning rates and densification then follow the clock where it is ahead of the iterations.
     #[arg(long, value_name = "M", value_parser = minutes)]
     minutes: Option<f64>,
+    /// Minutes of CPU time of training, over all threads: the same work on a busy machine, too.
+    #[arg(long, value_name = "M", value_parser = minutes)]
+    cpu_minutes: Option<f64>,
     /// Seed of everything random.
     #[arg(long)]
     seed: Option<u64>,
@@ -87,7 +92,7 @@ pub struct Arguments {
     #[arg(long)]
     resume: bool,
     /// The same bytes from the same command on the same adapter: wall time has no influence.
-    #[arg(long, conflicts_with = "minutes")]
+    #[arg(long, conflicts_with_all = ["minutes", "cpu_minutes"])]
     deterministic: bool,
     /// Do not look at held-out cameras during training.
     #[arg(long)]
@@ -219,7 +224,10 @@ impl Arguments {
 
     fn options(&self) -> TrainOptions {
         TrainOptions {
-            budget_seconds: self.minutes.map(|minutes| minutes * 60.0),
+            budget: Budget {
+                seconds: self.minutes.map(|minutes| minutes * 60.0),
+                cpu_seconds: self.cpu_minutes.map(|minutes| minutes * 60.0),
+            },
             evaluate: !self.no_evaluation,
             deterministic: self.deterministic,
         }
@@ -230,6 +238,7 @@ impl Arguments {
         let mut words = vec!["erfgs".into(), "train".into(), shell_word(&self.dataset)];
         words.extend(["--out".into(), shell_word(&self.out), "--resume".into()]);
         words.extend(self.minutes.map(|minutes| format!("--minutes {minutes}")));
+        words.extend(self.cpu_minutes.map(|minutes| format!("--cpu-minutes {minutes}")));
         words.extend(self.deterministic.then(|| "--deterministic".into()));
         words.extend(self.no_evaluation.then(|| "--no-evaluation".into()));
         words.extend(self.adapter.adapter.as_ref().map(|name| format!("--adapter {}", shell_word(Path::new(name)))));
@@ -249,6 +258,7 @@ struct Summary<'a> {
     finished: bool,
     iterations: u64,
     train_seconds: f64,
+    cpu_seconds: f64,
     gaussians: u32,
     dynamic: u32,
     psnr: Option<f64>,
@@ -342,6 +352,7 @@ fn drive(
         finished: outcome == Outcome::Finished,
         iterations: done,
         train_seconds: trainer.clock.seconds,
+        cpu_seconds: trainer.clock.cpu_seconds,
         gaussians: trainer.model.gaussians.count,
         dynamic: last.map_or(0, |last| last.dynamic),
         psnr: quality.0,
@@ -360,7 +371,7 @@ fn describe(summary: &Summary<'_>) -> String {
     let mut rows = vec![
         ("run", summary.run.display().to_string()),
         ("iterations", thousands(summary.iterations)),
-        ("time", duration(summary.train_seconds)),
+        ("time", format!("{}, {} of CPU time", duration(summary.train_seconds), duration(summary.cpu_seconds))),
         (
             "Gaussians",
             format!("{}, of which {} move", thousands(summary.gaussians.into()), thousands(summary.dynamic.into())),

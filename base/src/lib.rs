@@ -3,6 +3,7 @@
 //! - [`atomic`]: files and folders that appear whole or not at all (feature `files`).
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
+//! - [`cpu`]: CPU time of a thread or of the process (feature `cpu`).
 //! - [`npy`]: NumPy's arrays.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
 //! - [`calendar`](mod@calendar): dates as UTC.
@@ -10,6 +11,8 @@
 #[cfg(feature = "files")]
 pub mod atomic;
 pub mod calendar;
+#[cfg(feature = "cpu")]
+pub mod cpu;
 mod file_error;
 pub mod npy;
 #[cfg(feature = "parallel")]

@@ -97,6 +97,18 @@ pub struct VariantStep {
     pub parameters: BTreeMap<String, serde_json::Value>,
 }
 
+impl VariantStep {
+    /// Name of the step that keeps each n-th frame of the training cameras, and that of its parameter n.
+    const SUBSAMPLE: [&str; 2] = ["subsample", "every"];
+
+    /// The step that kept each `every`-th frame of the training cameras.
+    #[must_use]
+    pub fn subsample(every: u32) -> Self {
+        let [step, parameter] = Self::SUBSAMPLE.map(str::to_owned);
+        Self { step, parameters: [(parameter, every.into())].into() }
+    }
+}
+
 /// The initial point cloud.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PointCloudFile {
@@ -191,6 +203,17 @@ pub struct Dataset {
     pub root: PathBuf,
     /// The manifest.
     pub manifest: Manifest,
+}
+
+impl Manifest {
+    /// Of how many source frames one is kept, over all steps that made this dataset; 1 where all are.
+    #[must_use]
+    pub fn subsampled(&self) -> u64 {
+        let [step, parameter] = VariantStep::SUBSAMPLE;
+        let steps = self.variant.iter().filter(|made| made.step == step);
+        let kept = steps.filter_map(|made| made.parameters.get(parameter)?.as_u64());
+        kept.fold(1, |all, every| all.saturating_mul(every.max(1)))
+    }
 }
 
 impl Dataset {

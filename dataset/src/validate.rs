@@ -140,8 +140,9 @@ fn check_events(events: &CameraEvents) -> Result<(), Problem> {
     if !positive(events.threshold_on) || !positive(events.threshold_off) {
         return wrong("the contrast thresholds must be positive");
     }
-    if !(events.lin_log_threshold >= 0.0 && events.lin_log_threshold.is_finite()) {
-        return wrong("the lin-log threshold must not be negative");
+    // At or below 1 the straight line through zero, whose slope is its logarithm, is flat or falls.
+    if !(events.lin_log_threshold > 1.0 && events.lin_log_threshold.is_finite()) {
+        return wrong("the lin-log threshold must be above 1 grey level of 255 (v2e: 20)");
     }
     if events.covers_ns[0] > events.covers_ns[1] {
         return wrong("the time covered ends before it starts");

@@ -3,6 +3,7 @@
 use std::{path::PathBuf, time::Instant};
 
 use anyhow::Context;
+use erfgs_base::cpu;
 use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, EventFile, SensorSize, Sink};
 use serde::Serialize;
 
@@ -60,17 +61,6 @@ impl Sink for Events {
     }
 }
 
-/// CPU time of this thread, seconds; `None` where the system does not tell.
-fn cpu_seconds() -> Option<f64> {
-    #[cfg(unix)]
-    {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
-    }
-    #[cfg(not(unix))]
-    None
-}
-
 /// Measures and prints a line.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = arguments.file.extension().unwrap_or_default().to_ascii_lowercase();
@@ -98,7 +88,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     // The first run makes room and does not count.
     for run in 0..=arguments.runs {
         let mut decoder = file.decoder();
-        let (from, cpu_from) = (Instant::now(), cpu_seconds());
+        let (from, cpu_from) = (Instant::now(), cpu::thread_seconds());
         count = 0;
         for piece in body.chunks(PIECE) {
             events.0.clear_events();
@@ -108,7 +98,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         events.0.clear_events();
         decoder.finish(&mut events);
         count += events.0.len() as u64;
-        let (wall, cpu) = (from.elapsed().as_secs_f64(), cpu_seconds());
+        let (wall, cpu) = (from.elapsed().as_secs_f64(), cpu::thread_seconds());
         if run > 0 {
             wall_seconds = wall_seconds.min(wall);
             seconds = seconds.min(cpu.zip(cpu_from).map_or(wall, |(to, from)| to - from));

@@ -2,7 +2,7 @@
 
     python answer.py QUESTIONS.json ANSWERS.json
 
-A question names its oracle under "oracle": raster, field or event. All arithmetic is float64.
+A question names its oracle under "oracle": raster, field, event or motion. All arithmetic is float64.
 """
 
 import json
@@ -16,9 +16,10 @@ import numpy as np  # noqa: E402
 
 import event  # noqa: E402
 import field  # noqa: E402
+import motion  # noqa: E402
 import raster  # noqa: E402
 
-ORACLES = {"raster": raster.run, "field": field.run, "event": event.run}
+ORACLES = {"raster": raster.run, "field": field.run, "event": event.run, "motion": motion.run}
 
 
 def plain(value):

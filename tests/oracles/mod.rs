@@ -8,6 +8,7 @@ mod event;
 mod exchange;
 mod field;
 mod metrics;
+mod motion;
 mod raster;
 
 use std::process::Command;

@@ -38,11 +38,42 @@ pub struct Clock {
     pub seconds: f64,
     /// Seconds of training at which the stage began.
     pub stage_start: f64,
+    /// CPU seconds of training so far, without evaluation; 0 where the system does not tell.
+    #[serde(default)]
+    pub cpu_seconds: f64,
+    /// CPU seconds of training at which the stage began.
+    #[serde(default)]
+    pub stage_start_cpu: f64,
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { stage: Stage::Coarse, iteration: 0, coarse: 0, seconds: 0.0, stage_start: 0.0 }
+        Self {
+            stage: Stage::Coarse,
+            iteration: 0,
+            coarse: 0,
+            seconds: 0.0,
+            stage_start: 0.0,
+            cpu_seconds: 0.0,
+            stage_start_cpu: 0.0,
+        }
+    }
+}
+
+/// How long a run may take, both stages together, which share it as they share the iterations.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Budget {
+    /// Seconds of training.
+    pub seconds: Option<f64>,
+    /// CPU seconds of training, over all threads.
+    pub cpu_seconds: Option<f64>,
+}
+
+impl Budget {
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.seconds.is_none() && self.cpu_seconds.is_none()
     }
 }
 
@@ -51,15 +82,15 @@ impl Default for Clock {
 pub struct Schedule {
     /// Iterations of the stages.
     pub iterations: [u32; 2],
-    /// Seconds of training for both stages together; they share it as they share the iterations.
-    pub budget_seconds: Option<f64>,
+    /// How long it may take.
+    pub budget: Budget,
 }
 
 impl Schedule {
     /// The schedule of `config` within a budget.
     #[must_use]
-    pub fn new(config: &Config, budget_seconds: Option<f64>) -> Self {
-        Self { iterations: [config.coarse_iterations, config.fine_iterations], budget_seconds }
+    pub fn new(config: &Config, budget: Budget) -> Self {
+        Self { iterations: [config.coarse_iterations, config.fine_iterations], budget }
     }
 
     /// Iterations of a stage.
@@ -74,17 +105,22 @@ impl Schedule {
         u64::from(clock.coarse) + u64::from(clock.iteration)
     }
 
-    /// How far the stage is, 0 to 1: by iterations or by the clock, whichever is further. Learning rates and
+    /// How far the stage is, 0 to 1: by iterations, by the clock or by CPU time, whichever is further. Learning rates and
     /// densification follow it, so that a run with a budget anneals within it.
     #[must_use]
     pub fn progress(&self, clock: &Clock) -> f64 {
-        let by_iteration = f64::from(clock.iteration) / f64::from(self.length(clock.stage).max(1));
-        let by_clock = self.budget_seconds.map_or(0.0, |budget| {
-            let total = f64::from(self.iterations[0]) + f64::from(self.iterations[1]);
-            let share = f64::from(self.length(clock.stage)) / total.max(1.0);
-            (clock.seconds - clock.stage_start) / (budget * share).max(1e-9)
-        });
-        by_iteration.max(by_clock).min(1.0)
+        let length = self.length(clock.stage);
+        if length == 0 {
+            return 1.0;
+        }
+        let by_iteration = f64::from(clock.iteration) / f64::from(length);
+        let total = f64::from(self.iterations[0]) + f64::from(self.iterations[1]);
+        let share = f64::from(self.length(clock.stage)) / total.max(1.0);
+        let spent =
+            |budget: Option<f64>, seconds: f64| budget.map_or(0.0, |budget| seconds / (budget * share).max(1e-9));
+        let by_clock = spent(self.budget.seconds, clock.seconds - clock.stage_start);
+        let by_cpu = spent(self.budget.cpu_seconds, clock.cpu_seconds - clock.stage_start_cpu);
+        by_iteration.max(by_clock).max(by_cpu).min(1.0)
     }
 
     /// Whether the stage is over.
@@ -115,14 +151,24 @@ mod tests {
     }
 
     #[test]
+    fn a_stage_without_iterations_is_over_at_once() {
+        let schedule = Schedule { iterations: [5, 0], budget: Budget::default() };
+        assert!(!schedule.is_over(&Clock::default()));
+        assert!(schedule.is_over(&Clock { stage: Stage::Fine, ..Clock::default() }));
+    }
+
+    #[test]
     fn a_budget_ends_a_stage_early_and_each_stage_gets_its_share() {
-        let schedule = Schedule { iterations: [1000, 3000], budget_seconds: Some(100.0) };
+        let budget = Budget { seconds: Some(100.0), cpu_seconds: Some(150.0) };
+        let schedule = Schedule { iterations: [1000, 3000], budget };
         let mut clock = Clock { iteration: 10, seconds: 12.5, ..Clock::default() };
         assert!((schedule.progress(&clock) - 0.5).abs() < 1e-12);
         clock.seconds = 25.0;
         assert!(schedule.is_over(&clock));
-        let fine = Clock { stage: Stage::Fine, iteration: 3000, coarse: 200, seconds: 30.0, stage_start: 25.0 };
+        let fine = Clock { stage: Stage::Fine, iteration: 3000, coarse: 200, seconds: 30.0, ..clock };
         assert!(schedule.is_over(&fine), "iterations end a stage too");
         assert_eq!(schedule.done(&fine), 3200, "the coarse stage ended early");
+        let busy = Clock { cpu_seconds: 150.0 * 0.25, ..Clock::default() };
+        assert!(schedule.is_over(&busy), "CPU time ends a stage too");
     }
 }

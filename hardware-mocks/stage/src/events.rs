@@ -90,8 +90,8 @@ impl EventOptions {
         check("the shot noise rate, hertz,", self.shot_hz, rate(self.shot_hz), "0 to 100000")?;
         check("the rate of hot pixels, hertz,", self.hot_hz, rate(self.hot_hz), "0 to 100000")?;
         check("the share of hot pixels", self.hot_share, (0.0..=1.0).contains(&self.hot_share), "0 to 1")?;
-        let lin_log = (1.0..=255.0).contains(&self.lin_log_threshold);
-        check("the lin-log threshold", self.lin_log_threshold, lin_log, "1 to 255")?;
+        let lin_log = self.lin_log_threshold > 1.0 && self.lin_log_threshold <= 255.0;
+        check("the lin-log threshold", self.lin_log_threshold, lin_log, "above 1, to 255")?;
         Ok(())
     }
 

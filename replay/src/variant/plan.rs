@@ -151,33 +151,33 @@ impl Plan {
         blinded: &[&str],
     ) -> Result<(), VariantError> {
         let blur = &options.blur;
-        let mut step = |step: &str, parameters: Value| {
-            let Value::Object(parameters) = parameters else { return };
-            self.steps.push(VariantStep { step: step.to_owned(), parameters: parameters.into_iter().collect() });
+        let step = |step: &str, parameters: Value| {
+            let parameters = parameters.as_object().cloned().unwrap_or_default().into_iter().collect();
+            VariantStep { step: step.to_owned(), parameters }
         };
         if !simulated.is_empty() {
             let config = super::seeded(options);
-            step("simulate", json!({ "cameras": simulated, "simulator": config, "frames": "all of the source" }));
+            let parameters = json!({ "cameras": simulated, "simulator": config, "frames": "all of the source" });
+            self.steps.push(step("simulate", parameters));
         }
         if options.subsample > 1 {
-            step("subsample", json!({ "every": options.subsample }));
+            self.steps.push(VariantStep::subsample(options.subsample));
         }
         if blur.frames > 1 {
-            step(
-                "blur",
-                json!({
-                    "frames": blur.frames, "window": blur.window, "edge": blur.edge, "rounding": blur.rounding,
-                    "linear_light": blur.linear_light, "label": blur.label,
-                }),
-            );
+            let parameters = json!({
+                "frames": blur.frames, "window": blur.window, "edge": blur.edge, "rounding": blur.rounding,
+                "linear_light": blur.linear_light, "label": blur.label,
+            });
+            self.steps.push(step("blur", parameters));
         }
         if !blinded.is_empty() {
-            step("event_only", json!({ "cameras": blinded, "asked_for": options.event_only, "seed": options.seed }));
+            let parameters = json!({ "cameras": blinded, "asked_for": options.event_only, "seed": options.seed });
+            self.steps.push(step("event_only", parameters));
         }
         let changed = options.subsample > 1 || blur.frames > 1 || !blinded.is_empty();
         self.points = source.points.is_some() && (options.keep_points || !changed);
         if source.points.is_some() && changed {
-            step("points", json!({ "kept": options.keep_points }));
+            self.steps.push(step("points", json!({ "kept": options.keep_points })));
         }
         if let (true, Some(points)) = (self.points, &source.points) {
             self.add(&points.file, Job::Link(points.file.clone()))?;

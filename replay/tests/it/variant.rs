@@ -69,7 +69,7 @@ fn camera(root: &Path, index: usize, split: Split, events: bool) -> Camera {
             count: 1,
             threshold_on: 0.3,
             threshold_off: 0.3,
-            lin_log_threshold: 0.0,
+            lin_log_threshold: 20.0,
             linear_light: true,
             covers_ns: [0, time_ns(FRAMES - 1)],
             simulator: None,

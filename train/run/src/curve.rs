@@ -11,8 +11,10 @@ use erfgs_base::FileError;
 
 use super::{RunError, json};
 
-const HEADER: &str = "iteration,stage,wall_seconds,loss_rgb,loss_event,loss_trajectory,loss_colour,loss_plane,gaussians,dynamic,psnr,dpsnr";
-const FIELDS: usize = 12;
+const HEADER: &str = "iteration,stage,wall_seconds,loss_rgb,loss_event,loss_trajectory,loss_colour,loss_plane,gaussians,dynamic,psnr,dpsnr,psnr_static,cpu_seconds";
+const FIELDS: usize = 14;
+/// The header before the last two columns were added; rows of such a file end there.
+const OLD_HEADER: &str = "iteration,stage,wall_seconds,loss_rgb,loss_event,loss_trajectory,loss_colour,loss_plane,gaussians,dynamic,psnr,dpsnr";
 
 /// One row of `curve.csv`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,6 +43,10 @@ pub struct CurveRow {
     pub psnr: Option<f64>,
     /// Mean DPSNR of the held-out frames, dB; empty except at evaluations.
     pub dpsnr: Option<f64>,
+    /// Mean PSNR of the held-out frames over the pixels that stand still, dB; empty except at evaluations.
+    pub psnr_static: Option<f64>,
+    /// CPU seconds of all threads, counted like `wall_seconds`; empty where the system does not tell.
+    pub cpu_seconds: Option<f64>,
 }
 
 impl CurveRow {
@@ -54,14 +60,33 @@ impl CurveRow {
         let _ = write!(line, ",{},{}", self.gaussians, self.dynamic);
         push_field(&mut line, self.psnr);
         push_field(&mut line, self.dpsnr);
+        push_field(&mut line, self.psnr_static);
+        push_field(&mut line, self.cpu_seconds);
         line.push('\n');
         line
     }
 
-    fn parse(line: &str) -> Result<Self, String> {
-        let fields: Vec<&str> = line.split(',').collect();
-        let [iteration, stage, wall, rgb, event, trajectory, colour, plane, gaussians, dynamic, psnr, dpsnr] =
-            <[&str; FIELDS]>::try_from(fields).map_err(|got| format!("{} fields instead of {FIELDS}", got.len()))?;
+    fn parse(line: &str, old: bool) -> Result<Self, String> {
+        let mut fields: Vec<&str> = line.split(',').collect();
+        if old {
+            fields.extend(["", ""]);
+        }
+        let [
+            iteration,
+            stage,
+            wall,
+            rgb,
+            event,
+            trajectory,
+            colour,
+            plane,
+            gaussians,
+            dynamic,
+            psnr,
+            dpsnr,
+            still,
+            cpu,
+        ] = <[&str; FIELDS]>::try_from(fields).map_err(|got| format!("{} fields instead of {FIELDS}", got.len()))?;
         Ok(Self {
             iteration: number(iteration, "iteration")?,
             stage: stage.into(),
@@ -75,6 +100,8 @@ impl CurveRow {
             dynamic: number(dynamic, "dynamic")?,
             psnr: optional(psnr, "psnr")?,
             dpsnr: optional(dpsnr, "dpsnr")?,
+            psnr_static: optional(still, "psnr_static")?,
+            cpu_seconds: optional(cpu, "cpu_seconds")?,
         })
     }
 }
@@ -121,18 +148,20 @@ impl Curve {
         };
         let complete = text.ends_with('\n');
         let mut lines = text.lines().enumerate().peekable();
+        let mut old = false;
         match lines.next() {
             Some((_, header)) if !text.contains('\n') && HEADER.starts_with(header) => {
                 return Ok(Self { rows: Vec::new(), cut: Some("the header is cut short".into()) });
             }
-            Some((_, header)) if header == HEADER => {}
+            Some((_, HEADER)) => {}
+            Some((_, OLD_HEADER)) => old = true,
             None => return Ok(Self { rows: Vec::new(), cut: Some("the file is empty".into()) }),
             Some(_) => return Err(malformed(format!("line 1 should read '{HEADER}'"))),
         }
         let mut curve = Self::default();
         while let Some((index, line)) = lines.next() {
             let last = lines.peek().is_none();
-            match CurveRow::parse(line) {
+            match CurveRow::parse(line, old) {
                 // A last line without its newline may have lost digits of its last number.
                 _ if last && !complete => curve.cut = Some(format!("line {} is cut short", index + 1)),
                 Ok(row) => curve.rows.push(row),
@@ -227,6 +256,16 @@ mod tests {
         writer.append(&row(110)).unwrap();
         let iterations: Vec<u64> = Curve::read(&path).unwrap().rows.iter().map(|row| row.iteration).collect();
         assert_eq!(iterations, [50, 100, 110]);
+    }
+
+    #[test]
+    fn a_curve_from_before_cpu_time_was_told_is_read_and_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("curve.csv");
+        std::fs::write(&path, format!("{OLD_HEADER}\n50,fine,6.25,0.03,,,,,1050,0,,\n")).unwrap();
+        assert_eq!(Curve::read(&path).unwrap().rows, [row(50)]);
+        CurveWriter::resume(&path, 50).unwrap().append(&row(100)).unwrap();
+        assert_eq!(Curve::read(&path).unwrap().rows, [row(50), row(100)]);
     }
 
     #[test]

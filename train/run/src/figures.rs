@@ -23,6 +23,29 @@ impl std::fmt::Display for MaskKind {
     }
 }
 
+/// Means over the frames of one kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// How many frames.
+    pub frames: u64,
+    /// Mean over frames of the PSNR of each, dB; null without frames.
+    pub psnr: Option<f64>,
+    /// Mean over frames of the PSNR over moving pixels, dB; null where nothing moves.
+    pub dpsnr: Option<f64>,
+}
+
+/// Figures after an affine map of the colours of each held-out camera, fitted on the pixels of it that stand still: what
+/// no training camera can know of a camera's colour does not count against them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ColourCorrected {
+    /// Mean over frames of the PSNR of each, dB.
+    pub psnr: f64,
+    /// Mean over frames of the PSNR over moving pixels, dB; null where nothing moves.
+    pub dpsnr: Option<f64>,
+    /// Mean over frames of the PSNR over pixels that stand still, dB; null where everything moves.
+    pub psnr_static: Option<f64>,
+}
+
 /// What `metrics.json` holds: means over all frames of the held-out cameras.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
@@ -35,6 +58,21 @@ pub struct Metrics {
     pub dpsnr_pooled: Option<f64>,
     /// Where the masks came from.
     pub dpsnr_mask: MaskKind,
+    /// Mean over frames of the PSNR over pixels that stand still, dB; null where everything moves.
+    #[serde(default)]
+    pub psnr_static: Option<f64>,
+    /// Frames taken while a training frame was exposed.
+    #[serde(default)]
+    pub at_frames: Part,
+    /// Frames taken between exposures.
+    #[serde(default)]
+    pub between_frames: Part,
+    /// Frames taken before the first exposure or after the last.
+    #[serde(default)]
+    pub outside_frames: Part,
+    /// The figures after each held-out camera's colours were matched.
+    #[serde(default)]
+    pub colour_corrected: Option<ColourCorrected>,
     /// Mean SSIM.
     pub ssim: f64,
     /// Mean LPIPS; null without weights.
@@ -48,6 +86,9 @@ pub struct Metrics {
     pub iterations: u64,
     /// Seconds of training, without evaluation.
     pub train_seconds: f64,
+    /// CPU seconds of training over all threads, without evaluation; null where the system does not tell.
+    #[serde(default)]
+    pub train_cpu_seconds: Option<f64>,
     /// Gaussians.
     pub gaussians: u64,
     /// Bytes of the model (Gaussians and field, without optimiser state).

@@ -26,7 +26,7 @@ mod lpips;
 
 pub use curve::{Curve, CurveRow, CurveWriter};
 pub use error::RunError;
-pub use figures::{MaskKind, Metrics, PerView};
+pub use figures::{ColourCorrected, MaskKind, Metrics, Part, PerView};
 pub use folder::RunFolder;
 pub use info::{LeftOut, RunInfo};
 pub use json::write_atomically;

@@ -379,9 +379,15 @@ pub struct DynamicConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Evaluate on the held-out cameras every this many iterations (0: only at the end).
+    /// Evaluate on the held-out cameras every this many iterations, besides the evaluations of `count` (0: no more).
     pub every: u32,
-    /// Use each n-th held-out frame during training; the final evaluation uses all of them.
+    /// Evaluate so often, spread geometrically over the run by iterations or by the clock (0: never).
+    #[serde(default)]
+    pub count: u32,
+    /// Use so many held-out frames during training, spread over cameras and time (0: all); the final evaluation uses all.
+    #[serde(default)]
+    pub frames: u32,
+    /// Use each n-th held-out frame during training, before `frames` picks among them.
     pub frame_stride: u32,
     /// Save a checkpoint every this many iterations.
     pub checkpoint_every: u32,

@@ -125,7 +125,14 @@ impl Config {
                 whole_image_every: 1,
                 coarse_without_moving: false,
             },
-            evaluation: EvaluationConfig { every: 1000, frame_stride: 4, checkpoint_every: 1000, log_every: 50 },
+            evaluation: EvaluationConfig {
+                every: 0,
+                count: 24,
+                frames: 16,
+                frame_stride: 1,
+                checkpoint_every: 1000,
+                log_every: 50,
+            },
         }
     }
 

@@ -19,19 +19,21 @@ pub(super) struct Found {
 /// Casts the rays of event view `source` and keeps what all event views agree on.
 pub(super) fn find(
     scene: &Scene,
-    activity: &[Vec<f32>],
+    activity: &[Option<Vec<f32>>],
     source: usize,
     movers: &[[f32; 3]],
     config: &EdsConfig,
 ) -> Found {
     let view = &scene.views[scene.events[source].view].view;
-    let Some(range) = depth_range(view, movers) else { return Found { rays: 0, points: Vec::new() } };
+    let (Some(range), Some(active)) = (depth_range(view, movers), &activity[source]) else {
+        return Found { rays: 0, points: Vec::new() };
+    };
     let stride = config.stride as usize;
     let (width, height) = (view.width as usize, view.height as usize);
     let pixels: Vec<(usize, usize)> = (0..height)
         .step_by(stride)
         .flat_map(|y| (0..width).step_by(stride).map(move |x| (x, y)))
-        .filter(|&(x, y)| activity[source][y * width + x] >= config.min_events)
+        .filter(|&(x, y)| active[y * width + x] >= config.min_events)
         .collect();
     let points = pixels.par_iter().filter_map(|&(x, y)| {
         let ray = [(x as f32 + 0.5 - view.cx) / view.fx, (y as f32 + 0.5 - view.cy) / view.fy, 1.0];
@@ -57,9 +59,10 @@ fn depth_range(view: &View, points: &[[f32; 3]]) -> Option<[f32; 2]> {
     Some([at(0.01), at(0.99)])
 }
 
-/// Whether the point lies in the image of every event camera, on a pixel with events.
-fn seen_by_all(scene: &Scene, activity: &[Vec<f32>], point: &[f32; 3], min_events: f32) -> bool {
+/// Whether the point lies in the image of every event camera that recorded then, on a pixel with events.
+fn seen_by_all(scene: &Scene, activity: &[Option<Vec<f32>>], point: &[f32; 3], min_events: f32) -> bool {
     scene.events.iter().zip(activity).all(|(events, activity)| {
+        let Some(activity) = activity else { return true };
         project(&scene.views[events.view].view, point).is_some_and(|pixel| activity[pixel] >= min_events)
     })
 }

@@ -83,14 +83,18 @@ pub fn propose(
     if scene.events.is_empty() || gaussians.is_empty() || bin + 1 >= scene.bins.edges.len() {
         return (nothing, report);
     }
-    let activity: Vec<Vec<f32>> = scene.events.iter().map(|view| view.activity(bin, bin + 1, denoise)).collect();
-    let order = random::permutation(random::key(seed, &[VIEWS, iteration]), scene.events.len());
-    let sources = if scene.events.len() > config.sources as usize { config.sources.max(1) as usize } else { 1 };
+    // Cameras that did not record then neither confirm nor deny.
+    let there: Vec<usize> = (0..scene.events.len()).filter(|&view| scene.events[view].knows(bin, bin + 1)).collect();
+    let activity: Vec<Option<Vec<f32>>> = (scene.events.iter())
+        .map(|view| view.knows(bin, bin + 1).then(|| view.activity(bin, bin + 1, denoise)))
+        .collect();
+    let order = random::permutation(random::key(seed, &[VIEWS, iteration]), there.len());
+    let sources = if there.len() > config.sources as usize { config.sources.max(1) as usize } else { 1 };
     // Depths are looked for where things move, if it is known what can move at all.
     let movers = if gaussians.dynamic > 0 { gaussians.dynamic } else { gaussians.len() };
     let mut points = Vec::new();
     for &source in order.iter().take(sources) {
-        let found = candidates::find(scene, &activity, source, &moving.start[..movers], config);
+        let found = candidates::find(scene, &activity, there[source], &moving.start[..movers], config);
         report.rays += found.rays;
         points.extend(found.points);
     }

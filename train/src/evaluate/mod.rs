@@ -1,7 +1,9 @@
 //! Evaluation on held-out cameras: metrics, pictures, event frames.
 
 mod masks;
+mod parts;
 mod pictures;
+mod split;
 
 use std::time::Instant;
 
@@ -9,6 +11,9 @@ use erfgs_dataset::Dataset;
 use erfgs_scene::image::ImageRgb8;
 
 pub use masks::HeldOutMasks;
+
+use parts::Parts;
+use split::{When, when};
 
 use crate::{
     metrics::{Dpsnr, Lpips, MaskedError, Picture, masked_error, psnr, ssim, to_unit},
@@ -24,6 +29,17 @@ pub struct EvaluateOptions<'a> {
     pub lpips: Option<(&'a Lpips, LpipsScaling)>,
     /// Write every n-th held-out frame of a camera as pictures (0: none).
     pub picture_stride: u32,
+}
+
+/// What a look during training finds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Quality {
+    /// Mean PSNR, dB.
+    pub psnr: f64,
+    /// Mean PSNR over moving pixels, dB.
+    pub dpsnr: Option<f64>,
+    /// Mean PSNR over pixels that stand still, dB.
+    pub psnr_static: Option<f64>,
 }
 
 impl Trainer<'_> {
@@ -50,6 +66,7 @@ impl Trainer<'_> {
         let held_out = self.scene.held_out.clone();
         let mut views = Vec::with_capacity(held_out.len());
         let mut dpsnr = Dpsnr::default();
+        let mut parts = Parts::default();
         let mut seconds = 0.0;
         for (done, frame) in held_out.iter().enumerate() {
             on_progress(done, held_out.len());
@@ -60,6 +77,7 @@ impl Trainer<'_> {
             let mask = masks.of(frame);
             let (view, error) = self.compare(frame, &rendered, &truth, mask, options)?;
             dpsnr.add(error);
+            parts.add(when(&self.scene, frame.t01), frame.view, &rendered, &truth, mask)?;
             let index = frame.index as u32;
             if options.picture_stride > 0 && index.is_multiple_of(options.picture_stride) {
                 pictures::write_frame(run, &view, &rendered, &truth, mask)?;
@@ -77,12 +95,18 @@ impl Trainer<'_> {
             dpsnr: dpsnr.mean(),
             dpsnr_pooled: dpsnr.pooled(),
             dpsnr_mask: masks.kind,
+            psnr_static: parts.psnr_static(),
+            at_frames: parts.part(When::AtFrame),
+            between_frames: parts.part(When::Between),
+            outside_frames: parts.part(When::Outside),
+            colour_corrected: parts.colour_corrected(),
             ssim: mean(&|view| view.ssim),
             lpips: if options.lpips.is_some() { lpips } else { None },
             lpips_kind: options.lpips.map(|(lpips, scaling)| LpipsKind { net: lpips.net(), scaling }),
             train_psnr: self.train_psnr()?,
             iterations: self.iterations_done(),
             train_seconds: self.clock.seconds,
+            train_cpu_seconds: (self.clock.cpu_seconds > 0.0).then_some(self.clock.cpu_seconds),
             gaussians: u64::from(self.model.gaussians.count),
             bytes: self.model.bytes(),
             render_fps: if seconds > 0.0 { held_out.len() as f64 / seconds } else { 0.0 },
@@ -92,15 +116,13 @@ impl Trainer<'_> {
         Ok(metrics)
     }
 
-    /// PSNR and DPSNR over each n-th held-out frame.
-    pub(crate) fn evaluate_quickly(&mut self) -> Result<(f64, Option<f64>), TrainError> {
+    /// The quality over the held-out frames that the configuration picks for looks during training.
+    pub(crate) fn evaluate_quickly(&mut self) -> Result<Quality, TrainError> {
         if self.held_out_masks.is_none() {
             self.held_out_masks = Some(HeldOutMasks::new(&self.scene)?);
         }
-        let stride = self.config.evaluation.frame_stride as usize;
-        let frames: Vec<HeldOutFrame> =
-            self.scene.held_out.iter().filter(|frame| frame.index % stride == 0).cloned().collect();
-        let (mut sum, mut dpsnr) = (0.0, Dpsnr::default());
+        let frames = self.looked_at();
+        let (mut sum, mut dpsnr, mut still) = (0.0, Dpsnr::default(), Dpsnr::default());
         for frame in &frames {
             let rendered = self.render_view(frame.view, frame.t01)?;
             let truth = read(&self.scene.dataset, frame)?;
@@ -109,10 +131,26 @@ impl Trainer<'_> {
             let a = Picture::new(truth.width, truth.height, &a)?;
             sum += psnr(a, b)?;
             if let Some(masks) = &self.held_out_masks {
-                dpsnr.add(masked_error(a, b, masks.of(frame))?);
+                let mask = masks.of(frame);
+                dpsnr.add(masked_error(a, b, mask)?);
+                still.add(masked_error(a, b, &mask.iter().map(|moves| !moves).collect::<Vec<_>>())?);
             }
         }
-        Ok((sum / frames.len().max(1) as f64, dpsnr.mean()))
+        Ok(Quality { psnr: sum / frames.len().max(1) as f64, dpsnr: dpsnr.mean(), psnr_static: still.mean() })
+    }
+
+    /// Every n-th held-out frame of each camera, and of those as many as are wanted: the cameras in turn, each at other
+    /// times.
+    fn looked_at(&self) -> Vec<HeldOutFrame> {
+        let evaluation = &self.config.evaluation;
+        let every = |frame: &&HeldOutFrame| frame.index.is_multiple_of(evaluation.frame_stride as usize);
+        let frames: Vec<HeldOutFrame> = self.scene.held_out.iter().filter(every).cloned().collect();
+        let wanted = evaluation.frames as usize;
+        if wanted == 0 || frames.len() <= wanted {
+            return frames;
+        }
+        // Frames lie camera by camera, so that even steps through all of them take each camera at times of its own.
+        (0..wanted).map(|k| frames[(2 * k + 1) * frames.len() / (2 * wanted)].clone()).collect()
     }
 
     fn compare(

@@ -3,11 +3,13 @@
 //! All functions take pictures as f32 RGB in [0, 1]. The evaluation compares 8-bit pictures, so that what is measured
 //! is what is written to disk: see [`to_bytes`] and [`to_unit`].
 
+mod colour;
 mod lpips;
 mod motion;
 mod psnr;
 mod ssim;
 
+pub use colour::{ColourMap, ColourSums};
 pub use lpips::{Lpips, LpipsError, LpipsWeights};
 pub use motion::{MotionMaskOptions, motion_masks};
 pub use psnr::{Dpsnr, MAX_PSNR, MaskedError, masked_error, psnr};

@@ -18,10 +18,10 @@ use crate::{
 };
 
 /// What a rendering was compared with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Witness {
-    /// A frame: it knows what is there.
-    Frame,
+    /// A frame: it knows what is there. Several renderings may share its exposure, of which this is such a share.
+    Frame(f32),
     /// Events: they know what changed.
     Events,
 }

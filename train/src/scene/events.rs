@@ -48,7 +48,8 @@ impl Bins {
         }
         let length = (span_ns[1] - span_ns[0]).max(1) as f64;
         let edges = edges_ns.iter().map(|&t| ((t - span_ns[0]) as f64 / length).clamp(0.0, 1.0)).collect();
-        let edges_us = edges_ns.iter().map(|t| t.div_euclid(1000)).collect();
+        // As simulators round: an event at a frame's time is stamped with the nearest microsecond.
+        let edges_us = edges_ns.iter().map(|t| (t + 500).div_euclid(1000)).collect();
         Self { edges_us, edges, per_interval, anchors }
     }
 
@@ -65,6 +66,15 @@ impl Bins {
         let instants = instants.max(1);
         let split = ((per_interval + instants / 2) / instants).max(1);
         Self { per_interval: split * instants, ..Self::new(frame_times_ns, split, span_ns, end_ns) }
+    }
+
+    /// The first and the last edge within `covers_ns`, give or take a microsecond, in which times are told.
+    #[must_use]
+    pub fn within(&self, covers_ns: [i64; 2]) -> [usize; 2] {
+        let [from, to] = [covers_ns[0].div_euclid(1000), covers_ns[1].div_euclid(1000)];
+        let first = self.edges_us.partition_point(|&edge| edge < from);
+        let after = self.edges_us.partition_point(|&edge| edge <= to + 1);
+        [first, after.saturating_sub(1)]
     }
 
     /// How many bins there are.
@@ -89,13 +99,15 @@ pub struct EventView {
     pub sensor: Sensor,
     /// How many events it saw.
     pub count: u64,
+    /// The edges from and up to which the camera was there; before and after nothing is known.
+    pub covers: [usize; 2],
     width: usize,
     /// Signed counts from the first edge up to each edge, in units of the mean threshold.
     cumulative: Vec<Vec<f32>>,
 }
 
 impl EventView {
-    /// Counts the events of `camera` (view `view` of the scene) in `bins`.
+    /// Counts the events of `camera` (view `view` of the scene) in `bins`; nothing where it recorded during none of them.
     #[must_use]
     pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, denoise: bool) -> Option<Self> {
         let file = camera.events.as_ref()?;
@@ -105,6 +117,10 @@ impl EventView {
             lin_log: file.lin_log_threshold as f32,
             linear_light: file.linear_light,
         };
+        let covers = bins.within(file.covers_ns);
+        if covers[0] >= covers[1] {
+            return None;
+        }
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
         let step = [(file.threshold_off / threshold) as f32, (file.threshold_on / threshold) as f32];
         let mut sum = vec![0.0f32; width * height];
@@ -130,7 +146,13 @@ impl EventView {
             }
             cumulative.push(sum.clone());
         }
-        Some(Self { view, sensor, count: events.len() as u64, width, cumulative })
+        Some(Self { view, sensor, count: events.len() as u64, covers, width, cumulative })
+    }
+
+    /// Whether the camera was there from one edge to another.
+    #[must_use]
+    pub fn knows(&self, from: usize, to: usize) -> bool {
+        from >= self.covers[0] && to <= self.covers[1]
     }
 
     /// The signed count of every pixel between two edges.
@@ -206,7 +228,7 @@ mod tests {
                 threshold_off: 0.2,
                 lin_log_threshold: 20.0,
                 linear_light: false,
-                covers_ns: [0, 40_000_000],
+                covers_ns: [0, 50_000_000],
                 simulator: None,
             }),
         }
@@ -222,6 +244,24 @@ mod tests {
         assert_eq!(bins.edges_us, [0, 10_000, 20_000, 30_000, 40_000, 50_000]);
         assert_eq!(bins.anchors, [0, 2, 4]);
         assert!((bins.edges[1] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn edges_round_as_the_times_of_events_do() {
+        // Every fourth frame of thirty a second: the source's frames lie at 33,333.3 and 66,666.7 us.
+        let bins = Bins::new(&[0, 133_333_333, 266_666_667], 4, [0, 300_000_000], 266_666_667);
+        assert_eq!(bins.edges_us[..5], [0, 33_333, 66_667, 100_000, 133_333]);
+    }
+
+    #[test]
+    fn what_a_camera_did_not_record_is_unknown() {
+        let mut camera = camera();
+        camera.events.as_mut().expect("events").covers_ns = [9_000_000, 30_000_000];
+        let view = EventView::new(0, &camera, &Events::new(4, 2), &bins(), false).expect("an event camera");
+        assert_eq!(view.covers, [1, 3]);
+        assert!(view.knows(1, 3) && !view.knows(0, 1) && !view.knows(2, 4));
+        camera.events.as_mut().expect("events").covers_ns = [12_000_000, 15_000_000];
+        assert!(EventView::new(0, &camera, &Events::new(4, 2), &bins(), false).is_none());
     }
 
     #[test]

@@ -63,7 +63,9 @@ impl Scene {
             .collect::<Result<Vec<_>, SceneError>>()?;
         times_ns.sort_unstable();
         times_ns.dedup();
-        scene.frame_times = times_ns.iter().map(|&t| scene.to_unit(t)).collect();
+        scene.frame_times = scene.frames.iter().map(|frame| frame.instant(config.blur.instant)).collect();
+        scene.frame_times.sort_unstable_by(f64::total_cmp);
+        scene.frame_times.dedup();
         if config.earl.enabled || config.eds.enabled {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
@@ -119,22 +121,21 @@ impl Scene {
         Ok(views.into_iter().flatten().collect())
     }
 
-    /// The configured bins an interval, or as many as frames were dropped between two, or 8.
+    /// The configured bins an interval, or as many as source frames lie in it, or 8. A simulator that knows no more than
+    /// its frames stamps events within the step between two of them, so that finer bins would tell of nothing.
     fn bins_per_interval(&self, config: &Config) -> usize {
-        let dropped = self.dataset.manifest.variant.iter().filter(|step| step.step == "subsample").filter_map(|step| {
-            let factor = step.parameters.get("factor")?;
-            factor.as_u64()
-        });
-        match (config.earl.bins, dropped.product::<u64>()) {
-            (0, 0 | 1) => 8,
-            (0, factor) => factor.min(64) as usize,
+        match (config.earl.bins, self.dataset.manifest.subsampled()) {
+            (0, 1) => 8,
+            (0, every) => every.min(64) as usize,
             (bins, _) => bins as usize,
         }
     }
 
     fn events_end(&self) -> i64 {
         let ends = self.dataset.manifest.cameras.iter().filter_map(|camera| Some(camera.events.as_ref()?.covers_ns[1]));
-        ends.max().unwrap_or(self.dataset.manifest.span_ns[1])
+        // Beyond the span there is no time to render at.
+        let end = self.dataset.manifest.span_ns[1];
+        ends.max().map_or(end, |covered| covered.min(end))
     }
 
     /// Points spread evenly in the cube around the point that the training cameras look at, half as wide as the cameras

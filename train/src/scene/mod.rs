@@ -90,6 +90,15 @@ pub struct TrainFrame {
     pub pixels: Vec<u32>,
 }
 
+impl TrainFrame {
+    /// The instant that the frame stands for, in [0, 1]: that at a `share` of its exposure, or its label.
+    #[must_use]
+    pub fn instant(&self, share: Option<f32>) -> f64 {
+        let [start, end] = self.exposure;
+        share.map_or(self.t01, |share| start + (end - start) * f64::from(share))
+    }
+}
+
 /// A held-out frame, read when it is needed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldOutFrame {
@@ -123,7 +132,7 @@ pub struct Scene {
     /// For each point the instant, in [0, 1], at which it is known to have been there on something that moves; empty where
     /// nothing is known of any.
     pub point_times: Vec<Option<f64>>,
-    /// Times of the training frames, each once, ascending, in [0, 1].
+    /// The instants that training frames stand for, each once, ascending, in [0, 1].
     pub frame_times: Vec<f64>,
     /// 1.1 times the largest distance of a training camera from their mean, metres: the unit of learning rates and sizes.
     pub extent: f32,

@@ -59,6 +59,7 @@ impl Trainer<'_> {
         self.clock.coarse = self.clock.iteration;
         self.clock.iteration = 0;
         self.clock.stage_start = self.clock.seconds;
+        self.clock.stage_start_cpu = self.clock.cpu_seconds;
         Ok(())
     }
 
@@ -79,7 +80,8 @@ impl Trainer<'_> {
         let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
         self.regions = vec![None; self.scene.views.len()];
         if self.config.dynamic.whole_image_every > 1 || self.config.dynamic.coarse_without_moving {
-            for (view, mask) in &masks.masks {
+            // Where nothing moves in a view, its samples look at all of it: there is nothing else to learn.
+            for (view, mask) in masks.masks.iter().filter(|(_, mask)| mask.contains(&true)) {
                 let size = self.scene.views[*view].view;
                 self.regions[*view] = Some(Arc::new(Region::new(mask, size.width, size.height)));
             }
@@ -186,7 +188,7 @@ impl Trainer<'_> {
                 format!("{:.0} % of the field's evaluations", 100.0 * (count - dynamic) as f64 / count.max(1) as f64),
             );
         }
-        if self.config.dynamic.whole_image_every > 1 {
+        if self.config.dynamic.whole_image_every > 1 && self.regions.iter().any(Option::is_some) {
             let shares: Vec<f64> = self.regions.iter().flatten().map(|region| region.share()).collect();
             let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
             let every = self.config.dynamic.whole_image_every;

@@ -37,7 +37,29 @@ use crate::{
     scene::{Scene, SceneError},
     schedule::{Clock, Schedule, Stage},
 };
+use erfgs_base::cpu;
 use erfgs_run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
+
+/// Time that counts as training, since a moment.
+struct Lap {
+    started: Instant,
+    cpu_started: Option<f64>,
+    before: [f64; 2],
+}
+
+impl Lap {
+    fn begin(clock: &Clock) -> Self {
+        let before = [clock.seconds, clock.cpu_seconds];
+        Self { started: Instant::now(), cpu_started: cpu::process_seconds(), before }
+    }
+
+    fn tell(&self, clock: &mut Clock) {
+        clock.seconds = self.before[0] + self.started.elapsed().as_secs_f64();
+        if let (Some(from), Some(to)) = (self.cpu_started, cpu::process_seconds()) {
+            clock.cpu_seconds = self.before[1] + to - from;
+        }
+    }
+}
 
 /// A training run.
 #[derive(Debug)]
@@ -130,7 +152,7 @@ impl<'a> Trainer<'a> {
         Ok(Self {
             gpu,
             model: Model::new(gpu, population)?,
-            schedule: Schedule::new(&config, options.budget_seconds),
+            schedule: Schedule::new(&config, options.budget),
             statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
             finite: FiniteCheck::new(gpu)?,
             work,
@@ -163,8 +185,10 @@ impl<'a> Trainer<'a> {
             0 => run.create_curve()?,
             done => run.resume_curve(done)?,
         };
-        let mut started = Instant::now();
-        let mut before = self.clock.seconds;
+        let mut lap = Lap::begin(&self.clock);
+        let mut looked = self.looks();
+        // What was logged before a run was stopped is in its curve.
+        let mut logged = Some(self.schedule.done(&self.clock)).filter(|&done| done > 0);
         loop {
             while self.schedule.is_over(&self.clock) {
                 match self.clock.stage {
@@ -174,6 +198,11 @@ impl<'a> Trainer<'a> {
                     }
                     Stage::Fine => {
                         self.gpu.wait("training")?;
+                        lap.tell(&mut self.clock);
+                        if logged != Some(self.schedule.done(&self.clock)) {
+                            self.check_finite()?;
+                            self.log(run, &mut curve, options.evaluate, on_progress)?;
+                        }
                         self.checkpoint()?.save(&run.checkpoint_file())?;
                         self.write_info(run)?;
                         return Ok(Outcome::Finished);
@@ -183,19 +212,23 @@ impl<'a> Trainer<'a> {
             self.iterate()?;
             self.control_density()?;
             let done = self.schedule.done(&self.clock);
+            let looks = self.looks();
             let (log, evaluate, save) = {
                 let evaluation = &self.config.evaluation;
                 let due = |every: u32| every > 0 && done.is_multiple_of(u64::from(every));
-                (due(evaluation.log_every), due(evaluation.every), due(evaluation.checkpoint_every))
+                let evaluate = options.evaluate && (due(evaluation.every) || looks > looked);
+                (due(evaluation.log_every), evaluate, due(evaluation.checkpoint_every))
             };
+            looked = looks;
             let stopping = stop.load(Ordering::Relaxed);
             if log || evaluate || save || stopping {
                 self.gpu.wait("training")?;
             }
-            self.clock.seconds = before + started.elapsed().as_secs_f64();
+            lap.tell(&mut self.clock);
             if log || evaluate {
                 self.check_finite()?;
-                self.log(run, &mut curve, evaluate && options.evaluate, on_progress)?;
+                self.log(run, &mut curve, evaluate, on_progress)?;
+                logged = Some(done);
             } else {
                 on_progress(&self.progress(None, None));
             }
@@ -208,10 +241,19 @@ impl<'a> Trainer<'a> {
             }
             if log || evaluate || save {
                 // Evaluation and saving are not training.
-                started = Instant::now();
-                before = self.clock.seconds;
+                lap = Lap::begin(&self.clock);
             }
         }
+    }
+
+    /// How many of the evaluations that `evaluation.count` asks for are due by now. They are spread over the run
+    /// geometrically, from a hundredth of it on: early on, quality changes fast.
+    fn looks(&self) -> u32 {
+        const FIRST: f64 = 0.01;
+        let steps = f64::from(self.config.evaluation.count.max(1) - 1).max(1.0);
+        let share = self.share();
+        let due = |look: u32| FIRST.powf(1.0 - f64::from(look) / steps) <= share + 1e-9;
+        (0..self.config.evaluation.count).take_while(|&look| due(look)).count() as u32
     }
 
     fn log(
@@ -237,7 +279,7 @@ impl<'a> Trainer<'a> {
             }
         }
         let quality = if evaluate { Some(self.evaluate_quickly()?) } else { None };
-        let (psnr, dpsnr) = quality.map_or((None, None), |(psnr, dpsnr)| (Some(psnr), dpsnr));
+        let (psnr, dpsnr) = quality.map_or((None, None), |quality| (Some(quality.psnr), quality.dpsnr));
         curve.append(&CurveRow {
             iteration,
             stage: self.clock.stage.name().into(),
@@ -251,6 +293,8 @@ impl<'a> Trainer<'a> {
             dynamic: self.dynamic_count(),
             psnr,
             dpsnr,
+            psnr_static: quality.and_then(|quality| quality.psnr_static),
+            cpu_seconds: cpu::process_seconds().map(|_| self.clock.cpu_seconds),
         })?;
         on_progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
         if iteration == u64::from(self.config.evaluation.log_every) {
@@ -270,6 +314,7 @@ impl<'a> Trainer<'a> {
             iterations: self.schedule.iterations.iter().map(|&n| u64::from(n)).sum(),
             share: self.share(),
             seconds: self.clock.seconds,
+            cpu_seconds: self.clock.cpu_seconds,
             gaussians: self.model.gaussians.count,
             dynamic: self.dynamic_count() as u32,
             loss_rgb: None,
@@ -327,7 +372,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        let timeless = Clock { seconds: 0.0, stage_start: 0.0, ..self.clock };
+        let timeless = Clock { seconds: 0.0, stage_start: 0.0, cpu_seconds: 0.0, stage_start_cpu: 0.0, ..self.clock };
         Ok(Checkpoint {
             config: self.config.clone(),
             clock: if self.deterministic { timeless } else { self.clock },

@@ -1,16 +1,22 @@
 //! What a run tells its caller.
 
 use crate::{
-    checkpoint::CheckpointError, config::ConfigError, field::FieldError, gpu::GpuError, metrics::MetricError,
-    raster::RasterError, scene::SceneError, schedule::Stage,
+    checkpoint::CheckpointError,
+    config::ConfigError,
+    field::FieldError,
+    gpu::GpuError,
+    metrics::MetricError,
+    raster::RasterError,
+    scene::SceneError,
+    schedule::{Budget, Stage},
 };
 use erfgs_run::RunError;
 
 /// How a run is driven.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TrainOptions {
-    /// Seconds of training after which the run ends; its schedule then follows the clock.
-    pub budget_seconds: Option<f64>,
+    /// How long training may take; its schedule then follows the clock.
+    pub budget: Budget,
     /// Whether to look at held-out cameras during training.
     pub evaluate: bool,
     /// Whether checkpoints leave out how long training took, so that the same run writes the same bytes.
@@ -39,6 +45,8 @@ pub struct Progress {
     pub share: f64,
     /// Seconds of training so far, without evaluation.
     pub seconds: f64,
+    /// CPU seconds of training so far, likewise; 0 where the system does not tell.
+    pub cpu_seconds: f64,
     /// Gaussians, those that never move included.
     pub gaussians: u32,
     /// Gaussians that the field deforms.

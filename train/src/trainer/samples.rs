@@ -85,7 +85,10 @@ fn event(scene: &Scene, config: &Config, stage: u64, at: u64, pair: usize) -> Sa
         Pairing::FrameAnchored => scene.bins.anchors[start],
         Pairing::Any => start,
     };
-    let longest = scene.bins.per_interval.min(scene.bins.len() - from).max(1);
+    // Within what the camera recorded.
+    let [first, last] = scene.events[view].covers;
+    let from = from.clamp(first, last - 1);
+    let longest = scene.bins.per_interval.min(last - from).max(1);
     let length = random::uniform(random::key(config.seed, &[EVENT, stage, at])) * longest as f64;
     Sample::Event { view, from, to: from + 1 + (length as usize).min(longest - 1) }
 }

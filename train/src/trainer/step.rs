@@ -119,9 +119,9 @@ impl Trainer<'_> {
         self.statistics.add(self.gpu, &mut commands, &self.model.gradients.screen);
         commands.submit();
         self.times.lap(self.gpu, "plane regularisers and statistics")?;
-        let decay = match (self.config.learning_rate.decay_steps, self.schedule.budget_seconds) {
-            (0, _) | (_, Some(_)) => self.schedule.progress(&self.clock),
-            (steps, None) => f64::from(iteration) / f64::from(steps),
+        let decay = match (self.config.learning_rate.decay_steps, self.schedule.budget.is_none()) {
+            (0, _) | (_, false) => self.schedule.progress(&self.clock),
+            (steps, true) => f64::from(iteration) / f64::from(steps),
         };
         self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
         self.times.lap(self.gpu, "Adam")?;
@@ -214,7 +214,7 @@ impl Trainer<'_> {
             };
             self.model.backward_raster(gpu, &view, &options, rendering, d_image, true)?;
             self.times.lap(gpu, "raster backward")?;
-            self.model.backward_motion(gpu, rendering, Witness::Frame)?;
+            self.model.backward_motion(gpu, rendering, Witness::Frame(if only.is_some() { 1.0 } else { weight }))?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
@@ -353,5 +353,5 @@ fn exposure_times(config: &crate::config::Config, stage: Stage, dynamic: u32, fr
     if on && samples > 1 {
         return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
     }
-    vec![config.blur.instant.map_or(frame.t01, |share| start + (end - start) * f64::from(share))]
+    vec![frame.instant(config.blur.instant)]
 }

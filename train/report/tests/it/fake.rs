@@ -91,7 +91,7 @@ pub fn manifest() -> Manifest {
         seed: 1,
         variant: vec![
             step("simulate", &[("mode", "enhanced".into()), ("threshold", 0.2.into())]),
-            step("subsample", &[("keep_each", RGB_EVERY.into())]),
+            VariantStep::subsample(RGB_EVERY),
             step("blur", &[("frames", 3.into())]),
             step("event_only", &[("count", 3.into())]),
         ],

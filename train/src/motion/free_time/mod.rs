@@ -168,7 +168,7 @@ impl FreeTime {
             });
         }
         let (path, weight) = match witness {
-            Witness::Frame => (1.0, 1.0),
+            Witness::Frame(share) => (1.0, share),
             Witness::Events => (self.options.event_opacity, 0.0),
         };
         let uniform = gpu.uniform("motion", &self.uniform(rows, tape.t01, path, weight));

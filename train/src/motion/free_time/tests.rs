@@ -39,7 +39,7 @@ fn rows(count: u64) -> (Vec<f32>, Vec<f32>) {
 
 fn moment(options: &FreeTimeOptions, t01: f32, witness: Witness, rows: usize) -> twin::Moment {
     let (path, weight) = match witness {
-        Witness::Frame => (1.0, 1.0 / rows as f64),
+        Witness::Frame(share) => (1.0, f64::from(share) / rows as f64),
         Witness::Events => (f64::from(options.event_opacity), 0.0),
     };
     twin::Moment {
@@ -100,7 +100,7 @@ fn both_shapes_follow_the_double_precision_twin() {
     let d = gradients(count);
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
-        for (t01, witness) in [(0.43, Witness::Frame), (0.0, Witness::Events), (1.0, Witness::Frame)] {
+        for (t01, witness) in [(0.43, Witness::Frame(1.0)), (0.0, Witness::Events), (1.0, Witness::Frame(0.25))] {
             let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &d, t01, witness);
             let moment = moment(&options, t01, witness, count);
             let mut there = 0;
@@ -134,7 +134,7 @@ fn gradients_of_the_twin_match_finite_differences() {
     let options = FreeTimeOptions { weight_presence: 0.5, weight_acceleration: 0.7, ..Default::default() };
     let (values, logits) = rows(60);
     for (i, row) in values.chunks_exact(ROW).enumerate() {
-        let moment = moment(&options, 0.37, Witness::Frame, 1);
+        let moment = moment(&options, 0.37, Witness::Frame(1.0), 1);
         let (row, logit) = (wide(row), f64::from(logits[i]));
         if twin::forward(logit, &row, &moment).1 <= f64::from(GONE) {
             continue;
@@ -187,7 +187,7 @@ fn extremes_stay_finite_and_what_is_over_is_gone() {
     let logits: Vec<f32> = cases.iter().map(|(_, logit)| *logit).collect();
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
-        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame);
+        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame(1.0));
         for all in [&deltas, &d_core] {
             assert!(all.iter().all(|value| value.is_finite()), "{all:?}");
         }

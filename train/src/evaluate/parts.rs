@@ -1,0 +1,94 @@
+//! Figures of parts of the held-out frames, and after their cameras' colours were matched.
+
+use std::collections::BTreeMap;
+
+use erfgs_run::{ColourCorrected, Part};
+use erfgs_scene::image::ImageRgb8;
+
+use super::{clamped, split::When};
+use crate::metrics::{ColourSums, Dpsnr, MaskedError, MetricError, Picture, masked_error, to_unit};
+
+/// One held-out frame.
+struct Seen {
+    when: When,
+    camera: usize,
+    moving: MaskedError,
+    still: MaskedError,
+    moving_colours: ColourSums,
+    still_colours: ColourSums,
+}
+
+/// What is gathered over the held-out frames.
+#[derive(Default)]
+pub(super) struct Parts {
+    frames: Vec<Seen>,
+}
+
+impl Parts {
+    /// Adds a frame of `camera`.
+    pub fn add(
+        &mut self,
+        when: When,
+        camera: usize,
+        rendered: &[f32],
+        truth: &ImageRgb8,
+        mask: &[bool],
+    ) -> Result<(), MetricError> {
+        let (rendered, unit) = (clamped(rendered), to_unit(&truth.data));
+        let a = Picture::new(truth.width, truth.height, &rendered)?;
+        let b = Picture::new(truth.width, truth.height, &unit)?;
+        let still: Vec<bool> = mask.iter().map(|moves| !moves).collect();
+        self.frames.push(Seen {
+            when,
+            camera,
+            moving: masked_error(a, b, mask)?,
+            still: masked_error(a, b, &still)?,
+            moving_colours: ColourSums::of(a, b, mask, true)?,
+            still_colours: ColourSums::of(a, b, mask, false)?,
+        });
+        Ok(())
+    }
+
+    /// Mean over frames of the PSNR over pixels that stand still, dB.
+    pub fn psnr_static(&self) -> Option<f64> {
+        mean(self.frames.iter().map(|frame| frame.still))
+    }
+
+    /// The frames of one kind.
+    pub fn part(&self, when: When) -> Part {
+        let of = || self.frames.iter().filter(|frame| frame.when == when);
+        Part {
+            frames: of().count() as u64,
+            psnr: mean(of().map(|frame| both(frame.moving, frame.still))),
+            dpsnr: mean(of().map(|frame| frame.moving)),
+        }
+    }
+
+    /// The figures after the colours of each camera were matched on what stands still.
+    pub fn colour_corrected(&self) -> Option<ColourCorrected> {
+        let mut still: BTreeMap<usize, ColourSums> = BTreeMap::new();
+        for frame in &self.frames {
+            still.entry(frame.camera).or_default().add(&frame.still_colours);
+        }
+        let maps: BTreeMap<usize, _> = still.into_iter().map(|(camera, sums)| (camera, sums.fit())).collect();
+        let matched =
+            |sums: &ColourSums, camera: usize| MaskedError { sum: sums.error(&maps[&camera]), pixels: sums.pixels() };
+        let moving = |frame: &Seen| matched(&frame.moving_colours, frame.camera);
+        let still = |frame: &Seen| matched(&frame.still_colours, frame.camera);
+        Some(ColourCorrected {
+            psnr: mean(self.frames.iter().map(|frame| both(moving(frame), still(frame))))?,
+            dpsnr: mean(self.frames.iter().map(moving)),
+            psnr_static: mean(self.frames.iter().map(still)),
+        })
+    }
+}
+
+fn both(a: MaskedError, b: MaskedError) -> MaskedError {
+    MaskedError { sum: a.sum + b.sum, pixels: a.pixels + b.pixels }
+}
+
+fn mean(errors: impl Iterator<Item = MaskedError>) -> Option<f64> {
+    let mut all = Dpsnr::default();
+    errors.for_each(|error| all.add(error));
+    all.mean()
+}
