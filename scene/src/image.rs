@@ -13,6 +13,8 @@ use image::{
     imageops,
 };
 
+use crate::srgb;
+
 /// What can go wrong with an image file.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
@@ -128,6 +130,16 @@ impl ImageRgb8 {
             .chunks_exact(3)
             .map(|p| 0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2]))
             .collect()
+    }
+
+    /// The code, 0..=255 and not rounded, of the grey that has each pixel's luminance: 0.2126 R + 0.7152 G + 0.0722 B of linear
+    /// light (sRGB's primaries). Of greys it is their luma; of saturated colours it is not.
+    #[must_use]
+    pub fn luminance(&self) -> Vec<f32> {
+        let linear: [f32; 256] = std::array::from_fn(|code| srgb::decode(code as f32 / 255.0));
+        let of = |code: u8| linear[usize::from(code)];
+        let luminance = |p: &[u8]| 0.2126 * of(p[0]) + 0.7152 * of(p[1]) + 0.0722 * of(p[2]);
+        self.data.chunks_exact(3).map(|p| 255.0 * srgb::encode(luminance(p))).collect()
     }
 
     /// Luma, rounded to 8 bits.
@@ -350,5 +362,15 @@ mod tests {
         let image = ImageRgb8 { width: 2, height: 1, data: vec![255, 0, 0, 10, 20, 30] };
         let luma = image.luma();
         assert!((luma[0] - 76.245).abs() < 1e-4 && (luma[1] - (2.99 + 11.74 + 3.42)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn luminance_adds_up_light_and_not_codes() {
+        let image = ImageRgb8 { width: 3, height: 1, data: vec![0, 0, 255, 255, 0, 0, 77, 77, 77] };
+        let luminance = image.luminance();
+        // A blue as bright as a grey of 7.22 % of the light, where luma says 29 of 255.
+        assert!((luminance[0] - 255.0 * srgb::encode(0.0722)).abs() < 1e-3 && luminance[0] > 75.0);
+        assert!((luminance[1] - 255.0 * srgb::encode(0.2126)).abs() < 1e-3);
+        assert!((luminance[2] - 77.0).abs() < 1e-2, "a grey is its own");
     }
 }

@@ -43,3 +43,31 @@ fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_
     let trained = folder.figures("train ds-dv --iterations 5+10 --no-evaluation --out run");
     assert_eq!(trained["iterations"].as_u64(), Some(15), "{trained}");
 }
+
+#[test]
+fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_stop() {
+    let folder = Folder::new();
+    sharp_film(&folder);
+    folder.succeed("dataset variant ds --subsample 2 --event-only 2 --out ds-free");
+    folder.succeed("dataset points ds-free --method random --random-points 200 --moving 0");
+    let train = "train ds-free --motion free-time --no-evaluation --set eds.from=10 --set eds.every=10 \
+                 --set eds.min_events=0.5 --set density.from=5 --set density.every=10";
+    let said = folder.fail(1, &format!("{train} --iterations 2+2 --out none"));
+    assert!(said.contains("known to move") && said.contains("dataset points"), "{said}");
+
+    folder.succeed("dataset points ds-free --method random --random-points 200");
+    let first = folder.figures(&format!("{train} --iterations 10+20 --out run"));
+    assert!(first["dynamic"].as_u64() > Some(20), "{first}");
+    let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume"));
+    assert_eq!(more["iterations"].as_u64(), Some(50), "{more}");
+    assert!(more["cpu_seconds"].as_f64() > first["cpu_seconds"].as_f64(), "{more}");
+    let said = folder.fail(1, "train ds-free --motion hexplane --iterations 10+50 --out run --resume");
+    assert!(said.contains("another motion model"), "{said}");
+
+    let measured = folder.figures("eval run --pictures 0");
+    let parts = ["at_frames", "between_frames", "outside_frames"].map(|part| measured[part]["frames"].as_u64());
+    assert_eq!(parts.iter().flatten().sum::<u64>(), 13, "{measured}");
+    assert!(measured["colour_corrected"]["psnr"].as_f64() > Some(1.0), "{measured}");
+    let files = folder.figures("export run --instants 3");
+    assert_eq!(files.as_array().map(Vec::len), Some(4), "{files}");
+}

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 
 LUMA = jnp.array([0.299, 0.587, 0.114])
+LUMINANCE = jnp.array([0.2126, 0.7152, 0.0722])
 
 
 def to_linear(encoded):
@@ -14,8 +15,7 @@ def to_linear(encoded):
 
 def lin_log(rgb, question):
     """Natural logarithm of the grey level of 255, continued below a threshold by a line through the origin."""
-    luma = rgb @ LUMA
-    grey = 255.0 * (to_linear(luma) if question["linear_light"] else luma)
+    grey = 255.0 * (to_linear(rgb) @ LUMINANCE if question["linear_light"] else rgb @ LUMA)
     threshold = question["lin_log"]
     return jnp.where(grey <= threshold, grey * jnp.log(threshold) / threshold, jnp.log(jnp.maximum(grey, threshold)))
 

@@ -30,6 +30,12 @@ pub fn luma(rgb: DVec3) -> f64 {
     rgb.dot(DVec3::new(0.299, 0.587, 0.114))
 }
 
+/// Luminance of linear light, 0 to 1 (sRGB's primaries).
+#[must_use]
+pub fn luminance(linear: DVec3) -> f64 {
+    linear.dot(DVec3::new(0.2126, 0.7152, 0.0722))
+}
+
 /// v2e's "lin-log" response to a grey level in [0, 255]: the logarithm above `threshold`, the chord from 0 below it.
 #[must_use]
 pub fn lin_log(level: f64, threshold: f64) -> f64 {

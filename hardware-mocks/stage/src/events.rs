@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     StageError,
     actors::{Actors, Moment},
-    colour::{decode, encode, lin_log, luma},
+    colour::{encode, lin_log, luma, luminance},
     pixel::{Pixel, Signal},
     view::StageView,
 };
@@ -98,8 +98,10 @@ impl EventOptions {
     /// The sensor's response to linear light: log intensity, from 0 to ln 255.
     #[must_use]
     pub fn response(&self, linear: [f64; 3]) -> f64 {
-        let display = luma(DVec3::from(linear.map(encode)));
-        let light = if self.linear_light { decode(display) } else { display };
+        let light = match self.linear_light {
+            true => luminance(DVec3::from(linear)),
+            false => luma(DVec3::from(linear.map(encode))),
+        };
         lin_log(255.0 * light, self.lin_log_threshold)
     }
 }

@@ -34,6 +34,10 @@ pub(super) fn simulate(
         let image = source.read_image(camera, frame)?;
         match config.mode {
             Mode::Parity => simulator.step(Luma::U8(&luma_u8(&image)), frame.t_ns, &mut events),
+            // Where light is linearised before the logarithm, it is the light of the channels that adds up.
+            Mode::Enhanced if config.linear_light => {
+                simulator.step(Luma::F32(&image.luminance()), frame.t_ns, &mut events)
+            }
             Mode::Enhanced => simulator.step(Luma::F32(&image.luma()), frame.t_ns, &mut events),
         }
         .map_err(refused)?;

@@ -31,21 +31,23 @@ struct Parameters {
 // Each thread's own sum, added to.
 @group(0) @binding(6) var<storage, read_write> loss: array<f32>;
 
+// Of display values (BT.601, as v2e and OpenCV), and of linear light (sRGB's primaries).
 const LUMA = vec3f(0.299, 0.587, 0.114);
+const LUMINANCE = vec3f(0.2126, 0.7152, 0.0722);
 
-// Lin-log intensity of a luma in [0, 1], and its slope.
-fn lin_log(luma: f32) -> vec2f {
-    var x = luma * 255.0;
-    var slope = 255.0;
+// The gradient of the lin-log intensity of a display colour, and the intensity itself.
+fn lin_log(colour: vec3f) -> vec4f {
+    var x = 255.0 * dot(LUMA, colour);
+    var slope = 255.0 * LUMA;
     if (p.linear_light != 0u) {
-        x = 255.0 * to_linear(luma);
-        slope = 255.0 * d_to_linear(luma);
+        x = 255.0 * dot(LUMINANCE, vec3f(to_linear(colour.r), to_linear(colour.g), to_linear(colour.b)));
+        slope = 255.0 * LUMINANCE * vec3f(d_to_linear(colour.r), d_to_linear(colour.g), d_to_linear(colour.b));
     }
     if (x <= p.lin_log) {
         let linear = log(p.lin_log) / p.lin_log;
-        return vec2f(x * linear, slope * linear);
+        return vec4f(slope * linear, x * linear);
     }
-    return vec2f(log(x), slope / x);
+    return vec4f(slope / x, log(x));
 }
 
 @compute @workgroup_size(64)
@@ -59,10 +61,10 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             d_after[pixel] = vec4f(0.0);
             continue;
         }
-        let start = lin_log(dot(LUMA, before[pixel].rgb));
-        let end = lin_log(dot(LUMA, after[pixel].rgb));
+        let start = lin_log(before[pixel].rgb);
+        let end = lin_log(after[pixel].rgb);
         let events = count[pixel];
-        let change = (end.x - start.x) * p.inverse_threshold;
+        let change = (end.w - start.w) * p.inverse_threshold;
         var error = change - events;
         if (p.quantise == 0u) {
             error = trunc(change) - events;
@@ -78,8 +80,8 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             sum += weight * abs(error);
         }
         slope *= p.scale * p.inverse_threshold;
-        d_before[pixel] = vec4f(-slope * start.y * LUMA, 0.0);
-        d_after[pixel] = vec4f(slope * end.y * LUMA, 0.0);
+        d_before[pixel] = vec4f(-slope * start.xyz, 0.0);
+        d_after[pixel] = vec4f(slope * end.xyz, 0.0);
     }
     loss[thread] += sum;
 }

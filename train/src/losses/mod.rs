@@ -75,7 +75,7 @@ pub struct Sensor {
     pub threshold: f32,
     /// Grey level (of 255) below which the response is linear.
     pub lin_log: f32,
-    /// Whether intensity is linearised before the logarithm.
+    /// Whether it is the luminance of linear light whose logarithm is taken, and not the luma of display values.
     pub linear_light: bool,
 }
 
@@ -83,8 +83,14 @@ impl Sensor {
     /// Lin-log intensity of a display colour (0 to 1, red, green, blue), as `event.wgsl` computes it.
     #[must_use]
     pub fn lin_log(&self, colour: &[f32; 3]) -> f32 {
-        let luma: f32 = colour.iter().zip([0.299, 0.587, 0.114]).map(|(value, weight)| value * weight).sum();
-        let x = 255.0 * if self.linear_light { srgb::decode(luma) } else { luma };
+        let sum = |weights: [f32; 3], light: fn(f32) -> f32| -> f32 {
+            colour.iter().zip(weights).map(|(&value, weight)| weight * light(value)).sum()
+        };
+        let x = 255.0
+            * match self.linear_light {
+                true => sum([0.2126, 0.7152, 0.0722], srgb::decode),
+                false => sum([0.299, 0.587, 0.114], |value| value),
+            };
         if x <= self.lin_log { x * self.lin_log.ln() / self.lin_log } else { x.ln() }
     }
 }

@@ -12,6 +12,9 @@ use crate::{
 /// The luma weights of v2e, OpenCV and ITU-R BT.601.
 pub const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 
+/// The luminance weights of sRGB's primaries, for linear light (IEC 61966-2-1).
+pub const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
+
 /// sRGB to linear light.
 #[must_use]
 pub fn to_linear(x: f64) -> f64 {
@@ -53,8 +56,10 @@ pub fn photometric(images: &[Vec<[f64; 3]>], frame: &[[f64; 3]], linear_light: b
 /// Lin-log intensity of a display colour.
 #[must_use]
 pub fn lin_log(colour: &[f64; 3], sensor: &Sensor) -> f64 {
-    let luma: f64 = colour.iter().zip(LUMA).map(|(value, weight)| value * weight).sum();
-    let x = 255.0 * if sensor.linear_light { to_linear(luma) } else { luma };
+    let sum = |weights: [f64; 3], light: fn(f64) -> f64| -> f64 {
+        colour.iter().zip(weights).map(|(&value, weight)| weight * light(value)).sum()
+    };
+    let x = 255.0 * if sensor.linear_light { sum(LUMINANCE, to_linear) } else { sum(LUMA, |value| value) };
     let threshold = f64::from(sensor.lin_log);
     if x <= threshold { x * threshold.ln() / threshold } else { x.ln() }
 }
