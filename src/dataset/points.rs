@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use erfgs_dataset::{Dataset, PointCloudFile};
-use erfgs_points::{CloudOptions, ColmapProgram, FrameChoice, Method, attach, initial_cloud};
+use erfgs_points::{CloudOptions, ColmapProgram, FrameChoice, HullOptions, Method, attach, initial_cloud};
 
 use crate::{
     errors::Usage,
@@ -42,6 +42,9 @@ pub struct Arguments {
     /// it, 0 for none.
     #[arg(long, value_name = "N")]
     moving: Option<u32>,
+    /// Greatest number of points of what moves, over all those instants.
+    #[arg(long, value_name = "N", default_value_t = HullOptions::default().max_points)]
+    moving_points: u32,
     /// Nearest and farthest depth of a point, metres; taken from how the cameras stand without it.
     #[arg(long, value_name = "NEAR..FAR", value_parser = depth_range)]
     depth: Option<[f64; 2]>,
@@ -96,6 +99,7 @@ impl Arguments {
         if let Some(instants) = self.moving {
             options.hull.instants = instants;
         }
+        options.hull.max_points = self.moving_points;
         if let Some(count) = self.random_points {
             options.random_points = count;
         }
