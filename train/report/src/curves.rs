@@ -12,43 +12,115 @@ const MAX_POINTS: usize = 150;
 
 type Pick = fn(&CurveRow) -> Option<f64>;
 
-/// PSNR and DPSNR of the held-out views over wall time and over iterations.
+/// What error is shown against: its name and its value.
+type Axis = (&'static str, Pick);
+
+/// PSNR and DPSNR of the held-out views over CPU time, wall time and iterations.
 pub(super) fn quality(scene: &Scene) -> String {
-    let longest = rows(scene).map(|row| row.wall_seconds).fold(0.0, f64::max);
-    let (unit, name) = if longest > 300.0 { (60.0, "min") } else { (1.0, "s") };
+    const AXES: [Axis; 3] = [
+        ("CPU time", |row| row.cpu_seconds),
+        ("training time", |row| Some(row.wall_seconds)),
+        ("iterations", |row| Some(row.iteration as f64)),
+    ];
     let dpsnr = format!("{}, dB", scene.dpsnr_name());
     let marks = stage_marks(scene);
     let mut plots = String::new();
     for (label, pick) in [("PSNR, dB", (|row| row.psnr) as Pick), (dpsnr.as_str(), |row| row.dpsnr)] {
-        plots += &Plot {
-            y_label: label.into(),
-            from_zero: true,
-            x_label: format!("training time, {name}"),
-            series: series(scene, |row| Some((row.wall_seconds / unit, pick(row)?))),
-            ..Plot::default()
+        for (axis, along) in AXES {
+            let iterations = axis == "iterations";
+            let longest = rows(scene).filter_map(along).fold(0.0, f64::max);
+            let (unit, name) = match longest {
+                _ if iterations => (1.0, axis.to_owned()),
+                longest if longest > 300.0 => (60.0, format!("{axis}, min")),
+                _ => (1.0, format!("{axis}, s")),
+            };
+            plots += &Plot {
+                y_label: label.into(),
+                from_zero: true,
+                x_label: name,
+                series: series(scene, |row| Some((along(row)? / unit, pick(row)?))),
+                marks: if iterations { marks.clone() } else { Vec::new() },
+                ..Plot::default()
+            }
+            .svg();
         }
-        .svg();
-        plots += &Plot {
-            y_label: label.into(),
-            from_zero: true,
-            x_label: "iterations".into(),
-            series: series(scene, |row| Some((row.iteration as f64, pick(row)?))),
-            marks: marks.clone(),
-            ..Plot::default()
-        }
-        .svg();
     }
     if plots.is_empty() {
         return String::new();
     }
     let note = if marks.is_empty() { "" } else { " The vertical line is where the fine stage begins." };
     let body = format!(
-        "{}<div class=\"plots\">\n{plots}</div>\n<p class=\"caption\">Held-out views at the evaluations during training, \
-         which may look at a part of the frames (<code>evaluation.frame_stride</code>); the summary looks at all of \
-         them.{note}</p>\n",
-        names(scene)
+        "{}<div class=\"plots\">\n{plots}</div>\n{}<p class=\"caption\">Held-out views at the evaluations during training, \
+         which look at a part of the frames (<code>evaluation.frames</code>); the summary looks at all of them. CPU time is \
+         that of all threads, and what an evaluation takes does not count.{note}</p>\n",
+        names(scene),
+        crossings(scene)
     );
     html::section(&scene.prefix, "curves", "Error against run time", &body)
+}
+
+/// A sentence for each pair of runs of the two methods: from when on the one with events is ahead.
+fn crossings(scene: &Scene) -> String {
+    let of = |method: &'static str| scene.runs.iter().filter(move |run| run.info.method == method);
+    let curve = |run: &Run, pick: Pick| -> Vec<(f64, f64)> {
+        run.curve.rows.iter().filter_map(|row| Some((row.cpu_seconds?, pick(row)?))).collect()
+    };
+    let mut sentences = String::new();
+    for baseline in of("4dgs") {
+        for events in of("erf-gs") {
+            for (name, pick) in [("PSNR", (|row| row.psnr) as Pick), ("DPSNR", |row| row.dpsnr)] {
+                let said = match ahead_from(&curve(events, pick), &curve(baseline, pick)) {
+                    None => continue,
+                    Some(Ahead::Always) => "from the first evaluation on".to_owned(),
+                    Some(Ahead::From(seconds)) => format!("for good after {} of CPU time", html::duration(seconds)),
+                    Some(Ahead::Not) => "at no time that lasts".to_owned(),
+                };
+                sentences += &format!(
+                    "<p>In {name}, {} is ahead of {} {said}.</p>\n",
+                    html::Escaped(&events.label),
+                    html::Escaped(&baseline.label)
+                );
+            }
+        }
+    }
+    sentences
+}
+
+/// From when on one curve stays above another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ahead {
+    Always,
+    From(f64),
+    Not,
+}
+
+/// From which place on `a` is not below `b`, both of points in ascending order, where both are known.
+fn ahead_from(a: &[(f64, f64)], b: &[(f64, f64)]) -> Option<Ahead> {
+    let (from, to) = (a.first()?.0.max(b.first()?.0), a.last()?.0.min(b.last()?.0));
+    let mut places: Vec<f64> = a.iter().chain(b).map(|point| point.0).filter(|x| (from..=to).contains(x)).collect();
+    places.sort_unstable_by(f64::total_cmp);
+    let lead: Vec<(f64, f64)> = places.iter().map(|&x| (x, at(a, x) - at(b, x))).collect();
+    let last_behind = lead.iter().rposition(|(_, lead)| *lead < 0.0);
+    match (lead.is_empty(), last_behind) {
+        (true, _) => None,
+        (false, None) => Some(Ahead::Always),
+        (false, Some(index)) => Some(match (lead[index], lead.get(index + 1)) {
+            ((x, behind), Some(&(next, lead))) => Ahead::From(x + (next - x) * behind / (behind - lead)),
+            (_, None) => Ahead::Not,
+        }),
+    }
+}
+
+/// The value of a curve at `x`, on the straight line between its points.
+fn at(curve: &[(f64, f64)], x: f64) -> f64 {
+    let after = curve.partition_point(|point| point.0 < x);
+    match (after.checked_sub(1).and_then(|before| curve.get(before)), curve.get(after)) {
+        (Some(before), Some(after)) if after.0 > before.0 => {
+            before.1 + (after.1 - before.1) * (x - before.0) / (after.0 - before.0)
+        }
+        (_, Some(point)) | (Some(point), None) => point.1,
+        (None, None) => f64::NAN,
+    }
 }
 
 /// Losses and numbers of Gaussians over iterations.
@@ -136,6 +208,16 @@ fn thin(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_curve_passes_another_where_the_lines_cross_for_the_last_time() {
+        let below = [(0.0, 1.0), (10.0, 1.0), (20.0, 1.0)];
+        assert_eq!(ahead_from(&[(0.0, 2.0), (20.0, 3.0)], &below), Some(Ahead::Always));
+        assert_eq!(ahead_from(&[(0.0, 0.0), (5.0, 0.0), (15.0, 2.0), (30.0, 2.0)], &below), Some(Ahead::From(10.0)));
+        assert_eq!(ahead_from(&[(0.0, 3.0), (20.0, 0.5)], &below), Some(Ahead::Not));
+        assert_eq!(ahead_from(&[(30.0, 3.0)], &below), None);
+        assert_eq!(ahead_from(&[], &below), None);
+    }
 
     #[test]
     fn long_curves_are_averaged_and_short_ones_left_alone() {

@@ -280,7 +280,7 @@ impl RunFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{LeftOut, MaskKind};
+    use crate::{LeftOut, MaskKind, Part};
     use crate::{LpipsKind, LpipsNet, LpipsScaling};
 
     #[test]
@@ -302,12 +302,18 @@ mod tests {
             dpsnr: None,
             dpsnr_pooled: Some(1.0 / 3.0),
             dpsnr_mask: MaskKind::Motion,
+            psnr_static: Some(25.0),
+            at_frames: Part { frames: 3, psnr: Some(24.0), dpsnr: None },
+            between_frames: Part::default(),
+            outside_frames: Part::default(),
+            colour_corrected: None,
             ssim: 0.9,
             lpips: Some(0.1),
             lpips_kind: Some(LpipsKind { net: LpipsNet::Vgg16, scaling: LpipsScaling::ZeroToOne }),
             train_psnr: Some(30.0),
             iterations: 17_000,
             train_seconds: 1.5,
+            train_cpu_seconds: Some(2.5),
             gaussians: 40_000,
             bytes: 1 << 33,
             render_fps: 42.0,

@@ -14,8 +14,9 @@ use crate::{
     scene::Point,
 };
 
-/// Points that take their mean displacement together, round by round.
-const TOGETHER: [usize; 10] = [64, 64, 64, 64, 64, 64, 32, 32, 16, 16];
+/// Points that take their mean displacement together, and in how many rounds. The first rounds are many: each brings a thing
+/// that moves by more than its size only a part of its way.
+const TOGETHER: [(usize, usize); 3] = [(64, 24), (32, 4), (16, 2)];
 
 /// A point that moves, and the instant it was there, RGB intervals.
 pub type MovingPoint = (Point, f64);
@@ -24,15 +25,15 @@ pub type MovingPoint = (Point, f64);
 #[must_use]
 pub fn gaussians(points: &[MovingPoint], sh_degree: u32, extent: f32, options: &FreeTimeOptions) -> Gaussians {
     let instants = by_instant(points);
-    let velocities = velocities(&instants, options.fastest * extent);
+    let courses = courses(&instants, options.fastest * extent);
     let mut all = Gaussians { sh_degree, motion_floats: ROW, ..Gaussians::default() };
     let log_life = log_life(options);
-    for ((time, points), velocities) in instants.iter().zip(velocities) {
+    for ((time, points), courses) in instants.iter().zip(courses) {
         let born = Gaussians::from_points(points, sh_degree, options.opacity);
         all.core.extend(born.core);
         all.sh.extend(born.sh);
-        for [x, y, z] in velocities {
-            all.motion.extend([x, y, z, *time as f32, 0.0, 0.0, 0.0, log_life]);
+        for Course { velocity: [vx, vy, vz], acceleration: [ax, ay, az] } in courses {
+            all.motion.extend([vx, vy, vz, *time as f32, ax, ay, az, log_life]);
         }
     }
     all.dynamic = all.core.len() / CORE;
@@ -59,30 +60,44 @@ fn by_instant(points: &[MovingPoint]) -> Vec<Instant> {
         .collect()
 }
 
-/// A velocity for each point of each instant, metres an interval, none faster than `fastest`.
-fn velocities(instants: &[Instant], fastest: f32) -> Vec<Vec<[f32; 3]>> {
+/// How a point goes on.
+#[derive(Clone, Copy, Debug, Default)]
+struct Course {
+    /// Metres an interval.
+    velocity: [f32; 3],
+    /// Metres an interval squared.
+    acceleration: [f32; 3],
+}
+
+/// The course of each point of each instant, none faster than `fastest`. One that is found both before and after is the
+/// parabola through the three places; one that is found on one side alone is a straight line.
+fn courses(instants: &[Instant], fastest: f32) -> Vec<Vec<Course>> {
     instants
         .par_iter()
         .enumerate()
         .map(|(index, (time, points))| {
+            // Displacements to a neighbour, and how many intervals away it is (before: less than 0).
             let towards = |other: Option<&Instant>| {
                 let (then, others) = other?;
-                let interval = (then - time) as f32;
-                Some(
-                    displacements(points, others, fastest * interval.abs())
-                        .into_iter()
-                        .map(move |d| d.map(|d| d.map(|d| d / interval)))
-                        .collect::<Vec<_>>(),
-                )
+                let away = (then - time) as f32;
+                Some((away, displacements(points, others, fastest * away.abs())))
             };
             let before = towards(index.checked_sub(1).and_then(|index| instants.get(index)));
             let after = towards(instants.get(index + 1));
-            let found = |side: &Option<Vec<Option<[f32; 3]>>>, at: usize| side.as_ref().and_then(|side| side[at]);
+            let speed = |side: &Option<(f32, Vec<Option<[f32; 3]>>)>, at: usize| {
+                let (away, moved) = side.as_ref()?;
+                Some((*away, moved[at]?.map(|moved| moved / away)))
+            };
             (0..points.len())
-                .map(|at| match (found(&before, at), found(&after, at)) {
-                    (Some(a), Some(b)) => std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis])),
-                    (Some(one), None) | (None, Some(one)) => one,
-                    (None, None) => [0.0; 3],
+                .map(|at| match (speed(&before, at), speed(&after, at)) {
+                    (Some((back, a)), Some((on, b))) => Course {
+                        velocity: std::array::from_fn(|axis| (a[axis] * on - b[axis] * back) / (on - back)),
+                        acceleration: std::array::from_fn(|axis| 2.0 * (b[axis] - a[axis]) / (on - back)),
+                    },
+                    (Some((_, velocity)), None) | (None, Some((_, velocity))) => {
+                        Course { velocity, ..Course::default() }
+                    }
+                    (None, None) => Course::default(),
                 })
                 .collect()
         })
@@ -106,13 +121,13 @@ fn displacements(points: &[Point], others: &[Point], farthest: f32) -> Vec<Optio
     let tree: ImmutableKdTree<f32, 6> = ImmutableKdTree::new_from_slice(&targets);
     let places: Vec<[f32; 3]> = points.iter().map(|(place, _)| *place).collect();
     let around = Neighbours::new(&places);
-    let most = TOGETHER.iter().copied().max().unwrap_or(1);
+    let most = TOGETHER.iter().map(|(together, _)| *together).max().unwrap_or(1);
     let nearby: Vec<Vec<usize>> = places
         .par_iter()
         .map(|place| around.nearest(place, most).into_iter().map(|(index, _)| index).collect())
         .collect();
     let mut moved = vec![[0.0_f32; 3]; points.len()];
-    for together in TOGETHER {
+    for together in TOGETHER.into_iter().flat_map(|(together, rounds)| std::iter::repeat_n(together, rounds)) {
         let raw: Vec<[f32; 3]> = points
             .par_iter()
             .zip(&moved)
@@ -166,9 +181,25 @@ mod tests {
             }
             assert_eq!(row[3], (index / 120) as f32, "the instant");
         }
+        // Straight lines at constant speed.
+        assert!(born.motion.chunks_exact(ROW).all(|row| row[4..7].iter().all(|a| a.abs() < 0.1)));
         assert!((born.opacity(7) - 0.2).abs() < 1e-6);
         // The spacing is that of one instant: with all of them a spot would be smaller.
         assert!(born.scale(7)[0] > 0.02, "{}", born.scale(7)[0]);
+    }
+
+    #[test]
+    fn what_falls_is_born_falling() {
+        let height = |t: f32| 0.5 - 0.2 * t + 0.15 * t * t;
+        let points: Vec<MovingPoint> = (0..4)
+            .flat_map(|t| ball(t, [0.4 * t as f32, height(t as f32), 0.0], [200, 20, 20]).map(move |p| (p, t as f64)))
+            .collect();
+        let born = gaussians(&points, 0, 4.0, &FreeTimeOptions::default());
+        for (index, row) in born.motion.chunks_exact(ROW).enumerate().filter(|(index, _)| (60..180).contains(index)) {
+            let t = (index / 60) as f32;
+            assert!((row[1] - (0.3 * t - 0.2)).abs() < 0.06, "{index}: {row:?}");
+            assert!((row[5] - 0.3).abs() < 0.1 && row[4].abs() < 0.1, "{index}: {row:?}");
+        }
     }
 
     #[test]

@@ -48,6 +48,8 @@ pub struct Model {
     pub step: u32,
     sh_head: bool,
     pub(super) gradients: Gradients,
+    /// Where gradients of events go that are not to be learned from; the statistics are those of `gradients`.
+    aside: Option<Gradients>,
     pub(super) d_deltas: Option<Deltas>,
     rasteriser: Rasteriser,
     adam: Adam,
@@ -97,6 +99,7 @@ impl Model {
             step: 0,
             sh_head: false,
             gradients: Gradients::new(gpu, &gaussians)?,
+            aside: None,
             d_deltas: None,
             rasteriser: Rasteriser::new(gpu)?,
             adam: Adam::new(gpu),
@@ -110,6 +113,7 @@ impl Model {
         self.gaussians = upload(gpu, &population.gaussians)?;
         self.dynamic = population.gaussians.dynamic as u32;
         self.gradients = Gradients::new(gpu, &self.gaussians)?;
+        self.aside = self.aside.take().map(|_| self.beside(gpu)).transpose()?;
         self.moments = upload_moments(gpu, &population.moments)?;
         self.rows = RowBuffers::new(gpu, population)?;
         self.size_deltas(gpu)
@@ -133,9 +137,16 @@ impl Model {
                 Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)))
             }
         });
+        let events_move_only = config.motion == MotionModel::FreeTime && config.free_time.events_move_only;
+        self.aside = events_move_only.then(|| self.beside(gpu)).transpose()?;
         self.field_box = field_box;
         self.sh_head = config.motion == MotionModel::HexPlane && config.field.sh_head;
         self.size_deltas(gpu)
+    }
+
+    /// Gradients that share nothing but the statistics with those that are learned from.
+    fn beside(&self, gpu: &Gpu) -> Result<Gradients, TrainError> {
+        Ok(Gradients { screen: self.gradients.screen.clone(), ..Gradients::new(gpu, &self.gaussians)? })
     }
 
     fn size_deltas(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
@@ -274,8 +285,10 @@ impl Model {
         options: &RenderOptions,
         rendering: &Rendering,
         d_image: &Buffer,
+        witness: Witness,
         statistics: bool,
     ) -> Result<(), TrainError> {
+        let gradients = self.gradients_of(witness);
         let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
         self.rasteriser.backward(
             gpu,
@@ -285,11 +298,19 @@ impl Model {
             options,
             &rendering.frame,
             d_image,
-            &self.gradients,
+            gradients,
             self.d_deltas.as_ref(),
             statistics,
         )?;
         Ok(())
+    }
+
+    /// Where the gradients of a rendering go.
+    fn gradients_of(&self, witness: Witness) -> &Gradients {
+        match (witness, &self.aside) {
+            (Witness::Events, Some(aside)) => aside,
+            _ => &self.gradients,
+        }
     }
 
     /// Passes the gradients of the deltas on to the motion.
@@ -299,9 +320,10 @@ impl Model {
         rendering: &Rendering,
         witness: Witness,
     ) -> Result<(), TrainError> {
+        let d_core = self.gradients_of(witness).core.clone();
         if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
-            let (core, d_core) = (&self.gaussians.core, &self.gradients.core);
-            motion.backward(gpu, core, self.rows.own(), &rendering.tape, d_deltas, d_core, witness)?;
+            let core = &self.gaussians.core;
+            motion.backward(gpu, core, self.rows.own(), &rendering.tape, d_deltas, &d_core, witness)?;
         }
         Ok(())
     }

@@ -212,9 +212,10 @@ impl Trainer<'_> {
             } else {
                 d_mean
             };
-            self.model.backward_raster(gpu, &view, &options, rendering, d_image, true)?;
+            let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
+            self.model.backward_raster(gpu, &view, &options, rendering, d_image, witness, true)?;
             self.times.lap(gpu, "raster backward")?;
-            self.model.backward_motion(gpu, rendering, Witness::Frame(if only.is_some() { 1.0 } else { weight }))?;
+            self.model.backward_motion(gpu, rendering, witness)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
@@ -275,7 +276,7 @@ impl Trainer<'_> {
         for (slot, statistics) in [(0, true), (1, false)] {
             let rendering = &self.work.renderings[slot];
             let d_image = &self.work.gradients[slot];
-            self.model.backward_raster(gpu, &view, &options, rendering, d_image, statistics)?;
+            self.model.backward_raster(gpu, &view, &options, rendering, d_image, Witness::Events, statistics)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
                 self.regularise_trajectory(times)?;

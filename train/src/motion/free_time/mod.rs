@@ -57,6 +57,8 @@ pub struct FreeTimeOptions {
     pub weight_presence: f32,
     /// Weight of the mean squared acceleration, in extents.
     pub weight_acceleration: f32,
+    /// Whether events teach trajectories alone, and places, shapes and colours are left to the frames.
+    pub events_move_only: bool,
     /// How much of an event's gradient reaches instants and lives: at 0 motion must explain events, not birth and death.
     pub event_opacity: f32,
 }
@@ -74,6 +76,7 @@ impl Default for FreeTimeOptions {
             life: 3e-3,
             weight_presence: 1e-2,
             weight_acceleration: 1e-3,
+            events_move_only: false,
             event_opacity: 0.0,
         }
     }
