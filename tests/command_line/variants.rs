@@ -1,4 +1,6 @@
+use erfgs_dataset::Dataset;
 use erfgs_stage::{FilmOptions, RigOptions, StageOptions, film};
+use erfgs_train::{config::Config, scene::Scene};
 
 use crate::command_line::Folder;
 
@@ -33,6 +35,13 @@ fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_
     assert_eq!(made["frames"].as_u64(), Some(4 * 3 + 13), "{made}");
     assert!(made["events"].as_u64() > Some(100), "{made}");
     folder.succeed("dataset check ds-dv");
+
+    // The trainer counts events in the steps of the simulator: a bin for each frame of the source.
+    let dataset = Dataset::load(&folder.path("ds-dv")).expect("a dataset");
+    let scene = Scene::load(dataset, &Config::default(), true).expect("a scene");
+    assert_eq!((scene.bins.per_interval, &scene.bins.edges_us[..3]), (4, &[0, 33_333, 66_667][..]));
+    assert_eq!(scene.bins.anchors, [0, 4, 8]);
+    assert!(scene.bins.edges.windows(2).all(|pair| pair[0] < pair[1]), "no bin is empty: {:?}", scene.bins.edges);
 
     let named = folder.figures("dataset variant ds --event-only rgb01,rgb04 --out ds-named");
     assert_eq!((named["train_event"].as_u64(), named["frames"].as_u64()), (Some(2), Some(4 * 13 + 13)), "{named}");

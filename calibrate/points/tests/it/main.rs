@@ -115,7 +115,7 @@ fn the_union_keeps_colmaps_points_and_its_limit() {
     assert!(kept * 20 > colmap.points.len() * 19, "{kept} of {}", colmap.points.len());
     let mut dataset = dataset;
     let file = attach(&mut dataset, &union).unwrap();
-    let told = Dataset::load(&dataset.root).unwrap().point_runs().unwrap().expect("runs");
+    let told = dataset.point_runs().unwrap().expect("runs");
     assert_eq!(Some(&told), file.runs().unwrap().as_ref());
     let told: Vec<_> = told.iter().flat_map(|run| vec![(run.t_ns, run.found_again); run.count as usize]).collect();
     let found: Vec<_> = union.points.iter().map(|point| (point.t_ns, point.instants > 1)).collect();

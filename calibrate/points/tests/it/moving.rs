@@ -55,9 +55,8 @@ fn the_dataset_tells_which_points_move_and_when() {
     let work = tempfile::tempdir().unwrap();
     let cloud = initial_cloud(&dataset, &options, work.path(), &|_, _, _| {}).unwrap();
     attach(&mut dataset, &cloud).unwrap();
-    let read = Dataset::load(&dataset.root).unwrap();
-    let positions = read.read_points().unwrap().unwrap().positions;
-    let runs = read.point_runs().unwrap().expect("runs");
+    let positions = dataset.read_points().unwrap().unwrap().positions;
+    let runs = dataset.point_runs().unwrap().expect("runs");
     let (mut next, mut near, mut moving) = (0, 0, 0);
     for run in &runs {
         for position in &positions[next..next + run.count as usize] {
@@ -70,10 +69,9 @@ fn the_dataset_tells_which_points_move_and_when() {
     assert_eq!((next, moving as usize), (positions.len(), positions.len() - 20));
     assert!(near * 10 > moving * 8, "{near} of {moving} where the ball was at their time");
 
-    let mut wrong = read;
-    let file = wrong.manifest.points.as_mut().unwrap();
+    let file = dataset.manifest.points.as_mut().unwrap();
     file.parameters.insert("runs".into(), serde_json::json!([{"t_ns": 1, "found_again": false, "count": 3}]));
-    let error = wrong.point_runs().unwrap_err().to_string();
+    let error = dataset.point_runs().unwrap_err().to_string();
     assert!(error.contains("do not add up") && error.contains("dataset.json"), "{error}");
 }
 
