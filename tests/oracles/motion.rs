@@ -70,10 +70,10 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
     let core = gpu.storage_from("core", &core).expect("a buffer");
     let values = gpu.storage_from("rows", &case.rows).expect("a buffer");
     let [d_core, gradients] = [CORE, ROW].map(|floats| gpu.storage("d", (ROWS * floats * 4) as u64).expect("a buffer"));
-    let own = MotionRows { values: &values, gradients: &gradients };
+    let rows = MotionRows { core: &core, count: ROWS as u32, values: &values, gradients: &gradients };
     let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &case.options, INTERVALS, EXTENT)));
     let mut tape = Tape::new(gpu).expect("a tape");
-    motion.forward(gpu, &core, own, ROWS as u32, case.t01, &mut tape, Outputs::All).expect("deltas");
+    motion.forward(gpu, rows, case.t01, &mut tape, Outputs::All).expect("deltas");
     let read = |buffer, floats: usize| wide(&gpu.download::<f32>(buffer, ROWS * floats).expect("read back"));
     let columns = |rows: &[f64], stride: usize, from: usize, to: usize| -> Vec<f64> {
         rows.chunks_exact(stride).flat_map(|row| row[from..to].to_vec()).collect()
@@ -87,7 +87,7 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
 
     let d_deltas = Deltas::new(gpu, "d deltas", ROWS as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, &case.d_deltas);
-    motion.backward(gpu, &core, own, &tape, &d_deltas, &d_core, Witness::Frame(1.0)).expect("gradients");
+    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0)).expect("gradients");
     // The rasteriser has the gradient of the changed logit in that of the stored one already.
     let d_changed = wide(&case.d_deltas);
     let d_logits: Vec<f64> =

@@ -107,7 +107,7 @@ pub fn propose(
     for (point, neighbours) in coherent {
         let at_end = neighbours.iter().map(|&index| distance(&point, &moving.end[index])).sum::<f32>();
         // A neighbour that has gone by then has no place, and the sum is no number.
-        if !(at_end <= limit * neighbours.len() as f32) {
+        if at_end.is_nan() || at_end > limit * neighbours.len() as f32 {
             continue;
         }
         append(&mut new, gaussians, &moving, &point, &neighbours, config);

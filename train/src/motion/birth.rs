@@ -65,7 +65,7 @@ fn by_instant(points: &[MovingPoint]) -> Vec<Instant> {
 
 /// The velocity of each point of each instant, metres an interval, none faster than `fastest`: where it is found both before
 /// and after, that of the parabola through the three places. The parabola's acceleration is left alone: its error grows with the
-/// square of the time, and Gaussians that started with it ended 0.2 dB worse where things move.
+/// square of the time, and Gaussians that started with it ended worse where things move.
 fn velocities(instants: &[Instant], fastest: f32) -> Vec<Vec<[f32; 3]>> {
     instants
         .par_iter()
@@ -128,10 +128,11 @@ fn displacements(points: &[Point], others: &[Point], farthest: f32) -> Vec<Optio
         // Without the latter a long thing that moves along itself would hardly move: most of it has somewhere to be.
         let mut pulls = vec![[0.0_f32; 4]; points.len()];
         let mut pull = |index: usize, other: usize| {
-            for axis in 0..3 {
-                pulls[index][axis] += others[other].0[axis] - points[index].0[axis];
+            let [x, y, z, count] = &mut pulls[index];
+            for ((sum, to), from) in [x, y, z].into_iter().zip(others[other].0).zip(points[index].0) {
+                *sum += to - from;
             }
-            pulls[index][3] += 1.0;
+            *count += 1.0;
         };
         for (index, other) in
             from.par_iter().map(|at| nearest(&target_tree, at)).collect::<Vec<_>>().into_iter().enumerate()

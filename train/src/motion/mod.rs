@@ -26,11 +26,15 @@ pub enum Witness {
     Events,
 }
 
-/// Parameters that a motion model keeps for each dynamic Gaussian, and their gradients; a row for each. Both are empty
-/// where the model keeps none.
+/// The dynamic Gaussians on the device: their parameters, and what the motion model keeps for each, with its gradients; a row
+/// for each Gaussian. The latter two are empty where the model keeps nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionRows<'a> {
-    /// The parameters.
+    /// Core rows of the Gaussians, the dynamic ones first.
+    pub core: &'a Buffer,
+    /// How many of them are dynamic.
+    pub count: u32,
+    /// What the motion model keeps.
     pub values: &'a Buffer,
     /// Their gradients.
     pub gradients: &'a Buffer,
@@ -46,23 +50,21 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Fills `tape.deltas` for rows `0..rows` of `core` at `t01`.
+    /// Fills `tape.deltas` for the dynamic rows at `t01`.
     ///
     /// # Errors
     /// [`FieldError::Gpu`].
     pub fn forward(
         &mut self,
         gpu: &Gpu,
-        core: &Buffer,
-        own: MotionRows<'_>,
-        rows: u32,
+        rows: MotionRows<'_>,
         t01: f32,
         tape: &mut Tape,
         what: Outputs,
     ) -> Result<(), FieldError> {
         match self {
-            Self::HexPlane(field) => field.forward(gpu, core, rows, t01, tape, what),
-            Self::FreeTime(model) => model.forward(gpu, core, own.values, rows, t01, tape),
+            Self::HexPlane(field) => field.forward(gpu, rows.core, rows.count, t01, tape, what),
+            Self::FreeTime(model) => model.forward(gpu, rows, t01, tape),
         }
     }
 
@@ -74,8 +76,7 @@ impl Motion {
     pub fn backward(
         &mut self,
         gpu: &Gpu,
-        core: &Buffer,
-        own: MotionRows<'_>,
+        rows: MotionRows<'_>,
         tape: &Tape,
         d_deltas: &Deltas,
         d_core: &Buffer,
@@ -83,7 +84,7 @@ impl Motion {
     ) -> Result<(), FieldError> {
         match self {
             Self::HexPlane(field) => field.backward(gpu, tape, d_deltas, d_core),
-            Self::FreeTime(model) => model.backward(gpu, core, own, tape, d_deltas, d_core, witness),
+            Self::FreeTime(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
         }
     }
 

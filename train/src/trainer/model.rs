@@ -25,6 +25,17 @@ pub(super) struct Rendering {
     pub tape: Tape,
 }
 
+/// What was said of the pixels of a rendering.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Said<'a> {
+    /// The gradient of the image.
+    pub d_image: &'a Buffer,
+    /// By whom.
+    pub witness: Witness,
+    /// Whether density control hears of it.
+    pub statistics: bool,
+}
+
 impl Rendering {
     /// Room for a rendering.
     pub fn new(gpu: &Gpu) -> Result<Self, TrainError> {
@@ -79,8 +90,8 @@ impl RowBuffers {
         })
     }
 
-    fn own(&self) -> MotionRows<'_> {
-        MotionRows { values: &self.values, gradients: &self.gradients }
+    fn with<'a>(&'a self, core: &'a Buffer, count: u32) -> MotionRows<'a> {
+        MotionRows { core, count, values: &self.values, gradients: &self.gradients }
     }
 }
 
@@ -253,7 +264,8 @@ impl Model {
     /// Evaluates the motion at `t01`; says whether there is any.
     pub(super) fn deform(&mut self, gpu: &Gpu, t01: f64, tape: &mut Tape, what: Outputs) -> Result<bool, TrainError> {
         let Some(motion) = self.motion.as_mut().filter(|_| self.dynamic > 0) else { return Ok(false) };
-        motion.forward(gpu, &self.gaussians.core, self.rows.own(), self.dynamic, t01 as f32, tape, what)?;
+        let rows = self.rows.with(&self.gaussians.core, self.dynamic);
+        motion.forward(gpu, rows, t01 as f32, tape, what)?;
         Ok(true)
     }
 
@@ -284,11 +296,9 @@ impl Model {
         view: &View,
         options: &RenderOptions,
         rendering: &Rendering,
-        d_image: &Buffer,
-        witness: Witness,
-        statistics: bool,
+        said: Said<'_>,
     ) -> Result<(), TrainError> {
-        let gradients = self.gradients_of(witness);
+        let gradients = self.gradients_of(said.witness);
         let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
         self.rasteriser.backward(
             gpu,
@@ -297,10 +307,10 @@ impl Model {
             view,
             options,
             &rendering.frame,
-            d_image,
+            said.d_image,
             gradients,
             self.d_deltas.as_ref(),
-            statistics,
+            said.statistics,
         )?;
         Ok(())
     }
@@ -322,8 +332,8 @@ impl Model {
     ) -> Result<(), TrainError> {
         let d_core = self.gradients_of(witness).core.clone();
         if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
-            let core = &self.gaussians.core;
-            motion.backward(gpu, core, self.rows.own(), &rendering.tape, d_deltas, &d_core, witness)?;
+            let rows = self.rows.with(&self.gaussians.core, self.dynamic);
+            motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use wgpu::Buffer;
 
 use super::{
     TrainError, Trainer,
-    model::{Rendering, plane_weights},
+    model::{Rendering, Said, plane_weights},
     samples::{self, Sample},
 };
 use crate::{
@@ -213,7 +213,8 @@ impl Trainer<'_> {
                 d_mean
             };
             let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
-            self.model.backward_raster(gpu, &view, &options, rendering, d_image, witness, true)?;
+            let said = Said { d_image, witness, statistics: true };
+            self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
             self.model.backward_motion(gpu, rendering, witness)?;
             self.times.lap(gpu, "motion backward")?;
@@ -276,7 +277,8 @@ impl Trainer<'_> {
         for (slot, statistics) in [(0, true), (1, false)] {
             let rendering = &self.work.renderings[slot];
             let d_image = &self.work.gradients[slot];
-            self.model.backward_raster(gpu, &view, &options, rendering, d_image, Witness::Events, statistics)?;
+            let said = Said { d_image, witness: Witness::Events, statistics };
+            self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
                 self.regularise_trajectory(times)?;

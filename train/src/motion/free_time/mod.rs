@@ -129,23 +129,15 @@ impl FreeTime {
         }
     }
 
-    /// Fills `tape.deltas` for rows `0..rows` of `core` and `values` at `t01`.
-    pub(super) fn forward(
-        &self,
-        gpu: &Gpu,
-        core: &Buffer,
-        values: &Buffer,
-        rows: u32,
-        t01: f32,
-        tape: &mut Tape,
-    ) -> Result<(), FieldError> {
-        tape.begin_rows(gpu, rows, t01)?;
-        let uniform = gpu.uniform("motion", &self.uniform(rows, t01, 0.0, 0.0));
+    /// Fills `tape.deltas` for the dynamic rows at `t01`.
+    pub(super) fn forward(&self, gpu: &Gpu, rows: MotionRows<'_>, t01: f32, tape: &mut Tape) -> Result<(), FieldError> {
+        tape.begin_rows(gpu, rows.count, t01)?;
+        let uniform = gpu.uniform("motion", &self.uniform(rows.count, t01, 0.0, 0.0));
         let mut commands = gpu.commands();
         commands.dispatch(
             &self.forward,
-            &[&uniform, core, values, &tape.deltas.core],
-            rows.div_ceil(self.rows_a_group),
+            &[&uniform, rows.core, rows.values, &tape.deltas.core],
+            rows.count.div_ceil(self.rows_a_group),
         );
         commands.submit();
         Ok(())
@@ -156,30 +148,29 @@ impl FreeTime {
     pub(super) fn backward(
         &self,
         gpu: &Gpu,
-        core: &Buffer,
-        own: MotionRows<'_>,
+        rows: MotionRows<'_>,
         tape: &Tape,
         d_deltas: &Deltas,
         d_core: &Buffer,
         witness: Witness,
     ) -> Result<(), FieldError> {
-        let rows = tape.deltas.rows;
-        if d_deltas.rows != rows {
+        let count = tape.deltas.rows;
+        if d_deltas.rows != count {
             return Err(FieldError::Mismatch {
                 doing: "going backward through the motion".into(),
-                reason: format!("{} rows of gradients for {rows} of deltas", d_deltas.rows),
+                reason: format!("{} rows of gradients for {count} of deltas", d_deltas.rows),
             });
         }
         let (path, weight) = match witness {
             Witness::Frame(share) => (1.0, share),
             Witness::Events => (self.options.event_opacity, 0.0),
         };
-        let uniform = gpu.uniform("motion", &self.uniform(rows, tape.t01, path, weight));
+        let uniform = gpu.uniform("motion", &self.uniform(count, tape.t01, path, weight));
         let mut commands = gpu.commands();
         commands.dispatch(
             &self.backward,
-            &[&uniform, core, own.values, &d_deltas.core, d_core, own.gradients],
-            rows.div_ceil(self.rows_a_group),
+            &[&uniform, rows.core, rows.values, &d_deltas.core, d_core, rows.gradients],
+            count.div_ceil(self.rows_a_group),
         );
         commands.submit();
         Ok(())

@@ -73,12 +73,12 @@ fn run(
     let values = gpu.storage_from("rows", values).expect("a buffer");
     let [d_core, gradients] =
         [CORE, ROW].map(|stride| gpu.storage("gradients", (rows * stride * 4) as u64).expect("a buffer"));
-    let own = MotionRows { values: &values, gradients: &gradients };
+    let rows_of = MotionRows { core: &core, count: rows as u32, values: &values, gradients: &gradients };
     let mut tape = Tape::new(gpu).expect("a tape");
-    model.forward(gpu, &core, &values, rows as u32, t01, &mut tape).expect("deltas");
+    model.forward(gpu, rows_of, t01, &mut tape).expect("deltas");
     let d_deltas = Deltas::new(gpu, "gradients of the deltas", rows as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, d);
-    model.backward(gpu, &core, own, &tape, &d_deltas, &d_core, witness).expect("gradients");
+    model.backward(gpu, rows_of, &tape, &d_deltas, &d_core, witness).expect("gradients");
     let read = |buffer, stride: usize| gpu.download::<f32>(buffer, rows * stride).expect("read back");
     [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, ROW)]
 }
