@@ -57,7 +57,7 @@ fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_
 fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_stop() {
     let folder = Folder::new();
     sharp_film(&folder);
-    folder.succeed("dataset variant ds --subsample 2 --event-only 2 --out ds-free");
+    folder.succeed("dataset variant ds --subsample 2 --blur 2 --event-only 2 --out ds-free");
     folder.succeed("dataset points ds-free --method random --random-points 200 --moving 0");
     let train = "train ds-free --motion free-time --no-evaluation --set eds.from=10 --set eds.every=10 \
                  --set eds.min_events=0.5 --set density.from=5 --set density.every=10";
@@ -65,6 +65,19 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
     assert!(said.contains("known to move") && said.contains("dataset points"), "{said}");
 
     folder.succeed("dataset points ds-free --method random --random-points 200");
+    // A point of a blurred frame was there in the middle of the exposure, and not when the shutter opened.
+    let scene = Scene::load(Dataset::load(&folder.path("ds-free")).expect("a dataset"), &Config::default(), false);
+    let scene = scene.expect("a scene");
+    let mut instants: Vec<f64> = scene.frames.iter().map(|frame| frame.instant(Some(0.5))).collect();
+    instants.sort_by(f64::total_cmp);
+    let mut born: Vec<f64> = scene.moving_points().iter().map(|(_, t01)| *t01).collect();
+    born.dedup();
+    assert!(
+        born.len() >= 3 && born.iter().all(|t| instants.iter().any(|instant| (instant - t).abs() < 1e-9)),
+        "{born:?}"
+    );
+    assert!(scene.frames.iter().all(|frame| frame.exposure[1] > frame.exposure[0]), "frames are blurred");
+
     let first = folder.figures(&format!("{train} --iterations 10+20 --out run"));
     assert!(first["dynamic"].as_u64() > Some(20), "{first}");
     let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume"));

@@ -82,11 +82,18 @@ impl Scene {
         Ok(scene)
     }
 
-    /// When each point of the dataset's cloud was there, for those on something that moves.
+    /// When each point of the dataset's cloud was there, for those on something that moves: in the middle of the exposure of
+    /// the frames that it was found in, whose label may be the exposure's beginning.
     fn moving_times(&self) -> Result<Vec<Option<f64>>, SceneError> {
         let Some(runs) = self.dataset.point_runs()? else { return Ok(Vec::new()) };
         let times = runs.iter().flat_map(|run| {
-            let time = run.moving.then(|| self.to_unit(run.t_ns));
+            let label = self.to_unit(run.t_ns);
+            let middles =
+                || self.frames.iter().filter(|frame| frame.t01 == label).map(|frame| frame.instant(Some(0.5)));
+            let time = run.moving.then(|| match middles().count() {
+                0 => label,
+                frames => middles().sum::<f64>() / frames as f64,
+            });
             std::iter::repeat_n(time, run.count as usize)
         });
         // The runs add up to the points of the file, which has as many as the manifest says.

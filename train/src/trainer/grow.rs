@@ -31,7 +31,7 @@ impl Trainer<'_> {
         let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
         let masks = self.find_regions();
         population = match self.config.motion {
-            MotionModel::FreeTime => self.born(&population)?,
+            MotionModel::FreeTime => self.born(population),
             MotionModel::HexPlane if self.config.dynamic.skip_static => {
                 let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
                 population.partition(&moves)
@@ -64,15 +64,14 @@ impl Trainer<'_> {
     }
 
     /// The Gaussians of the coarse stage as what stands still, and with them those born from points that move.
-    fn born(&self, population: &Population) -> Result<Population, TrainError> {
+    fn born(&self, mut population: Population) -> Population {
         let intervals = self.scene.intervals();
         let points: Vec<_> =
             self.scene.moving_points().into_iter().map(|(point, t01)| (point, t01 * intervals)).collect();
         let (degree, extent) = (population.gaussians.sh_degree, self.scene.extent);
         let rows = birth::gaussians(&points, degree, extent, &self.config.free_time);
-        let mut population = population.clone();
         population.gaussians.dynamic = 0;
-        Ok(population.with_dynamic(&rows))
+        population.with_dynamic(&rows)
     }
 
     /// Finds where things move, and keeps it for the views whose samples look there alone.
