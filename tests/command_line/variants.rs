@@ -51,6 +51,10 @@ fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_
     folder.succeed("dataset points ds-dv --method random --random-points 200");
     let trained = folder.figures("train ds-dv --iterations 5+10 --no-evaluation --out run");
     assert_eq!(trained["iterations"].as_u64(), Some(15), "{trained}");
+    let paper =
+        "train ds-dv --preset paper --iterations 3+9 --set eds.from=4 --set eds.every=4 --set eds.min_events=0.5";
+    let trained = folder.figures(&format!("{paper} --set eds.until=1 --no-evaluation --out paper"));
+    assert!(trained["gaussians"].as_u64() > Some(200), "event-guided densification added some: {trained}");
 }
 
 #[test]

@@ -304,6 +304,18 @@ pub enum Coherence {
     Largest,
 }
 
+/// What a ray gives where several depths on it survive the cross-validation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Uniqueness {
+    /// The point nearest to the camera (paper).
+    SmallestDepth,
+    /// The middle of the depths, where they follow each other, and nothing where there is a gap: two things are on the ray, and
+    /// events do not say which of them moved.
+    #[default]
+    OnlyRun,
+}
+
 /// Event-guided densification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -330,12 +342,32 @@ pub struct EdsConfig {
     pub count: u32,
     /// Neighbours asked.
     pub neighbours: u32,
+    /// What a ray gives where several of its depths survive.
+    #[serde(default)]
+    pub uniqueness: Uniqueness,
+    /// A camera saw a point move if there are events within this many pixels of its projection.
+    #[serde(default)]
+    pub tolerance_px: u32,
+    /// Whether a camera that does not have a point in its image refuses it. Where not, two cameras must have seen it move.
+    #[serde(default = "yes")]
+    pub all_must_see: bool,
+    /// Whether the distance from the Gaussians is the lesser of those at both ends of the bin (paper), and not that at its
+    /// beginning.
+    #[serde(default)]
+    pub both_ends: bool,
+    /// Whether a candidate must end near its neighbours where the field itself takes it (paper), and not where it stands.
+    #[serde(default)]
+    pub own_deformation: bool,
     /// Which candidates are coherent.
     pub coherence: Coherence,
     /// A candidate moves with its neighbours if they stay within this distance, as a share of the extent.
     pub max_distance: f32,
     /// Opacity logit of a new Gaussian.
     pub opacity_logit: f32,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// Motion blur of the frames.

@@ -3,6 +3,7 @@
 use super::{
     BlurConfig, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions,
     FreeTimeOptions, InitConfig, LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch,
+    Uniqueness,
 };
 
 impl Config {
@@ -112,6 +113,11 @@ impl Config {
                 min_events: 1.0,
                 count: 1000,
                 neighbours: 3,
+                uniqueness: Uniqueness::SmallestDepth,
+                tolerance_px: 0,
+                all_must_see: true,
+                both_ends: true,
+                own_deformation: true,
                 coherence: Coherence::Largest,
                 max_distance: 1.0,
                 opacity_logit: 1.0,
@@ -143,6 +149,8 @@ impl Config {
         config.eds.depths = 100;
         config.eds.count = 500;
         config.eds.coherence = Coherence::Smallest;
+        config.eds.tolerance_px = 1;
+        config.eds.all_must_see = false;
         config
     }
 
@@ -181,6 +189,12 @@ impl Config {
         config.eds.from = 300;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;
+        // As all figures of docs/benchmarks.md were taken.
+        config.eds.uniqueness = Uniqueness::OnlyRun;
+        config.eds.tolerance_px = 0;
+        config.eds.all_must_see = true;
+        config.eds.both_ends = false;
+        config.eds.own_deformation = false;
         config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: false, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;

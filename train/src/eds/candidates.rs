@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::{
-    config::EdsConfig,
+    config::{EdsConfig, Uniqueness},
     raster::View,
     scene::{Scene, project},
 };
@@ -12,7 +12,7 @@ use crate::{
 pub(super) struct Found {
     /// Rays of pixels with events.
     pub rays: usize,
-    /// One point for each ray with one surviving run of depths: the middle of the run, metres.
+    /// At most one point for each ray, metres.
     pub points: Vec<[f32; 3]>,
 }
 
@@ -37,11 +37,15 @@ pub(super) fn find(
         .collect();
     let points = pixels.par_iter().filter_map(|&(x, y)| {
         let ray = [(x as f32 + 0.5 - view.cx) / view.fx, (y as f32 + 0.5 - view.cy) / view.fy, 1.0];
-        only_run(config.depths, |step| {
+        let unique = match config.uniqueness {
+            Uniqueness::OnlyRun => only_run,
+            Uniqueness::SmallestDepth => nearest,
+        };
+        unique(config.depths, &|step| {
             let share = step as f32 / (config.depths - 1) as f32;
             let depth = range[0] + share * (range[1] - range[0]);
             let point = to_world(view, &ray.map(|axis| axis * depth));
-            seen_by_all(scene, activity, &point, config.min_events).then_some(point)
+            seen_to_move(scene, activity, &point, config).then_some(point)
         })
     });
     Found { rays: pixels.len(), points: points.collect() }
@@ -59,16 +63,38 @@ fn depth_range(view: &View, points: &[[f32; 3]]) -> Option<[f32; 2]> {
     Some([at(0.01), at(0.99)])
 }
 
-/// Whether the point lies in the image of every event camera that recorded then, on a pixel with events.
-fn seen_by_all(scene: &Scene, activity: &[Option<Vec<f32>>], point: &[f32; 3], min_events: f32) -> bool {
-    scene.events.iter().zip(activity).all(|(events, activity)| {
-        let Some(activity) = activity else { return true };
-        project(&scene.views[events.view].view, point).is_some_and(|pixel| activity[pixel] >= min_events)
+/// Whether the event cameras that recorded then saw events where the point is in their images.
+fn seen_to_move(scene: &Scene, activity: &[Option<Vec<f32>>], point: &[f32; 3], config: &EdsConfig) -> bool {
+    let mut seen = 0;
+    for (events, activity) in scene.events.iter().zip(activity) {
+        let Some(activity) = activity else { continue };
+        let view = &scene.views[events.view].view;
+        match project(view, point) {
+            Some(pixel) if active(activity, view, pixel, config) => seen += 1,
+            None if !config.all_must_see => {}
+            _ => return false,
+        }
+    }
+    config.all_must_see || seen >= 2
+}
+
+/// Whether there are events around a pixel.
+fn active(activity: &[f32], view: &View, pixel: usize, config: &EdsConfig) -> bool {
+    let (width, height, reach) = (view.width as usize, view.height as usize, config.tolerance_px as usize);
+    let (x, y) = (pixel % width, pixel / width);
+    (y.saturating_sub(reach)..=(y + reach).min(height - 1)).any(|y| {
+        let row = &activity[y * width..(y + 1) * width];
+        row[x.saturating_sub(reach)..=(x + reach).min(width - 1)].iter().any(|&events| events >= config.min_events)
     })
 }
 
+/// The first step for which `test` gives a point.
+fn nearest(steps: u32, test: &dyn Fn(u32) -> Option<[f32; 3]>) -> Option<[f32; 3]> {
+    (0..steps).find_map(test)
+}
+
 /// The middle of the one run of steps for which `test` gives a point; nothing where there is no run, or more than one.
-fn only_run(steps: u32, test: impl Fn(u32) -> Option<[f32; 3]>) -> Option<[f32; 3]> {
+fn only_run(steps: u32, test: &dyn Fn(u32) -> Option<[f32; 3]>) -> Option<[f32; 3]> {
     let mut run: Vec<[f32; 3]> = Vec::new();
     let mut ended = false;
     for step in 0..steps {
@@ -94,11 +120,41 @@ mod tests {
     #[test]
     fn a_ray_with_two_runs_is_ambiguous() {
         let run = |pattern: &'static [u8]| {
-            only_run(pattern.len() as u32, |step| (pattern[step as usize] == 1).then_some([step as f32, 0.0, 0.0]))
+            only_run(pattern.len() as u32, &|step| (pattern[step as usize] == 1).then_some([step as f32, 0.0, 0.0]))
         };
         assert_eq!(run(&[0, 1, 1, 1, 0]), Some([2.0, 0.0, 0.0]));
         assert_eq!(run(&[0, 1, 0, 1, 0]), None);
         assert_eq!(run(&[0, 0, 0]), None);
+    }
+
+    #[test]
+    fn the_nearest_depth_is_taken_where_it_is_asked_for() {
+        let pattern = [0, 0, 1, 0, 1];
+        let at = |step: u32| (pattern[step as usize] == 1).then_some([step as f32, 0.0, 0.0]);
+        assert_eq!(nearest(5, &at), Some([2.0, 0.0, 0.0]));
+        assert_eq!(nearest(2, &at), None);
+    }
+
+    #[test]
+    fn events_beside_a_pixel_count_within_the_tolerance_and_not_around_the_edge() {
+        let view = View {
+            width: 4,
+            height: 3,
+            fx: 1.0,
+            fy: 1.0,
+            cx: 0.0,
+            cy: 0.0,
+            rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            translation: [0.0; 3],
+        };
+        let mut activity = vec![0.0; 12];
+        activity[4] = 2.0;
+        let seen = |pixel: usize, tolerance_px: u32| {
+            let eds = EdsConfig { tolerance_px, ..crate::config::Config::default().eds };
+            active(&activity, &view, pixel, &eds)
+        };
+        assert!(seen(4, 0) && !seen(5, 0) && seen(5, 1) && seen(0, 1) && seen(9, 1) && !seen(6, 1) && seen(6, 2));
+        assert!(!seen(3, 1), "the end of the row before is not its neighbour");
     }
 
     #[test]

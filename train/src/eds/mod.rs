@@ -1,10 +1,10 @@
 //! Event-guided densification: new Gaussians where events say that something moves and few Gaussians are.
 //!
 //! Pixels of a source event camera with events in a bin of time are unprojected to a row of depths; a point survives if
-//! every event camera that is there saw events at its projection (cross-validation), if its ray has one run of surviving
-//! depths (depth-wise uniqueness), if it is near the Gaussians as they stand at the start of the bin (spatial coherence)
-//! and still near the same ones at its end (deformation consistency). Its canonical place is its place less the mean
-//! displacement of those neighbours.
+//! the event cameras that are there saw events at its projection (cross-validation), if it is the one that its ray gives
+//! (depth-wise uniqueness), if it is near the Gaussians as they stand in the bin (spatial coherence) and still near the same
+//! ones at its end (deformation consistency). Its canonical place is its place less the mean displacement of those neighbours.
+//! [`EdsConfig`] says where the paper, its released code and the default differ.
 
 mod candidates;
 
@@ -67,21 +67,25 @@ pub struct Birth {
     pub log_life: f32,
 }
 
-/// Gaussians that the events of the bin ask for. They are all dynamic.
-#[must_use]
-pub fn propose(
+/// Gaussians that the events of the bin ask for. They are all dynamic. `carry` says where the field takes canonical places by
+/// the end of the bin.
+///
+/// # Errors
+/// Those of `carry`.
+pub fn propose<E>(
     scene: &Scene,
     gaussians: &Gaussians,
     moving: Moving<'_>,
     config: &EdsConfig,
     draw: &Draw,
-) -> (Gaussians, EdsReport) {
+    carry: impl FnOnce(&[[f32; 3]]) -> Result<Vec<[f32; 3]>, E>,
+) -> Result<(Gaussians, EdsReport), E> {
     let Draw { bin, denoise, seed, iteration, birth } = *draw;
     let mut report = EdsReport::default();
     let motion_floats = gaussians.motion_floats;
     let nothing = Gaussians { sh_degree: gaussians.sh_degree, motion_floats, ..Gaussians::default() };
     if scene.events.is_empty() || gaussians.is_empty() || bin + 1 >= scene.bins.edges.len() {
-        return (nothing, report);
+        return Ok((nothing, report));
     }
     // Cameras that did not record then neither confirm nor deny.
     let there: Vec<usize> = (0..scene.events.len()).filter(|&view| scene.events[view].knows(bin, bin + 1)).collect();
@@ -99,13 +103,27 @@ pub fn propose(
         points.extend(found.points);
     }
     report.validated = points.len();
-    let tree = Neighbours::new(moving.start);
-    let coherent = coherent(points, &tree, config, random::key(seed, &[CHOICE, iteration]));
+    let coherent = coherent(points, &moving, config, random::key(seed, &[CHOICE, iteration]));
     report.coherent = coherent.len();
+    let ends = match (config.own_deformation, birth) {
+        (false, _) => coherent.iter().map(|(point, _)| *point).collect(),
+        (true, None) => {
+            let canonical: Vec<[f32; 3]> =
+                coherent.iter().map(|(point, near)| canonical(gaussians, &moving, point, near)).collect();
+            carry(&canonical)?
+        }
+        (true, Some(birth)) => coherent
+            .iter()
+            .map(|(point, near)| {
+                let velocity = mean_velocity(&moving, near, birth);
+                std::array::from_fn(|axis| point[axis] + 2.0 * birth.half * velocity[axis])
+            })
+            .collect::<Vec<[f32; 3]>>(),
+    };
     let limit = config.max_distance * scene.extent;
     let mut new = nothing;
-    for (point, neighbours) in coherent {
-        let at_end = neighbours.iter().map(|&index| distance(&point, &moving.end[index])).sum::<f32>();
+    for ((point, neighbours), end) in coherent.into_iter().zip(ends) {
+        let at_end = neighbours.iter().map(|&index| distance(&end, &moving.end[index])).sum::<f32>();
         // A neighbour that has gone by then has no place, and the sum is no number.
         if at_end.is_nan() || at_end > limit * neighbours.len() as f32 {
             continue;
@@ -117,16 +135,21 @@ pub fn propose(
     }
     new.dynamic = new.len();
     report.added = new.len();
-    (new, report)
+    Ok((new, report))
 }
 
 /// The candidates nearest to (or farthest from) their neighbours: twice as many as wanted, of which a random half stays.
-fn coherent(points: Vec<[f32; 3]>, tree: &Neighbours, config: &EdsConfig, key: u64) -> Vec<([f32; 3], Vec<usize>)> {
+fn coherent(points: Vec<[f32; 3]>, moving: &Moving<'_>, config: &EdsConfig, key: u64) -> Vec<([f32; 3], Vec<usize>)> {
+    let tree = Neighbours::new(moving.start);
+    let at_end = config.both_ends.then(|| Neighbours::new(moving.end));
+    let mean_distance =
+        |found: &[(usize, f32)]| found.iter().map(|(_, squared)| squared.sqrt()).sum::<f32>() / found.len() as f32;
     let mut scored: Vec<(f32, [f32; 3], Vec<usize>)> = points
         .into_iter()
         .filter_map(|point| {
             let found = tree.nearest(&point, config.neighbours as usize);
-            let mean = found.iter().map(|(_, squared)| squared.sqrt()).sum::<f32>() / found.len() as f32;
+            let at_end = at_end.as_ref().map(|tree| mean_distance(&tree.nearest(&point, config.neighbours as usize)));
+            let mean = at_end.into_iter().fold(mean_distance(&found), f32::min);
             mean.is_finite().then(|| (mean, point, found.into_iter().map(|(index, _)| index).collect()))
         })
         .collect();
@@ -143,6 +166,27 @@ fn coherent(points: Vec<[f32; 3]>, tree: &Neighbours, config: &EdsConfig, key: u
     order.into_iter().take(wanted).map(|index| (scored[index].1, scored[index].2.clone())).collect()
 }
 
+/// The place of a point less the mean displacement of its neighbours.
+fn canonical(gaussians: &Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbours: &[usize]) -> [f32; 3] {
+    let weight = 1.0 / neighbours.len() as f32;
+    let mut canonical = *point;
+    for &index in neighbours {
+        let (here, origin) = (moving.start[index], gaussians.mean(index));
+        for axis in 0..3 {
+            canonical[axis] -= weight * (here[axis] - origin[axis]);
+        }
+    }
+    canonical
+}
+
+/// The mean velocity of some Gaussians over the bin, metres an interval.
+fn mean_velocity(moving: &Moving<'_>, neighbours: &[usize], birth: Birth) -> [f32; 3] {
+    let weight = 1.0 / (neighbours.len() as f32 * 2.0 * birth.half.max(1e-6));
+    std::array::from_fn(|axis| {
+        neighbours.iter().map(|&index| weight * (moving.end[index][axis] - moving.start[index][axis])).sum()
+    })
+}
+
 fn append(
     new: &mut Gaussians,
     gaussians: &Gaussians,
@@ -152,15 +196,12 @@ fn append(
     config: &EdsConfig,
 ) {
     let weight = 1.0 / neighbours.len() as f32;
-    let mut canonical = *point;
+    let canonical = canonical(gaussians, moving, point, neighbours);
     let mut squared = 0.0;
     let mut colour = [0.0; 3];
     let stride = sh_stride(gaussians.sh_degree);
     for &index in neighbours {
-        let (here, origin) = (moving.start[index], gaussians.mean(index));
-        for axis in 0..3 {
-            canonical[axis] -= weight * (here[axis] - origin[axis]);
-        }
+        let here = moving.start[index];
         squared += weight * distance(point, &here).powi(2);
         for (sum, value) in colour.iter_mut().zip(&gaussians.sh[index * stride..]) {
             *sum += weight * value;
@@ -175,10 +216,7 @@ fn append(
 
 /// Gives the last row of `new` its place at its instant, and the mean velocity of its neighbours over the bin.
 fn be_born(new: &mut Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbours: &[usize], birth: Birth) {
-    let weight = 1.0 / (neighbours.len() as f32 * 2.0 * birth.half.max(1e-6));
-    let velocity: [f32; 3] = std::array::from_fn(|axis| {
-        neighbours.iter().map(|&index| weight * (moving.end[index][axis] - moving.start[index][axis])).sum()
-    });
+    let velocity = mean_velocity(moving, neighbours, birth);
     let row = new.core.len() - CORE;
     // The point was seen somewhere within the bin.
     new.core[row..row + 3].copy_from_slice(point);
@@ -188,4 +226,45 @@ fn be_born(new: &mut Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbour
 
 fn distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    /// Two Gaussians that the field takes one metre along x within the bin.
+    fn gaussians() -> (Gaussians, Vec<[f32; 3]>, Vec<[f32; 3]>) {
+        let points = [([0.0, 0.0, 0.0], [9; 3]), ([0.0, 0.2, 0.0], [9; 3])];
+        let gaussians = Gaussians::from_points(&points, 0, 0.5);
+        let start = vec![[0.5, 0.0, 0.0], [0.5, 0.2, 0.0]];
+        let end = vec![[1.5, 0.0, 0.0], [1.5, 0.2, 0.0]];
+        (gaussians, start, end)
+    }
+
+    #[test]
+    fn a_point_that_the_gaussians_reach_at_the_end_is_coherent_with_both_ends() {
+        let (_, start, end) = gaussians();
+        let moving = Moving { start: &start, end: &end };
+        let eds = |both_ends| EdsConfig { both_ends, neighbours: 2, count: 1, ..Config::default().eds };
+        // The first is near them at the start, the second, a little nearer, at the end.
+        let points = vec![[0.5, 0.1, 0.1], [1.5, 0.1, 0.05], [5.0, 0.0, 0.0]];
+        let kept = |both_ends| {
+            let kept = coherent(points.clone(), &moving, &eds(both_ends), 1);
+            assert_eq!(kept.len(), 1, "one of the two best");
+            let mut two = coherent(points.clone(), &moving, &EdsConfig { count: 2, ..eds(both_ends) }, 1);
+            two.truncate(1);
+            two[0].0
+        };
+        assert_eq!((kept(false), kept(true)), (points[0], points[1]));
+    }
+
+    #[test]
+    fn a_canonical_place_is_taken_back_by_what_the_neighbours_moved() {
+        let (gaussians, start, end) = gaussians();
+        let moving = Moving { start: &start, end: &end };
+        assert_eq!(canonical(&gaussians, &moving, &[0.6, 0.1, 0.0], &[0, 1]), [0.6 - 0.5, 0.1, 0.0]);
+        let birth = Birth { time: 3.0, half: 0.125, log_life: 0.0 };
+        assert_eq!(mean_velocity(&moving, &[0, 1], birth), [4.0, 0.0, 0.0]);
+    }
 }

@@ -162,7 +162,8 @@ impl Trainer<'_> {
             log_life: birth::log_life(&self.config.free_time),
         });
         let draw = eds::Draw { bin, denoise: self.config.earl.denoise, seed: self.config.seed, iteration: done, birth };
-        let (rows, report) = eds::propose(&self.scene, gaussians, moving, &self.config.eds, &draw);
+        let carry = |canonical: &[[f32; 3]]| model.carried(self.gpu, canonical, edges[1]);
+        let (rows, report) = eds::propose(&self.scene, gaussians, moving, &self.config.eds, &draw, carry)?;
         tracing::debug!(?report, bin, "event-guided densification");
         Ok(rows)
     }

@@ -225,6 +225,26 @@ impl Model {
         Ok(means)
     }
 
+    /// Where the field takes these canonical places by `t01`, metres; where they are, without a field.
+    pub(super) fn carried(&mut self, gpu: &Gpu, canonical: &[[f32; 3]], t01: f64) -> Result<Vec<[f32; 3]>, TrainError> {
+        let mut places = canonical.to_vec();
+        let Some(field) = self.motion.as_mut().and_then(Motion::field_mut).filter(|_| !canonical.is_empty()) else {
+            return Ok(places);
+        };
+        let mut core = vec![0.0_f32; canonical.len() * CORE];
+        core.chunks_exact_mut(CORE).zip(canonical).for_each(|(row, place)| row[..3].copy_from_slice(place));
+        let core = gpu.storage_from("canonical places", &core)?;
+        let mut tape = Tape::new(gpu)?;
+        field.forward(gpu, &core, canonical.len() as u32, t01 as f32, &mut tape, Outputs::PositionOnly)?;
+        let deltas: Vec<f32> = gpu.download(&tape.deltas.core, canonical.len() * CORE)?;
+        for (place, delta) in places.iter_mut().zip(deltas.chunks_exact(CORE)) {
+            for axis in 0..3 {
+                place[axis] += delta[axis];
+            }
+        }
+        Ok(places)
+    }
+
     /// The Gaussians as they stand at `t01`, for export.
     ///
     /// # Errors
