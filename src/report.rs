@@ -17,11 +17,16 @@ are against the first run.
 
 Examples:
   erfgs report run-4dgs run-erf --out report.html
+  erfgs report run-4dgs run-erf --oracle run-all-frames --out report.html
   erfgs report run --out report.html --json | jq '.runs[0].metrics.dpsnr'")]
 pub struct Arguments {
     /// Run folders.
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
+    /// A run of 4DGS on all frames, sharp, evaluated on the same held-out frames: the page says how much of the gap to it
+    /// events close.
+    #[arg(long, value_name = "RUN")]
+    oracle: Option<PathBuf>,
     /// The page to write.
     #[arg(long, value_name = "REPORT.html")]
     out: PathBuf,
@@ -45,7 +50,8 @@ struct RunRow {
 /// Writes the page and prints the table of runs.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let folders = arguments.runs.iter().map(RunFolder::open).collect::<Result<Vec<_>, _>>()?;
-    let report = write_report(&folders, &arguments.out)?;
+    let oracle = arguments.oracle.as_ref().map(RunFolder::open).transpose()?;
+    let report = write_report(&folders, oracle.as_ref(), &arguments.out)?;
     let runs = folders
         .iter()
         .map(|folder| {

@@ -97,7 +97,7 @@ pub enum DatasetError {
         /// Events in the manifest.
         named: u64,
     },
-    /// The initial point cloud cannot be read.
+    /// The initial point cloud cannot be read or written.
     #[error(transparent)]
     Points {
         /// Why.

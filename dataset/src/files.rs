@@ -1,8 +1,11 @@
 //! Loading, saving, and the files that a manifest names.
 
-use std::path::{Component, Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Component, Path, PathBuf},
+};
 
-use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointRun};
+use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun};
 use erfgs_base::FileError;
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
@@ -126,6 +129,23 @@ impl Dataset {
             return Err(DatasetError::PointCount { path, found: cloud.len() as u64, named: file.count });
         }
         Ok(Some(cloud))
+    }
+
+    /// Writes the initial cloud into the folder and names it in the manifest, which is not saved yet.
+    ///
+    /// # Errors
+    /// [`DatasetError::Points`] where the file cannot be written.
+    pub fn set_points(
+        &mut self,
+        cloud: &PointCloud,
+        method: &str,
+        parameters: BTreeMap<String, serde_json::Value>,
+    ) -> Result<PointCloudFile, DatasetError> {
+        let file = PathBuf::from("points.ply");
+        cloud.write(&self.root.join(&file)).map_err(|source| DatasetError::Points { source: Box::new(source) })?;
+        let named = PointCloudFile { file, count: cloud.len() as u64, method: method.to_owned(), parameters };
+        self.manifest.points = Some(named.clone());
+        Ok(named)
     }
 
     /// Which instant each point of the initial cloud belongs to, where that is known.

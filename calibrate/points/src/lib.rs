@@ -207,15 +207,7 @@ pub fn attach(dataset: &mut Dataset, cloud: &Cloud) -> Result<PointCloudFile, Cl
         positions: cloud.points.iter().map(|point| point.position.as_vec3().to_array()).collect(),
         colours: cloud.points.iter().map(|point| point.colour).collect(),
     };
-    let name = Path::new("points.ply");
-    ply.write(&dataset.root.join(name))?;
-    let file = PointCloudFile {
-        file: name.to_owned(),
-        count: cloud.points.len() as u64,
-        method: cloud.method.name().into(),
-        parameters: cloud.parameters.clone(),
-    };
-    dataset.manifest.points = Some(file.clone());
+    let file = dataset.set_points(&ply, cloud.method.name(), cloud.parameters.clone())?;
     if !dataset.manifest.sha256.is_empty() {
         dataset.hash_files()?;
     }

@@ -21,7 +21,10 @@ use super::{
 };
 use crate::Split;
 use erfgs_base::progress::Progress;
-use erfgs_scene::colmap::{ColmapImage, Model};
+use erfgs_scene::{
+    colmap::{ColmapImage, Model, Point3d},
+    ply::PointCloud,
+};
 
 const FPS: f64 = 30.0;
 
@@ -76,16 +79,38 @@ pub fn import(
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
     let notes = left_out(&model, &images, &views)?;
-    let recording = SourceRecording { importer: "colmap", source, views, any_size: false, fps, notes };
+    let recording =
+        SourceRecording { importer: "colmap", source, views, any_size: false, fps, points: points(&model), notes };
     write::write(recording, options, out, progress)
+}
+
+/// The points of the model. It does not tell when they were seen.
+fn points(model: &Model) -> Option<(PointCloud, &'static str)> {
+    let known: Vec<&Point3d> = model.points.values().filter(|point| fits(point)).collect();
+    (!known.is_empty()).then(|| {
+        let positions = known.iter().map(|point| point.position.as_vec3().to_array()).collect();
+        (PointCloud { positions, colours: known.iter().map(|point| point.colour).collect() }, "colmap")
+    })
+}
+
+fn fits(point: &Point3d) -> bool {
+    point.position.as_vec3().is_finite()
 }
 
 /// What of the model and of the folder of images is not in the dataset.
 fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<String>, ImportError> {
     let mut notes = Vec::new();
-    if !model.points.is_empty() {
-        let count = model.points.len();
-        notes.push(format!("the {count} points of the model are not taken; erfgs dataset points makes points anew"));
+    let held_out = views.iter().filter(|view| view.split == Split::Test).count();
+    let lost = model.points.values().filter(|point| !fits(point)).count();
+    if model.points.len() > lost && held_out > 0 {
+        notes.push(format!(
+            "points taken from the model: {}, which the {held_out} held-out cameras may have helped to find \
+             (erfgs dataset points makes points without)",
+            model.points.len() - lost
+        ));
+    }
+    if lost > 0 {
+        notes.push(format!("points of the model left out: {lost}, which lie farther away than a 32-bit number tells"));
     }
     for (name, path) in common::entries(images)? {
         let own = if path.is_dir() { name.clone() } else { common::stem(&path) };

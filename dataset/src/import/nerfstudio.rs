@@ -68,7 +68,8 @@ pub fn import(
         common::every_eighth(&mut views);
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps, notes };
+    let recording =
+        SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps, points: None, notes };
     write::write(recording, options, out, progress)
 }
 

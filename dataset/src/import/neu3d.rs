@@ -79,6 +79,7 @@ pub fn import(
         views,
         any_size: true,
         fps,
+        points: None,
         notes: vec![BOUNDS_LEFT_OUT.to_owned()],
     };
     write::write(recording, options, out, progress)

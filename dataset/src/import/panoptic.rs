@@ -87,7 +87,8 @@ pub fn import(
         views.push(view(source, *id, track, first, fps)?);
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording { importer: "panoptic", source, views, any_size: false, fps, notes: Vec::new() };
+    let recording =
+        SourceRecording { importer: "panoptic", source, views, any_size: false, fps, points: None, notes: Vec::new() };
     write::write(recording, options, out, progress)
 }
 

@@ -13,6 +13,7 @@ use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_scene::{
     ImageGrey8, ImageRgb8, Intrinsics, Modality,
     image::{self, Resample},
+    ply::PointCloud,
     video::Video,
 };
 
@@ -26,6 +27,8 @@ pub(super) struct SourceRecording<'a> {
     pub(super) any_size: bool,
     /// Frames a second.
     pub(super) fps: f64,
+    /// The initial points that the source has, and how they were made.
+    pub(super) points: Option<(PointCloud, &'static str)>,
     /// What was left out or should be known, a sentence for each.
     pub(super) notes: Vec<String>,
 }
@@ -99,6 +102,9 @@ pub(super) fn write(
     }
     check_counts(&recording, &cameras)?;
     let mut dataset = Dataset::new(building.path(), manifest(&recording, cameras, options));
+    if let Some((points, method)) = &recording.points {
+        dataset.set_points(points, method, BTreeMap::new())?;
+    }
     dataset.hash_files()?;
     dataset.save()?;
     dataset.validate()?;

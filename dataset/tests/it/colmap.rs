@@ -63,7 +63,7 @@ fn one_image_for_each_camera_gives_one_instant() {
 }
 
 #[test]
-fn points_and_cameras_without_images_in_the_model_are_said_to_be_left_out() {
+fn points_are_taken_and_cameras_without_images_in_the_model_are_said_to_be_left_out() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["a", "b"] {
         write(folder.path().join(format!("images/{name}.png")), &halves(16, 8, 1, 2));
@@ -74,15 +74,23 @@ fn points_and_cameras_without_images_in_the_model_are_said_to_be_left_out() {
     let said = || notes(Layout::Colmap, folder.path(), &ImportOptions::default());
     assert_eq!(said(), "");
     let point = Point3d { position: DVec3::ONE, colour: [1, 2, 3], error: 0.5, track: Vec::new() };
+    model.points.insert(8, Point3d { position: DVec3::splat(1e300), ..point.clone() });
     model.points.insert(7, point);
     model.write_binary(&sparse).unwrap();
     write(folder.path().join("images/c.png"), &halves(16, 8, 1, 2));
     write(folder.path().join("images/north/0.png"), &halves(16, 8, 1, 2));
     let said = said();
     assert!(
-        said.contains("1 points") && said.contains("c.png: left out") && said.contains("north: left out"),
+        said.contains("from the model: 1,") && said.contains("held-out") && said.contains("of the model left out: 1,"),
         "{said}"
     );
+    assert!(said.contains("c.png: left out") && said.contains("north: left out"), "{said}");
+    let out = folder.path().join("ds");
+    let dataset = run(Layout::Colmap, folder.path(), &ImportOptions::default(), &out).unwrap();
+    let points = Dataset::load(&out).unwrap().read_points().unwrap().expect("points");
+    assert_eq!((points.positions, points.colours), (vec![[1.0; 3]], vec![[1, 2, 3]]));
+    assert_eq!(dataset.manifest.points.as_ref().map(|file| file.method.as_str()), Some("colmap"));
+    dataset.verify().unwrap();
     model.cameras.insert(1, ColmapCamera { parameters: vec![-1.0; 8], ..ColmapCamera::from_intrinsics(&intrinsics()) });
     model.write_binary(&sparse).unwrap();
     let message = refused(Layout::Colmap, folder.path(), &ImportOptions::default());

@@ -6,6 +6,7 @@
 mod configuration;
 mod curves;
 mod load;
+mod oracle;
 mod picture_io;
 mod pictures;
 mod rig;
@@ -48,15 +49,19 @@ pub struct Report {
 /// Compares `runs` in one page at `out`. Differences are against the first run over the same dataset; runs over several
 /// datasets give a table by scene, and a part of the page for each.
 ///
+/// An `oracle` is a run of the baseline on frames that the others did not have (all of them, and sharp): the page says how much
+/// of what the baseline lacks to it the runs with events make up for.
+///
 /// What a run lacks (it was stopped, or not evaluated) is noted in the page; what is broken is an error.
 ///
 /// # Errors
 /// [`ReportError`].
-pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportError> {
+pub fn write_report(runs: &[RunFolder], oracle: Option<&RunFolder>, out: &Path) -> Result<Report, ReportError> {
     if runs.is_empty() {
         return Err(ReportError::NoRuns);
     }
     let mut scenes = load::load(runs)?;
+    let oracle = oracle.map(oracle::Oracle::read).transpose()?;
     let several = scenes.len() > 1;
     let mut body = if several { scenes::table(&scenes) } else { String::new() };
     for scene in &mut scenes {
@@ -68,6 +73,7 @@ pub fn write_report(runs: &[RunFolder], out: &Path) -> Result<Report, ReportErro
         let events = pictures::events(scene);
         let sections = [
             summary::section(scene),
+            oracle.as_ref().map_or(String::new(), |oracle| oracle::section(scene, oracle)),
             curves::quality(scene),
             time::section(scene),
             side_by_side,
