@@ -154,7 +154,7 @@ impl Dataset {
     /// [`DatasetError::PointRuns`] where the manifest tells it in a way that cannot be.
     pub fn point_runs(&self) -> Result<Option<Vec<PointRun>>, DatasetError> {
         let Some(file) = &self.manifest.points else { return Ok(None) };
-        file.runs().map_err(|reason| DatasetError::PointRuns { path: self.root.join("dataset.json"), reason })
+        file.runs().map_err(|reason| DatasetError::PointRuns { path: self.root.join(Self::MANIFEST), reason })
     }
 }
 

@@ -75,9 +75,12 @@ impl Trainer<'_> {
             seconds += started.elapsed().as_secs_f64();
             let truth = read(&self.scene.dataset, frame)?;
             let mask = masks.of(frame);
-            let (view, error) = self.compare(frame, &rendered, &truth, mask, options)?;
+            let (shown, unit) = (clamped(&rendered), to_unit(&truth.data));
+            let a = Picture::new(truth.width, truth.height, &shown)?;
+            let b = Picture::new(truth.width, truth.height, &unit)?;
+            let (view, error) = self.compare(frame, [a, b], mask, options)?;
             dpsnr.add(error);
-            parts.add(when(&self.scene, frame.t01), frame.view, &rendered, &truth, mask)?;
+            parts.add(when(&self.scene, frame.t01), frame.view, [a, b], mask, error)?;
             let index = frame.index as u32;
             if options.picture_stride > 0 && index.is_multiple_of(options.picture_stride) {
                 pictures::write_frame(run, &view, &rendered, &truth, mask)?;
@@ -156,14 +159,10 @@ impl Trainer<'_> {
     fn compare(
         &self,
         frame: &HeldOutFrame,
-        rendered: &[f32],
-        truth: &ImageRgb8,
+        [a, b]: [Picture<'_>; 2],
         mask: &[bool],
         options: &EvaluateOptions<'_>,
     ) -> Result<(PerView, MaskedError), TrainError> {
-        let (rendered, unit) = (clamped(rendered), to_unit(&truth.data));
-        let a = Picture::new(truth.width, truth.height, &rendered)?;
-        let b = Picture::new(truth.width, truth.height, &unit)?;
         let error = masked_error(a, b, mask)?;
         let lpips = options.lpips.map(|(lpips, scaling)| lpips.distance(a, b, scaling)).transpose()?;
         let view = PerView {

@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 
 use erfgs_run::{ColourCorrected, Part};
-use erfgs_scene::image::ImageRgb8;
 
-use super::{clamped, split::When};
-use crate::metrics::{ColourSums, Dpsnr, MaskedError, MetricError, Picture, masked_error, to_unit};
+use super::split::When;
+use crate::metrics::{ColourSums, Dpsnr, MaskedError, MetricError, Picture, masked_error};
 
 /// One held-out frame.
 struct Seen {
@@ -25,23 +24,20 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Adds a frame of `camera`.
+    /// Adds a frame of `camera`, as rendered and as it was, whose error where it moves is `moving`.
     pub fn add(
         &mut self,
         when: When,
         camera: usize,
-        rendered: &[f32],
-        truth: &ImageRgb8,
+        [a, b]: [Picture<'_>; 2],
         mask: &[bool],
+        moving: MaskedError,
     ) -> Result<(), MetricError> {
-        let (rendered, unit) = (clamped(rendered), to_unit(&truth.data));
-        let a = Picture::new(truth.width, truth.height, &rendered)?;
-        let b = Picture::new(truth.width, truth.height, &unit)?;
         let still: Vec<bool> = mask.iter().map(|moves| !moves).collect();
         self.frames.push(Seen {
             when,
             camera,
-            moving: masked_error(a, b, mask)?,
+            moving,
             still: masked_error(a, b, &still)?,
             moving_colours: ColourSums::of(a, b, mask, true)?,
             still_colours: ColourSums::of(a, b, mask, false)?,

@@ -398,13 +398,16 @@ impl Model {
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [row_first, row_second] = &self.rows.moments;
         let count = self.gaussians.count;
-        let rows = if self.rows.floats > 0 { self.dynamic } else { 0 };
+        let of_rows = (&self.rows.values, &self.rows.gradients, row_first, row_second, &row_rates[..], self.dynamic);
+        let has_rows = self.rows.floats > 0 && self.dynamic > 0;
         let mut commands = gpu.commands();
         for (parameters, gradients, first_moment, second_moment, rates, rows) in [
             (&self.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..], count),
             (&self.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..], count),
-            (&self.rows.values, &self.rows.gradients, row_first, row_second, &row_rates[..], rows),
-        ] {
+        ]
+        .into_iter()
+        .chain(has_rows.then_some(of_rows))
+        {
             let buffers = AdamBuffers {
                 parameters,
                 gradients,
