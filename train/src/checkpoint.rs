@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{
+    camera_colour::{self, CameraColourState},
     config::Config,
     density::{Moments, Population, Seen},
     field::{FieldState, NamedVector},
@@ -19,8 +20,10 @@ use crate::{
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where the motion model keeps rows for each Gaussian; without them a file is of [`PLAIN`].
-const VERSION: u32 = 2;
+/// The version where colours of cameras are learned; without them, a file is of [`ROWS`] where the motion model keeps rows
+/// for each Gaussian, and of [`PLAIN`] where it does not.
+const VERSION: u32 = 3;
+const ROWS: u32 = 2;
 const PLAIN: u32 = 1;
 
 /// Why a checkpoint could not be read or written.
@@ -67,6 +70,8 @@ pub struct Checkpoint {
     pub field: Option<FieldState>,
     /// Statistics of density control.
     pub seen: Vec<Seen>,
+    /// How the cameras show colours, where that is learned.
+    pub camera_colours: Option<CameraColourState>,
     /// What the run leaves out.
     pub left_out: Vec<LeftOut>,
 }
@@ -83,6 +88,8 @@ struct Header {
     motion_floats: usize,
     field_box: [[f32; 3]; 2],
     field_step: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera_colour_steps: Option<Vec<u32>>,
     left_out: Vec<LeftOut>,
     vectors: Vec<(String, usize)>,
 }
@@ -125,11 +132,24 @@ impl Checkpoint {
                 ("motion.v".into(), &moments.motion_second),
             ]);
         }
+        if let Some(CameraColourState { values, moments: [first, second], .. }) = &self.camera_colours {
+            vectors.extend([
+                ("camera-colours".into(), &values[..]),
+                ("camera-colours.m".into(), first),
+                ("camera-colours.v".into(), second),
+            ]);
+        }
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if gaussians.motion_floats > 0 { VERSION } else { PLAIN },
+            version: if self.camera_colours.is_some() {
+                VERSION
+            } else if gaussians.motion_floats > 0 {
+                ROWS
+            } else {
+                PLAIN
+            },
             config: self.config.clone(),
             clock: self.clock,
             step: self.step,
@@ -138,6 +158,7 @@ impl Checkpoint {
             motion_floats: gaussians.motion_floats,
             field_box: self.field_box,
             field_step: self.field.as_ref().map(|field| field.step),
+            camera_colour_steps: self.camera_colours.as_ref().map(|colours| colours.steps.clone()),
             left_out: self.left_out.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
         })?;
@@ -205,6 +226,18 @@ impl Checkpoint {
             gaussians.motion = next("motion")?;
             (moments.motion_first, moments.motion_second) = (next("motion.m")?, next("motion.v")?);
         }
+        let camera_colours = match header.camera_colour_steps {
+            None => None,
+            Some(steps) => {
+                let values = next("camera-colours")?;
+                let moments = [next("camera-colours.m")?, next("camera-colours.v")?];
+                let floats = steps.len().checked_mul(camera_colour::FLOATS);
+                if [&values, &moments[0], &moments[1]].iter().any(|vector| Some(vector.len()) != floats) {
+                    return Err("its colours of cameras are of different lengths".into());
+                }
+                Some(CameraColourState { steps, values, moments })
+            }
+        };
         let count = gaussians.len();
         let motion = header.dynamic.checked_mul(header.motion_floats);
         let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
@@ -228,6 +261,7 @@ impl Checkpoint {
             field_box: header.field_box,
             field,
             seen,
+            camera_colours,
             left_out: header.left_out,
         })
     }
@@ -251,6 +285,7 @@ mod tests {
                 vectors: vec![NamedVector { name: "grid".into(), values: vec![0.1, -0.0, f32::MIN_POSITIVE] }],
             }),
             seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
+            camera_colours: None,
             left_out: Vec::new(),
         }
     }
@@ -261,6 +296,19 @@ mod tests {
         let path = folder.path().join("checkpoint.bin");
         checkpoint().save(&path).expect("saved");
         assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
+    }
+
+    #[test]
+    fn colours_of_cameras_come_back() {
+        let mut checkpoint = checkpoint();
+        let mut colours = CameraColourState::neutral(&[true, false]);
+        (colours.steps[1], colours.values[9], colours.moments[1][0]) = (7, 1.5, 0.25);
+        checkpoint.camera_colours = Some(colours);
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+        checkpoint.camera_colours.as_mut().expect("colours").steps.pop();
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
     }
 
     #[test]

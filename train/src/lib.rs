@@ -1,5 +1,6 @@
 //! The ERF-GS trainer on wgpu.
 
+pub mod camera_colour;
 pub mod checkpoint;
 pub mod config;
 pub mod density;

@@ -3,6 +3,7 @@
 //! The page is a single file without scripts and without anything to fetch: style sheet, plots (SVG) and pictures are
 //! inside it. The same runs give the same bytes. Each section is a file of this module.
 
+mod colours;
 mod configuration;
 mod curves;
 mod load;
@@ -80,6 +81,7 @@ pub fn write_report(runs: &[RunFolder], oracle: Option<&RunFolder>, out: &Path) 
             events,
             views::section(scene),
             setting::left_out(scene),
+            colours::section(scene),
             curves::losses(scene),
             configuration::section(scene),
             setting::dataset(scene),

@@ -15,6 +15,17 @@ pub struct LeftOut {
     pub saves: String,
 }
 
+/// How a camera shows colours, as training found it: `gain * scene + offset`, in display values (0 to 1); red, green, blue.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CameraColour {
+    /// The camera's name in the dataset.
+    pub camera: String,
+    /// Gains.
+    pub gain: [f32; 3],
+    /// Offsets.
+    pub offset: [f32; 3],
+}
+
 /// What `run.json` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunInfo {
@@ -45,6 +56,9 @@ pub struct RunInfo {
     /// What was left out, why, and what that saved.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
+    /// How the training cameras show colours, where that was learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_colours: Vec<CameraColour>,
 }
 
 impl RunInfo {
@@ -69,6 +83,7 @@ impl Default for RunInfo {
             version: env!("CARGO_PKG_VERSION").into(),
             seed: 0,
             left_out: Vec::new(),
+            camera_colours: Vec::new(),
         }
     }
 }

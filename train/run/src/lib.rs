@@ -28,6 +28,6 @@ pub use curve::{Curve, CurveRow, CurveWriter};
 pub use error::RunError;
 pub use figures::{ColourCorrected, MaskKind, Metrics, Part, PerView};
 pub use folder::RunFolder;
-pub use info::{LeftOut, RunInfo};
+pub use info::{CameraColour, LeftOut, RunInfo};
 pub use json::write_atomically;
 pub use lpips::{LpipsKind, LpipsNet, LpipsScaling};

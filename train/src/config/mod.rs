@@ -6,7 +6,7 @@ mod presets;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::motion::FreeTimeOptions;
+pub use crate::{camera_colour::CameraColourOptions, motion::FreeTimeOptions};
 pub use overrides::ConfigError;
 
 /// What is trained.
@@ -103,6 +103,9 @@ pub struct Config {
     pub earl: EarlConfig,
     /// Event-guided densification.
     pub eds: EdsConfig,
+    /// The colour responses of the cameras.
+    #[serde(default)]
+    pub camera_colour: CameraColourOptions,
     /// Motion blur.
     pub blur: BlurConfig,
     /// Static Gaussians.

@@ -127,6 +127,21 @@ impl Config {
             self.field.features.to_string(),
             "a multiple of 4 up to 64",
         )?;
+        let colour = &self.camera_colour;
+        let small = |value: f32| value.is_finite() && (0.0..=1.0).contains(&value);
+        check(small(colour.from), "camera_colour.from", colour.from.to_string(), "0 to 1")?;
+        check(
+            colour.rate.iter().all(|&rate| small(rate)),
+            "camera_colour.rate",
+            format!("{:?}", colour.rate),
+            "two numbers from 0 to 1",
+        )?;
+        check(
+            colour.prior.is_finite() && colour.prior >= 0.0,
+            "camera_colour.prior",
+            colour.prior.to_string(),
+            "0 or more",
+        )?;
         let free = &self.free_time;
         let positive = |value: f32| value.is_finite() && value > 0.0;
         let not_negative = |value: f32| value.is_finite() && value >= 0.0;

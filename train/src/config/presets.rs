@@ -1,9 +1,9 @@
 //! The presets: the paper, its released code, and ours.
 
 use super::{
-    BlurConfig, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions,
-    FreeTimeOptions, InitConfig, LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch,
-    Uniqueness,
+    BlurConfig, CameraColourOptions, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig,
+    EvaluationConfig, FieldOptions, FreeTimeOptions, InitConfig, LearningRates, Method, MotionModel, Norm, Pairing,
+    Preset, Quantise, ShConfig, Switch, Uniqueness,
 };
 
 impl Config {
@@ -122,6 +122,7 @@ impl Config {
                 max_distance: 1.0,
                 opacity_logit: 1.0,
             },
+            camera_colour: CameraColourOptions::default(),
             blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
             dynamic: DynamicConfig {
                 skip_static: false,
@@ -195,6 +196,7 @@ impl Config {
         config.eds.all_must_see = true;
         config.eds.both_ends = false;
         config.eds.own_deformation = false;
+        config.camera_colour.enabled = true;
         config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: false, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;

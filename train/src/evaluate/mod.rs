@@ -178,7 +178,8 @@ impl Trainer<'_> {
         Ok((view, error))
     }
 
-    /// PSNR over one frame of every training camera, each at another time, without the model of the exposure.
+    /// PSNR over one frame of every training camera, each at another time, in the colours of that camera and without the
+    /// model of the exposure.
     fn train_psnr(&mut self) -> Result<Option<f64>, TrainError> {
         let mut chosen = Vec::new();
         for view in 0..self.scene.views.len() {
@@ -188,10 +189,16 @@ impl Trainer<'_> {
                 chosen.push(of_view[view % of_view.len()]);
             }
         }
+        let colours = self.colour_state()?;
         let mut sum = 0.0;
         for &index in &chosen {
             let (view, t01) = (self.scene.frames[index].view, self.scene.frames[index].t01);
-            let rendered = clamped(&self.render_view(view, t01)?);
+            let [gain, offset] = colours.of(view);
+            let mut rendered = self.render_view(view, t01)?;
+            for pixel in rendered.as_chunks_mut::<3>().0 {
+                *pixel = std::array::from_fn(|c| gain[c] * pixel[c] + offset[c]);
+            }
+            let rendered = clamped(&rendered);
             let bytes =
                 self.scene.frames[index].pixels.iter().flat_map(|pixel| pixel.to_le_bytes().into_iter().take(3));
             let truth = to_unit(&bytes.collect::<Vec<u8>>());

@@ -11,6 +11,7 @@ use wgpu::Buffer;
 
 pub use self::colour::ColourChange;
 use crate::{
+    camera_colour::CameraColours,
     config::{EarlConfig, Norm, Quantise},
     gpu::{Commands, Gpu, GpuError, Kernel},
 };
@@ -23,6 +24,26 @@ const TRANSFER: &str = include_str!("transfer.wgsl");
 
 /// Pixels that a thread of a summing kernel looks at.
 const PIXELS_A_THREAD: u32 = 16;
+
+/// Threads of a kernel that sums over `pixels` pixels.
+pub(crate) fn threads_for(pixels: u32) -> u32 {
+    pixels.div_ceil(PIXELS_A_THREAD).max(1)
+}
+
+/// A rendered exposure and who saw it.
+#[derive(Clone, Copy, Debug)]
+pub struct Exposure<'a> {
+    /// Pixels of the image.
+    pub pixels: u32,
+    /// The image; in linear light if `linear_light`, else in display values.
+    pub mean: &'a Buffer,
+    /// See `mean`.
+    pub linear_light: bool,
+    /// Which camera saw it.
+    pub view: usize,
+    /// How the cameras show colours.
+    pub colours: &'a CameraColours,
+}
 
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
@@ -40,6 +61,8 @@ struct PhotometricParameters {
     threads: u32,
     linear_light: u32,
     scale: f32,
+    view: u32,
+    unused: [u32; 3],
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -118,7 +141,7 @@ impl LossSum {
     /// # Errors
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, pixels: u32) -> Result<Self, GpuError> {
-        let threads = pixels.div_ceil(PIXELS_A_THREAD).max(1);
+        let threads = threads_for(pixels);
         Ok(Self { partial: gpu.storage("loss", u64::from(threads) * 4)?, threads })
     }
 
@@ -168,25 +191,32 @@ impl Losses {
         commands.dispatch(&self.accumulate, &[&parameters, image, mean], pixels.div_ceil(64));
     }
 
-    /// Writes `scale * sum |mean - frame|`'s gradient to `d_mean` and adds `sum |mean - frame|` to `loss`. `mean` is in
-    /// linear light if `linear_light`, the frame (packed RGBA8) never is.
+    /// Writes the gradient of `scale * sum |shown - frame|` with respect to the exposure to `d_mean`, keeps those of its
+    /// camera's gain and offset, and adds the sum to `loss`. `shown` is the exposure as the camera shows it, the frame
+    /// (packed RGBA8) is in display values.
     #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
     pub fn photometric(
         &self,
         gpu: &Gpu,
         commands: &mut Commands<'_>,
-        pixels: u32,
-        mean: &Buffer,
+        exposure: &Exposure<'_>,
         frame: &Buffer,
         d_mean: &Buffer,
         loss: &LossSum,
         scale: f32,
-        linear_light: bool,
     ) {
-        let threads = pixels.div_ceil(PIXELS_A_THREAD).min(loss.threads);
-        let parameters = PhotometricParameters { pixels, threads, linear_light: linear_light.into(), scale };
+        let Exposure { pixels, mean, linear_light, view, colours } = *exposure;
+        let threads = threads_for(pixels).min(loss.threads);
+        let parameters = PhotometricParameters {
+            pixels,
+            threads,
+            linear_light: linear_light.into(),
+            scale,
+            view: view as u32,
+            unused: [0; 3],
+        };
         let parameters = gpu.uniform("photometric", &parameters);
-        let bindings = [&parameters, mean, frame, d_mean, &loss.partial];
+        let bindings = [&parameters, mean, frame, &colours.values, d_mean, &loss.partial, &colours.partial];
         commands.dispatch(&self.photometric, &bindings, threads.div_ceil(64));
     }
 
@@ -223,7 +253,7 @@ impl Losses {
         sensor: &Sensor,
         config: &EarlConfig,
     ) {
-        let threads = pixels.div_ceil(PIXELS_A_THREAD).min(loss.threads);
+        let threads = threads_for(pixels).min(loss.threads);
         let parameters = EventParameters {
             pixels,
             threads,

@@ -1,5 +1,6 @@
 use super::*;
 use crate::{
+    camera_colour::CameraColourState,
     config::Config,
     gpu::{AdapterChoice, Shape},
     reference::losses as twin,
@@ -46,44 +47,64 @@ fn the_lin_log_of_a_sensor_is_the_twins() {
 }
 
 #[test]
-fn the_photometric_loss_and_its_gradient_match_the_twin() {
+fn the_photometric_loss_and_its_gradients_match_the_twin() {
     for gpu in gpus() {
         for linear_light in [false, true] {
-            let losses = Losses::new(&gpu);
-            let renderings = [image(1), image(2), image(3)];
-            let frame: Vec<u32> =
-                (0..PIXELS).map(|p| 0xff00_0000 | p.wrapping_mul(0x0001_2345) & 0x00ff_ffff).collect();
-            let truth: Vec<[f64; 3]> =
-                frame.iter().map(|&v| [0, 8, 16].map(|shift| f64::from(v >> shift & 255) / 255.0)).collect();
-            let loss = LossSum::new(&gpu, PIXELS).expect("a buffer");
-            let buffers = renderings.each_ref().map(|image| gpu.storage_from("image", image).expect("a buffer"));
-            let new = || gpu.storage("scratch", u64::from(PIXELS) * 16).expect("a buffer");
-            let (mean, d_mean, d_image) = (new(), new(), new());
-            let frame = gpu.storage_from("frame", &frame).expect("a buffer");
-            let mut commands = gpu.commands();
-            for (index, image) in buffers.iter().enumerate() {
-                losses.accumulate(&gpu, &mut commands, PIXELS, image, &mean, index == 0, 1.0 / 3.0, linear_light);
-            }
-            losses.photometric(&gpu, &mut commands, PIXELS, &mean, &frame, &d_mean, &loss, 1.0, linear_light);
-            losses.spread(&gpu, &mut commands, PIXELS, &buffers[1], &d_mean, &d_image, 1.0 / 3.0);
-            commands.submit();
-            let images = renderings.each_ref().map(|image| to_f64(image));
-            assert_close(loss.take(&gpu).expect("a sum"), twin::photometric(&images, &truth, linear_light), "loss");
-            assert_eq!(loss.take(&gpu).expect("a sum"), 0.0, "taking starts anew");
-            let gradient: Vec<[f32; 4]> =
-                gpu.download(if linear_light { &d_image } else { &d_mean }, PIXELS as usize).expect("a gradient");
-            let share = if linear_light { 1.0 } else { 1.0 / 3.0 };
-            for pixel in (0..PIXELS as usize).step_by(7) {
-                for channel in 0..3 {
-                    let want = difference(|step| {
-                        let mut images = images.clone();
-                        images[1][pixel][channel] += step;
-                        twin::photometric(&images, &truth, linear_light)
-                    });
-                    assert_close(share * f64::from(gradient[pixel][channel]), want, "gradient");
-                }
-            }
+            check_photometric(&gpu, linear_light);
         }
+    }
+}
+
+fn check_photometric(gpu: &Gpu, linear_light: bool) {
+    let losses = Losses::new(gpu);
+    let renderings = [image(1), image(2), image(3)];
+    let frame: Vec<u32> = (0..PIXELS).map(|p| 0xff00_0000 | p.wrapping_mul(0x0001_2345) & 0x00ff_ffff).collect();
+    let truth: Vec<[f64; 3]> =
+        frame.iter().map(|&v| [0, 8, 16].map(|shift| f64::from(v >> shift & 255) / 255.0)).collect();
+    let mut state = CameraColourState::neutral(&[true; 3]);
+    state.values[8..16].copy_from_slice(&[1.25, 0.9, 1.0, 0.0, 0.03, -0.02, 0.0, 0.0]);
+    let colours = CameraColours::new(gpu, &state, PIXELS).expect("buffers");
+    let loss = LossSum::new(gpu, PIXELS).expect("a buffer");
+    let buffers = renderings.each_ref().map(|image| gpu.storage_from("image", image).expect("a buffer"));
+    let new = || gpu.storage("scratch", u64::from(PIXELS) * 16).expect("a buffer");
+    let (mean, d_mean, d_image) = (new(), new(), new());
+    let frame = gpu.storage_from("frame", &frame).expect("a buffer");
+    let mut commands = gpu.commands();
+    for (index, image) in buffers.iter().enumerate() {
+        losses.accumulate(gpu, &mut commands, PIXELS, image, &mean, index == 0, 1.0 / 3.0, linear_light);
+    }
+    let exposure = Exposure { pixels: PIXELS, mean: &mean, linear_light, view: 1, colours: &colours };
+    losses.photometric(gpu, &mut commands, &exposure, &frame, &d_mean, &loss, 1.0);
+    losses.spread(gpu, &mut commands, PIXELS, &buffers[1], &d_mean, &d_image, 1.0 / 3.0);
+    commands.submit();
+
+    let images = renderings.each_ref().map(|image| to_f64(image));
+    let shown = state.of(1).map(|of| of.map(f64::from));
+    assert_close(loss.take(gpu).expect("a sum"), twin::photometric(&images, shown, &truth, linear_light), "loss");
+    assert_eq!(loss.take(gpu).expect("a sum"), 0.0, "taking starts anew");
+    let gradient: Vec<[f32; 4]> =
+        gpu.download(if linear_light { &d_image } else { &d_mean }, PIXELS as usize).expect("a gradient");
+    let share = if linear_light { 1.0 } else { 1.0 / 3.0 };
+    for pixel in (0..PIXELS as usize).step_by(7) {
+        for channel in 0..3 {
+            let want = difference(|step| {
+                let mut images = images.clone();
+                images[1][pixel][channel] += step;
+                twin::photometric(&images, shown, &truth, linear_light)
+            });
+            assert_close(share * f64::from(gradient[pixel][channel]), want, "gradient");
+        }
+    }
+    let partial: Vec<[f32; 4]> =
+        gpu.download(&colours.partial, 2 * threads_for(PIXELS) as usize).expect("the threads' gradients");
+    for (part, channel) in (0..2).flat_map(|part| (0..3).map(move |channel| (part, channel))) {
+        let got: f64 = partial.iter().skip(part).step_by(2).map(|sum| f64::from(sum[channel])).sum();
+        let want = difference(|step| {
+            let mut shown = shown;
+            shown[part][channel] += step;
+            twin::photometric(&images, shown, &truth, linear_light)
+        });
+        assert_close(got, want, "gradient of the camera's colour");
     }
 }
 

@@ -46,11 +46,16 @@ pub fn exposure(images: &[Vec<[f64; 3]>], linear_light: bool) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// `sum |exposure - frame|` over pixels and channels.
+/// `sum |gain * exposure + offset - frame|` over pixels and channels.
 #[must_use]
-pub fn photometric(images: &[Vec<[f64; 3]>], frame: &[[f64; 3]], linear_light: bool) -> f64 {
+pub fn photometric(
+    images: &[Vec<[f64; 3]>],
+    [gain, offset]: [[f64; 3]; 2],
+    frame: &[[f64; 3]],
+    linear_light: bool,
+) -> f64 {
     let exposure = exposure(images, linear_light);
-    exposure.iter().zip(frame).flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs())).sum()
+    exposure.iter().zip(frame).flat_map(|(a, b)| (0..3).map(move |c| (gain[c] * a[c] + offset[c] - b[c]).abs())).sum()
 }
 
 /// Lin-log intensity of a display colour.

@@ -221,6 +221,14 @@ impl Trainer<'_> {
                 "two renderings an event sample".into(),
             );
         }
+        if !self.colours_differ {
+            let off = !self.config.camera_colour.enabled;
+            note(
+                "the colours of the cameras",
+                if off { "switched off in the configuration" } else { "one camera has nobody to differ from" }.into(),
+                "a gain and an offset for each camera".into(),
+            );
+        }
         let blur_off = self.config.blur.model == Switch::Off;
         if blur_off || !self.scene.has_blur() {
             note(

@@ -24,6 +24,7 @@ pub use self::{
 };
 use self::{model::Rendering, step::Workspace};
 use crate::{
+    camera_colour::{CameraColourState, CameraColours},
     checkpoint::Checkpoint,
     config::{Config, MotionModel},
     density::{Moments, Population, Statistics},
@@ -34,11 +35,11 @@ use crate::{
     motion::Motion,
     optimiser::FiniteCheck,
     raster::Region,
-    scene::{Scene, SceneError},
+    scene::{Scene, SceneError, SceneView},
     schedule::{Clock, Schedule, Stage},
 };
 use erfgs_base::cpu;
-use erfgs_run::{CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
+use erfgs_run::{CameraColour, CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
 
 /// Time that counts as training, since a moment.
 struct Lap {
@@ -79,6 +80,10 @@ pub struct Trainer<'a> {
     statistics: Statistics,
     finite: FiniteCheck,
     work: Workspace,
+    /// How the cameras show colours.
+    colours: CameraColours,
+    /// Whether that is learned.
+    colours_differ: bool,
     left_out: Vec<LeftOut>,
     deterministic: bool,
     viewer: Option<Rendering>,
@@ -120,7 +125,8 @@ impl<'a> Trainer<'a> {
         checkpoint: Checkpoint,
         options: &TrainOptions,
     ) -> Result<Self, TrainError> {
-        let Checkpoint { config, clock, step, population, field_box, field, seen, left_out } = checkpoint;
+        let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, left_out } =
+            checkpoint;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
         trainer.find_regions();
         if clock.stage == Stage::Fine {
@@ -136,6 +142,13 @@ impl<'a> Trainer<'a> {
         }
         trainer.model.step = step;
         trainer.statistics.replace(gpu, &seen)?;
+        if let Some(state) = &camera_colours {
+            let (saved, views) = (state.steps.len(), trainer.scene.views.len());
+            if saved != views {
+                return Err(TrainError::Cameras { saved, views });
+            }
+            trainer.colours = CameraColours::new(gpu, state, trainer.scene.max_pixels())?;
+        }
         trainer.left_out = left_out;
         Ok(trainer)
     }
@@ -149,6 +162,13 @@ impl<'a> Trainer<'a> {
         clock: Clock,
     ) -> Result<Self, TrainError> {
         let work = Workspace::new(gpu, scene.max_pixels())?;
+        let takes = |view: usize| scene.frames.iter().any(|frame| frame.view == view);
+        let takes_frames: Vec<bool> = (0..scene.views.len()).map(takes).collect();
+        // With one camera there is nobody to differ from.
+        let several = takes_frames.iter().filter(|takes| **takes).count() > 1;
+        let colours_differ = config.camera_colour.enabled && several;
+        let neutral = CameraColourState::neutral(&takes_frames);
+        let colours = CameraColours::new(gpu, &neutral, scene.max_pixels())?;
         Ok(Self {
             gpu,
             model: Model::new(gpu, population)?,
@@ -156,6 +176,8 @@ impl<'a> Trainer<'a> {
             statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
             finite: FiniteCheck::new(gpu)?,
             work,
+            colours,
+            colours_differ,
             left_out: Vec::new(),
             deterministic: options.deterministic,
             times: StageTimes::default(),
@@ -346,6 +368,7 @@ impl<'a> Trainer<'a> {
                 gaussians.count * crate::raster::sh_stride(gaussians.sh_degree),
             ),
             ("trajectories and lives of the Gaussians", rows, row_floats),
+            ("colours of the cameras", &self.colours.values, self.colours.floats()),
         ] {
             let mut commands = self.gpu.commands();
             self.finite.scan(&mut commands, buffer, floats);
@@ -381,6 +404,10 @@ impl<'a> Trainer<'a> {
             field_box: self.model.field_box,
             field: self.model.motion.as_ref().and_then(Motion::field).map(|field| field.state(self.gpu)).transpose()?,
             seen: self.statistics.read(self.gpu)?,
+            camera_colours: match self.colours_differ {
+                true => Some(self.colour_state()?),
+                false => None,
+            },
             left_out: self.left_out.clone(),
         })
     }
@@ -406,6 +433,23 @@ impl<'a> Trainer<'a> {
             version: env!("CARGO_PKG_VERSION").into(),
             seed: self.config.seed,
             left_out: self.left_out.clone(),
+            camera_colours: self.camera_colours()?,
         })?)
+    }
+
+    /// The gains and offsets of all cameras.
+    pub(crate) fn colour_state(&self) -> Result<CameraColourState, TrainError> {
+        Ok(self.colours.state(self.gpu)?)
+    }
+
+    /// The gains and offsets of the cameras that have learned any.
+    fn camera_colours(&self) -> Result<Vec<CameraColour>, TrainError> {
+        let state = self.colour_state()?;
+        let learned = self.scene.views.iter().enumerate().filter(|(view, _)| state.steps[*view] > 0);
+        let colour = |(view, of): (usize, &SceneView)| {
+            let [gain, offset] = state.of(view);
+            CameraColour { camera: of.name.clone(), gain, offset }
+        };
+        Ok(learned.map(colour).collect())
     }
 }

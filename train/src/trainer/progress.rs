@@ -64,6 +64,16 @@ pub struct Progress {
 /// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
+    /// The run was trained with other cameras.
+    #[error(
+        "the checkpoint knows how {saved} cameras show colours, and the dataset has {views} cameras; resume with the dataset that the run began with"
+    )]
+    Cameras {
+        /// Cameras of the checkpoint.
+        saved: usize,
+        /// Cameras of the dataset.
+        views: usize,
+    },
     /// A number stopped being one.
     #[error(
         "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --set learning_rate.position=[8e-5,8e-7]`"

@@ -12,7 +12,7 @@ use crate::{
     config::{Pairing, Switch},
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
-    losses::{ColourChange, LEFT_OUT, LossSum, Losses},
+    losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
     motion::{Motion, Witness},
     raster::{RenderOptions, View},
     scene::TrainFrame,
@@ -171,6 +171,7 @@ impl Trainer<'_> {
             self.work.renderings[slot].frame.region = moving.clone().filter(|_| !coarse);
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
+        let run_share = self.share();
         let work = &mut self.work;
         let mut commands = gpu.commands();
         let [d_mean, d_linear] = &work.gradients;
@@ -194,7 +195,13 @@ impl Trainer<'_> {
         let scale = if only.is_some() { scale * times.len() as f32 } else { scale };
         let share = if linear { 1.0 } else { weight };
         let (target, sum) = (&work.frame, &work.sums.rgb);
-        work.losses.photometric(gpu, &mut commands, pixels, mean, target, d_mean, sum, scale * share, linear);
+        let exposure = Exposure { pixels, mean, linear_light: linear, view: frame.view, colours: &self.colours };
+        work.losses.photometric(gpu, &mut commands, &exposure, target, d_mean, sum, scale * share);
+        // What moves is told by its neighbours in time, too: the colour of a camera is learned from all of its image.
+        let learned = &self.config.camera_colour;
+        if self.colours_differ && (coarse || whole) && run_share >= f64::from(learned.from) {
+            self.colours.step(gpu, &mut commands, frame.view, pixels, learned, run_share);
+        }
         commands.submit();
         self.times.lap(gpu, "photometric loss")?;
         work.sums.rgb_values += 3.0 * f64::from(pixels);
