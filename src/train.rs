@@ -44,6 +44,7 @@ Motion:
   hexplane   a deformation field that all Gaussians share (4DGS)
   free-time  each Gaussian is born at an instant, with a velocity, and lives for a while (after FreeTimeGS); starts from the \
 points of what moves, which `erfgs dataset points` finds
+  auto       free-time where the dataset has such points, else hexplane; what the default preset does
 
 A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
 with --resume goes on from there.
@@ -132,6 +133,8 @@ pub enum MotionName {
     HexPlane,
     /// A trajectory and a life for each Gaussian.
     FreeTime,
+    /// By whether points are known to move.
+    Auto,
 }
 
 impl From<MotionName> for MotionModel {
@@ -139,6 +142,7 @@ impl From<MotionName> for MotionModel {
         match name {
             MotionName::HexPlane => Self::HexPlane,
             MotionName::FreeTime => Self::FreeTime,
+            MotionName::Auto => Self::Auto,
         }
     }
 }
@@ -286,7 +290,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         (false, false) => None,
     };
-    let config = match &checkpoint {
+    let mut config = match &checkpoint {
         Some(checkpoint) => arguments.changed(checkpoint.config.clone())?,
         None => arguments.settings()?,
     };
@@ -302,6 +306,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         terminal.note("no training camera has events: ERF-GS trains on the frames alone");
     }
     let without_points = random || dataset.manifest.points.is_none();
+    config.settle(&dataset, without_points)?;
     let scene = Scene::load(dataset, &config, without_points)?;
     let gpu = arguments.adapter.open()?;
     let options = arguments.options();

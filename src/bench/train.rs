@@ -91,6 +91,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let (method, preset) = (arguments.method.name(), arguments.preset.name());
     let dataset = Dataset::load(&arguments.dataset)?;
     let without_points = dataset.manifest.points.is_none();
+    config.settle(&dataset, without_points)?;
     let scene = Scene::load(dataset, &config, without_points)?;
     let gpu = arguments.adapter.open()?;
     let options = TrainOptions { evaluate: false, ..TrainOptions::default() };

@@ -84,6 +84,15 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
 
     let first = folder.figures(&format!("{train} --iterations 10+20 --out run"));
     assert!(first["dynamic"].as_u64() > Some(20), "{first}");
+    // The default is what the points allow.
+    for (run, more, expected) in
+        [("auto", "", "motion = \"free-time\""), ("unmoved", "--init random", "motion = \"hexplane\"")]
+    {
+        folder.succeed(&format!("train ds-free --no-evaluation --iterations 2+2 {more} --out {run}"));
+        let config = std::fs::read_to_string(folder.path(run).join("config.toml")).expect("a configuration");
+        assert!(config.contains(expected), "{config}");
+        assert_eq!(config.contains("instant = 0.5"), run == "auto", "the middle of the exposure");
+    }
     let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume"));
     assert_eq!(more["iterations"].as_u64(), Some(50), "{more}");
     assert!(more["cpu_seconds"].as_f64() > first["cpu_seconds"].as_f64(), "{more}");

@@ -196,7 +196,7 @@ pub struct HullOptions {
 
 impl Default for HullOptions {
     fn default() -> Self {
-        Self { instants: 12, threshold: 0.08, min_views: 4, cell_px: 2.0, max_points: 6000 }
+        Self { instants: 12, threshold: 0.08, min_views: 4, cell_px: 2.0, max_points: 18_000 }
     }
 }
 

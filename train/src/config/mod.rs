@@ -43,6 +43,8 @@ pub enum MotionModel {
     HexPlane,
     /// An instant, a velocity, an acceleration and a life for each Gaussian (after FreeTimeGS).
     FreeTime,
+    /// `free-time` where the dataset has points that are known to move, else `hexplane`; see [`Config::settle`].
+    Auto,
 }
 
 /// A switch that the program may decide from the data.
@@ -386,7 +388,7 @@ pub struct BlurConfig {
     /// same gradient on average at a third of the cost.
     pub one_gradient: bool,
     /// Where the blur model is off: the instant that a frame stands for, as a share of its exposure. `null` means the
-    /// label in the manifest.
+    /// label in the manifest, or, where the motion is `free-time`, the middle.
     pub instant: Option<f32>,
 }
 

@@ -1,6 +1,8 @@
 //! Reading, writing and overriding a configuration.
 
-use super::Config;
+use erfgs_dataset::{Dataset, DatasetError};
+
+use super::{Config, MotionModel};
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +88,23 @@ impl Config {
         let config: Self = root.try_into()?;
         config.validate()?;
         *self = config;
+        Ok(())
+    }
+
+    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for. `without_points`
+    /// says that the dataset's points are not used.
+    ///
+    /// # Errors
+    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be.
+    pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), DatasetError> {
+        if self.motion == MotionModel::Auto {
+            let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
+            self.motion = if moving { MotionModel::FreeTime } else { MotionModel::HexPlane };
+        }
+        if self.motion == MotionModel::FreeTime {
+            // Gaussians are born where things were in the middle of an exposure.
+            self.blur.instant = self.blur.instant.or(Some(0.5));
+        }
         Ok(())
     }
 
@@ -191,7 +210,7 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{MotionModel, Norm};
+    use crate::config::Norm;
 
     #[test]
     fn a_field_is_set_by_its_dotted_name() {
@@ -215,7 +234,8 @@ mod tests {
         table.remove("motion").expect("a field");
         table.remove("free_time").expect("a section");
         let old = toml::to_string(&table).expect("text");
-        assert_eq!(Config::from_toml(&old).expect("read"), Config::default());
+        let of_the_field = Config { motion: MotionModel::HexPlane, ..Config::default() };
+        assert_eq!(Config::from_toml(&old).expect("read"), of_the_field);
     }
 
     #[test]

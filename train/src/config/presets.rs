@@ -167,6 +167,9 @@ impl Config {
         config.dynamic.coarse_without_moving = true;
         config.background = [0.0; 3];
         config.sh.max_degree = 1;
+        config.motion = MotionModel::Auto;
+        // Ten times the published rate, for a quarter to a seventh of the published iterations.
+        config.learning_rate.position = [1.6e-3, 1.6e-5];
         config.learning_rate.decay_steps = 0;
         config.learning_rate.adam_epsilon = 1e-15;
         config.field.time_resolution = 0;
@@ -179,9 +182,11 @@ impl Config {
         config.density.from = 300;
         config.density.every = 100;
         config.density.until = 0.6;
+        config.density.gradient_threshold = 5e-4;
         config.density.max_gaussians = 0;
         config.density.prune_above = 0;
         config.density.max_extent = 0.5;
+        config.earl.weight = 0.05;
         config.earl.share = 0.5;
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Any;
@@ -197,7 +202,7 @@ impl Config {
         config.eds.both_ends = false;
         config.eds.own_deformation = false;
         config.camera_colour.enabled = true;
-        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: false, instant: None };
+        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;
         config

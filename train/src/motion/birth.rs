@@ -8,7 +8,10 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::free_time::{FreeTimeOptions, ROW};
+use super::{
+    free_time::{FreeTimeOptions, ROW},
+    shutter::shrunk,
+};
 use crate::{
     gaussians::{CORE, Gaussians, Neighbours},
     scene::Point,
@@ -24,15 +27,23 @@ const FARTHEST_M: f32 = 1e12;
 /// A point that moves, and the instant it was there, RGB intervals.
 pub type MovingPoint = (Point, f64);
 
-/// The Gaussians of `points`, in the order of their instants: of the size of the spacing of their instant's points.
+/// The Gaussians of `points`, in the order of their instants: of the size of the spacing of their instant's points. The
+/// points are from frames that were exposed for `exposure` RGB intervals.
 #[must_use]
-pub fn gaussians(points: &[MovingPoint], sh_degree: u32, extent: f32, options: &FreeTimeOptions) -> Gaussians {
+pub fn gaussians(
+    points: &[MovingPoint],
+    sh_degree: u32,
+    extent: f32,
+    exposure: f32,
+    options: &FreeTimeOptions,
+) -> Gaussians {
     let instants = by_instant(points);
     let velocities = velocities(&instants, options.fastest * extent);
     let mut all = Gaussians { sh_degree, motion_floats: ROW, ..Gaussians::default() };
     let log_life = log_life(options);
     for ((time, points), velocities) in instants.iter().zip(velocities) {
-        let born = Gaussians::from_points(points, sh_degree, options.opacity);
+        let points = shrunk(points, &velocities, exposure);
+        let born = Gaussians::from_points(&points, sh_degree, options.opacity);
         all.core.extend(born.core);
         all.sh.extend(born.sh);
         for [x, y, z] in velocities {
@@ -181,7 +192,7 @@ mod tests {
             red.chain(ball(77 + t as u64, [0.0, 0.2 * t, 0.3], [20, 20, 200])).map(move |point| (point, f64::from(t)))
         };
         let points: Vec<MovingPoint> = (0..3).flat_map(|t| at(t as f32)).collect();
-        let born = gaussians(&points, 0, 4.0, &FreeTimeOptions::default());
+        let born = gaussians(&points, 0, 4.0, 0.0, &FreeTimeOptions::default());
         assert_eq!((born.len(), born.dynamic, born.motion.len()), (360, 360, 360 * ROW));
         for (index, row) in born.motion.chunks_exact(ROW).enumerate() {
             let expected = if index % 120 < 60 { [0.6, 0.0, 0.0] } else { [0.0, 0.2, 0.0] };
@@ -201,7 +212,7 @@ mod tests {
         let points: Vec<MovingPoint> = (0..4)
             .flat_map(|t| ball(t, [0.4 * t as f32, height(t as f32), 0.0], [200, 20, 20]).map(move |p| (p, t as f64)))
             .collect();
-        let born = gaussians(&points, 0, 4.0, &FreeTimeOptions::default());
+        let born = gaussians(&points, 0, 4.0, 0.0, &FreeTimeOptions::default());
         for (index, row) in born.motion.chunks_exact(ROW).enumerate().filter(|(index, _)| (60..180).contains(index)) {
             let t = (index / 60) as f32;
             assert!((row[1] - (0.3 * t - 0.2)).abs() < 0.06, "{index}: {row:?}");
@@ -215,17 +226,17 @@ mod tests {
             .map(|point| (point, 0.0))
             .chain(ball(1, [2.0, 0.0, 0.0], [9; 3]).map(|point| (point, 1.0)))
             .collect();
-        let born = gaussians(&points, 1, 4.0, &options);
+        let born = gaussians(&points, 1, 4.0, 0.0, &options);
         assert!(born.motion.chunks_exact(ROW).all(|row| row[..3] == [0.0; 3]));
     }
 
     #[test]
     fn odd_points_are_taken_or_left_without_failing() {
         let options = FreeTimeOptions::default();
-        assert!(gaussians(&[], 0, 1.0, &options).is_empty());
+        assert!(gaussians(&[], 0, 1.0, 0.0, &options).is_empty());
         let one = |place: [f32; 3], time| ((place, [1, 2, 3]), time);
         let points = [one([0.0; 3], 1.0), one([f32::NAN; 3], 1.0), one([1e30; 3], 2.0), one([0.0; 3], f64::NAN)];
-        let born = gaussians(&points, 0, 1.0, &options);
+        let born = gaussians(&points, 0, 1.0, 0.0, &options);
         assert_eq!(born.len(), 1);
         assert!(born.motion.iter().all(|value| value.is_finite()));
     }

@@ -6,6 +6,7 @@
 
 pub mod birth;
 pub mod free_time;
+mod shutter;
 
 use wgpu::Buffer;
 

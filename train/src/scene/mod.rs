@@ -177,6 +177,14 @@ impl Scene {
         self.points.iter().zip(&self.point_times).filter_map(|(point, time)| Some((*point, (*time)?))).collect()
     }
 
+    /// How long frames are exposed, of the whole recording: the median.
+    #[must_use]
+    pub fn exposure(&self) -> f64 {
+        let mut lengths: Vec<f64> = self.frames.iter().map(|frame| frame.exposure[1] - frame.exposure[0]).collect();
+        let middle = lengths.len() / 2;
+        if lengths.is_empty() { 0.0 } else { *lengths.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    }
+
     /// Whether any frame was exposed for longer than an instant.
     #[must_use]
     pub fn has_blur(&self) -> bool {

@@ -32,11 +32,11 @@ impl Trainer<'_> {
         let masks = self.find_regions();
         population = match self.config.motion {
             MotionModel::FreeTime => self.born(population),
-            MotionModel::HexPlane if self.config.dynamic.skip_static => {
+            MotionModel::HexPlane | MotionModel::Auto if self.config.dynamic.skip_static => {
                 let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
                 population.partition(&moves)
             }
-            MotionModel::HexPlane => {
+            MotionModel::HexPlane | MotionModel::Auto => {
                 population.gaussians.dynamic = count;
                 population
             }
@@ -69,7 +69,12 @@ impl Trainer<'_> {
         let points: Vec<_> =
             self.scene.moving_points().into_iter().map(|(point, t01)| (point, t01 * intervals)).collect();
         let (degree, extent) = (population.gaussians.sh_degree, self.scene.extent);
-        let rows = birth::gaussians(&points, degree, extent, &self.config.free_time);
+        // A frame that is taken for an instant shows what the shutter stretched as if it were so.
+        let exposure = match self.config.blur.model {
+            Switch::Off => 0.0,
+            Switch::On | Switch::Auto => (self.scene.exposure() * intervals) as f32,
+        };
+        let rows = birth::gaussians(&points, degree, extent, exposure, &self.config.free_time);
         population.gaussians.dynamic = 0;
         population.with_dynamic(&rows)
     }
@@ -201,7 +206,7 @@ impl Trainer<'_> {
                 format!("{:.0} % of the pixels of those samples", 100.0 * (1.0 - share)),
             );
         }
-        if self.config.motion == MotionModel::HexPlane && !self.config.field.sh_head {
+        if self.config.motion != MotionModel::FreeTime && !self.config.field.sh_head {
             note(
                 "the head that deforms colour",
                 "colours are taken to travel with their Gaussians, which leaves the colour regulariser nothing to hold"

@@ -101,7 +101,7 @@ impl<'a> Trainer<'a> {
         config.validate()?;
         // What is free in time is born at its own instant, when the fine stage begins.
         let points = match config.motion {
-            MotionModel::HexPlane => grow::thin(&scene.points, config.init.max_points as usize),
+            MotionModel::HexPlane | MotionModel::Auto => grow::thin(&scene.points, config.init.max_points as usize),
             MotionModel::FreeTime if scene.moving_points().is_empty() => {
                 return Err(SceneError::NoMovingPoints { path: scene.dataset.root.clone() }.into());
             }
@@ -142,7 +142,7 @@ impl<'a> Trainer<'a> {
         }
         trainer.model.step = step;
         trainer.statistics.replace(gpu, &seen)?;
-        if let Some(state) = &camera_colours {
+        if let Some(state) = camera_colours.as_ref().filter(|_| trainer.colours_differ) {
             let (saved, views) = (state.steps.len(), trainer.scene.views.len());
             if saved != views {
                 return Err(TrainError::Cameras { saved, views });

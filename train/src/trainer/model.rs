@@ -139,7 +139,7 @@ impl Model {
         field_box: [[f32; 3]; 2],
     ) -> Result<(), TrainError> {
         self.motion = Some(match config.motion {
-            MotionModel::HexPlane => {
+            MotionModel::HexPlane | MotionModel::Auto => {
                 let field_config = field_config(&config.field, self.gaussians.sh_degree, scene.frame_times.len());
                 Motion::HexPlane(Box::new(Field::new(gpu, &field_config, field_box, config.seed)?))
             }
@@ -151,7 +151,7 @@ impl Model {
         let events_move_only = config.motion == MotionModel::FreeTime && config.free_time.events_move_only;
         self.aside = events_move_only.then(|| self.beside(gpu)).transpose()?;
         self.field_box = field_box;
-        self.sh_head = config.motion == MotionModel::HexPlane && config.field.sh_head;
+        self.sh_head = config.motion != MotionModel::FreeTime && config.field.sh_head;
         self.size_deltas(gpu)
     }
 
