@@ -1,11 +1,14 @@
-//! `erfgs export`: runs, sessions and event files in the formats of other programs.
+//! `erfgs export`: runs, datasets, sessions and event files in the formats of other programs.
 
+mod dataset;
 mod events;
 mod frames;
 mod run;
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum as _;
+use erfgs_dataset::{Dataset, export::Layout};
 use erfgs_events::SensorSize;
 use erfgs_session::{
     container::Recording,
@@ -19,11 +22,15 @@ use crate::{
     terminal::Terminal,
 };
 
-/// Write the Gaussians of a run, or the streams of a session or an event file, in the formats of other programs.
+/// Write the Gaussians of a run, a dataset, or the streams of a session or an event file, in the formats of other programs.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording.
+
+A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
+  colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
+  nerfstudio  images/ and transforms.json, with times from 0 to 1 and the initial points
 
 A session, a recording of ROS 2 or an event file gives its event streams as
   raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for; DAT and AEDAT 2 as EVT 2
@@ -39,13 +46,14 @@ All streams that fit the format are written, or the one named with --stream. Wha
 
 Examples:
   erfgs export run --instants 10 --out splats
+  erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
-    /// A run folder, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
-    #[arg(value_name = "RUN|S.mcap|FILE")]
+    /// A run folder, a dataset, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
+    #[arg(value_name = "RUN|DATASET|S.mcap|FILE")]
     input: PathBuf,
     /// The dataset, where it is no longer where the run was trained on it.
     #[arg(long, value_name = "DATASET", help_heading = "Of a run")]
@@ -56,8 +64,8 @@ pub struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
-    #[arg(long, value_enum, help_heading = "Of a session or an event file")]
-    to: Option<Format>,
+    #[arg(long, value_name = "FORMAT", value_parser = to, help_heading = "Of a dataset, a session or an event file")]
+    to: Option<To>,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
@@ -84,6 +92,25 @@ enum Format {
     Png,
     Exr,
     Mp4,
+}
+
+/// What `--to` names.
+#[derive(Clone, Copy, Debug)]
+enum To {
+    /// Streams of a session.
+    Streams(Format),
+    /// A dataset.
+    Dataset(Layout),
+}
+
+fn to(text: &str) -> Result<To, String> {
+    match text {
+        "colmap" => Ok(To::Dataset(Layout::Colmap)),
+        "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
+        _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
+            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset".into()
+        }),
+    }
 }
 
 /// What a format is one of.
@@ -138,14 +165,26 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if !input.exists() {
         return Err(Usage(format!("'{}' does not exist", input.display())).into());
     }
-    match (input.is_file(), arguments.to) {
-        (true, Some(format)) => recording(input, format, arguments, terminal),
+    let manifest = input.file_name().is_some_and(|name| name == Dataset::MANIFEST);
+    match (input.is_file() && !manifest, arguments.to) {
+        (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
+        (true, Some(To::Dataset(_))) => Err(Usage(format!(
+            "'{}' is no dataset; make one with `erfgs dataset import session`, or export the recording to another format",
+            input.display()
+        ))
+        .into()),
         (true, None) => {
             let what = "say in which format to export the recording: --to raw, aedat4, csv, npz, h5, png, exr or mp4";
             Err(Usage(what.into()).into())
         }
-        (false, Some(_)) => Err(Usage(format!(
-            "--to is for sessions and event files, and '{}' is a folder; without it, the Gaussians of a run are exported",
+        (false, Some(To::Dataset(layout))) => {
+            let Some(out) = &arguments.out else {
+                return Err(Usage("say where to: --out FOLDER, which must be empty or new".into()).into());
+            };
+            dataset::run(input, layout, out, terminal)
+        }
+        (false, Some(To::Streams(_))) => Err(Usage(format!(
+            "'{}' is a folder; a dataset is exported --to colmap or nerfstudio, and the Gaussians of a run without --to",
             input.display()
         ))
         .into()),

@@ -121,6 +121,12 @@ pub enum DatasetError {
         /// What is wrong.
         reason: String,
     },
+    /// The file of another program cannot be written.
+    #[error(transparent)]
+    Exchange(#[from] erfgs_scene::exchange::ExchangeError),
+    /// A COLMAP model cannot be written.
+    #[error(transparent)]
+    Colmap(#[from] erfgs_scene::colmap::ColmapError),
     /// The manifest contradicts itself or the files.
     #[error("{}: {problem}", path.display())]
     Manifest {

@@ -9,6 +9,7 @@
 //! ```
 
 mod error;
+pub mod export;
 mod files;
 mod hashes;
 pub mod import;

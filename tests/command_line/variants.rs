@@ -49,6 +49,17 @@ fn a_variant_has_fewer_blurred_frames_and_event_only_cameras_and_can_be_trained_
     assert!(folder.fail(1, "dataset variant ds --subsample 4 --out ds-dv").contains("ds-dv"));
 
     folder.succeed("dataset points ds-dv --method random --random-points 200");
+    let written = folder.figures("export ds-dv --to colmap --out for-colmap");
+    assert_eq!(written["images"].as_u64(), Some(4 * 3 + 13), "{written}");
+    assert!(written["points"].as_u64() >= Some(200), "{written}");
+    // Cameras of other programs need frames: those with events alone are said to be missing.
+    assert!(written["notes"].to_string().contains("no frames: 2"), "{written}");
+    folder.succeed("export ds-dv/dataset.json --to nerfstudio --out for-nerfstudio");
+    let back = folder.figures("dataset import nerfstudio for-nerfstudio --fps 30 --out back");
+    assert_eq!((back["train_rgb"].as_u64(), back["test"].as_u64()), (Some(4), Some(1)), "{back}");
+    assert!(folder.fail(1, "export ds-dv --to colmap --out for-colmap").contains("for-colmap"));
+    assert!(folder.fail(2, "export ds-dv --to png --out pictures").contains("--to colmap or nerfstudio"));
+    assert!(folder.fail(2, "export ds-dv --to colmap").contains("--out"));
     let trained = folder.figures("train ds-dv --iterations 5+10 --no-evaluation --out run");
     assert_eq!(trained["iterations"].as_u64(), Some(15), "{trained}");
     let paper =

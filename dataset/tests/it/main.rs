@@ -23,6 +23,7 @@ use glam::{DMat3, DVec3};
 use serde_json::{Value, json};
 
 mod colmap;
+mod export;
 mod nerfstudio;
 mod neu3d;
 mod panoptic;

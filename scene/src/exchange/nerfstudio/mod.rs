@@ -14,6 +14,7 @@ use glam::{DMat3, DVec3};
 
 pub use lens::Lens;
 pub(super) use write::write;
+pub use write::{Shot, write_shots};
 
 use self::keys::{File, FrameKeys};
 use super::{
