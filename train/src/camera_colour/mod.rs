@@ -16,7 +16,7 @@ use crate::{
 };
 
 const STEP: &str = include_str!("step.wgsl");
-/// Floats that a camera has: gain and offset; red, green, blue and 1 where the camera takes part, else 0.
+/// Floats that a camera has; see [`CameraColourState::values`].
 pub(crate) const FLOATS: usize = 8;
 const BETAS: [f32; 2] = [0.9, 0.99];
 
@@ -45,7 +45,7 @@ impl Default for CameraColourOptions {
 pub struct CameraColourState {
     /// Steps that each camera took.
     pub steps: Vec<u32>,
-    /// Rows of [`FLOATS`].
+    /// Eight a camera: gain and offset; red, green, blue and 1 where the camera takes part, else 0.
     pub values: Vec<f32>,
     /// First and second moments, like `values`.
     pub moments: [Vec<f32>; 2],

@@ -20,7 +20,7 @@ impl Config {
         if method == Method::FourDgs {
             config.earl.enabled = false;
             config.eds.enabled = false;
-            // The baseline is 4DGS as published: it knows neither events nor a model of the exposure.
+            // The baseline knows neither events nor a model of the exposure, as 4DGS was published.
             config.blur.model = Switch::Off;
         }
         config
