@@ -205,13 +205,6 @@ pub struct FieldOptions {
     /// Whether the box of the planes encloses the moving Gaussians alone (so that no cell is spent on the background)
     /// instead of the whole cloud.
     pub box_of_moving: bool,
-    /// How much of the learning rate of positions is left while the field moves Gaussians.
-    #[serde(default = "one")]
-    pub position: f32,
-}
-
-fn one() -> f32 {
-    1.0
 }
 
 /// Clone, split and prune.

@@ -146,12 +146,6 @@ impl Config {
             self.field.features.to_string(),
             "a multiple of 4 up to 64",
         )?;
-        check(
-            self.field.position.is_finite() && self.field.position >= 0.0,
-            "field.position",
-            self.field.position.to_string(),
-            "0 or more",
-        )?;
         let colour = &self.camera_colour;
         let small = |value: f32| value.is_finite() && (0.0..=1.0).contains(&value);
         check(small(colour.from), "camera_colour.from", colour.from.to_string(), "0 to 1")?;

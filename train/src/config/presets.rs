@@ -73,7 +73,6 @@ impl Config {
                 weight_l1_time: 1e-4,
                 regularise_every: 1,
                 box_of_moving: false,
-                position: 1.0,
             },
             density: DensityConfig {
                 from: 500,
@@ -180,7 +179,6 @@ impl Config {
         config.field.sh_head = false;
         config.field.regularise_every = 4;
         config.field.box_of_moving = true;
-        config.field.position = 0.1;
         config.density.from = 300;
         config.density.every = 100;
         config.density.until = 0.6;

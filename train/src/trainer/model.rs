@@ -373,10 +373,7 @@ impl Model {
         self.step += 1;
         let rates = &config.learning_rate;
         let adam = AdamConfig { epsilon: rates.adam_epsilon, ..AdamConfig::default() };
-        // What a field moves need not move by itself.
-        let moved = self.dynamic > 0 && self.motion.as_ref().and_then(Motion::field).is_some();
-        let share = if moved { config.field.position } else { 1.0 };
-        let position = share * extent * decayed(rates.position, progress);
+        let position = extent * decayed(rates.position, progress);
         let (scale, rotation) = (rates.scale, rates.rotation);
         let core_rates: [f32; CORE] = [
             position,
