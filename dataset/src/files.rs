@@ -131,6 +131,17 @@ impl Dataset {
         Ok(Some(cloud))
     }
 
+    /// Copies a file that the manifest names, making the folder of the copy where needed.
+    pub(crate) fn copy_file(&self, file: &Path, to: &Path) -> Result<(), DatasetError> {
+        let from = self.path(file)?;
+        let io = FileError::when("copy", &from);
+        if let Some(folder) = to.parent() {
+            std::fs::create_dir_all(folder).map_err(&io)?;
+        }
+        std::fs::copy(&from, to).map_err(io)?;
+        Ok(())
+    }
+
     /// Writes the initial cloud into the folder and names it in the manifest, which is not saved yet.
     ///
     /// # Errors

@@ -67,7 +67,7 @@ pub fn undistort(dataset: &Dataset, out: &Path, progress: &mut dyn FnMut(Progres
         }
     }
     if let Some(points) = &dataset.manifest.points {
-        copy(dataset, &points.file, folder.path())?;
+        dataset.copy_file(&points.file, &folder.path().join(&points.file))?;
     }
     let factors: BTreeMap<_, _> = cameras
         .iter()
@@ -110,8 +110,8 @@ impl Task<'_> {
         let image = |source| DatasetError::Image { camera: name.clone(), source };
         match what {
             What::Frame(_, frame) if from == to => {
-                copy(dataset, &frame.file, root)?;
-                frame.mask.iter().try_for_each(|mask| copy(dataset, mask, root))?;
+                dataset.copy_file(&frame.file, &root.join(&frame.file))?;
+                frame.mask.iter().try_for_each(|mask| dataset.copy_file(mask, &root.join(mask)))?;
                 Ok(0)
             }
             What::Frame(index, frame) => {
@@ -123,7 +123,9 @@ impl Task<'_> {
                 }
                 Ok(0)
             }
-            What::Events(file) if from == to => copy(dataset, &file.file, root).map(|()| file.count),
+            What::Events(file) if from == to => {
+                dataset.copy_file(&file.file, &root.join(&file.file)).map(|()| file.count)
+            }
             What::Events(_) => {
                 let Some(events) = dataset.read_events(camera)? else { return Ok(0) };
                 let events = undistort_events(from, to, &events);
@@ -133,16 +135,6 @@ impl Task<'_> {
             }
         }
     }
-}
-
-fn copy(dataset: &Dataset, file: &Path, root: &Path) -> Result<(), DatasetError> {
-    let (from, to) = (dataset.path(file)?, root.join(file));
-    let io = FileError::when("copy", &from);
-    if let Some(folder) = to.parent() {
-        std::fs::create_dir_all(folder).map_err(&io)?;
-    }
-    std::fs::copy(&from, &to).map_err(io)?;
-    Ok(())
 }
 
 /// Events of `from` moved to the pixels of `to` that their rays fall in; those outside are dropped.

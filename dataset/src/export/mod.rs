@@ -11,10 +11,7 @@
 mod colmap;
 mod nerfstudio;
 
-use std::{
-    fmt::Write as _,
-    path::{Path, PathBuf},
-};
+use std::{fmt::Write as _, path::Path};
 
 use erfgs_base::{
     FileError, atomic,
@@ -76,8 +73,9 @@ pub fn export(
     let root = folder.path();
     let images: Vec<Image<'_>> = dataset.manifest.cameras.iter().flat_map(images).collect();
     let points = dataset.read_points()?;
+    let notes = left_out(dataset)?;
     let copy = |image: &Image<'_>, tick: &dyn Fn()| -> Result<(), DatasetError> {
-        copy(&dataset.path(&image.frame.file)?, &root.join(&image.file))?;
+        dataset.copy_file(&image.frame.file, &root.join(&image.file))?;
         tick();
         Ok(())
     };
@@ -89,11 +87,7 @@ pub fn export(
         Layout::Nerfstudio => nerfstudio::write(&images, points.as_ref(), dataset.manifest.span_ns, root)?,
     }
     folder.finish().map_err(FileError::when("write", out))?;
-    Ok(Exported {
-        images: images.len() as u64,
-        points: points.as_ref().map_or(0, PointCloud::len) as u64,
-        notes: left_out(dataset)?,
-    })
+    Ok(Exported { images: images.len() as u64, points: points.as_ref().map_or(0, PointCloud::len) as u64, notes })
 }
 
 fn images(camera: &Camera) -> impl Iterator<Item = Image<'_>> {
@@ -107,15 +101,6 @@ fn images(camera: &Camera) -> impl Iterator<Item = Image<'_>> {
         };
         Image { camera, frame, file }
     })
-}
-
-fn copy(from: &Path, to: &PathBuf) -> Result<(), DatasetError> {
-    let io = FileError::when("copy", from);
-    if let Some(folder) = to.parent() {
-        std::fs::create_dir_all(folder).map_err(&io)?;
-    }
-    std::fs::copy(from, to).map_err(io)?;
-    Ok(())
 }
 
 fn frames(images: &[Image<'_>]) -> String {

@@ -12,13 +12,15 @@ use wgpu::Buffer;
 use crate::{
     gpu::{Commands, Gpu, GpuError, Kernel},
     losses::threads_for,
+    optimiser::AdamConfig,
     schedule::decayed,
 };
 
 const STEP: &str = include_str!("step.wgsl");
 /// Floats that a camera has; see [`CameraColourState::values`].
 pub(crate) const FLOATS: usize = 8;
-const BETAS: [f32; 2] = [0.9, 0.99];
+/// A camera takes some hundred steps, so that the second moment forgets sooner than that of the scene.
+const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
 
 /// How the colour responses of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,8 +88,9 @@ struct StepUniform {
     beta2: f32,
     rate: f32,
     root_scale: f32,
+    epsilon: f32,
     cameras: u32,
-    unused: [u32; 3],
+    unused: [u32; 2],
 }
 
 /// The colour responses on the device.
@@ -116,6 +119,16 @@ impl CameraColours {
             steps: state.steps.clone(),
             kernel: gpu.kernel("colour of a camera", &[STEP]),
         })
+    }
+
+    /// Takes up a state of as many cameras.
+    pub(crate) fn restore(&mut self, gpu: &Gpu, state: &CameraColourState) {
+        let [first, second] = &self.moments;
+        for (buffer, values) in [(&self.values, &state.values), (first, &state.moments[0]), (second, &state.moments[1])]
+        {
+            gpu.upload(buffer, 0, values);
+        }
+        self.steps.clone_from(&state.steps);
     }
 
     /// How many floats `values` holds.
@@ -149,19 +162,19 @@ impl CameraColours {
         share: f64,
     ) {
         self.steps[view] += 1;
-        let [beta1, beta2] = BETAS;
-        let steps = self.steps[view].min(i32::MAX as u32) as i32;
+        let (rate_scale, root_scale) = ADAM.bias_corrections(self.steps[view]);
         let uniform = StepUniform {
             view: view as u32,
             threads: threads_for(pixels),
             scale: 1.0 / (3.0 * pixels as f32),
             prior: options.prior,
-            beta1,
-            beta2,
-            rate: decayed(options.rate, share) / (1.0 - beta1.powi(steps)),
-            root_scale: 1.0 / (1.0 - beta2.powi(steps)).sqrt(),
+            beta1: ADAM.beta1,
+            beta2: ADAM.beta2,
+            rate: rate_scale * decayed(options.rate, share),
+            root_scale,
+            epsilon: ADAM.epsilon,
             cameras: self.steps.len() as u32,
-            unused: [0; 3],
+            unused: [0; 2],
         };
         let uniform = gpu.uniform("colour of a camera", &uniform);
         let [first, second] = &self.moments;

@@ -13,10 +13,10 @@ struct Step {
     beta2: f32,
     rate: f32,        // learning rate / (1 - beta1^step)
     root_scale: f32,  // 1 / sqrt(1 - beta2^step)
+    epsilon: f32,
     cameras: u32,
     unused0: u32,
     unused1: u32,
-    unused2: u32,
 }
 
 @group(0) @binding(0) var<uniform> step: Step;
@@ -28,7 +28,6 @@ struct Step {
 @group(0) @binding(4) var<storage, read_write> second_moment: array<vec4f>;
 
 const LANES = 64u;
-const EPSILON = 1e-15;
 
 var<workgroup> sums: array<vec4f, 128>;
 
@@ -57,7 +56,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     let v = step.beta2 * second_moment[at] + (1.0 - step.beta2) * gradient * gradient;
     first_moment[at] = m;
     second_moment[at] = v;
-    colours[at] -= step.rate * m / (sqrt(v) * step.root_scale + EPSILON);
+    colours[at] -= step.rate * m / (sqrt(v) * step.root_scale + step.epsilon);
 
     var astray = vec4f(0.0);
     for (var camera = 0u; camera < step.cameras; camera++) {

@@ -111,7 +111,7 @@ fn a_step_is_the_twins() {
                     gradient[1][c] += error.signum() / f64::from(3 * PIXELS);
                 }
             }
-            let [beta1, beta2] = BETAS.map(f64::from);
+            let [beta1, beta2] = [ADAM.beta1, ADAM.beta2].map(f64::from);
             for (part, c) in (0..2).flat_map(|part| (0..3).map(move |c| (part, c))) {
                 let g = gradient[part][c] + 2.0 * f64::from(options.prior) * (value[camera][part][c] - neutral[part]);
                 let (m, v) = (&mut m[camera][part][c], &mut v[camera][part][c]);

@@ -4,6 +4,7 @@
 //! than the thing by its way. Where the thing was in the middle of the exposure is what stays of the hull when it is moved
 //! by half that way, forth and back: its ends come in along the velocity.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{gaussians::Neighbours, scene::Point};
@@ -25,29 +26,29 @@ pub(super) fn shrunk(points: &[Point], velocities: &[[f32; 3]], exposure: f32) -
         .par_iter()
         .zip(velocities)
         .map(|(point, velocity)| {
-            let speed = length(velocity);
-            let half = 0.5 * exposure * speed;
+            let velocity = Vec3::from(*velocity);
+            let half = 0.5 * exposure * velocity.length();
             if !(half > 0.5 * spacing && half.is_finite()) {
                 return *point;
             }
-            let way = velocity.map(|v| v / speed);
-            let shift = inwards(points, point, &way, half, TUBE * spacing);
-            (std::array::from_fn(|axis| point.0[axis] + shift * way[axis]), point.1)
+            let way = velocity.normalize();
+            let shift = inwards(points, point, way, half, TUBE * spacing);
+            ((Vec3::from(point.0) + shift * way).to_array(), point.1)
         })
         .collect()
 }
 
 /// How far along `way` the place of `point` is from one that stays inside when the thing is moved by `half` to either side.
-fn inwards(points: &[Point], point: &Point, way: &[f32; 3], half: f32, tube: f32) -> f32 {
+fn inwards(points: &[Point], point: &Point, way: Vec3, half: f32, tube: f32) -> f32 {
+    let colour = |point: &Point| Vec3::from(point.1.map(f32::from));
     // The ends of the thing ahead and behind, as far as they are nearer than `half`.
     let [mut ahead, mut behind] = [0.0_f32; 2];
     let [mut goes_on, mut comes_from] = [false; 2];
     for other in points {
-        let offset: [f32; 3] = std::array::from_fn(|axis| other.0[axis] - point.0[axis]);
-        let along = dot(&offset, way);
-        let aside = (dot(&offset, &offset) - along * along).max(0.0).sqrt();
-        let tint: [f32; 3] = std::array::from_fn(|c| f32::from(other.1[c]) - f32::from(point.1[c]));
-        if aside > tube || along.abs() > FOLLOWED * half || length(&tint) > ALIKE {
+        let offset = Vec3::from(other.0) - Vec3::from(point.0);
+        let along = offset.dot(way);
+        let aside = (offset.length_squared() - along * along).max(0.0).sqrt();
+        if aside > tube || along.abs() > FOLLOWED * half || colour(other).distance(colour(point)) > ALIKE {
             continue;
         }
         if along >= half {
@@ -64,14 +65,6 @@ fn inwards(points: &[Point], point: &Point, way: &[f32; 3], half: f32, tube: f32
         (true, false) => half - behind,
         (false, false) => 0.5 * (ahead - behind),
     }
-}
-
-fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn length(a: &[f32; 3]) -> f32 {
-    dot(a, a).sqrt()
 }
 
 #[cfg(test)]
@@ -105,7 +98,7 @@ mod tests {
         let longest = |points: &[Point]| points.iter().map(|(place, _)| place[0].abs()).fold(0.0, f32::max);
         assert!(longest(&points) > 0.3);
         let found = shrunk(&points, &velocities, 0.5);
-        let outside = found.iter().filter(|(place, _)| length(place) > 0.15).count();
+        let outside = found.iter().filter(|(place, _)| Vec3::from(*place).length() > 0.15).count();
         assert!(longest(&found) < 0.17 && outside < 40, "{} and {outside}", longest(&found));
         let mean = found.iter().map(|(place, _)| place[0]).sum::<f32>() / 800.0;
         assert!(mean.abs() < 0.01, "it stays where it was: {mean}");

@@ -147,7 +147,7 @@ impl<'a> Trainer<'a> {
             if saved != views {
                 return Err(TrainError::Cameras { saved, views });
             }
-            trainer.colours = CameraColours::new(gpu, state, trainer.scene.max_pixels())?;
+            trainer.colours.restore(gpu, state);
         }
         trainer.left_out = left_out;
         Ok(trainer)
