@@ -2,6 +2,8 @@
 
 use std::{path::Path, process::ExitCode};
 
+use erfgs_base::names::printable;
+
 /// The command line asks for something that cannot be asked for (exit code 2).
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -25,12 +27,12 @@ pub struct Stopped(pub String);
 /// Prints an error with its chain of causes and gives the exit code that fits.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.is::<Stopped>() {
-        eprintln!("{error}");
+        eprintln!("{}", printable(&error.to_string()));
         return ExitCode::from(130);
     }
-    eprintln!("error: {error}");
-    let mut said = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
+    let mut said = printable(&error.to_string());
+    eprintln!("error: {said}");
+    for cause in error.chain().skip(1).map(|cause| printable(&cause.to_string())) {
         // Library messages often quote their source already.
         if !said.contains(&cause) {
             eprintln!("  because: {cause}");

@@ -8,6 +8,7 @@ mod run;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum as _;
+use erfgs_base::names::FileNames;
 use erfgs_dataset::{Dataset, export::Layout};
 use erfgs_events::SensorSize;
 use erfgs_session::{
@@ -260,9 +261,11 @@ fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let is_event_file = matches!(recording, Recording::EventFile(_));
+    let mut names = FileNames::default();
     let task = |stream: usize| {
         let id = streams[stream].description.id.clone();
-        let name = if format.is_folder() { id.clone() } else { format!("{id}.{extension}") };
+        let name = names.give(&id);
+        let name = if format.is_folder() { name } else { format!("{name}.{extension}") };
         let out = match &arguments.out {
             Some(out) if arguments.stream.is_some() => out.clone(),
             Some(out) if is_event_file && (format.is_folder() || !out.is_dir()) => out.clone(),

@@ -6,6 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use erfgs_base::names::printable;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// Work that ends before this shows nothing.
@@ -35,6 +36,7 @@ enum Style {
 impl Progress {
     /// Starts the clock.
     pub fn new(label: &str, quiet: bool) -> Self {
+        let label = printable(label);
         let style = match (quiet, std::io::stderr().is_terminal()) {
             (true, _) => Style::Silent,
             (false, true) => Style::Bar,
@@ -45,8 +47,8 @@ impl Progress {
         if let Ok(looks) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent}%, {eta} left, {msg}") {
             bar.set_style(looks.progress_chars("=> "));
         }
-        bar.set_prefix(label.to_owned());
-        Self { label: label.to_owned(), bar, style, first: OnceLock::new(), last_line: Mutex::new(Instant::now()) }
+        bar.set_prefix(label.clone());
+        Self { label, bar, style, first: OnceLock::new(), last_line: Mutex::new(Instant::now()) }
     }
 
     /// `done` of `total` things called `what` are finished.

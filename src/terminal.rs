@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use anyhow::Context;
+use erfgs_base::names::printable;
 use serde::Serialize;
 
 use crate::progress::Progress;
@@ -36,8 +37,11 @@ impl Terminal {
 
     /// Prints a result: `value` under `--json`, `text` otherwise.
     pub fn result(&self, value: &impl Serialize, text: impl FnOnce() -> String) -> anyhow::Result<()> {
-        let mut text =
-            if self.json { serde_json::to_string_pretty(value).context("cannot write JSON")? } else { text() };
+        let mut text = if self.json {
+            serde_json::to_string_pretty(value).context("cannot write JSON")?
+        } else {
+            printable(&text())
+        };
         if !text.ends_with('\n') {
             text.push('\n');
         }
@@ -56,7 +60,7 @@ impl Terminal {
     /// Prints a remark on stderr.
     pub fn note(&self, text: impl AsRef<str>) {
         if !self.quiet {
-            eprintln!("{}", text.as_ref());
+            eprintln!("{}", printable(text.as_ref()));
         }
     }
 

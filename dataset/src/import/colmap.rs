@@ -20,7 +20,7 @@ use super::{
     write::{self, SourceRecording},
 };
 use crate::Split;
-use erfgs_base::progress::Progress;
+use erfgs_base::{names, progress::Progress};
 use erfgs_scene::{
     colmap::{ColmapImage, Model, Point3d},
     ply::PointCloud,
@@ -114,7 +114,7 @@ fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<St
     }
     for (name, path) in common::entries(images)? {
         let own = if path.is_dir() { name.clone() } else { common::stem(&path) };
-        let known = views.iter().any(|view| view.name == common::folder_name(&own));
+        let known = views.iter().any(|view| view.name == names::file_name(&own));
         let has_images = if path.is_dir() { !common::images(&path)?.is_empty() } else { common::is_image(&name) };
         if has_images && !known {
             notes.push(format!("{name}: left out, the model has no image of it"));
@@ -164,5 +164,5 @@ fn view(
         if files.len() > 1 || options.frames.is_some() { common::in_range(files, options, &own)? } else { files };
     let frame = |(index, image)| FileFrame { image, mask: None, t_ns: common::frame_time(index as u64, fps) };
     let frames = Frames::Files(files.into_iter().enumerate().map(frame).collect());
-    Ok(SourceView { name: common::folder_name(name), split: Split::Train, intrinsics, pose: first.pose, frames })
+    Ok(SourceView { name: names::file_name(name), split: Split::Train, intrinsics, pose: first.pose, frames })
 }

@@ -163,13 +163,6 @@ pub(super) fn every_eighth(views: &mut [SourceView]) {
     }
 }
 
-/// A name that can be a folder: other characters become `_`.
-pub(super) fn folder_name(name: &str) -> String {
-    let usable = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
-    let name: String = name.chars().map(usable).collect();
-    if name.is_empty() || name.starts_with('.') { format!("_{name}") } else { name }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,12 +174,5 @@ mod tests {
             assert_eq!(number(name), expected, "{name}");
         }
         assert_eq!(number("99999999999999999999999"), None);
-    }
-
-    #[test]
-    fn folder_names_are_safe() {
-        assert_eq!(folder_name("../a b"), "_.._a_b");
-        assert_eq!(folder_name(""), "_");
-        assert_eq!(folder_name("cam-1.x"), "cam-1.x");
     }
 }

@@ -15,7 +15,7 @@ use super::{
     write::{self, SourceRecording},
 };
 use crate::Split;
-use erfgs_base::progress::Progress;
+use erfgs_base::{names, progress::Progress};
 use erfgs_scene::{Distortion, Intrinsics, Pose, exchange::nerfstudio::Transforms};
 
 const FPS: f64 = 30.0;
@@ -150,7 +150,7 @@ fn gather(
         let Some(shot) = shots.first() else { continue };
         let folder = shot.path.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let own = if shots.len() > 1 { folder.unwrap_or_default() } else { common::stem(&shot.path) };
-        let name = common::folder_name(&own);
+        let name = names::file_name(&own);
         if frames.is_empty() {
             notes.push(format!("{name}: left out, it has no frame among those asked for"));
             continue;

@@ -20,7 +20,7 @@ use super::{
     write::{self, SourceRecording},
 };
 use crate::Split;
-use erfgs_base::progress::Progress;
+use erfgs_base::{names, progress::Progress};
 use erfgs_scene::{Pose, exchange::llff::BOUNDS_LEFT_OUT};
 
 const FPS: f64 = 15.0;
@@ -80,13 +80,7 @@ pub fn import(
         }
         let test = common::number(name).is_some_and(|number| TEST.contains(&number));
         let split = if test { Split::Test } else { Split::Train };
-        views.push(SourceView {
-            name: common::folder_name(name),
-            split,
-            intrinsics,
-            pose,
-            frames: Frames::Files(frames),
-        });
+        views.push(SourceView { name: names::file_name(name), split, intrinsics, pose, frames: Frames::Files(frames) });
     }
     common::override_split(&mut views, options)?;
     let recording = SourceRecording {

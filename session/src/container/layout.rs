@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use bytes::Bytes;
+use erfgs_base::names::FileNames;
 
 use super::{
     chunk::RawMessage,
@@ -93,6 +94,7 @@ pub(super) struct Layout {
     schemas: HashMap<u16, String>,
     roles: HashMap<u16, Role>,
     pub streams: Vec<Stream>,
+    names: FileNames,
     /// Encodings of events that were met and that erfgs does not decode.
     pub unknown_encodings: Vec<String>,
     /// Bodies of the records of schemas and channels, by their numbers.
@@ -143,7 +145,8 @@ impl Layout {
         })
     }
 
-    fn add(&mut self, description: Description, topic: String) -> usize {
+    fn add(&mut self, mut description: Description, topic: String) -> usize {
+        description.id = self.names.give(&plain_id(&description.id));
         self.streams.push(Stream { description, topic, totals: StreamTotals::default() });
         self.streams.len() - 1
     }
@@ -201,7 +204,7 @@ impl Layout {
                 settings.insert("frame_id".into(), events.frame_id.clone().into());
                 settings.insert("recorded_encoding".into(), events.encoding.clone().into());
                 let description = Description {
-                    id: topic.trim_matches('/').replace(|c: char| !c.is_ascii_alphanumeric() && c != '_', "-"),
+                    id: topic.trim_matches('/').to_owned(),
                     model: "ROS 2 EventPacket".into(),
                     serial: String::new(),
                     encoding,
@@ -226,6 +229,12 @@ impl Layout {
         };
         Meaning::Entry(Entry::Packet { stream, packet })
     }
+}
+
+/// An id as [`SessionWriter`](super::SessionWriter) takes it: whoever wrote the file may have chosen any.
+fn plain_id(id: &str) -> String {
+    let plain = id.replace(|c: char| !c.is_ascii_alphanumeric() && !matches!(c, '-' | '_'), "-");
+    if plain.is_empty() { "stream".into() } else { plain }
 }
 
 #[cfg(test)]

@@ -142,7 +142,7 @@ pub(super) fn write(
     let written = plans.iter().zip(good).map(|(planned, good)| {
         let lost = good.iter().filter(|good| !**good).count();
         let places = good.iter().enumerate().filter(|(_, good)| **good).map(|(place, _)| place);
-        let frames = places.map(|place| frame(&views[planned.view].stream, place, planned.exposure_ns(place)));
+        let frames = places.map(|place| frame(&views[planned.view].camera, place, planned.exposure_ns(place)));
         Written { view: planned.view, frames: frames.collect(), lost }
     });
     Ok(written.collect())
@@ -165,7 +165,7 @@ pub(super) fn write_pictures(
             continue;
         }
         save(viewpoint, image, 1.0 / f64::from(merged), Resample::Area, place, root)?;
-        frames.push(frame(&viewpoint.stream, place, exposure_ns));
+        frames.push(frame(&viewpoint.camera, place, exposure_ns));
     }
     frames.sort_by_key(|frame| frame.t_ns);
     Ok(Written { view, frames, lost })
@@ -191,5 +191,5 @@ fn save(
         image.resized(target.width, target.height, resample)
     };
     let failed = |source| ImportError::Image { camera: view.stream.clone(), source };
-    image.write_png(&root.join(layout::image(&view.stream, place))).map_err(failed)
+    image.write_png(&root.join(layout::image(&view.camera, place))).map_err(failed)
 }

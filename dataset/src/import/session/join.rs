@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::{ImportError, SessionNote, SessionOptions, Timing, Viewpoint, import};
 use crate::Dataset;
-use erfgs_base::progress::Progress;
+use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_scene::rig_file::{RigCamera, RigFile};
 use erfgs_session::container::{Session, Stream};
 use erfgs_sync::{StreamSync, Synchronisation};
@@ -51,6 +51,7 @@ fn views(
 ) -> Result<Vec<Viewpoint>, ImportError> {
     let summary = session.summary();
     let mut views = Vec::new();
+    let mut names = FileNames::default();
     for recorded in &summary.streams {
         let d = &recorded.description;
         if !(d.encoding.is_events() || d.encoding.is_frames()) {
@@ -59,6 +60,7 @@ fn views(
         let stream = d.id.clone();
         match rig.camera(&stream).map(|camera| (camera, camera.pose)) {
             Some((camera, Some(pose))) => views.push(Viewpoint {
+                camera: names.give(&stream),
                 intrinsics: camera.intrinsics,
                 pose,
                 timing: timing(camera, recorded, sync.stream(&stream)),

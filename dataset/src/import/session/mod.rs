@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::{ImportError, common};
 use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Provenance, Split, layout};
-use erfgs_base::progress::Progress;
+use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_events::npz;
 use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
 use erfgs_session::{clock::Epochs, container::Session};
@@ -34,8 +34,10 @@ use frames::Planned;
 /// A camera of the rig and the stream that it recorded.
 #[derive(Clone, Debug)]
 pub struct Viewpoint {
-    /// The stream, and the camera's name in the dataset.
+    /// The stream.
     pub stream: String,
+    /// The camera's name in the dataset: that of its files, as [`FileNames`](erfgs_base::names::FileNames) gives it.
+    pub camera: String,
     /// Intrinsics of what it recorded.
     pub intrinsics: Intrinsics,
     /// Where it stood, world to camera.
@@ -177,7 +179,7 @@ pub fn import(
         let events = match own {
             Some(found) => {
                 let events = found.finish(zero_ns, span_ns[1]);
-                let file = layout::events(&viewpoint.stream);
+                let file = layout::events(&viewpoint.camera);
                 let failed =
                     |source| ImportError::Events { camera: viewpoint.stream.clone(), source: Box::new(source) };
                 npz::write_events(&building.path().join(&file), &events).map_err(failed)?;
@@ -210,7 +212,7 @@ pub fn import(
             }
         };
         let intrinsics = scaled(&viewpoint.intrinsics, options.scale);
-        let (name, world_to_camera) = (viewpoint.stream.clone(), viewpoint.pose);
+        let (name, world_to_camera) = (viewpoint.camera.clone(), viewpoint.pose);
         cameras.push(Camera { name, modality, split: Split::Train, intrinsics, world_to_camera, frames, events });
     }
     split(&mut cameras, options)?;
@@ -243,6 +245,14 @@ fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<u32, ImportErr
             from as f64 * 1e-9,
             to as f64 * 1e-9
         )));
+    }
+    let mut names = FileNames::default();
+    if let Some(view) = views.iter().find(|view| names.give(&view.camera) != view.camera) {
+        let (camera, stream) = (view.camera.escape_debug(), view.stream.escape_debug());
+        let what = format!(
+            "the camera of stream {stream} cannot be called '{camera}': its files could not be told from others"
+        );
+        return Err(ImportError::Options(what));
     }
     let events = views.iter().filter(|view| !view.timing.epochs.are_undated());
     let merged = (1.0 / scale).round().max(1.0);

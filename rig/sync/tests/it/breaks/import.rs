@@ -30,6 +30,7 @@ fn a_dataset_has_the_events_of_both_sides_at_their_times() {
     };
     let view = Viewpoint {
         stream: "eye".into(),
+        camera: "eye".into(),
         intrinsics,
         pose: Pose::IDENTITY,
         timing: Timing { epochs: sync.stream("eye").unwrap().epochs.clone(), ..Timing::default() },

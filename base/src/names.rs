@@ -1,0 +1,85 @@
+//! Names that come from a file, as names of files.
+//!
+//! Whoever wrote a recording chose the names in it. As a path, `/etc/cron.d/x` or `../../x` would lie outside of the folder that
+//! is written, and two topics such as `/a/b` and `/a-b` could become one file.
+
+use std::collections::BTreeSet;
+
+/// The longest name of a file, in bytes, with room for an extension: file systems stop at 255.
+const LONGEST: usize = 200;
+
+/// `name` as the name of a file or folder: letters, digits, `-`, `_` and `.` stay, anything else becomes `_`; it is never
+/// empty, hidden, a step upwards or longer than a file system allows.
+#[must_use]
+pub fn file_name(name: &str) -> String {
+    let usable = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
+    let mut name: String = name.chars().map(usable).collect();
+    if name.is_empty() || name.starts_with('.') {
+        name.insert(0, '_');
+    }
+    let end = (0..=name.len().min(LONGEST)).rev().find(|&end| name.is_char_boundary(end)).unwrap_or(0);
+    name.truncate(end);
+    name
+}
+
+/// The names of files in one folder, each given once, also where the file system does not tell capitals from small letters.
+#[derive(Clone, Debug, Default)]
+pub struct FileNames {
+    given: BTreeSet<String>,
+}
+
+impl FileNames {
+    /// [`file_name`] of `name`; with `_2`, `_3` and so on after it if that was given before.
+    pub fn give(&mut self, name: &str) -> String {
+        let plain = file_name(name);
+        let numbered = (2u64..).map(|number| format!("{plain}_{number}"));
+        let free = std::iter::once(plain.clone()).chain(numbered).find(|name| self.given.insert(name.to_lowercase()));
+        free.unwrap_or(plain)
+    }
+}
+
+/// `text` without what a terminal takes for a command: control characters but line breaks and tabs are written out, as `\u{1b}`.
+#[must_use]
+pub fn printable(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_control() && !matches!(c, '\n' | '\t') {
+            shown.extend(c.escape_unicode());
+        } else {
+            shown.push(c);
+        }
+    }
+    shown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_of_a_file_stays_in_its_folder() {
+        let long = "ä".repeat(300);
+        let evil = ["", ".", "..", "/abs/EVIL", "../../EVIL", "a/../..", "C:\\x", "a\0b", "\u{1b}[2J", "\n", &long];
+        for name in evil {
+            let name = file_name(name);
+            let path = std::path::Path::new("out").join(&name);
+            assert_eq!(path.parent(), Some(std::path::Path::new("out")), "{name:?}");
+            assert!(name.len() <= LONGEST && !name.starts_with('.') && !name.contains(char::is_control), "{name:?}");
+            assert_eq!(path.file_name().and_then(|own| own.to_str()), Some(name.as_str()));
+        }
+        assert_eq!(file_name("cam-1.x"), "cam-1.x");
+        assert_eq!(file_name("../a b"), "_.._a_b");
+    }
+
+    #[test]
+    fn two_names_never_become_one_file() {
+        let mut names = FileNames::default();
+        let given = ["/a/b", "/a b", "_a_b", "_A_B", "_a_b_2"].map(|name| names.give(name));
+        assert_eq!(given, ["_a_b", "_a_b_2", "_a_b_3", "_A_B_4", "_a_b_2_2"]);
+    }
+
+    #[test]
+    fn a_terminal_gets_no_commands_from_a_name() {
+        assert_eq!(printable("a\u{1b}[31mb\r\u{7}\n\tc é"), "a\\u{1b}[31mb\\u{d}\\u{7}\n\tc é");
+    }
+}
