@@ -69,7 +69,7 @@ impl Default for FreeTimeOptions {
             least_life: 1.0,
             first_life: 2.0,
             opacity: 0.2,
-            fastest: 0.25,
+            fastest: 0.5,
             velocity: 0.5,
             acceleration: 0.25,
             instant: 0.01,
