@@ -27,6 +27,7 @@ mod simulate;
 mod sync;
 mod terminal;
 mod train;
+mod view;
 
 use std::process::ExitCode;
 
@@ -87,6 +88,8 @@ enum Command {
     Eval(eval::Arguments),
     /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
     Render(render::Arguments),
+    /// Look at runs in a browser, at any time from any place.
+    View(view::Arguments),
     /// Write the Gaussians of a run, or the streams of a session or an event file, in the formats of other programs.
     Export(export::Arguments),
     /// Make a session of an event file of another program.
@@ -128,6 +131,7 @@ fn main() -> ExitCode {
         Command::Train(arguments) => train::run(&arguments, &terminal),
         Command::Eval(arguments) => eval::run(&arguments, &terminal),
         Command::Render(arguments) => render::run(&arguments, &terminal),
+        Command::View(arguments) => view::run(&arguments, &terminal),
         Command::Export(arguments) => export::run(&arguments, &terminal),
         Command::Import(arguments) => import::run(&arguments, &terminal),
         Command::Recover(arguments) => recover::run(&arguments, &terminal),

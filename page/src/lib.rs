@@ -1,5 +1,7 @@
 //! Pages of results: HTML that is one file, with plots as inline SVG. What the reports of the stages have in common.
 
+#[cfg(feature = "serve")]
+pub mod access;
 pub mod html;
 pub mod picture;
 pub mod plot;

@@ -19,5 +19,6 @@ pub mod raster;
 pub mod reference;
 pub mod scene;
 pub mod schedule;
+pub mod shaders;
 pub mod sort;
 pub mod trainer;

@@ -35,7 +35,8 @@ fn main(
     }
     for (var offset = 1u; offset < THREADS; offset = 2u * offset) {
         workgroupBarrier();
-        var before: array<u32, WORDS>;
+        // Given a value, for browsers do not set it to zero anew.
+        var before = array<u32, WORDS>();
         if thread >= offset {
             for (var word = 0u; word < WORDS; word++) {
                 before[word] = counters[word * THREADS + thread - offset];

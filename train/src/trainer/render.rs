@@ -45,7 +45,8 @@ impl Trainer<'_> {
 
     /// The near plane, metres. A training camera is rendered as it was trained; in front of any other lie Gaussians
     /// that no training camera could see through or past.
-    fn near(&self, view: &View) -> f32 {
+    #[must_use]
+    pub fn near(&self, view: &View) -> f32 {
         let trained = |camera: &crate::scene::SceneView| camera.split == Split::Train && camera.view == *view;
         if self.scene.views.iter().any(trained) {
             return self.config.near_m;

@@ -129,7 +129,9 @@ impl Trainer<'_> {
         Ok(())
     }
 
-    pub(super) fn options(&self) -> RenderOptions {
+    /// How the scene is drawn as it stands.
+    #[must_use]
+    pub fn options(&self) -> RenderOptions {
         let raised = self.schedule.done(&self.clock) / u64::from(self.config.sh.raise_every);
         RenderOptions {
             background: self.config.background,

@@ -3,7 +3,6 @@
 //! [`Monitor`] looks at packets as they pass, on one thread with a bounded share of a core, and may miss any of them:
 //! what it shows says how much it saw. [`LivePage`] serves it over HTTP, to this machine alone unless told otherwise.
 
-mod access;
 mod clock;
 mod eye;
 mod files;
@@ -14,7 +13,6 @@ mod picture;
 mod routes;
 mod server;
 
-pub use access::{Access, Token};
 pub use files::{NameError, RecordingFile, recordings};
 pub use guide::{Guidance, Guide};
 pub use monitor::{Monitor, MonitorOptions};

@@ -5,20 +5,20 @@ use std::{convert::Infallible, fs::File, io::Read, path::PathBuf, sync::Arc, tim
 use axum::{
     Json, Router,
     body::{Body, Bytes},
-    extract::{DefaultBodyLimit, Path, Request, State},
-    http::{HeaderValue, StatusCode, header},
-    middleware::{self, Next},
+    extract::{DefaultBodyLimit, Path, State},
+    http::{StatusCode, header},
+    middleware,
     response::{
         IntoResponse, Response, Sse,
         sse::{Event, KeepAlive},
     },
     routing::{get, post},
 };
+use erfgs_page::access::{Access, guard};
 use futures_util::stream;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    access::{Access, COOKIE, parameter},
     files::{self, NameError},
     guide::Guidance,
     monitor::{Look, Monitor},
@@ -34,7 +34,7 @@ const PIECE: usize = 1 << 20;
 pub(super) struct Site {
     pub recorder: Arc<Recorder>,
     pub monitor: Arc<Monitor>,
-    pub access: Access,
+    pub access: Arc<Access>,
 }
 
 type Shared = State<Arc<Site>>;
@@ -52,41 +52,8 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/api/stop", post(stop))
         .route("/recordings/{name}", get(download))
         .layer(DefaultBodyLimit::max(4096))
-        .layer(middleware::from_fn_with_state(Arc::clone(&site), guard))
+        .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
         .with_state(site)
-}
-
-/// Lets through what [`Access`] allows, trades the token of an address for a cookie, and sets the headers that keep
-/// browsers strict.
-async fn guard(State(site): Shared, request: Request, next: Next) -> Response {
-    let query = request.uri().query().unwrap_or_default();
-    let mut response = match site.access.check(request.method(), request.headers(), query) {
-        Err((code, why)) => (code, why).into_response(),
-        Ok(()) => match (request.uri().path(), parameter(query, "token"), &site.access.token) {
-            // The secret does not stay in the address bar, nor in the history.
-            ("/", Some(_), Some(token)) => {
-                let cookie = format!("{COOKIE}={}; HttpOnly; SameSite=Strict; Path=/", token.reveal());
-                let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())];
-                (StatusCode::SEE_OTHER, headers).into_response()
-            }
-            _ => next.run(request).await,
-        },
-    };
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-        (header::X_FRAME_OPTIONS, "DENY"),
-        (
-            header::CONTENT_SECURITY_POLICY,
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; \
-             form-action 'none'; frame-ancestors 'none'; base-uri 'none'",
-        ),
-        (header::CACHE_CONTROL, "no-store"),
-    ] {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
-    response
 }
 
 fn page(kind: &'static str, text: &'static str) -> impl IntoResponse {

@@ -7,10 +7,10 @@ use std::{
     thread::{self, JoinHandle},
 };
 
+use erfgs_page::access::Access;
 use tokio::sync::oneshot;
 
 use super::{
-    access::Access,
     monitor::Monitor,
     routes::{self, Site},
 };
@@ -47,7 +47,7 @@ pub enum LiveError {
 /// A page that is being served; ends when dropped.
 pub struct LivePage {
     address: SocketAddr,
-    access: Access,
+    access: Arc<Access>,
     quit: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -84,10 +84,11 @@ impl LivePage {
         options: &LiveOptions,
     ) -> Result<Self, LiveError> {
         let access = Access::for_address(&options.address, options.names.clone()).map_err(LiveError::Token)?;
+        let access = Arc::new(access);
         let address = listener.local_addr().map_err(|source| LiveError::Listen { address: options.address, source })?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
         let (quit, told) = oneshot::channel();
-        let site = Arc::new(Site { recorder, monitor, access: access.clone() });
+        let site = Arc::new(Site { recorder, monitor, access: Arc::clone(&access) });
         let thread = thread::Builder::new().name("live-page".into()).spawn(move || {
             let serve = async move {
                 let listener = match tokio::net::TcpListener::from_std(listener) {

@@ -2,8 +2,6 @@
 
 const LARGEST_LOG_SCALE = 20.0;
 const LEAST_SQUARED_QUATERNION = 1e-12;
-// Added to the variances of a splat, square pixels: no splat is thinner than about a pixel.
-const LOW_PASS = 0.3;
 
 struct Projection {
     // Whether everything below is finite and in front of the near plane.
@@ -78,10 +76,11 @@ fn project_gaussian(row0: vec4f, row1: vec4f, row2: vec4f) -> Projection {
     let xx = dot(p.root_x, p.root_x);
     let yy = dot(p.root_y, p.root_y);
     let xy = dot(p.root_x, p.root_y);
-    p.covariance = vec3f(xx + LOW_PASS, xy, yy + LOW_PASS);
+    let low_pass = bitcast<f32>(view.outputs.w);
+    p.covariance = vec3f(xx + low_pass, xy, yy + low_pass);
     // The determinant by the Cauchy-Binet formula: a sum of squares, exact where xx yy - xy xy would cancel.
     let minors = cross(p.root_x, p.root_y);
-    let determinant = dot(minors, minors) + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS;
+    let determinant = dot(minors, minors) + low_pass * (xx + yy) + low_pass * low_pass;
     p.conic = vec3f(p.covariance.z, -xy, p.covariance.x) / determinant;
     let sum = p.mean.x + p.mean.y + p.conic.x + p.conic.y + p.conic.z + p.opacity + dot(p.scale, vec3f(1.0));
     p.valid = in_front && is_finite(sum) && is_finite(determinant) && squared >= LEAST_SQUARED_QUATERNION;

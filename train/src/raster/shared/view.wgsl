@@ -18,7 +18,8 @@ struct View {
     // Whether the deltas have SH; whether the 3 sigma square bounds a splat; whether statistics are kept; room for
     // intersections.
     switches: vec4u,
-    // Whether gradients of the deltas are wanted, and of their SH; ranges to gather.
+    // Whether gradients of the deltas are wanted, and of their SH; ranges to gather; as the bits of a float, what is added to
+    // the variances of a splat, square pixels, so that none is thinner than about a pixel.
     outputs: vec4u,
 }
 

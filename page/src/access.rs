@@ -1,12 +1,20 @@
-//! Who may see the page: this machine alone, or who knows the token; and only under an address that cannot be another
-//! site's name.
+//! Who may see a page that is served: this machine alone, or who knows the token; and only under an address that cannot be
+//! another site's name.
 
-use std::net::{IpAddr, SocketAddr};
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+};
 
-use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::{
+    extract::{Request, State},
+    http::{HeaderMap, HeaderValue, Method, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
 
 /// Name of the cookie that carries the token.
-pub(super) const COOKIE: &str = "erfgs_token";
+const COOKIE: &str = "erfgs_token";
 
 /// A random secret of 128 bits, as 32 hexadecimal digits.
 #[derive(Clone, PartialEq, Eq)]
@@ -94,7 +102,7 @@ impl Access {
         if offered.into_iter().flatten().any(|offered| token.is(offered)) {
             return Ok(());
         }
-        Err((StatusCode::UNAUTHORIZED, "open the page by the address with the token that `erfgs record` printed"))
+        Err((StatusCode::UNAUTHORIZED, "open the page by the address with the token that erfgs printed"))
     }
 
     fn is_ours(&self, host: &str) -> bool {
@@ -108,8 +116,43 @@ impl Access {
     }
 }
 
+/// Lets through what [`Access`] allows, trades the token of an address for a cookie, and sets the headers that keep
+/// browsers strict.
+pub async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+    let query = request.uri().query().unwrap_or_default();
+    let mut response = match access.check(request.method(), request.headers(), query) {
+        Err((code, why)) => (code, why).into_response(),
+        Ok(()) => match (request.uri().path(), parameter(query, "token"), &access.token) {
+            // The secret does not stay in the address bar, nor in the history.
+            ("/", Some(_), Some(token)) => {
+                let cookie = format!("{COOKIE}={}; HttpOnly; SameSite=Strict; Path=/", token.reveal());
+                let others: Vec<&str> = query.split('&').filter(|part| !part.starts_with("token=")).collect();
+                let place = if others.is_empty() { "/".to_owned() } else { format!("/?{}", others.join("&")) };
+                let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, place)];
+                (StatusCode::SEE_OTHER, headers).into_response()
+            }
+            _ => next.run(request).await,
+        },
+    };
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; \
+             form-action 'none'; frame-ancestors 'none'; base-uri 'none'",
+        ),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
 /// The value of a parameter of a query, undecoded.
-pub(super) fn parameter<'a>(query: &'a str, name: &str) -> Option<&'a str> {
+fn parameter<'a>(query: &'a str, name: &str) -> Option<&'a str> {
     query.split('&').find_map(|part| part.strip_prefix(name)?.strip_prefix('='))
 }
 

@@ -1,0 +1,148 @@
+//! `erfgs view`: what runs learned, in a browser.
+
+use std::{
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::{atomic::Ordering, mpsc::RecvTimeoutError},
+    time::Duration,
+};
+
+use erfgs_scene::image::ImageRgb8;
+use erfgs_train::{metrics::to_bytes, trainer::Trainer};
+use erfgs_view::{Ask, Model, SceneFile, ViewOptions, ViewPage};
+use serde::Serialize;
+
+use crate::{
+    device::{Adapter, TrainedRun},
+    interrupt::stop_flag,
+    terminal::{Terminal, bytes, thousands},
+};
+
+/// Look at what a run learned, at any time from any place, in a browser; two runs are shown side by side.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+The page draws on the graphics processor of the machine that the browser runs on (WebGPU), with the kernels of the trainer.
+A browser without one is shown pictures that this machine draws. Time can be dragged, slowed down to 1/1000 and stopped while
+you walk around; the cameras of the rig are there to look through, with the recorded frames over the rendering. The address
+in the browser holds time and place, for links.
+
+Browsers offer WebGPU only to pages from their own machine or over https: from another machine, forward the port.
+
+Examples:
+  erfgs view run-erf
+  erfgs view run-4dgs run-erf
+  erfgs view run-erf --address 127.0.0.1:8200 --no-browser    # and where you sit: ssh -L 8200:localhost:8200 HOST")]
+pub struct Arguments {
+    /// Run folders, as `erfgs train --out` wrote them; the second one is seen right of a line that can be moved.
+    #[arg(required = true, num_args = 1..=2, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// The dataset, where it is no longer where the runs were trained on it.
+    #[arg(long, value_name = "DATASET")]
+    dataset: Option<PathBuf>,
+    /// Address to listen at; port 0 takes any free one.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8200")]
+    address: SocketAddr,
+    /// A name that browsers may call this machine by, besides localhost and bare addresses.
+    #[arg(long = "name", value_name = "NAME")]
+    names: Vec<String>,
+    /// Only print the link.
+    #[arg(long)]
+    no_browser: bool,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+#[derive(Serialize)]
+struct Served {
+    link: String,
+    models: Vec<ServedModel>,
+}
+
+#[derive(Serialize)]
+struct ServedModel {
+    name: String,
+    gaussians: usize,
+    moving: usize,
+    bytes: usize,
+}
+
+/// Serves the page until it is interrupted.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let gpu = arguments.adapter.open()?;
+    let mut trainers = Vec::new();
+    let mut models = Vec::new();
+    for path in &arguments.runs {
+        let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
+        let trainer = run.trainer(&gpu, &run.folder()?)?;
+        let dataset = trainer.scene.dataset.clone();
+        models.push(Model { name: name_of(path), scene: SceneFile::of(&trainer)?, dataset });
+        trainers.push(trainer);
+    }
+    let served = models.iter().map(|model| ServedModel {
+        name: model.name.clone(),
+        gaussians: model.scene.header.count,
+        moving: model.scene.header.dynamic,
+        bytes: model.scene.bytes.len(),
+    });
+    let served: Vec<ServedModel> = served.collect();
+    let options = ViewOptions { address: arguments.address, names: arguments.names.clone() };
+    let (page, asks) = ViewPage::serve(models, &options)?;
+    let stop = stop_flag("the page ends")?;
+    let result = Served { link: page.url(), models: served };
+    terminal.result(&result, || {
+        let line = |model: &ServedModel| {
+            let ServedModel { name, gaussians, moving, bytes: size } = model;
+            let (gaussians, moving) = (thousands(*gaussians as u64), thousands(*moving as u64));
+            format!("{name}: {gaussians} Gaussians, {moving} move, {}", bytes(*size as u64))
+        };
+        let lines: Vec<String> = result.models.iter().map(line).collect();
+        format!("{}\n{}", lines.join("\n"), result.link)
+    })?;
+    terminal.note("Ctrl-C ends the page");
+    if !arguments.no_browser {
+        open_browser(&page.url());
+    }
+    while !stop.load(Ordering::Relaxed) {
+        match asks.recv_timeout(Duration::from_millis(200)) {
+            Ok(ask) => answer(&mut trainers, ask),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    Ok(())
+}
+
+/// Draws what a page asks for.
+fn answer(trainers: &mut [Trainer<'_>], ask: Ask) {
+    let Some(trainer) = trainers.get_mut(ask.model) else { return };
+    let drawn = trainer.render(&ask.view, ask.t01).map_err(|error| error.to_string());
+    let picture = drawn.map(|drawn| {
+        let (width, height) = (ask.view.width, ask.view.height);
+        ImageRgb8 { width, height, data: to_bytes(&drawn.rgb) }
+    });
+    // Who asked may have left.
+    let _ = ask.answer.send(picture);
+}
+
+fn name_of(path: &Path) -> String {
+    let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    whole.file_name().unwrap_or(whole.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Opens a browser where there is a screen; where there is none the link was printed.
+fn open_browser(url: &str) {
+    let has_screen = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    let program = if cfg!(target_os = "macos") {
+        "open"
+    } else if has_screen("DISPLAY") || has_screen("WAYLAND_DISPLAY") {
+        "xdg-open"
+    } else {
+        return;
+    };
+    let started =
+        Command::new(program).arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    if let Err(error) = started {
+        tracing::debug!("no browser was opened: {program}: {error}");
+    }
+}

@@ -1,0 +1,108 @@
+// Device, kernels and dispatches: what the trainer's `gpu` does, for a browser.
+
+// What the trainer's kernels need beyond WebGPU's guaranteed limits (16,384 bytes of workgroup memory, 128 MiB bindings).
+const WANTED = ['maxStorageBuffersPerShaderStage', 'maxComputeWorkgroupStorageSize', 'maxStorageBufferBindingSize', 'maxBufferSize'];
+
+// Why a browser cannot draw, in words for its user.
+export class NoGpu extends Error {}
+
+export async function open(gpu) {
+  if (!gpu) {
+    throw new NoGpu(globalThis.isSecureContext === false
+      ? 'This page was not loaded from localhost or over https, and browsers offer WebGPU only there. On the machine where you sit, '
+        + 'run ssh -L 8200:localhost:8200 HOST and open the link with localhost in it.'
+      : 'This browser has no WebGPU: take a current Chrome, Edge, Safari or Firefox, or switch it on.');
+  }
+  const adapter = await gpu.requestAdapter({ powerPreference: 'high-performance' });
+  if (!adapter) throw new NoGpu('This browser has WebGPU, but no graphics adapter for it.');
+  const requiredLimits = Object.fromEntries(WANTED.map((name) => [name, adapter.limits[name]]));
+  return new Gpu(await adapter.requestDevice({ requiredLimits }), adapter);
+}
+
+export class Gpu {
+  constructor(device, adapter) {
+    Object.assign(this, { device, adapter, errors: [] });
+    device.addEventListener?.('uncapturederror', (event) => this.errors.push(event.error.message));
+  }
+
+  storage(bytes, data) {
+    const size = Math.max(16, Math.ceil(bytes / 16) * 16);
+    const usage = GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST | GPUBufferUsage.INDIRECT;
+    const buffer = this.device.createBuffer({ size, usage });
+    if (data) this.upload(buffer, data);
+    return buffer;
+  }
+
+  storageFrom(data) { return this.storage(data.byteLength, data); }
+
+  uniform(bytes) {
+    return this.device.createBuffer({ size: Math.ceil(bytes / 16) * 16, usage: GPUBufferUsage.UNIFORM | GPUBufferUsage.COPY_DST });
+  }
+
+  uniformFrom(data) { const buffer = this.uniform(data.byteLength); this.upload(buffer, data); return buffer; }
+
+  upload(buffer, data, offset = 0) { this.device.queue.writeBuffer(buffer, offset, data); }
+
+  // WGSL parts joined in order; entry point `main`; bindings in group 0, numbered from 0.
+  async kernel(label, parts) {
+    const module = this.device.createShaderModule({ label, code: parts.join('\n') });
+    const pipeline = await this.device.createComputePipelineAsync({ label, layout: 'auto', compute: { module, entryPoint: 'main' } });
+    return { label, pipeline, layout: pipeline.getBindGroupLayout(0), groups: new Map() };
+  }
+
+  // Bind groups are kept: a viewer binds the same buffers in every frame.
+  bindGroup(kernel, bindings) {
+    const key = bindings.map((buffer) => (buffer.serial ??= ++serial)).join();
+    let group = kernel.groups.get(key);
+    if (!group) {
+      const entries = bindings.map((buffer, binding) => ({ binding, resource: { buffer } }));
+      group = this.device.createBindGroup({ label: kernel.label, layout: kernel.layout, entries });
+      kernel.groups.set(key, group);
+    }
+    return group;
+  }
+
+  commands() { return new Commands(this); }
+
+  async read(buffer, Kind, count) {
+    const size = Math.ceil(count * Kind.BYTES_PER_ELEMENT / 4) * 4;
+    const copy = this.device.createBuffer({ size, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
+    const encoder = this.device.createCommandEncoder();
+    encoder.copyBufferToBuffer(buffer, 0, copy, 0, size);
+    this.device.queue.submit([encoder.finish()]);
+    await copy.mapAsync(GPUMapMode.READ);
+    const values = new Kind(copy.getMappedRange().slice(0), 0, count);
+    copy.destroy();
+    return values;
+  }
+
+  done() { return this.device.queue.onSubmittedWorkDone(); }
+}
+
+let serial = 0;
+
+export class Commands {
+  constructor(gpu) { Object.assign(this, { gpu, encoder: gpu.device.createCommandEncoder() }); }
+
+  dispatch(kernel, bindings, groups) {
+    if (groups === 0) return;
+    this.#pass(kernel, bindings, (pass) => (groups > 65535
+      ? pass.dispatchWorkgroups(32768, Math.ceil(groups / 32768)) : pass.dispatchWorkgroups(groups)));
+  }
+
+  dispatchIndirect(kernel, bindings, args, offset) {
+    this.#pass(kernel, bindings, (pass) => pass.dispatchWorkgroupsIndirect(args, offset));
+  }
+
+  #pass(kernel, bindings, go) {
+    const pass = this.encoder.beginComputePass({ label: kernel.label });
+    pass.setPipeline(kernel.pipeline);
+    pass.setBindGroup(0, this.gpu.bindGroup(kernel, bindings));
+    go(pass);
+    pass.end();
+  }
+
+  clear(buffer) { this.encoder.clearBuffer(buffer); }
+  copy(from, to, bytes) { this.encoder.copyBufferToBuffer(from, 0, to, 0, bytes); }
+  submit() { this.gpu.device.queue.submit([this.encoder.finish()]); }
+}

@@ -1,0 +1,206 @@
+// The page: what is shown, from where, and when.
+
+import { NoGpu, open } from './gpu.js';
+import { load, parse } from './scene.js';
+import { FreeCamera, overview, preset } from './camera.js';
+import { listen } from './controls.js';
+import { Timeline } from './timeline.js';
+import { Drawn, Sent } from './pictures.js';
+import { check } from './check.js';
+
+const $ = (id) => document.getElementById(id);
+const options = new URLSearchParams(location.search);
+const kept = new Map();
+const text = (path) => {
+  if (!kept.has(path)) kept.set(path, fetch(`file/${path}`).then((r) => { if (!r.ok) throw new Error(`${path}: ${r.status}`); return r.text(); }));
+  return kept.get(path);
+};
+const texts = { train: (name) => text(`train/${name}`), own: (name) => text(`wgsl/${name}`) };
+// Slower than this, pictures become coarser while something moves.
+const SLOW_MS = 50;
+
+function trouble(message) {
+  $('trouble').textContent = message;
+  $('trouble').hidden = !message;
+}
+
+// Why the server must draw; nothing where the browser can.
+async function device(models) {
+  const beyond = models.find((model) => model.only_server);
+  const wanted = options.get('renderer');
+  if (wanted === 'server') return { why: 'as asked for in the address' };
+  if (beyond) return { why: `the browser cannot draw ${beyond.name}: ${beyond.only_server}` };
+  try {
+    const gpu = await open(navigator.gpu);
+    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu') return { why: 'this browser has no graphics processor, only a slow stand-in' };
+    return { gpu };
+  } catch (error) {
+    if (!(error instanceof NoGpu)) throw error;
+    return { why: error.message };
+  }
+}
+
+async function start() {
+  const models = await (await fetch('api/models')).json();
+  $('title').textContent = models.map((model) => model.name).join(' | ');
+  document.title = `${$('title').textContent} - erfgs view`;
+  const { gpu, why } = await device(models);
+  const scenes = [];
+  for (const [k, { name, bytes }] of models.entries()) {
+    scenes.push(parse(await load(`api/scene/${k}`, bytes, (share) => { $('note').textContent = `loading ${name}: ${Math.round(100 * share)} %`; })));
+  }
+  const [{ header }] = scenes;
+  const painters = [];
+  for (const [k, scene] of scenes.entries()) {
+    $('note').textContent = 'preparing the kernels';
+    painters.push(gpu ? await Drawn.make(gpu, texts, scene, $(`picture${k}`)) : new Sent(k, $(`picture${k}`)));
+  }
+  gpu?.device.lost.then((lost) => trouble(`The graphics device was lost (${lost.message || lost.reason}). Load the page again.`));
+  if (why) $('mode').disabled = true;
+
+  const seconds = (header.span_ns[1] - header.span_ns[0]) / 1e9;
+  const free = new FreeCamera(overview(header.cameras));
+  const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0 };
+  const changed = () => { state.changed = true; };
+  for (const camera of header.cameras) $('camera').append(new Option(`${camera.name} (${camera.modality}, ${camera.split})`, camera.name));
+  $('time').max = seconds;
+  $('time').step = 0.001;
+  const named = (name) => header.cameras.find((camera) => camera.name === name) ?? null;
+  const choose = (camera) => {
+    if (!camera && state.camera) free.from(state.camera);
+    state.camera = camera;
+    $('camera').value = camera?.name ?? '';
+    changed();
+  };
+  const at = (t01) => { state.t01 = Math.min(1, Math.max(0, t01)); changed(); };
+  const timeline = new Timeline($('timeline'), header, (t01) => { play(false); at(t01); });
+  const controls = listen($('stage'), () => { choose(null); return free; }, changed);
+
+  // What a link holds.
+  const link = new URLSearchParams(location.hash.slice(1));
+  if (link.has('t')) at(Number(link.get('t')) / seconds || 0);
+  if (!free.read(link.get('free') ?? '')) choose(named(link.get('camera')) ?? header.cameras.find((camera) => camera.split === 'test') ?? header.cameras[0]);
+  const remember = () => {
+    const place = state.camera ? { camera: state.camera.name } : { free: free.text() };
+    history.replaceState(null, '', `#${new URLSearchParams({ t: (state.t01 * seconds).toFixed(4), ...place })}`);
+  };
+
+  function play(on) {
+    state.playing = on;
+    $('play').textContent = on ? 'Stop' : 'Play';
+    if (!on) changed();
+  }
+  $('play').addEventListener('click', () => play(!state.playing));
+  $('time').addEventListener('change', () => { play(false); at(Number($('time').value) / seconds); });
+  $('camera').addEventListener('change', () => choose(named($('camera').value)));
+  for (const id of ['mode', 'recordedmode', 'opacity', 'split']) $(id).addEventListener('input', changed);
+  for (const kind of ['pointerdown', 'pointermove']) $('split').addEventListener(kind, (event) => event.stopPropagation());
+  $('help').addEventListener('click', () => { $('keys').hidden = !$('keys').hidden; $('help').setAttribute('aria-expanded', String(!$('keys').hidden)); changed(); });
+  addEventListener('resize', changed);
+  const frames = timeline.exposures.map(([t]) => t);
+  const keys = {
+    ' ': () => play(!state.playing),
+    ArrowLeft: () => { play(false); at(frames.findLast((t) => t < state.t01 - 1e-6) ?? 0); },
+    ArrowRight: () => { play(false); at(frames.find((t) => t > state.t01 + 1e-6) ?? 1); },
+    ',': () => { play(false); at(state.t01 - 1e-3 / seconds); },
+    '.': () => { play(false); at(state.t01 + 1e-3 / seconds); },
+    '[': () => { timeline.range = [state.t01, timeline.range[1] > state.t01 ? timeline.range[1] : 1]; changed(); },
+    ']': () => { timeline.range = timeline.range[0] < state.t01 ? [timeline.range[0], state.t01] : [0, 1]; changed(); },
+    c: () => step(1), C: () => step(-1),
+  };
+  const step = (by) => {
+    const index = header.cameras.indexOf(state.camera);
+    choose(header.cameras.at((index + by) % header.cameras.length));
+  };
+  addEventListener('keydown', (event) => {
+    if (controls.typing(event) || !keys[event.key]) return;
+    event.preventDefault();
+    keys[event.key]();
+  });
+  const second = painters.length > 1;
+  for (const id of ['picture1', 'split']) $(id).hidden = !second;
+
+  // The picture that fits the stage, and its size on the page.
+  const view = () => {
+    const room = [$('stage').clientWidth, $('stage').clientHeight].map((side) => Math.max(16, side));
+    const ratio = (devicePixelRatio || 1) / state.coarse;
+    const size = room.map((side) => Math.max(16, Math.round(side * ratio)));
+    const seen = state.camera ? { ...preset(state.camera, size), near: state.camera.near } : free.view(size);
+    const shown = $('frame').style;
+    [shown.width, shown.height] = [`${seen.width / ratio}px`, `${seen.height / ratio}px`];
+    return seen;
+  };
+
+  // The recorded frame beside the rendering: that of the camera which is nearest in time.
+  const showRecorded = () => {
+    const { camera } = state;
+    const has = Boolean(camera?.frames.length);
+    $('recordedlabel').hidden = !has;
+    const kind = has ? $('recordedmode').value : '';
+    $('opacity').hidden = kind !== 'over';
+    $('recorded').hidden = !kind;
+    if (!kind) return;
+    const away = ([t, from, to]) => (state.t01 >= from && state.t01 <= to ? 0 : Math.abs(t - state.t01));
+    const index = camera.frames.reduce((best, frame, k) => (away(frame) < away(camera.frames[best]) ? k : best), 0);
+    const source = `api/frame/0/${encodeURIComponent(camera.name)}/${index}`;
+    if ($('recorded').getAttribute('src') !== source) $('recorded').src = source;
+    $('recorded').className = kind;
+    $('recorded').style.opacity = kind === 'over' ? $('opacity').value : 1;
+  };
+
+  let last = performance.now();
+  let busy = false;
+  let idle = 0;
+  async function tick(now) {
+    requestAnimationFrame(tick);
+    const elapsed = Math.min(0.25, (now - last) / 1000);
+    last = now;
+    if (state.playing) {
+      const [from, to] = timeline.range;
+      const next = state.t01 + elapsed * Number($('speed').value) / Math.max(1e-9, seconds);
+      at(next >= to || next < from ? from : next);
+    }
+    controls.fly(elapsed);
+    if (busy) return;
+    if (!state.changed) {
+      // At rest, what was drawn coarsely while it moved is drawn as finely as the screen is.
+      idle += 1;
+      if (idle === 12 && state.coarse > 1) { state.coarse = 1; state.changed = true; }
+      if (idle === 20) remember();
+      if (!state.changed) return;
+    } else idle = 0;
+    busy = true;
+    state.changed = false;
+    try {
+      const from = performance.now();
+      const seen = view();
+      showRecorded();
+      timeline.draw(state.t01);
+      if (document.activeElement !== $('time')) $('time').value = (state.t01 * seconds).toFixed(3);
+      $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;
+      for (const painter of painters) if (await painter.draw(seen, state.t01, $('mode').value)) state.changed = true;
+      const took = performance.now() - from;
+      if ((state.playing || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
+      state.drawn += 1;
+      const how = why ? `drawn by the server (${why})` : `${took.toFixed(0)} ms`;
+      $('note').textContent = `${header.count.toLocaleString('en')} Gaussians, ${header.dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${how}`;
+      document.body.dataset.drawn = state.drawn;
+    } catch (error) {
+      trouble(error.message);
+    }
+    busy = false;
+  }
+  if (options.has('check')) {
+    $('note').textContent = 'comparing with the server';
+    for (const [k, painter] of painters.entries()) {
+      await check(painter, k, scenes[k].header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
+        $('note').textContent = `${camera}, ${mode}: ${psnr_db.toFixed(1)} dB against the server, ${worst} of 255 at most`;
+      });
+    }
+    document.body.dataset.checked = 'yes';
+    return;
+  }
+  requestAnimationFrame(tick);
+}
+
+start().catch((error) => trouble(error.message));

@@ -1,0 +1,52 @@
+// Two ways to a picture: drawn here on WebGPU, or drawn by the server and sent.
+
+import { Viewer } from './viewer.js';
+import { nearOf } from './scene.js';
+
+const trainedNear = (scene, view) => view.near ?? nearOf(scene, view);
+
+export class Drawn {
+  static async make(gpu, texts, scene, canvas) {
+    const self = new Drawn();
+    const format = navigator.gpu.getPreferredCanvasFormat();
+    const context = canvas.getContext('webgpu');
+    context.configure({ device: gpu.device, format, alphaMode: 'opaque' });
+    Object.assign(self, { canvas, context, scene, viewer: await Viewer.make(gpu, texts, scene, format) });
+    return self;
+  }
+
+  async draw(view, t01, mode) {
+    const { canvas, context, viewer, scene } = this;
+    if (canvas.width !== view.width || canvas.height !== view.height) Object.assign(canvas, { width: view.width, height: view.height });
+    viewer.frame(view, t01, context.getCurrentTexture().createView(), { mode, near: trainedNear(scene, view) });
+    await viewer.gpu.done();
+    const [error] = viewer.gpu.errors;
+    if (error) throw new Error(`The graphics device says: ${error}`);
+    return mode === 'tiles' && await viewer.lacked();
+  }
+
+  pixels(view, t01, mode) { return this.viewer.pixels(view, t01, { mode, near: trainedNear(this.scene, view) }); }
+}
+
+export const request = (kind, model, { near, ...view }, t01, more = {}) =>
+  `api/${kind}/${model}?${new URLSearchParams({ t01: String(t01), view: JSON.stringify(view), ...more })}`;
+
+export class Sent {
+  constructor(model, canvas) {
+    Object.assign(this, { model, canvas, paint: canvas.getContext('2d') });
+  }
+
+  async draw(view, t01) {
+    const response = await fetch(request('render', this.model, view, t01));
+    if (!response.ok) throw new Error(`The server says: ${await response.text()}`);
+    const picture = await createImageBitmap(await response.blob());
+    Object.assign(this.canvas, { width: picture.width, height: picture.height });
+    this.paint.drawImage(picture, 0, 0);
+    return false;
+  }
+
+  async pixels(view, t01) {
+    await this.draw(view, t01);
+    return new Uint8Array(this.paint.getImageData(0, 0, this.canvas.width, this.canvas.height).data.buffer);
+  }
+}

@@ -1,0 +1,25 @@
+// Gaussians that are free in time: a trajectory and a life of its own for each, by the trainer's kernel.
+
+const THREADS = 64;
+
+export class Rows {
+  static async make(gpu, texts, scene) {
+    const { gone } = scene.motion;
+    const constants = `const THREADS = ${THREADS}u;\nconst PER_THREAD = 1u;\nconst GONE = f32(${gone});`;
+    const [row, forward] = await Promise.all(['row', 'forward'].map((name) => texts.train(`motion/free_time/${name}.wgsl`)));
+    const self = new Rows();
+    self.kernel = await gpu.kernel('motion forward', [constants, row, forward]);
+    Object.assign(self, { gpu, scene, values: gpu.storageFrom(scene.rows), deltas: gpu.storage(48 * scene.dynamic), moment: gpu.uniform(32) });
+    return self;
+  }
+
+  record(commands, scene, t01) {
+    const { intervals, least_life } = scene.motion;
+    const moment = new ArrayBuffer(32);
+    new Uint32Array(moment)[0] = scene.dynamic;
+    new Float32Array(moment).set([t01 * intervals, least_life], 1);
+    this.gpu.upload(this.moment, new Uint8Array(moment));
+    commands.dispatch(this.kernel, [this.moment, scene.core, this.values, this.deltas], Math.ceil(scene.dynamic / THREADS));
+    return this.deltas;
+  }
+}

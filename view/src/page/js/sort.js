@@ -1,0 +1,62 @@
+// The host side of train/src/sort: prefix sums and the radix sort, on the trainer's own WGSL.
+
+const BLOCK = 2048;
+const DIGITS = 16;
+export const BLOCK_GROUPS = 16;
+const SCAN_GROUPS = 32;
+export const PLAN_BYTES = 64;
+
+const blocks = (count) => Math.ceil(count / BLOCK);
+const groups = (count) => (count > 65535 ? [32768, Math.ceil(count / 32768), 1, 0] : [count, 1, 1, 0]);
+
+export const Plan = {
+  scan: (count) => Uint32Array.of(0, 0, count, blocks(count), 0, 0, 0, 0, ...groups(blocks(count)), 0, 0, 0, 0),
+  sort(count) {
+    const plan = Plan.scan(DIGITS * blocks(count));
+    plan.set([count, blocks(count)], 0);
+    plan.set(groups(blocks(count)), 4);
+    return plan;
+  },
+};
+
+export class Sorter {
+  static async make(gpu, texts) {
+    const text = (name) => texts.train(`sort/${name}.wgsl`);
+    const [shared, scan, reduce, sums, apply, count, scatter] = await Promise.all(
+      ['shared', 'scan_shared', 'scan_reduce', 'scan_sums', 'scan_apply', 'radix_count', 'radix_scatter'].map(text));
+    const self = new Sorter();
+    const k = (label, ...parts) => gpu.kernel(label, [shared, ...parts]);
+    [self.reduce, self.sums, self.apply, self.count, self.scatter] = await Promise.all([
+      k('scan reduce', scan, reduce), k('scan sums', scan, sums), k('scan apply', scan, apply),
+      k('radix count', count), k('radix scatter', scatter)]);
+    self.shifts = Array.from({ length: 8 }, (_, pass) => gpu.uniformFrom(Uint32Array.of(4 * pass, 0, 0, 0)));
+    self.shared = shared;
+    return self;
+  }
+
+  scanBuffers(gpu, count) { return gpu.storage(4 * blocks(count)); }
+
+  sortBuffers(gpu, capacity) {
+    const pairs = () => gpu.storage(4 * capacity);
+    const counts = DIGITS * blocks(capacity);
+    return { keys: pairs(), values: pairs(), otherKeys: pairs(), otherValues: pairs(), counts: gpu.storage(4 * counts), scan: this.scanBuffers(gpu, counts) };
+  }
+
+  scan(commands, plan, numbers, sums) {
+    commands.dispatchIndirect(this.reduce, [plan, numbers, sums], plan, SCAN_GROUPS);
+    commands.dispatch(this.sums, [plan, sums], 1);
+    commands.dispatchIndirect(this.apply, [plan, sums, numbers], plan, SCAN_GROUPS);
+  }
+
+  // By the lowest `bits` bits, in place.
+  sort(commands, plan, b, bits) {
+    const passes = Math.min(8, 2 * Math.ceil(Math.ceil(bits / 4) / 2));
+    for (let pass = 0; pass < passes; pass++) {
+      const [from, fromValues, to, toValues] = pass % 2
+        ? [b.otherKeys, b.otherValues, b.keys, b.values] : [b.keys, b.values, b.otherKeys, b.otherValues];
+      commands.dispatchIndirect(this.count, [plan, this.shifts[pass], from, b.counts], plan, BLOCK_GROUPS);
+      this.scan(commands, plan, b.counts, b.scan);
+      commands.dispatchIndirect(this.scatter, [plan, this.shifts[pass], from, fromValues, b.counts, to, toValues], plan, BLOCK_GROUPS);
+    }
+  }
+}

@@ -1,0 +1,88 @@
+// Scene, motion and rasteriser together: pictures of a scene on a device of the browser.
+
+import { Sorter } from './sort.js';
+import { Projector, Tiles, Quads, Blit, viewUniform } from './raster.js';
+import { Field } from './field.js';
+import { Rows } from './rows.js';
+
+// Back to front, eight bits lose 3 dB and more: quads are summed in half precision.
+const ACCUMULATE = 'rgba16float';
+// Square pixels of the images that were trained on.
+const LOW_PASS = 0.3;
+
+export class Viewer {
+  static async make(gpu, texts, scene, format) {
+    const self = new Viewer();
+    const uploaded = { ...scene, core: gpu.storageFrom(scene.core), sh: gpu.storageFrom(scene.sh) };
+    Object.assign(self, { gpu, format, scene: uploaded, host: scene });
+    self.sorter = await Sorter.make(gpu, texts);
+    [self.projector, self.tiles, self.quads, self.motion, self.blit, self.blitTexture] = await Promise.all([
+      Projector.make(gpu, texts, uploaded),
+      Tiles.make(gpu, texts, self.sorter, uploaded),
+      Quads.make(gpu, texts, self.sorter, uploaded, ACCUMULATE),
+      scene.dynamic === 0 ? null : scene.field ? Field.make(gpu, texts, uploaded) : Rows.make(gpu, texts, uploaded),
+      Blit.make(gpu, texts, format, 'blit.wgsl'),
+      Blit.make(gpu, texts, format, 'blit_texture.wgsl')]);
+    // Seen k times as large as in training, a splat needs k^2 times the low pass, or thin ones shrink to needles.
+    self.trainedFocal = Math.max(1e-3, ...scene.header.cameras.map((camera) => camera.fx));
+    return self;
+  }
+
+  // Draws into `target`, a view of a texture, at `t01`, with the near plane `near`, metres.
+  frame(view, t01, target, { mode = 'quads', near }) {
+    const { gpu, scene } = this;
+    const { background, near_sigmas: nearSigmas } = scene.header;
+    const room = mode === 'tiles' ? this.tiles.fit(view.width, view.height, this.room) : 0;
+    const lowPass = LOW_PASS * Math.max(1, view.fx / this.trainedFocal) ** 2;
+    const deltaRows = this.motion ? scene.dynamic : 0;
+    gpu.upload(this.projector.view, viewUniform(view, scene, { near, nearSigmas, background, deltaRows, room, lowPass }));
+    const commands = gpu.commands();
+    const deltas = this.motion?.record(commands, scene, t01);
+    this.projector.record(commands, scene, deltas);
+    if (mode === 'tiles') {
+      this.tiles.record(commands, this.projector);
+      const size = () => gpu.uniformFrom(Uint32Array.of(view.width, view.height, 0, 0));
+      this.blit.record(commands, this.tiles.image, () => [{ buffer: size() }, { buffer: this.tiles.image }], target);
+    } else {
+      if (this.sums?.width !== view.width || this.sums?.height !== view.height) {
+        this.sums?.destroy();
+        const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING;
+        this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
+      }
+      const sums = this.sums.createView();
+      this.quads.record(commands, this.projector, sums, { background });
+      this.blitTexture.record(commands, this.sums, () => [sums], target);
+    }
+    commands.submit();
+  }
+
+  // After a frame of tiles: whether intersections were left out for want of room, which there is the next time.
+  async lacked() {
+    const wanted = await this.tiles.wanted();
+    if (wanted <= this.tiles.room) return false;
+    this.room = Math.ceil(1.25 * wanted);
+    return true;
+  }
+
+  // RGBA bytes of a picture.
+  async pixels(view, t01, options) {
+    const { device } = this.gpu;
+    const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC;
+    const texture = device.createTexture({ size: [view.width, view.height], format: this.format, usage });
+    do this.frame(view, t01, texture.createView(), options);
+    while (options.mode === 'tiles' && await this.lacked());
+    const stride = Math.ceil(4 * view.width / 256) * 256;
+    const copy = device.createBuffer({ size: stride * view.height, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
+    const encoder = device.createCommandEncoder();
+    encoder.copyTextureToBuffer({ texture }, { buffer: copy, bytesPerRow: stride }, [view.width, view.height]);
+    device.queue.submit([encoder.finish()]);
+    await copy.mapAsync(GPUMapMode.READ);
+    const padded = new Uint8Array(copy.getMappedRange());
+    const pixels = new Uint8Array(4 * view.width * view.height);
+    for (let y = 0; y < view.height; y++) pixels.set(padded.subarray(y * stride, y * stride + 4 * view.width), 4 * view.width * y);
+    copy.destroy();
+    texture.destroy();
+    if (this.format === 'bgra8unorm') for (let i = 0; i < pixels.length; i += 4) [pixels[i], pixels[i + 2]] = [pixels[i + 2], pixels[i]];
+    return pixels;
+  }
+}

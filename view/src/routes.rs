@@ -1,0 +1,208 @@
+//! What the server answers.
+
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+
+use axum::{
+    Json, Router,
+    body::Bytes,
+    extract::{DefaultBodyLimit, Path, Query, State},
+    http::{StatusCode, header},
+    middleware,
+    response::{IntoResponse, Response},
+    routing::{get, post},
+};
+use erfgs_page::access::{Access, guard};
+use erfgs_scene::image::ImageRgb8;
+use erfgs_train::raster::View;
+use serde::{Deserialize, Serialize};
+use tokio::sync::oneshot;
+
+use crate::{
+    server::{Ask, Compared, Model},
+    texts,
+};
+
+/// The largest picture that is drawn for a page.
+const LARGEST_PIXELS: u32 = 4096 * 2304;
+/// Quality of the pictures that the server draws.
+const JPEG_QUALITY: u8 = 90;
+/// Comparisons that are kept.
+const MOST_COMPARED: usize = 1000;
+
+/// What the routes share.
+#[derive(Debug)]
+pub(crate) struct Site {
+    pub models: Vec<Model>,
+    pub asks: mpsc::Sender<Ask>,
+    pub compared: Arc<Mutex<Vec<Compared>>>,
+    pub access: Arc<Access>,
+}
+
+type Shared = State<Arc<Site>>;
+
+pub(crate) fn router(site: Arc<Site>) -> Router {
+    Router::new()
+        .route("/", get(|| async { ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], texts::INDEX) }))
+        .route("/file/{*path}", get(file))
+        .route("/api/models", get(models))
+        .route("/api/scene/{model}", get(scene))
+        .route("/api/frame/{model}/{camera}/{index}", get(frame))
+        .route("/api/render/{model}", get(render))
+        .route("/api/compare/{model}", post(compare))
+        .layer(DefaultBodyLimit::max(4 * LARGEST_PIXELS as usize))
+        .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
+        .with_state(site)
+}
+
+fn missing(what: &str) -> Response {
+    (StatusCode::NOT_FOUND, what.to_owned()).into_response()
+}
+
+async fn file(Path(path): Path<String>) -> Response {
+    match texts::file(&path) {
+        Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
+        None => missing("the page has no file of that name"),
+    }
+}
+
+/// What the page is told of a model before it loads it.
+#[derive(Serialize)]
+struct About<'a> {
+    name: &'a str,
+    bytes: usize,
+    only_server: Option<&'a str>,
+}
+
+async fn models(State(site): Shared) -> Response {
+    let about = |model: &Model| {
+        let header = &model.scene.header;
+        serde_json::json!(About {
+            name: &model.name,
+            bytes: model.scene.bytes.len(),
+            only_server: header.only_server.as_deref(),
+        })
+    };
+    Json(site.models.iter().map(about).collect::<Vec<_>>()).into_response()
+}
+
+async fn scene(State(site): Shared, Path(model): Path<usize>) -> Response {
+    match site.models.get(model) {
+        Some(model) => {
+            ([(header::CONTENT_TYPE, "application/octet-stream")], model.scene.bytes.clone()).into_response()
+        }
+        None => missing("there is no such model"),
+    }
+}
+
+/// A recorded frame, by the number that its camera gives it.
+async fn frame(State(site): Shared, Path((model, camera, index)): Path<(usize, String, usize)>) -> Response {
+    let found = site.models.get(model).and_then(|model| {
+        let camera = model.dataset.manifest.cameras.iter().find(|own| own.name == camera)?;
+        Some((model, camera.frames.get(index)?.file.clone()))
+    });
+    let Some((model, file)) = found else { return missing("there is no such frame") };
+    let read = model
+        .dataset
+        .path(&file)
+        .map_err(|error| error.to_string())
+        .and_then(|path| std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display())));
+    match read {
+        Ok(bytes) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
+        Err(why) => missing(&why),
+    }
+}
+
+/// A camera as the page gives it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PageView {
+    width: u32,
+    height: u32,
+    fx: f32,
+    fy: f32,
+    cx: f32,
+    cy: f32,
+    rotation: [[f32; 3]; 3],
+    translation: [f32; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wanted {
+    /// When, in [0, 1].
+    t01: f64,
+    /// A [`PageView`] as JSON.
+    view: String,
+    /// The camera's name, for who compares.
+    #[serde(default)]
+    camera: String,
+    /// How the page drew it.
+    #[serde(default)]
+    mode: String,
+}
+
+/// A picture as the server draws it.
+async fn drawn(site: &Site, model: usize, wanted: &Wanted) -> Result<ImageRgb8, (StatusCode, String)> {
+    let refused = |what: String| (StatusCode::BAD_REQUEST, what);
+    let view: PageView =
+        serde_json::from_str(&wanted.view).map_err(|error| refused(format!("the view does not parse: {error}")))?;
+    let PageView { width, height, fx, fy, cx, cy, rotation, translation } = view;
+    if model >= site.models.len() {
+        return Err((StatusCode::NOT_FOUND, "there is no such model".into()));
+    }
+    if u64::from(width) * u64::from(height) > u64::from(LARGEST_PIXELS) || !(0.0..=1.0).contains(&wanted.t01) {
+        return Err(refused("the picture is too large, or its time is not within the recording".into()));
+    }
+    let (answer, picture) = oneshot::channel();
+    let view = View { width, height, fx, fy, cx, cy, rotation, translation };
+    let gone = |_| (StatusCode::SERVICE_UNAVAILABLE, "the program is ending".to_owned());
+    site.asks.send(Ask { model, view, t01: wanted.t01, answer }).map_err(|error| gone(error.to_string()))?;
+    picture.await.map_err(|error| gone(error.to_string()))?.map_err(refused)
+}
+
+async fn render(State(site): Shared, Path(model): Path<usize>, Query(wanted): Query<Wanted>) -> Response {
+    let picture = match drawn(&site, model, &wanted).await {
+        Ok(picture) => picture,
+        Err(refused) => return refused.into_response(),
+    };
+    let mut bytes = Vec::new();
+    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
+    let encoded = image::ImageEncoder::write_image(
+        encoder,
+        &picture.data,
+        picture.width,
+        picture.height,
+        image::ExtendedColorType::Rgb8,
+    );
+    match encoded {
+        Ok(()) => ([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response(),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
+}
+
+/// Compares what a page drew (RGBA, row by row) with what the server draws.
+async fn compare(State(site): Shared, Path(model): Path<usize>, Query(wanted): Query<Wanted>, body: Bytes) -> Response {
+    let picture = match drawn(&site, model, &wanted).await {
+        Ok(picture) => picture,
+        Err(refused) => return refused.into_response(),
+    };
+    let pixels = body.as_chunks::<4>().0;
+    if pixels.len() * 3 != picture.data.len() {
+        return (StatusCode::BAD_REQUEST, "the picture has another size than its view").into_response();
+    }
+    let shown = pixels.iter().flat_map(|pixel| pixel[..3].iter());
+    let differences = shown.zip(&picture.data).map(|(a, b)| a.abs_diff(*b));
+    let (mut sum, mut worst) = (0.0, 0);
+    for difference in differences {
+        sum += f64::from(difference).powi(2);
+        worst = worst.max(difference);
+    }
+    let mean = sum / picture.data.len().max(1) as f64;
+    let psnr_db = if mean > 0.0 { (10.0 * (255.0 * 255.0 / mean).log10()).min(99.0) } else { 99.0 };
+    let compared = Compared { camera: wanted.camera, t01: wanted.t01, mode: wanted.mode, psnr_db, worst };
+    let mut kept = site.compared.lock().unwrap_or_else(PoisonError::into_inner);
+    if kept.len() < MOST_COMPARED {
+        kept.push(compared.clone());
+    }
+    Json(compared).into_response()
+}

@@ -1,0 +1,40 @@
+//! The files of the page, and the kernels that it runs.
+
+use erfgs_train::shaders;
+
+/// Name, kind and text of each file of the page.
+const FILES: &[(&str, &str, &str)] = &[
+    ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("js/camera.js", SCRIPT, include_str!("page/js/camera.js")),
+    ("js/check.js", SCRIPT, include_str!("page/js/check.js")),
+    ("js/controls.js", SCRIPT, include_str!("page/js/controls.js")),
+    ("js/field.js", SCRIPT, include_str!("page/js/field.js")),
+    ("js/gpu.js", SCRIPT, include_str!("page/js/gpu.js")),
+    ("js/main.js", SCRIPT, include_str!("page/js/main.js")),
+    ("js/pictures.js", SCRIPT, include_str!("page/js/pictures.js")),
+    ("js/raster.js", SCRIPT, include_str!("page/js/raster.js")),
+    ("js/rows.js", SCRIPT, include_str!("page/js/rows.js")),
+    ("js/scene.js", SCRIPT, include_str!("page/js/scene.js")),
+    ("js/sort.js", SCRIPT, include_str!("page/js/sort.js")),
+    ("js/timeline.js", SCRIPT, include_str!("page/js/timeline.js")),
+    ("js/viewer.js", SCRIPT, include_str!("page/js/viewer.js")),
+    ("wgsl/blit.wgsl", PLAIN, include_str!("page/wgsl/blit.wgsl")),
+    ("wgsl/blit_texture.wgsl", PLAIN, include_str!("page/wgsl/blit_texture.wgsl")),
+    ("wgsl/depth_keys.wgsl", PLAIN, include_str!("page/wgsl/depth_keys.wgsl")),
+    ("wgsl/mlp.wgsl", PLAIN, include_str!("page/wgsl/mlp.wgsl")),
+    ("wgsl/quads.wgsl", PLAIN, include_str!("page/wgsl/quads.wgsl")),
+];
+
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const PLAIN: &str = "text/plain; charset=utf-8";
+
+/// The page.
+pub(crate) const INDEX: &str = include_str!("page/index.html");
+
+/// Kind and text of a file of the page; those of the trainer's kernels lie under `train/`.
+pub(crate) fn file(path: &str) -> Option<(&'static str, &'static str)> {
+    if let Some(name) = path.strip_prefix("train/") {
+        return shaders::TEXTS.iter().find(|(own, _)| *own == name).map(|(_, text)| (PLAIN, *text));
+    }
+    FILES.iter().find(|(own, ..)| *own == path).map(|(_, kind, text)| (*kind, *text))
+}
