@@ -1,18 +1,19 @@
 #!/usr/bin/env bash
 # Installs what erfgs needs on Debian 12 and what is missing only: a Vulkan driver that computes correctly without a
 # GPU, COLMAP, ffmpeg, libusb; with --oracles, the Python environment that the cross-checks run in; with --emulation, what
-# the emulated cameras are plugged into (QEMU, umockdev); with --hdf5, the library for the feature of that name. Safe to run
-# again.
+# the emulated cameras are plugged into (QEMU, umockdev); with --browser, the one that pages are tested in (Chromium); with
+# --hdf5, the library for the feature of that name. Safe to run again.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-oracles=no emulation=no hdf5=no
+oracles=no emulation=no browser=no hdf5=no
 for argument in "$@"; do
   case "$argument" in
     --oracles) oracles=yes ;;
     --emulation) emulation=yes ;;
+    --browser) browser=yes ;;
     --hdf5) hdf5=yes ;;
-    -h|--help) sed -n '2,5p' "$0"; echo "usage: scripts/setup.sh [--oracles] [--emulation] [--hdf5]"; exit 0 ;;
+    -h|--help) sed -n '2,5p' "$0"; echo "usage: scripts/setup.sh [--oracles] [--emulation] [--browser] [--hdf5]"; exit 0 ;;
     *) echo "setup.sh: unknown option $argument (see --help)" >&2; exit 2 ;;
   esac
 done
@@ -72,6 +73,10 @@ if dpkg --compare-versions "$mesa" lt 25; then
   fi
   update_once
   as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${release[@]}" mesa-vulkan-drivers libvulkan1
+fi
+
+if [ "$browser" = yes ]; then
+  install chromium
 fi
 
 if [ "$hdf5" = yes ]; then

@@ -3,6 +3,7 @@
 mod dataset;
 mod events;
 mod frames;
+mod page;
 mod run;
 
 use std::path::{Path, PathBuf};
@@ -27,7 +28,8 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
-canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording.
+canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording. With
+  html  one page to share, which opens from a disk in a browser with WebGPU: `erfgs view` without a program
 
 A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
@@ -47,6 +49,7 @@ All streams that fit the format are written, or the one named with --stream. Wha
 
 Examples:
   erfgs export run --instants 10 --out splats
+  erfgs export run --to html --out throw.html
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
@@ -65,7 +68,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
-    #[arg(long, value_name = "FORMAT", value_parser = to, help_heading = "Of a dataset, a session or an event file")]
+    #[arg(long, value_name = "FORMAT", value_parser = to, help_heading = "Of a run, a dataset, a session or an event file")]
     to: Option<To>,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
@@ -74,7 +77,7 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
     size: Option<SensorSize>,
     /// Overwrite what exists.
-    #[arg(long, help_heading = "Of a session or an event file")]
+    #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
     /// The folder to write to, or the file if --stream makes it one or the input is an event file; beside the input without
     /// it.
@@ -102,14 +105,18 @@ enum To {
     Streams(Format),
     /// A dataset.
     Dataset(Layout),
+    /// A run, as a page.
+    Page,
 }
 
 fn to(text: &str) -> Result<To, String> {
     match text {
         "colmap" => Ok(To::Dataset(Layout::Colmap)),
+        "html" => Ok(To::Page),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset".into()
+            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html for a run"
+                .into()
         }),
     }
 }
@@ -169,6 +176,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let manifest = input.file_name().is_some_and(|name| name == Dataset::MANIFEST);
     match (input.is_file() && !manifest, arguments.to) {
         (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
+        (true, Some(To::Page)) => {
+            Err(Usage(format!("'{}' is no run; give the folder that `erfgs train --out` wrote", input.display())).into())
+        }
+        (false, Some(To::Page)) => {
+            let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
+            page::run(&of_run, arguments.out.as_deref(), arguments.force, terminal)
+        }
         (true, Some(To::Dataset(_))) => Err(Usage(format!(
             "'{}' is no dataset; make one with `erfgs dataset import session`, or export the recording to another format",
             input.display()

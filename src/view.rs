@@ -10,7 +10,7 @@ use std::{
 
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::{metrics::to_bytes, trainer::Trainer};
-use erfgs_view::{Ask, Model, SceneFile, ViewOptions, ViewPage};
+use erfgs_view::{Ask, Compared, Model, SceneFile, ViewOptions, ViewPage};
 use serde::Serialize;
 
 use crate::{
@@ -103,7 +103,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if !arguments.no_browser {
         open_browser(&page.url());
     }
+    let mut told = 0;
     while !stop.load(Ordering::Relaxed) {
+        for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(told) {
+            told += 1;
+            terminal.note(format!(
+                "{camera} at {t01:.2}, {mode}: {psnr_db:.1} dB against this machine's rendering, {worst} of 255 at most"
+            ));
+        }
         match asks.recv_timeout(Duration::from_millis(200)) {
             Ok(ask) => answer(&mut trainers, ask),
             Err(RecvTimeoutError::Timeout) => {}
@@ -125,7 +132,8 @@ fn answer(trainers: &mut [Trainer<'_>], ask: Ask) {
     let _ = ask.answer.send(picture);
 }
 
-fn name_of(path: &Path) -> String {
+/// What a run is called: its folder.
+pub fn name_of(path: &Path) -> String {
     let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     whole.file_name().unwrap_or(whole.as_os_str()).to_string_lossy().into_owned()
 }

@@ -130,7 +130,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let [start, end] = trainer.scene.dataset.manifest.span_ns;
     let span = (end - start) as f64 * 1e-9;
     let times = arguments.times.unwrap_or(Times { from: 0.0, to: span });
-    if times.to > span + 1e-6 {
+    // Seconds are told to the millisecond; what is beyond by rounding is the end.
+    if times.to > span + 1e-3 {
         return Err(Usage(format!("--times ends at {} s, but the recording is {span:.3} s long", times.to)).into());
     }
     let still = times.to == times.from;

@@ -1,5 +1,6 @@
 //! The program as its user meets it: whole pipelines, resuming, and what it says about bad input.
 
+mod browser;
 mod calibrate;
 mod colours;
 mod events;
@@ -8,6 +9,7 @@ mod pipeline;
 mod resume;
 mod simulate;
 mod variants;
+mod view;
 
 use std::{
     path::{Path, PathBuf},

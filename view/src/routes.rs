@@ -14,11 +14,11 @@ use axum::{
 use erfgs_page::access::{Access, guard};
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::raster::View;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use tokio::sync::oneshot;
 
 use crate::{
-    server::{Ask, Compared, Model},
+    server::{About, Ask, Compared, Model},
     texts,
 };
 
@@ -65,24 +65,8 @@ async fn file(Path(path): Path<String>) -> Response {
     }
 }
 
-/// What the page is told of a model before it loads it.
-#[derive(Serialize)]
-struct About<'a> {
-    name: &'a str,
-    bytes: usize,
-    only_server: Option<&'a str>,
-}
-
 async fn models(State(site): Shared) -> Response {
-    let about = |model: &Model| {
-        let header = &model.scene.header;
-        serde_json::json!(About {
-            name: &model.name,
-            bytes: model.scene.bytes.len(),
-            only_server: header.only_server.as_deref(),
-        })
-    };
-    Json(site.models.iter().map(about).collect::<Vec<_>>()).into_response()
+    Json(site.models.iter().map(|model| About::of(&model.name, &model.scene)).collect::<Vec<_>>()).into_response()
 }
 
 async fn scene(State(site): Shared, Path(model): Path<usize>) -> Response {

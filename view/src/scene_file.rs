@@ -102,15 +102,15 @@ pub struct HeaderCamera {
     pub modality: String,
     /// Image size, focal lengths and principal point, pixels.
     pub width: u32,
-    #[allow(missing_docs)]
+    /// See `width`.
     pub height: u32,
-    #[allow(missing_docs)]
+    /// See `width`.
     pub fx: f32,
-    #[allow(missing_docs)]
+    /// See `width`.
     pub fy: f32,
-    #[allow(missing_docs)]
+    /// See `width`.
     pub cx: f32,
-    #[allow(missing_docs)]
+    /// See `width`.
     pub cy: f32,
     /// World to camera, row-major.
     pub rotation: [[f32; 3]; 3],
@@ -169,6 +169,31 @@ impl SceneFile {
         };
         let bytes = encode(&header, sections.iter().map(|(_, values)| *values));
         Ok(Self { bytes, header })
+    }
+}
+
+#[cfg(test)]
+impl SceneFile {
+    /// One Gaussian that stands still.
+    pub(crate) fn for_tests() -> Self {
+        let sections = [("core", 12), ("sh", 4), ("points", 0)].map(|(name, count)| (name.to_owned(), count));
+        let header = Header {
+            count: 1,
+            dynamic: 0,
+            sh_degree: 0,
+            active_sh_degree: 0,
+            background: [0.0; 3],
+            near: [0.2, 0.0],
+            near_sigmas: 3.0,
+            span_ns: [0, 1_000_000_000],
+            motion: HeaderMotion::Still,
+            only_server: None,
+            cameras: Vec::new(),
+            events: HeaderEvents::default(),
+            sections: sections.to_vec(),
+        };
+        let bytes = encode(&header, [&[0.0; 12][..], &[0.0; 4], &[]].into_iter());
+        Self { bytes, header }
     }
 }
 

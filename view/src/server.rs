@@ -31,6 +31,20 @@ pub struct Model {
     pub dataset: Dataset,
 }
 
+/// What the page is told of a model before it loads it.
+#[derive(Debug, Serialize)]
+pub(crate) struct About<'a> {
+    name: &'a str,
+    bytes: usize,
+    only_server: Option<&'a str>,
+}
+
+impl<'a> About<'a> {
+    pub fn of(name: &'a str, scene: &'a SceneFile) -> Self {
+        Self { name, bytes: scene.bytes.len(), only_server: scene.header.only_server.as_deref() }
+    }
+}
+
 /// A picture that a page asks for, to be drawn by who holds the runs.
 #[derive(Debug)]
 pub struct Ask {

@@ -15,6 +15,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("js/raster.js", SCRIPT, include_str!("page/js/raster.js")),
     ("js/rows.js", SCRIPT, include_str!("page/js/rows.js")),
     ("js/scene.js", SCRIPT, include_str!("page/js/scene.js")),
+    ("js/source.js", SCRIPT, include_str!("page/js/source.js")),
     ("js/sort.js", SCRIPT, include_str!("page/js/sort.js")),
     ("js/timeline.js", SCRIPT, include_str!("page/js/timeline.js")),
     ("js/viewer.js", SCRIPT, include_str!("page/js/viewer.js")),
@@ -30,6 +31,18 @@ const PLAIN: &str = "text/plain; charset=utf-8";
 
 /// The page.
 pub(crate) const INDEX: &str = include_str!("page/index.html");
+
+/// Names and texts of the page's scripts.
+pub(crate) fn scripts() -> impl Iterator<Item = (&'static str, &'static str)> {
+    FILES.iter().filter_map(|(name, _, text)| Some((name.strip_prefix("js/")?, *text)))
+}
+
+/// Names and texts of all kernels, as the page asks for them.
+pub(crate) fn kernels() -> impl Iterator<Item = (String, &'static str)> {
+    let own =
+        FILES.iter().filter(|(name, ..)| name.starts_with("wgsl/")).map(|(name, _, text)| ((*name).to_owned(), *text));
+    own.chain(shaders::TEXTS.iter().map(|(name, text)| (format!("train/{name}"), *text)))
+}
 
 /// Kind and text of a file of the page; those of the trainer's kernels lie under `train/`.
 pub(crate) fn file(path: &str) -> Option<(&'static str, &'static str)> {

@@ -1,7 +1,8 @@
 // The page: what is shown, from where, and when.
 
 import { NoGpu, open } from './gpu.js';
-import { load, parse } from './scene.js';
+import { parse } from './scene.js';
+import * as source from './source.js';
 import { FreeCamera, overview, preset } from './camera.js';
 import { listen } from './controls.js';
 import { Timeline } from './timeline.js';
@@ -10,12 +11,7 @@ import { check } from './check.js';
 
 const $ = (id) => document.getElementById(id);
 const options = new URLSearchParams(location.search);
-const kept = new Map();
-const text = (path) => {
-  if (!kept.has(path)) kept.set(path, fetch(`file/${path}`).then((r) => { if (!r.ok) throw new Error(`${path}: ${r.status}`); return r.text(); }));
-  return kept.get(path);
-};
-const texts = { train: (name) => text(`train/${name}`), own: (name) => text(`wgsl/${name}`) };
+const texts = { train: (name) => source.text(`train/${name}`), own: (name) => source.text(`wgsl/${name}`) };
 // Slower than this, pictures become coarser while something moves.
 const SLOW_MS = 50;
 
@@ -29,25 +25,26 @@ async function device(models) {
   const beyond = models.find((model) => model.only_server);
   const wanted = options.get('renderer');
   if (wanted === 'server') return { why: 'as asked for in the address' };
+  if (beyond && source.alone) throw new Error(`A page of one file cannot draw ${beyond.name}: ${beyond.only_server}. Use erfgs view.`);
   if (beyond) return { why: `the browser cannot draw ${beyond.name}: ${beyond.only_server}` };
   try {
     const gpu = await open(navigator.gpu);
-    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu') return { why: 'this browser has no graphics processor, only a slow stand-in' };
+    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu' && !source.alone) return { why: 'this browser has no graphics processor, only a slow stand-in' };
     return { gpu };
   } catch (error) {
-    if (!(error instanceof NoGpu)) throw error;
+    if (source.alone || !(error instanceof NoGpu)) throw error;
     return { why: error.message };
   }
 }
 
 async function start() {
-  const models = await (await fetch('api/models')).json();
+  const models = await source.models();
   $('title').textContent = models.map((model) => model.name).join(' | ');
   document.title = `${$('title').textContent} - erfgs view`;
   const { gpu, why } = await device(models);
   const scenes = [];
   for (const [k, { name, bytes }] of models.entries()) {
-    scenes.push(parse(await load(`api/scene/${k}`, bytes, (share) => { $('note').textContent = `loading ${name}: ${Math.round(100 * share)} %`; })));
+    scenes.push(parse(await source.scene(k, bytes, (share) => { $('note').textContent = `loading ${name}: ${Math.round(100 * share)} %`; })));
   }
   const [{ header }] = scenes;
   const painters = [];
@@ -73,7 +70,9 @@ async function start() {
     changed();
   };
   const at = (t01) => { state.t01 = Math.min(1, Math.max(0, t01)); changed(); };
-  const timeline = new Timeline($('timeline'), header, (t01) => { play(false); at(t01); });
+  // Of two runs on one recording, one may know its events.
+  const known = scenes.find((scene) => scene.header.events.counts.length > 0)?.header ?? header;
+  const timeline = new Timeline($('timeline'), known, (t01) => { play(false); at(t01); });
   const controls = listen($('stage'), () => { choose(null); return free; }, changed);
 
   // What a link holds.
@@ -96,6 +95,23 @@ async function start() {
   for (const id of ['mode', 'recordedmode', 'opacity', 'split']) $(id).addEventListener('input', changed);
   for (const kind of ['pointerdown', 'pointermove']) $('split').addEventListener(kind, (event) => event.stopPropagation());
   $('help').addEventListener('click', () => { $('keys').hidden = !$('keys').hidden; $('help').setAttribute('aria-expanded', String(!$('keys').hidden)); changed(); });
+  $('shot').addEventListener('click', async () => {
+    const seen = view();
+    const picture = Object.assign(document.createElement('canvas'), { width: seen.width, height: seen.height });
+    const paint = picture.getContext('2d');
+    const split = Math.round(seen.width * Number($('split').value));
+    for (const [k, painter] of painters.entries()) {
+      const pixels = await painter.pixels(seen, state.t01, $('mode').value);
+      for (let i = 3; i < pixels.length; i += 4) pixels[i] = 255;
+      const left = k === 0 ? 0 : split;
+      paint.putImageData(new ImageData(new Uint8ClampedArray(pixels.buffer), seen.width), 0, 0, left, 0, seen.width - left, seen.height);
+    }
+    const blob = await new Promise((done) => { picture.toBlob(done); });
+    const anchor = Object.assign(document.createElement('a'), { href: URL.createObjectURL(blob), download: `${models[0].name}-${(state.t01 * seconds).toFixed(4)}s.png` });
+    anchor.click();
+    setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
+    changed();
+  });
   addEventListener('resize', changed);
   const frames = timeline.exposures.map(([t]) => t);
   const keys = {
@@ -134,7 +150,7 @@ async function start() {
   // The recorded frame beside the rendering: that of the camera which is nearest in time.
   const showRecorded = () => {
     const { camera } = state;
-    const has = Boolean(camera?.frames.length);
+    const has = Boolean(camera?.frames.length) && !source.alone;
     $('recordedlabel').hidden = !has;
     const kind = has ? $('recordedmode').value : '';
     $('opacity').hidden = kind !== 'over';
@@ -142,8 +158,8 @@ async function start() {
     if (!kind) return;
     const away = ([t, from, to]) => (state.t01 >= from && state.t01 <= to ? 0 : Math.abs(t - state.t01));
     const index = camera.frames.reduce((best, frame, k) => (away(frame) < away(camera.frames[best]) ? k : best), 0);
-    const source = `api/frame/0/${encodeURIComponent(camera.name)}/${index}`;
-    if ($('recorded').getAttribute('src') !== source) $('recorded').src = source;
+    const url = `api/frame/0/${encodeURIComponent(camera.name)}/${index}`;
+    if ($('recorded').getAttribute('src') !== url) $('recorded').src = url;
     $('recorded').className = kind;
     $('recorded').style.opacity = kind === 'over' ? $('opacity').value : 1;
   };

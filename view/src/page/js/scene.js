@@ -26,25 +26,6 @@ export function parse(buffer) {
   };
 }
 
-// Loads bytes, telling how many of `total` are there.
-export async function load(url, total, told) {
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`The server says: ${await response.text()}`);
-  const reader = response.body.getReader();
-  const bytes = new Uint8Array(total);
-  let at = 0;
-  for (;;) {
-    const { done, value } = await reader.read();
-    if (done) break;
-    if (at + value.length > total) throw new Error('The scene is longer than it was said to be.');
-    bytes.set(value, at);
-    at += value.length;
-    told(at / total);
-  }
-  if (at < total) throw new Error('The scene is cut off: load the page again.');
-  return bytes.buffer;
-}
-
 // The near plane of a view, metres: a share of the depth before which lies a hundredth of the initial points in view.
 export function nearOf(scene, view) {
   const [least, share] = scene.header.near;

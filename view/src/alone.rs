@@ -1,0 +1,80 @@
+//! The page and its scenes as one file, which needs no server and no network.
+
+use std::{collections::BTreeMap, io::Write};
+
+use erfgs_page::picture::{base64, data_uri};
+use flate2::{Compression, write::GzEncoder};
+use serde::Serialize;
+
+use crate::{server::About, texts};
+
+/// A scene to be put into a page.
+#[derive(Clone, Copy, Debug)]
+pub struct Packed<'a> {
+    /// What it is called.
+    pub name: &'a str,
+    /// The scene.
+    pub scene: &'a crate::SceneFile,
+}
+
+#[derive(Serialize)]
+struct Own<'a> {
+    texts: BTreeMap<String, &'static str>,
+    models: Vec<About<'a>>,
+}
+
+/// A page that shows `scenes` (one, or two side by side) from a disk.
+///
+/// # Errors
+/// If the scenes cannot be compressed or named, which has no cause in them.
+pub fn page(scenes: &[Packed<'_>]) -> std::io::Result<String> {
+    let models = scenes.iter().map(|packed| About::of(packed.name, packed.scene)).collect();
+    let own = serde_json::to_string(&Own { texts: texts::kernels().collect(), models })?;
+    // Modules of a page of one file have no addresses: they are called by names, which a map leads to their texts.
+    let named = |text: &str| text.replace("from './", "from 'erfgs/");
+    let modules: BTreeMap<String, String> = texts::scripts()
+        .map(|(name, text)| (format!("erfgs/{name}"), data_uri("text/javascript", named(text).as_bytes())))
+        .collect();
+    let map = serde_json::to_string(&BTreeMap::from([("imports", modules)]))?;
+    let style = texts::file("style.css").map_or("", |(_, text)| text);
+    let mut scripts = String::new();
+    for (index, packed) in scenes.iter().enumerate() {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(&packed.scene.bytes)?;
+        let packed = base64(&encoder.finish()?);
+        scripts.push_str(&format!("<script type=\"text/plain\" id=\"scene{index}\">{packed}</script>\n"));
+    }
+    scripts.push_str(&format!("<script>globalThis.ERFGS = {};</script>\n", within_script(&own)));
+    scripts.push_str(&format!("<script type=\"importmap\">{}</script>\n", within_script(&map)));
+    scripts.push_str("<script type=\"module\">import 'erfgs/main.js';</script>");
+    Ok(texts::INDEX
+        .replace("<link rel=\"stylesheet\" href=\"file/style.css\">", &format!("<style>\n{style}</style>"))
+        .replace("<script type=\"module\" src=\"file/js/main.js\"></script>", &scripts))
+}
+
+/// JSON that does not end the script that it stands in, whatever names it holds.
+fn within_script(json: &str) -> String {
+    json.replace("</", "<\\/").replace("<!--", "<\\u0021--")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_of_one_file_asks_for_nothing_and_no_name_ends_its_scripts() {
+        let scene = crate::SceneFile::for_tests();
+        let page = page(&[Packed { name: "</script><script>alert(1)</script><!--", scene: &scene }]).unwrap();
+        assert!(!page.contains("src=\"") && !page.contains("href=\"file"), "something is asked for");
+        assert!(!page.contains("alert(1)</script>"));
+        assert_eq!(page.matches("<script").count(), page.matches("</script>").count());
+        assert!(page.contains("from 'erfgs/") || page.contains("erfgs/main.js"));
+        // Each module that is imported is there.
+        for (_, text) in texts::scripts() {
+            for import in text.split("from './").skip(1) {
+                let name = import.split('\'').next().unwrap();
+                assert!(texts::scripts().any(|(own, _)| own == name), "{name}");
+            }
+        }
+    }
+}
