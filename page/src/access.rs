@@ -70,6 +70,15 @@ impl Access {
         Ok(Self { token, names })
     }
 
+    /// The address to open of a server at `address`, with the token where one is needed.
+    #[must_use]
+    pub fn url(&self, address: SocketAddr) -> String {
+        match &self.token {
+            Some(token) => format!("http://{address}/?token={}", token.reveal()),
+            None => format!("http://{address}/"),
+        }
+    }
+
     /// Whether a request may pass: `query` is what follows the `?` of its address.
     ///
     /// # Errors

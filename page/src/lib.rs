@@ -5,3 +5,5 @@ pub mod access;
 pub mod html;
 pub mod picture;
 pub mod plot;
+#[cfg(feature = "serve")]
+pub mod serve;

@@ -1,15 +1,16 @@
-//! The server: a thread with a single-threaded runtime, which ends with the page.
+//! Where the page is served, and what the program that holds the runs does for it.
 
 use std::{
     io,
-    net::{SocketAddr, TcpListener},
-    path::PathBuf,
+    net::SocketAddr,
     sync::{Arc, Mutex, PoisonError, mpsc},
-    thread::{self, JoinHandle},
 };
 
 use erfgs_dataset::Dataset;
-use erfgs_page::access::{Access, Token};
+use erfgs_page::{
+    access::{Access, Token},
+    serve::Server,
+};
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::raster::View;
 use serde::Serialize;
@@ -101,22 +102,14 @@ pub enum ViewError {
     /// No random numbers.
     #[error("cannot draw the token of the view: {0}")]
     Token(getrandom::Error),
-    /// A frame of the dataset.
-    #[error("there is no frame at '{path}'")]
-    Frame {
-        /// The file.
-        path: PathBuf,
-    },
 }
 
 /// A page that is being served; ends when dropped.
 #[derive(Debug)]
 pub struct ViewPage {
-    address: SocketAddr,
+    server: Server,
     access: Arc<Access>,
     compared: Arc<Mutex<Vec<Compared>>>,
-    quit: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
 }
 
 impl ViewPage {
@@ -126,62 +119,31 @@ impl ViewPage {
     /// If the address is taken, or the system refuses.
     pub fn serve(models: Vec<Model>, options: &ViewOptions) -> Result<(Self, mpsc::Receiver<Ask>), ViewError> {
         let failed = |source| ViewError::Listen { address: options.address, source };
-        let listener = TcpListener::bind(options.address).map_err(failed)?;
-        listener.set_nonblocking(true).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
+        let listener = Server::listen(options.address).map_err(failed)?;
         let token = Token::random().map_err(ViewError::Token)?;
         let access = Arc::new(Access { token: Some(token), names: options.names.clone() });
         let (asks, asked) = mpsc::channel();
         let compared = Arc::new(Mutex::new(Vec::new()));
         let site = Site { models, asks, compared: Arc::clone(&compared), access: Arc::clone(&access) };
-        let router = routes::router(Arc::new(site));
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
-        let (quit, told) = oneshot::channel();
-        let thread = thread::Builder::new().name("view".into()).spawn(move || {
-            let serve = async move {
-                let listener = match tokio::net::TcpListener::from_std(listener) {
-                    Ok(listener) => listener,
-                    Err(error) => return tracing::error!("the view does not start: {error}"),
-                };
-                let serve = std::future::IntoFuture::into_future(axum::serve(listener, router));
-                tokio::select! {
-                    ended = serve => if let Err(error) = ended { tracing::error!("the view ended: {error}") },
-                    _ = told => {}
-                }
-            };
-            runtime.block_on(serve);
-            runtime.shutdown_background();
-        })?;
-        Ok((Self { address, access, compared, quit: Some(quit), thread: Some(thread) }, asked))
+        let server = Server::start(listener, routes::router(Arc::new(site)), "view")?;
+        Ok((Self { server, access, compared }, asked))
     }
 
     /// Where it listens.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
-        self.address
+        self.server.address()
     }
 
     /// The address to open, with the token.
     #[must_use]
     pub fn url(&self) -> String {
-        let token = self.access.token.as_ref().map_or("", Token::reveal);
-        format!("http://{}/?token={token}", self.address)
+        self.access.url(self.address())
     }
 
     /// How pictures that browsers drew differed from those of the server, as far as pages have compared any.
     #[must_use]
     pub fn compared(&self) -> Vec<Compared> {
         self.compared.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
-
-impl Drop for ViewPage {
-    fn drop(&mut self) {
-        if let Some(quit) = self.quit.take() {
-            let _ = quit.send(());
-        }
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }

@@ -180,6 +180,9 @@ impl TryFrom<(&Intrinsics, &Pose)> for View {
     }
 }
 
+/// The low pass of the 3DGS code, square pixels.
+pub const LOW_PASS: f32 = 0.3;
+
 /// How to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderOptions {
@@ -192,6 +195,9 @@ pub struct RenderOptions {
     /// Standard deviations of a Gaussian, along the viewing direction, that must lie in front of the camera, or it is
     /// culled: 0 looks at its centre alone (3DGS). A large Gaussian beside a camera would otherwise veil its whole image.
     pub near_sigmas: f32,
+    /// Added to the variances of a splat, square pixels: no splat is thinner than about a pixel. In an image that is seen larger
+    /// than it was trained on it grows with the square of that, or thin splats become needles.
+    pub low_pass: f32,
     /// Also render the alpha-weighted depth.
     pub depth: bool,
     /// Cut Gaussians at the 16 x 16 tiles that their 3 sigma square touches, as the 3DGS code does. Otherwise they
@@ -208,6 +214,7 @@ impl Default for RenderOptions {
             sh_degree: 3,
             near: 0.01,
             near_sigmas: 0.0,
+            low_pass: LOW_PASS,
             depth: false,
             three_sigma: false,
             first_room: None,

@@ -6,8 +6,6 @@ use super::{Deltas, GaussianBuffers, RasterError, RenderOptions, View, sh_stride
 
 /// Side of the tiles that bound a splat with [`RenderOptions::three_sigma`], pixels.
 pub(super) const PARITY_TILE: u32 = 16;
-/// What is added to the variances of a splat, square pixels of the image that was trained on.
-const LOW_PASS: f32 = 0.3;
 /// Largest image side, pixels: tile indices and pixel offsets stay within 32 bits.
 const LARGEST_SIDE: u32 = 16_384;
 
@@ -66,7 +64,7 @@ impl ViewUniform {
                 0,
                 0,
             ],
-            outputs: [0, 0, 0, LOW_PASS.to_bits()],
+            outputs: [0, 0, 0, options.low_pass.to_bits()],
         })
     }
 }

@@ -3,7 +3,10 @@
 use erfgs_dataset::Split;
 
 use super::{TrainError, Trainer, model::Rendering};
-use crate::{raster::View, scene::near_plane};
+use crate::{
+    raster::{LOW_PASS, View},
+    scene::near_plane,
+};
 
 /// A rendering, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,7 +25,12 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError`] where the device fails.
     pub fn render(&mut self, view: &View, t01: f64) -> Result<Rendered, TrainError> {
-        let options = crate::raster::RenderOptions { depth: true, near: self.near(view), ..self.options() };
+        let options = crate::raster::RenderOptions {
+            depth: true,
+            near: self.near(view),
+            low_pass: self.low_pass(view),
+            ..self.options()
+        };
         let rendering = match &mut self.viewer {
             Some(rendering) => rendering,
             empty => empty.insert(Rendering::new(self.gpu)?),
@@ -41,6 +49,13 @@ impl Trainer<'_> {
             transmittance: image.iter().map(|pixel| pixel[3]).collect(),
             depth: depth.into_iter().zip(&image).map(seen).collect(),
         })
+    }
+
+    /// The low pass of a picture that may be larger than those of the cameras.
+    fn low_pass(&self, view: &View) -> f32 {
+        let focal = self.scene.views.iter().map(|own| own.view.fx).fold(0.0, f32::max);
+        let larger = if focal > 0.0 { (view.fx / focal).max(1.0) } else { 1.0 };
+        LOW_PASS * larger * larger
     }
 
     /// The near plane, metres. A training camera is rendered as it was trained; in front of any other lie Gaussians

@@ -80,6 +80,19 @@ fn three_sigma_squares_are_those_of_tiles_of_16_pixels() {
 }
 
 #[test]
+fn the_low_pass_of_enlarged_images_is_that_of_the_twin_and_widens_splats() {
+    for form in FORMS {
+        let mut scene = Scene::random(17, 40, 1, camera(33, 18), 1.0);
+        let sharp = scene.run(form).image;
+        scene.options.low_pass = 4.8;
+        let (colour, _) = differences(&scene, form);
+        assert!(colour < 3e-4, "{form:?}: {colour}");
+        let background = |image: &[[f32; 4]]| image.iter().map(|pixel| f64::from(pixel[3])).sum::<f64>();
+        assert!(background(&scene.run(form).image) < background(&sharp), "{form:?}: splats cover more");
+    }
+}
+
+#[test]
 fn many_opaque_layers_stop_before_the_transmittance_is_spent() {
     for form in FORMS {
         let mut scene = Scene::random(41, 300, 1, camera(33, 18), 6.0);

@@ -24,7 +24,7 @@ pub struct Splat {
 /// Projects one Gaussian (`core`: a row of 12, `sh`: a row of coefficients); `None` where it is culled.
 ///
 /// EWA splatting (Zwicker et al. 2001) as in 3D Gaussian splatting (Kerbl et al. 2023): the covariance is `J W S W^T J^T`
-/// plus 0.3 square pixels, with the slopes x/z and y/z in the Jacobian `J` bounded to 15 % of the image beyond each
+/// plus the low pass, with the slopes x/z and y/z in the Jacobian `J` bounded to 15 % of the image beyond each
 /// border.
 #[must_use]
 pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -> Option<Splat> {
@@ -53,8 +53,9 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     let row_x = fx / camera.z * DVec3::new(1.0, 0.0, -x);
     let row_y = fy / camera.z * DVec3::new(0.0, 1.0, -y);
     let (root_x, root_y) = (axes * row_x, axes * row_y);
-    let (xx, xy, yy) = (root_x.length_squared() + 0.3, root_x.dot(root_y), root_y.length_squared() + 0.3);
-    let determinant = root_x.cross(root_y).length_squared() + 0.3 * (xx + yy) - 0.09;
+    let low_pass = f64::from(options.low_pass);
+    let (xx, xy, yy) = (root_x.length_squared() + low_pass, root_x.dot(root_y), root_y.length_squared() + low_pass);
+    let determinant = root_x.cross(root_y).length_squared() + low_pass * (xx + yy) - low_pass * low_pass;
     let centre = DVec3::from(view.centre().map(f64::from));
     let splat = Splat {
         mean: DVec2::new(fx * camera.x / camera.z + cx, fy * camera.y / camera.z + cy),
