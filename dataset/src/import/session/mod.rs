@@ -36,7 +36,7 @@ use frames::Planned;
 pub struct Viewpoint {
     /// The stream.
     pub stream: String,
-    /// The camera's name in the dataset: that of its files, as [`FileNames`](erfgs_base::names::FileNames) gives it.
+    /// The camera's name in the dataset: that of its files, as [`FileNames`] gives it.
     pub camera: String,
     /// Intrinsics of what it recorded.
     pub intrinsics: Intrinsics,
