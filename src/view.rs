@@ -2,7 +2,7 @@
 
 use std::{
     net::SocketAddr,
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::{Command, Stdio},
     sync::{atomic::Ordering, mpsc::RecvTimeoutError},
     time::Duration,
@@ -74,9 +74,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut models = Vec::new();
     for path in &arguments.runs {
         let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
-        let trainer = run.trainer(&gpu, &run.folder()?)?;
+        let folder = run.folder()?;
+        let trainer = run.trainer(&gpu, &folder)?;
         let dataset = trainer.scene.dataset.clone();
-        models.push(Model { name: name_of(path), scene: SceneFile::of(&trainer)?, dataset });
+        models.push(Model { name: folder.name(), scene: SceneFile::of(&trainer)?, dataset });
         trainers.push(trainer);
     }
     let served = models.iter().map(|model| ServedModel {
@@ -130,12 +131,6 @@ fn answer(trainers: &mut [Trainer<'_>], ask: Ask) {
     });
     // Who asked may have left.
     let _ = ask.answer.send(picture);
-}
-
-/// What a run is called: its folder.
-pub fn name_of(path: &Path) -> String {
-    let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    whole.file_name().unwrap_or(whole.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// Opens a browser where there is a screen; where there is none the link was printed.

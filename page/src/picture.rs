@@ -2,10 +2,16 @@
 
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
-/// A picture of `width * height` pixels of red, green and blue as a JPEG file of `quality` (1 to 100) in a data URI; `None`
-/// where it has no pixels, or more than the format holds.
+/// [`jpeg_file`] in a data URI.
 #[must_use]
 pub fn jpeg(data: &[u8], width: u32, height: u32, quality: u8) -> Option<String> {
+    jpeg_file(data, width, height, quality).map(|bytes| data_uri("image/jpeg", &bytes))
+}
+
+/// A picture of `width * height` pixels of red, green and blue as a JPEG file of `quality` (1 to 100); `None` where it has no
+/// pixels, or more than the format holds.
+#[must_use]
+pub fn jpeg_file(data: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
     let expected = width as usize * height as usize * 3;
     if expected == 0 || data.len() != expected {
@@ -13,7 +19,7 @@ pub fn jpeg(data: &[u8], width: u32, height: u32, quality: u8) -> Option<String>
     }
     let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
     encoder.write_image(data, width, height, ExtendedColorType::Rgb8).ok()?;
-    Some(data_uri("image/jpeg", &bytes))
+    Some(bytes)
 }
 
 /// Bytes of a media type (`image/png`) as a data URI.

@@ -36,7 +36,7 @@ pub fn run(run: &TrainedRun, out: Option<&Path>, force: bool, terminal: &Termina
             run.run.display()
         );
     }
-    let name = crate::view::name_of(&run.run);
+    let name = folder.name();
     let page = alone::page(&[alone::Packed { name: &name, scene: &scene }])?;
     atomic::write(&file, page.as_bytes()).map_err(erfgs_base::FileError::when("write", &file))?;
     let exported = Exported { file, gaussians: scene.header.count, bytes: page.len() as u64 };

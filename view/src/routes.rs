@@ -11,9 +11,15 @@ use axum::{
     response::{IntoResponse, Response},
     routing::{get, post},
 };
-use erfgs_page::access::{Access, guard};
+use erfgs_page::{
+    access::{Access, guard},
+    picture,
+};
 use erfgs_scene::image::ImageRgb8;
-use erfgs_train::raster::View;
+use erfgs_train::{
+    metrics::{Picture, psnr, to_unit},
+    raster::View,
+};
 use serde::Deserialize;
 use tokio::sync::oneshot;
 
@@ -26,6 +32,8 @@ use crate::{
 const LARGEST_PIXELS: u32 = 4096 * 2304;
 /// Quality of the pictures that the server draws.
 const JPEG_QUALITY: u8 = 90;
+/// What is said of pictures that are equal, dB.
+const EQUAL_DB: f64 = 99.0;
 /// Comparisons that are kept.
 const MOST_COMPARED: usize = 1000;
 
@@ -96,26 +104,12 @@ async fn frame(State(site): Shared, Path((model, camera, index)): Path<(usize, S
     }
 }
 
-/// A camera as the page gives it.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PageView {
-    width: u32,
-    height: u32,
-    fx: f32,
-    fy: f32,
-    cx: f32,
-    cy: f32,
-    rotation: [[f32; 3]; 3],
-    translation: [f32; 3],
-}
-
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Wanted {
     /// When, in [0, 1].
     t01: f64,
-    /// A [`PageView`] as JSON.
+    /// A [`View`] as JSON.
     view: String,
     /// The camera's name, for who compares.
     #[serde(default)]
@@ -128,17 +122,16 @@ struct Wanted {
 /// A picture as the server draws it.
 async fn drawn(site: &Site, model: usize, wanted: &Wanted) -> Result<ImageRgb8, (StatusCode, String)> {
     let refused = |what: String| (StatusCode::BAD_REQUEST, what);
-    let view: PageView =
+    let view: View =
         serde_json::from_str(&wanted.view).map_err(|error| refused(format!("the view does not parse: {error}")))?;
-    let PageView { width, height, fx, fy, cx, cy, rotation, translation } = view;
     if model >= site.models.len() {
         return Err((StatusCode::NOT_FOUND, "there is no such model".into()));
     }
-    if u64::from(width) * u64::from(height) > u64::from(LARGEST_PIXELS) || !(0.0..=1.0).contains(&wanted.t01) {
+    if u64::from(view.width) * u64::from(view.height) > u64::from(LARGEST_PIXELS) || !(0.0..=1.0).contains(&wanted.t01)
+    {
         return Err(refused("the picture is too large, or its time is not within the recording".into()));
     }
     let (answer, picture) = oneshot::channel();
-    let view = View { width, height, fx, fy, cx, cy, rotation, translation };
     let gone = |_| (StatusCode::SERVICE_UNAVAILABLE, "the program is ending".to_owned());
     site.asks.send(Ask { model, view, t01: wanted.t01, answer }).map_err(|error| gone(error.to_string()))?;
     picture.await.map_err(|error| gone(error.to_string()))?.map_err(refused)
@@ -149,18 +142,9 @@ async fn render(State(site): Shared, Path(model): Path<usize>, Query(wanted): Qu
         Ok(picture) => picture,
         Err(refused) => return refused.into_response(),
     };
-    let mut bytes = Vec::new();
-    let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY);
-    let encoded = image::ImageEncoder::write_image(
-        encoder,
-        &picture.data,
-        picture.width,
-        picture.height,
-        image::ExtendedColorType::Rgb8,
-    );
-    match encoded {
-        Ok(()) => ([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response(),
-        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    match picture::jpeg_file(&picture.data, picture.width, picture.height, JPEG_QUALITY) {
+        Some(bytes) => ([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response(),
+        None => (StatusCode::INTERNAL_SERVER_ERROR, "the picture has no pixels").into_response(),
     }
 }
 
@@ -174,15 +158,14 @@ async fn compare(State(site): Shared, Path(model): Path<usize>, Query(wanted): Q
     if pixels.len() * 3 != picture.data.len() {
         return (StatusCode::BAD_REQUEST, "the picture has another size than its view").into_response();
     }
-    let shown = pixels.iter().flat_map(|pixel| pixel[..3].iter());
-    let differences = shown.zip(&picture.data).map(|(a, b)| a.abs_diff(*b));
-    let (mut sum, mut worst) = (0.0, 0);
-    for difference in differences {
-        sum += f64::from(difference).powi(2);
-        worst = worst.max(difference);
-    }
-    let mean = sum / picture.data.len().max(1) as f64;
-    let psnr_db = if mean > 0.0 { (10.0 * (255.0 * 255.0 / mean).log10()).min(99.0) } else { 99.0 };
+    let shown: Vec<u8> = pixels.iter().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    let worst = shown.iter().zip(&picture.data).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0);
+    let (shown, drawn) = (to_unit(&shown), to_unit(&picture.data));
+    let [shown, drawn] = [&shown, &drawn].map(|rgb| Picture::new(picture.width, picture.height, rgb));
+    let psnr_db = match shown.and_then(|shown| psnr(shown, drawn?)) {
+        Ok(decibels) => decibels.min(EQUAL_DB),
+        Err(error) => return (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
+    };
     let compared = Compared { camera: wanted.camera, t01: wanted.t01, mode: wanted.mode, psnr_db, worst };
     let mut kept = site.compared.lock().unwrap_or_else(PoisonError::into_inner);
     if kept.len() < MOST_COMPARED {

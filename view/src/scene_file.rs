@@ -8,11 +8,12 @@ use erfgs_train::{
     checkpoint::Checkpoint,
     config::MotionModel,
     field::FieldState,
+    raster::View,
     scene::Scene,
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// What a file begins with.
 pub const MAGIC: &[u8; 8] = b"ERFGS4D1";
@@ -29,7 +30,7 @@ pub struct SceneFile {
 }
 
 /// The header of a file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Header {
     /// Gaussians.
     pub count: usize,
@@ -60,7 +61,7 @@ pub struct Header {
 }
 
 /// How Gaussians move.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum HeaderMotion {
     /// They do not.
@@ -92,7 +93,7 @@ pub enum HeaderMotion {
 }
 
 /// A camera of the recording.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HeaderCamera {
     /// Its name.
     pub name: String,
@@ -100,22 +101,9 @@ pub struct HeaderCamera {
     pub split: String,
     /// `rgb`, `event` or `both`.
     pub modality: String,
-    /// Image size, focal lengths and principal point, pixels.
-    pub width: u32,
-    /// See `width`.
-    pub height: u32,
-    /// See `width`.
-    pub fx: f32,
-    /// See `width`.
-    pub fy: f32,
-    /// See `width`.
-    pub cx: f32,
-    /// See `width`.
-    pub cy: f32,
-    /// World to camera, row-major.
-    pub rotation: [[f32; 3]; 3],
-    /// World to camera, metres.
-    pub translation: [f32; 3],
+    /// Image size, intrinsics and pose.
+    #[serde(flatten)]
+    pub view: View,
     /// Its near plane, metres.
     pub near: f32,
     /// Time, start and end of exposure of each frame, in [0, 1].
@@ -123,7 +111,7 @@ pub struct HeaderCamera {
 }
 
 /// When events came.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct HeaderEvents {
     /// Edges of the bins, in [0, 1].
     pub edges: Vec<f64>,
@@ -256,7 +244,6 @@ fn motion(checkpoint: &Checkpoint, scene: &Scene) -> (HeaderMotion, Option<Strin
 fn cameras(trainer: &Trainer<'_>) -> Vec<HeaderCamera> {
     let scene = &trainer.scene;
     let camera = |(view, of): (&erfgs_train::scene::SceneView, &erfgs_dataset::Camera)| {
-        let size = view.view;
         let times = |frame: &erfgs_dataset::Frame| {
             [frame.t_ns, frame.exposure_ns[0], frame.exposure_ns[1]].map(|t_ns| scene.to_unit(t_ns))
         };
@@ -267,15 +254,8 @@ fn cameras(trainer: &Trainer<'_>) -> Vec<HeaderCamera> {
                 .ok()
                 .and_then(|v| Some(v.as_str()?.to_owned()))
                 .unwrap_or_default(),
-            width: size.width,
-            height: size.height,
-            fx: size.fx,
-            fy: size.fy,
-            cx: size.cx,
-            cy: size.cy,
-            rotation: size.rotation,
-            translation: size.translation,
-            near: trainer.near(&size),
+            view: view.view,
+            near: trainer.near(&view.view),
             frames: of.frames.iter().map(times).collect(),
         }
     };

@@ -11,6 +11,7 @@ use super::{
     parse::parse_record,
     record::{
         CLOCK_PREFIX, DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, STATE_SUFFIX, STATUS_TOPIC, Status, StreamTotals,
+        plain_id,
     },
     ros::{self, EventPacket},
 };
@@ -229,12 +230,6 @@ impl Layout {
         };
         Meaning::Entry(Entry::Packet { stream, packet })
     }
-}
-
-/// An id as [`SessionWriter`](super::SessionWriter) takes it: whoever wrote the file may have chosen any.
-fn plain_id(id: &str) -> String {
-    let plain = id.replace(|c: char| !c.is_ascii_alphanumeric() && !matches!(c, '-' | '_'), "-");
-    if plain.is_empty() { "stream".into() } else { plain }
 }
 
 #[cfg(test)]

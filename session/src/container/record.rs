@@ -219,6 +219,13 @@ pub(super) fn json_text(value: &impl Serialize) -> String {
     serde_json::to_string(value).unwrap_or_else(|error| format!("\"{error}\""))
 }
 
+/// `id` as that of a stream can be: ASCII letters and digits, `-` and `_`. Writers refuse any other; in a file that is read,
+/// whoever wrote it may have chosen any.
+pub(super) fn plain_id(id: &str) -> String {
+    let plain = id.replace(|c: char| !c.is_ascii_alphanumeric() && !matches!(c, '-' | '_'), "-");
+    if plain.is_empty() { "stream".into() } else { plain }
+}
+
 /// The topic of a stream's packets.
 #[must_use]
 pub fn topic(id: &str, encoding: Encoding) -> String {

@@ -21,7 +21,7 @@ use super::{
     packet::{self, HEADER_BYTES},
     record::{
         DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, RIG_ATTACHMENT, SESSION_METADATA, STATUS_TOPIC, SessionStart,
-        Status, StreamTotals, TOTALS_METADATA, Totals, clock_topic, json_text, state_topic, topic,
+        Status, StreamTotals, TOTALS_METADATA, Totals, clock_topic, json_text, plain_id, state_topic, topic,
     },
     states::StateKeeper,
 };
@@ -201,7 +201,7 @@ impl<W: Write> SessionWriter<W> {
     pub fn add_stream(&mut self, description: &Description) -> Result<StreamId, ContainerError> {
         let id = &description.id;
         let path = || self.path.clone();
-        if id.is_empty() || !id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_') {
+        if plain_id(id) != *id {
             return Err(ContainerError::StreamName { path: path(), id: id.clone() });
         }
         if self.streams.iter().any(|stream| stream.id == *id) {

@@ -1,6 +1,7 @@
 //! What goes into and comes out of the rasteriser.
 
 use erfgs_scene::{Distortion, Intrinsics, Pose};
+use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
 use crate::gpu::{Gpu, GpuError};
@@ -117,7 +118,8 @@ impl Gradients {
 }
 
 /// A pinhole camera and where it stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct View {
     /// Image width, pixels.
     pub width: u32,

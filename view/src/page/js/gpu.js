@@ -103,6 +103,5 @@ export class Commands {
   }
 
   clear(buffer) { this.encoder.clearBuffer(buffer); }
-  copy(from, to, bytes) { this.encoder.copyBufferToBuffer(from, 0, to, 0, bytes); }
   submit() { this.gpu.device.queue.submit([this.encoder.finish()]); }
 }

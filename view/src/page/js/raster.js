@@ -131,23 +131,16 @@ export class Quads {
     self.plan = gpu.storageFrom(Plan.sort(scene.count));
     self.byDepth = sorter.sortBuffers(gpu, scene.count);
     self.draw = gpu.storageFrom(Uint32Array.of(4, 0, 0, 0));
-    self.bound = new Map();
+    self.pass = { label: 'quads', layout: self.pipeline.getBindGroupLayout(0), groups: new Map() };
     return self;
   }
 
-  record(commands, projector, target, { order, background = [0, 0, 0] } = {}) {
+  record(commands, projector, target, background) {
     const { view, splats } = projector;
     this.gpu.upload(this.draw, Uint32Array.of(4, 0, 0, 0));
     commands.dispatch(this.keys, [view, splats, this.byDepth.keys, this.byDepth.values, this.draw], ceil(this.count, THREADS));
-    if (!order) this.sorter.sort(commands, this.plan, this.byDepth, 32);
-    const values = order ?? this.byDepth.values;
-    const key = [view, splats, values].map((b) => (b.serial ??= Math.random())).join();
-    let group = this.bound.get(key);
-    if (!group) {
-      const entries = [view, splats, values].map((buffer, binding) => ({ binding, resource: { buffer } }));
-      group = this.gpu.device.createBindGroup({ layout: this.pipeline.getBindGroupLayout(0), entries });
-      this.bound.set(key, group);
-    }
+    this.sorter.sort(commands, this.plan, this.byDepth, 32);
+    const group = this.gpu.bindGroup(this.pass, [view, splats, this.byDepth.values]);
     const [r, g, b] = background;
     const pass = commands.encoder.beginRenderPass({
       label: 'quads',

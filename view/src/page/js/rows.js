@@ -9,7 +9,7 @@ export class Rows {
     const [row, forward] = await Promise.all(['row', 'forward'].map((name) => texts.train(`motion/free_time/${name}.wgsl`)));
     const self = new Rows();
     self.kernel = await gpu.kernel('motion forward', [constants, row, forward]);
-    Object.assign(self, { gpu, scene, values: gpu.storageFrom(scene.rows), deltas: gpu.storage(48 * scene.dynamic), moment: gpu.uniform(32) });
+    Object.assign(self, { gpu, values: gpu.storageFrom(scene.rows), deltas: gpu.storage(48 * scene.dynamic), moment: gpu.uniform(32) });
     return self;
   }
 

@@ -50,7 +50,7 @@ export class Viewer {
         this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
       }
       const sums = this.sums.createView();
-      this.quads.record(commands, this.projector, sums, { background });
+      this.quads.record(commands, this.projector, sums, background);
       this.blitTexture.record(commands, this.sums, () => [sums], target);
     }
     commands.submit();
