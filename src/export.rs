@@ -3,8 +3,8 @@
 mod dataset;
 mod events;
 mod frames;
-mod page;
 mod run;
+mod scene;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,7 @@ use erfgs_session::{
     source::Encoding,
 };
 
+use self::scene::{SceneFormat, SceneOptions};
 use crate::{
     device::{Adapter, TrainedRun},
     errors::Usage,
@@ -30,6 +31,8 @@ use crate::{
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording. With
   html  one page to share, which opens from a disk in a browser with WebGPU: `erfgs view` without a program
+  e4d   the scene of such a page alone, packed, for `erfgs view` (docs/view.md describes it)
+  4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
 
 A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
@@ -50,6 +53,7 @@ All streams that fit the format are written, or the one named with --stream. Wha
 Examples:
   erfgs export run --instants 10 --out splats
   erfgs export run --to html --out throw.html
+  erfgs export run --to e4d --out throw.e4d
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
@@ -70,6 +74,9 @@ pub struct Arguments {
     /// The format.
     #[arg(long, value_name = "FORMAT", value_parser = to, help_heading = "Of a run, a dataset, a session or an event file")]
     to: Option<To>,
+    /// Keep all numbers to the bit, in a file five times as large (html, e4d).
+    #[arg(long, help_heading = "Of a run")]
+    exact: bool,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
@@ -105,17 +112,20 @@ enum To {
     Streams(Format),
     /// A dataset.
     Dataset(Layout),
-    /// A run, as a page.
-    Page,
+    /// A run, as one file.
+    Scene(SceneFormat),
 }
 
 fn to(text: &str) -> Result<To, String> {
     match text {
         "colmap" => Ok(To::Dataset(Layout::Colmap)),
-        "html" => Ok(To::Page),
+        "html" => Ok(To::Scene(SceneFormat::Html)),
+        "e4d" => Ok(To::Scene(SceneFormat::E4d)),
+        "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html for a run"
+            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
+             for a run"
                 .into()
         }),
     }
@@ -176,12 +186,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let manifest = input.file_name().is_some_and(|name| name == Dataset::MANIFEST);
     match (input.is_file() && !manifest, arguments.to) {
         (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
-        (true, Some(To::Page)) => {
+        (true, Some(To::Scene(_))) => {
             Err(Usage(format!("'{}' is no run; give the folder that `erfgs train --out` wrote", input.display())).into())
         }
-        (false, Some(To::Page)) => {
+        (false, Some(To::Scene(format))) => {
             let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
-            page::run(&of_run, arguments.out.as_deref(), arguments.force, terminal)
+            let Arguments { out, force, exact, .. } = arguments;
+            let options = SceneOptions { format, out: out.as_deref(), force: *force, exact: *exact };
+            scene::run(&of_run, options, terminal)
         }
         (true, Some(To::Dataset(_))) => Err(Usage(format!(
             "'{}' is no dataset; make one with `erfgs dataset import session`, or export the recording to another format",

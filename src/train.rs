@@ -1,6 +1,12 @@
 //! `erfgs train`: from a dataset to a run.
 
-use std::path::{Path, PathBuf};
+mod live;
+
+use std::{
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::atomic::AtomicBool,
+};
 
 use anyhow::Context;
 use erfgs_dataset::{Dataset, Split};
@@ -14,17 +20,18 @@ use erfgs_train::{
     gpu::Gpu,
     scene::Scene,
     schedule::Budget,
-    trainer::{Outcome, Progress, TrainOptions, Trainer},
+    trainer::{Outcome, Progress, TrainError, TrainOptions, Trainer, Watch},
 };
 use serde::Serialize;
 
+use self::live::Live;
 use crate::{
     dataset::points,
     device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
     parse::Iterations,
-    progress::duration,
+    progress::{Progress as Bar, duration},
     terminal::{Terminal, table, thousands},
 };
 
@@ -46,6 +53,9 @@ Motion:
 points of what moves, which `erfgs dataset points` finds
   auto       free-time where the dataset has such points, else hexplane; what the default preset does
 
+With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
+a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
+
 A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
 with --resume goes on from there.
 
@@ -55,6 +65,7 @@ Examples:
   erfgs train ds-dv --cpu-minutes 14 --out run-14
   erfgs train ds-dv --motion free-time --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
+  erfgs train ds-dv --out run --live
   erfgs train ds-dv --out run --resume")]
 pub struct Arguments {
     /// The dataset.
@@ -98,6 +109,9 @@ pub struct Arguments {
     /// Do not look at held-out cameras during training.
     #[arg(long)]
     no_evaluation: bool,
+    /// Show the scene in a browser while it is trained, at this address; port 0 takes any free one.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8200")]
+    live: Option<SocketAddr>,
     /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
     #[arg(long, value_name = "METHOD")]
     init: Option<CloudMethod>,
@@ -326,29 +340,16 @@ fn drive(
     options: &TrainOptions,
 ) -> anyhow::Result<()> {
     let stop = stop_flag("the iteration ends, then a checkpoint is saved")?;
-    let bar = terminal.progress("training");
-    let mut first = None;
-    let mut last: Option<Progress> = None;
-    let mut quality = (None, None);
-    let outcome = trainer.run(folder, options, stop, &mut |now| {
-        let &mut (iteration, seconds) = first.get_or_insert((now.iteration, now.seconds));
-        quality = (now.psnr.or(quality.0), now.dpsnr.or(quality.1));
-        bar.share(now.share, || {
-            let pace = (now.iteration - iteration) as f64 / (now.seconds - seconds).max(1e-9);
-            let mut text = format!(
-                "{} iteration {}, {pace:.1} a second, {} Gaussians",
-                now.stage.name(),
-                thousands(now.iteration),
-                thousands(now.gaussians.into())
-            );
-            for (name, value) in [("PSNR", quality.0), ("DPSNR", quality.1)] {
-                text.extend(value.map(|value| format!(", {name} {value:.2} dB")));
-            }
-            text
-        });
-        last = Some(*now);
-    })?;
+    let live = arguments.live.map(|address| Live::start(address, &trainer, folder, terminal)).transpose()?;
+    let mut watch =
+        Follow { bar: terminal.progress("training"), live, stop, first: None, last: None, quality: (None, None) };
+    let outcome = trainer.run(folder, options, stop, &mut watch);
+    let Follow { bar, live, last, quality, .. } = watch;
     drop(bar);
+    if let Some(live) = live {
+        live.end(&mut trainer, &outcome);
+    }
+    let outcome = outcome?;
     let gaussians = trainer.model.gaussians_still(gpu)?;
     write_ply(&folder.point_cloud_file(), &gaussians)?;
     let done = trainer.iterations_done();
@@ -370,6 +371,55 @@ fn drive(
     }
     terminal.note(format!("measure it with: erfgs eval {}", shell_word(folder.root())));
     Ok(())
+}
+
+/// What follows a run: a line on the terminal, and a page where one was asked for.
+struct Follow {
+    bar: Bar,
+    live: Option<Live>,
+    stop: &'static AtomicBool,
+    /// Iteration and seconds of training at the first sight.
+    first: Option<(u64, f64)>,
+    last: Option<Progress>,
+    /// PSNR and DPSNR at the last look.
+    quality: (Option<f64>, Option<f64>),
+}
+
+impl Watch for Follow {
+    fn progress(&mut self, now: &Progress) {
+        let &mut (iteration, seconds) = self.first.get_or_insert((now.iteration, now.seconds));
+        self.quality = (now.psnr.or(self.quality.0), now.dpsnr.or(self.quality.1));
+        let quality = self.quality;
+        self.bar.share(now.share, || {
+            let pace = (now.iteration - iteration) as f64 / (now.seconds - seconds).max(1e-9);
+            let mut text = format!(
+                "{} iteration {}, {pace:.1} a second, {} Gaussians",
+                now.stage.name(),
+                thousands(now.iteration),
+                thousands(now.gaussians.into())
+            );
+            for (name, value) in [("PSNR", quality.0), ("DPSNR", quality.1)] {
+                text.extend(value.map(|value| format!(", {name} {value:.2} dB")));
+            }
+            text
+        });
+        if let Some(live) = &mut self.live {
+            live.progress(now, self.stop);
+        }
+        self.last = Some(*now);
+    }
+
+    fn wants_look(&mut self) -> bool {
+        self.live.as_mut().is_some_and(Live::wants_look)
+    }
+
+    fn look(&mut self, trainer: &mut Trainer<'_>) -> Result<(), TrainError> {
+        self.live.as_mut().map_or(Ok(()), |live| live.look(trainer))
+    }
+
+    fn wants_checkpoint(&mut self) -> bool {
+        self.live.as_mut().is_some_and(Live::wants_checkpoint)
+    }
 }
 
 fn describe(summary: &Summary<'_>) -> String {

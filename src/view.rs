@@ -10,7 +10,7 @@ use std::{
 
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::{metrics::to_bytes, trainer::Trainer};
-use erfgs_view::{Ask, Compared, Model, SceneFile, ViewOptions, ViewPage};
+use erfgs_view::{Ask, Compared, Learned, Model, Precision, SceneFile, ViewOptions, ViewPage};
 use serde::Serialize;
 
 use crate::{
@@ -32,10 +32,12 @@ Browsers offer WebGPU only to pages from their own machine or over https: from a
 Examples:
   erfgs view run-erf
   erfgs view run-4dgs run-erf
+  erfgs view throw.e4d
   erfgs view run-erf --address 127.0.0.1:8200 --no-browser    # and where you sit: ssh -L 8200:localhost:8200 HOST")]
 pub struct Arguments {
-    /// Run folders, as `erfgs train --out` wrote them; the second one is seen right of a line that can be moved.
-    #[arg(required = true, num_args = 1..=2, value_name = "RUN")]
+    /// Run folders, as `erfgs train --out` wrote them, or scene files of `erfgs export --to e4d`; the second one is seen right
+    /// of a line that can be moved.
+    #[arg(required = true, num_args = 1..=2, value_name = "RUN|S.e4d")]
     runs: Vec<PathBuf>,
     /// The dataset, where it is no longer where the runs were trained on it.
     #[arg(long, value_name = "DATASET")]
@@ -69,16 +71,25 @@ struct ServedModel {
 
 /// Serves the page until it is interrupted.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let gpu = arguments.adapter.open()?;
+    // A scene file is drawn by browsers alone.
+    let is_file = |path: &PathBuf| path.is_file();
+    let gpu = if arguments.runs.iter().all(is_file) { None } else { Some(arguments.adapter.open()?) };
     let mut trainers = Vec::new();
     let mut models = Vec::new();
     for path in &arguments.runs {
+        let Some(gpu) = gpu.as_ref().filter(|_| !is_file(path)) else {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            models.push(Model { name, scene: SceneFile::open(path)?, dataset: None });
+            trainers.push(None);
+            continue;
+        };
         let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
         let folder = run.folder()?;
-        let trainer = run.trainer(&gpu, &folder)?;
-        let dataset = trainer.scene.dataset.clone();
-        models.push(Model { name: folder.name(), scene: SceneFile::of(&trainer)?, dataset });
-        trainers.push(trainer);
+        let trainer = run.trainer(gpu, &folder)?;
+        let dataset = Some(trainer.scene.dataset.clone());
+        let scene = Learned::of(&trainer)?.file(Precision::Exact);
+        models.push(Model { name: folder.name(), scene, dataset });
+        trainers.push(Some(trainer));
     }
     let served = models.iter().map(|model| ServedModel {
         name: model.name.clone(),
@@ -88,7 +99,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     });
     let served: Vec<ServedModel> = served.collect();
     let options = ViewOptions { address: arguments.address, names: arguments.names.clone() };
-    let (page, asks) = ViewPage::serve(models, &options)?;
+    let (page, asks) = ViewPage::serve(models, None, &options)?;
     let stop = stop_flag("the page ends")?;
     let result = Served { link: page.url(), models: served };
     terminal.result(&result, || {
@@ -113,7 +124,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             ));
         }
         match asks.recv_timeout(Duration::from_millis(200)) {
-            Ok(ask) => answer(&mut trainers, ask),
+            Ok(ask) => match trainers.get_mut(ask.model) {
+                Some(Some(trainer)) => answer(trainer, ask),
+                // Who asked may have left.
+                _ => drop(ask.answer.send(Err("the server cannot draw a scene file; the browser can".into()))),
+            },
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
@@ -122,8 +137,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
 }
 
 /// Draws what a page asks for.
-fn answer(trainers: &mut [Trainer<'_>], ask: Ask) {
-    let Some(trainer) = trainers.get_mut(ask.model) else { return };
+pub fn answer(trainer: &mut Trainer<'_>, ask: Ask) {
     let drawn = trainer.render(&ask.view, ask.t01).map_err(|error| error.to_string());
     let picture = drawn.map(|drawn| {
         let (width, height) = (ask.view.width, ask.view.height);

@@ -100,13 +100,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let folder = RunFolder::new(folder.path());
     let progress = terminal.progress("measuring");
     let warm = AtomicBool::new(false);
-    trainer.run(&folder, &options, &warm, &mut |now| {
+    trainer.run(&folder, &options, &warm, &mut |now: &erfgs_train::trainer::Progress| {
         progress.share(now.share, || "warming up".into());
         warm.store(now.iteration >= u64::from(2 * WARM_UP), Ordering::Relaxed);
     })?;
     trainer.times.start();
     let (first, started) = (trainer.iterations_done(), trainer.clock.seconds);
-    trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now| {
+    trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now: &erfgs_train::trainer::Progress| {
         progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
     })?;
     drop(progress);

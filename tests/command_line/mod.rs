@@ -5,11 +5,13 @@ mod calibrate;
 mod colours;
 mod events;
 mod inputs;
+mod page;
 mod pipeline;
 mod resume;
 mod simulate;
 mod variants;
 mod view;
+mod watched;
 
 use std::{
     path::{Path, PathBuf},

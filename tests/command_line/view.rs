@@ -1,37 +1,22 @@
 //! `erfgs view`: what it serves, to whom, and whether a browser shows what the trainer would.
 
 use std::{
-    io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
-    process::{Child, Stdio},
+    io::{BufRead, BufReader},
+    process::Stdio,
     sync::mpsc,
     time::{Duration, Instant},
 };
 
-use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film};
+use super::{
+    Folder,
+    browser::Browser,
+    page::{Page, Program, film_small, header, lines},
+};
 
-use super::{Folder, browser::Browser};
-
-/// `ds` in the folder: something moves before six cameras, and its hull is known.
-fn film_small(folder: &Folder) {
-    let options = FilmOptions {
-        stage: StageOptions { samples_per_axis: 1, ..StageOptions::default() },
-        rig: RigOptions { width: 64, height: 48, rgb: 6, event: 2, test: 1, ..RigOptions::default() },
-        events: EventOptions::default(),
-        duration_ns: 300_000_000,
-        rgb_fps: 20.0,
-        test_fps: 20.0,
-        truth_points: 0,
-        ..FilmOptions::default()
-    };
-    film(&folder.path("ds"), &options, &|_| {}).expect("a film");
-    folder.succeed("dataset points ds --method random --random-points 400 --moving 4 --moving-points 400");
-}
-
-/// The page of a run, until it is dropped.
+/// The page of runs, until it is dropped.
 struct Served {
-    program: Child,
-    link: String,
+    _program: Program,
+    page: Page,
     /// Lines on stderr.
     said: mpsc::Receiver<String>,
 }
@@ -41,15 +26,9 @@ impl Served {
         let words = format!("view {words} --address 127.0.0.1:0 --no-browser --json");
         let mut command = folder.command(&words);
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("erfgs starts");
-        let mut stderr = BufReader::new(program.stderr.take().expect("stderr"));
         let mut stdout = BufReader::new(program.stdout.take().expect("stdout"));
-        let (say, said) = mpsc::channel();
-        std::thread::spawn(move || {
-            let mut line = String::new();
-            while stderr.read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
-                let _ = say.send(std::mem::take(&mut line));
-            }
-        });
+        let said = lines(program.stderr.take().expect("stderr"));
+        let program = Program(program);
         let mut text = String::new();
         while !text.trim_end().ends_with("\n}") {
             let bytes = stdout.read_line(&mut text).expect("stdout");
@@ -57,44 +36,7 @@ impl Served {
         }
         let figures: serde_json::Value = serde_json::from_str(&text).expect("JSON");
         assert!(figures["models"][0]["gaussians"].as_u64().expect("a count") > 0);
-        Self { program, link: figures["link"].as_str().expect("a link").to_owned(), said }
-    }
-
-    /// Host and port, and the token.
-    fn parts(&self) -> (&str, &str) {
-        self.link.strip_prefix("http://").and_then(|link| link.split_once("/?token=")).expect("a link with a token")
-    }
-
-    /// Status and body of the answer to a request with these further headers.
-    fn ask(&self, method: &str, path: &str, headers: &str, body: &[u8]) -> (u16, Vec<u8>) {
-        let (host, _) = self.parts();
-        let mut stream = TcpStream::connect(host).expect("the page listens");
-        stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a time limit");
-        let length = body.len();
-        write!(
-            stream,
-            "{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n"
-        )
-        .and_then(|()| stream.write_all(body))
-        .expect("the request is taken");
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).expect("an answer");
-        let end = answer.windows(4).position(|four| four == b"\r\n\r\n").expect("headers") + 4;
-        let status = std::str::from_utf8(&answer[9..12]).expect("a status").parse().expect("a number");
-        (status, answer.split_off(end))
-    }
-
-    /// As [`Self::ask`], by who knows the token.
-    fn get(&self, path: &str) -> (u16, Vec<u8>) {
-        let (_, token) = self.parts();
-        self.ask("GET", path, &format!("Authorization: Bearer {token}\r\n"), &[])
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        let _ = self.program.kill();
-        let _ = self.program.wait();
+        Self { _program: program, page: Page { link: figures["link"].as_str().expect("a link").to_owned() }, said }
     }
 }
 
@@ -126,40 +68,37 @@ fn a_browser_shows_what_the_trainer_would() {
         folder.succeed(&format!("train ds --out {run} --motion {motion} --iterations 20+20 -q"));
     }
     let served = Served::start(&folder, "explicit field");
-    the_server_answers_its_user_alone(&served);
+    the_server_answers_its_user_alone(&served.page);
     let mut browser = Browser::start();
-    browser.open(&format!("{}&check=2&renderer=webgpu", served.link));
+    browser.open(&format!("{}&check=2&renderer=webgpu", served.page.link));
     // Two runs, two cameras each, exactly and fast.
     for (mode, psnr) in compared(&served, 8) {
         let least = if mode == "tiles" { 60.0 } else { 45.0 };
         assert!(psnr > least, "{mode}: {psnr} dB");
     }
     // Where the browser has no graphics processor, it is sent pictures: JPEG, which costs a little.
-    browser.open(&format!("{}&check=1&renderer=server", served.link));
+    browser.open(&format!("{}&check=1&renderer=server", served.page.link));
     for (mode, psnr) in compared(&served, 4) {
         assert!(psnr > 30.0, "{mode}, sent: {psnr} dB");
     }
 }
 
 /// Who has no token, or asks for what is not there, is refused and told why.
-fn the_server_answers_its_user_alone(served: &Served) {
+fn the_server_answers_its_user_alone(served: &Page) {
     assert_eq!(served.ask("GET", "/", "", &[]).0, 401);
     assert_eq!(served.ask("GET", "/api/scene/0", "Cookie: erfgs_token=0\r\n", &[]).0, 401);
     assert_eq!(served.get("/").0, 200);
-    let (status, models) = served.get("/api/models");
-    assert_eq!(status, 200);
-    let models: serde_json::Value = serde_json::from_slice(&models).expect("JSON");
+    let models = served.json("/api/models");
     let (status, scene) = served.get("/api/scene/1");
     assert_eq!((status, scene.len() as u64), (200, models[1]["bytes"].as_u64().expect("a size")));
-    assert!(scene.starts_with(b"ERFGS4D1"));
+    let header = header(&scene);
+    // Nothing is trained here.
+    assert_eq!((served.get("/api/training").0, served.known("POST", "/api/training/stop").0), (404, 404));
     for path in
         ["/api/scene/2", "/file/js/none.js", "/file/../Cargo.toml", "/file/train/none.wgsl", "/api/frame/0/none/0"]
     {
         assert_eq!(served.get(path).0, 404, "{path}");
     }
-    let header: serde_json::Value =
-        serde_json::from_slice(&scene[12..12 + u32::from_le_bytes(scene[8..12].try_into().expect("four")) as usize])
-            .expect("JSON");
     let camera = header["cameras"]
         .as_array()
         .expect("cameras")
@@ -187,6 +126,7 @@ fn a_run_becomes_a_page_of_one_file() {
     let said = folder.fail(2, "export run --to html --out one.html");
     assert!(said.contains("--force"), "{said}");
     folder.succeed("export run --to html --out one.html --force");
+    scene_files_keep_what_is_seen(&folder);
     let said = folder.fail(2, "export one.html --to html --out two.html");
     assert!(said.contains("is no run"), "{said}");
     // Opened from the disk it draws: the page is not of one colour.
@@ -209,4 +149,59 @@ fn a_run_becomes_a_page_of_one_file() {
     browser.evaluate(&format!("{camera}.selectedIndex = 2; {camera}.dispatchEvent(new Event('change'))"));
     browser.wait(&format!("location.hash.includes('camera=' + {camera}.value) && location.hash.includes('t=0.')"));
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
+}
+
+/// The scene alone: packed or to the bit, for `erfgs view`, and in the open container.
+fn scene_files_keep_what_is_seen(folder: &Folder) {
+    let packed = folder.figures("export run --to e4d --out packed.e4d");
+    let exact = folder.figures("export run --to e4d --exact --out exact.e4d");
+    let size = |figures: &serde_json::Value| figures["bytes"].as_u64().expect("a size");
+    // The header is half of so small a scene.
+    assert!(2 * size(&packed) < size(&exact), "{packed} {exact}");
+    assert!(packed["psnr_db"].as_f64().expect("dB") > 40.0, "{packed}");
+    let served = Served::start(folder, "packed.e4d exact.e4d");
+    let headers = [0, 1].map(|model| header(&served.page.get(&format!("/api/scene/{model}")).1));
+    assert_eq!(headers[0]["count"], headers[1]["count"]);
+    assert_eq!(served.page.json("/api/models")[0]["from_run"], false);
+    // What only a run has is refused with its reason.
+    assert_eq!(served.page.get("/api/frame/0/cam0/0").0, 404);
+    let mut view = headers[0]["cameras"][0].clone();
+    for other in ["name", "split", "modality", "near", "frames"] {
+        view.as_object_mut().expect("a camera").remove(other);
+    }
+    let view = view.to_string();
+    let view: String = view.bytes().map(|byte| format!("%{byte:02x}")).collect();
+    let (status, why) = served.page.get(&format!("/api/render/0?t01=0.5&view={view}"));
+    assert!(status == 400 && String::from_utf8_lossy(&why).contains("scene file"), "{}", String::from_utf8_lossy(&why));
+    drop(served);
+    for (damaged, what) in [(&b"no scene"[..], "unpack"), (&[], "unpack")] {
+        std::fs::write(folder.path("bad.e4d"), damaged).expect("a file");
+        let said = folder.fail(1, "view bad.e4d --no-browser --address 127.0.0.1:0");
+        assert!(said.contains("bad.e4d") && said.contains(what), "{said}");
+    }
+
+    let open = folder.figures("export run --to 4dgs --out scene.4dgs");
+    assert!(folder.fail(2, "export run --to 4dgs --exact --out b.4dgs").contains("--exact"));
+    folder.succeed("export run --instants 4 --out splats");
+    let scene = fourdgs::read_path(folder.path("scene.4dgs")).expect("a scene");
+    assert_eq!(scene.gaussians.count() as u64, open["gaussians"].as_u64().expect("a count"));
+    for instant in 0..4 {
+        let t = scene.header.duration_sec * f64::from(instant) / 3.0;
+        let there = scene.gaussians.state_at(t, scene.header.cutoff);
+        let path = folder.path(&format!("splats/point_cloud_t/{instant:05}.ply"));
+        let cloud = erfgs_scene::ply::GaussianCloud::read(&path).expect("a cloud");
+        // What is well seen in one is in the other, at the same place but for a share of its size, and as opaque.
+        for index in 0..cloud.len() {
+            let opacity = 1.0 / (1.0 + (-cloud.opacity_logits[index]).exp());
+            let ([x, y, z], size) = (cloud.positions[index], cloud.log_scales[index].map(f32::exp));
+            let most = 0.01 + 0.3 * size.into_iter().fold(0.0, f32::max);
+            let off = (0..there.count()).map(|k| {
+                let centre = &there.centers[3 * k..];
+                let away = (centre[0] - x).hypot(centre[1] - y).hypot(centre[2] - z);
+                (away / most).max((there.opacity[k] - opacity).abs() / 0.02)
+            });
+            let off = off.fold(f32::INFINITY, f32::min);
+            assert!(opacity < 0.3 || off < 1.0, "{t} s: {off} from {x} {y} {z} of opacity {opacity}");
+        }
+    }
 }

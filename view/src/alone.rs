@@ -1,9 +1,8 @@
 //! The page and its scenes as one file, which needs no server and no network.
 
-use std::{collections::BTreeMap, io::Write};
+use std::collections::BTreeMap;
 
 use erfgs_page::picture::{base64, data_uri};
-use flate2::{Compression, write::GzEncoder};
 use serde::Serialize;
 
 use crate::{server::About, texts};
@@ -18,17 +17,17 @@ pub struct Packed<'a> {
 }
 
 #[derive(Serialize)]
-struct Own<'a> {
+struct Own {
     texts: BTreeMap<String, &'static str>,
-    models: Vec<About<'a>>,
+    models: Vec<About>,
 }
 
 /// A page that shows `scenes` (one, or two side by side) from a disk.
 ///
 /// # Errors
-/// If the scenes cannot be compressed or named, which has no cause in them.
-pub fn page(scenes: &[Packed<'_>]) -> std::io::Result<String> {
-    let models = scenes.iter().map(|packed| About::of(packed.name, packed.scene)).collect();
+/// If the scenes cannot be named, which has no cause in them.
+pub fn page(scenes: &[Packed<'_>]) -> serde_json::Result<String> {
+    let models = scenes.iter().map(|packed| About::of(packed.name, packed.scene, false, false)).collect();
     let own = serde_json::to_string(&Own { texts: texts::kernels().collect(), models })?;
     // Modules of a page of one file have no addresses: they are called by names, which a map leads to their texts.
     let named = |text: &str| text.replace("from './", "from 'erfgs/");
@@ -39,9 +38,7 @@ pub fn page(scenes: &[Packed<'_>]) -> std::io::Result<String> {
     let style = texts::file("style.css").map_or("", |(_, text)| text);
     let mut scripts = String::new();
     for (index, packed) in scenes.iter().enumerate() {
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-        encoder.write_all(&packed.scene.bytes)?;
-        let packed = base64(&encoder.finish()?);
+        let packed = base64(&packed.scene.compressed());
         scripts.push_str(&format!("<script type=\"text/plain\" id=\"scene{index}\">{packed}</script>\n"));
     }
     scripts.push_str(&format!("<script>globalThis.ERFGS = {};</script>\n", within_script(&own)));

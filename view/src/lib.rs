@@ -2,16 +2,21 @@
 //!
 //! - [`scene_file`]: what a page needs to know of a run, in one file.
 //! - [`alone`]: the page and its scenes as one file.
+//! - [`fourdgs`]: the same for the readers of the open container of 4D Gaussians.
 //! - [`server`]: the page and what it asks for, over HTTP.
+//! - [`training`]: what a page is told of a run that is being trained.
 //! - `page/`: the page itself, in plain JavaScript; it draws with the kernels of the trainer ([`erfgs_train::shaders`]) on WebGPU.
 //!
 //! A browser without WebGPU is shown pictures that the server draws.
 
 pub mod alone;
+pub mod fourdgs;
 mod routes;
 pub mod scene_file;
 pub mod server;
 mod texts;
+pub mod training;
 
-pub use scene_file::SceneFile;
+pub use scene_file::{Learned, Precision, SceneFile};
 pub use server::{Ask, Compared, Model, ViewError, ViewOptions, ViewPage};
+pub use training::LiveTraining;

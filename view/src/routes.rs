@@ -20,13 +20,17 @@ use erfgs_train::{
     metrics::{Picture, psnr, to_unit},
     raster::View,
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 
 use crate::{
-    server::{About, Ask, Compared, Model},
+    server::{About, Ask, Compared, Shown},
     texts,
+    training::{LiveTraining, TrainingState},
 };
+
+/// What is answered where nothing is being trained.
+const NO_TRAINING: &str = "nothing is being trained here";
 
 /// The largest picture that is drawn for a page.
 const LARGEST_PIXELS: u32 = 4096 * 2304;
@@ -40,10 +44,11 @@ const MOST_COMPARED: usize = 1000;
 /// What the routes share.
 #[derive(Debug)]
 pub(crate) struct Site {
-    pub models: Vec<Model>,
+    pub models: Vec<Shown>,
     pub asks: mpsc::Sender<Ask>,
-    pub compared: Arc<Mutex<Vec<Compared>>>,
+    pub compared: Mutex<Vec<Compared>>,
     pub access: Arc<Access>,
+    pub training: Option<Arc<LiveTraining>>,
 }
 
 type Shared = State<Arc<Site>>;
@@ -57,6 +62,8 @@ pub(crate) fn router(site: Arc<Site>) -> Router {
         .route("/api/frame/{model}/{camera}/{index}", get(frame))
         .route("/api/render/{model}", get(render))
         .route("/api/compare/{model}", post(compare))
+        .route("/api/training", get(training))
+        .route("/api/training/{wish}", post(wish))
         .layer(DefaultBodyLimit::max(4 * LARGEST_PIXELS as usize))
         .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
         .with_state(site)
@@ -74,27 +81,62 @@ async fn file(Path(path): Path<String>) -> Response {
 }
 
 async fn models(State(site): Shared) -> Response {
-    Json(site.models.iter().map(|model| About::of(&model.name, &model.scene)).collect::<Vec<_>>()).into_response()
+    let about = |(index, model): (usize, &Shown)| {
+        About::of(&model.name, &model.scene().1, model.dataset.is_some(), index == 0 && site.training.is_some())
+    };
+    Json(site.models.iter().enumerate().map(about).collect::<Vec<_>>()).into_response()
 }
 
 async fn scene(State(site): Shared, Path(model): Path<usize>) -> Response {
     match site.models.get(model) {
         Some(model) => {
-            ([(header::CONTENT_TYPE, "application/octet-stream")], model.scene.bytes.clone()).into_response()
+            let kind = (header::CONTENT_TYPE, "application/octet-stream");
+            ([kind], model.scene().1.bytes.clone()).into_response()
         }
         None => missing("there is no such model"),
     }
 }
 
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Since {
+    /// Rows of the curve that the page has.
+    #[serde(default)]
+    rows: usize,
+}
+
+#[derive(Serialize)]
+struct Trained {
+    /// How many scenes stood before the present one.
+    version: u64,
+    #[serde(flatten)]
+    state: TrainingState,
+}
+
+async fn training(State(site): Shared, Query(since): Query<Since>) -> Response {
+    let (Some(training), Some(model)) = (&site.training, site.models.first()) else { return missing(NO_TRAINING) };
+    Json(Trained { version: model.scene().0, state: training.since(since.rows) }).into_response()
+}
+
+async fn wish(State(site): Shared, Path(wish): Path<String>) -> Response {
+    let Some(training) = &site.training else { return missing(NO_TRAINING) };
+    match wish.as_str() {
+        "save" => training.wish_checkpoint(),
+        "stop" => training.wish_stop(),
+        _ => return missing("a training can save or stop"),
+    }
+    StatusCode::ACCEPTED.into_response()
+}
+
 /// A recorded frame, by the number that its camera gives it.
 async fn frame(State(site): Shared, Path((model, camera, index)): Path<(usize, String, usize)>) -> Response {
     let found = site.models.get(model).and_then(|model| {
-        let camera = model.dataset.manifest.cameras.iter().find(|own| own.name == camera)?;
-        Some((model, camera.frames.get(index)?.file.clone()))
+        let dataset = model.dataset.as_ref()?;
+        let camera = dataset.manifest.cameras.iter().find(|own| own.name == camera)?;
+        Some((dataset, camera.frames.get(index)?.file.clone()))
     });
-    let Some((model, file)) = found else { return missing("there is no such frame") };
-    let read = model
-        .dataset
+    let Some((dataset, file)) = found else { return missing("there is no such frame") };
+    let read = dataset
         .path(&file)
         .map_err(|error| error.to_string())
         .and_then(|path| std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display())));

@@ -3,7 +3,7 @@
 use std::{
     io,
     net::SocketAddr,
-    sync::{Arc, Mutex, PoisonError, mpsc},
+    sync::{Arc, Mutex, PoisonError, RwLock, mpsc},
 };
 
 use erfgs_dataset::Dataset;
@@ -19,6 +19,7 @@ use tokio::sync::oneshot;
 use crate::{
     routes::{self, Site},
     scene_file::SceneFile,
+    training::LiveTraining,
 };
 
 /// What is shown of one run.
@@ -28,21 +29,51 @@ pub struct Model {
     pub name: String,
     /// What it learned.
     pub scene: SceneFile,
-    /// What it learned from: its frames are shown beside the renderings.
-    pub dataset: Dataset,
+    /// What it learned from: its frames are shown beside the renderings. Of a scene file nobody knows.
+    pub dataset: Option<Dataset>,
+}
+
+/// A model that is being served: its scene may be replaced.
+#[derive(Debug)]
+pub(crate) struct Shown {
+    pub name: String,
+    pub dataset: Option<Dataset>,
+    scene: RwLock<(u64, Arc<SceneFile>)>,
+}
+
+impl Shown {
+    fn new(model: Model) -> Self {
+        let Model { name, scene, dataset } = model;
+        Self { name, dataset, scene: RwLock::new((0, Arc::new(scene))) }
+    }
+
+    /// The scene, and how many stood before it.
+    pub fn scene(&self) -> (u64, Arc<SceneFile>) {
+        self.scene.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn replace(&self, scene: SceneFile) {
+        let mut shown = self.scene.write().unwrap_or_else(PoisonError::into_inner);
+        *shown = (shown.0 + 1, Arc::new(scene));
+    }
 }
 
 /// What the page is told of a model before it loads it.
 #[derive(Debug, Serialize)]
-pub(crate) struct About<'a> {
-    name: &'a str,
+pub(crate) struct About {
+    name: String,
     bytes: usize,
-    only_server: Option<&'a str>,
+    only_server: Option<String>,
+    /// Whether the server draws it for browsers that cannot, and has its frames.
+    from_run: bool,
+    /// Whether it is being trained.
+    training: bool,
 }
 
-impl<'a> About<'a> {
-    pub fn of(name: &'a str, scene: &'a SceneFile) -> Self {
-        Self { name, bytes: scene.bytes.len(), only_server: scene.header.only_server.as_deref() }
+impl About {
+    pub fn of(name: &str, scene: &SceneFile, from_run: bool, training: bool) -> Self {
+        let only_server = scene.header.only_server.clone();
+        Self { name: name.to_owned(), bytes: scene.bytes.len(), only_server, from_run, training }
     }
 }
 
@@ -108,25 +139,36 @@ pub enum ViewError {
 #[derive(Debug)]
 pub struct ViewPage {
     server: Server,
-    access: Arc<Access>,
-    compared: Arc<Mutex<Vec<Compared>>>,
+    site: Arc<Site>,
 }
 
 impl ViewPage {
-    /// Starts to serve `models`. What the page wants drawn by the server comes over the channel.
+    /// Starts to serve `models`, the first of which is being trained where `training` is given. What the page wants drawn by
+    /// the server comes over the channel.
     ///
     /// # Errors
     /// If the address is taken, or the system refuses.
-    pub fn serve(models: Vec<Model>, options: &ViewOptions) -> Result<(Self, mpsc::Receiver<Ask>), ViewError> {
+    pub fn serve(
+        models: Vec<Model>,
+        training: Option<Arc<LiveTraining>>,
+        options: &ViewOptions,
+    ) -> Result<(Self, mpsc::Receiver<Ask>), ViewError> {
         let failed = |source| ViewError::Listen { address: options.address, source };
         let listener = Server::listen(options.address).map_err(failed)?;
         let token = Token::random().map_err(ViewError::Token)?;
         let access = Arc::new(Access { token: Some(token), names: options.names.clone() });
         let (asks, asked) = mpsc::channel();
-        let compared = Arc::new(Mutex::new(Vec::new()));
-        let site = Site { models, asks, compared: Arc::clone(&compared), access: Arc::clone(&access) };
-        let server = Server::start(listener, routes::router(Arc::new(site)), "view")?;
-        Ok((Self { server, access, compared }, asked))
+        let models = models.into_iter().map(Shown::new).collect();
+        let site = Arc::new(Site { models, asks, compared: Mutex::default(), access, training });
+        let server = Server::start(listener, routes::router(Arc::clone(&site)), "view")?;
+        Ok((Self { server, site }, asked))
+    }
+
+    /// Shows another scene of a model: it has learned more.
+    pub fn replace(&self, model: usize, scene: SceneFile) {
+        if let Some(shown) = self.site.models.get(model) {
+            shown.replace(scene);
+        }
     }
 
     /// Where it listens.
@@ -138,12 +180,12 @@ impl ViewPage {
     /// The address to open, with the token.
     #[must_use]
     pub fn url(&self) -> String {
-        self.access.url(self.address())
+        self.site.access.url(self.address())
     }
 
     /// How pictures that browsers drew differed from those of the server, as far as pages have compared any.
     #[must_use]
     pub fn compared(&self) -> Vec<Compared> {
-        self.compared.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.site.compared.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

@@ -18,7 +18,7 @@ use std::{
 
 pub use self::{
     model::Model,
-    progress::{Outcome, Progress, TrainError, TrainOptions},
+    progress::{Outcome, Progress, TrainError, TrainOptions, Watch},
     render::Rendered,
     stages::StageTimes,
 };
@@ -29,7 +29,7 @@ use crate::{
     config::{Config, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
-    field::FieldError,
+    field::{FieldError, FieldState},
     gaussians::Gaussians,
     gpu::Gpu,
     motion::Motion,
@@ -199,7 +199,7 @@ impl<'a> Trainer<'a> {
         run: &RunFolder,
         options: &TrainOptions,
         stop: &AtomicBool,
-        on_progress: &mut dyn FnMut(&Progress),
+        watch: &mut dyn Watch,
     ) -> Result<Outcome, TrainError> {
         run.write_config(&self.config.to_toml()?)?;
         run.write_dataset(&self.scene.dataset.manifest)?;
@@ -223,7 +223,7 @@ impl<'a> Trainer<'a> {
                         lap.tell(&mut self.clock);
                         if logged != Some(self.schedule.done(&self.clock)) {
                             self.check_finite()?;
-                            self.log(run, &mut curve, options.evaluate, on_progress)?;
+                            self.log(run, &mut curve, options.evaluate, watch)?;
                         }
                         self.checkpoint()?.save(&run.checkpoint_file())?;
                         self.write_info(run)?;
@@ -239,30 +239,36 @@ impl<'a> Trainer<'a> {
                 let evaluation = &self.config.evaluation;
                 let due = |every: u32| every > 0 && done.is_multiple_of(u64::from(every));
                 let evaluate = options.evaluate && (due(evaluation.every) || looks > looked);
-                (due(evaluation.log_every), evaluate, due(evaluation.checkpoint_every))
+                let save = due(evaluation.checkpoint_every) || watch.wants_checkpoint();
+                (due(evaluation.log_every), evaluate, save)
             };
             looked = looks;
+            let look = watch.wants_look();
             let stopping = stop.load(Ordering::Relaxed);
-            if log || evaluate || save || stopping {
+            let pause = log || evaluate || save || stopping || look;
+            if pause {
                 self.gpu.wait("training")?;
             }
             lap.tell(&mut self.clock);
             if log || evaluate {
                 self.check_finite()?;
-                self.log(run, &mut curve, evaluate, on_progress)?;
+                self.log(run, &mut curve, evaluate, watch)?;
                 logged = Some(done);
             } else {
-                on_progress(&self.progress(None, None));
+                watch.progress(&self.progress(None, None));
             }
             if save || stopping {
                 self.checkpoint()?.save(&run.checkpoint_file())?;
+            }
+            if look {
+                watch.look(self)?;
             }
             if stopping {
                 self.write_info(run)?;
                 return Ok(Outcome::Stopped);
             }
-            if log || evaluate || save {
-                // Evaluation and saving are not training.
+            if pause {
+                // Evaluation, saving and looking are not training.
                 lap = Lap::begin(&self.clock);
             }
         }
@@ -283,7 +289,7 @@ impl<'a> Trainer<'a> {
         run: &RunFolder,
         curve: &mut CurveWriter,
         evaluate: bool,
-        on_progress: &mut dyn FnMut(&Progress),
+        watch: &mut dyn Watch,
     ) -> Result<(), TrainError> {
         let sums = &mut self.work.sums;
         let mean = |sum: f64, count: f64| (count > 0.0).then(|| sum / count);
@@ -318,7 +324,7 @@ impl<'a> Trainer<'a> {
             psnr_static: quality.and_then(|quality| quality.psnr_static),
             cpu_seconds: cpu::process_seconds().map(|_| self.clock.cpu_seconds),
         })?;
-        on_progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
+        watch.progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
         if iteration == u64::from(self.config.evaluation.log_every) {
             self.write_info(run)?;
         }
@@ -402,7 +408,7 @@ impl<'a> Trainer<'a> {
             step: self.model.step,
             population: self.model.population(self.gpu)?,
             field_box: self.model.field_box,
-            field: self.model.motion.as_ref().and_then(Motion::field).map(|field| field.state(self.gpu)).transpose()?,
+            field: self.field()?,
             seen: self.statistics.read(self.gpu)?,
             camera_colours: match self.colours_differ {
                 true => Some(self.colour_state()?),
@@ -410,6 +416,29 @@ impl<'a> Trainer<'a> {
             },
             left_out: self.left_out.clone(),
         })
+    }
+
+    /// The Gaussians as they stand, without what only training needs.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`] where the device fails.
+    pub fn gaussians(&self) -> Result<Gaussians, TrainError> {
+        self.model.gaussians(self.gpu)
+    }
+
+    /// The deformation field, where there is one.
+    ///
+    /// # Errors
+    /// [`TrainError::Field`] where the device fails.
+    pub fn field(&self) -> Result<Option<FieldState>, TrainError> {
+        let field = self.model.motion.as_ref().and_then(Motion::field);
+        Ok(field.map(|field| field.state(self.gpu)).transpose()?)
+    }
+
+    /// What the scene turned out not to need.
+    #[must_use]
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
     }
 
     fn write_info(&self, run: &RunFolder) -> Result<(), TrainError> {

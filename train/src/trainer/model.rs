@@ -171,35 +171,41 @@ impl Model {
         Ok(())
     }
 
+    /// The Gaussians, copied to the host.
+    ///
+    /// # Errors
+    /// [`TrainError::Gpu`].
+    pub fn gaussians(&self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
+        let count = self.gaussians.count as usize;
+        let read = |buffer: &Buffer, floats: usize| gpu.download::<f32>(buffer, floats);
+        Ok(Gaussians {
+            sh_degree: self.gaussians.sh_degree,
+            dynamic: self.dynamic as usize,
+            core: read(&self.gaussians.core, count * CORE)?,
+            sh: read(&self.gaussians.sh, count * sh_stride(self.gaussians.sh_degree))?,
+            motion_floats: self.rows.floats,
+            motion: read(&self.rows.values, self.dynamic as usize * self.rows.floats)?,
+        })
+    }
+
     /// The Gaussians and their moments, copied to the host.
     ///
     /// # Errors
     /// [`TrainError::Gpu`].
     pub fn population(&self, gpu: &Gpu) -> Result<Population, TrainError> {
-        let count = self.gaussians.count as usize;
-        let (core, sh) = (count * CORE, count * sh_stride(self.gaussians.sh_degree));
-        let read = |buffer: &Buffer, floats: usize| gpu.download::<f32>(buffer, floats);
+        let gaussians = self.gaussians(gpu)?;
+        let read = |buffer: &Buffer, like: &[f32]| gpu.download::<f32>(buffer, like.len());
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [motion_first, motion_second] = &self.rows.moments;
-        let rows = self.dynamic as usize * self.rows.floats;
-        Ok(Population {
-            gaussians: Gaussians {
-                sh_degree: self.gaussians.sh_degree,
-                dynamic: self.dynamic as usize,
-                core: read(&self.gaussians.core, core)?,
-                sh: read(&self.gaussians.sh, sh)?,
-                motion_floats: self.rows.floats,
-                motion: read(&self.rows.values, rows)?,
-            },
-            moments: Moments {
-                core_first: read(core_first, core)?,
-                core_second: read(core_second, core)?,
-                sh_first: read(sh_first, sh)?,
-                sh_second: read(sh_second, sh)?,
-                motion_first: read(motion_first, rows)?,
-                motion_second: read(motion_second, rows)?,
-            },
-        })
+        let moments = Moments {
+            core_first: read(core_first, &gaussians.core)?,
+            core_second: read(core_second, &gaussians.core)?,
+            sh_first: read(sh_first, &gaussians.sh)?,
+            sh_second: read(sh_second, &gaussians.sh)?,
+            motion_first: read(motion_first, &gaussians.motion)?,
+            motion_second: read(motion_second, &gaussians.motion)?,
+        };
+        Ok(Population { gaussians, moments })
     }
 
     /// The means as they stand at `t01`, metres; not a number where a Gaussian is not there then.
@@ -250,7 +256,7 @@ impl Model {
     /// # Errors
     /// [`TrainError`] where the device fails.
     pub fn gaussians_at(&mut self, gpu: &Gpu, t01: f64) -> Result<Gaussians, TrainError> {
-        let mut gaussians = self.population(gpu)?.gaussians;
+        let mut gaussians = self.gaussians(gpu)?;
         let mut tape = Tape::new(gpu)?;
         if !self.deform(gpu, t01, &mut tape, Outputs::All)? {
             return Ok(gaussians);
@@ -272,7 +278,7 @@ impl Model {
     pub fn gaussians_still(&mut self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
         match &self.motion {
             Some(Motion::FreeTime(_)) => self.gaussians_at(gpu, 0.5),
-            Some(Motion::HexPlane(_)) | None => Ok(self.population(gpu)?.gaussians),
+            Some(Motion::HexPlane(_)) | None => self.gaussians(gpu),
         }
     }
 

@@ -11,6 +11,9 @@ use crate::{
     schedule::{Budget, Stage},
 };
 use erfgs_run::RunError;
+use serde::Serialize;
+
+use super::Trainer;
 
 /// How a run is driven.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,7 +36,7 @@ pub enum Outcome {
 }
 
 /// Where a run stands.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Progress {
     /// Which of the two stages it is in.
     pub stage: Stage,
@@ -59,6 +62,37 @@ pub struct Progress {
     pub psnr: Option<f64>,
     /// PSNR on moving pixels of held-out cameras, at an evaluation.
     pub dpsnr: Option<f64>,
+}
+
+/// Who follows a run. A closure that takes [`Progress`] is one that looks at nothing else.
+pub trait Watch {
+    /// Told after every iteration.
+    fn progress(&mut self, now: &Progress);
+
+    /// Asked after every iteration: whether training is to pause for [`Self::look`].
+    fn wants_look(&mut self) -> bool {
+        false
+    }
+
+    /// Looks at what was learned. The time that this takes is no training time.
+    ///
+    /// # Errors
+    /// [`TrainError`] where the device fails; it ends the run.
+    fn look(&mut self, trainer: &mut Trainer<'_>) -> Result<(), TrainError> {
+        let _ = trainer;
+        Ok(())
+    }
+
+    /// Asked after every iteration: whether a checkpoint is to be saved now.
+    fn wants_checkpoint(&mut self) -> bool {
+        false
+    }
+}
+
+impl<F: FnMut(&Progress)> Watch for F {
+    fn progress(&mut self, now: &Progress) {
+        self(now);
+    }
 }
 
 /// Why a run ended early.

@@ -21,7 +21,7 @@ export async function open(gpu) {
 
 export class Gpu {
   constructor(device, adapter) {
-    Object.assign(this, { device, adapter, errors: [] });
+    Object.assign(this, { device, adapter, errors: [], compiled: new Map() });
     device.addEventListener?.('uncapturederror', (event) => this.errors.push(event.error.message));
   }
 
@@ -43,11 +43,17 @@ export class Gpu {
 
   upload(buffer, data, offset = 0) { this.device.queue.writeBuffer(buffer, offset, data); }
 
-  // WGSL parts joined in order; entry point `main`; bindings in group 0, numbered from 0.
+  // WGSL parts joined in order; entry point `main`; bindings in group 0, numbered from 0. What was compiled once is kept.
   async kernel(label, parts) {
-    const module = this.device.createShaderModule({ label, code: parts.join('\n') });
-    const pipeline = await this.device.createComputePipelineAsync({ label, layout: 'auto', compute: { module, entryPoint: 'main' } });
+    const pipeline = await this.kept(label, parts.join('\n'),
+      (module) => this.device.createComputePipelineAsync({ label, layout: 'auto', compute: { module, entryPoint: 'main' } }));
     return { label, pipeline, layout: pipeline.getBindGroupLayout(0), groups: new Map() };
+  }
+
+  kept(label, code, make, variant = '') {
+    const key = code + variant;
+    if (!this.compiled.has(key)) this.compiled.set(key, make(this.device.createShaderModule({ label, code })));
+    return this.compiled.get(key);
   }
 
   // Bind groups are kept: a viewer binds the same buffers in every frame.

@@ -1,17 +1,15 @@
 // The page: what is shown, from where, and when.
 
-import { NoGpu, open } from './gpu.js';
-import { parse } from './scene.js';
 import * as source from './source.js';
+import { Models } from './models.js';
+import { Training } from './training.js';
 import { FreeCamera, overview, preset } from './camera.js';
 import { listen } from './controls.js';
 import { Timeline } from './timeline.js';
-import { Drawn, Sent } from './pictures.js';
 import { check } from './check.js';
 
 const $ = (id) => document.getElementById(id);
 const options = new URLSearchParams(location.search);
-const texts = { train: (name) => source.text(`train/${name}`), own: (name) => source.text(`wgsl/${name}`) };
 // Slower than this, pictures become coarser while something moves.
 const SLOW_MS = 50;
 
@@ -20,38 +18,14 @@ function trouble(message) {
   $('trouble').hidden = !message;
 }
 
-// Why the server must draw; nothing where the browser can.
-async function device(models) {
-  const beyond = models.find((model) => model.only_server);
-  const wanted = options.get('renderer');
-  if (wanted === 'server') return { why: 'as asked for in the address' };
-  if (beyond && source.alone) throw new Error(`A page of one file cannot draw ${beyond.name}: ${beyond.only_server}. Use erfgs view.`);
-  if (beyond) return { why: `the browser cannot draw ${beyond.name}: ${beyond.only_server}` };
-  try {
-    const gpu = await open(navigator.gpu);
-    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu' && !source.alone) return { why: 'this browser has no graphics processor, only a slow stand-in' };
-    return { gpu };
-  } catch (error) {
-    if (source.alone || !(error instanceof NoGpu)) throw error;
-    return { why: error.message };
-  }
-}
-
 async function start() {
-  const models = await source.models();
-  $('title').textContent = models.map((model) => model.name).join(' | ');
+  const abouts = await source.models();
+  $('title').textContent = abouts.map((about) => about.name).join(' | ');
   document.title = `${$('title').textContent} - erfgs view`;
-  const { gpu, why } = await device(models);
-  const scenes = [];
-  for (const [k, { name, bytes }] of models.entries()) {
-    scenes.push(parse(await source.scene(k, bytes, (share) => { $('note').textContent = `loading ${name}: ${Math.round(100 * share)} %`; })));
-  }
-  const [{ header }] = scenes;
-  const painters = [];
-  for (const [k, scene] of scenes.entries()) {
-    $('note').textContent = 'preparing the kernels';
-    painters.push(gpu ? await Drawn.make(gpu, texts, scene, $(`picture${k}`)) : new Sent(k, $(`picture${k}`)));
-  }
+  const canvases = [0, 1].map((k) => $(`picture${k}`));
+  const models = await Models.load(abouts, canvases, options.get('renderer'), (what) => { $('note').textContent = what; });
+  const { gpu, why } = models;
+  const [{ header }] = models.scenes;
   gpu?.device.lost.then((lost) => trouble(`The graphics device was lost (${lost.message || lost.reason}). Load the page again.`));
   if (why) $('mode').disabled = true;
 
@@ -71,7 +45,7 @@ async function start() {
   };
   const at = (t01) => { state.t01 = Math.min(1, Math.max(0, t01)); changed(); };
   // Of two runs on one recording, one may know its events.
-  const known = scenes.find((scene) => scene.header.events.counts.length > 0)?.header ?? header;
+  const known = models.scenes.find((scene) => scene.header.events.counts.length > 0)?.header ?? header;
   const timeline = new Timeline($('timeline'), known, (t01) => { play(false); at(t01); });
   const controls = listen($('stage'), () => { choose(null); return free; }, changed);
 
@@ -100,14 +74,14 @@ async function start() {
     const picture = Object.assign(document.createElement('canvas'), { width: seen.width, height: seen.height });
     const paint = picture.getContext('2d');
     const split = Math.round(seen.width * Number($('split').value));
-    for (const [k, painter] of painters.entries()) {
+    for (const [k, painter] of models.painters.entries()) {
       const pixels = await painter.pixels(seen, state.t01, $('mode').value);
       for (let i = 3; i < pixels.length; i += 4) pixels[i] = 255;
       const left = k === 0 ? 0 : split;
       paint.putImageData(new ImageData(new Uint8ClampedArray(pixels.buffer), seen.width), 0, 0, left, 0, seen.width - left, seen.height);
     }
     const blob = await new Promise((done) => { picture.toBlob(done); });
-    const anchor = Object.assign(document.createElement('a'), { href: URL.createObjectURL(blob), download: `${models[0].name}-${(state.t01 * seconds).toFixed(4)}s.png` });
+    const anchor = Object.assign(document.createElement('a'), { href: URL.createObjectURL(blob), download: `${abouts[0].name}-${(state.t01 * seconds).toFixed(4)}s.png` });
     anchor.click();
     setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
     changed();
@@ -133,7 +107,7 @@ async function start() {
     event.preventDefault();
     keys[event.key]();
   });
-  const second = painters.length > 1;
+  const second = abouts.length > 1;
   for (const id of ['picture1', 'split']) $(id).hidden = !second;
 
   // The picture that fits the stage, and its size on the page.
@@ -150,7 +124,7 @@ async function start() {
   // The recorded frame beside the rendering: that of the camera which is nearest in time.
   const showRecorded = () => {
     const { camera } = state;
-    const has = Boolean(camera?.frames.length) && !source.alone;
+    const has = Boolean(camera?.frames.length) && abouts[0].from_run;
     $('recordedlabel').hidden = !has;
     const kind = has ? $('recordedmode').value : '';
     $('opacity').hidden = kind !== 'over';
@@ -194,12 +168,13 @@ async function start() {
       timeline.draw(state.t01);
       if (document.activeElement !== $('time')) $('time').value = (state.t01 * seconds).toFixed(3);
       $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;
-      for (const painter of painters) if (await painter.draw(seen, state.t01, $('mode').value)) state.changed = true;
+      for (const painter of models.painters) if (await painter.draw(seen, state.t01, $('mode').value)) state.changed = true;
       const took = performance.now() - from;
       if ((state.playing || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
       state.drawn += 1;
       const how = why ? `drawn by the server (${why})` : `${took.toFixed(0)} ms`;
-      $('note').textContent = `${header.count.toLocaleString('en')} Gaussians, ${header.dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${how}`;
+      const [{ header: { count, dynamic } }] = models.scenes;
+      $('note').textContent = `${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${how}`;
       document.body.dataset.drawn = state.drawn;
     } catch (error) {
       trouble(error.message);
@@ -208,8 +183,8 @@ async function start() {
   }
   if (options.has('check')) {
     $('note').textContent = 'comparing with the server';
-    for (const [k, painter] of painters.entries()) {
-      await check(painter, k, scenes[k].header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
+    for (const [k, painter] of models.painters.entries()) {
+      await check(painter, k, models.scenes[k].header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
         $('note').textContent = `${camera}, ${mode}: ${psnr_db.toFixed(1)} dB against the server, ${worst} of 255 at most`;
       });
     }
@@ -217,6 +192,14 @@ async function start() {
     return;
   }
   requestAnimationFrame(tick);
+  if (abouts[0].training) {
+    new Training($('training'), async () => {
+      // The scene's size is told anew with it.
+      Object.assign(abouts[0], (await source.models())[0]);
+      await models.renew(0);
+      changed();
+    }).follow();
+  }
 }
 
 start().catch((error) => trouble(error.message));

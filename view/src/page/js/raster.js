@@ -117,16 +117,15 @@ export class Quads {
   static async make(gpu, texts, sorter, scene, format) {
     const self = new Quads();
     const [view, splat, keys, quads] = await Promise.all([texts.train(part('shared/view')), texts.train(part('shared/splat')), texts.own('depth_keys.wgsl'), texts.own('quads.wgsl')]);
-    const module = gpu.device.createShaderModule({ label: 'quads', code: [view, splat, quads].join('\n') });
     const over = { srcFactor: 'one', dstFactor: 'one-minus-src-alpha', operation: 'add' };
     [self.keys, self.pipeline] = await Promise.all([
       gpu.kernel('depth keys', [`const THREADS = ${THREADS}u;`, view, splat, keys]),
-      gpu.device.createRenderPipelineAsync({
+      gpu.kept('quads', [view, splat, quads].join('\n'), (module) => gpu.device.createRenderPipelineAsync({
         label: 'quads', layout: 'auto',
         vertex: { module, entryPoint: 'corner' },
         fragment: { module, entryPoint: 'shade', targets: [{ format, blend: { color: over, alpha: over } }] },
         primitive: { topology: 'triangle-strip' },
-      })]);
+      }), format)]);
     Object.assign(self, { gpu, sorter, count: scene.count });
     self.plan = gpu.storageFrom(Plan.sort(scene.count));
     self.byDepth = sorter.sortBuffers(gpu, scene.count);
@@ -157,11 +156,10 @@ export class Quads {
 export class Blit {
   static async make(gpu, texts, format, text) {
     const self = new Blit();
-    const module = gpu.device.createShaderModule({ label: text, code: await texts.own(text) });
-    self.pipeline = await gpu.device.createRenderPipelineAsync({
+    self.pipeline = await gpu.kept(text, await texts.own(text), (module) => gpu.device.createRenderPipelineAsync({
       label: text, layout: 'auto', vertex: { module, entryPoint: 'corner' },
       fragment: { module, entryPoint: 'shade', targets: [{ format }] }, primitive: { topology: 'triangle-list' },
-    });
+    }), format);
     self.gpu = gpu;
     return self;
   }

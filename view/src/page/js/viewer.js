@@ -10,6 +10,14 @@ const ACCUMULATE = 'rgba16float';
 // Square pixels of the images that were trained on.
 const LOW_PASS = 0.3;
 
+// Destroys the buffers that an object of the page owns, and those of the objects that it holds only for that.
+function release(part) {
+  for (const value of Object.values(part ?? {})) {
+    if (value instanceof GPUBuffer) value.destroy();
+    else if (value && Object.getPrototypeOf(value) === Object.prototype) release(value);
+  }
+}
+
 export class Viewer {
   static async make(gpu, texts, scene, format) {
     const self = new Viewer();
@@ -56,8 +64,16 @@ export class Viewer {
     commands.submit();
   }
 
+  // Frees the device's memory.
+  destroy() {
+    for (const part of [this.scene, this.projector, this.tiles, this.quads, this.motion]) release(part);
+    this.sums?.destroy();
+    this.gone = true;
+  }
+
   // After a frame of tiles: whether intersections were left out for want of room, which there is the next time.
   async lacked() {
+    if (this.gone) return false;
     const wanted = await this.tiles.wanted();
     if (wanted <= this.tiles.room) return false;
     this.room = Math.ceil(1.25 * wanted);

@@ -1,19 +1,34 @@
 //! What a page needs to know of a run, in one file; `docs/view.md` describes it.
 //!
-//! The magic `ERFGS4D1`, the length of a JSON header (u32, little-endian), the header, and sections of little-endian f32 in the
-//! order that the header lists; the first begins at a multiple of four bytes.
+//! The magic `ERFGS4D1`, the length of a JSON header (u32, little-endian), the header, and sections in the order that the header
+//! lists, which says how each is written ([`Coding`]). A file on a disk is all this in gzip.
+
+mod coding;
+mod fidelity;
+mod order;
+mod read;
+
+use std::io::Write as _;
 
 use erfgs_dataset::Split;
 use erfgs_train::{
-    checkpoint::Checkpoint,
     config::MotionModel,
-    field::FieldState,
+    field::{FieldState, NamedVector},
+    gaussians::{CORE, select_rows, sh_stride},
+    motion::free_time,
     raster::View,
     scene::Scene,
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };
-use serde::Serialize;
+use flate2::{Compression, write::GzEncoder};
+use serde::{Deserialize, Serialize};
+
+pub use self::{
+    coding::Coding,
+    fidelity::{FidelityError, fidelity},
+    read::SceneFileError,
+};
 
 /// What a file begins with.
 pub const MAGIC: &[u8; 8] = b"ERFGS4D1";
@@ -30,7 +45,7 @@ pub struct SceneFile {
 }
 
 /// The header of a file.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// Gaussians.
     pub count: usize,
@@ -56,12 +71,32 @@ pub struct Header {
     pub cameras: Vec<HeaderCamera>,
     /// Edges (in [0, 1]) and events (all cameras together) of bins of time.
     pub events: HeaderEvents,
-    /// Names and lengths (floats) of the sections.
-    pub sections: Vec<(String, usize)>,
+    /// What follows the header.
+    pub sections: Vec<Section>,
+}
+
+/// A section of a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Section {
+    /// Its name.
+    pub name: String,
+    /// Numbers in it.
+    pub floats: usize,
+    /// How they are written.
+    pub coding: Coding,
+}
+
+/// How well a file keeps the numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// To the bit.
+    Exact,
+    /// In a sixth of the room and less; pictures differ by what is hard to see.
+    Packed,
 }
 
 /// How Gaussians move.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum HeaderMotion {
     /// They do not.
@@ -93,7 +128,7 @@ pub enum HeaderMotion {
 }
 
 /// A camera of the recording.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HeaderCamera {
     /// Its name.
     pub name: String,
@@ -111,7 +146,7 @@ pub struct HeaderCamera {
 }
 
 /// When events came.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct HeaderEvents {
     /// Edges of the bins, in [0, 1].
     pub edges: Vec<f64>,
@@ -119,44 +154,121 @@ pub struct HeaderEvents {
     pub counts: Vec<f64>,
 }
 
-impl SceneFile {
-    /// The scene of a run as it stands.
+/// What a run learned, in rows, from which files are made.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    header: Header,
+    parts: Vec<Part>,
+}
+
+#[derive(Clone, Debug)]
+struct Part {
+    name: String,
+    values: Vec<f32>,
+    /// How it is written where not exactly.
+    packed: Coding,
+    /// Floats of the row of a Gaussian, if these are rows of Gaussians.
+    row: Option<usize>,
+}
+
+/// Bytes of a code for each float of a row of `core`: means finer than all else.
+const CORE_CODES: [u8; CORE] = [2, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 0];
+/// The same of a row of `motion`: velocity, instant, acceleration, life.
+const MOTION_CODES: [u8; free_time::ROW] = [2, 2, 2, 2, 2, 2, 2, 1];
+
+impl Learned {
+    /// What a run has learned by now.
     ///
     /// # Errors
     /// [`TrainError`] where the device fails.
     pub fn of(trainer: &Trainer<'_>) -> Result<Self, TrainError> {
-        let checkpoint = trainer.checkpoint()?;
-        let gaussians = &checkpoint.population.gaussians;
-        let scene = &trainer.scene;
-        let (motion, only_server) = motion(&checkpoint, scene);
+        let gaussians = trainer.gaussians()?;
+        let Trainer { scene, config, .. } = trainer;
+        let moves = trainer.clock.stage == Stage::Fine && gaussians.dynamic > 0;
+        let (motion, only_server) = if moves { motion(trainer) } else { (HeaderMotion::Still, None) };
         let options = trainer.options();
         let every = scene.points.len().div_ceil(POINTS).max(1);
         let points: Vec<f32> = scene.points.iter().step_by(every).flat_map(|(place, _)| *place).collect();
-        let mut sections: Vec<(String, &[f32])> =
-            vec![("core".into(), &gaussians.core), ("sh".into(), &gaussians.sh), ("points".into(), &points)];
-        match (&motion, &checkpoint.field) {
-            (HeaderMotion::FreeTime { .. }, _) => sections.push(("motion".into(), &gaussians.motion)),
-            (HeaderMotion::Hexplane { .. }, Some(field)) => sections.extend(learned(field)),
-            _ => {}
-        }
-        let still = matches!(motion, HeaderMotion::Still);
         let header = Header {
             count: gaussians.len(),
-            dynamic: if still { 0 } else { gaussians.dynamic },
+            dynamic: if moves { gaussians.dynamic } else { 0 },
             sh_degree: gaussians.sh_degree,
             active_sh_degree: options.sh_degree,
             background: options.background,
-            near: [checkpoint.config.near_m, checkpoint.config.near_share],
+            near: [config.near_m, config.near_share],
             near_sigmas: options.near_sigmas,
             span_ns: scene.dataset.manifest.span_ns,
             motion,
             only_server,
             cameras: cameras(trainer),
             events: events(scene),
-            sections: sections.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
+            sections: Vec::new(),
         };
-        let bytes = encode(&header, sections.iter().map(|(_, values)| *values));
-        Ok(Self { bytes, header })
+        let stride = sh_stride(gaussians.sh_degree);
+        // What pads a row of harmonics is nothing.
+        let used = 3 * (gaussians.sh_degree as usize + 1).pow(2);
+        let sh_codes: Vec<u8> = (0..stride).map(|column| u8::from(column < used)).collect();
+        let rows = |name: &str, values, codes: &[u8]| Part {
+            name: name.into(),
+            values,
+            packed: Coding::blocks(codes),
+            row: Some(codes.len()),
+        };
+        let mut parts = vec![rows("core", gaussians.core, &CORE_CODES), rows("sh", gaussians.sh, &sh_codes)];
+        match (&header.motion, trainer.field()?) {
+            (HeaderMotion::FreeTime { .. }, _) => parts.push(rows("motion", gaussians.motion, &MOTION_CODES)),
+            (HeaderMotion::Hexplane { features, .. }, Some(field)) => parts.extend(learned(field, *features as usize)),
+            _ => {}
+        }
+        parts.push(Part { name: "points".into(), values: points, packed: Coding::blocks(&[2; 3]), row: None });
+        Ok(Self { header, parts })
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn file(&self, precision: Precision) -> SceneFile {
+        let order = match precision {
+            Precision::Exact => None,
+            Precision::Packed => Some(order::by_place(&self.parts[0].values, self.header.dynamic)),
+        };
+        let mut header = self.header.clone();
+        let mut written = Vec::new();
+        for part in &self.parts {
+            let Part { name, values, packed, row } = part;
+            let coding = if precision == Precision::Exact { &Coding::Exact } else { packed };
+            header.sections.push(Section { name: name.clone(), floats: values.len(), coding: coding.clone() });
+            match (&order, row) {
+                // Rows of `motion` end with those that move.
+                (Some(order), Some(row)) => {
+                    let order = &order[..values.len() / row];
+                    written.extend(coding.write(&select_rows(values, *row, order)));
+                }
+                _ => written.extend(coding.write(values)),
+            }
+        }
+        SceneFile::new(header, &written)
+    }
+}
+
+impl SceneFile {
+    fn new(header: Header, sections: &[u8]) -> Self {
+        // A header of numbers, names and lists is always JSON.
+        let mut text = serde_json::to_vec(&header).unwrap_or_default();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend((text.len() as u32).to_le_bytes());
+        bytes.extend(text);
+        bytes.extend(sections);
+        Self { bytes, header }
+    }
+
+    /// The file as it stands on a disk: compressed.
+    #[must_use]
+    pub fn compressed(&self) -> Vec<u8> {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+        // Memory takes all that is written to it.
+        let written = encoder.write_all(&self.bytes).and_then(|()| encoder.finish());
+        written.unwrap_or_default()
     }
 }
 
@@ -164,7 +276,8 @@ impl SceneFile {
 impl SceneFile {
     /// One Gaussian that stands still.
     pub(crate) fn for_tests() -> Self {
-        let sections = [("core", 12), ("sh", 4), ("points", 0)].map(|(name, count)| (name.to_owned(), count));
+        let sections = [("core", 12), ("sh", 4), ("points", 0)];
+        let section = |(name, floats): (&str, usize)| Section { name: name.into(), floats, coding: Coding::Exact };
         let header = Header {
             count: 1,
             dynamic: 0,
@@ -178,44 +291,33 @@ impl SceneFile {
             only_server: None,
             cameras: Vec::new(),
             events: HeaderEvents::default(),
-            sections: sections.to_vec(),
+            sections: sections.map(section).to_vec(),
         };
-        let bytes = encode(&header, [&[0.0; 12][..], &[0.0; 4], &[]].into_iter());
-        Self { bytes, header }
+        Self::new(header, &[0; 16 * 4])
     }
 }
 
-fn encode<'a>(header: &Header, sections: impl Iterator<Item = &'a [f32]>) -> Vec<u8> {
-    // A header of numbers, names and lists is always JSON.
-    let mut text = serde_json::to_vec(header).unwrap_or_default();
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let mut bytes = MAGIC.to_vec();
-    bytes.extend((text.len() as u32).to_le_bytes());
-    bytes.extend(text);
-    for values in sections {
-        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-    }
-    bytes
-}
-
-/// The vectors of a field that are parameters, not moments.
-fn learned(field: &FieldState) -> impl Iterator<Item = (String, &[f32])> {
+/// The vectors of a field that are parameters, not moments. Planes have a range for each of their features.
+fn learned(field: FieldState, features: usize) -> impl Iterator<Item = Part> {
     let learned = |name: &str| !name.ends_with(".m") && !name.ends_with(".v");
-    let vectors = field.vectors.iter().filter(move |vector| learned(&vector.name));
-    vectors.map(|vector| (vector.name.clone(), &vector.values[..]))
+    field.vectors.into_iter().filter(move |vector| learned(&vector.name)).map(move |NamedVector { name, values }| {
+        let packed = if name.starts_with("grid.") {
+            Coding::Blocks { rows: (values.len() / features).max(1), columns: vec![1; features] }
+        } else {
+            Coding::Half
+        };
+        Part { name, values, packed, row: None }
+    })
 }
 
 /// How the Gaussians move, and what of that a browser cannot compute.
-fn motion(checkpoint: &Checkpoint, scene: &Scene) -> (HeaderMotion, Option<String>) {
-    let config = &checkpoint.config;
-    if checkpoint.clock.stage == Stage::Coarse || checkpoint.population.gaussians.dynamic == 0 {
-        return (HeaderMotion::Still, None);
-    }
+fn motion(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
+    let Trainer { scene, config, .. } = trainer;
     match config.motion {
         MotionModel::FreeTime => {
             let intervals = scene.intervals() as f32;
             let least_life = config.free_time.least_life;
-            (HeaderMotion::FreeTime { intervals, least_life, gone: erfgs_train::motion::free_time::GONE }, None)
+            (HeaderMotion::FreeTime { intervals, least_life, gone: free_time::GONE }, None)
         }
         MotionModel::HexPlane | MotionModel::Auto => {
             let field = &config.field;
@@ -229,7 +331,7 @@ fn motion(checkpoint: &Checkpoint, scene: &Scene) -> (HeaderMotion, Option<Strin
                 None
             };
             let motion = HeaderMotion::Hexplane {
-                aabb: checkpoint.field_box,
+                aabb: trainer.model.field_box,
                 levels: field.levels.clone(),
                 features: field.features,
                 width: field.width,

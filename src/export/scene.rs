@@ -1,0 +1,113 @@
+//! What a run learned as one file to share.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_base::atomic;
+use erfgs_view::{
+    Learned, Precision, alone,
+    fourdgs::{self, Written},
+    scene_file::fidelity,
+};
+use serde::Serialize;
+
+use crate::{
+    device::TrainedRun,
+    errors::Usage,
+    terminal::{Terminal, bytes, thousands},
+};
+
+/// The kinds of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SceneFormat {
+    /// The page, with the scene in it.
+    Html,
+    /// The scene alone.
+    E4d,
+    /// The open container.
+    FourDgs,
+}
+
+impl SceneFormat {
+    /// The file in the run's folder, where no other is named.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Html => "view.html",
+            Self::E4d => "scene.e4d",
+            Self::FourDgs => "scene.4dgs",
+        }
+    }
+}
+
+/// How to write it.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneOptions<'a> {
+    /// As what.
+    pub format: SceneFormat,
+    /// Where to; in the run's folder without it.
+    pub out: Option<&'a Path>,
+    /// Whether what exists may be overwritten.
+    pub force: bool,
+    /// Whether numbers are kept to the bit.
+    pub exact: bool,
+}
+
+#[derive(Serialize)]
+struct Exported {
+    file: PathBuf,
+    gaussians: usize,
+    bytes: u64,
+    /// Of its pictures against those of the run, where numbers were packed.
+    psnr_db: Option<f64>,
+    /// What the format cannot hold.
+    left_out: Vec<String>,
+}
+
+/// Writes the file.
+pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> anyhow::Result<()> {
+    let SceneOptions { format, out, force, exact } = options;
+    let folder = run.folder()?;
+    let file = out.map_or_else(|| folder.root().join(format.name()), Path::to_owned);
+    if file.exists() && !force {
+        let what = format!("'{}' exists already; --force overwrites it, or give another --out", file.display());
+        return Err(Usage(what).into());
+    }
+    if exact && format == SceneFormat::FourDgs {
+        return Err(Usage("4dgs has codes of its own; --exact is of html and e4d".into()).into());
+    }
+    let gpu = run.device()?;
+    let mut trainer = run.trainer(&gpu, &folder)?;
+    let (written, gaussians, psnr_db, left_out) = if format == SceneFormat::FourDgs {
+        let progress = terminal.progress("following what moves");
+        let on_progress = &mut |done, of| progress.update(done, of, "instants");
+        let Written { bytes, gaussians, left_out } = fourdgs::write(&mut trainer, &gpu, on_progress)?;
+        (bytes, gaussians, None, left_out)
+    } else {
+        let learned = Learned::of(&trainer)?;
+        let scene = learned.file(if exact { Precision::Exact } else { Precision::Packed });
+        if let (SceneFormat::Html, Some(beyond)) = (format, &scene.header.only_server) {
+            anyhow::bail!(
+                "a browser cannot draw this run by itself: {beyond}; look at it with `erfgs view {}`",
+                run.run.display()
+            );
+        }
+        let name = folder.name();
+        let written = match format {
+            SceneFormat::Html => alone::page(&[alone::Packed { name: &name, scene: &scene }])?.into_bytes(),
+            _ => scene.compressed(),
+        };
+        let psnr_db = if exact { None } else { Some(fidelity(trainer, &gpu, &scene)?) };
+        (written, scene.header.count, psnr_db, Vec::new())
+    };
+    atomic::write(&file, &written).map_err(erfgs_base::FileError::when("write", &file))?;
+    let exported = Exported { file, gaussians, bytes: written.len() as u64, psnr_db, left_out };
+    terminal.result(&exported, || {
+        let Exported { file, gaussians, bytes: size, psnr_db, left_out } = &exported;
+        let mut text = format!("{}: {} Gaussians, {}", file.display(), thousands(*gaussians as u64), bytes(*size));
+        text.extend(psnr_db.map(|decibels| format!(", {decibels:.1} dB against the run's own pictures")));
+        if format == SceneFormat::Html {
+            text.push_str("; it opens from a disk");
+        }
+        text.extend(left_out.iter().map(|what| format!("\nleft out: {what}")));
+        text
+    })
+}

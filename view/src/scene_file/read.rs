@@ -1,0 +1,186 @@
+//! Reading a scene file that someone was sent.
+
+use std::{
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+use erfgs_train::{
+    gaussians::{CORE, Gaussians, sh_stride},
+    motion::free_time,
+};
+use flate2::read::GzDecoder;
+
+use super::{Header, HeaderMotion, MAGIC, SceneFile};
+
+/// The largest scene that is unpacked.
+const LARGEST: u64 = 2 << 30;
+
+/// Why a scene file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneFileError {
+    /// The file cannot be read.
+    #[error("could not read the scene file '{path}': {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// It is of another kind, damaged, or not of finite numbers.
+    #[error("'{path}' is no whole scene file: {reason}; write it anew with `erfgs export RUN --to e4d`")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl SceneFile {
+    /// Reads a file as [`SceneFile::compressed`] wrote it.
+    ///
+    /// # Errors
+    /// [`SceneFileError`].
+    pub fn open(path: &Path) -> Result<Self, SceneFileError> {
+        let damaged = |reason: String| SceneFileError::Damaged { path: path.into(), reason };
+        let file = std::fs::File::open(path).map_err(|source| SceneFileError::Read { path: path.into(), source })?;
+        let mut bytes = Vec::new();
+        // What claims to be small may unpack to anything.
+        let unpacked = GzDecoder::new(file).take(LARGEST + 1).read_to_end(&mut bytes);
+        unpacked.map_err(|error| damaged(format!("it does not unpack: {error}")))?;
+        if bytes.len() as u64 > LARGEST {
+            return Err(damaged(format!("it unpacks to more than {LARGEST} bytes")));
+        }
+        Self::parse(bytes).map_err(damaged)
+    }
+
+    fn parse(bytes: Vec<u8>) -> Result<Self, String> {
+        let rest = bytes.strip_prefix(MAGIC).ok_or("it does not begin like one")?;
+        let (length, rest) = rest.split_first_chunk::<4>().ok_or("it is cut short")?;
+        let (text, sections) = rest.split_at_checked(u32::from_le_bytes(*length) as usize).ok_or("it is cut short")?;
+        let header: Header = serde_json::from_slice(text).map_err(|error| format!("its header: {error}"))?;
+        let mut size = 0_usize;
+        for section in &header.sections {
+            size = size.checked_add(section.coding.size(section.floats)?).ok_or("a section is too long")?;
+        }
+        if size != sections.len() {
+            return Err(format!("its sections have {} bytes, not {size}", sections.len()));
+        }
+        let file = Self { header, bytes };
+        file.check()?;
+        Ok(file)
+    }
+
+    /// The numbers of a section.
+    pub(super) fn section(&self, name: &str) -> Option<Vec<f32>> {
+        let mut at = self.bytes.len();
+        for section in self.header.sections.iter().rev() {
+            let size = section.coding.size(section.floats).ok()?;
+            at = at.checked_sub(size)?;
+            if section.name == name {
+                return Some(section.coding.read(&self.bytes[at..at + size], section.floats));
+            }
+        }
+        None
+    }
+
+    /// Whether the sections fit each other.
+    fn check(&self) -> Result<(), String> {
+        let Header { count, dynamic, sh_degree, active_sh_degree, motion, .. } = &self.header;
+        if *sh_degree > 3 || active_sh_degree > sh_degree || dynamic > count {
+            return Err("its header contradicts itself".into());
+        }
+        let mut rows = vec![("core", count.checked_mul(CORE)), ("sh", count.checked_mul(sh_stride(*sh_degree)))];
+        if let HeaderMotion::FreeTime { .. } = motion {
+            rows.push(("motion", dynamic.checked_mul(free_time::ROW)));
+        }
+        for (name, floats) in rows {
+            let found = self.header.sections.iter().find(|section| section.name == name).map(|section| section.floats);
+            if found.is_none() || found != floats {
+                return Err(format!("its section '{name}' has {} numbers", found.unwrap_or(0)));
+            }
+        }
+        for section in &self.header.sections {
+            let values = self.section(&section.name).unwrap_or_default();
+            if values.iter().any(|value| !value.is_finite()) {
+                return Err(format!("its section '{}' holds what is no number", section.name));
+            }
+        }
+        Ok(())
+    }
+
+    /// The Gaussians, in the order of the file.
+    ///
+    /// # Errors
+    /// What is missing; no file that was opened or made here gives one.
+    pub fn gaussians(&self) -> Result<Gaussians, String> {
+        let need = |name: &str| self.section(name).ok_or_else(|| format!("it has no section '{name}'"));
+        let moves = matches!(self.header.motion, HeaderMotion::FreeTime { .. });
+        Ok(Gaussians {
+            sh_degree: self.header.sh_degree,
+            dynamic: self.header.dynamic,
+            core: need("core")?,
+            sh: need("sh")?,
+            motion_floats: if moves { free_time::ROW } else { 0 },
+            motion: if moves { need("motion")? } else { Vec::new() },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene_file::{Coding, Section};
+
+    #[test]
+    fn a_file_comes_back_and_sections_are_found_by_name() {
+        let folder = std::env::temp_dir().join(format!("erfgs-scene-{}", std::process::id()));
+        let file = SceneFile::for_tests();
+        std::fs::write(&folder, file.compressed()).unwrap();
+        assert_eq!(SceneFile::open(&folder).unwrap(), file);
+        std::fs::remove_file(&folder).unwrap();
+        assert_eq!(file.section("sh").unwrap(), [0.0; 4]);
+        assert_eq!(file.section("points").unwrap(), [0.0; 0]);
+        assert_eq!(file.section("motion"), None);
+        assert_eq!(file.gaussians().unwrap().len(), 1);
+    }
+
+    #[test]
+    fn whatever_is_changed_is_refused_or_still_a_scene() {
+        let whole = SceneFile::for_tests().bytes;
+        for end in 0..whole.len() {
+            assert!(SceneFile::parse(whole[..end].to_vec()).is_err(), "{end} bytes");
+        }
+        for at in 0..whole.len() {
+            for flip in [1, 0x10, 0x80, 0xff] {
+                let mut bytes = whole.clone();
+                bytes[at] ^= flip;
+                // What still parses can be read.
+                if let Ok(file) = SceneFile::parse(bytes) {
+                    file.gaussians().unwrap();
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn counts_that_claim_too_much_and_numbers_that_are_none_are_refused() {
+        let changed = |change: &dyn Fn(&mut Header)| {
+            let mut header = SceneFile::for_tests().header;
+            change(&mut header);
+            SceneFile::parse(SceneFile::new(header, &[0; 16 * 4]).bytes)
+        };
+        assert!(changed(&|_| ()).is_ok());
+        assert!(changed(&|header| header.count = usize::MAX).is_err());
+        assert!(changed(&|header| header.dynamic = 2).is_err());
+        assert!(changed(&|header| header.sh_degree = 9).is_err());
+        assert!(changed(&|header| header.sections[0].floats = usize::MAX).is_err());
+        let exact = |floats| Section { name: "more".into(), floats, coding: Coding::Exact };
+        assert!(changed(&|header| header.sections.extend([exact(usize::MAX / 4), exact(usize::MAX / 4)])).is_err());
+        let mut bytes = SceneFile::for_tests().bytes;
+        let last = bytes.len() - 4;
+        bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(SceneFile::parse(bytes).unwrap_err().contains("no number"));
+    }
+}
