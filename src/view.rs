@@ -8,9 +8,10 @@ use std::{
     time::Duration,
 };
 
+use erfgs_run::{PerView, RunFolder};
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::{metrics::to_bytes, trainer::Trainer};
-use erfgs_view::{Ask, Compared, Learned, Model, Precision, SceneFile, ViewOptions, ViewPage};
+use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewOptions, ViewPage};
 use serde::Serialize;
 
 use crate::{
@@ -79,7 +80,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     for path in &arguments.runs {
         let Some(gpu) = gpu.as_ref().filter(|_| !is_file(path)) else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            models.push(Model { name, scene: SceneFile::open(path)?, dataset: None });
+            models.push(Model { name, scene: SceneFile::open(path)?, dataset: None, errors: Vec::new() });
             trainers.push(None);
             continue;
         };
@@ -88,7 +89,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let trainer = run.trainer(gpu, &folder)?;
         let dataset = Some(trainer.scene.dataset.clone());
         let scene = Learned::of(&trainer)?.file(Precision::Exact);
-        models.push(Model { name: folder.name(), scene, dataset });
+        models.push(Model { name: folder.name(), scene, dataset, errors: errors(&folder, &trainer) });
         trainers.push(Some(trainer));
     }
     let served = models.iter().map(|model| ServedModel {
@@ -134,6 +135,16 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// How well the run shows held-out frames, where `erfgs eval` has measured it.
+fn errors(folder: &RunFolder, trainer: &Trainer<'_>) -> Vec<FrameError> {
+    let of = |view: PerView| FrameError {
+        camera: view.camera,
+        t01: trainer.scene.to_unit(view.t_ns),
+        psnr_db: view.psnr,
+    };
+    folder.read_per_view().unwrap_or_default().into_iter().map(of).collect()
 }
 
 /// Draws what a page asks for.

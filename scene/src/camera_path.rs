@@ -17,6 +17,8 @@ pub struct Station {
     pub intrinsics: Intrinsics,
     /// Where it stands.
     pub world_to_camera: Pose,
+    /// When, seconds from the start of the recording, where the path says so.
+    pub time_s: Option<f64>,
 }
 
 /// Why there is no path.
@@ -41,8 +43,11 @@ pub enum PathError {
         /// Why.
         source: serde_json::Error,
     },
-    /// The file holds no poses, or some that are none.
-    #[error("{}: a camera path needs at least one pose, and finite numbers", path.display())]
+    /// The file holds no poses, or some that are none, or times of other poses.
+    #[error(
+        "{}: a camera path needs at least one pose, finite numbers, and in `times_s`, if it is there, a time for each pose",
+        path.display()
+    )]
     NoPoses {
         /// The file.
         path: PathBuf,
@@ -69,7 +74,7 @@ pub fn orbit(poses: &[Pose], model: &Station, frames: usize) -> Result<Vec<Stati
     let stations = (0..frames).map(|frame| {
         let turn = DQuat::from_axis_angle(down, std::f64::consts::TAU * frame as f64 / frames as f64);
         let eye = target + turn * (start * radius) + down * height;
-        Station { intrinsics: model.intrinsics, world_to_camera: Pose::look_at(eye, target, down) }
+        Station { intrinsics: model.intrinsics, world_to_camera: Pose::look_at(eye, target, down), time_s: None }
     });
     Ok(stations.collect())
 }
@@ -96,9 +101,11 @@ struct PathFile {
     intrinsics: Option<Intrinsics>,
     /// Poses at equal distances along the path.
     world_to_camera: Vec<Pose>,
+    /// The instant of each, seconds from the start of the recording.
+    times_s: Option<Vec<f64>>,
 }
 
-/// Poses of the JSON file `file`, interpolated to `frames` frames; `model` is the camera where the file has none.
+/// Poses (and times) of the JSON file `file`, interpolated to `frames` frames; `model` is the camera where the file has none.
 ///
 /// # Errors
 /// If the file cannot be read, or holds no path.
@@ -108,15 +115,18 @@ pub fn key_frames(file: &Path, model: &Intrinsics, frames: usize) -> Result<Vec<
     let read: PathFile = serde_json::from_str(&text).map_err(|source| PathError::Parse { path: path(), source })?;
     let intrinsics = read.intrinsics.unwrap_or(*model);
     let keys = read.world_to_camera;
-    if keys.is_empty() || !keys.iter().all(Pose::is_finite) {
+    let times = read.times_s.unwrap_or_default();
+    let times_fit = times.is_empty() || times.len() == keys.len() && times.iter().all(|time| time.is_finite());
+    if keys.is_empty() || !keys.iter().all(Pose::is_finite) || !times_fit {
         return Err(PathError::NoPoses { path: path() });
     }
     let last = keys.len() - 1;
     let stations = (0..frames).map(|frame| {
         let along = last as f64 * frame as f64 / (frames.max(2) - 1) as f64;
         let from = (along as usize).min(last.saturating_sub(1));
-        let pose = between(&keys[from], &keys[(from + 1).min(last)], along - from as f64);
-        Station { intrinsics, world_to_camera: pose }
+        let (to, share) = ((from + 1).min(last), along - from as f64);
+        let time_s = times.get(from).zip(times.get(to)).map(|(from, to)| from + share * (to - from));
+        Station { intrinsics, world_to_camera: between(&keys[from], &keys[to], share), time_s }
     });
     Ok(stations.collect())
 }
@@ -158,7 +168,7 @@ mod tests {
     fn model() -> Station {
         let intrinsics =
             Intrinsics { width: 8, height: 6, fx: 7.0, fy: 7.0, cx: 4.0, cy: 3.0, distortion: crate::Distortion::None };
-        Station { intrinsics, world_to_camera: pose(2.0, 0.3) }
+        Station { intrinsics, world_to_camera: pose(2.0, 0.3), time_s: None }
     }
 
     #[test]
@@ -185,7 +195,12 @@ mod tests {
         for (station, key) in stations.iter().step_by(2).zip(&keys) {
             assert!((station.world_to_camera.matrix() - key.matrix()).abs_diff_eq(glam::DMat4::ZERO, 1e-12));
         }
-        for wrong in ["{}", "{\"world_to_camera\": []}", "[1"] {
+        assert!(stations.iter().all(|station| station.time_s.is_none()));
+        write(serde_json::json!({ "world_to_camera": keys, "times_s": [0.5, 0.5, 1.5] }).to_string());
+        let times = key_frames(file.path(), &model().intrinsics, 5).unwrap();
+        assert_eq!(times.iter().filter_map(|station| station.time_s).collect::<Vec<_>>(), [0.5, 0.5, 0.5, 1.0, 1.5]);
+        let fewer = serde_json::json!({ "world_to_camera": keys, "times_s": [0.5] }).to_string();
+        for wrong in ["{}", "{\"world_to_camera\": []}", "[1", &fewer] {
             write(wrong.to_owned());
             let error = key_frames(file.path(), &model().intrinsics, 5).unwrap_err().to_string();
             assert!(error.contains(&file.path().display().to_string()), "{error}");

@@ -32,7 +32,9 @@ Paths:
   camera NAME  a camera of the dataset, standing still while the scene moves
   FILE         a JSON file of poses, interpolated to the number of frames:
                {\"intrinsics\": {...} (optional, as in dataset.json),
-                \"world_to_camera\": [{\"rotation_wxyz\": [1, 0, 0, 0], \"translation_m\": [0, 0, 0]}, ...]}
+                \"world_to_camera\": [{\"rotation_wxyz\": [1, 0, 0, 0], \"translation_m\": [0, 0, 0]}, ...],
+                \"times_s\": [0.2, ...] (optional: when the camera is there; not with --times)}
+               `erfgs view` writes such a file (More, Save path)
 
 Formats:
   png  8 bits, display-referred
@@ -145,6 +147,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         |frames| frames as usize,
     );
     let stations = choice.stations(&trainer.scene.dataset, frames)?;
+    if arguments.times.is_some() && stations.iter().any(|station| station.time_s.is_some()) {
+        return Err(Usage("the path has times of its own: leave --times out".into()).into());
+    }
     let size = resized(&stations[0].intrinsics, arguments.scale);
     let mut writer = Writer::create(&arguments.out, format, size.width, size.height, arguments.fps)?;
     let progress = terminal.progress("rendering");
@@ -152,7 +157,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     for (index, station) in stations.iter().enumerate() {
         progress.update(index as u64, frames as u64, "frames");
         let along = index as f64 / (frames.max(2) - 1) as f64;
-        let t01 = if span > 0.0 { (times.from + along * (times.to - times.from)) / span } else { 0.0 };
+        let time_s = station.time_s.unwrap_or(times.from + along * (times.to - times.from));
+        let t01 = if span > 0.0 { time_s / span } else { 0.0 };
         let view = View::try_from((&resized(&station.intrinsics, arguments.scale), &station.world_to_camera))?;
         let started = std::time::Instant::now();
         let rendered = render(&mut trainer, &view, t01)?;

@@ -52,7 +52,7 @@ impl Choice {
 }
 
 fn station(camera: &Camera) -> Station {
-    Station { intrinsics: camera.intrinsics, world_to_camera: camera.world_to_camera }
+    Station { intrinsics: camera.intrinsics, world_to_camera: camera.world_to_camera, time_s: None }
 }
 
 /// The camera that gives the size and focal length of a path: the first held-out one, else the first.

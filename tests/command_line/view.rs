@@ -76,11 +76,83 @@ fn a_browser_shows_what_the_trainer_would() {
         let least = if mode == "tiles" { 60.0 } else { 45.0 };
         assert!(psnr > least, "{mode}: {psnr} dB");
     }
+    the_page_shows_more_than_the_picture(&folder, &served, &mut browser);
     // Where the browser has no graphics processor, it is sent pictures: JPEG, which costs a little.
     browser.open(&format!("{}&check=1&renderer=server", served.page.link));
     for (mode, psnr) in compared(&served, 4) {
         assert!(psnr > 30.0, "{mode}, sent: {psnr} dB");
     }
+}
+
+/// Cameras, velocities and events over the picture, other looks, parts of the scene, errors on the line of time, and a path that
+/// `erfgs render` takes.
+fn the_page_shows_more_than_the_picture(folder: &Folder, served: &Served, browser: &mut Browser) {
+    browser.open(&format!("{}&renderer=webgpu#t=0.15", served.page.link));
+    browser.wait("document.body?.dataset.drawn > 0");
+    // Waits until the page has drawn what was asked for by a change of `id`.
+    let change = |browser: &mut Browser, id: &str, how: &str| {
+        let drawn = browser.evaluate("document.body.dataset.drawn");
+        let element = format!("document.getElementById('{id}')");
+        browser.evaluate(&format!("{element}.{how}; {element}.dispatchEvent(new Event('input'))"));
+        browser.wait(&format!("document.body.dataset.drawn > {}", drawn.as_str().expect("a count")));
+    };
+    let painted = "(() => { const c = document.getElementById('overlay'); \
+                   const p = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
+                   let n = 0; for (let i = 3; i < p.length; i += 4) n += p[i] > 0; return n; })()";
+    assert_eq!(browser.evaluate(painted), 0);
+    // From far away, all cameras are in view.
+    browser.evaluate("document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', { deltaY: 1000 }))");
+    for id in ["cameras", "velocities"] {
+        change(browser, id, "checked = true");
+        browser.wait(&format!("{painted} > 20"));
+        change(browser, id, "checked = false");
+        browser.wait(&format!("{painted} === 0"));
+    }
+    // Pictures of other looks and parts differ from each other.
+    let mut pictures = vec![browser.screenshot()];
+    for (id, value) in [("look", "depth"), ("look", "ellipsoids"), ("layer", "move"), ("layer", "stand")] {
+        change(browser, id, &format!("value = '{value}'"));
+        let picture = browser.screenshot();
+        let stage = |picture: &image::RgbImage| {
+            let (width, height) = picture.dimensions();
+            image::imageops::crop_imm(picture, 0, height / 10, width, height / 2).to_image().into_raw()
+        };
+        assert!(pictures.iter().all(|other| stage(other) != stage(&picture)), "{id} {value} changes nothing");
+        pictures.push(picture);
+    }
+    let camera = "document.getElementById('camera')";
+    let event = format!("[...{camera}.options].find((option) => option.text.includes('(event'))?.value");
+    browser.evaluate(&format!("{camera}.value = {event}; {camera}.dispatchEvent(new Event('change'))"));
+    browser.wait("!document.getElementById('eventslabel').hidden");
+    change(browser, "events", "value = '100'");
+    browser.wait(&format!("{painted} > 20"));
+
+    // Two key frames, at two instants; the file is caught where the browser would save it.
+    browser.evaluate("URL.createObjectURL = (blob) => { blob.text().then((text) => { document.body.dataset.file = text; }); return '#'; }");
+    for (name, time) in [("test00", "0.05"), ("rgb00", "0.2")] {
+        browser.evaluate(&format!("{camera}.value = '{name}'; {camera}.dispatchEvent(new Event('change'))"));
+        let field = "document.getElementById('time')";
+        browser.evaluate(&format!("{field}.value = '{time}'; {field}.dispatchEvent(new Event('change'))"));
+        browser.evaluate("document.getElementById('addkey').click()");
+    }
+    browser.evaluate("document.getElementById('savepath').click()");
+    browser.wait("document.body.dataset.file");
+    let file = browser.evaluate("document.body.dataset.file");
+    let path: serde_json::Value = serde_json::from_str(file.as_str().expect("a text")).expect("JSON");
+    let times = [0, 1].map(|key| path["times_s"][key].as_f64().expect("a time"));
+    assert!((times[0] - 0.05).abs() < 1e-6 && (times[1] - 0.2).abs() < 1e-6, "{times:?}");
+    let manifest = std::fs::read(folder.path("ds/dataset.json")).expect("a manifest");
+    let manifest: serde_json::Value = serde_json::from_slice(&manifest).expect("JSON");
+    let of = manifest["cameras"].as_array().expect("cameras").iter().find(|camera| camera["name"] == "test00");
+    let place = |pose: &serde_json::Value| [0, 1, 2].map(|axis| pose["translation_m"][axis].as_f64().expect("metres"));
+    let (saved, known) = (place(&path["world_to_camera"][0]), place(&of.expect("test00")["world_to_camera"]));
+    assert!(saved.iter().zip(known).all(|(saved, known)| (saved - known).abs() < 1e-4), "{saved:?} {known:?}");
+    std::fs::write(folder.path("path.json"), path.to_string()).expect("a file");
+    let rendered = folder.figures("render explicit --path path.json --frames 3 --scale 0.1 --out walk");
+    assert_eq!(rendered["frames"], 3);
+    let said = folder.fail(2, "render explicit --path path.json --times 0.1 --frames 3 --out other");
+    assert!(said.contains("times of its own"), "{said}");
+    assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
 }
 
 /// Who has no token, or asks for what is not there, is refused and told why.
@@ -94,6 +166,10 @@ fn the_server_answers_its_user_alone(served: &Page) {
     let header = header(&scene);
     // Nothing is trained here.
     assert_eq!((served.get("/api/training").0, served.known("POST", "/api/training/stop").0), (404, 404));
+    assert_eq!(served.json("/api/errors/0"), serde_json::json!([]), "nothing was evaluated");
+    for path in ["/api/events/0/none?from=0&to=1", "/api/events/9/none?from=0&to=1"] {
+        assert_eq!(served.get(path).0, 404, "{path}");
+    }
     for path in
         ["/api/scene/2", "/file/js/none.js", "/file/../Cargo.toml", "/file/train/none.wgsl", "/api/frame/0/none/0"]
     {

@@ -11,6 +11,7 @@
 
 pub mod alone;
 pub mod fourdgs;
+mod recorded;
 mod routes;
 pub mod scene_file;
 pub mod server;
@@ -18,5 +19,5 @@ mod texts;
 pub mod training;
 
 pub use scene_file::{Learned, Precision, SceneFile};
-pub use server::{Ask, Compared, Model, ViewError, ViewOptions, ViewPage};
+pub use server::{Ask, Compared, FrameError, Model, ViewError, ViewOptions, ViewPage};
 pub use training::LiveTraining;

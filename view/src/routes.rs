@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 
 use crate::{
+    recorded::Recorded,
     server::{About, Ask, Compared, Shown},
     texts,
     training::{LiveTraining, TrainingState},
@@ -60,6 +61,8 @@ pub(crate) fn router(site: Arc<Site>) -> Router {
         .route("/api/models", get(models))
         .route("/api/scene/{model}", get(scene))
         .route("/api/frame/{model}/{camera}/{index}", get(frame))
+        .route("/api/events/{model}/{camera}", get(events))
+        .route("/api/errors/{model}", get(errors))
         .route("/api/render/{model}", get(render))
         .route("/api/compare/{model}", post(compare))
         .route("/api/training", get(training))
@@ -82,7 +85,7 @@ async fn file(Path(path): Path<String>) -> Response {
 
 async fn models(State(site): Shared) -> Response {
     let about = |(index, model): (usize, &Shown)| {
-        About::of(&model.name, &model.scene().1, model.dataset.is_some(), index == 0 && site.training.is_some())
+        About::of(&model.name, &model.scene().1, model.recorded.is_some(), index == 0 && site.training.is_some())
     };
     Json(site.models.iter().enumerate().map(about).collect::<Vec<_>>()).into_response()
 }
@@ -128,21 +131,51 @@ async fn wish(State(site): Shared, Path(wish): Path<String>) -> Response {
     StatusCode::ACCEPTED.into_response()
 }
 
+fn recorded(site: &Site, model: usize) -> Option<Arc<Recorded>> {
+    site.models.get(model)?.recorded.clone()
+}
+
 /// A recorded frame, by the number that its camera gives it.
 async fn frame(State(site): Shared, Path((model, camera, index)): Path<(usize, String, usize)>) -> Response {
-    let found = site.models.get(model).and_then(|model| {
-        let dataset = model.dataset.as_ref()?;
-        let camera = dataset.manifest.cameras.iter().find(|own| own.name == camera)?;
-        Some((dataset, camera.frames.get(index)?.file.clone()))
-    });
-    let Some((dataset, file)) = found else { return missing("there is no such frame") };
-    let read = dataset
-        .path(&file)
-        .map_err(|error| error.to_string())
+    let Some(recorded) = recorded(&site, model) else { return missing("there is no such frame") };
+    let read = recorded
+        .frame(&camera, index)
         .and_then(|path| std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display())));
     match read {
         Ok(bytes) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
         Err(why) => missing(&why),
+    }
+}
+
+/// A range of time, shares of the recording.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Range {
+    from: f64,
+    to: f64,
+}
+
+async fn events(
+    State(site): Shared,
+    Path((model, camera)): Path<(usize, String)>,
+    Query(Range { from, to }): Query<Range>,
+) -> Response {
+    let Some(recorded) = recorded(&site, model) else { return missing("there are no such events") };
+    if !from.is_finite() || !to.is_finite() {
+        return (StatusCode::BAD_REQUEST, "the range of time is none").into_response();
+    }
+    // The first look at a camera reads all of its events.
+    let read = tokio::task::spawn_blocking(move || recorded.events(&camera, [from, to])).await;
+    match read.map_err(|error| error.to_string()).flatten() {
+        Ok(bytes) => ([(header::CONTENT_TYPE, "application/octet-stream")], bytes).into_response(),
+        Err(why) => missing(&why),
+    }
+}
+
+async fn errors(State(site): Shared, Path(model): Path<usize>) -> Response {
+    match site.models.get(model) {
+        Some(model) => Json(&model.errors).into_response(),
+        None => missing("there is no such model"),
     }
 }
 

@@ -17,6 +17,7 @@ use serde::Serialize;
 use tokio::sync::oneshot;
 
 use crate::{
+    recorded::Recorded,
     routes::{self, Site},
     scene_file::SceneFile,
     training::LiveTraining,
@@ -31,20 +32,35 @@ pub struct Model {
     pub scene: SceneFile,
     /// What it learned from: its frames are shown beside the renderings. Of a scene file nobody knows.
     pub dataset: Option<Dataset>,
+    /// How well it shows frames of held-out cameras, where that was measured.
+    pub errors: Vec<FrameError>,
+}
+
+/// How well a frame is shown.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameError {
+    /// The camera.
+    pub camera: String,
+    /// When, in [0, 1].
+    pub t01: f64,
+    /// Peak signal-to-noise ratio, dB.
+    pub psnr_db: f64,
 }
 
 /// A model that is being served: its scene may be replaced.
 #[derive(Debug)]
 pub(crate) struct Shown {
     pub name: String,
-    pub dataset: Option<Dataset>,
+    pub recorded: Option<Arc<Recorded>>,
+    pub errors: Vec<FrameError>,
     scene: RwLock<(u64, Arc<SceneFile>)>,
 }
 
 impl Shown {
     fn new(model: Model) -> Self {
-        let Model { name, scene, dataset } = model;
-        Self { name, dataset, scene: RwLock::new((0, Arc::new(scene))) }
+        let Model { name, scene, dataset, errors } = model;
+        let recorded = dataset.map(|dataset| Arc::new(Recorded::new(dataset)));
+        Self { name, recorded, errors, scene: RwLock::new((0, Arc::new(scene))) }
     }
 
     /// The scene, and how many stood before it.

@@ -1,11 +1,14 @@
 // Cameras: those of the rig, and a free one that orbits and flies. OpenCV's axes: x right, y down, z forward.
 
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const scaled = (a, k) => a.map((v) => k * v);
+export const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
+export const scaled = (a, k) => a.map((v) => k * v);
 const plus = (...all) => all[0].map((_, i) => all.reduce((sum, a) => sum + a[i], 0));
-const minus = (a, b) => a.map((v, i) => v - b[i]);
-const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
+export const minus = (a, b) => a.map((v, i) => v - b[i]);
+export const unit = (a) => scaled(a, 1 / (Math.hypot(...a) || 1));
+
+export const lerp = (a, b, share) => a.map((v, i) => v + share * (b[i] - v));
+export const distance = (a, b) => Math.hypot(...minus(a, b));
 
 export const centreOf = ({ rotation: r, translation: t }) => [0, 1, 2].map((i) => -(r[0][i] * t[0] + r[1][i] * t[1] + r[2][i] * t[2]));
 
@@ -95,6 +98,12 @@ export class FreeCamera {
     const eye = minus(this.target, scaled(forward, this.distance));
     const f = height / 2 / this.slope;
     return { rotation, translation: rotation.map((row) => -dot(row, eye)), width, height, fx: f, fy: f, cx: width / 2, cy: height / 2 };
+  }
+
+  // A place on a path, in a picture of this size.
+  along({ rotation, translation, slope }, [width, height]) {
+    const f = height / 2 / slope;
+    return { rotation, translation, width, height, fx: f, fy: f, cx: width / 2, cy: height / 2 };
   }
 
   // For links.

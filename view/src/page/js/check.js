@@ -11,7 +11,7 @@ export async function check(painter, model, header, count, told) {
     const t01 = (k + 0.5) / cameras.length;
     for (const mode of ['tiles', 'quads']) {
       const view = { ...preset(camera, [camera.width, camera.height]), near: camera.near };
-      const body = await painter.pixels(view, t01, mode);
+      const body = await painter.pixels(view, t01, { mode });
       const response = await fetch(request('compare', model, view, t01, { camera: camera.name, mode }), { method: 'POST', body });
       if (!response.ok) throw new Error(`The server says: ${await response.text()}`);
       told(await response.json());

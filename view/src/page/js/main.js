@@ -6,6 +6,10 @@ import { Training } from './training.js';
 import { FreeCamera, overview, preset } from './camera.js';
 import { listen } from './controls.js';
 import { Timeline } from './timeline.js';
+import { Overlay } from './overlay.js';
+import { Recorded } from './recorded.js';
+import { CameraPath } from './path.js';
+import { save, savePicture } from './save.js';
 import { check } from './check.js';
 
 const $ = (id) => document.getElementById(id);
@@ -27,11 +31,11 @@ async function start() {
   const { gpu, why } = models;
   const [{ header }] = models.scenes;
   gpu?.device.lost.then((lost) => trouble(`The graphics device was lost (${lost.message || lost.reason}). Load the page again.`));
-  if (why) $('mode').disabled = true;
+  for (const id of ['mode', 'look', 'layer']) $(id).disabled = Boolean(why);
 
   const seconds = (header.span_ns[1] - header.span_ns[0]) / 1e9;
   const free = new FreeCamera(overview(header.cameras));
-  const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0 };
+  const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0, walk: null };
   const changed = () => { state.changed = true; };
   for (const camera of header.cameras) $('camera').append(new Option(`${camera.name} (${camera.modality}, ${camera.split})`, camera.name));
   $('time').max = seconds;
@@ -39,14 +43,20 @@ async function start() {
   const named = (name) => header.cameras.find((camera) => camera.name === name) ?? null;
   const choose = (camera) => {
     if (!camera && state.camera) free.from(state.camera);
-    state.camera = camera;
+    Object.assign(state, { camera, walk: null });
     $('camera').value = camera?.name ?? '';
+    timeline.measured(errors, camera?.name);
     changed();
   };
   const at = (t01) => { state.t01 = Math.min(1, Math.max(0, t01)); changed(); };
   // Of two runs on one recording, one may know its events.
   const known = models.scenes.find((scene) => scene.header.events.counts.length > 0)?.header ?? header;
   const timeline = new Timeline($('timeline'), known, (t01) => { play(false); at(t01); });
+  const errors = abouts[0].from_run ? await (await fetch('api/errors/0')).json() : [];
+  timeline.measured(errors);
+  const overlay = new Overlay($('overlay'));
+  const recorded = new Recorded($('recorded'), changed);
+  const path = new CameraPath();
   const controls = listen($('stage'), () => { choose(null); return free; }, changed);
 
   // What a link holds.
@@ -66,26 +76,28 @@ async function start() {
   $('play').addEventListener('click', () => play(!state.playing));
   $('time').addEventListener('change', () => { play(false); at(Number($('time').value) / seconds); });
   $('camera').addEventListener('change', () => choose(named($('camera').value)));
-  for (const id of ['mode', 'recordedmode', 'opacity', 'split']) $(id).addEventListener('input', changed);
+  const how = () => ({ mode: $('mode').value, look: $('look').value, layer: $('layer').value });
+  for (const id of ['mode', 'look', 'layer', 'cameras', 'velocities', 'events', 'recordedmode', 'opacity', 'split']) $(id).addEventListener('input', changed);
   for (const kind of ['pointerdown', 'pointermove']) $('split').addEventListener(kind, (event) => event.stopPropagation());
   $('help').addEventListener('click', () => { $('keys').hidden = !$('keys').hidden; $('help').setAttribute('aria-expanded', String(!$('keys').hidden)); changed(); });
-  $('shot').addEventListener('click', async () => {
-    const seen = view();
-    const picture = Object.assign(document.createElement('canvas'), { width: seen.width, height: seen.height });
-    const paint = picture.getContext('2d');
-    const split = Math.round(seen.width * Number($('split').value));
-    for (const [k, painter] of models.painters.entries()) {
-      const pixels = await painter.pixels(seen, state.t01, $('mode').value);
-      for (let i = 3; i < pixels.length; i += 4) pixels[i] = 255;
-      const left = k === 0 ? 0 : split;
-      paint.putImageData(new ImageData(new Uint8ClampedArray(pixels.buffer), seen.width), 0, 0, left, 0, seen.width - left, seen.height);
-    }
-    const blob = await new Promise((done) => { picture.toBlob(done); });
-    const anchor = Object.assign(document.createElement('a'), { href: URL.createObjectURL(blob), download: `${abouts[0].name}-${(state.t01 * seconds).toFixed(4)}s.png` });
-    anchor.click();
-    setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
+  const stem = () => `${abouts[0].name}-${(state.t01 * seconds).toFixed(4)}s`;
+  $('shot').addEventListener('click', () => savePicture(`${stem()}.png`, models.painters, view(), state.t01, how(), Number($('split').value)).then(changed));
+  const keysChanged = () => {
+    const count = path.keys.length;
+    $('keyframes').textContent = count === 1 ? '1 key frame' : `${count} key frames`;
+    for (const id of ['walk', 'savepath']) $(id).disabled = count < 2;
+    $('nopath').disabled = count === 0;
+  };
+  const addKey = () => { path.add(view(), state.t01); keysChanged(); };
+  const walk = (on) => {
+    state.walk = on ? 0 : null;
+    $('walk').textContent = on ? 'Stop' : 'Walk it';
     changed();
-  });
+  };
+  $('addkey').addEventListener('click', addKey);
+  $('walk').addEventListener('click', () => { play(false); walk(state.walk === null); });
+  $('savepath').addEventListener('click', () => save(`${abouts[0].name}-path.json`, new Blob([path.file(seconds)], { type: 'application/json' })));
+  $('nopath').addEventListener('click', () => { walk(false); path.clear(); keysChanged(); });
   addEventListener('resize', changed);
   const frames = timeline.exposures.map(([t]) => t);
   const keys = {
@@ -96,7 +108,7 @@ async function start() {
     '.': () => { play(false); at(state.t01 + 1e-3 / seconds); },
     '[': () => { timeline.range = [state.t01, timeline.range[1] > state.t01 ? timeline.range[1] : 1]; changed(); },
     ']': () => { timeline.range = timeline.range[0] < state.t01 ? [timeline.range[0], state.t01] : [0, 1]; changed(); },
-    c: () => step(1), C: () => step(-1),
+    c: () => step(1), C: () => step(-1), k: addKey,
   };
   const step = (by) => {
     const index = header.cameras.indexOf(state.camera);
@@ -115,27 +127,34 @@ async function start() {
     const room = [$('stage').clientWidth, $('stage').clientHeight].map((side) => Math.max(16, side));
     const ratio = (devicePixelRatio || 1) / state.coarse;
     const size = room.map((side) => Math.max(16, Math.round(side * ratio)));
-    const seen = state.camera ? { ...preset(state.camera, size), near: state.camera.near } : free.view(size);
+    const seen = state.walk !== null ? free.along(path.at(state.walk), size)
+      : state.camera ? { ...preset(state.camera, size), near: state.camera.near } : free.view(size);
     const shown = $('frame').style;
     [shown.width, shown.height] = [`${seen.width / ratio}px`, `${seen.height / ratio}px`];
     return seen;
   };
 
-  // The recorded frame beside the rendering: that of the camera which is nearest in time.
-  const showRecorded = () => {
-    const { camera } = state;
+  // What was recorded, and what is drawn over the picture.
+  const showMore = (seen) => {
+    const camera = state.walk === null ? state.camera : null;
     const has = Boolean(camera?.frames.length) && abouts[0].from_run;
     $('recordedlabel').hidden = !has;
     const kind = has ? $('recordedmode').value : '';
     $('opacity').hidden = kind !== 'over';
-    $('recorded').hidden = !kind;
-    if (!kind) return;
-    const away = ([t, from, to]) => (state.t01 >= from && state.t01 <= to ? 0 : Math.abs(t - state.t01));
-    const index = camera.frames.reduce((best, frame, k) => (away(frame) < away(camera.frames[best]) ? k : best), 0);
-    const url = `api/frame/0/${encodeURIComponent(camera.name)}/${index}`;
-    if ($('recorded').getAttribute('src') !== url) $('recorded').src = url;
-    $('recorded').className = kind;
-    $('recorded').style.opacity = kind === 'over' ? $('opacity').value : 1;
+    recorded.frame(camera, state.t01, kind, $('opacity').value);
+    overlay.begin(seen);
+    const hasEvents = Boolean(camera) && camera.modality !== 'rgb' && abouts[0].from_run;
+    $('eventslabel').hidden = !hasEvents;
+    if (hasEvents && $('events').value) {
+      // Milliseconds, about the instant that is shown.
+      const half = Number($('events').value) / 2000 / Math.max(1e-9, seconds);
+      const packed = recorded.events(camera, state.t01 - half, state.t01 + half);
+      if (packed) overlay.events(packed, camera);
+    }
+    if ($('cameras').checked) overlay.cameras(header.cameras, camera);
+    const [scene] = models.scenes;
+    $('velocitieslabel').hidden = scene.motion.kind !== 'free-time';
+    if ($('velocities').checked && scene.motion.kind === 'free-time') overlay.velocities(scene, state.t01);
   };
 
   let last = performance.now();
@@ -149,6 +168,10 @@ async function start() {
       const [from, to] = timeline.range;
       const next = state.t01 + elapsed * Number($('speed').value) / Math.max(1e-9, seconds);
       at(next >= to || next < from ? from : next);
+    }
+    if (state.walk !== null) {
+      state.walk = (state.walk + elapsed) % path.seconds;
+      at(path.at(state.walk).t01);
     }
     controls.fly(elapsed);
     if (busy) return;
@@ -164,17 +187,17 @@ async function start() {
     try {
       const from = performance.now();
       const seen = view();
-      showRecorded();
+      showMore(seen);
       timeline.draw(state.t01);
       if (document.activeElement !== $('time')) $('time').value = (state.t01 * seconds).toFixed(3);
       $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;
-      for (const painter of models.painters) if (await painter.draw(seen, state.t01, $('mode').value)) state.changed = true;
+      for (const painter of models.painters) if (await painter.draw(seen, state.t01, how())) state.changed = true;
       const took = performance.now() - from;
-      if ((state.playing || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
+      if ((state.playing || state.walk !== null || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
       state.drawn += 1;
-      const how = why ? `drawn by the server (${why})` : `${took.toFixed(0)} ms`;
+      const drawnBy = why ? `drawn by the server (${why})` : `${took.toFixed(0)} ms`;
       const [{ header: { count, dynamic } }] = models.scenes;
-      $('note').textContent = `${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${how}`;
+      $('note').textContent = `${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${drawnBy}`;
       document.body.dataset.drawn = state.drawn;
     } catch (error) {
       trouble(error.message);

@@ -15,17 +15,18 @@ export class Drawn {
     return self;
   }
 
-  async draw(view, t01, mode) {
+  // `how`: mode, look and layer (see `Viewer.frame`).
+  async draw(view, t01, how) {
     const { canvas, context, viewer, scene } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) Object.assign(canvas, { width: view.width, height: view.height });
-    viewer.frame(view, t01, context.getCurrentTexture().createView(), { mode, near: trainedNear(scene, view) });
+    viewer.frame(view, t01, context.getCurrentTexture().createView(), { ...how, near: trainedNear(scene, view) });
     await viewer.gpu.done();
     const [error] = viewer.gpu.errors;
     if (error) throw new Error(`The graphics device says: ${error}`);
-    return mode === 'tiles' && await viewer.lacked();
+    return how.mode === 'tiles' && await viewer.lacked();
   }
 
-  pixels(view, t01, mode) { return this.viewer.pixels(view, t01, { mode, near: trainedNear(this.scene, view) }); }
+  pixels(view, t01, how) { return this.viewer.pixels(view, t01, { ...how, near: trainedNear(this.scene, view) }); }
 }
 
 export const request = (kind, model, { near, ...view }, t01, more = {}) =>

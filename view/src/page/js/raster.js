@@ -130,16 +130,19 @@ export class Quads {
     self.plan = gpu.storageFrom(Plan.sort(scene.count));
     self.byDepth = sorter.sortBuffers(gpu, scene.count);
     self.draw = gpu.storageFrom(Uint32Array.of(4, 0, 0, 0));
+    self.look = gpu.uniform(16);
     self.pass = { label: 'quads', layout: self.pipeline.getBindGroupLayout(0), groups: new Map() };
     return self;
   }
 
-  record(commands, projector, target, background) {
+  // `look`: what is shown, and the range of depths that colours tell apart (see quads.wgsl).
+  record(commands, projector, target, background, look) {
     const { view, splats } = projector;
+    this.gpu.upload(this.look, Float32Array.from([...look, 0]));
     this.gpu.upload(this.draw, Uint32Array.of(4, 0, 0, 0));
     commands.dispatch(this.keys, [view, splats, this.byDepth.keys, this.byDepth.values, this.draw], ceil(this.count, THREADS));
     this.sorter.sort(commands, this.plan, this.byDepth, 32);
-    const group = this.gpu.bindGroup(this.pass, [view, splats, this.byDepth.values]);
+    const group = this.gpu.bindGroup(this.pass, [view, splats, this.byDepth.values, this.look]);
     const [r, g, b] = background;
     const pass = commands.encoder.beginRenderPass({
       label: 'quads',

@@ -66,18 +66,21 @@ const READERS = {
   },
 };
 
-// The near plane of a view, metres: a share of the depth before which lies a hundredth of the initial points in view.
-export function nearOf(scene, view) {
-  const [least, share] = scene.header.near;
+// Depths (metres, ascending) of the initial points that a view sees.
+export function depthsOf(scene, { rotation: r, translation: t, width, height, fx, fy, cx, cy }) {
   const depths = [];
-  const { rotation: r, translation: t, width, height, fx, fy, cx, cy } = view;
   const p = scene.points;
-  for (let i = 0; share > 0 && i < p.length; i += 3) {
+  for (let i = 0; i < p.length; i += 3) {
     const [x, y, z] = r.map((row, k) => row[0] * p[i] + row[1] * p[i + 1] + row[2] * p[i + 2] + t[k]);
     const [u, v] = [fx * x / z + cx, fy * y / z + cy];
     if (z > 0 && u >= 0 && u < width && v >= 0 && v < height) depths.push(z);
   }
-  if (depths.length < 100) return least;
-  depths.sort((a, b) => a - b);
-  return Math.max(least, share * depths[Math.floor(depths.length / 100)]);
+  return depths.sort((a, b) => a - b);
+}
+
+// The near plane of a view, metres: a share of the depth before which lies a hundredth of the initial points in view.
+export function nearOf(scene, view) {
+  const [least, share] = scene.header.near;
+  const depths = share > 0 ? depthsOf(scene, view) : [];
+  return depths.length < 100 ? least : Math.max(least, share * depths[Math.floor(depths.length / 100)]);
 }

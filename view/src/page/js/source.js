@@ -35,6 +35,8 @@ export async function scene(model, total, told) {
   return bytes.buffer;
 }
 
+export const bytes = async (url) => new Response(await fetched(url)).arrayBuffer();
+
 async function fetched(url) {
   const response = await fetch(url);
   if (!response.ok) throw new Error(`The server says: ${await response.text()}`);

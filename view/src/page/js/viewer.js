@@ -4,11 +4,16 @@ import { Sorter } from './sort.js';
 import { Projector, Tiles, Quads, Blit, viewUniform } from './raster.js';
 import { Field } from './field.js';
 import { Rows } from './rows.js';
+import { depthsOf } from './scene.js';
 
 // Back to front, eight bits lose 3 dB and more: quads are summed in half precision.
 const ACCUMULATE = 'rgba16float';
 // Square pixels of the images that were trained on.
 const LOW_PASS = 0.3;
+// What a quad shows.
+const LOOKS = { colours: 0, depth: 1, ellipsoids: 2 };
+// An opacity of nothing, as a logit.
+const GONE = -100;
 
 // Destroys the buffers that an object of the page owns, and those of the objects that it holds only for that.
 function release(part) {
@@ -36,8 +41,29 @@ export class Viewer {
     return self;
   }
 
-  // Draws into `target`, a view of a texture, at `t01`, with the near plane `near`, metres.
-  frame(view, t01, target, { mode = 'quads', near }) {
+  // The parameters of those that are shown: `all`, or those that `move` or `stand` alone.
+  core(layer) {
+    this.cores ??= { all: this.scene.core };
+    if (!this.cores[layer]) {
+      const core = this.host.core.slice();
+      for (let k = 0; k < this.host.count; k++) if (k < this.host.dynamic !== (layer === 'move')) core[12 * k + 10] = GONE;
+      this.cores[layer] = this.gpu.storageFrom(core);
+    }
+    return this.cores[layer];
+  }
+
+  // Depths of the initial points in view between which colours are spread.
+  depths(view) {
+    const all = depthsOf(this.host, view);
+    const share = (at) => all[Math.floor(at * (all.length - 1))];
+    return all.length > 10 ? [share(0.02), Math.max(1.01 * share(0.02), share(0.98))] : [0.1, 10];
+  }
+
+  // Draws into `target`, a view of a texture, at `t01`, with the near plane `near`, metres; `mode`: `quads` or `tiles`; `look`
+  // and `layer`: what of the scene is seen (quads alone have looks).
+  frame(view, t01, target, { mode: wanted = 'quads', near, look = 'colours', layer = 'all' }) {
+    const mode = look === 'colours' ? wanted : 'quads';
+    this.scene.core = this.core(layer);
     const { gpu, scene } = this;
     const { background, near_sigmas: nearSigmas } = scene.header;
     const room = mode === 'tiles' ? this.tiles.fit(view.width, view.height, this.room) : 0;
@@ -58,7 +84,7 @@ export class Viewer {
         this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
       }
       const sums = this.sums.createView();
-      this.quads.record(commands, this.projector, sums, background);
+      this.quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, [LOOKS[look], ...this.depths(view)]);
       this.blitTexture.record(commands, this.sums, () => [sums], target);
     }
     commands.submit();
@@ -66,14 +92,14 @@ export class Viewer {
 
   // Frees the device's memory.
   destroy() {
-    for (const part of [this.scene, this.projector, this.tiles, this.quads, this.motion]) release(part);
+    for (const part of [this.scene, this.cores, this.projector, this.tiles, this.quads, this.motion]) release(part);
     this.sums?.destroy();
     this.gone = true;
   }
 
   // After a frame of tiles: whether intersections were left out for want of room, which there is the next time.
   async lacked() {
-    if (this.gone) return false;
+    if (this.gone || !this.tiles.image) return false;
     const wanted = await this.tiles.wanted();
     if (wanted <= this.tiles.room) return false;
     this.room = Math.ceil(1.25 * wanted);
