@@ -2,18 +2,28 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_report::write_report;
+use erfgs_report::{Extras, write_report};
 use erfgs_run::{Metrics, RunFolder};
+use erfgs_view::{
+    Learned, Precision,
+    alone::{self, Packed},
+};
 use serde::Serialize;
 
-use crate::terminal::{Terminal, bytes, table, thousands};
+use crate::{
+    device::{Adapter, TrainedRun},
+    terminal::{Terminal, bytes, table, thousands},
+};
+
+/// Runs that a view shows side by side.
+const VIEWED: usize = 2;
 
 /// Compare runs in one self-contained HTML file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The page needs no other file and no network: error against run time of all runs in one plot, error against time between \
 frames, tables per scene and per view, pictures side by side, what was left out and why, settings that differ. Differences \
-are against the first run.
+are against the first run. The view of the first two runs is in it, as `erfgs export --to html` writes it.
 
 Examples:
   erfgs report run-4dgs run-erf --out report.html
@@ -27,6 +37,11 @@ pub struct Arguments {
     /// events close.
     #[arg(long, value_name = "RUN")]
     oracle: Option<PathBuf>,
+    /// Leave the view out, with its 2 MB a run; no device is then needed.
+    #[arg(long)]
+    no_view: bool,
+    #[command(flatten)]
+    adapter: Adapter,
     /// The page to write.
     #[arg(long, value_name = "REPORT.html")]
     out: PathBuf,
@@ -51,7 +66,11 @@ struct RunRow {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let folders = arguments.runs.iter().map(RunFolder::open).collect::<Result<Vec<_>, _>>()?;
     let oracle = arguments.oracle.as_ref().map(RunFolder::open).transpose()?;
-    let report = write_report(&folders, oracle.as_ref(), &arguments.out)?;
+    let mut notes = Vec::new();
+    let view = if arguments.no_view { None } else { view(arguments, &folders, &mut notes) };
+    let extras = Extras { oracle: oracle.as_ref(), view: view.as_deref() };
+    let report = write_report(&folders, extras, &arguments.out)?;
+    notes.extend(report.notes);
     let runs = folders
         .iter()
         .map(|folder| {
@@ -59,8 +78,29 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             Ok(RunRow { run: folder.name(), method: folder.read_info()?.method, metrics })
         })
         .collect::<anyhow::Result<Vec<_>>>()?;
-    let summary = Summary { out: &arguments.out, bytes: report.bytes, notes: report.notes, runs };
+    let summary = Summary { out: &arguments.out, bytes: report.bytes, notes, runs };
     terminal.result(&summary, || describe(&summary))
+}
+
+/// The view of the first runs. A report is whole without: what keeps a run from being shown is noted.
+fn view(arguments: &Arguments, folders: &[RunFolder], notes: &mut Vec<String>) -> Option<String> {
+    let scene = |folder: &RunFolder| -> anyhow::Result<_> {
+        let run = TrainedRun::new(folder.root(), None, &arguments.adapter);
+        let gpu = run.device()?;
+        Ok(Learned::of(&run.trainer(&gpu, folder)?)?.file(Precision::Packed))
+    };
+    let mut scenes = Vec::new();
+    for folder in folders.iter().take(VIEWED) {
+        match scene(folder).map(|scene| (scene.header.only_server.clone(), scene)) {
+            Ok((None, scene)) => scenes.push((folder.name(), scene)),
+            Ok((Some(beyond), _)) => {
+                notes.push(format!("{}: browsers cannot draw it ({beyond}); see `erfgs view`", folder.name()));
+            }
+            Err(error) => notes.push(format!("{}: not in the view: {error:#}", folder.name())),
+        }
+    }
+    let packed: Vec<Packed<'_>> = scenes.iter().map(|(name, scene)| Packed { name, scene }).collect();
+    if packed.is_empty() { None } else { alone::page(&packed).ok() }
 }
 
 fn describe(summary: &Summary<'_>) -> String {

@@ -139,11 +139,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
 
 /// How well the run shows held-out frames, where `erfgs eval` has measured it.
 fn errors(folder: &RunFolder, trainer: &Trainer<'_>) -> Vec<FrameError> {
-    let of = |view: PerView| FrameError {
-        camera: view.camera,
-        t01: trainer.scene.to_unit(view.t_ns),
-        psnr_db: view.psnr,
-    };
+    let of =
+        |view: PerView| FrameError { camera: view.camera, t01: trainer.scene.to_unit(view.t_ns), psnr_db: view.psnr };
     folder.read_per_view().unwrap_or_default().into_iter().map(of).collect()
 }
 

@@ -51,7 +51,8 @@ impl Live {
     ) -> anyhow::Result<Self> {
         let training = Arc::new(LiveTraining::default());
         let scene = Learned::of(trainer)?.file(Precision::Packed);
-        let model = Model { name: folder.name(), scene, dataset: Some(trainer.scene.dataset.clone()), errors: Vec::new() };
+        let model =
+            Model { name: folder.name(), scene, dataset: Some(trainer.scene.dataset.clone()), errors: Vec::new() };
         let options = ViewOptions { address, names: Vec::new() };
         let (page, asks) = ViewPage::serve(vec![model], Some(Arc::clone(&training)), &options)?;
         terminal.note(format!("the training can be watched at {}", page.url()));

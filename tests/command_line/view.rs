@@ -202,7 +202,6 @@ fn a_run_becomes_a_page_of_one_file() {
     let said = folder.fail(2, "export run --to html --out one.html");
     assert!(said.contains("--force"), "{said}");
     folder.succeed("export run --to html --out one.html --force");
-    scene_files_keep_what_is_seen(&folder);
     let said = folder.fail(2, "export one.html --to html --out two.html");
     assert!(said.contains("is no run"), "{said}");
     // Opened from the disk it draws: the page is not of one colour.
@@ -225,6 +224,18 @@ fn a_run_becomes_a_page_of_one_file() {
     browser.evaluate(&format!("{camera}.selectedIndex = 2; {camera}.dispatchEvent(new Event('change'))"));
     browser.wait(&format!("location.hash.includes('camera=' + {camera}.value) && location.hash.includes('t=0.')"));
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
+    scene_files_keep_what_is_seen(&folder);
+    // The report has the same page in a frame, which loads when it is opened.
+    folder.succeed("report run --out report.html");
+    let whole = std::fs::metadata(folder.path("report.html")).expect("a page").len();
+    browser.open(&format!("file://{}", folder.path("report.html").display()));
+    let frame = "document.querySelector('iframe.view').contentDocument";
+    browser.wait(&format!("{frame}.readyState === 'complete' && !{frame}.body.dataset.drawn"));
+    browser
+        .evaluate("document.querySelector('#walk summary').click(); document.getElementById('walk').scrollIntoView()");
+    browser.wait(&format!("{frame}.body?.dataset.drawn > 0"));
+    folder.succeed("report run --no-view --out report.html");
+    assert!(std::fs::metadata(folder.path("report.html")).expect("a page").len() < whole);
 }
 
 /// The scene alone: packed or to the bit, for `erfgs view`, and in the open container.

@@ -1,7 +1,8 @@
 //! The report: one HTML page that compares runs.
 //!
-//! The page is a single file without scripts and without anything to fetch: style sheet, plots (SVG) and pictures are
-//! inside it. The same runs give the same bytes. Each section is a file of this module.
+//! The page is a single file without anything to fetch: style sheet, plots (SVG) and pictures are inside it. It has no scripts but
+//! for those of the view, which stands in a frame of its own. The same runs give the same bytes. Each section is a file of this
+//! module.
 
 mod colours;
 mod configuration;
@@ -16,6 +17,7 @@ mod setting;
 mod summary;
 mod time;
 mod views;
+mod walk;
 
 use std::path::Path;
 
@@ -47,24 +49,32 @@ pub struct Report {
     pub notes: Vec<String>,
 }
 
+/// What a report shows beside what is in the run folders.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Extras<'a> {
+    /// A run of the baseline on frames that the others did not have (all of them, and sharp): the page says how much of what
+    /// the baseline lacks to it the runs with events make up for.
+    pub oracle: Option<&'a RunFolder>,
+    /// The view of the runs as a page of one file.
+    pub view: Option<&'a str>,
+}
+
 /// Compares `runs` in one page at `out`. Differences are against the first run over the same dataset; runs over several
 /// datasets give a table by scene, and a part of the page for each.
-///
-/// An `oracle` is a run of the baseline on frames that the others did not have (all of them, and sharp): the page says how much
-/// of what the baseline lacks to it the runs with events make up for.
 ///
 /// What a run lacks (it was stopped, or not evaluated) is noted in the page; what is broken is an error.
 ///
 /// # Errors
 /// [`ReportError`].
-pub fn write_report(runs: &[RunFolder], oracle: Option<&RunFolder>, out: &Path) -> Result<Report, ReportError> {
+pub fn write_report(runs: &[RunFolder], extras: Extras<'_>, out: &Path) -> Result<Report, ReportError> {
     if runs.is_empty() {
         return Err(ReportError::NoRuns);
     }
     let mut scenes = load::load(runs)?;
-    let oracle = oracle.map(oracle::Oracle::read).transpose()?;
+    let oracle = extras.oracle.map(oracle::Oracle::read).transpose()?;
     let several = scenes.len() > 1;
     let mut body = if several { scenes::table(&scenes) } else { String::new() };
+    let mut view = extras.view;
     for scene in &mut scenes {
         if several {
             body += &scenes::heading(scene);
@@ -78,6 +88,8 @@ pub fn write_report(runs: &[RunFolder], oracle: Option<&RunFolder>, out: &Path) 
             curves::quality(scene),
             time::section(scene),
             side_by_side,
+            // One view, in the part of the first scene.
+            walk::section(scene, view.take()),
             events,
             views::section(scene),
             setting::left_out(scene),

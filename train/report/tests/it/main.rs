@@ -4,7 +4,7 @@ mod fake;
 
 use std::{fs, path::Path};
 
-use erfgs_report::{ReportError, write_report};
+use erfgs_report::{Extras, ReportError, write_report};
 use erfgs_run::{RunError, RunFolder};
 use fake::Kind;
 
@@ -20,7 +20,7 @@ fn compared(root: &Path) -> (Vec<RunFolder>, String) {
 
 fn page(runs: &[RunFolder], root: &Path) -> String {
     let out = root.join("report.html");
-    let report = write_report(runs, None, &out).unwrap();
+    let report = write_report(runs, Extras::default(), &out).unwrap();
     let page = fs::read_to_string(&out).unwrap();
     assert_eq!(page.len() as u64, report.bytes);
     assert_well_formed(&page);
@@ -61,15 +61,18 @@ fn an_oracle_tells_what_events_make_up_for() {
     assert!(!plain.contains(heading));
     let oracle = fake::write(&folder.path().join("all-frames"), &Kind { method: "4dgs", lag: 0.0, events: false });
     let out = folder.path().join("report.html");
-    write_report(&runs, Some(&oracle), &out).unwrap();
+    write_report(&runs, Extras { oracle: Some(&oracle), ..Extras::default() }, &out).unwrap();
     let page = fs::read_to_string(&out).unwrap();
     assert_well_formed(&page);
     // Between frames the fake runs have 18.1, 21.6 and 23.1 dB.
     assert!(page.contains(heading) && page.contains("all-frames") && page.contains(">70 %<"), "{heading}");
-    let report = write_report(&runs[..1], Some(&oracle), &out).unwrap();
+    let report = write_report(&runs[..1], Extras { oracle: Some(&oracle), ..Extras::default() }, &out).unwrap();
     assert!(report.notes.iter().any(|note| note.contains("says nothing here")), "{:?}", report.notes);
     fs::remove_file(oracle.metrics_file()).unwrap();
-    assert!(matches!(write_report(&runs, Some(&oracle), &out), Err(ReportError::Run(RunError::Missing { .. }))));
+    assert!(matches!(
+        write_report(&runs, Extras { oracle: Some(&oracle), ..Extras::default() }, &out),
+        Err(ReportError::Run(RunError::Missing { .. }))
+    ));
 }
 
 #[test]
@@ -178,13 +181,16 @@ fn markup_in_files_is_shown_and_not_run() {
 fn broken_input_is_an_error_that_names_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    assert!(matches!(write_report(&[], None, &out), Err(ReportError::NoRuns)));
+    assert!(matches!(write_report(&[], Extras::default(), &out), Err(ReportError::NoRuns)));
     let missing = RunFolder::new(folder.path().join("nowhere"));
-    assert!(matches!(write_report(&[missing], None, &out), Err(ReportError::Run(RunError::NotARun { .. }))));
+    assert!(matches!(
+        write_report(&[missing], Extras::default(), &out),
+        Err(ReportError::Run(RunError::NotARun { .. }))
+    ));
 
     let run = fake::write(&folder.path().join("run"), &BASELINE);
     fs::write(run.metrics_file(), "{\"psnr\": ").unwrap();
-    let message = write_report(std::slice::from_ref(&run), None, &out).unwrap_err().to_string();
+    let message = write_report(std::slice::from_ref(&run), Extras::default(), &out).unwrap_err().to_string();
     assert!(message.contains("metrics.json") && message.contains("erfgs eval"), "{message}");
     assert!(!out.exists(), "no half page is left");
 }

@@ -64,6 +64,8 @@ async function start() {
   if (link.has('t')) at(Number(link.get('t')) / seconds || 0);
   if (!free.read(link.get('free') ?? '')) choose(named(link.get('camera')) ?? header.cameras.find((camera) => camera.split === 'test') ?? header.cameras[0]);
   const remember = () => {
+    // Within another page, there is no address of its own.
+    if (location.protocol === 'about:') return;
     const place = state.camera ? { camera: state.camera.name } : { free: free.text() };
     history.replaceState(null, '', `#${new URLSearchParams({ t: (state.t01 * seconds).toFixed(4), ...place })}`);
   };
