@@ -14,7 +14,7 @@ use erfgs_recorder as record;
 use erfgs_recorder::{
     Input, Level, MachineFacts, Options, RecordConfig, Recorder, RigConfig, SessionFiles, SessionInfo, Status, Summary,
     folder_of,
-    live::{LiveOptions, LivePage, Monitor, MonitorOptions},
+    live::{LivePage, Monitor, MonitorOptions, PageOptions},
     preflight::{self, Finding, Plan, Verdict},
 };
 use erfgs_session::{container::Settings, source::Description};
@@ -63,6 +63,9 @@ pub struct Arguments {
     /// A name that the live page may be opened by, besides `localhost` and bare addresses.
     #[arg(long, value_name = "NAME", requires = "live")]
     live_name: Vec<String>,
+    /// Let every user of this machine see the live page, start, stop and download, without the token of its link.
+    #[arg(long, requires = "live")]
+    open: bool,
     /// Only show the cameras; record when the live page says so.
     #[arg(long, requires = "live")]
     wait: bool,
@@ -218,7 +221,7 @@ fn record_until_told(
     let stop = interrupt::stop_flag("the session is being completed")?;
     let page = match (arguments.live, listener) {
         (Some(address), Some(listener)) => {
-            let options = LiveOptions { address, names: arguments.live_name.clone() };
+            let options = PageOptions { address, names: arguments.live_name.clone(), open: arguments.open };
             Some(LivePage::serve_at(listener, Arc::clone(recorder), monitor, &options)?)
         }
         _ => None,

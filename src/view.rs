@@ -8,10 +8,11 @@ use std::{
     time::Duration,
 };
 
+use erfgs_page::serve::PageOptions;
 use erfgs_run::{PerView, RunFolder};
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::{metrics::to_bytes, trainer::Trainer};
-use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewOptions, ViewPage};
+use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewPage};
 use serde::Serialize;
 
 use crate::{
@@ -99,7 +100,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         bytes: model.scene.bytes.len(),
     });
     let served: Vec<ServedModel> = served.collect();
-    let options = ViewOptions { address: arguments.address, names: arguments.names.clone() };
+    let options = PageOptions { address: arguments.address, names: arguments.names.clone(), open: false };
     let (page, asks) = ViewPage::serve(models, None, &options)?;
     let stop = stop_flag("the page ends")?;
     let result = Served { link: page.url(), models: served };

@@ -8,13 +8,23 @@ use std::{
 
 use axum::{
     extract::{Request, State},
-    http::{HeaderMap, HeaderValue, Method, StatusCode, header},
+    http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
     middleware::Next,
     response::{IntoResponse, Response},
 };
 
-/// Name of the cookie that carries the token.
-const COOKIE: &str = "erfgs_token";
+use crate::serve::{PageError, PageOptions};
+
+/// Beginning of the name of the cookie that carries the token. The port follows: browsers tell hosts apart by cookies, not
+/// ports, and there may be a page at another one.
+const COOKIE: &str = "erfgs_token_";
+
+/// The name of the cookie of the page that is called `host`.
+fn cookie_of(host: &str) -> String {
+    let port = host.rsplit_once(':').map_or("", |(_, port)| port);
+    let port = if port.bytes().all(|byte| byte.is_ascii_digit()) && !port.is_empty() { port } else { "80" };
+    format!("{COOKIE}{port}")
+}
 
 /// A random secret of 128 bits, as 32 hexadecimal digits.
 #[derive(Clone, PartialEq, Eq)]
@@ -54,20 +64,24 @@ impl Token {
 /// The rules of one server.
 #[derive(Clone, Debug)]
 pub struct Access {
-    /// The secret; `None` where only this machine reaches the server.
+    /// The secret; `None` where every user of this machine may see the page.
     pub token: Option<Token>,
     /// Names that the server may be called by, besides `localhost` and bare addresses.
     pub names: Vec<String>,
 }
 
 impl Access {
-    /// The rules for a server at `address`: none but this machine's users without a token.
+    /// The rules for a server: who knows the token of its link, unless it is open to all users of this machine.
     ///
     /// # Errors
-    /// If a token is needed and cannot be drawn.
-    pub fn for_address(address: &SocketAddr, names: Vec<String>) -> Result<Self, getrandom::Error> {
-        let token = if address.ip().is_loopback() { None } else { Some(Token::random()?) };
-        Ok(Self { token, names })
+    /// [`PageError::Open`] if it would be open to the network, [`PageError::Token`] if no token can be drawn.
+    pub fn new(options: &PageOptions) -> Result<Self, PageError> {
+        let PageOptions { address, names, open } = options;
+        if *open && !address.ip().is_loopback() {
+            return Err(PageError::Open { address: *address });
+        }
+        let token = if *open { None } else { Some(Token::random().map_err(PageError::Token)?) };
+        Ok(Self { token, names: names.clone() })
     }
 
     /// The address to open of a server at `address`, with the token where one is needed.
@@ -101,11 +115,12 @@ impl Access {
             return Err((StatusCode::FORBIDDEN, "another site asks: refused"));
         }
         let Some(token) = &self.token else { return Ok(()) };
+        let cookie = cookie_of(host);
         let offered = [
             parameter(query, "token"),
             text(header::AUTHORIZATION).and_then(|value| value.strip_prefix("Bearer ")),
             text(header::COOKIE).and_then(|value| {
-                value.split(';').find_map(|part| part.trim().strip_prefix(COOKIE)?.strip_prefix('='))
+                value.split(';').find_map(|part| part.trim().strip_prefix(cookie.as_str())?.strip_prefix('='))
             }),
         ];
         if offered.into_iter().flatten().any(|offered| token.is(offered)) {
@@ -134,7 +149,8 @@ pub async fn guard(State(access): State<Arc<Access>>, request: Request, next: Ne
         Ok(()) => match (request.uri().path(), parameter(query, "token"), &access.token) {
             // The secret does not stay in the address bar, nor in the history.
             ("/", Some(_), Some(token)) => {
-                let cookie = format!("{COOKIE}={}; HttpOnly; SameSite=Strict; Path=/", token.reveal());
+                let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+                let cookie = format!("{}={}; HttpOnly; SameSite=Strict; Path=/", cookie_of(host), token.reveal());
                 let others: Vec<&str> = query.split('&').filter(|part| !part.starts_with("token=")).collect();
                 let place = if others.is_empty() { "/".to_owned() } else { format!("/?{}", others.join("&")) };
                 let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, place)];
@@ -154,6 +170,8 @@ pub async fn guard(State(access): State<Arc<Access>>, request: Request, next: Ne
              form-action 'none'; frame-ancestors 'none'; base-uri 'none'",
         ),
         (header::CACHE_CONTROL, "no-store"),
+        (HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
     }
@@ -182,17 +200,26 @@ mod tests {
         access.check(&method, &headers(pairs), query).map_or_else(|(code, _)| code.as_u16(), |()| 200)
     }
 
+    fn rules(address: &str, open: bool) -> Result<Access, PageError> {
+        Access::new(&PageOptions { address: address.parse().unwrap(), names: vec![], open })
+    }
+
     #[test]
-    fn loopback_needs_no_token_and_every_other_address_does() {
-        for (address, needs) in [
-            ("127.0.0.1:80", false),
-            ("[::1]:80", false),
-            ("0.0.0.0:80", true),
-            ("[::]:80", true),
-            ("192.168.1.5:80", true),
-        ] {
-            let access = Access::for_address(&address.parse().unwrap(), vec![]).unwrap();
-            assert_eq!(access.token.is_some(), needs, "{address}");
+    fn a_page_has_a_token_unless_it_is_open_to_this_machine_alone() {
+        for address in ["127.0.0.1:80", "[::1]:80", "0.0.0.0:80", "[::]:80", "192.168.1.5:80"] {
+            assert!(rules(address, false).unwrap().token.is_some(), "{address}");
+            let open = rules(address, true).map(|access| access.token);
+            let loopback = address.starts_with("127") || address.starts_with("[::1]");
+            assert!(if loopback { matches!(open, Ok(None)) } else { matches!(open, Err(PageError::Open { .. })) });
+        }
+    }
+
+    #[test]
+    fn pages_at_two_ports_keep_their_cookies_apart() {
+        assert_eq!(cookie_of("localhost:8100"), "erfgs_token_8100");
+        assert_eq!(cookie_of("[::1]:8200"), "erfgs_token_8200");
+        for host in ["localhost", "[::1]", "a:x"] {
+            assert_eq!(cookie_of(host), "erfgs_token_80");
         }
     }
 
@@ -223,18 +250,20 @@ mod tests {
 
     #[test]
     fn the_token_opens_by_address_header_or_cookie_and_nothing_else_does() {
-        let access = Access::for_address(&"0.0.0.0:80".parse().unwrap(), vec![]).unwrap();
+        let access = rules("0.0.0.0:80", false).unwrap();
         let token = access.token.clone().unwrap().reveal().to_owned();
         let ask = |pairs: &[(&str, &str)], query: &str| {
             code(&access, Method::GET, &[pairs, &[("host", "10.0.0.2:80")]].concat(), query)
         };
         assert_eq!(ask(&[], &format!("token={token}")), 200);
         assert_eq!(ask(&[("authorization", &format!("Bearer {token}"))], ""), 200);
-        assert_eq!(ask(&[("cookie", &format!("a=b; {COOKIE}={token}"))], ""), 200);
+        assert_eq!(ask(&[("cookie", &format!("a=b; {COOKIE}80={token}"))], ""), 200);
         for query in ["", "token=", "token=0", &format!("token={token}0"), &format!("nottoken={token}")] {
             assert_eq!(ask(&[], query), 401, "{query}");
         }
-        assert_eq!(ask(&[("cookie", &format!("{COOKIE}=wrong"))], ""), 401);
+        for cookie in [format!("{COOKIE}80=wrong"), format!("{COOKIE}81={token}")] {
+            assert_eq!(ask(&[("cookie", &cookie)], ""), 401, "{cookie}");
+        }
     }
 
     #[test]

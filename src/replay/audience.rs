@@ -10,7 +10,7 @@ use std::{
 
 use erfgs_recorder::{
     Input, MachineFacts, RecordConfig, Recorder, SessionInfo, folder_of,
-    live::{LiveOptions, LivePage, Monitor, MonitorOptions},
+    live::{LivePage, Monitor, MonitorOptions, PageOptions},
 };
 use erfgs_replay::{PlayedSource, Player};
 use erfgs_session::source::{Incident, Outlet, Packet, Source};
@@ -76,7 +76,7 @@ impl Audience {
         let page = LivePage::serve(
             Arc::clone(&recorder),
             monitor,
-            &LiveOptions { address, names: arguments.live_name.clone() },
+            &PageOptions { address, names: arguments.live_name.clone(), open: arguments.open },
         )?;
         Ok(Self::Live { recorder, page })
     }

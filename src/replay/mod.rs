@@ -59,6 +59,9 @@ pub struct Arguments {
     /// A name that the live page may be opened by, besides `localhost` and bare addresses.
     #[arg(long, value_name = "NAME", requires = "live")]
     live_name: Vec<String>,
+    /// Let every user of this machine see the live page, start, stop and download, without the token of its link.
+    #[arg(long, requires = "live")]
+    open: bool,
     #[command(flatten)]
     quick: quick::QuickOptions,
 }

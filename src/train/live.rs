@@ -10,9 +10,10 @@ use std::{
     time::{Duration, Instant},
 };
 
+use erfgs_page::serve::PageOptions;
 use erfgs_run::{LeftOut, RunFolder};
 use erfgs_train::trainer::{Outcome, Progress, TrainError, Trainer};
-use erfgs_view::{Ask, Learned, LiveTraining, Model, Precision, ViewOptions, ViewPage};
+use erfgs_view::{Ask, Learned, LiveTraining, Model, Precision, ViewPage};
 
 use crate::{terminal::Terminal, view};
 
@@ -53,7 +54,7 @@ impl Live {
         let scene = Learned::of(trainer)?.file(Precision::Packed);
         let model =
             Model { name: folder.name(), scene, dataset: Some(trainer.scene.dataset.clone()), errors: Vec::new() };
-        let options = ViewOptions { address, names: Vec::new() };
+        let options = PageOptions { address, names: Vec::new(), open: false };
         let (page, asks) = ViewPage::serve(vec![model], Some(Arc::clone(&training)), &options)?;
         terminal.note(format!("the training can be watched at {}", page.url()));
         let now = Instant::now();

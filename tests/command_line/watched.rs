@@ -73,8 +73,9 @@ fn a_training_is_watched_saved_and_stopped_from_its_page() {
 
     // Who does not know the token changes nothing, and another site's page neither.
     assert_eq!(page.ask("POST", "/api/training/stop", "", &[]).0, 401);
-    let (_, token) = page.parts();
-    let elsewhere = format!("Cookie: erfgs_token={token}\r\nOrigin: http://elsewhere.example\r\n");
+    let (host, token) = page.parts();
+    let port = host.rsplit(':').next().expect("a port");
+    let elsewhere = format!("Cookie: erfgs_token_{port}={token}\r\nOrigin: http://elsewhere.example\r\n");
     assert_eq!(page.ask("POST", "/api/training/stop", &elsewhere, &[]).0, 403);
     assert_eq!(page.known("POST", "/api/training/dance").0, 404);
     assert!(!folder.path("run/checkpoint.bin").exists());

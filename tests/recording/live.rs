@@ -35,7 +35,7 @@ impl Played {
     fn start(folder: &Path, session: &str, more: &[&str]) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_erfgs"))
             .current_dir(folder)
-            .args(["replay", session, "--live", "127.0.0.1:0", "--loop"])
+            .args(["replay", session, "--live", "127.0.0.1:0", "--open", "--loop"])
             .args(more)
             .stderr(Stdio::piped())
             .stdout(Stdio::null())

@@ -19,5 +19,5 @@ mod texts;
 pub mod training;
 
 pub use scene_file::{Learned, Precision, SceneFile};
-pub use server::{Ask, Compared, FrameError, Model, ViewError, ViewOptions, ViewPage};
+pub use server::{Ask, Compared, FrameError, Model, ViewPage};
 pub use training::LiveTraining;

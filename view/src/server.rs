@@ -1,15 +1,14 @@
 //! Where the page is served, and what the program that holds the runs does for it.
 
 use std::{
-    io,
     net::SocketAddr,
     sync::{Arc, Mutex, PoisonError, RwLock, mpsc},
 };
 
 use erfgs_dataset::Dataset;
 use erfgs_page::{
-    access::{Access, Token},
-    serve::Server,
+    access::Access,
+    serve::{PageError, PageOptions, Server},
 };
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::raster::View;
@@ -121,36 +120,6 @@ pub struct Compared {
     pub worst: u8,
 }
 
-/// How to serve.
-#[derive(Clone, Debug)]
-pub struct ViewOptions {
-    /// Address to listen at; port 0 takes any free one.
-    pub address: SocketAddr,
-    /// Names that the machine may be called by, besides `localhost` and bare addresses.
-    pub names: Vec<String>,
-}
-
-/// What keeps the page from being served.
-#[derive(Debug, thiserror::Error)]
-pub enum ViewError {
-    /// The address.
-    #[error(
-        "cannot serve the view at {address}: {source}. Choose another port with --address, or port 0 for any free one"
-    )]
-    Listen {
-        /// The address.
-        address: SocketAddr,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The rest of the system.
-    #[error("cannot start the view: {0}")]
-    Start(#[from] io::Error),
-    /// No random numbers.
-    #[error("cannot draw the token of the view: {0}")]
-    Token(getrandom::Error),
-}
-
 /// A page that is being served; ends when dropped.
 #[derive(Debug)]
 pub struct ViewPage {
@@ -163,16 +132,14 @@ impl ViewPage {
     /// the server comes over the channel.
     ///
     /// # Errors
-    /// If the address is taken, or the system refuses.
+    /// [`PageError`] if the address is taken, or the system refuses.
     pub fn serve(
         models: Vec<Model>,
         training: Option<Arc<LiveTraining>>,
-        options: &ViewOptions,
-    ) -> Result<(Self, mpsc::Receiver<Ask>), ViewError> {
-        let failed = |source| ViewError::Listen { address: options.address, source };
-        let listener = Server::listen(options.address).map_err(failed)?;
-        let token = Token::random().map_err(ViewError::Token)?;
-        let access = Arc::new(Access { token: Some(token), names: options.names.clone() });
+        options: &PageOptions,
+    ) -> Result<(Self, mpsc::Receiver<Ask>), PageError> {
+        let listener = Server::listen(options.address)?;
+        let access = Arc::new(Access::new(options)?);
         let (asks, asked) = mpsc::channel();
         let models = models.into_iter().map(Shown::new).collect();
         let site = Arc::new(Site { models, asks, compared: Mutex::default(), access, training });

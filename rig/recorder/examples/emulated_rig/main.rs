@@ -30,7 +30,7 @@ use erfgs_hardware_mocks::usb::{
 };
 use erfgs_recorder::{
     Input, MachineFacts, Options, Recorder, RigConfig, SessionFiles, SessionInfo, folder_of,
-    live::{LiveOptions, LivePage, Monitor, MonitorOptions},
+    live::{LivePage, Monitor, MonitorOptions, PageOptions},
     open_on,
 };
 use erfgs_rig::{host_time::host_ns, usb::Bus};
@@ -104,7 +104,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         subscriber: Some(Arc::clone(&monitor) as _),
     };
     let recorder = Arc::new(Recorder::new(inputs, options)?);
-    let page = LivePage::serve(Arc::clone(&recorder), monitor, &LiveOptions { address, names: Vec::new() })?;
+    let page =
+        LivePage::serve(Arc::clone(&recorder), monitor, &PageOptions { address, names: Vec::new(), open: true })?;
     eprintln!("live page: {}", page.url());
     recorder.start_recording(&out)?;
     recorder.start_sources()?;

@@ -13,7 +13,8 @@ mod picture;
 mod routes;
 mod server;
 
+pub use erfgs_page::serve::{PageError, PageOptions};
 pub use files::{NameError, RecordingFile, recordings};
 pub use guide::{Guidance, Guide};
 pub use monitor::{Monitor, MonitorOptions};
-pub use server::{LiveError, LiveOptions, LivePage};
+pub use server::LivePage;

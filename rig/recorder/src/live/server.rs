@@ -1,46 +1,20 @@
 //! Where the page is served.
 
 use std::{
-    io,
     net::{SocketAddr, TcpListener},
     sync::Arc,
 };
 
-use erfgs_page::{access::Access, serve::Server};
+use erfgs_page::{
+    access::Access,
+    serve::{PageError, PageOptions, Server},
+};
 
 use super::{
     monitor::Monitor,
     routes::{self, Site},
 };
 use crate::Recorder;
-
-/// How to serve.
-#[derive(Clone, Debug)]
-pub struct LiveOptions {
-    /// Address to listen at; port 0 takes any free one.
-    pub address: SocketAddr,
-    /// Names that the machine may be called by, besides `localhost` and bare addresses.
-    pub names: Vec<String>,
-}
-
-/// What keeps the page from being served.
-#[derive(Debug, thiserror::Error)]
-pub enum LiveError {
-    /// The address.
-    #[error("cannot serve the live page at {address}: {source}. Choose another port, or 0 for any free one")]
-    Listen {
-        /// The address.
-        address: SocketAddr,
-        /// What the system says.
-        source: io::Error,
-    },
-    /// The rest of the system.
-    #[error("cannot start the live page: {0}")]
-    Start(#[from] io::Error),
-    /// No random numbers.
-    #[error("cannot draw the token of the live page: {0}")]
-    Token(getrandom::Error),
-}
 
 /// A page that is being served; ends when dropped.
 pub struct LivePage {
@@ -54,15 +28,15 @@ impl LivePage {
     ///
     /// # Errors
     /// If the address is taken, or the system refuses.
-    pub fn listen(address: SocketAddr) -> Result<TcpListener, LiveError> {
-        Server::listen(address).map_err(|source| LiveError::Listen { address, source })
+    pub fn listen(address: SocketAddr) -> Result<TcpListener, PageError> {
+        Server::listen(address)
     }
 
     /// Starts to serve.
     ///
     /// # Errors
     /// If the address is taken, or the system refuses.
-    pub fn serve(recorder: Arc<Recorder>, monitor: Arc<Monitor>, options: &LiveOptions) -> Result<Self, LiveError> {
+    pub fn serve(recorder: Arc<Recorder>, monitor: Arc<Monitor>, options: &PageOptions) -> Result<Self, PageError> {
         Self::serve_at(Self::listen(options.address)?, recorder, monitor, options)
     }
 
@@ -74,10 +48,9 @@ impl LivePage {
         listener: TcpListener,
         recorder: Arc<Recorder>,
         monitor: Arc<Monitor>,
-        options: &LiveOptions,
-    ) -> Result<Self, LiveError> {
-        let access = Access::for_address(&options.address, options.names.clone()).map_err(LiveError::Token)?;
-        let access = Arc::new(access);
+        options: &PageOptions,
+    ) -> Result<Self, PageError> {
+        let access = Arc::new(Access::new(options)?);
         let site = Arc::new(Site { recorder, monitor, access: Arc::clone(&access) });
         Ok(Self { server: Server::start(listener, routes::router(site), "live page")?, access })
     }

@@ -11,7 +11,7 @@ use std::{
 
 use erfgs_recorder::{
     Input, Options, Pattern, PatternConfig, PatternKind, Recorder, SessionFiles, SessionInfo,
-    live::{LiveOptions, LivePage, Monitor, MonitorOptions},
+    live::{LivePage, Monitor, MonitorOptions, PageOptions},
 };
 
 /// An answer of the server.
@@ -77,7 +77,8 @@ fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
     };
     let recorder = Arc::new(Recorder::new(inputs, options).unwrap());
     recorder.start_sources().unwrap();
-    let options = LiveOptions { address: address.parse().unwrap(), names: Vec::new() };
+    let options =
+        PageOptions { address: address.parse().unwrap(), names: Vec::new(), open: address.starts_with("127") };
     let page = LivePage::serve(Arc::clone(&recorder), monitor, &options).unwrap();
     (recorder, page)
 }
@@ -200,7 +201,7 @@ fn other_sites_and_other_names_are_refused() {
 }
 
 #[test]
-fn other_machines_need_the_token_for_everything() {
+fn who_has_no_token_gets_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (_recorder, page) = serve(folder.path(), "0.0.0.0:0");
     let address = page.address();
@@ -216,7 +217,7 @@ fn other_machines_need_the_token_for_everything() {
     let answer = get(address, &format!("/?token={token}"));
     assert!(answer.code == 303 && answer.head.contains("location: /\r\n"), "{}", answer.head);
     assert!(answer.head.contains("httponly") && answer.head.contains("samesite=strict"), "{}", answer.head);
-    let cookie = format!("erfgs_token={token}");
+    let cookie = format!("erfgs_token_{}={token}", address.port());
     assert_eq!(ask(address, "GET", "/", &[("cookie", &cookie)], "").code, 200);
     assert_eq!(ask(address, "GET", "/api/status", &[("cookie", &cookie)], "").code, 200);
 }
