@@ -152,6 +152,7 @@ fn info(rig: &RigConfig, findings: &[Finding]) -> SessionInfo {
     let warnings = findings.iter().filter(|finding| finding.verdict > Verdict::Good);
     SessionInfo {
         rig: rig.name.clone(),
+        replay: false,
         configuration: rig.text.clone(),
         program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).into(),
         machine: MachineFacts::gather(),

@@ -6,7 +6,7 @@
 //! | DAVIS | bits 31 and 10 are 0 | bits 12 to 21 | bits 22 to 30 | bit 11, 1 = ON |
 //! | DVS128 | bit 15 is 0 | bits 1 to 7 | bits 8 to 14 | bit 0, 0 = ON |
 //!
-//! jAER counts rows from the bottom and, for the DVS128, columns from the right; here rows count from the top and columns
+//! The file counts rows from the bottom and columns from the right (jAER, and v2e's files); here rows count from the top and columns
 //! from the left. Samples of frames and of the inertial unit (bit 31) are skipped. On a DAVIS, bit 10 alone marks an edge
 //! of the external input (its direction is not recorded).
 
@@ -16,6 +16,9 @@ use super::{
     stage::Stage,
     state::{BitReader, BitWriter},
 };
+
+/// The last line of a header, where there is one, in small letters.
+const LAST_LINE: &str = "end of ascii header";
 
 /// The chip whose addresses a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +63,10 @@ impl Aedat2Chip {
             }
             let (key, value) = text.split_once(':').unwrap_or((&text, ""));
             fields.push((key.trim().to_owned(), value.trim().to_owned()));
+            // The first address may begin with the byte of a `#`.
+            if name == LAST_LINE {
+                break;
+            }
         }
         (chip, fields, at)
     }
@@ -141,7 +148,8 @@ impl Aedat2Decoder {
             }
             Aedat2Chip::Davis(size) => {
                 let (x, y) = ((address >> 12 & 0x3FF) as u16, (address >> 22 & 0x1FF) as u16);
-                (x, size.height.wrapping_sub(1 + y), address >> 11 & 1 == 1)
+                // What is beyond an edge wraps to far beyond the other.
+                (size.width.wrapping_sub(1 + x), size.height.wrapping_sub(1 + y), address >> 11 & 1 == 1)
             }
             Aedat2Chip::Dvs128 if address >> 15 != 0 => {
                 self.stage.flush(sink);

@@ -128,7 +128,7 @@ impl EventFile {
         let (format, size, header, body) = match &head[..] {
             _ if extension == "dat" => dat(path, &head)?,
             [b'%', b' ', ..] => raw(path, &head)?,
-            _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &head)?,
+            _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &mut file, head)?,
             #[cfg(not(feature = "aedat4"))]
             _ if head.starts_with(b"#!AER-DAT4.") => {
                 return Err(unknown("it is AEDAT 4, without which erfgs-events was built (feature `aedat4`)"));
@@ -228,8 +228,31 @@ fn dat(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
     Ok((EventFormat::Dat(format), format.size, header.fields, body))
 }
 
-fn aedat2(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
-    let (chip, header, body) = Aedat2Chip::parse(head);
+/// jAER writes all of its preferences into the header: the longest that is read.
+const AEDAT2_HEADER_MOST: usize = 16 << 20;
+
+fn aedat2(path: &Path, file: &mut File, mut head: Vec<u8>) -> Result<Head, EventFileError> {
+    let (chip, header, body) = loop {
+        let parsed = Aedat2Chip::parse(&head);
+        // A line that is not over may go on in what was not read yet.
+        let is_over = head.get(parsed.2).is_some_and(|&byte| byte != b'#');
+        if is_over {
+            break parsed;
+        }
+        let offset = head.len();
+        if offset > AEDAT2_HEADER_MOST {
+            return Err(malformed(path, 0, format!("its header does not end within {AEDAT2_HEADER_MOST} bytes")));
+        }
+        let more = file.take(offset as u64).read_to_end(&mut head).map_err(|source| EventFileError::Io {
+            doing: "read",
+            path: path.to_owned(),
+            offset: offset as u64,
+            source,
+        })?;
+        if more == 0 {
+            break parsed;
+        }
+    };
     let chip = chip.ok_or_else(|| {
         let what = "it names no chip that is known; add a line `# AEChip: eu.seebetter.ini.chips.davis.Davis346B` (or \
                     DAVIS240C, DVS128) after the first";

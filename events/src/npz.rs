@@ -2,7 +2,7 @@
 
 use std::{
     fs::File,
-    io::{BufReader, Read, Seek, Write},
+    io::{BufReader, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
 };
 
@@ -83,16 +83,32 @@ impl LumaSequence {
 struct Archive<'a, R> {
     path: &'a Path,
     zip: ZipArchive<R>,
+    /// Bytes that its arrays may still unpack to.
+    room: u64,
+    /// The same at the beginning.
+    most: u64,
 }
+
+/// What an archive may unpack to: so many bytes, and so many more for each of its own. Events pack to a twentieth; what packs to
+/// a thousandth was made to fill memory.
+const ROOM: u64 = 256 << 20;
+const ROOM_FOR_EACH: u64 = 64;
 
 fn open(path: &Path) -> Result<BufReader<File>, NpzError> {
     Ok(BufReader::new(File::open(path).map_err(FileError::when("read", path))?))
 }
 
 impl<'a, R: Read + Seek> Archive<'a, R> {
-    fn new(file: R, path: &'a Path) -> Result<Self, NpzError> {
+    fn new(mut file: R, path: &'a Path) -> Result<Self, NpzError> {
+        let length = file.seek(SeekFrom::End(0)).map_err(FileError::when("read", path))?;
+        let room = ROOM.saturating_add(length.saturating_mul(ROOM_FOR_EACH));
+        Self::with_room(file, path, room)
+    }
+
+    /// An archive that may unpack to `most` bytes.
+    fn with_room(file: R, path: &'a Path, most: u64) -> Result<Self, NpzError> {
         let zip = ZipArchive::new(file).map_err(|source| NpzError::Archive { path: path.to_owned(), source })?;
-        Ok(Self { path, zip })
+        Ok(Self { path, zip, room: most, most })
     }
 
     /// The first array of `names` that there is, with its name.
@@ -104,11 +120,18 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
                 file => file.map_err(archive)?,
             };
             let mut bytes = Vec::new();
-            file.read_to_end(&mut bytes).map_err(|source| NpzError::Archive {
-                path: self.path.to_owned(),
-                source: zip::result::ZipError::Io(source),
-            })?;
+            let unpacked = (&mut file).take(self.room + 1).read_to_end(&mut bytes);
+            let unpacked = unpacked.map_err(|source| archive(zip::result::ZipError::Io(source)))? as u64;
             drop(file);
+            let Some(room) = self.room.checked_sub(unpacked) else {
+                let what = format!(
+                    "its arrays unpack to more than {} bytes, which no recording of that size does; unpack it yourself if \
+                     you know where it comes from",
+                    self.most
+                );
+                return Err(self.content(what));
+            };
+            self.room = room;
             let array = NpyArray::decode(&bytes).map_err(|source| self.array(name, source))?;
             return Ok(Some((name, array)));
         }
@@ -156,8 +179,8 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
 
 /// Reads events: arrays `t` or `t_us` (microseconds, any integer type), `x`, `y`, `p` (1 = ON; 0 or -1 = OFF).
 ///
-/// `size` is the sensor's width and height in pixels; without it the archive must hold `width` and `height`, as those
-/// that [`write_events`] makes do. Where both are there, they must agree.
+/// `size` is the sensor's width and height in pixels; without it, what `width` and `height` of the archive say, which those
+/// that [`write_events`] makes hold; without these, the least that holds all events. Where both are there, they must agree.
 ///
 /// # Errors
 /// If the file is missing, cut short or malformed, the columns differ in length, times decrease, or an event lies
@@ -176,20 +199,15 @@ pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 
         (Some(width), Some(height)) => Some([width, height]),
         _ => None,
     };
-    let [width, height] = match (size, stored) {
-        (Some(size), Some(stored)) if size != stored => {
-            let what = format!(
-                "the events are of a sensor of {} x {} pixels, but one of {} x {} is named; correct the camera's size",
-                stored[0], stored[1], size[0], size[1]
-            );
-            return Err(archive.content(what));
-        }
-        (Some(size), _) | (None, Some(size)) => size,
-        (None, None) => {
-            let what = "the sensor's size is unknown: there are no arrays `width` and `height`; name the size";
-            return Err(archive.content(what.to_owned()));
-        }
-    };
+    if let (Some(size), Some(stored)) = (size, stored)
+        && size != stored
+    {
+        let what = format!(
+            "the events are of a sensor of {} x {} pixels, but one of {} x {} is named; correct the camera's size",
+            stored[0], stored[1], size[0], size[1]
+        );
+        return Err(archive.content(what));
+    }
     let t_us: Vec<i64> = archive.column(&["t", "t_us"], "`t` or `t_us`", "the 64-bit range")?;
     let x: Vec<u16> = archive.column(&["x"], "`x`", "0..=65535")?;
     let y: Vec<u16> = archive.column(&["y"], "`y`", "0..=65535")?;
@@ -202,6 +220,13 @@ pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 
         let what = format!("times decrease from {} to {} µs at event {}; sort them", t_us[at], t_us[at + 1], at + 1);
         return Err(archive.content(what));
     }
+    let largest = |column: &[u16]| column.iter().max().map(|&address| u32::from(address) + 1);
+    let needed = largest(&x).zip(largest(&y)).map(|(width, height)| [width, height]);
+    let Some([width, height]) = size.or(stored).or(needed) else {
+        let what =
+            "the sensor's size is unknown: there are neither arrays `width` and `height` nor events; name the size";
+        return Err(archive.content(what.to_owned()));
+    };
     let outside = |(&x, &y): (&u16, &u16)| u32::from(x) >= width || u32::from(y) >= height;
     if let Some(at) = x.iter().zip(&y).position(outside) {
         let what = format!(
@@ -316,6 +341,38 @@ mod tests {
     }
 
     #[test]
+    fn events_without_a_size_get_the_least_that_holds_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npz");
+        let columns = |count: u16| {
+            let array = |scale: u16| npy::encode(&[count.into()], (0..count).map(move |k| k * scale));
+            [("t", array(1)), ("x", array(4)), ("y", array(2)), ("p", array(0))]
+        };
+        write(&path, &columns(10)).unwrap();
+        let events = read_events(&path, None).unwrap();
+        assert_eq!((events.width, events.height, events.len()), (37, 19, 10));
+        assert!(read_events(&path, Some([36, 19])).is_err(), "an event lies outside");
+        write(&path, &columns(0)).unwrap();
+        assert!(read_events(&path, None).unwrap_err().to_string().contains("name the size"));
+    }
+
+    #[test]
+    fn an_archive_that_was_made_to_fill_memory_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bomb.npz");
+        let zeros = npy::encode(&[1 << 20], std::iter::repeat_n(0_u8, 1 << 20));
+        write(&path, &[("t", zeros.clone()), ("x", zeros)]).unwrap();
+        let need = |most: u64| {
+            let mut archive = Archive::with_room(open(&path).unwrap(), &path, most)?;
+            archive.need(&["t"], "`t`")?;
+            archive.need(&["x"], "`x`")
+        };
+        assert!(need(3 << 20).is_ok());
+        let said = need(2 << 20).unwrap_err().to_string();
+        assert!(said.contains("unpack to more than") && said.contains("bomb.npz"), "{said}");
+    }
+
+    #[test]
     fn writing_twice_gives_the_same_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let [a, b] = ["a.npz", "b.npz"].map(|name| folder.path().join(name));
@@ -370,7 +427,6 @@ mod tests {
         let column = |name, length| (name, npy::encode(&[length], vec![1_u8; length].into_iter()));
         write(&path, &[column("t", 3), column("x", 3), column("y", 2), column("p", 3)]).unwrap();
         assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("[3, 3, 2, 3]"));
-        assert!(read_events(&path, None).unwrap_err().to_string().contains("size is unknown"));
         write(&path, &[column("t", 3), column("x", 3), column("p", 3)]).unwrap();
         assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("no array `y`"));
         write(&path, &[column("t", 1), column("x", 1), column("y", 1), ("p", npy::encode(&[1], [2_u8].into_iter()))])

@@ -66,6 +66,7 @@ impl Audience {
         let name = session.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let info = SessionInfo {
             rig: name,
+            replay: true,
             configuration: summary.rig.clone().unwrap_or_default(),
             program: concat!("erfgs ", env!("CARGO_PKG_VERSION"), " replay").into(),
             machine: MachineFacts::gather(),

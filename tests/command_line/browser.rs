@@ -66,10 +66,12 @@ impl Browser {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression on the page is true.
+    /// Waits until an expression on the page is true. What cannot be evaluated yet, for the page is not there or not whole, is not.
     pub fn wait(&mut self, expression: &str) {
         let until = Instant::now() + PATIENCE;
-        while self.evaluate(&format!("Boolean({expression})")) != json!(true) {
+        let tried = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
+        let parameters = json!({ "expression": tried, "returnByValue": true });
+        while !self.ask("Runtime.evaluate", &parameters).is_ok_and(|answer| answer["result"]["value"] == json!(true)) {
             if Instant::now() > until {
                 let text = self.evaluate("document.body.innerText");
                 panic!("{expression} does not come true; the page says {text}");
@@ -85,8 +87,13 @@ impl Browser {
         image::load_from_memory(&png).expect("a PNG").to_rgb8()
     }
 
-    /// Calls a method of the DevTools protocol and gives its result.
+    /// Calls a method of the DevTools protocol, which must succeed, and gives its result.
     fn call(&mut self, method: &str, parameters: &Value) -> Value {
+        self.ask(method, parameters).unwrap_or_else(|error| panic!("{method}: {error}"))
+    }
+
+    /// Calls a method of the DevTools protocol and gives its result, or what the browser says against it.
+    fn ask(&mut self, method: &str, parameters: &Value) -> Result<Value, Value> {
         self.calls += 1;
         let mut message = json!({ "id": self.calls, "method": method, "params": parameters });
         if let Some(session) = &self.session {
@@ -100,8 +107,8 @@ impl Browser {
             let answer: Value = serde_json::from_slice(&answer[..bytes - 1]).expect("JSON");
             // Between answers it tells of events.
             if answer["id"] == self.calls {
-                assert!(answer["error"].is_null(), "{method}: {answer}");
-                return answer["result"].clone();
+                let error = &answer["error"];
+                return if error.is_null() { Ok(answer["result"].clone()) } else { Err(error.clone()) };
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The program as its user meets it: whole pipelines, resuming, and what it says about bad input.
 
-mod browser;
+pub mod browser;
 mod calibrate;
 mod colours;
 mod events;

@@ -18,7 +18,10 @@ use erfgs_session::{
     source::{Encoding, Packet},
 };
 
-use crate::recording::{files::description, rig::recorded};
+use crate::{
+    command_line::browser::Browser,
+    recording::{files::description, rig::recorded},
+};
 
 #[path = "../../calibrate/tests/it/common/blinking.rs"]
 mod blinking;
@@ -91,6 +94,19 @@ fn a_recording_is_shown_on_the_live_page() {
     });
     assert!(shows, "no picture of the camera");
     assert_eq!(page.status()["guidance"], serde_json::json!([]));
+    // By its pixels: previews in their own shape, and rates that are drawn.
+    let mut browser = Browser::start();
+    browser.open(&format!("http://{}/", page.address));
+    browser.wait(
+        "[...document.querySelectorAll('.view img')].some((image) => image.naturalWidth > 0 && \
+         Math.abs(image.clientWidth / image.clientHeight - image.naturalWidth / image.naturalHeight) < 0.05)",
+    );
+    browser.wait(
+        "[...document.querySelectorAll('.spark')].some((canvas) => canvas.width > 0 && \
+         canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0))",
+    );
+    browser.wait("document.getElementById('link').textContent.includes('replay') && document.title.includes('replay')");
+    browser.wait("[...document.querySelectorAll('.badge')].some((badge) => badge.textContent === 'replay')");
 }
 
 /// The left pictures of a chessboard, five a second.

@@ -131,6 +131,32 @@ fn dat_of_version_1_and_triggers_are_read() {
 }
 
 #[test]
+fn a_header_of_aedat_2_may_be_longer_than_events_and_ends_where_it_says() {
+    let folder = Folder::new();
+    let mut header = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.Davis346B\r\n".to_vec();
+    // jAER's preferences; among them a line that looks like pairs of words.
+    for line in 0..3000 {
+        header.extend(format!("# preference {line} {}\r\n", "x".repeat(60)).bytes());
+    }
+    header.extend(b"#End Of ASCII Header\r\n");
+    assert!(header.len() > 200_000);
+    // The first address begins with the byte of a `#`, and a line's end follows.
+    let address = u32::from_be_bytes([b'#', 0x40, 0x08, 0x00]);
+    let pairs = [address.to_be_bytes(), 10_u32.to_be_bytes()].concat();
+    let (file, columns, anomalies) = read(&folder.write("a.aedat", &[header.clone(), pairs].concat()));
+    assert_eq!((file.body as usize, columns.len()), (header.len(), 1));
+    assert_eq!((columns.t_us[0], columns.on[0]), (10, true));
+    assert_eq!(
+        (columns.x[0], columns.y[0]),
+        (345 - (address >> 12 & 0x3ff) as u16, 259 - (address >> 22 & 0x1ff) as u16)
+    );
+    assert!(anomalies.is_empty());
+    let endless = [b"#!AER-DAT2.0\r\n".to_vec(), b"# no end\r\n".repeat(2 << 20)].concat();
+    let said = EventFile::open(&folder.write("b.aedat", &endless)).unwrap_err().to_string();
+    assert!(said.contains("does not end within"), "{said}");
+}
+
+#[test]
 fn what_is_no_event_file_is_named_with_a_remedy() {
     let folder = Folder::new();
     let message = |name: &str, bytes: &[u8]| EventFile::open(&folder.write(name, bytes)).unwrap_err().to_string();

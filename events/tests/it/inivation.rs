@@ -254,7 +254,7 @@ fn aedat2_addresses_are_turned_to_the_top_left() {
     let bytes: Vec<u8> =
         words::AEDAT2.iter().flat_map(|&(address, t)| [address, t]).flat_map(u32::to_be_bytes).collect();
     let (columns, anomalies) = decode(Aedat2Decoder::new(davis), &bytes, &[]);
-    let expected = [event(10, 3, 0, true), event(0x7FFF_FFFF, 345, 259, false)];
+    let expected = [event(10, 342, 0, true), event(0x7FFF_FFFF, 0, 259, false)];
     assert_eq!(columns.iter().collect::<Vec<_>>(), expected);
     assert_eq!(columns.edges, [Edge { t_us: (1 << 31) + 5, channel: 0, rising: true }]);
     assert_eq!(anomalies, Anomalies { outside: 1, ..Anomalies::default() });

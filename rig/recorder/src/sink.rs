@@ -16,6 +16,8 @@ use super::status::Status;
 pub struct SessionInfo {
     /// Name of the rig.
     pub rig: String,
+    /// Whether a recording is played, and no camera is there.
+    pub replay: bool,
     /// The configuration that the rig was opened with, as TOML.
     pub configuration: String,
     /// The program and its version.

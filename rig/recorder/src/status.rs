@@ -185,6 +185,8 @@ impl Summary {
 pub struct Status {
     /// Name of the rig.
     pub rig: String,
+    /// Whether a recording is played, and no camera is there.
+    pub replay: bool,
     /// Host time, nanoseconds.
     pub host_ns: i64,
     /// The recording that runs, if one does.

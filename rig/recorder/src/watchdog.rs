@@ -82,6 +82,7 @@ pub(super) fn refresh(shared: &Shared) {
     let arriving: f64 = streams.iter().map(|stream| stream.bytes_per_s).sum();
     let mut status = Status {
         rig: shared.options.info.rig.clone(),
+        replay: shared.options.info.replay,
         host_ns: host_ns(),
         recording: recording.as_mut().map(super::recorder::RunningRecording::status),
         finishing: lock(&shared.finishing).clone(),

@@ -122,7 +122,7 @@ pub enum Backend {
 /// What becomes of a quantity that cameras set by themselves. Training needs frames of one look, so that the default is
 /// to hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "\"hold\", \"auto\" or a number is needed")]
 pub enum Lock {
     /// Held as it is, or left to the camera.
     Named(NamedLock),
@@ -160,6 +160,8 @@ mod tests {
         assert_eq!(config.raw, None);
         assert!(config.check().is_ok());
         assert!(serde_json::from_str::<FrameConfig>(r#"{"exposure": 5000}"#).is_err());
+        let word = serde_json::from_str::<FrameConfig>(r#"{"exposure_us": "fast"}"#).unwrap_err().to_string();
+        assert!(word.contains("\"hold\", \"auto\" or a number is needed"), "{word}");
         let unknown = serde_json::from_str::<FrameConfig>(r#"{"format": "evt3"}"#).unwrap_err().to_string();
         assert!(unknown.contains("no format \"evt3\"; there are mjpeg") && unknown.contains("rggb10p"), "{unknown}");
 

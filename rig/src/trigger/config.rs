@@ -38,7 +38,7 @@ impl Default for TriggerConfig {
 
 /// What an LED does.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "\"on\", \"off\" or a number of periods a second is needed")]
 pub enum Led {
     /// It is dark or lit.
     Switch(Switch),

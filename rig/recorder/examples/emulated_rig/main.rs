@@ -92,6 +92,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = Options {
         info: SessionInfo {
             rig: rig.name.clone(),
+            replay: false,
             configuration: rig.text.clone(),
             program: "emulated_rig".into(),
             machine: MachineFacts::gather(),

@@ -23,7 +23,7 @@ use super::{
     guide::Guidance,
     monitor::{Look, Monitor},
 };
-use crate::{Level, RecordError, Recorder, Status};
+use crate::{Level, RecordError, Recorder, SinkError, Status};
 
 /// Between two sets of numbers.
 const TICK: Duration = Duration::from_millis(250);
@@ -126,7 +126,9 @@ async fn start(State(site): Shared, Json(asked): Json<Start>) -> Response {
     let started = blocking(move || site.recorder.start_recording(&path)).await;
     match started {
         Some(Ok(())) => Json(serde_json::json!({ "started": true })).into_response(),
-        Some(Err(error @ RecordError::Busy(_))) => refuse(StatusCode::CONFLICT, &error.to_string()),
+        Some(Err(error @ (RecordError::Busy(_) | RecordError::Sink(SinkError::Exists(_))))) => {
+            refuse(StatusCode::CONFLICT, &error.to_string())
+        }
         Some(Err(error)) => refuse(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
         None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
     }

@@ -91,24 +91,29 @@ fn speed(measured: io::Result<f64>, rates: &Rates, folder: &Path) -> Finding {
 fn room(plan: &Plan<'_>, rates: &Rates) -> Finding {
     const CHECK: &str = "disk space";
     let free = match host::disk_space(plan.folder) {
-        Ok(space) => space.free.saturating_sub(plan.reserve_bytes),
+        Ok(space) => space.free,
         Err(error) => {
             let says = format!("cannot ask for the room in '{}': {error}", plan.folder.display());
             return Finding::warning(CHECK, says, "look at it by hand");
         }
     };
-    room_for(free, plan.duration, rates)
+    room_for(free, plan.reserve_bytes, plan.duration, rates)
 }
 
-fn room_for(free: u64, duration: Option<Duration>, rates: &Rates) -> Finding {
+fn room_for(on_disk: u64, reserve: u64, duration: Option<Duration>, rates: &Rates) -> Finding {
     const CHECK: &str = "disk space";
+    let free = on_disk.saturating_sub(reserve);
     let minutes = |rate: f64| free as f64 / rate.max(1.0) / 60.0;
     let says = format!(
-        "{:.1} GB are free: about {:.0} minutes, {:.0} while everything moves",
-        free as f64 / 1e9,
+        "{:.1} GB are free, {:.1} of which are held in reserve: about {:.0} minutes, {:.0} while everything moves",
+        on_disk as f64 / 1e9,
+        reserve as f64 / 1e9,
         minutes(rates.steady),
         minutes(rates.peak)
     );
+    if reserve >= on_disk {
+        return Finding::refusal(CHECK, says, "make the reserve smaller, free some space, or record to another disk");
+    }
     let wanted = duration.map_or(60.0, |duration| duration.as_secs_f64());
     if (free as f64) < wanted * rates.steady {
         Finding::refusal(CHECK, says, "free some space, record to another disk, or record for a shorter time")
@@ -139,11 +144,13 @@ mod tests {
     #[test]
     fn room_is_judged_by_how_long_the_recording_lasts() {
         let verdict =
-            |gb: u64, seconds| room_for(gb * 1_000_000_000, Some(Duration::from_secs(seconds)), &RATES).verdict;
+            |gb: u64, seconds| room_for(gb * 1_000_000_000, 0, Some(Duration::from_secs(seconds)), &RATES).verdict;
         assert_eq!(verdict(10, 120), Verdict::Refusal);
         assert_eq!(verdict(20, 120), Verdict::Warning);
         assert_eq!(verdict(40, 120), Verdict::Good);
-        assert!(room_for(12_000_000_000, None, &RATES).says.contains("about 2 minutes"));
+        assert!(room_for(12_000_000_000, 0, None, &RATES).says.contains("about 2 minutes"));
+        let all = room_for(77_000_000_000, 100_000_000_000, None, &RATES);
+        assert!(all.verdict == Verdict::Refusal && all.says.contains("77.0 GB are free"), "{}", all.says);
     }
 
     #[test]

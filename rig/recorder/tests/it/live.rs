@@ -149,7 +149,7 @@ fn recordings_start_and_stop_from_the_page_and_stay_in_their_folder() {
     wait_until("packets", || recorder.status().streams.iter().all(|stream| stream.written > 0));
     let summary = post(address, "/api/stop", "{}");
     assert_eq!((summary.code, &summary.json()["failure"]), (200, &serde_json::Value::Null));
-    assert_eq!(post(address, "/api/start", "{\"name\": \"take\"}").code, 500, "recordings are never overwritten");
+    assert_eq!(post(address, "/api/start", "{\"name\": \"take\"}").code, 409, "recordings are never overwritten");
     let listed = get(address, "/api/recordings").json();
     assert_eq!(listed[0]["name"], "take.mcap");
     let downloaded = get(address, "/recordings/take.mcap");

@@ -43,6 +43,9 @@ const STATES = {
   stalled: ['no data', 'warn dim'], lost: ['lost', 'bad dim'],
 };
 
+// Whether a recording is played, and no camera is there.
+let replayed = false;
+
 function card(stream) {
   let found = cards.get(stream.id);
   if (found) return found;
@@ -53,6 +56,8 @@ function card(stream) {
   node.querySelector('.model').title = model;
   const image = node.querySelector('img');
   image.alt = `preview of ${stream.id}`;
+  // The view takes the shape of its picture.
+  image.addEventListener('load', () => { node.querySelector('.view').style.aspectRatio = `${image.naturalWidth} / ${image.naturalHeight}`; });
   found = { node, image, version: 0, loading: false, history: [], rows: new Map(), visible: true };
   new IntersectionObserver((seen) => { found.visible = seen.at(-1).isIntersecting; }).observe(node);
   $('streams').append(node);
@@ -77,7 +82,7 @@ function row(found, name, value, bad = false) {
 function spark(found, value) {
   found.history.push(value);
   if (found.history.length > HISTORY) found.history.shift();
-  const canvas = found.node.querySelector('canvas');
+  const canvas = found.node.querySelector('.spark');
   const ratio = window.devicePixelRatio || 1;
   const [width, height] = [Math.round((canvas.clientWidth - 28) * ratio), Math.round(36 * ratio)];
   if (width <= 0) return;
@@ -124,7 +129,7 @@ function show(stream, look) {
   const found = card(stream);
   const [label, classes] = STATES[stream.state] || [stream.state, ''];
   found.node.className = `card ${classes}`;
-  text(found.node.querySelector('.badge'), label);
+  text(found.node.querySelector('.badge'), stream.state === 'running' && replayed ? 'replay' : label);
   found.pictures = stream.encoding !== 'trigger-lines';
   if (found.pictures && look) preview(stream.id, found, look.version);
   text(found.node.querySelector('.lines'), look && look.lines.length ? look.lines.join('\n') : '');
@@ -201,9 +206,10 @@ function guide(found, told) {
 
 function update({ status, looks, guidance, folder }) {
   document.body.classList.remove('offline');
+  replayed = status.replay;
   text($('rig'), status.rig);
-  text($('link'), `${status.streams.length} ${status.streams.length === 1 ? 'stream' : 'streams'}, live`);
-  document.title = `${status.recording ? '● ' : ''}${status.rig} – erfgs live`;
+  text($('link'), `${status.streams.length} ${status.streams.length === 1 ? 'stream' : 'streams'}, ${replayed ? 'replay' : 'live'}`);
+  document.title = `${status.recording ? '● ' : ''}${status.rig} – erfgs ${replayed ? 'replay' : 'live'}`;
   const sum = (of) => status.streams.reduce((total, stream) => total + of(stream), 0);
   text($('rate'), scaled(sum((stream) => stream.bytes_per_s), 'B/s'));
   text($('events'), scaled(sum((stream) => stream.events_per_s ?? 0), 'ev/s'));
