@@ -1,7 +1,7 @@
 //! A server of pages: a thread with a single-threaded runtime, which ends when it is dropped.
 //!
 //! Who connects and asks nothing takes a place only for a while: connections are bounded in number, and a request must be
-//! whole within [`PATIENCE`]. So many descriptors are the most that a page takes from the program that it belongs to.
+//! whole within ten seconds. So many descriptors are the most that a page takes from the program that it belongs to.
 
 use std::{
     collections::VecDeque,
