@@ -13,7 +13,10 @@ use flate2::read::GzDecoder;
 
 use super::{Header, HeaderMotion, MAGIC, SceneFile};
 
-/// The largest scene that is unpacked.
+/// What a file may unpack to: so many bytes, so many more for each of its own, and never more than the last. Packed scenes
+/// unpack to twice their size, and exact ones to less.
+const ROOM: u64 = 16 << 20;
+const ROOM_FOR_EACH: u64 = 64;
 const LARGEST: u64 = 2 << 30;
 
 /// Why a scene file cannot be used.
@@ -45,12 +48,13 @@ impl SceneFile {
     pub fn open(path: &Path) -> Result<Self, SceneFileError> {
         let damaged = |reason: String| SceneFileError::Damaged { path: path.into(), reason };
         let file = std::fs::File::open(path).map_err(|source| SceneFileError::Read { path: path.into(), source })?;
+        let length = file.metadata().map_err(|source| SceneFileError::Read { path: path.into(), source })?.len();
+        let most = ROOM.saturating_add(length.saturating_mul(ROOM_FOR_EACH)).min(LARGEST);
         let mut bytes = Vec::new();
-        // What claims to be small may unpack to anything.
-        let unpacked = GzDecoder::new(file).take(LARGEST + 1).read_to_end(&mut bytes);
+        let unpacked = GzDecoder::new(file).take(most + 1).read_to_end(&mut bytes);
         unpacked.map_err(|error| damaged(format!("it does not unpack: {error}")))?;
-        if bytes.len() as u64 > LARGEST {
-            return Err(damaged(format!("it unpacks to more than {LARGEST} bytes")));
+        if bytes.len() as u64 > most {
+            return Err(damaged(format!("it unpacks to more than {most} bytes, which no scene of that size does")));
         }
         Self::parse(bytes).map_err(damaged)
     }
@@ -144,6 +148,19 @@ mod tests {
         assert_eq!(file.section("points").unwrap(), [0.0; 0]);
         assert_eq!(file.section("motion"), None);
         assert_eq!(file.gaussians().unwrap().len(), 1);
+    }
+
+    #[test]
+    fn a_file_that_was_made_to_fill_memory_is_refused() {
+        let path = std::env::temp_dir().join(format!("erfgs-bomb-{}", std::process::id()));
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        std::io::Write::write_all(&mut encoder, &vec![0; 2 * ROOM as usize]).unwrap();
+        let bytes = encoder.finish().unwrap();
+        assert!(bytes.len() as u64 * ROOM_FOR_EACH < ROOM, "{} bytes", bytes.len());
+        std::fs::write(&path, bytes).unwrap();
+        let said = SceneFile::open(&path).unwrap_err().to_string();
+        std::fs::remove_file(&path).unwrap();
+        assert!(said.contains("unpacks to more than"), "{said}");
     }
 
     #[test]
