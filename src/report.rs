@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use erfgs_report::{Extras, write_report};
 use erfgs_run::{Metrics, RunFolder};
 use erfgs_view::{
-    Learned, Precision,
+    Learned, Precision, SceneFile,
     alone::{self, Packed},
 };
 use serde::Serialize;
@@ -89,9 +89,16 @@ fn view(arguments: &Arguments, folders: &[RunFolder], notes: &mut Vec<String>) -
         let gpu = run.device()?;
         Ok(Learned::of(&run.trainer(&gpu, folder)?)?.file(Precision::Packed))
     };
-    let mut scenes = Vec::new();
+    let mut scenes: Vec<(String, SceneFile)> = Vec::new();
+    let same_rig = |one: &SceneFile, other: &SceneFile| {
+        let rig =
+            |scene: &SceneFile| scene.header.cameras.iter().map(|own| (own.name.clone(), own.view)).collect::<Vec<_>>();
+        rig(one) == rig(other)
+    };
     for folder in folders.iter().take(VIEWED) {
         match scene(folder).map(|scene| (scene.header.only_server.clone(), scene)) {
+            // Side by side stand runs on one recording.
+            Ok((_, scene)) if scenes.first().is_some_and(|(_, first)| !same_rig(first, &scene)) => {}
             Ok((None, scene)) => scenes.push((folder.name(), scene)),
             Ok((Some(beyond), _)) => {
                 notes.push(format!("{}: browsers cannot draw it ({beyond}); see `erfgs view`", folder.name()));
