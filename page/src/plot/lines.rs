@@ -1,4 +1,4 @@
-//! Line plots.
+//! Plots of lines or dots over two axes.
 
 use std::fmt::Write as _;
 
@@ -38,6 +38,9 @@ pub struct Plot {
     pub from_zero: bool,
     /// Whether the y axis is logarithmic.
     pub log_y: bool,
+    /// Dots instead of lines, for what scatters: the outermost hundredth at either end does not stretch the y axis, and what
+    /// lies beyond it is drawn at its end.
+    pub dots: bool,
     /// The lines.
     pub series: Vec<Series>,
     /// Vertical lines: position and what it is.
@@ -85,7 +88,11 @@ impl Plot {
             .collect();
         let zero = self.from_zero.then_some(0.0);
         let xs = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.0)).chain(zero);
-        let ys = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.1));
+        let mut ys: Vec<f64> = drawable.iter().flat_map(|(_, points)| points.iter().map(|point| point.1)).collect();
+        if self.dots {
+            without_far_ends(&mut ys);
+        }
+        let ys = ys.into_iter();
         let Some(x) = Scale::linear(xs, WIDTH - LEFT - RIGHT, 6, false) else { return String::new() };
         let height = HEIGHT - TOP - BOTTOM;
         let y = if self.log_y { Scale::logarithmic(ys, height) } else { Scale::linear(ys, height, 5, true) };
@@ -149,7 +156,8 @@ impl Plot {
             Escaped(&self.x_label)
         );
         for (series, points) in &drawable {
-            self.line(&mut svg, series, points, |(px, py)| (LEFT + x.place(px), bottom - y.place(py)));
+            let place = |(px, py): (f64, f64)| (LEFT + x.place(px), bottom - y.place(py).clamp(0.0, height));
+            if self.dots { dots(&mut svg, series, points, place) } else { line(&mut svg, series, points, place) }
         }
         svg + "</svg>\n"
     }
@@ -157,28 +165,49 @@ impl Plot {
     fn drawable(&self, (x, y): (f64, f64)) -> bool {
         x.is_finite() && y.is_finite() && (!self.log_y || y > 0.0)
     }
+}
 
-    fn line(&self, svg: &mut String, series: &Series, points: &[(f64, f64)], place: impl Fn((f64, f64)) -> (f64, f64)) {
-        let mut path = String::new();
-        for (at, &point) in points.iter().enumerate() {
-            let (x, y) = place(point);
-            let _ = write!(path, "{}{x:.1} {y:.1}", if at == 0 { 'M' } else { 'L' });
-        }
-        let _ = write!(svg, "<path class=\"line\" {} d=\"{path}\"/>", stroke(series.run));
-        if points.len() > 64 {
-            return;
-        }
-        for &point in points {
-            let (x, y) = place(point);
-            let _ = write!(
-                svg,
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"var(--run-{})\"><title>{}: {} at {}</title></circle>",
-                series.run % COLOURS,
-                Escaped(&series.name),
-                significant(point.1),
-                significant(point.0)
-            );
-        }
+fn line(svg: &mut String, series: &Series, points: &[(f64, f64)], place: impl Fn((f64, f64)) -> (f64, f64)) {
+    let mut path = String::new();
+    for (at, &point) in points.iter().enumerate() {
+        let (x, y) = place(point);
+        let _ = write!(path, "{}{x:.1} {y:.1}", if at == 0 { 'M' } else { 'L' });
+    }
+    let _ = write!(svg, "<path class=\"line\" {} d=\"{path}\"/>", stroke(series.run));
+    if points.len() > 64 {
+        return;
+    }
+    for &point in points {
+        let (x, y) = place(point);
+        let _ = write!(
+            svg,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.6\" fill=\"var(--run-{})\"><title>{}: {} at {}</title></circle>",
+            series.run % COLOURS,
+            Escaped(&series.name),
+            significant(point.1),
+            significant(point.0)
+        );
+    }
+}
+
+fn dots(svg: &mut String, series: &Series, points: &[(f64, f64)], place: impl Fn((f64, f64)) -> (f64, f64)) {
+    let _ = write!(svg, "<g class=\"dots\" fill=\"var(--run-{})\">", series.run % COLOURS);
+    for &point in points {
+        let (x, y) = place(point);
+        let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"1.5\"/>");
+    }
+    svg.push_str("</g>");
+}
+
+/// Moves what lies far outside the bulk of the values to its border.
+fn without_far_ends(values: &mut [f64]) {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let Some(last) = sorted.len().checked_sub(1) else { return };
+    let [low, high] = [0.01, 0.99].map(|share| sorted[(last as f64 * share).round() as usize]);
+    let margin = (high - low) / 2.0;
+    for value in values {
+        *value = value.clamp(low - margin, high + margin);
     }
 }
 
@@ -213,15 +242,31 @@ mod tests {
         assert!(svg.contains("a&lt;b") && !svg.contains("a<b"));
     }
 
+    #[test]
+    fn the_outermost_of_many_dots_do_not_flatten_the_others() {
+        let mut points: Vec<(f64, f64)> = (0..200).map(|at| (f64::from(at), f64::from(at % 5))).collect();
+        points[100].1 = 1e6;
+        let svg = Plot { dots: true, ..plot(points, false) }.svg();
+        let heights = svg.split("cy=\"").skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap());
+        let heights: Vec<f64> = heights.collect();
+        assert_eq!(heights.len(), 200);
+        assert!(heights[0] - heights[4] > 0.4 * (HEIGHT - TOP - BOTTOM), "{} {}", heights[0], heights[4]);
+        assert!(
+            heights.iter().all(|height| (TOP..=HEIGHT - BOTTOM).contains(height)) && heights[100] < heights[4] - 10.0
+        );
+        assert!(!svg.contains("class=\"line\""), "no line between them");
+    }
+
     proptest! {
         #[test]
         fn whatever_is_plotted_lands_inside_the_picture(
             points in proptest::collection::vec((any::<f64>(), any::<f64>()), 1..20),
             log_y in any::<bool>(),
+            dots in any::<bool>(),
         ) {
             // Larger spans overflow the difference of two numbers.
             let points: Vec<_> = points.into_iter().map(|(x, y)| (x.clamp(-1e300, 1e300), y.clamp(-1e300, 1e300))).collect();
-            let svg = plot(points, log_y).svg();
+            let svg = Plot { dots, ..plot(points, log_y) }.svg();
             prop_assert!(!svg.contains("NaN") && !svg.contains("inf"), "{}", svg);
             for circle in svg.split("<circle cx=\"").skip(1) {
                 let x: f64 = circle.split('"').next().unwrap().parse().unwrap();
