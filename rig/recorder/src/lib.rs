@@ -37,7 +37,7 @@ pub use rig::{OpenError, open, open_on};
 pub use session_file::{MachineFacts, SessionFiles};
 pub use sink::{OpenSession, SessionInfo, SessionSink, SinkError};
 pub use status::{
-    ClockLine, ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,
+    ClockStatus, DiskStatus, Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary,
 };
 pub use stream_queue::Drops;
 pub use subscriber::Subscriber;

@@ -9,7 +9,7 @@ use std::{
 };
 
 use erfgs_session::{
-    clock::{ClockFit, Evidence, Residuals},
+    clock::ClockFit,
     container::{self, ContainerError, SessionStart, SessionWriter, Settings, StreamId},
     source::{Description, Incident, Packet},
 };
@@ -18,7 +18,7 @@ use erfgs_rig::host_time::host_ns;
 
 use super::{
     sink::{OpenSession, SessionInfo, SessionSink, SinkError},
-    status::{ClockStatus, Status},
+    status::Status,
 };
 
 /// Opens session files.
@@ -82,19 +82,14 @@ struct SessionFileSink<W: Write> {
     begin: i64,
 }
 
-/// What is known while recording, as a fit of an event camera's ticks, which are microseconds.
-fn fit(clock: &ClockStatus, begin: i64) -> ClockFit {
-    let line = clock.line;
-    let [p50_ns, p95_ns] = [clock.residual_p50_us, clock.residual_p95_us].map(|us| 1e3 * us);
+/// What is known while recording, of an event camera's ticks, which are microseconds, on the session's clock.
+fn of_session(fit: &ClockFit, begin: i64) -> ClockFit {
     ClockFit {
-        evidence: Evidence::Arrival,
-        origin_ticks: line.device_ns / 1000,
-        origin_ns: line.host_ns.saturating_sub(begin),
-        ns_per_tick: 1e3 * line.rate,
-        window_ticks: line.window_ns.map(|ns| ns / 1000),
-        residuals: Residuals { p50_ns, p95_ns, max_ns: line.max_ns },
-        samples: clock.samples as u64,
-        outliers: 0,
+        origin_ticks: fit.origin_ticks / 1000,
+        origin_ns: fit.origin_ns.saturating_sub(begin),
+        ns_per_tick: 1e3 * fit.ns_per_tick,
+        window_ticks: fit.window_ticks.map(|ns| ns / 1000),
+        ..fit.clone()
     }
 }
 
@@ -110,8 +105,9 @@ impl<W: Write + Send> SessionSink for SessionFileSink<W> {
 
     fn status(&mut self, status: &Status) -> Result<(), SinkError> {
         for (stream, &id) in status.streams.iter().zip(&self.ids) {
-            let Some(clock) = stream.clock.as_ref().filter(|_| stream.encoding.is_events()) else { continue };
-            let written = self.writer.clock(id, status.host_ns, &fit(clock, self.begin));
+            let fit = stream.clock.as_ref().and_then(|clock| clock.fit.as_ref());
+            let Some(fit) = fit.filter(|_| stream.encoding.is_events()) else { continue };
+            let written = self.writer.clock(id, status.host_ns, &of_session(fit, self.begin));
             written.map_err(|error| sort(&self.path, error))?;
         }
         let streams = status.streams.iter().map(|stream| {
@@ -197,10 +193,14 @@ mod tests {
         sync::{Arc, Mutex, PoisonError},
     };
 
-    use erfgs_session::{container::Session, source::Encoding};
+    use erfgs_session::{
+        clock::{Evidence, Residuals},
+        container::Session,
+        source::Encoding,
+    };
 
     use super::*;
-    use crate::{ClockLine, StreamStatus, recorder::blank};
+    use crate::{ClockStatus, StreamStatus, recorder::blank};
 
     #[derive(Clone, Default)]
     struct Held(Arc<Mutex<Vec<u8>>>);
@@ -236,14 +236,17 @@ mod tests {
         let path = Path::new("s.mcap");
         let mut sink = SessionFiles::default().write_to(held.clone(), path, &SessionInfo::default(), &streams).unwrap();
         let begin = host_ns();
-        let line = ClockLine {
-            device_ns: 7_000_000_000,
-            host_ns: begin + 2_000_000_000,
-            rate: 1.000_04,
-            window_ns: [4_000_000_000, 9_000_000_000],
-            max_ns: 900.0,
+        let fit = ClockFit {
+            evidence: Evidence::Arrival,
+            origin_ticks: 7_000_000_000,
+            origin_ns: begin + 2_000_000_000,
+            ns_per_tick: 1.000_04,
+            window_ticks: [4_000_000_000, 9_000_000_000],
+            residuals: Residuals { p50_ns: 100.0, p95_ns: 500.0, max_ns: 900.0 },
+            samples: 5000,
+            outliers: 0,
         };
-        let clock = ClockStatus { residual_p95_us: 0.5, samples: 5000, line, ..ClockStatus::default() };
+        let clock = ClockStatus::of("usb arrival", fit);
         let stream = |description: &Description| StreamStatus { clock: Some(clock.clone()), ..blank(description) };
         let status = Status { host_ns: begin, streams: streams.iter().map(stream).collect(), ..Status::default() };
         sink.status(&status).unwrap();

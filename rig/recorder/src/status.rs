@@ -2,7 +2,10 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use erfgs_session::source::{Counters, Encoding};
+use erfgs_session::{
+    clock::ClockFit,
+    source::{Counters, Encoding},
+};
 use serde::{Deserialize, Serialize};
 
 use super::stream_queue::Drops;
@@ -36,25 +39,26 @@ pub struct ClockStatus {
     /// 95th percentile of the same.
     pub residual_p95_us: f64,
     /// Samples that the fit rests on.
-    pub samples: usize,
-    /// The fit itself.
+    pub samples: u64,
+    /// The fit that all this is said of, from nanoseconds of the device to those of the host.
     #[serde(skip)]
-    pub line: ClockLine,
+    pub fit: Option<ClockFit>,
 }
 
-/// A device clock on the host's, as far as it is known while recording.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ClockLine {
-    /// A time of the device, nanoseconds.
-    pub device_ns: i64,
-    /// The host time of that moment, nanoseconds.
-    pub host_ns: i64,
-    /// Nanoseconds of the host for one of the device.
-    pub rate: f64,
-    /// First and last device time that the line rests on, nanoseconds.
-    pub window_ns: [i64; 2],
-    /// The farthest arrival from it, nanoseconds.
-    pub max_ns: f64,
+impl ClockStatus {
+    /// What a fit says, from nanoseconds of the device to those of the host.
+    #[must_use]
+    pub fn of(basis: &str, fit: ClockFit) -> Self {
+        Self {
+            basis: basis.to_owned(),
+            // The fit says how slow the device is.
+            rate_ppm: -fit.rate_error_ppm(1.0),
+            residual_p50_us: fit.residuals.p50_ns / 1e3,
+            residual_p95_us: fit.residuals.p95_ns / 1e3,
+            samples: fit.samples,
+            fit: Some(fit),
+        }
+    }
 }
 
 /// One stream.

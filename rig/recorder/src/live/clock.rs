@@ -6,7 +6,9 @@
 
 use std::collections::VecDeque;
 
-use crate::{ClockLine, ClockStatus};
+use erfgs_session::clock::{ClockFit, Evidence, Residuals};
+
+use crate::ClockStatus;
 
 /// Seconds that the line is laid through.
 const SECONDS: usize = 60;
@@ -82,27 +84,19 @@ impl ClockWatch {
         if !slope.is_finite() {
             return None;
         }
-        let mut above: Vec<f64> =
-            self.recent.iter().map(|[device, delay]| (delay - mean_y - slope * (device - mean_x)).abs()).collect();
-        above.sort_by(f64::total_cmp);
-        let quantile = |share: f64| above.get(((above.len() - 1) as f64 * share) as usize).map_or(0.0, |ns| ns / 1e3);
+        let above = |[device, delay]: &[f64; 2]| (delay - mean_y - slope * (device - mean_x)).abs();
         let [first, last] = [self.earliest.front()?.device_ns, self.recent.back()?[0]].map(|ns| device_0 + ns as i64);
-        let line = ClockLine {
-            device_ns: device_0 + mean_x as i64,
-            host_ns: host_0 + (mean_x + mean_y) as i64,
-            rate: 1.0 + slope,
-            window_ns: [first, last],
-            max_ns: above.last().copied().unwrap_or(0.0),
+        let fit = ClockFit {
+            evidence: Evidence::Arrival,
+            origin_ticks: device_0 + mean_x as i64,
+            origin_ns: host_0 + (mean_x + mean_y) as i64,
+            ns_per_tick: 1.0 + slope,
+            window_ticks: [first, last],
+            residuals: Residuals::of(self.recent.iter().map(above).collect()),
+            samples: self.recent.len() as u64,
+            outliers: 0,
         };
-        Some(ClockStatus {
-            basis: basis.to_owned(),
-            // host = device + delay, so that a delay that grows is a device that is slow.
-            rate_ppm: -slope * 1e6,
-            residual_p50_us: quantile(0.5),
-            residual_p95_us: quantile(0.95),
-            samples: self.recent.len(),
-            line,
-        })
+        Some(ClockStatus::of(basis, fit))
     }
 }
 
@@ -125,11 +119,10 @@ mod tests {
         // One of eight arrivals is prompt, the others up to 700 us late.
         let status = watch(20, 40.0, |ms| 100 * (ms % 8)).status("usb arrival").unwrap();
         // The line goes through the prompt arrivals: after 10 s the device is 400 us ahead.
-        let line = status.line;
-        let host_ns = line.host_ns + ((10_007_400_000 - line.device_ns) as f64 * line.rate) as i64;
-        assert!((host_ns - 15_000_000_000).abs() < 2_000, "{line:?}");
-        let [first, last] = line.window_ns;
-        assert!((7_000_000..1_007_000_000).contains(&first) && last == 7_000_000 + 19_999_799_960, "{line:?}");
+        let fit = status.fit.as_ref().unwrap();
+        assert!((fit.session_ns(10_007_400_000) - 15_000_000_000).abs() < 2_000, "{fit:?}");
+        let [first, last] = fit.window_ticks;
+        assert!((7_000_000..1_007_000_000).contains(&first) && last == 7_000_000 + 19_999_799_960, "{fit:?}");
         assert!((status.rate_ppm - 40.0).abs() < 0.1, "{status:?}");
         assert!((250.0..500.0).contains(&status.residual_p50_us), "{status:?}");
         assert!((600.0..800.0).contains(&status.residual_p95_us), "{status:?}");
