@@ -164,11 +164,6 @@ fn describe<'a>(path: &'a Path, summary: &'a Summary) -> SessionSummary<'a> {
 fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'a> {
     let totals = &stream.totals;
     let seconds = |host_ns: Option<i64>| host_ns.map(|host_ns| summary.start.session_ns(host_ns) as f64 * 1e-9);
-    let (first, last) = (seconds(totals.first_host_ns), seconds(totals.last_host_ns));
-    let rate = match (first, last) {
-        (Some(first), Some(last)) if last > first => totals.packets.saturating_sub(1) as f64 / (last - first),
-        _ => 0.0,
-    };
     StreamSummary {
         description: &stream.description,
         packets: totals.packets,
@@ -176,9 +171,9 @@ fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'
         missing: totals.missing,
         discontinuities: totals.discontinuities,
         damaged: totals.damaged,
-        first_seconds: first,
-        last_seconds: last,
-        packets_per_second: rate,
+        first_seconds: seconds(totals.first_host_ns),
+        last_seconds: seconds(totals.last_host_ns),
+        packets_per_second: totals.rate_hz().unwrap_or_default(),
         decoded: None,
     }
 }

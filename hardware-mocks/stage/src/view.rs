@@ -177,12 +177,6 @@ impl<'stage> StageView<'stage> {
             .collect()
     }
 
-    /// The image of the room without the moving objects and their shadows: linear light, RGB, row-major.
-    #[must_use]
-    pub fn empty_room(&self) -> &[[f32; 3]] {
-        &self.still
-    }
-
     /// What a ray through a place of the image meets at an instant: the point (metres) and its colour (linear light).
     /// `x` and `y` are pixels; none where the ray leaves the room.
     pub(crate) fn probe(&self, [x, y]: [f64; 2], moment: &Moment) -> Option<(DVec3, DVec3)> {

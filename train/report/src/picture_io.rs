@@ -1,22 +1,17 @@
 //! Pictures in and out of the page: reading, error maps, details, data URIs.
 
-use std::{
-    fs::File,
-    io::{BufReader, Cursor},
-    path::Path,
-};
+use std::{io::Cursor, path::Path};
 
 use erfgs_page::picture;
+use erfgs_scene::image::ImageRgb8;
 use image::{
-    ExtendedColorType, ImageEncoder, ImageReader, Limits, RgbImage,
+    ExtendedColorType, ImageEncoder, RgbImage,
     codecs::{jpeg::JpegEncoder, png::PngEncoder},
     imageops::{self, FilterType},
 };
 
 /// Larger pictures are reduced to this width in the page, pixels.
 const MAX_WIDTH: u32 = 800;
-/// No picture that a camera makes is larger; a file that claims to be is not read.
-const MAX_SIDE: u32 = 1 << 14;
 /// The error that the brightest colour of a map stands for, 8-bit steps.
 pub(super) const FULL_ERROR: u8 = 64;
 /// Colours of an error map at equal steps of the error, from none to [`FULL_ERROR`].
@@ -34,14 +29,9 @@ const ERROR_COLOURS: [[u8; 3]; 8] = [
 /// A picture, or what is wrong with it.
 pub(super) fn read(path: &Path) -> Result<RgbImage, String> {
     let failed = |error: &dyn std::fmt::Display| format!("'{}' could not be shown: {error}", path.display());
-    let file = File::open(path).map_err(|error| failed(&error))?;
-    let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|error| failed(&error))?;
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_SIDE);
-    limits.max_image_height = Some(MAX_SIDE);
-    reader.limits(limits);
-    let picture = reader.decode().map_err(|error| failed(&error))?.to_rgb8();
-    if picture.width() == 0 || picture.height() == 0 { Err(failed(&"it has no pixels")) } else { Ok(picture) }
+    let ImageRgb8 { width, height, data } = ImageRgb8::read(path).map_err(|error| failed(&error))?;
+    let picture = RgbImage::from_raw(width, height, data).filter(|picture| !picture.is_empty());
+    picture.ok_or_else(|| failed(&"it has no pixels"))
 }
 
 /// The largest channel difference of two pictures of one size, pixel by pixel, 8-bit steps.
