@@ -101,13 +101,29 @@ fn colours_are_those_of_the_surface() {
 }
 
 #[test]
-fn the_union_keeps_colmaps_points_and_its_limit() {
+fn the_union_keeps_colmaps_points_and_its_limit_and_tells_every_step_to_its_end() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = film(folder.path(), 5);
     let colmap = cloud(&dataset, &options(Method::Colmap)).unwrap();
     let limit = colmap.points.len() + 800;
     let union = CloudOptions { max_points: Some(limit), ..options(Method::ColmapSweep) };
-    let union = cloud(&dataset, &union).unwrap();
+    let (work, seen) = (tempfile::tempdir().unwrap(), Mutex::new(Vec::new()));
+    let union = initial_cloud(&dataset, &union, work.path(), &|step, done, total| {
+        assert!(done <= total);
+        seen.lock().unwrap().push((step, done == total));
+    })
+    .unwrap();
+    let seen = seen.into_inner().unwrap();
+    for step in [
+        CloudStep::Images,
+        CloudStep::Features,
+        CloudStep::Matching,
+        CloudStep::Triangulation,
+        CloudStep::Sweep,
+        CloudStep::Fusion,
+    ] {
+        assert!(seen.contains(&(step, true)), "{step} never ends");
+    }
     assert!(union.points.len() <= limit && union.points.len() > limit - 300, "{}", union.points.len());
     // COLMAP's threads add in another order each time, which decides what is just good enough.
     let kept = |point: &&CloudPoint| union.points.iter().any(|other| other.position.distance(point.position) < 1e-3);
@@ -167,30 +183,6 @@ fn a_cloud_is_attached_to_its_dataset_and_read_back() {
     dataset.hash_files().unwrap();
     attach(&mut dataset, &cloud).unwrap();
     Dataset::load(folder.path()).unwrap().verify().unwrap();
-}
-
-#[test]
-fn progress_goes_through_every_stage_to_its_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let dataset = film(folder.path(), 4);
-    let seen = Mutex::new(Vec::new());
-    let work = tempfile::tempdir().unwrap();
-    initial_cloud(&dataset, &options(Method::ColmapSweep), work.path(), &|stage, done, total| {
-        assert!(done <= total);
-        seen.lock().unwrap().push((stage, done == total));
-    })
-    .unwrap();
-    let seen = seen.into_inner().unwrap();
-    for stage in [
-        CloudStep::Images,
-        CloudStep::Features,
-        CloudStep::Matching,
-        CloudStep::Triangulation,
-        CloudStep::Sweep,
-        CloudStep::Fusion,
-    ] {
-        assert!(seen.contains(&(stage, true)), "{stage} never ends");
-    }
 }
 
 #[test]
