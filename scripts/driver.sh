@@ -14,3 +14,7 @@ if command -v pkg-config >/dev/null; then
   if pkg-config --exists sqlite3; then export LIBSQLITE3_SYS_USE_PKG_CONFIG=1; fi
   if pkg-config --exists libzstd; then export ZSTD_SYS_USE_PKG_CONFIG=1; fi
 fi
+
+# The features that the whole workspace is built with here: HDF5 where its library is there.
+export ERFGS_FEATURES=
+if command -v pkg-config >/dev/null && pkg-config --exists hdf5; then ERFGS_FEATURES=hdf5; fi

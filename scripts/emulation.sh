@@ -1,17 +1,31 @@
 #!/usr/bin/env bash
 # Runs the checks that plug emulated devices in: on this machine through umockdev, and in a QEMU guest with Debian's
-# kernel. usage: scripts/emulation.sh [host] [CHECK...]   (all by default; CHECK: a job of scripts/guest/jobs)
+# kernel. usage: scripts/emulation.sh [build] [host] [CHECK...]
+#   build    builds what the checks run, and nothing else unless it is named (without it, that is done first)
+#   run      the checks alone: what they run is built
+#   CHECK    a job of scripts/guest/jobs; all of them without
 set -euo pipefail
 cd "$(dirname "$0")/.."
-[ $# -gt 0 ] || set -- host independent uvc cameras show
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
+. scripts/driver.sh
 
 say() { printf '\n== %s\n' "$*"; }
-say "building the emulated devices, and the drivers of others that open them"
-make -C hardware-mocks/simavr BUILD="$PWD/target/trigger-board"
-# The whole workspace is named, so that the features and with them all that `cargo test` built are the same.
-cargo build --locked --workspace --bin erfgs-usbd --bin erfgs --example follow_pattern
-CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
+
+build() {
+  say "building the emulated devices, and the drivers of others that open them"
+  make -C hardware-mocks/simavr BUILD="$PWD/target/trigger-board"
+  # The whole workspace is named, so that the features and with them all that `cargo test` builds are the same.
+  local all=(--locked --workspace --features "$ERFGS_FEATURES") binary
+  cargo build "${all[@]}" --bin erfgs-usbd --bin erfgs --example follow_pattern
+  binary=$(cargo test "${all[@]}" --test guest_cameras --no-run --message-format json |
+    grep -o '"executable":"[^"]*guest_cameras[^"]*"' | cut -d '"' -f 4)
+  mkdir -p target/emulation
+  ln -f "$binary" target/emulation/guest_cameras
+  # Without what debuggers read, which is most of them: in the guest every byte passes an emulated processor.
+  local program
+  for program in erfgs erfgs-usbd; do strip -o target/emulation/$program target/debug/$program; done
+  CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
+}
 
 # The emulated cameras on this machine, without a kernel module.
 host() {
@@ -59,22 +73,25 @@ dismiss() { # dismiss FAULTS: the devices that are served, and how many faults e
   rm -rf "$folder"
 }
 
+case "${1:-}" in
+  build)
+    build
+    [ $# -gt 1 ] || exit 0
+    shift
+    ;;
+  run) shift ;;
+  *) build ;;
+esac
+[ $# -gt 0 ] || set -- host independent uvc cameras show
+# In the guest's own time, so that it does not matter what this machine does besides.
+export GUEST_CLOCK=instructions GUEST_SECONDS=900
 for check in "$@"; do
   say "$check"
   started=$SECONDS
   case $check in
     host) host ;;
-    cameras)
-      binary=$(cargo test --locked --workspace --test guest_cameras --no-run --message-format json |
-        grep -o '"executable":"[^"]*guest_cameras[^"]*"' | cut -d '"' -f 4)
-      GUEST_CLOCK=instructions scripts/guest/run.sh cameras "$binary"
-      ;;
-    show)
-      # Without what debuggers read, which is most of them: every byte passes an emulated processor.
-      mkdir -p target/guest/programs
-      for program in erfgs erfgs-usbd; do strip -o target/guest/programs/$program target/debug/$program; done
-      GUEST_SECONDS=900 GUEST_CLOCK=instructions scripts/guest/run.sh show target/guest/programs
-      ;;
+    cameras) scripts/guest/run.sh cameras target/emulation/guest_cameras ;;
+    show) scripts/guest/run.sh show target/emulation ;;
     *) scripts/guest/run.sh "$check" ;;
   esac
   echo "$check: passed after $((SECONDS - started)) s"

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs what is missing and runs all tests. Arguments go to `cargo test`: scripts/test.sh -p erfgs-train raster
+# Installs what is missing and runs all tests, the emulated devices beside them. Arguments go to `cargo test`, which then runs
+# alone: scripts/test.sh -p erfgs-train raster
 # At the end it says which tests were not run for want of recordings that may not be passed on (tests/recordings).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -10,8 +11,20 @@ rm -rf target/not-run
 if [ $# -gt 0 ]; then
   cargo test --locked "$@"
 else
-  cargo test --locked --workspace
-  scripts/emulation.sh
+  all=(--locked --workspace --features "$ERFGS_FEATURES")
+  # What the emulated machines run comes first. They take one processor for minutes, which tests that wait leave idle.
+  scripts/emulation.sh build
+  set -m
+  nice -n 5 scripts/emulation.sh run >target/emulation.log 2>&1 &
+  emulation=$!
+  set +m
+  trap 'kill -- -$emulation 2>/dev/null || true' EXIT
+  cargo test "${all[@]}"
+  code=0
+  wait $emulation || code=$?
+  trap - EXIT
+  cat target/emulation.log
+  [ $code = 0 ] || { echo "test.sh: scripts/emulation.sh ended with $code" >&2; exit $code; }
 fi
 if [ -d target/not-run ]; then
   not_run=$(sort -u target/not-run/*)

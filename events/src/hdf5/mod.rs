@@ -14,7 +14,7 @@ pub mod ecf;
 mod error;
 #[cfg(feature = "hdf5")]
 mod read;
-#[cfg(not(feature = "hdf5"))]
+#[cfg(any(test, not(feature = "hdf5")))]
 mod without;
 #[cfg(feature = "hdf5")]
 mod write;

@@ -1,4 +1,5 @@
 //! What stands in for HDF5 where the program was built without it.
+#![cfg_attr(feature = "hdf5", expect(dead_code, reason = "the tests see it in any case"))]
 
 use std::{convert::Infallible, path::Path};
 
@@ -64,5 +65,21 @@ impl Hdf5Writer {
 impl Sink for Hdf5Writer {
     fn event(&mut self, _event: CdEvent) {
         match self.0 {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_hdf5_it_is_said_how_to_get_it() {
+        let path = Path::new("e.h5");
+        for error in [open(path).unwrap_err(), create(path, None).unwrap_err()] {
+            let said = error.to_string();
+            for word in ["e.h5", "--features hdf5", "libhdf5-dev"] {
+                assert!(said.contains(word), "{said}");
+            }
+        }
     }
 }

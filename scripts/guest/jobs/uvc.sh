@@ -39,7 +39,8 @@ done
 # A pulled cable, in the middle of a stream.
 timeout -s KILL 60 v4l2-ctl -d /dev/video0 --stream-mmap=4 --stream-count=300 --stream-to=/dev/null >/run/log 2>&1 &
 stream=$!
-sleep 2
+# It draws a mark for each frame, and starts as slowly as this machine is.
+for try in $(seq 600); do grep -q '<<' /run/log && break; sleep 0.1; done
 echo unplug camera >&3
 # v4l2-ctl ends well whatever the error was; what it printed tells.
 wait $stream || true

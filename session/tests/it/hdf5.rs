@@ -1,7 +1,7 @@
 //! HDF5 files against h5py and hdf5plugin, which scripts/setup.sh --oracles installs.
 //!
-//! `cargo test -p erfgs-session --features hdf5 --test it hdf5`; the environment variable `ERFGS_ORACLES` names another Python
-//! that has h5py and hdf5plugin.
+//! `cargo test -p erfgs-session --features hdf5 --test it hdf5`, or with all others by `scripts/test.sh`; the environment variable
+//! `ERFGS_ORACLES` names another Python that has h5py and hdf5plugin.
 
 use std::{
     path::Path,
