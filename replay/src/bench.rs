@@ -1,8 +1,9 @@
-//! The simulator's speed.
+//! The speed of the simulator and of decoding.
 
 use std::time::Instant;
 
-use erfgs_events::Events;
+use erfgs_base::cpu;
+use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, EventFile, Events, Sink};
 use serde::Serialize;
 
 use crate::simulator::{Luma, Simulator, SimulatorConfig, SimulatorError};
@@ -22,6 +23,76 @@ pub struct Figures {
     pub mpix_per_s_per_core: f64,
     /// Million events a second.
     pub mevents_per_s: f64,
+}
+
+/// How fast an event file was decoded, in its fastest run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DecodeFigures {
+    /// Name of the format.
+    pub format: &'static str,
+    /// Bytes decoded.
+    pub bytes: u64,
+    /// Events in them.
+    pub events: u64,
+    /// Processor time, seconds, so that other work on the machine counts little; by the clock where the system does not tell.
+    pub seconds: f64,
+    /// By the clock, seconds.
+    pub wall_seconds: f64,
+    /// Million events a second.
+    #[serde(rename = "Mev_per_s")]
+    pub mev_per_s: f64,
+    /// Mebibytes a second.
+    pub mib_per_s: f64,
+}
+
+/// Takes events alone.
+struct EventsAlone(Columns);
+
+impl Sink for EventsAlone {
+    fn event(&mut self, event: CdEvent) {
+        self.0.event(event);
+    }
+
+    fn events(&mut self, batch: EventBatch<'_>) {
+        self.0.events(batch);
+    }
+}
+
+/// Decodes the `body` of a file (what follows its header) into columns `runs` times, on one core, in pieces of 64 KiB as
+/// drivers give them.
+#[must_use]
+pub fn decode(file: &EventFile, body: &[u8], runs: u32) -> DecodeFigures {
+    let mut events = EventsAlone(Columns::default());
+    let mut count = 0;
+    let (mut seconds, mut wall_seconds) = (f64::INFINITY, f64::INFINITY);
+    // The first run makes room and does not count.
+    for run in 0..=runs.max(1) {
+        let mut decoder = file.decoder();
+        let (from, cpu_from) = (Instant::now(), cpu::thread_seconds());
+        count = 0;
+        for piece in body.chunks(1 << 16) {
+            events.0.clear_events();
+            decoder.decode(piece, &mut events);
+            count += events.0.len() as u64;
+        }
+        events.0.clear_events();
+        decoder.finish(&mut events);
+        count += events.0.len() as u64;
+        let (wall, cpu) = (from.elapsed().as_secs_f64(), cpu::thread_seconds());
+        if run > 0 {
+            wall_seconds = wall_seconds.min(wall);
+            seconds = seconds.min(cpu.zip(cpu_from).map_or(wall, |(to, from)| to - from));
+        }
+    }
+    DecodeFigures {
+        format: file.format.name(),
+        bytes: body.len() as u64,
+        events: count,
+        seconds,
+        wall_seconds,
+        mev_per_s: count as f64 / seconds * 1e-6,
+        mib_per_s: body.len() as f64 / seconds / f64::from(1 << 20),
+    }
 }
 
 /// Simulates `luma` (frames of `width` x `height` grey levels) at `fps` frames a second `runs` times on `threads` threads.

@@ -1,10 +1,10 @@
 //! `erfgs bench decode`.
 
-use std::{path::PathBuf, time::Instant};
+use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_base::cpu;
-use erfgs_events::{CdEvent, Columns, Decoder, EventBatch, EventFile, SensorSize, Sink};
+use erfgs_events::{EventFile, SensorSize};
+use erfgs_replay::bench::DecodeFigures;
 use serde::Serialize;
 
 use crate::{
@@ -33,32 +33,10 @@ pub struct Arguments {
 }
 
 #[derive(Serialize)]
-struct DecodeFigures {
+struct Measured {
     file: PathBuf,
-    format: &'static str,
-    bytes: u64,
-    events: u64,
-    seconds: f64,
-    wall_seconds: f64,
-    #[serde(rename = "Mev_per_s")]
-    mev_per_s: f64,
-    mib_per_s: f64,
-}
-
-/// Bytes decoded at once.
-const PIECE: usize = 1 << 16;
-
-/// Takes events alone.
-struct Events(Columns);
-
-impl Sink for Events {
-    fn event(&mut self, event: CdEvent) {
-        self.0.event(event);
-    }
-
-    fn events(&mut self, batch: EventBatch<'_>) {
-        self.0.events(batch);
-    }
+    #[serde(flatten)]
+    figures: DecodeFigures,
 }
 
 /// Measures and prints a line.
@@ -82,39 +60,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let content =
         std::fs::read(&file.path).with_context(|| format!("cannot read {} into memory", file.path.display()))?;
     let body = content.get(file.body as usize..).unwrap_or_default();
-    let mut events = Events(Columns::default());
-    let mut count = 0;
-    let (mut seconds, mut wall_seconds) = (f64::INFINITY, f64::INFINITY);
-    // The first run makes room and does not count.
-    for run in 0..=arguments.runs {
-        let mut decoder = file.decoder();
-        let (from, cpu_from) = (Instant::now(), cpu::thread_seconds());
-        count = 0;
-        for piece in body.chunks(PIECE) {
-            events.0.clear_events();
-            decoder.decode(piece, &mut events);
-            count += events.0.len() as u64;
-        }
-        events.0.clear_events();
-        decoder.finish(&mut events);
-        count += events.0.len() as u64;
-        let (wall, cpu) = (from.elapsed().as_secs_f64(), cpu::thread_seconds());
-        if run > 0 {
-            wall_seconds = wall_seconds.min(wall);
-            seconds = seconds.min(cpu.zip(cpu_from).map_or(wall, |(to, from)| to - from));
-        }
-    }
-    let figures = DecodeFigures {
-        file: arguments.file.clone(),
-        format: file.format.name(),
-        bytes: body.len() as u64,
-        events: count,
-        seconds,
-        wall_seconds,
-        mev_per_s: count as f64 / seconds * 1e-6,
-        mib_per_s: body.len() as f64 / seconds / f64::from(1 << 20),
-    };
-    terminal.result(&figures, || {
+    let figures = erfgs_replay::bench::decode(&file, body, arguments.runs);
+    let measured = Measured { file: arguments.file.clone(), figures };
+    terminal.result(&measured, || {
+        let figures = &measured.figures;
         let heading = ["format", "events", "ms", "Mev/s", "MiB/s"].map(String::from).to_vec();
         let row = vec![
             figures.format.to_owned(),
