@@ -254,8 +254,8 @@ fn a_path_through_knots_passes_them_and_follows_a_parabola_exactly() {
             for step in -12..=12 {
                 let dt = 0.3 * step as f32;
                 let there = options.moved(row, dt);
-                for axis in 0..3 {
-                    assert_close("place", there[axis], twin::moved(&wide(row), &twin_moment, f64::from(dt), axis), 3.0);
+                for (axis, place) in there.into_iter().enumerate() {
+                    assert_close("place", place, twin::moved(&wide(row), &twin_moment, f64::from(dt), axis), 3.0);
                 }
             }
         }
