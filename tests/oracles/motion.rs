@@ -1,7 +1,7 @@
 use erfgs_train::{
     field::{Outputs, Tape},
     gpu::Gpu,
-    motion::{FreeTime, FreeTimeOptions, Motion, MotionRows, Witness, free_time::ROW},
+    motion::{FreeTime, FreeTimeOptions, Motion, MotionRows, Witness},
     raster::Deltas,
 };
 use serde_json::{Value, json};
@@ -22,17 +22,26 @@ struct Case {
     d_deltas: Vec<f32>,
 }
 
-fn case(name: &'static str, seed: u64, t01: f32, least_life: f32) -> Case {
+fn case(name: &'static str, seed: u64, t01: f32, least_life: f32, knots: u32) -> Case {
     let mut random = Numbers(seed << 32);
-    let options =
-        FreeTimeOptions { least_life, weight_presence: 0.4, weight_acceleration: 0.6, ..FreeTimeOptions::default() };
+    let options = FreeTimeOptions {
+        least_life,
+        knots,
+        spacing: 0.75,
+        weight_presence: 0.4,
+        weight_acceleration: 0.6,
+        ..FreeTimeOptions::default()
+    };
     let mut rows = Vec::new();
     for _ in 0..ROWS {
-        rows.extend((0..3).map(|_| random.between(-0.5, 0.5) as f32));
+        let mut row = vec![0.0; options.floats()];
+        for vector in row.chunks_exact_mut(4) {
+            vector[..3].fill_with(|| random.between(-0.4, 0.4) as f32);
+        }
         // Near enough to the moment that all of them are there.
-        rows.push(t01 * INTERVALS + random.between(-3.0, 3.0) as f32);
-        rows.extend((0..3).map(|_| random.between(-0.2, 0.2) as f32));
-        rows.push(random.between(-0.5, 1.5) as f32);
+        row[3] = t01 * INTERVALS + random.between(-3.0, 3.0) as f32;
+        row[7] = random.between(-0.5, 1.5) as f32;
+        rows.extend(row);
     }
     let logits = (0..ROWS).map(|_| random.between(-4.0, 4.0) as f32).collect();
     let mut d_deltas = vec![0.0; ROWS * CORE];
@@ -53,10 +62,12 @@ impl Case {
             "oracle": "motion",
             "time": self.t01 * INTERVALS,
             "least": self.options.least_life,
+            "knots": self.options.knots,
+            "spacing": self.options.spacing,
             "weight_presence": self.options.weight_presence,
             "weight_acceleration": self.options.weight_acceleration / (EXTENT * EXTENT),
             "logits": self.logits,
-            "rows": self.rows.chunks_exact(ROW).collect::<Vec<_>>(),
+            "rows": self.rows.chunks_exact(self.options.floats()).collect::<Vec<_>>(),
             "d_moved": columns(0, 3),
             "d_changed": columns(10, 11).concat(),
         })
@@ -69,7 +80,9 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
     core.chunks_exact_mut(CORE).zip(&case.logits).for_each(|(row, logit)| row[10] = *logit);
     let core = gpu.storage_from("core", &core).expect("a buffer");
     let values = gpu.storage_from("rows", &case.rows).expect("a buffer");
-    let [d_core, gradients] = [CORE, ROW].map(|floats| gpu.storage("d", (ROWS * floats * 4) as u64).expect("a buffer"));
+    let floats = case.options.floats();
+    let [d_core, gradients] =
+        [CORE, floats].map(|floats| gpu.storage("d", (ROWS * floats * 4) as u64).expect("a buffer"));
     let rows = MotionRows { core: &core, count: ROWS as u32, values: &values, gradients: &gradients };
     let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &case.options, INTERVALS, EXTENT)));
     let mut tape = Tape::new(gpu).expect("a tape");
@@ -95,18 +108,24 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
             .map(|(added, before)| added + before)
             .collect();
     assert_close(&what("d logits"), &d_logits, &numbers(answer, "d_logits"), 1e-4);
-    let (got, want) = (read(&gradients, ROW), numbers(answer, "d_rows"));
-    // Velocities, instants, accelerations and lives have scales of their own.
-    for (name, from, to) in [("velocity", 0, 3), ("instant", 3, 4), ("acceleration", 4, 7), ("life", 7, 8)] {
-        let (got, want) = (columns(&got, ROW, from, to), columns(&want, ROW, from, to));
-        assert_close(&what(&format!("d {name}")), &got, &want, 1e-4);
+    let (got, want) = (read(&gradients, floats), numbers(answer, "d_rows"));
+    // The vectors of a path, instants and lives have scales of their own.
+    let paths = (0..floats / 4).map(|vector| ("path", 4 * vector, 4 * vector + 3));
+    for (name, from, to) in paths.chain([("instant", 3, 4), ("life", 7, 8)]) {
+        let (got, want) = (columns(&got, floats, from, to), columns(&want, floats, from, to));
+        assert_close(&what(&format!("d {name} {from}")), &got, &want, 1e-4);
     }
 }
 
 #[test]
 fn deltas_and_gradients_are_the_oracles() {
-    let cases =
-        [case("in the middle", 1, 0.5, 1.0), case("at the start", 2, 0.0, 0.25), case("at the end", 3, 1.0, 2.0)];
+    let cases = [
+        case("in the middle", 1, 0.5, 1.0, 0),
+        case("at the start", 2, 0.0, 0.25, 0),
+        case("at the end", 3, 1.0, 2.0, 0),
+        case("knots, in the middle", 4, 0.5, 1.0, 2),
+        case("knots, at the end", 5, 1.0, 0.5, 4),
+    ];
     let answers = ask(&cases.iter().map(Case::question).collect::<Vec<_>>());
     let gpus = gpus();
     for (case, answer) in cases.iter().zip(&answers) {

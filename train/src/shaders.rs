@@ -12,6 +12,8 @@ texts![
     "field/device/lines.wgsl",
     "field/device/planes.wgsl",
     "motion/free_time/forward.wgsl",
+    "motion/free_time/knots.wgsl",
+    "motion/free_time/parabola.wgsl",
     "motion/free_time/row.wgsl",
     "raster/blend_gpu.wgsl",
     "raster/emit.wgsl",

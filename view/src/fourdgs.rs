@@ -8,7 +8,7 @@ use erfgs_train::{
     config::MotionModel,
     gaussians::{CORE, Gaussians, SH_C0, sh_stride, sigmoid},
     gpu::Gpu,
-    motion::free_time::ROW,
+    motion::FreeTimeOptions,
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };
@@ -72,9 +72,9 @@ pub fn write(
     let mut left_out = Vec::new();
     match trainer.config.motion {
         MotionModel::FreeTime if moves > 0 => {
-            let least_life = trainer.config.free_time.least_life;
-            for (index, row) in gaussians.motion.as_chunks::<ROW>().0.iter().enumerate().take(moves) {
-                for birth in births(&gaussians, index, row, least_life, [intervals, seconds], whole) {
+            let options = &trainer.config.free_time;
+            for (index, row) in gaussians.motion.chunks_exact(options.floats()).enumerate().take(moves) {
+                for birth in births(&gaussians, index, row, options, [intervals, seconds], whole) {
                     set.push(&gaussians, index, &birth);
                 }
             }
@@ -127,29 +127,35 @@ pub fn write(
 fn births(
     gaussians: &Gaussians,
     index: usize,
-    row: &[f32; ROW],
-    least_life: f32,
+    row: &[f32],
+    options: &FreeTimeOptions,
     [intervals, seconds]: [f32; 2],
     whole: [f32; 2],
 ) -> Vec<Birth> {
-    let &[vx, vy, vz, instant, ax, ay, az, log_life] = row;
-    let (v, a, mean) = ([vx, vy, vz], [ax, ay, az], gaussians.mean(index));
+    let (instant, mean) = (row[3], gaussians.mean(index));
     // As the kernel bounds it.
-    let life = least_life + log_life.clamp(-30.0, 30.0).exp();
+    let life = options.least_life + row[7].clamp(-30.0, 30.0).exp();
     let second = seconds / intervals;
     let (mu, sigma) = (instant * second, life * second);
     // The instants at which it is seen, in intervals.
     let first = (instant - SUPPORT * life).max(0.0);
     let last = (instant + SUPPORT * life).min(intervals);
-    let away = (first - instant).abs().max((last - instant).abs());
-    let bend = a.iter().map(|a| a * a).sum::<f32>().sqrt() * away * away / 2.0;
+    let moved = |t: f32| options.moved(row, t - instant);
+    // Its velocity at its instant, from the places around it.
+    let near = 1e-2;
+    let (ahead, behind) = (options.moved(row, near), options.moved(row, -near));
+    let v: [f32; 3] = std::array::from_fn(|axis| (ahead[axis] - behind[axis]) / (2.0 * near));
+    let bend = [first, last, 0.5 * (first + last)].map(|t| {
+        let place = moved(t);
+        (0..3).map(|axis| (place[axis] - v[axis] * (t - instant)).powi(2)).sum::<f32>().sqrt()
+    });
     let size = gaussians.scale(index).into_iter().fold(0.0, f32::max);
-    if bend <= STRAIGHT * size || last <= first {
+    if bend.into_iter().fold(0.0, f32::max) <= STRAIGHT * size || last <= first {
         return vec![Birth { mean, motion: v.map(|v| v / second), mu, sigma, window: whole }];
     }
     let at = |t: f32| -> [f32; 3] {
-        let dt = t - instant;
-        std::array::from_fn(|axis| mean[axis] + v[axis] * dt + a[axis] * dt * dt / 2.0)
+        let moved = moved(t);
+        std::array::from_fn(|axis| mean[axis] + moved[axis])
     };
     let steps = intervals.ceil() as usize;
     let of = |step: usize| step as f32 * intervals / steps as f32;

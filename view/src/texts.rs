@@ -24,6 +24,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("js/sort.js", SCRIPT, include_str!("page/js/sort.js")),
     ("js/timeline.js", SCRIPT, include_str!("page/js/timeline.js")),
     ("js/training.js", SCRIPT, include_str!("page/js/training.js")),
+    ("js/trajectory.js", SCRIPT, include_str!("page/js/trajectory.js")),
     ("js/viewer.js", SCRIPT, include_str!("page/js/viewer.js")),
     ("wgsl/blit.wgsl", PLAIN, include_str!("page/wgsl/blit.wgsl")),
     ("wgsl/blit_texture.wgsl", PLAIN, include_str!("page/wgsl/blit_texture.wgsl")),

@@ -182,6 +182,7 @@ impl Config {
             free.opacity.to_string(),
             "between 0 and 1",
         )?;
+        free.check_path()?;
         check(positive(free.fastest), "free_time.fastest", free.fastest.to_string(), "above 0")?;
         check(
             (0.0..=1.0).contains(&free.event_opacity),

@@ -13,6 +13,7 @@ use erfgs_base::random;
 use crate::{
     config::{Coherence, EdsConfig},
     gaussians::{CORE, Gaussians, Neighbours, sh_stride},
+    motion::FreeTimeOptions,
     scene::Scene,
 };
 
@@ -43,7 +44,7 @@ pub struct Moving<'a> {
 
 /// Which events are looked at.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw {
+pub struct Draw<'a> {
     /// The bin of time.
     pub bin: usize,
     /// Whether lone events count as noise.
@@ -53,18 +54,18 @@ pub struct Draw {
     /// Likewise.
     pub iteration: u64,
     /// Where Gaussians are free in time: what the new ones have of it.
-    pub birth: Option<Birth>,
+    pub birth: Option<Birth<'a>>,
 }
 
 /// How a Gaussian that is free in time is born from events.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Birth {
+pub struct Birth<'a> {
     /// Its instant, the middle of the bin, RGB intervals.
     pub time: f32,
     /// Half the length of the bin, RGB intervals.
     pub half: f32,
-    /// What its row stores of its life.
-    pub log_life: f32,
+    /// What its row looks like.
+    pub options: &'a FreeTimeOptions,
 }
 
 /// Gaussians that the events of the bin ask for. They are all dynamic. `carry` says where the field takes canonical places by
@@ -77,7 +78,7 @@ pub fn propose<E>(
     gaussians: &Gaussians,
     moving: Moving<'_>,
     config: &EdsConfig,
-    draw: &Draw,
+    draw: &Draw<'_>,
     carry: impl FnOnce(&[[f32; 3]]) -> Result<Vec<[f32; 3]>, E>,
 ) -> Result<(Gaussians, EdsReport), E> {
     let Draw { bin, denoise, seed, iteration, birth } = *draw;
@@ -180,7 +181,7 @@ fn canonical(gaussians: &Gaussians, moving: &Moving<'_>, point: &[f32; 3], neigh
 }
 
 /// The mean velocity of some Gaussians over the bin, metres an interval.
-fn mean_velocity(moving: &Moving<'_>, neighbours: &[usize], birth: Birth) -> [f32; 3] {
+fn mean_velocity(moving: &Moving<'_>, neighbours: &[usize], birth: Birth<'_>) -> [f32; 3] {
     let weight = 1.0 / (neighbours.len() as f32 * 2.0 * birth.half.max(1e-6));
     std::array::from_fn(|axis| {
         neighbours.iter().map(|&index| weight * (moving.end[index][axis] - moving.start[index][axis])).sum()
@@ -215,13 +216,12 @@ fn append(
 }
 
 /// Gives the last row of `new` its place at its instant, and the mean velocity of its neighbours over the bin.
-fn be_born(new: &mut Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbours: &[usize], birth: Birth) {
+fn be_born(new: &mut Gaussians, moving: &Moving<'_>, point: &[f32; 3], neighbours: &[usize], birth: Birth<'_>) {
     let velocity = mean_velocity(moving, neighbours, birth);
     let row = new.core.len() - CORE;
     // The point was seen somewhere within the bin.
     new.core[row..row + 3].copy_from_slice(point);
-    let [x, y, z] = velocity;
-    new.motion.extend([x, y, z, birth.time, 0.0, 0.0, 0.0, birth.log_life]);
+    new.motion.extend(birth.options.born(birth.time, velocity));
 }
 
 fn distance(a: &[f32; 3], b: &[f32; 3]) -> f32 {
@@ -264,7 +264,7 @@ mod tests {
         let (gaussians, start, end) = gaussians();
         let moving = Moving { start: &start, end: &end };
         assert_eq!(canonical(&gaussians, &moving, &[0.6, 0.1, 0.0], &[0, 1]), [0.6 - 0.5, 0.1, 0.0]);
-        let birth = Birth { time: 3.0, half: 0.125, log_life: 0.0 };
+        let birth = Birth { time: 3.0, half: 0.125, options: &FreeTimeOptions::default() };
         assert_eq!(mean_velocity(&moving, &[0, 1], birth), [4.0, 0.0, 0.0]);
     }
 }

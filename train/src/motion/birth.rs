@@ -9,8 +9,9 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::{
-    free_time::{FreeTimeOptions, ROW},
+    free_time::FreeTimeOptions,
     shutter::shrunk,
+    track::{Track, along},
 };
 use crate::{
     gaussians::{CORE, Gaussians, Neighbours},
@@ -38,26 +39,23 @@ pub fn gaussians(
     options: &FreeTimeOptions,
 ) -> Gaussians {
     let instants = by_instant(points);
-    let velocities = velocities(&instants, options.fastest * extent);
-    let mut all = Gaussians { sh_degree, motion_floats: ROW, ..Gaussians::default() };
-    let log_life = log_life(options);
-    for ((time, points), velocities) in instants.iter().zip(velocities) {
-        let points = shrunk(points, &velocities, exposure);
-        let born = Gaussians::from_points(&points, sh_degree, options.opacity);
+    let flows = flows(&instants, options.fastest * extent);
+    let velocities = velocities(&instants, &flows);
+    let mut all = Gaussians { sh_degree, motion_floats: options.floats(), ..Gaussians::default() };
+    let reach = options.knots as f32 * options.spacing;
+    for (index, ((time, points), velocities)) in instants.iter().zip(velocities).enumerate() {
+        let born = Gaussians::from_points(&shrunk(points, &velocities, exposure), sh_degree, options.opacity);
         all.core.extend(born.core);
         all.sh.extend(born.sh);
-        for [x, y, z] in velocities {
-            all.motion.extend([x, y, z, *time as f32, 0.0, 0.0, 0.0, log_life]);
+        if options.knots == 0 {
+            all.motion.extend(velocities.into_iter().flat_map(|velocity| options.born(*time as f32, velocity)));
+        } else {
+            let tracks = tracks(&instants, &flows, index, reach);
+            all.motion.extend(tracks.iter().flat_map(|track| options.bent(*time as f32, |dt| along(track, dt))));
         }
     }
     all.dynamic = all.core.len() / CORE;
     all
-}
-
-/// What a row stores of the life that a Gaussian starts with.
-#[must_use]
-pub fn log_life(options: &FreeTimeOptions) -> f32 {
-    (options.first_life - options.least_life).max(1e-3).ln()
 }
 
 type Instant = (f64, Vec<Point>);
@@ -74,28 +72,38 @@ fn by_instant(points: &[MovingPoint]) -> Vec<Instant> {
         .collect()
 }
 
-/// The velocity of each point of each instant, metres an interval, none faster than `fastest`: where it is found both before
-/// and after, that of the parabola through the three places. The parabola's acceleration is left alone: its error grows with the
-/// square of the time, and Gaussians that started with it ended worse where things move.
-fn velocities(instants: &[Instant], fastest: f32) -> Vec<Vec<[f32; 3]>> {
+/// Where the points of an instant go by a neighbouring one: how many intervals away that is (before: less than 0), and the displacement
+/// of each point, where it is known.
+type Flow = (f32, Vec<Option<[f32; 3]>>);
+
+/// The flows of each instant to the one before and to the one after, none faster than `fastest`, metres an interval.
+fn flows(instants: &[Instant], fastest: f32) -> Vec<[Option<Flow>; 2]> {
     instants
         .par_iter()
         .enumerate()
         .map(|(index, (time, points))| {
-            // Displacements to a neighbour, and how many intervals away it is (before: less than 0).
             let towards = |other: Option<&Instant>| {
                 let (then, others) = other?;
                 let away = (then - time) as f32;
                 Some((away, displacements(points, others, fastest * away.abs())))
             };
-            let before = towards(index.checked_sub(1).and_then(|index| instants.get(index)));
-            let after = towards(instants.get(index + 1));
-            let speed = |side: &Option<(f32, Vec<Option<[f32; 3]>>)>, at: usize| {
-                let (away, moved) = side.as_ref()?;
-                Some((*away, moved[at]?.map(|moved| moved / away)))
-            };
+            [towards(index.checked_sub(1).and_then(|index| instants.get(index))), towards(instants.get(index + 1))]
+        })
+        .collect()
+}
+
+/// The velocity of each point of each instant, metres an interval: where it is found both before and after, that of the parabola
+/// through the three places. The parabola's acceleration is left alone: its error grows with the square of the time, and Gaussians
+/// that started with it ended worse where things move.
+fn velocities(instants: &[Instant], flows: &[[Option<Flow>; 2]]) -> Vec<Vec<[f32; 3]>> {
+    let speed = |side: &Option<Flow>, at: usize| {
+        let (away, moved) = side.as_ref()?;
+        Some((*away, moved[at]?.map(|moved| moved / away)))
+    };
+    std::iter::zip(instants, flows)
+        .map(|((_, points), [before, after])| {
             (0..points.len())
-                .map(|at| match (speed(&before, at), speed(&after, at)) {
+                .map(|at| match (speed(before, at), speed(after, at)) {
                     (Some((back, a)), Some((on, b))) => {
                         std::array::from_fn(|axis| (a[axis] * on - b[axis] * back) / (on - back))
                     }
@@ -105,6 +113,56 @@ fn velocities(instants: &[Instant], fastest: f32) -> Vec<Vec<[f32; 3]>> {
                 .collect()
         })
         .collect()
+}
+
+/// The tracks of the points of instant `index`, `reach` intervals to either side where they are known so far: from each instant
+/// to the next by the flow of the points that are there, as the nearest of them in place and colour go.
+fn tracks(instants: &[Instant], flows: &[[Option<Flow>; 2]], index: usize, reach: f32) -> Vec<Track> {
+    /// Points of an instant whose flow is followed.
+    const FOLLOWED: usize = 4;
+    let (_, points) = &instants[index];
+    let mut tracks: Vec<Track> = vec![vec![(0.0, [0.0; 3])]; points.len()];
+    for (side, step) in [(0, -1_isize), (1, 1)] {
+        let mut at = index;
+        let mut since = 0.0;
+        while let Some((away, moved)) = &flows[at][side] {
+            if since * step as f32 >= reach {
+                break;
+            }
+            let (_, there) = &instants[at];
+            let tint = 0.5 / 255.0;
+            let joint = |place: [f32; 3], colour: [u8; 3]| -> [f32; 6] {
+                std::array::from_fn(|k| if k < 3 { place[k] } else { tint * f32::from(colour[k - 3]) })
+            };
+            let places: Vec<[f32; 6]> = there.iter().map(|(place, colour)| joint(*place, *colour)).collect();
+            let tree: ImmutableKdTree<f32, 6> = ImmutableKdTree::new_from_slice(&places);
+            let followed = FOLLOWED.min(places.len());
+            let Some(followed) = std::num::NonZero::new(followed) else { break };
+            tracks.par_iter_mut().zip(points).enumerate().for_each(|(own, (track, (place, colour)))| {
+                // A track that was lost before goes no farther.
+                let Some(&(last, from)) = (if side == 0 { track.first() } else { track.last() }) else { return };
+                if (last - since).abs() > 1e-6 {
+                    return;
+                }
+                let known: Vec<[f32; 3]> = if at == index {
+                    moved[own].into_iter().collect()
+                } else {
+                    let here = joint(std::array::from_fn(|axis| place[axis] + from[axis]), *colour);
+                    let near = tree.nearest_n::<SquaredEuclidean>(&here, followed);
+                    near.into_iter().filter_map(|found| moved[found.item as usize]).collect()
+                };
+                if known.is_empty() {
+                    return;
+                }
+                let mean = |axis: usize| known.iter().map(|way| way[axis]).sum::<f32>() / known.len() as f32;
+                let next = (since + away, std::array::from_fn(|axis| from[axis] + mean(axis)));
+                if side == 0 { track.insert(0, next) } else { track.push(next) }
+            });
+            since += away;
+            at = at.saturating_add_signed(step);
+        }
+    }
+    tracks
 }
 
 /// Where each of `points` goes among `others`, as a displacement; none where it would go farther than `farthest`.
@@ -173,6 +231,7 @@ mod tests {
     use erfgs_base::random;
 
     use super::*;
+    use crate::motion::free_time::ROW;
 
     /// Points in a ball around `centre`, of about `colour`.
     fn ball(seed: u64, centre: [f32; 3], colour: [u8; 3]) -> impl Iterator<Item = Point> {
@@ -216,6 +275,32 @@ mod tests {
         for (index, row) in born.motion.chunks_exact(ROW).enumerate().filter(|(index, _)| (60..180).contains(index)) {
             let t = (index / 60) as f32;
             assert!((row[1] - (0.3 * t - 0.2)).abs() < 0.06, "{index}: {row:?}");
+        }
+    }
+
+    #[test]
+    fn what_falls_is_born_on_its_way_through_the_instants_before_and_after() {
+        let height = |t: f32| 0.5 - 0.2 * t + 0.15 * t * t;
+        let points: Vec<MovingPoint> = (0..5)
+            .flat_map(|t| ball(t, [0.4 * t as f32, height(t as f32), 0.0], [200, 20, 20]).map(move |p| (p, t as f64)))
+            .collect();
+        let options = FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() };
+        let born = gaussians(&points, 0, 4.0, 0.0, &options);
+        assert_eq!(born.motion.len(), 300 * options.floats());
+        for (index, row) in born.motion.chunks_exact(options.floats()).enumerate() {
+            let t = (index / 60) as f32;
+            assert_eq!(row[3], t, "the instant");
+            // Where its way is known: from the first instant to the last.
+            for dt in [-2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0] {
+                if (0.0..=4.0).contains(&(t + dt)) {
+                    let [x, y, _] = options.moved(row, dt);
+                    let (fell, went) = (height(t + dt) - height(t), 0.4 * dt);
+                    assert!(
+                        (x - went).abs() < 0.08 && (y - fell).abs() < 0.08,
+                        "{index} at {dt}: {x} {y}, not {went} {fell}"
+                    );
+                }
+            }
         }
     }
 

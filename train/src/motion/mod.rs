@@ -7,6 +7,7 @@
 pub mod birth;
 pub mod free_time;
 mod shutter;
+mod track;
 
 use wgpu::Buffer;
 

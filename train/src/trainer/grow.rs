@@ -164,7 +164,7 @@ impl Trainer<'_> {
         let birth = (self.config.motion == MotionModel::FreeTime).then(|| eds::Birth {
             time: (0.5 * (edges[0] + edges[1]) * self.scene.intervals()) as f32,
             half: (0.5 * (edges[1] - edges[0]) * self.scene.intervals()) as f32,
-            log_life: birth::log_life(&self.config.free_time),
+            options: &self.config.free_time,
         });
         let draw = eds::Draw { bin, denoise: self.config.earl.denoise, seed: self.config.seed, iteration: done, birth };
         let carry = |canonical: &[[f32; 3]]| model.carried(self.gpu, canonical, edges[1]);

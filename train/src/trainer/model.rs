@@ -9,7 +9,7 @@ use crate::{
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
-    motion::{FreeTime, Motion, MotionRows, Witness, free_time},
+    motion::{FreeTime, Motion, MotionRows, Witness},
     optimiser::{Adam, AdamBuffers, AdamConfig},
     raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View},
     scene::Scene,
@@ -398,9 +398,7 @@ impl Model {
         let mut sh_rates = vec![rates.sh_rest; sh_stride(self.gaussians.sh_degree)];
         sh_rates[..3].fill(rates.sh_dc);
         let free = &config.free_time;
-        let (velocity, acceleration) = (free.velocity * position, free.acceleration * position);
-        let row_rates: [f32; free_time::ROW] =
-            [velocity, velocity, velocity, free.instant, acceleration, acceleration, acceleration, free.life];
+        let row_rates = free.rates(position);
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [row_first, row_second] = &self.rows.moments;
         let count = self.gaussians.count;

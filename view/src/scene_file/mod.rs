@@ -15,7 +15,7 @@ use erfgs_train::{
     config::MotionModel,
     field::{FieldState, NamedVector},
     gaussians::{CORE, select_rows, sh_stride},
-    motion::free_time,
+    motion::{FreeTimeOptions, free_time},
     raster::View,
     scene::Scene,
     schedule::Stage,
@@ -101,7 +101,7 @@ pub enum Precision {
 pub enum HeaderMotion {
     /// They do not.
     Still,
-    /// Each has a trajectory and a life: section `motion`, eight floats a row.
+    /// Each has a trajectory and a life: section `motion`.
     FreeTime {
         /// RGB intervals in the span: the unit of time of the rows.
         intervals: f32,
@@ -109,6 +109,12 @@ pub enum HeaderMotion {
         least_life: f32,
         /// The logit change that stands for an opacity of nothing.
         gone: f32,
+        /// Knots of a path on either side of its instant; 0: a path is a parabola.
+        #[serde(default)]
+        knots: u32,
+        /// Intervals from a knot to the next.
+        #[serde(default = "one")]
+        spacing: f32,
     },
     /// A deformation field: sections named as in a checkpoint.
     Hexplane {
@@ -125,6 +131,18 @@ pub enum HeaderMotion {
         /// Whether [0, 1] falls on the upper half of the rows of time.
         upper_half: bool,
     },
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+impl HeaderMotion {
+    /// How the rows of `motion` are to be read, where there are any.
+    fn free_time(&self) -> Option<FreeTimeOptions> {
+        let &Self::FreeTime { least_life, knots, spacing, .. } = self else { return None };
+        Some(FreeTimeOptions { least_life, knots, spacing, ..FreeTimeOptions::default() })
+    }
 }
 
 /// A camera of the recording.
@@ -173,8 +191,12 @@ struct Part {
 
 /// Bytes of a code for each float of a row of `core`: means finer than all else.
 const CORE_CODES: [u8; CORE] = [2, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 0];
-/// The same of a row of `motion`: velocity, instant, acceleration, life.
-const MOTION_CODES: [u8; free_time::ROW] = [2, 2, 2, 2, 2, 2, 2, 1];
+/// The same of a row of `motion`: vectors of the path, the instant beside the first, the life beside the second.
+fn motion_codes(floats: usize) -> Vec<u8> {
+    let mut codes = [2, 2, 2, 0].repeat(floats / 4);
+    (codes[3], codes[7]) = (2, 1);
+    codes
+}
 
 impl Learned {
     /// What a run has learned by now.
@@ -216,7 +238,9 @@ impl Learned {
         };
         let mut parts = vec![rows("core", gaussians.core, &CORE_CODES), rows("sh", gaussians.sh, &sh_codes)];
         match (&header.motion, trainer.field()?) {
-            (HeaderMotion::FreeTime { .. }, _) => parts.push(rows("motion", gaussians.motion, &MOTION_CODES)),
+            (HeaderMotion::FreeTime { .. }, _) => {
+                parts.push(rows("motion", gaussians.motion, &motion_codes(gaussians.motion_floats)));
+            }
             (HeaderMotion::Hexplane { features, .. }, Some(field)) => parts.extend(learned(field, *features as usize)),
             _ => {}
         }
@@ -316,8 +340,8 @@ fn motion(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
     match config.motion {
         MotionModel::FreeTime => {
             let intervals = scene.intervals() as f32;
-            let least_life = config.free_time.least_life;
-            (HeaderMotion::FreeTime { intervals, least_life, gone: free_time::GONE }, None)
+            let &FreeTimeOptions { least_life, knots, spacing, .. } = &config.free_time;
+            (HeaderMotion::FreeTime { intervals, least_life, gone: free_time::GONE, knots, spacing }, None)
         }
         MotionModel::HexPlane | MotionModel::Auto => {
             let field = &config.field;

@@ -7,11 +7,11 @@ use std::{
 
 use erfgs_train::{
     gaussians::{CORE, Gaussians, sh_stride},
-    motion::free_time,
+    motion::FreeTimeOptions,
 };
 use flate2::read::GzDecoder;
 
-use super::{Header, HeaderMotion, MAGIC, SceneFile};
+use super::{Header, MAGIC, SceneFile};
 
 /// What a file may unpack to: so many bytes, so many more for each of its own, and never more than the last. Packed scenes
 /// unpack to twice their size, and exact ones to less.
@@ -96,8 +96,9 @@ impl SceneFile {
             return Err("its header contradicts itself".into());
         }
         let mut rows = vec![("core", count.checked_mul(CORE)), ("sh", count.checked_mul(sh_stride(*sh_degree)))];
-        if let HeaderMotion::FreeTime { .. } = motion {
-            rows.push(("motion", dynamic.checked_mul(free_time::ROW)));
+        if let Some(options) = motion.free_time() {
+            options.check_path().map_err(|error| error.to_string())?;
+            rows.push(("motion", dynamic.checked_mul(options.floats())));
         }
         for (name, floats) in rows {
             let found = self.header.sections.iter().find(|section| section.name == name).map(|section| section.floats);
@@ -120,14 +121,14 @@ impl SceneFile {
     /// What is missing; no file that was opened or made here gives one.
     pub fn gaussians(&self) -> Result<Gaussians, String> {
         let need = |name: &str| self.section(name).ok_or_else(|| format!("it has no section '{name}'"));
-        let moves = matches!(self.header.motion, HeaderMotion::FreeTime { .. });
+        let rows = self.header.motion.free_time();
         Ok(Gaussians {
             sh_degree: self.header.sh_degree,
             dynamic: self.header.dynamic,
             core: need("core")?,
             sh: need("sh")?,
-            motion_floats: if moves { free_time::ROW } else { 0 },
-            motion: if moves { need("motion")? } else { Vec::new() },
+            motion_floats: rows.as_ref().map_or(0, FreeTimeOptions::floats),
+            motion: if rows.is_some() { need("motion")? } else { Vec::new() },
         })
     }
 }

@@ -17,10 +17,8 @@ fn main(
 ) {
     let begin = ((group.y * groups.x + group.x) * THREADS + thread) * PER_THREAD;
     for (var row = begin; row < min(begin + PER_THREAD, moment.rows); row++) {
-        let first = values[2u * row];
-        let second = values[2u * row + 1u];
-        let s = state_of(moment, core[3u * row + 2u].z, first, second);
-        d_values[2u * row + 1u] += vec4f(moment.acceleration * second.xyz, 0.0);
+        let s = state_of(moment, core[3u * row + 2u].z, row);
+        straighten(row, moment.acceleration);
         if !s.there {
             continue;
         }
@@ -31,8 +29,8 @@ fn main(
         d_core[3u * row + 2u].z += d_logit * (1.0 - s.left) / s.left + regular;
         let d_log_presence = moment.path * d_logit * (1.0 + s.odds * s.presence / s.left);
         let per_life = s.u / s.life;
-        d_values[2u * row] += vec4f(s.dt * d_mean, d_log_presence * per_life);
-        d_values[2u * row + 1u] +=
-            vec4f(0.5 * s.dt * s.dt * d_mean, d_log_presence * s.u * per_life * (s.life - moment.least));
+        move_path(row, s.dt, d_mean);
+        d_values[VECTORS * row].w += d_log_presence * per_life;
+        d_values[VECTORS * row + 1u].w += d_log_presence * s.u * per_life * (s.life - moment.least);
     }
 }

@@ -13,11 +13,8 @@ fn main(
 ) {
     let begin = ((group.y * groups.x + group.x) * THREADS + thread) * PER_THREAD;
     for (var row = begin; row < min(begin + PER_THREAD, moment.rows); row++) {
-        let first = values[2u * row];
-        let second = values[2u * row + 1u];
-        let s = state_of(moment, core[3u * row + 2u].z, first, second);
-        let moved = s.dt * (first.xyz + 0.5 * s.dt * second.xyz);
-        delta_core[3u * row] = vec4f(select(vec3f(0.0), moved, s.there), 0.0);
+        let s = state_of(moment, core[3u * row + 2u].z, row);
+        delta_core[3u * row] = vec4f(select(vec3f(0.0), moved(row, s.dt), s.there), 0.0);
         delta_core[3u * row + 1u] = vec4f(0.0);
         delta_core[3u * row + 2u] = vec4f(0.0, 0.0, s.d_logit, 0.0);
     }

@@ -9,6 +9,9 @@
 //! mean + v dt + a dt^2 / 2                      opacity o * presence
 //! ```
 //!
+//! Where `knots` are asked for, a path is no parabola: the row holds where the Gaussian is at so many times before and after its
+//! instant, `spacing` intervals apart, and a cubic leads from each to the next (`knots.wgsl`).
+//!
 //! A life of at least `least` intervals bridges the gap between two frames: shorter ones make perfect frames and ghosts
 //! between them.
 
@@ -19,19 +22,23 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use super::{MotionRows, Witness};
+use super::{MotionRows, Witness, track};
 use crate::{
+    config::ConfigError,
     field::{FieldError, Tape},
     gpu::{Gpu, Kernel, Shape},
     raster::Deltas,
 };
 
-/// Floats of a row: velocity (3, metres an interval), instant (intervals), acceleration (3, metres an interval squared),
-/// logarithm of how much longer than the least a life is (intervals).
+/// Floats of a row whose path is a parabola: velocity (3, metres an interval), instant (intervals), acceleration (3, metres an
+/// interval squared), logarithm of how much longer than the least a life is (intervals).
 pub const ROW: usize = 8;
 
 /// The least change of an opacity's logit: what is fainter is not there.
 pub const GONE: f32 = -30.0;
+
+/// Most knots on either side of an instant.
+const MOST_KNOTS: u32 = 16;
 
 /// How Gaussians that are free in time start and learn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,7 +52,11 @@ pub struct FreeTimeOptions {
     pub opacity: f32,
     /// Faster than this nothing is taken to be at the start, extents of the scene an interval.
     pub fastest: f32,
-    /// Learning rate of velocities, as a share of that of positions.
+    /// Knots of a path on either side of its instant, 2 or more; 0: a path is a parabola.
+    pub knots: u32,
+    /// RGB intervals from a knot to the next.
+    pub spacing: f32,
+    /// Learning rate of velocities and of knots, as a share of that of positions.
     pub velocity: f32,
     /// Learning rate of accelerations, as a share of that of positions.
     pub acceleration: f32,
@@ -66,10 +77,12 @@ pub struct FreeTimeOptions {
 impl Default for FreeTimeOptions {
     fn default() -> Self {
         Self {
-            least_life: 1.0,
-            first_life: 2.0,
+            least_life: 0.5,
+            first_life: 1.0,
             opacity: 0.2,
             fastest: 0.5,
+            knots: 0,
+            spacing: 1.0,
             velocity: 0.5,
             acceleration: 0.25,
             instant: 0.01,
@@ -79,6 +92,92 @@ impl Default for FreeTimeOptions {
             events_move_only: false,
             event_opacity: 0.0,
         }
+    }
+}
+
+impl FreeTimeOptions {
+    /// Whether rows can have such a path.
+    ///
+    /// # Errors
+    /// [`ConfigError::OutOfRange`].
+    pub fn check_path(&self) -> Result<(), ConfigError> {
+        let refuse = |key, value, reason| Err(ConfigError::OutOfRange { key, value, reason });
+        if self.knots == 1 || self.knots > MOST_KNOTS {
+            return refuse("free_time.knots", self.knots.to_string(), "0 (a parabola), or 2 to 16 on either side");
+        }
+        // What is shorter than that has no square in single precision.
+        if !(self.spacing >= 1e-3 && self.spacing.is_finite()) {
+            return refuse("free_time.spacing", self.spacing.to_string(), "0.001 RGB intervals or more");
+        }
+        Ok(())
+    }
+
+    /// Floats of a row.
+    #[must_use]
+    pub fn floats(&self) -> usize {
+        match self.knots {
+            0 => ROW,
+            side => 8 * side as usize,
+        }
+    }
+
+    /// How far a Gaussian with this row is from its place `dt` intervals after its instant, metres.
+    #[must_use]
+    pub fn moved(&self, row: &[f32], dt: f32) -> [f32; 3] {
+        if self.knots == 0 {
+            return std::array::from_fn(|axis| dt * (row[axis] + 0.5 * dt * row[4 + axis]));
+        }
+        let (before, after) = row.as_chunks::<4>().0.split_at(self.knots as usize);
+        let knot = |[x, y, z, _]: &[f32; 4]| [*x, *y, *z];
+        let places = before.iter().map(knot).chain([[0.0; 3]]).chain(after.iter().map(knot));
+        let time = |index: usize| (index as f32 - self.knots as f32) * self.spacing;
+        let track: track::Track = places.enumerate().map(|(index, place)| (time(index), place)).collect();
+        track::along(&track, dt)
+    }
+
+    /// What the kernels of the path are told as they are made.
+    #[must_use]
+    pub fn constants(&self) -> String {
+        match self.knots {
+            0 => String::new(),
+            side => format!("const SIDE = {side}u;\nconst SPACING = {:?};\n", self.spacing),
+        }
+    }
+
+    /// Learning rates of the numbers of a row, where positions learn at `position`.
+    #[must_use]
+    pub fn rates(&self, position: f32) -> Vec<f32> {
+        let (velocity, acceleration) = (self.velocity * position, self.acceleration * position);
+        let mut rates = match self.knots {
+            0 => vec![velocity, velocity, velocity, 0.0, acceleration, acceleration, acceleration, 0.0],
+            side => [velocity, velocity, velocity, 0.0].repeat(2 * side as usize),
+        };
+        (rates[3], rates[7]) = (self.instant, self.life);
+        rates
+    }
+
+    /// What a row stores of the life that a Gaussian starts with.
+    fn log_life(&self) -> f32 {
+        (self.first_life - self.least_life).max(1e-3).ln()
+    }
+
+    /// The row of a Gaussian that is born at `instant` with a velocity, metres an interval.
+    #[must_use]
+    pub(crate) fn born(&self, instant: f32, velocity: [f32; 3]) -> Vec<f32> {
+        let [x, y, z] = velocity;
+        match self.knots {
+            0 => vec![x, y, z, instant, 0.0, 0.0, 0.0, self.log_life()],
+            _ => self.bent(instant, |dt| velocity.map(|v| v * dt)),
+        }
+    }
+
+    /// A row that is at its place at `instant` and where `path` says so many intervals later.
+    pub(crate) fn bent(&self, instant: f32, path: impl Fn(f32) -> [f32; 3]) -> Vec<f32> {
+        let side = self.knots as i32;
+        let knots = (-side..=side).filter(|knot| *knot != 0).map(|knot| path(knot as f32 * self.spacing));
+        let mut row: Vec<f32> = knots.flat_map(|[x, y, z]| [x, y, z, 0.0]).collect();
+        (row[3], row[7]) = (instant, self.log_life());
+        row
     }
 }
 
@@ -116,15 +215,22 @@ impl FreeTime {
             Shape::Gpu => (256, 1),
             Shape::Cpu => (8, 32),
         };
-        let constants =
-            format!("const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst GONE = {GONE:?};");
+        let constants = format!(
+            "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst GONE = {GONE:?};\n{}",
+            options.constants()
+        );
         let shared = include_str!("row.wgsl");
+        let [path, path_backward] = match options.knots {
+            0 => [include_str!("parabola.wgsl"), include_str!("parabola_backward.wgsl")],
+            _ => [include_str!("knots.wgsl"), include_str!("knots_backward.wgsl")],
+        };
         Self {
             options: options.clone(),
             intervals,
             extent,
-            forward: gpu.kernel("motion forward", &[&constants, shared, include_str!("forward.wgsl")]),
-            backward: gpu.kernel("motion backward", &[&constants, shared, include_str!("backward.wgsl")]),
+            forward: gpu.kernel("motion forward", &[&constants, path, shared, include_str!("forward.wgsl")]),
+            backward: gpu
+                .kernel("motion backward", &[&constants, path, path_backward, shared, include_str!("backward.wgsl")]),
             rows_a_group: threads * per_thread,
         }
     }

@@ -1,4 +1,6 @@
-// A row of a Gaussian that is free in time, as it stands at a moment.
+// A row of a Gaussian that is free in time, as it stands at a moment. Of its VECTORS vectors of `values` the last number of the first is
+// its instant, that of the second the logarithm of how much longer than the least it lives; the others are its path (parabola.wgsl,
+// knots.wgsl).
 
 struct Moment {
     rows: u32,
@@ -22,11 +24,11 @@ struct State {
     there: bool,
 }
 
-fn state_of(moment: Moment, logit: f32, first: vec4f, second: vec4f) -> State {
+fn state_of(moment: Moment, logit: f32, row: u32) -> State {
     var s: State;
-    s.dt = moment.time - first.w;
+    s.dt = moment.time - values[VECTORS * row].w;
     // Bounded, so that no life or opacity overflows.
-    s.life = moment.least + exp(clamp(second.w, -30.0, 30.0));
+    s.life = moment.least + exp(clamp(values[VECTORS * row + 1u].w, -30.0, 30.0));
     s.u = s.dt / s.life;
     let log_presence = -0.5 * s.u * s.u;
     s.presence = exp(max(log_presence, -80.0));

@@ -18,20 +18,25 @@ fn between(seed: u64, low: f64, high: f64) -> f64 {
     random::range(random::key(seed, &[]), low, high)
 }
 
+/// Paths of either kind.
+fn paths() -> [FreeTimeOptions; 3] {
+    [(0, 1.0), (2, 1.0), (3, 0.75)].map(|(knots, spacing)| FreeTimeOptions {
+        knots,
+        spacing,
+        ..FreeTimeOptions::default()
+    })
+}
+
 /// Rows that are there to all degrees, and their logits.
-fn rows(count: u64) -> (Vec<f32>, Vec<f32>) {
+fn rows(count: u64, options: &FreeTimeOptions) -> (Vec<f32>, Vec<f32>) {
     let row = |i: u64| {
-        let at = |k: u64, low, high| between(100 * i + k, low, high) as f32;
-        [
-            at(0, -1.0, 1.0),
-            at(1, -1.0, 1.0),
-            at(2, -1.0, 1.0),
-            at(3, 0.0, 11.0),
-            at(4, -0.3, 0.3),
-            at(5, -0.3, 0.3),
-            0.1,
-            at(6, -2.0, 1.0),
-        ]
+        let at = move |k: u64, low, high| between(100 * i + k, low, high) as f32;
+        let scale = if options.knots == 0 { [1.0, 0.3] } else { [1.0, 1.0] };
+        let mut row: Vec<f32> =
+            (0..options.floats() as u64).map(|k| scale[usize::from(k > 3)] as f32 * at(k, -1.0, 1.0)).collect();
+        row.iter_mut().skip(3).step_by(4).for_each(|unused| *unused = 0.0);
+        (row[3], row[7]) = (at(90, 0.0, 11.0), at(91, -2.0, 1.0));
+        row
     };
     let logits = (0..count).map(|i| between(100 * i + 50, -3.0, 5.0) as f32).collect();
     ((0..count).flat_map(row).collect(), logits)
@@ -44,6 +49,8 @@ fn moment(options: &FreeTimeOptions, t01: f32, witness: Witness, rows: usize) ->
     };
     twin::Moment {
         time: f64::from(t01 * INTERVALS),
+        knots: options.knots as usize,
+        spacing: f64::from(options.spacing),
         least: f64::from(options.least_life),
         path,
         weight_presence: weight * f64::from(options.weight_presence),
@@ -51,8 +58,8 @@ fn moment(options: &FreeTimeOptions, t01: f32, witness: Witness, rows: usize) ->
     }
 }
 
-fn wide(row: &[f32]) -> [f64; ROW] {
-    std::array::from_fn(|k| f64::from(row[k]))
+fn wide(row: &[f32]) -> Vec<f64> {
+    row.iter().copied().map(f64::from).collect()
 }
 
 /// What the kernels make of rows and gradients: deltas, gradients of the core, gradients of the rows.
@@ -72,7 +79,7 @@ fn run(
     let core = gpu.storage_from("core", &core).expect("a buffer");
     let values = gpu.storage_from("rows", values).expect("a buffer");
     let [d_core, gradients] =
-        [CORE, ROW].map(|stride| gpu.storage("gradients", (rows * stride * 4) as u64).expect("a buffer"));
+        [CORE, options.floats()].map(|stride| gpu.storage("gradients", (rows * stride * 4) as u64).expect("a buffer"));
     let rows_of = MotionRows { core: &core, count: rows as u32, values: &values, gradients: &gradients };
     let mut tape = Tape::new(gpu).expect("a tape");
     model.forward(gpu, rows_of, t01, &mut tape).expect("deltas");
@@ -80,7 +87,7 @@ fn run(
     gpu.upload(&d_deltas.core, 0, d);
     model.backward(gpu, rows_of, &tape, &d_deltas, &d_core, witness).expect("gradients");
     let read = |buffer, stride: usize| gpu.download::<f32>(buffer, rows * stride).expect("read back");
-    [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, ROW)]
+    [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, options.floats())]
 }
 
 fn gradients(rows: usize) -> Vec<f32> {
@@ -93,19 +100,19 @@ fn assert_close(what: &str, got: f32, want: f64, scale: f64) {
 
 #[test]
 fn both_shapes_follow_the_double_precision_twin() {
-    let options =
-        FreeTimeOptions { event_opacity: 0.3, weight_presence: 0.5, weight_acceleration: 0.7, ..Default::default() };
     let count = 777;
-    let (values, logits) = rows(count as u64);
     let d = gradients(count);
-    for shape in [Shape::Cpu, Shape::Gpu] {
+    for (shape, path) in [Shape::Cpu, Shape::Gpu].into_iter().flat_map(|shape| paths().map(|path| (shape, path))) {
         let gpu = open(shape);
+        let options = FreeTimeOptions { event_opacity: 0.3, weight_presence: 0.5, weight_acceleration: 0.7, ..path };
+        let floats = options.floats();
+        let (values, logits) = rows(count as u64, &options);
         for (t01, witness) in [(0.43, Witness::Frame(1.0)), (0.0, Witness::Events), (1.0, Witness::Frame(0.25))] {
             let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &d, t01, witness);
             let moment = moment(&options, t01, witness, count);
             let mut there = 0;
             for i in 0..count {
-                let (row, logit) = (wide(&values[i * ROW..]), f64::from(logits[i]));
+                let (row, logit) = (wide(&values[i * floats..(i + 1) * floats]), f64::from(logits[i]));
                 let (moved, changed) = twin::forward(logit, &row, &moment);
                 there += u32::from(changed > f64::from(GONE));
                 let at = &deltas[i * CORE..(i + 1) * CORE];
@@ -120,8 +127,8 @@ fn both_shapes_follow_the_double_precision_twin() {
                 let (d_logit, expected) = twin::backward(logit, &row, &moment, d_mean, d_changed);
                 // The rasteriser adds the gradient of the changed logit to that of the stored one itself.
                 assert_close("d logit", d_core[i * CORE + 10], d_logit - d_changed, 1.0);
-                for k in 0..ROW {
-                    assert_close(&format!("d row {k}"), d_rows[i * ROW + k], expected[k], 3.0);
+                for k in 0..floats {
+                    assert_close(&format!("d row {k}"), d_rows[i * floats + k], expected[k], 3.0);
                 }
             }
             assert!(there > 100, "{there} rows are there");
@@ -131,10 +138,16 @@ fn both_shapes_follow_the_double_precision_twin() {
 
 #[test]
 fn gradients_of_the_twin_match_finite_differences() {
-    let options = FreeTimeOptions { weight_presence: 0.5, weight_acceleration: 0.7, ..Default::default() };
-    let (values, logits) = rows(60);
-    for (i, row) in values.chunks_exact(ROW).enumerate() {
-        let moment = moment(&options, 0.37, Witness::Frame(1.0), 1);
+    for path in paths() {
+        let options = FreeTimeOptions { weight_presence: 0.5, weight_acceleration: 0.7, ..path };
+        finite_differences(&options);
+    }
+}
+
+fn finite_differences(options: &FreeTimeOptions) {
+    let (values, logits) = rows(60, options);
+    for (i, row) in values.chunks_exact(options.floats()).enumerate() {
+        let moment = moment(options, 0.37, Witness::Frame(1.0), 1);
         let (row, logit) = (wide(row), f64::from(logits[i]));
         if twin::forward(logit, &row, &moment).1 <= f64::from(GONE) {
             continue;
@@ -142,7 +155,7 @@ fn gradients_of_the_twin_match_finite_differences() {
         let weights = [0.3, -0.7, 0.2, 0.9];
         let given = twin::presence(&row, &moment).0;
         // The motion of the instant is left out of its gradient, so the place is that of the row as it was.
-        let loss = |logit: f64, moved: &[f64; ROW], for_place: &[f64; ROW]| {
+        let loss = |logit: f64, moved: &[f64], for_place: &[f64]| {
             let place = twin::forward(logit, for_place, &moment).0;
             let changed = twin::forward(logit, moved, &moment).1 + logit;
             std::iter::zip(place, weights).map(|(p, w)| p * w).sum::<f64>()
@@ -159,9 +172,9 @@ fn gradients_of_the_twin_match_finite_differences() {
             );
         };
         close("logit", d_logit, loss(logit + step, &row, &row), loss(logit - step, &row, &row));
-        for k in 0..ROW {
+        for k in 0..row.len() {
             let at = |delta: f64| {
-                let mut moved = row;
+                let mut moved = row.clone();
                 moved[k] += delta;
                 loss(logit, &moved, if k == 3 { &row } else { &moved })
             };
@@ -200,4 +213,54 @@ fn extremes_stay_finite_and_what_is_over_is_gone() {
         // At its own instant a Gaussian is as its parameters say.
         assert_eq!((deltas[0], deltas[10]), (0.0, 0.0));
     }
+}
+
+#[test]
+fn knots_that_are_far_away_stay_finite() {
+    let options = FreeTimeOptions { knots: 2, spacing: 0.01, ..FreeTimeOptions::default() };
+    let huge = [1e30, -1e30, 1e30, 5.5, -1e30, 1e30, 0.0, 0.0, 1e30, 0.0, 0.0, 0.0, -1e30, 0.0, 0.0, 0.0];
+    let mut gone = [1.0; 16];
+    gone[3] = 1e6;
+    let values = [huge, gone].concat();
+    for shape in [Shape::Cpu, Shape::Gpu] {
+        let gpu = open(shape);
+        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &[0.0; 2], &gradients(2), 0.5, Witness::Frame(1.0));
+        assert!([deltas.clone(), d_core, d_rows].concat().iter().all(|value| value.is_finite()), "{deltas:?}");
+        assert_eq!((&deltas[CORE..CORE + 3], deltas[CORE + 10]), (&[0.0; 3][..], GONE), "what is over does not move");
+    }
+}
+
+#[test]
+fn a_path_through_knots_passes_them_and_follows_a_parabola_exactly() {
+    let options = FreeTimeOptions { knots: 3, spacing: 0.5, ..FreeTimeOptions::default() };
+    let parabola = |dt: f64| [0.4 * dt, -0.2 * dt + 0.7 * dt * dt, 0.1 * dt * dt];
+    let row = options.bent(5.0, |dt| parabola(f64::from(dt)).map(|place| place as f32));
+    assert_eq!((row.len(), row[3]), (24, 5.0));
+    let row = wide(&row);
+    let moment = moment(&options, 0.5, Witness::Events, 1);
+    for step in -15..=15 {
+        let dt = 0.1 * f64::from(step);
+        for axis in 0..3 {
+            let off = (twin::moved(&row, &moment, dt, axis) - parabola(dt)[axis]).abs();
+            assert!(off < 1e-6, "{off} m off {dt} intervals later");
+        }
+    }
+    // The function for exports is the same path.
+    for options in paths() {
+        let (values, _) = rows(20, &options);
+        for row in values.chunks_exact(options.floats()) {
+            let twin_moment =
+                twin::Moment { knots: options.knots as usize, spacing: f64::from(options.spacing), ..moment };
+            for step in -12..=12 {
+                let dt = 0.3 * step as f32;
+                let there = options.moved(row, dt);
+                for (axis, place) in there.into_iter().enumerate() {
+                    assert_close("place", place, twin::moved(&wide(row), &twin_moment, f64::from(dt), axis), 3.0);
+                }
+            }
+        }
+    }
+    // Beyond the last knot it goes straight on: at twice the distance, twice as far.
+    let at = |dt: f64| twin::moved(&row, &moment, dt, 1);
+    assert!((at(2.5) - 2.0 * at(2.0) + at(1.5)).abs() < 1e-12);
 }

@@ -1,6 +1,7 @@
 // What is drawn over the picture: the cameras of the rig, where what moves is going, events.
 
 import { centreOf, distance } from './camera.js';
+import { moved, rowFloats } from './trajectory.js';
 
 const COLOURS = { rgb: '#d9a441', event: '#6fa8ff', both: '#7fd18b', on: '#ff5a4f', off: '#4f8bff', velocity: '#7dffb0' };
 // Arrows that are drawn at most.
@@ -68,7 +69,7 @@ export class Overlay {
     const { intervals, least_life: least } = scene.motion;
     const seen = [];
     for (let k = 0; k < scene.dynamic; k++) {
-      const [core, row] = [12 * k, 8 * k];
+      const [core, row] = [12 * k, rowFloats(scene.motion) * k];
       const dt = t01 * intervals - scene.rows[row + 3];
       const life = least + Math.exp(Math.min(30, scene.rows[row + 7]));
       const opacity = Math.exp(-0.5 * (dt / life) ** 2) / (1 + Math.exp(-scene.core[core + 10]));
@@ -76,7 +77,7 @@ export class Overlay {
     }
     const every = Math.ceil(seen.length / ARROWS);
     for (const [core, row, dt] of seen.filter((_, k) => k % every === 0)) {
-      const at = (d) => [0, 1, 2].map((i) => scene.core[core + i] + scene.rows[row + i] * d + 0.5 * scene.rows[row + 4 + i] * d * d);
+      const at = (d) => moved(scene.motion, scene.rows, row, d).map((by, i) => scene.core[core + i] + by);
       const [from, to] = [project(this.view, at(dt)), project(this.view, at(dt + 0.25))];
       if (!from || !to) continue;
       const { paint } = this;

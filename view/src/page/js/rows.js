@@ -4,11 +4,13 @@ const THREADS = 64;
 
 export class Rows {
   static async make(gpu, texts, scene) {
-    const { gone } = scene.motion;
-    const constants = `const THREADS = ${THREADS}u;\nconst PER_THREAD = 1u;\nconst GONE = f32(${gone});`;
-    const [row, forward] = await Promise.all(['row', 'forward'].map((name) => texts.train(`motion/free_time/${name}.wgsl`)));
+    const { gone, knots, spacing } = scene.motion;
+    const constants = `const THREADS = ${THREADS}u;\nconst PER_THREAD = 1u;\nconst GONE = f32(${gone});\n`
+      + (knots > 0 ? `const SIDE = ${knots}u;\nconst SPACING = f32(${spacing});` : '');
+    const names = [knots > 0 ? 'knots' : 'parabola', 'row', 'forward'];
+    const parts = await Promise.all(names.map((name) => texts.train(`motion/free_time/${name}.wgsl`)));
     const self = new Rows();
-    self.kernel = await gpu.kernel('motion forward', [constants, row, forward]);
+    self.kernel = await gpu.kernel('motion forward', [constants, ...parts]);
     Object.assign(self, { gpu, values: gpu.storageFrom(scene.rows), deltas: gpu.storage(48 * scene.dynamic), moment: gpu.uniform(32) });
     return self;
   }
