@@ -128,7 +128,7 @@ impl Writer {
     }
 
     /// Microseconds of a time in nanoseconds, from the round of EVT 3's clock on in which the message begins.
-    fn from_round(&self, ns: u64) -> u64 {
+    fn in_round(&self, ns: u64) -> u64 {
         let rounds_us = self.base_ns / 1000 / ROUND_US * ROUND_US;
         (ns / 1000).saturating_sub(rounds_us)
     }
@@ -170,7 +170,7 @@ impl Writer {
             rounds += u64::from(low < last) << 31;
             last = low;
             let t_ns = self.base_ns.saturating_add(rounds.saturating_add(low.into()).saturating_mul(1000));
-            let t_us = self.from_round(t_ns);
+            let t_us = self.in_round(t_ns);
             self.event(t_us, (data >> 17 & 0x7FFF) as u16, (data >> 2 & 0x7FFF) as u16, data & 2 != 0);
         }
     }
@@ -180,7 +180,7 @@ impl Writer {
     fn mono(&mut self, words: &[u8]) {
         for word in words.as_chunks::<8>().0 {
             let word = u64::from_le_bytes(*word);
-            let t_us = self.from_round(self.base_ns.saturating_add(word & 0xFFFF_FFFF));
+            let t_us = self.in_round(self.base_ns.saturating_add(word & 0xFFFF_FFFF));
             self.event(t_us, (word >> 32) as u16, (word >> 48 & 0x7FFF) as u16, word >> 63 == 1);
         }
     }

@@ -122,10 +122,10 @@ impl Sink for Before {
 /// nothing only where the format could not hold them.
 pub(super) fn write(task: &mut Task<'_>, as_dat: bool, progress: impl FnMut(u64)) -> Result<(u64, u64), ExportError> {
     let mut before = Before::default();
-    let (lost, mut found) = (task.damage.len(), Vec::new());
+    let lost = task.damage.len();
     task.decode(&mut before, |_| {})?;
     // It is decoded once more, and tells the same again.
-    found.extend(task.damage.drain(lost..));
+    task.damage.truncate(lost);
     before.edges.sort_by_key(|edge| edge.t_us);
     let first_us = before.first_us.unwrap_or(0);
     let size = crate::container::sensor_size(&task.description).unwrap_or(SensorSize { width: 1280, height: 720 });
