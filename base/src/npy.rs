@@ -297,11 +297,13 @@ fn to_c_order(values: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     out
 }
 
+/// The names of a field of records, and its type.
+type Field = (Vec<String>, String);
+
 /// What an array's values are.
 enum Descr {
     Plain(String),
-    /// The names of each field, and its type.
-    Records(Vec<(Vec<String>, String)>),
+    Records(Vec<Field>),
 }
 
 struct Header {
@@ -360,7 +362,7 @@ impl Header {
 }
 
 /// The fields of records, `('t', '<i8'), (('title', 'x'), '<u2'), ]`, and what follows the bracket.
-fn records(mut text: &str) -> Option<(Vec<(Vec<String>, String)>, &str)> {
+fn records(mut text: &str) -> Option<(Vec<Field>, &str)> {
     let skip = |text: &'_ str| -> usize { text.len() - text.trim_start_matches([' ', ',']).len() };
     let mut fields = Vec::new();
     loop {

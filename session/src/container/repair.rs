@@ -73,11 +73,11 @@ fn copy(
             Piece::Keep([from, to]) => {
                 let mut at = *from;
                 for &(place, byte) in patches.iter().filter(|(place, _)| (*from..*to).contains(place)) {
-                    copy_range(file, path, [at, place], sink, &failed)?;
+                    copy_range(file, path, [at, place], sink, failed)?;
                     sink.write_all(&[byte]).map_err(&failed)?;
                     at = place + 1;
                 }
-                copy_range(file, path, [at, *to], sink, &failed)?;
+                copy_range(file, path, [at, *to], sink, failed)?;
                 written += to - from;
             }
             Piece::Bytes(bytes) => {
