@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn any_bit_that_flipped_is_found_by_the_checksum() {
-        let content: Vec<u8> = (0..5000_u32).map(|i| (i * i >> 3) as u8).collect();
+        let content: Vec<u8> = (0..5000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         let said = crc32fast::hash(&content);
         for place in (0..8 * content.len()).step_by(37).chain([8 * content.len() - 1]) {
             let mut damaged = content.clone();
