@@ -187,8 +187,8 @@ mod tests {
     #[test]
     fn measurements_of_light_are_left_out() {
         let header = "4576656e742053747265616d 020000 02 3001 f000";
-        let (_, columns) = decoded(&bytes(&format!("{header} 0601000500 ff2902000600 0303000700 ffdc04000800")));
-        assert_eq!((columns.t_us, columns.x), (vec![1, 433], vec![1, 4]));
+        let (_, columns) = decoded(&bytes(&format!("{header} 0601000500 ff2902000600 0303000700 fffdc004000800")));
+        assert_eq!((columns.t_us, columns.x), (vec![1, 500], vec![1, 4]));
         assert_eq!((columns.y, columns.on), (vec![234, 231], vec![true, false]));
     }
 
