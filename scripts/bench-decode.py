@@ -1,15 +1,20 @@
 #!/usr/bin/env python3
 """Compare the decoding of event files with faery and expelliarmus, on one core, in one run.
 
-usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] EVT3.raw EVT2.raw
+usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] [EVT3.raw EVT2.raw ...]
+
+A dense EVT 3 file is made besides, and measured last: vectors alone, about a word for each event, as a sensor sends them that sees
+much at once.
 
 The three take turns; for each the fastest CPU time counts (wall time on a busy machine measures its neighbours). faery and
 expelliarmus come from PyPI into target/bench-decode. They read the files from the page cache, erfgs from memory.
 """
 
 import argparse
+import array
 import json
 import pathlib
+import random
 import subprocess
 import sys
 
@@ -51,6 +56,32 @@ def environment() -> str:
     return str(python)
 
 
+def dense() -> str:
+    """Makes a RAW file of EVT 3 whose events lie in vectors: 3 million words, the same each time."""
+    path = ROOT / "target/bench-decode/dense.raw"
+    if path.is_file():
+        return str(path)
+    pick = random.Random(15)
+    words, high = array.array("H"), None
+    for step in range(4200):
+        t = 1000 + 37 * step
+        if t >> 12 != high:
+            high = t >> 12
+            words.append(0x8000 | high & 0xFFF)
+        words.append(0x6000 | t & 0xFFF)
+        for _ in range(16):
+            words.append(pick.randrange(720))
+            for block in sorted(pick.sample(range(40), 10)):
+                words.append(0x3000 | pick.getrandbits(1) << 11 | 32 * block)
+                mask = pick.getrandbits(32) & pick.getrandbits(32) & (pick.getrandbits(32) | pick.getrandbits(32))
+                words.extend((0x4000 | mask & 0xFFF, 0x4000 | mask >> 12 & 0xFFF, 0x5000 | mask >> 24))
+    if sys.byteorder == "big":
+        words.byteswap()
+    header = "% evt 3.0\n% format EVT3;height=720;width=1280\n% geometry 1280x720\n% end\n"
+    path.write_bytes(header.encode() + words.tobytes())
+    return str(path)
+
+
 def figures(command: list) -> dict:
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
@@ -60,12 +91,12 @@ def main() -> None:
     parser.add_argument("--erfgs", default=str(ROOT / "target/release/erfgs"), help="the program to measure")
     parser.add_argument("--runs", type=int, default=15, help="runs of each tool in a round")
     parser.add_argument("--rounds", type=int, default=3, help="how often the tools take turns")
-    parser.add_argument("files", nargs="+", help="RAW files with EVT 2 or EVT 3")
+    parser.add_argument("files", nargs="*", help="RAW files with EVT 2 or EVT 3")
     arguments = parser.parse_args()
     python, runs = environment(), str(arguments.runs)
     heading = ["file", "events", "erfgs", "faery", "expelliarmus", "/ faery", "/ expelliarmus"]
     print("Mev/s on one core\n\n| " + " | ".join(heading) + " |\n|" + "---|" * len(heading))
-    for path in arguments.files:
+    for path in [*arguments.files, dense()]:
         commands = {
             "erfgs": [arguments.erfgs, "bench", "decode", path, "--json", "--runs", runs],
             "faery": [python, "-c", OTHERS, "faery", path, runs],

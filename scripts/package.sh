@@ -29,7 +29,7 @@ if [ ${#build[@]} -eq 0 ]; then
   alone base files parallel
   alone events aedat4 npz digest serde
   alone scene cameras images formats exr
-  alone session file pictures export exr
+  alone session file pictures export exr rosbag2
   alone rig evk4 davis346 frames trigger
 fi
 # Whether it is committed is not asked: the check is for what lies here. What is built goes to the folder of all builds.

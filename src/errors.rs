@@ -19,6 +19,14 @@ pub fn recording_at(path: &Path) -> Result<(), Usage> {
     }
 }
 
+/// Refuses to write over what is there, unless that is wanted.
+pub fn not_over(path: &Path, force: bool) -> Result<(), Usage> {
+    if force || !path.exists() {
+        return Ok(());
+    }
+    Err(Usage(format!("'{}' exists already; --force overwrites it, or give another --out", path.display())))
+}
+
 /// The user stopped the command, and what was done so far is kept (exit code 130).
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]

@@ -13,7 +13,7 @@ use erfgs_base::names::FileNames;
 use erfgs_dataset::{Dataset, export::Layout};
 use erfgs_events::SensorSize;
 use erfgs_session::{
-    container::Recording,
+    container::{Recording, Summary},
     export::{EventsFormat, FramesFormat},
     source::Encoding,
 };
@@ -21,7 +21,7 @@ use erfgs_session::{
 use self::scene::{SceneFormat, SceneOptions};
 use crate::{
     device::{Adapter, TrainedRun},
-    errors::Usage,
+    errors::{Usage, not_over},
     terminal::Terminal,
 };
 
@@ -39,7 +39,8 @@ A dataset gives its frames, cameras and initial points as other trainers read th
   nerfstudio  images/ and transforms.json, with times from 0 to 1 and the initial points
 
 A session, a recording of ROS 2 or an event file gives its event streams as
-  raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for; DAT and AEDAT 2 as EVT 2
+  raw  the words of a Prophesee sensor as they came, with the header that Metavision looks for; all else encoded as EVT 3 or 2
+  dat  DAT, version 2
   aedat4  events, edges, frames and inertial samples, as DV reads them
   csv  lines of t, x, y, on
   npz  NumPy arrays t, x, y, p
@@ -49,6 +50,8 @@ and the frames of its cameras, and of event sensors that have frames, as
   exr  the same in linear light; of Bayer and deep grey frames all that the sensor gave
   mp4  a video for each camera (ffmpeg), at its mean rate
 All streams that fit the format are written, or the one named with --stream. What exists is overwritten with --force alone.
+
+Exit codes: 0 exported, 1 the recording is cut off or damaged (all else was exported), 2 wrong usage.
 
 Examples:
   erfgs export run --instants 10 --out splats
@@ -60,7 +63,7 @@ Examples:
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
-    /// A run folder, a dataset, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
+    /// A run folder, a dataset, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, Event Stream, text, NPZ, NPY, HDF5, rosbag2.
     #[arg(value_name = "RUN|DATASET|S.mcap|FILE")]
     input: PathBuf,
     /// The dataset, where it is no longer where the run was trained on it.
@@ -96,6 +99,7 @@ pub struct Arguments {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     Raw,
+    Dat,
     Aedat4,
     Csv,
     Npz,
@@ -124,7 +128,7 @@ fn to(text: &str) -> Result<To, String> {
         "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
+            "raw, dat, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
              for a run"
                 .into()
         }),
@@ -141,6 +145,7 @@ impl Format {
     fn extension(self) -> &'static str {
         match self {
             Self::Raw => "raw",
+            Self::Dat => "dat",
             Self::Aedat4 => "aedat4",
             Self::Csv => "csv",
             Self::Npz => "npz",
@@ -155,6 +160,7 @@ impl Format {
     fn kind(self) -> Kind {
         match self {
             Self::Raw => Kind::Events(EventsFormat::Raw),
+            Self::Dat => Kind::Events(EventsFormat::Dat),
             Self::Aedat4 => Kind::Events(EventsFormat::Aedat4),
             Self::Csv => Kind::Events(EventsFormat::Csv),
             Self::Npz => Kind::Events(EventsFormat::Npz),
@@ -170,10 +176,14 @@ impl Format {
         matches!(self.kind(), Kind::Frames(format) if format.is_folder())
     }
 
-    /// What an earlier export to `out` left there.
-    fn left_behind(self, out: &Path) -> Option<PathBuf> {
-        let left = if self.is_folder() { out.join("frames.csv") } else { out.to_owned() };
-        left.exists().then_some(left)
+    /// Files that an export to `out` may write, by which an earlier one is known.
+    fn writes(self, out: &Path) -> Vec<PathBuf> {
+        match self {
+            Self::Png | Self::Exr => vec![out.join("frames.csv"), out.join(format!("000000.{}", self.extension()))],
+            // A camera's times, and those of an event sensor.
+            Self::Mp4 => vec![out.to_owned(), out.with_extension("csv"), out.with_extension("frames.csv")],
+            _ => vec![out.to_owned()],
+        }
     }
 }
 
@@ -201,7 +211,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ))
         .into()),
         (true, None) => {
-            let what = "say in which format to export the recording: --to raw, aedat4, csv, npz, h5, png, exr or mp4";
+            let what = "say in which format to export the recording: --to raw, dat, aedat4, csv, npz, h5, png, exr or mp4";
             Err(Usage(what.into()).into())
         }
         (false, Some(To::Dataset(layout))) => {
@@ -217,16 +227,23 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         .into()),
         (false, None) => {
             let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
-            run::run(&of_run, arguments.instants, arguments.out.as_deref(), terminal)
+            run::run(&of_run, arguments.instants, arguments.out.as_deref(), arguments.force, terminal)
         }
     }
 }
 
-/// An error if something was lost to damage, of which everything else was exported.
+/// An error if the recording is cut or damaged, of which everything else was exported.
 fn complain(recording: &Recording, lost: &[String]) -> anyhow::Result<()> {
-    let Some(first) = lost.first() else { return Ok(()) };
-    let path = recording.path().display();
-    anyhow::bail!("what is whole was exported; {path} lost data in {} damaged places, the first: {first}", lost.len())
+    complain_of("exported", recording.path(), recording.summary(), lost)
+}
+
+/// An error if a recording is cut or damaged, with which all else was done. `lost` is what was found meanwhile.
+pub fn complain_of(done: &str, path: &Path, summary: &Summary, lost: &[String]) -> anyhow::Result<()> {
+    let mut faults = summary.faults();
+    faults.extend(lost.iter().filter(|lost| !summary.damage.contains(lost)).cloned());
+    let Some(first) = faults.first() else { return Ok(()) };
+    let others = if faults.len() > 1 { format!(" (and {} faults more)", faults.len() - 1) } else { String::new() };
+    anyhow::bail!("what is whole was {done}; {} has faults: {first}{others}", path.display())
 }
 
 /// One stream and where it goes.
@@ -244,14 +261,8 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     if let Some(task) = tasks.iter().find(|task| same(&task.out)) {
         return Err(Usage(format!("'{}' is what is to be exported; give another --out", task.out.display())).into());
     }
-    if !arguments.force
-        && let Some(there) = tasks.iter().find_map(|task| format.left_behind(&task.out))
-    {
-        return Err(Usage(format!(
-            "'{}' exists already; --force overwrites it, or give another --out",
-            there.display()
-        ))
-        .into());
+    for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
+        not_over(&file, arguments.force)?;
     }
     match format.kind() {
         Kind::Events(format) => events::export(&mut recording, format, &tasks, terminal),

@@ -8,13 +8,14 @@ use serde::Serialize;
 
 use crate::{
     errors::{Usage, recording_at},
+    export::complain_of,
     terminal::{Terminal, bytes, thousands},
 };
 
 /// Make a session of an event file of another program.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The words of a RAW file stay as they are. DAT, AEDAT 2 and Metavision's HDF5 become EVT 2 words; AEDAT 4, CSV, NPZ and \
+The words of a RAW file stay as they are. DAT, AEDAT 2 and Metavision's HDF5 become EVT 2 words; all else, AEDAT 4, text, NPZ and \
 DSEC's HDF5 packets of AEDAT 4, with frames, inertial samples and triggers. Events keep their order and their microseconds: \
 `erfgs info --digest` says the same of the file and of the session. `erfgs replay` and `erfgs export` take event files as they \
 are; a session is for what else takes sessions: `sync`, `calibrate`, `dataset import session`.
@@ -24,7 +25,7 @@ Examples:
   erfgs import recording.raw --out take1.mcap
   erfgs import events.csv --size 640x480 --out events.mcap")]
 pub struct Arguments {
-    /// The event file: RAW, DAT, AEDAT 2 or 4, CSV, NPZ, HDF5.
+    /// The event file: RAW, DAT, AEDAT 2 or 4, Event Stream, text (also in a zip), NPZ, NPY, HDF5.
     file: PathBuf,
     /// The session to write; beside the file, named *.mcap, without it.
     #[arg(long, value_name = "S.mcap")]
@@ -84,5 +85,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             bytes(imported.bytes),
             imported.seconds
         )
-    })
+    })?;
+    complain_of("imported", &arguments.file, recording.summary(), &[])
 }

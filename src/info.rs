@@ -53,14 +53,15 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let what = format!("--digest is for sessions and event files, and '{}' is none", path.display());
         return Err(Usage(what).into());
     }
-    if arguments.check && extension != "mcap" {
+    let is_recording = matches!(extension, "mcap" | "db3");
+    if arguments.check && !is_recording {
         return Err(Usage(format!("--check is for sessions, and '{}' is none", path.display())).into());
     }
     match (path.is_dir(), extension) {
-        (false, "mcap") if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
+        (false, _) if is_recording && !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
         (false, "ply") => points(path, terminal),
-        (false, "mcap") => session::run(path, arguments.digest, arguments.check, terminal),
-        (false, "npz") => events::describe_npz(path, arguments.size, arguments.digest, terminal),
+        (false, _) if is_recording => session::run(path, arguments.digest, arguments.check, terminal),
+        (false, "npz" | "npy") => events::describe_arrays(path, arguments.size, arguments.digest, terminal),
         (false, "h5" | "hdf5") => events::describe_hdf5(path, arguments.size, arguments.digest, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),

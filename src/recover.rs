@@ -12,8 +12,10 @@ use crate::terminal::{Terminal, bytes, thousands};
 #[command(after_help = "\
 What lies in whole chunks stays byte for byte; at most the last chunk (half a second) is lost. The session itself is left \
 alone, and the copy gets the index that was never written. --in-place appends the index to the session itself, which \
-needs next to no room on the disk. A session can be read, replayed and exported without being repaired. Of a session that is \
-whole no copy is written. What is damaged within (`erfgs info --check`) is left out of the copy, and told.
+needs next to no room on the disk; what it cuts off lies in S.mcap.before until the result was read back. A session can be read, \
+replayed and exported without being repaired. Of a session that is whole no copy is written. What is damaged within (`erfgs info \
+--check`) is left out of the copy, and told: the messages that cannot be read, chunks that come twice, and where a chunk's checksum \
+does not say which of its messages is wrong, all of it. A single bit that flipped in a chunk that is not compressed is put right.
 
 Exit codes: 0 repaired, or whole already; 1 nothing could be saved, or the copy could not be written.
 
@@ -41,6 +43,7 @@ struct Report {
     chunks: u64,
     cut_bytes: u64,
     damaged: Vec<String>,
+    mended: Vec<String>,
 }
 
 /// Repairs the session and says what was lost.
@@ -50,12 +53,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         None if arguments.in_place => arguments.session.clone(),
         None => arguments.session.with_extension("recovered.mcap"),
     };
-    let Recovered { was_whole, messages, chunks, cut_bytes, damaged } = if arguments.in_place {
+    let Recovered { was_whole, messages, chunks, cut_bytes, damaged, mended } = if arguments.in_place {
         container::recover_in_place(&arguments.session)?
     } else {
         container::recover(&arguments.session, &out)?
     };
-    let report = Report { file: (!was_whole).then_some(out), was_whole, messages, chunks, cut_bytes, damaged };
+    let report = Report { file: (!was_whole).then_some(out), was_whole, messages, chunks, cut_bytes, damaged, mended };
     terminal.result(&report, || match &report.file {
         None if arguments.out.is_some() => format!(
             "{} is whole: nothing to repair, and no copy was written; `cp` makes one",
@@ -70,6 +73,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
                 thousands(report.chunks),
                 bytes(report.cut_bytes)
             );
+            for place in &report.mended {
+                text.push_str("\nput right: ");
+                text.push_str(place);
+            }
             for place in &report.damaged {
                 text.push_str("\nlost: ");
                 text.push_str(place);

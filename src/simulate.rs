@@ -8,7 +8,7 @@ use erfgs_replay::{Luma, Mode, Simulator, SimulatorConfig};
 use serde::Serialize;
 
 use crate::{
-    errors::Usage,
+    errors::{Usage, not_over},
     terminal::{Terminal, table, thousands},
 };
 
@@ -34,6 +34,9 @@ pub struct Arguments {
     /// The event file to write.
     #[arg(long, value_name = "EVENTS.npz")]
     out: PathBuf,
+    /// Overwrite what exists.
+    #[arg(long)]
+    force: bool,
     #[command(flatten)]
     sensor: Sensor,
     /// Seed of everything random.
@@ -156,6 +159,7 @@ struct Summary<'a> {
 /// Simulates and writes the events.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let config = arguments.sensor.config(arguments.seed)?;
+    not_over(&arguments.out, arguments.force)?;
     let luma = npz::read_luma(&arguments.luma)?;
     let pixels = luma.width as usize * luma.height as usize;
     let started = std::time::Instant::now();

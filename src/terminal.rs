@@ -73,6 +73,7 @@ impl Terminal {
 /// A table for humans: columns padded to their widest cell, two spaces apart. A column of numbers under its heading
 /// stands to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
+    let rows: Vec<Vec<String>> = rows.iter().map(|row| shortened(row)).collect();
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let cells = |column: usize| rows.iter().filter_map(move |row| row.get(column));
     let widths: Vec<usize> =
@@ -90,6 +91,19 @@ pub fn table(rows: &[Vec<String>]) -> String {
         text.push('\n');
     }
     text
+}
+
+/// The cells of a row, so short that a terminal can show them: what files say may have any length. The last cell may be longer,
+/// since nothing stands beside it.
+fn shortened(row: &[String]) -> Vec<String> {
+    let cut = |(column, cell): (usize, &String)| {
+        let most = if column + 1 == row.len() { 400 } else { 100 };
+        match cell.char_indices().nth(most) {
+            Some((end, _)) => format!("{}…", &cell[..end]),
+            None => cell.clone(),
+        }
+    };
+    row.iter().enumerate().map(cut).collect()
 }
 
 /// A count with thousands separated: `1,234,567`.
@@ -131,6 +145,14 @@ mod tests {
     fn columns_of_numbers_stand_to_the_right() {
         let rows = [["run", "PSNR"], ["a", "1.5"], ["longer", "22.25"]].map(|row| row.map(String::from).to_vec());
         assert_eq!(table(&rows), "run      PSNR\na         1.5\nlonger  22.25\n");
+    }
+
+    #[test]
+    fn what_a_file_says_at_length_is_cut_for_a_terminal() {
+        let rows = [[" ".repeat(9000), "x".repeat(9000)], ["key".into(), "value".into()]].map(|row| row.to_vec());
+        let text = table(&rows);
+        assert!(text.lines().all(|line| line.chars().count() <= 504), "{text}");
+        assert!(text.contains("xx…") && text.ends_with("value\n"), "{text}");
     }
 
     #[test]

@@ -7,7 +7,8 @@
 //! then         header: a Python literal {'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), }, newline
 //! then         the values
 //! ```
-//! Numbers are read (`b`, `i`, `u`, `f` of 1 to 8 bytes, both byte orders); pickled objects and records are refused.
+//! Numbers are read (`b`, `i`, `u`, `f` of 1 to 8 bytes, both byte orders), and records of them ([`decode_records`]); pickled
+//! objects are refused.
 //! The length of the data is compared with the shape before anything is allocated for it.
 
 /// What is wrong with an array.
@@ -108,25 +109,11 @@ impl NpyArray {
     /// # Errors
     /// If they are cut short, malformed, or hold something else than numbers.
     pub fn decode(bytes: &[u8]) -> Result<Self, NpyError> {
-        let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or(NpyError::Magic)?;
-        let (&[major, _minor], rest) = rest.split_first_chunk().ok_or(NpyError::Truncated)?;
-        let (length, rest) = match major {
-            1 => rest.split_first_chunk().map(|(b, rest)| (u16::from_le_bytes(*b) as usize, rest)),
-            2 | 3 => rest.split_first_chunk().map(|(b, rest)| (u32::from_le_bytes(*b) as usize, rest)),
-            _ => return Err(NpyError::Header("unknown version")),
-        }
-        .ok_or(NpyError::Truncated)?;
-        let (header, values) = rest.split_at_checked(length).ok_or(NpyError::Truncated)?;
-        let header = std::str::from_utf8(header).map_err(|_| NpyError::Header("not text"))?;
-        let Header { descr, fortran, shape } = Header::parse(header).map_err(NpyError::Header)?;
-
-        let unsupported = || NpyError::Type { found: descr.clone(), wanted: "a plain number type" };
-        let &[order, kind, digit] = descr.as_bytes() else { return Err(unsupported()) };
-        let size = usize::from(digit.wrapping_sub(b'0'));
-        let known = matches!((kind, size), (b'b', 1) | (b'i' | b'u', 1 | 2 | 4 | 8) | (b'f', 4 | 8));
-        if !known || !matches!(order, b'<' | b'>' | b'|') {
-            return Err(unsupported());
-        }
+        let (Header { descr, fortran, shape }, values) = split(bytes)?;
+        let Descr::Plain(descr) = descr else {
+            return Err(NpyError::Header("`descr` is no string: records are not supported here"));
+        };
+        let (order, kind, size) = plain(&descr)?;
         let needed = shape.iter().try_fold(size as u64, |total, &length| total.checked_mul(length));
         if needed != Some(values.len() as u64) {
             return Err(NpyError::Length { found: values.len(), needed: needed.unwrap_or(u64::MAX), shape });
@@ -188,6 +175,19 @@ impl NpyArray {
         }
     }
 
+    /// As [`NpyArray::integers`], also of floats that are whole numbers.
+    ///
+    /// # Errors
+    /// If a value is not whole or does not fit; `wanted` names the range in the message.
+    pub fn whole<T: TryFrom<i128>>(&self, wanted: &'static str) -> Result<Vec<T>, NpyError> {
+        let Ok(values) = self.floats() else { return self.integers(wanted) };
+        let convert = |(index, value): (usize, f64)| {
+            let whole = (value.fract() == 0.0).then_some(value as i128).and_then(|value| T::try_from(value).ok());
+            whole.ok_or(NpyError::Range { value: value as i128, index, wanted })
+        };
+        values.into_iter().enumerate().map(convert).collect()
+    }
+
     /// All values of an array of floats.
     ///
     /// # Errors
@@ -212,6 +212,73 @@ impl NpyArray {
     }
 }
 
+/// The columns of an `.npy` file of records on one axis, each with its names (a field may have a title besides).
+///
+/// # Errors
+/// If the file is cut short or malformed, or holds something else than records of numbers.
+pub fn decode_records(bytes: &[u8]) -> Result<Vec<(Vec<String>, NpyArray)>, NpyError> {
+    let (Header { descr, shape, .. }, values) = split(bytes)?;
+    let Descr::Records(fields) = descr else {
+        return Err(NpyError::Header("it holds one number each, and no records"));
+    };
+    let &[length] = &shape[..] else { return Err(NpyError::Header("its records lie on other than one axis")) };
+    let mut columns = Vec::new();
+    let mut stride = 0_usize;
+    for (names, descr) in fields {
+        // Room between fields that lie at multiples of their size.
+        let room = descr.strip_prefix("|V").and_then(|room| room.parse::<usize>().ok());
+        let size = match room {
+            Some(room) => room,
+            None => {
+                let (order, kind, size) = plain(&descr)?;
+                columns.push((names, order, kind, size, stride));
+                size
+            }
+        };
+        stride = stride.checked_add(size).ok_or(NpyError::Header("its records are too long"))?;
+    }
+    let needed = length.checked_mul(stride as u64);
+    if stride == 0 || needed != Some(values.len() as u64) {
+        return Err(NpyError::Length { found: values.len(), needed: needed.unwrap_or(u64::MAX), shape });
+    }
+    let column = |(names, order, kind, size, at): (Vec<String>, u8, u8, usize, usize)| {
+        let mut bytes = Vec::with_capacity(values.len() / stride * size);
+        for record in values.chunks_exact(stride) {
+            bytes.extend_from_slice(record.get(at..at + size).unwrap_or_default());
+        }
+        if order == b'>' {
+            bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
+        }
+        (names, NpyArray { kind, size, shape: vec![values.len() / stride], bytes })
+    };
+    Ok(columns.into_iter().map(column).collect())
+}
+
+/// The header of an `.npy` file, and its values.
+fn split(bytes: &[u8]) -> Result<(Header, &[u8]), NpyError> {
+    let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or(NpyError::Magic)?;
+    let (&[major, _minor], rest) = rest.split_first_chunk().ok_or(NpyError::Truncated)?;
+    let (length, rest) = match major {
+        1 => rest.split_first_chunk().map(|(b, rest)| (u16::from_le_bytes(*b) as usize, rest)),
+        2 | 3 => rest.split_first_chunk().map(|(b, rest)| (u32::from_le_bytes(*b) as usize, rest)),
+        _ => return Err(NpyError::Header("unknown version")),
+    }
+    .ok_or(NpyError::Truncated)?;
+    let (header, values) = rest.split_at_checked(length).ok_or(NpyError::Truncated)?;
+    let header = std::str::from_utf8(header).map_err(|_| NpyError::Header("not text"))?;
+    Ok((Header::parse(header).map_err(NpyError::Header)?, values))
+}
+
+/// Byte order, kind and size of a number's type.
+fn plain(descr: &str) -> Result<(u8, u8, usize), NpyError> {
+    let unsupported = || NpyError::Type { found: descr.to_owned(), wanted: "a plain number type" };
+    let &[order, kind, digit] = descr.as_bytes() else { return Err(unsupported()) };
+    let size = usize::from(digit.wrapping_sub(b'0'));
+    let known = matches!((kind, size), (b'b', 1) | (b'i' | b'u', 1 | 2 | 4 | 8) | (b'f', 4 | 8));
+    let known = known && matches!(order, b'<' | b'>' | b'|');
+    known.then_some((order, kind, size)).ok_or_else(unsupported)
+}
+
 /// Values in Fortran order (the first axis fastest) brought into C order.
 fn to_c_order(values: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     let mut out = Vec::with_capacity(values.len());
@@ -230,8 +297,17 @@ fn to_c_order(values: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     out
 }
 
+/// The names of a field of records, and its type.
+type Field = (Vec<String>, String);
+
+/// What an array's values are.
+enum Descr {
+    Plain(String),
+    Records(Vec<Field>),
+}
+
 struct Header {
-    descr: String,
+    descr: Descr,
     fortran: bool,
     shape: Vec<u64>,
 }
@@ -246,9 +322,15 @@ impl Header {
             rest = after.trim_start().strip_prefix(':').ok_or("no colon after a key")?.trim_start();
             rest = match key {
                 "descr" => {
-                    let (value, after) = quoted(rest).ok_or("`descr` is no string: records are not supported")?;
-                    descr = Some(value.to_owned());
-                    after
+                    if let Some(list) = rest.strip_prefix('[') {
+                        let (fields, after) = records(list).ok_or("`descr` is no list of fields")?;
+                        descr = Some(Descr::Records(fields));
+                        after
+                    } else {
+                        let (value, after) = quoted(rest).ok_or("`descr` is neither a string nor a list")?;
+                        descr = Some(Descr::Plain(value.to_owned()));
+                        after
+                    }
                 }
                 "fortran_order" => {
                     let (value, after) = match (rest.strip_prefix("False"), rest.strip_prefix("True")) {
@@ -276,6 +358,33 @@ impl Header {
             (Some(descr), Some(fortran), Some(shape)) => Ok(Self { descr, fortran, shape }),
             _ => Err("`descr`, `fortran_order` or `shape` is missing"),
         }
+    }
+}
+
+/// The fields of records, `('t', '<i8'), (('title', 'x'), '<u2'), ]`, and what follows the bracket.
+fn records(mut text: &str) -> Option<(Vec<Field>, &str)> {
+    let skip = |text: &'_ str| -> usize { text.len() - text.trim_start_matches([' ', ',']).len() };
+    let mut fields = Vec::new();
+    loop {
+        text = &text[skip(text)..];
+        if let Some(after) = text.strip_prefix(']') {
+            return Some((fields, after));
+        }
+        text = text.strip_prefix('(')?.trim_start();
+        let mut names = Vec::new();
+        if let Some(titled) = text.strip_prefix('(') {
+            let (title, after) = quoted(titled.trim_start())?;
+            let (name, after) = quoted(after.trim_start().strip_prefix(',')?.trim_start())?;
+            names.extend([title.to_owned(), name.to_owned()]);
+            text = after.trim_start().strip_prefix(')')?;
+        } else {
+            let (name, after) = quoted(text)?;
+            names.push(name.to_owned());
+            text = after;
+        }
+        let (descr, after) = quoted(text.trim_start().strip_prefix(',')?.trim_start())?;
+        fields.push((names, descr.to_owned()));
+        text = after.trim_start().strip_prefix(')')?;
     }
 }
 
@@ -340,6 +449,26 @@ mod tests {
         for shape in ["(18446744073709551615, 18446744073709551615)", "(1099511627776,)", "(3, 3)", "(-1,)", "(2.0,)"] {
             let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}");
             assert!(NpyArray::decode(&with_header(&header, &[0; 64])).is_err(), "{shape}");
+        }
+    }
+
+    #[test]
+    fn records_become_columns_by_their_names() {
+        let header = "{'descr': [('x', '<u2'), ('', '|V1'), (('p', 'on'), '|b1'), ('t', '>i8')], \
+                      'fortran_order': False, 'shape': (2,), }";
+        let record = |x: u16, on: u8, t: i64| [&x.to_le_bytes()[..], &[9, on], &t.to_be_bytes()].concat();
+        let bytes = with_header(header, &[record(7, 1, -3), record(8, 0, 500)].concat());
+        let columns = decode_records(&bytes).unwrap();
+        let names: Vec<_> = columns.iter().map(|(names, _)| names.join("/")).collect();
+        assert_eq!(names, ["x", "p/on", "t"]);
+        let values: Vec<Vec<i64>> = columns.iter().map(|(_, column)| column.integers("i64").unwrap()).collect();
+        assert_eq!(values, [vec![7, 8], vec![1, 0], vec![-3, 500]]);
+        for cut in 0..bytes.len() {
+            assert!(decode_records(&bytes[..cut]).is_err(), "{cut}");
+        }
+        for descr in ["[('x', '<u2', (3,))]", "[('x', '|O')]", "[]", "[('x', '<u2')", "'<u2'"] {
+            let header = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (1,), }}");
+            assert!(decode_records(&with_header(&header, &[0; 2])).is_err(), "{descr}");
         }
     }
 

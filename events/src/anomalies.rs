@@ -49,9 +49,25 @@ impl Anomalies {
         ]
     }
 
+    /// Whether nothing can be read of a file that gave so many events and other items: all of it is anomalies.
+    #[must_use]
+    pub fn are_all(&self, items: u64) -> bool {
+        items == 0 && !self.is_empty()
+    }
+
     /// Whether there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+}
+
+impl std::fmt::Display for Anomalies {
+    /// The classes that there are, with their counts: `3 damaged, 1 truncated_bytes`; `none` without any.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let found =
+            self.classes().into_iter().filter(|class| class.1 > 0).map(|(name, count)| format!("{count} {name}"));
+        let found: Vec<String> = found.collect();
+        if found.is_empty() { f.write_str("none") } else { f.write_str(&found.join(", ")) }
     }
 }

@@ -1,5 +1,9 @@
-//! CSV: lines `t,x,y,on` of decimal numbers: microseconds, column, row, 1 for ON and 0 (or -1) for OFF. A first line of
-//! names is skipped, as are empty lines and comments (`#`). Commas, semicolons, tabs and spaces separate.
+//! Text, one event a line: `t,x,y,on` of decimal numbers: microseconds, column, row, 1 for ON and 0 (or -1) for OFF. Commas,
+//! semicolons, tabs and spaces separate; empty lines and comments (`#`) are skipped.
+//!
+//! A time with a point or an exponent is in seconds, as in `events.txt` of the University of Zurich's data sets; other numbers
+//! may be written so, too, if they are whole (`3.4e1`), as NumPy writes them. A first line of names says in which order the
+//! columns are (`x,y,p,t`); one of two numbers is the size of the sensor, as in some `events.txt`.
 
 use super::{Anomalies, CdEvent, Decoder, SensorSize, Sink, stage::Stage};
 
@@ -18,6 +22,8 @@ pub struct CsvDecoder {
     /// Bytes of that line so far, those of a line that is too long included.
     length: usize,
     first: bool,
+    /// Which column is the time, the column, the row and the polarity.
+    order: [usize; 4],
     last_us: u64,
     anomalies: Anomalies,
     stage: Stage,
@@ -32,6 +38,7 @@ impl CsvDecoder {
             line: Vec::new(),
             length: 0,
             first: true,
+            order: [0, 1, 2, 3],
             last_us: 0,
             anomalies: Anomalies::default(),
             stage: Stage::default(),
@@ -45,7 +52,7 @@ impl CsvDecoder {
             self.first = first;
             return;
         }
-        match parse(line) {
+        match parse(line, self.order) {
             Some(event) if event.x < self.size.width && event.y < self.size.height => {
                 self.anomalies.time_backward += u64::from(event.t_us < self.last_us);
                 self.last_us = event.t_us;
@@ -53,27 +60,85 @@ impl CsvDecoder {
                 self.stage.push(event.t_us, event.x, event.y, event.on);
             }
             Some(_) => self.anomalies.outside += 1,
-            None if first && !line[0].is_ascii_digit() => {}
+            None if first && !matches!(line[0], b'0'..=b'9' | b'-' | b'+' | b'.') => {
+                self.order = order(line).unwrap_or(self.order)
+            }
+            None if first && text_size(line).is_some() => {}
             None => self.anomalies.damaged += 1,
         }
     }
 }
 
-fn parse(line: &[u8]) -> Option<CdEvent> {
-    let fields = line.split(|byte| matches!(byte, b',' | b';' | b'\t' | b' ')).map(<[u8]>::trim_ascii);
-    let mut fields = fields.filter(|field| !field.is_empty());
-    let mut next = || std::str::from_utf8(fields.next()?).ok();
-    let event = CdEvent {
-        t_us: next()?.parse().ok()?,
-        x: next()?.parse().ok()?,
-        y: next()?.parse().ok()?,
-        on: match next()? {
+/// The fields of a line; `None` if there are others than four, or they are not text.
+fn fields(line: &[u8]) -> Option<[&str; 4]> {
+    let mut found = [""; 4];
+    let mut fields = std::str::from_utf8(line).ok()?.split([',', ';', '\t', ' ']).filter(|field| !field.is_empty());
+    for field in &mut found {
+        *field = fields.next()?.trim();
+    }
+    fields.next().is_none().then_some(found)
+}
+
+/// The order of the columns that a line of names tells.
+fn order(line: &[u8]) -> Option<[usize; 4]> {
+    let names = fields(line)?.map(|name| name.trim_matches('"').to_ascii_lowercase());
+    let find = |wanted: &[&str]| names.iter().position(|name| wanted.contains(&name.as_str()));
+    Some([
+        find(&["t", "t_us", "ts", "time", "timestamp", "timestamps"])?,
+        find(&["x", "column", "col"])?,
+        find(&["y", "row"])?,
+        find(&["p", "on", "pol", "polarity"])?,
+    ])
+}
+
+/// The size of the sensor that a first line of two numbers tells.
+pub(super) fn text_size(line: &[u8]) -> Option<SensorSize> {
+    let mut fields = std::str::from_utf8(line).ok()?.split([',', ';', '\t', ' ']).filter(|field| !field.is_empty());
+    let mut next = || fields.next()?.trim().parse().ok().filter(|&side: &u16| side > 0);
+    let size = SensorSize { width: next()?, height: next()? };
+    fields.next().is_none().then_some(size)
+}
+
+/// Whether a line can be that of an event, or one of two numbers.
+pub(super) fn is_text(line: &[u8]) -> bool {
+    let line = line.trim_ascii();
+    parse(line, [0, 1, 2, 3]).is_some() || text_size(line).is_some() || order(line).is_some()
+}
+
+fn parse(line: &[u8], order: [usize; 4]) -> Option<CdEvent> {
+    let fields = fields(line)?;
+    let [t, x, y, on] = order.map(|at| fields[at]);
+    Some(CdEvent {
+        t_us: microseconds(t)?,
+        x: whole(x)?,
+        y: whole(y)?,
+        on: match on {
             "1" | "true" | "True" => true,
             "0" | "-1" | "false" | "False" => false,
-            _ => return None,
+            other => match other.parse::<f64>().ok()? {
+                1.0 => true,
+                0.0 | -1.0 => false,
+                _ => return None,
+            },
         },
-    };
-    next().is_none().then_some(event)
+    })
+}
+
+/// A time: a whole number of microseconds, or seconds.
+fn microseconds(text: &str) -> Option<u64> {
+    if let Ok(t_us) = text.parse() {
+        return Some(t_us);
+    }
+    let us = (text.parse::<f64>().ok()? * 1e6).round();
+    // Beyond 2^53 a number of 64 bits has no microseconds.
+    (0.0..=9.007e15).contains(&us).then_some(us as u64)
+}
+
+fn whole(text: &str) -> Option<u16> {
+    text.parse().ok().or_else(|| {
+        let value = text.parse::<f64>().ok()?;
+        (value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)).then_some(value as u16)
+    })
 }
 
 impl Decoder for CsvDecoder {

@@ -9,6 +9,8 @@ use std::{
 use super::{
     Aedat2Chip, Aedat2Decoder, Anomalies, CsvDecoder, DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink,
     StreamDecoder,
+    csv::{is_text, text_size},
+    es::{self, EsDecoder, EsKind},
 };
 use crate::EventEncoding;
 #[cfg(feature = "aedat4")]
@@ -34,7 +36,7 @@ pub enum EventFileError {
     },
     /// The file's content is none of the formats.
     #[error(
-        "{} is no event file that erfgs reads: {what}; formats are RAW (EVT 2, 2.1, 3), DAT, AEDAT 2 and 4, CSV, NPZ, HDF5 and MCAP",
+        "{} is no event file that erfgs reads: {what}; formats are RAW (EVT 2, 2.1, 3), DAT, AEDAT 2 and 4, Event Stream, CSV and other text, NPZ, NPY, HDF5, MCAP and rosbag2",
         path.display()
     )]
     Unknown {
@@ -68,8 +70,10 @@ pub enum EventFormat {
     /// AEDAT 4.
     #[cfg(feature = "aedat4")]
     Aedat4,
-    /// CSV.
+    /// CSV and other text.
     Csv,
+    /// Event Stream.
+    Es(EsKind),
 }
 
 impl EventFormat {
@@ -87,6 +91,8 @@ impl EventFormat {
             #[cfg(feature = "aedat4")]
             Self::Aedat4 => "aedat4",
             Self::Csv => "csv",
+            Self::Es(EsKind::Dvs) => "es",
+            Self::Es(EsKind::Atis) => "es-atis",
         }
     }
 }
@@ -106,6 +112,8 @@ pub struct EventFile {
     pub body: u64,
     /// Length of the file, bytes.
     pub length: u64,
+    /// The name of the file within the archive, if `path` is one.
+    pub member: Option<String>,
 }
 
 impl EventFile {
@@ -125,6 +133,7 @@ impl EventFile {
         }
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
         let extension = extension.to_ascii_lowercase();
+        let mut member = None;
         let (format, size, header, body) = match &head[..] {
             _ if extension == "dat" => dat(path, &head)?,
             [b'%', b' ', ..] => raw(path, &head)?,
@@ -135,10 +144,20 @@ impl EventFile {
             }
             #[cfg(feature = "aedat4")]
             _ if head.starts_with(AEDAT4_MAGIC) => aedat4(path, &mut file, head)?,
-            _ if extension == "csv" => (EventFormat::Csv, None, Vec::new(), 0),
+            _ if head.starts_with(es::MAGIC) => {
+                let (kind, size, body) = es::parse_header(&head).map_err(|(at, what)| malformed(path, at, what))?;
+                (EventFormat::Es(kind), Some(size), Vec::new(), body)
+            }
+            #[cfg(feature = "npz")]
+            _ if head.starts_with(b"PK\x03\x04") => {
+                let (name, start) = crate::archive::text_in(path).map_err(|what| unknown(&what))?;
+                member = Some(name);
+                text(&start)
+            }
+            _ if extension == "csv" || extension == "txt" && first_line(&head).is_some_and(is_text) => text(&head),
             _ => return Err(unknown("its first bytes are those of no format")),
         };
-        Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length })
+        Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length, member })
     }
 
     /// Takes this as the sensor's size, whatever the file says.
@@ -158,6 +177,10 @@ impl EventFile {
             #[cfg(feature = "aedat4")]
             EventFormat::Aedat4 => StreamDecoder::Aedat4(Aedat4Decoder::new()),
             EventFormat::Csv => StreamDecoder::Csv(CsvDecoder::new(self.size)),
+            EventFormat::Es(kind) => {
+                let size = self.size.unwrap_or(SensorSize { width: u16::MAX, height: u16::MAX });
+                StreamDecoder::Es(EsDecoder::new(kind, size))
+            }
         }
     }
 
@@ -179,6 +202,10 @@ impl EventFile {
         sink: &mut impl Sink,
         mut go_on: impl FnMut(u64) -> bool,
     ) -> Result<Anomalies, EventFileError> {
+        #[cfg(feature = "npz")]
+        if let Some(member) = &self.member {
+            return crate::archive::decode(&self.path, member, self.decoder(), sink, go_on);
+        }
         let mut offset = self.body;
         let io = |doing, offset| move |source| EventFileError::Io { doing, path: self.path.clone(), offset, source };
         let mut file = File::open(&self.path).map_err(io("open", 0))?;
@@ -201,6 +228,16 @@ impl EventFile {
         decoder.finish(sink);
         Ok(decoder.anomalies())
     }
+}
+
+/// The first line that is neither empty nor a comment.
+fn first_line(head: &[u8]) -> Option<&[u8]> {
+    head.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii).find(|line| !line.is_empty() && !line.starts_with(b"#"))
+}
+
+/// Text may begin with the size of the sensor.
+fn text(head: &[u8]) -> Head {
+    (EventFormat::Csv, first_line(head).and_then(text_size), Vec::new(), 0)
 }
 
 type Head = (EventFormat, Option<SensorSize>, Vec<(String, String)>, usize);

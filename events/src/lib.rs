@@ -39,7 +39,7 @@
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("events.csv");
 //! # std::fs::write(&path, "t,x,y,on\n1000,3,4,1\n1020,3,5,0\n1041,4,5,1\n")?;
-//! let file = EventFile::open(&path)?; // RAW, DAT, AEDAT 2 and 4, CSV
+//! let file = EventFile::open(&path)?; // RAW, DAT, AEDAT 2 and 4, Event Stream, CSV and other text
 //! let mut rises = Rises(0);
 //! let anomalies = file.decode(&mut rises)?;
 //! assert_eq!((file.format.name(), rises.0, anomalies.is_empty()), ("csv", 2, true));
@@ -50,11 +50,11 @@
 //!
 //! # Features
 //!
-//! Without any, EVT 2, 2.1 and 3, DAVIS, DAT, AEDAT 2 and CSV are there, at the cost of `thiserror` and `erfgs-base` alone. The default is all
+//! Without any, EVT 2, 2.1 and 3, DAVIS, DAT, AEDAT 2, Event Stream and text are there, at the cost of `thiserror` and `erfgs-base` alone. The default is all
 //! but `hdf5`.
 //!
 //! - `aedat4`: AEDAT 4, with its compressions.
-//! - `npz`: [`npz`], NumPy's archives.
+//! - `npz`: [`npz`], NumPy's archives and structured arrays; text in zip archives.
 //! - `hdf5`: [`hdf5`], with libhdf5, which must be installed. Without it `hdf5::open` says so.
 //! - `digest`: [`Digests`] of decoded streams.
 //! - `serde`: [`Anomalies`] and [`SensorSize`] can be written and read.
@@ -63,6 +63,8 @@ mod aedat2;
 #[cfg(feature = "aedat4")]
 mod aedat4;
 mod anomalies;
+#[cfg(feature = "npz")]
+mod archive;
 mod carry;
 mod clock;
 mod columns;
@@ -73,6 +75,7 @@ mod davis;
 mod digests;
 mod encode;
 mod encoding;
+mod es;
 mod event;
 mod evt;
 mod file;
@@ -98,6 +101,7 @@ pub use davis::{DavisDecoder, DavisEncoder, DavisLayout};
 pub use digests::Digests;
 pub use encode::EncodeError;
 pub use encoding::EventEncoding;
+pub use es::{EsDecoder, EsKind};
 pub use event::{Event, Events};
 pub use evt::{
     Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt3Encoder, Evt21Decoder, Evt21Encoder, RawFormat, RawHeader, WordOrder,

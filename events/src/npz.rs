@@ -212,33 +212,89 @@ pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 
     let x: Vec<u16> = archive.column(&["x"], "`x`", "0..=65535")?;
     let y: Vec<u16> = archive.column(&["y"], "`y`", "0..=65535")?;
     let p: Vec<i8> = archive.column(&["p"], "`p`", "0 and 1")?;
+    events_of(path, (t_us, x, y, p), size.or(stored))
+}
+
+/// Events of columns, on a sensor of this size or, without it, of the least that holds all.
+fn events_of(
+    path: &Path,
+    (t_us, x, y, p): (Vec<i64>, Vec<u16>, Vec<u16>, Vec<i8>),
+    size: Option<[u32; 2]>,
+) -> Result<Events, NpzError> {
+    let wrong = |what: String| Err(NpzError::Content { path: path.to_owned(), what });
     let lengths = [t_us.len(), x.len(), y.len(), p.len()];
     if lengths.iter().any(|&length| length != t_us.len()) {
-        return Err(archive.content(format!("the columns t, x, y, p have the lengths {lengths:?}; they must be equal")));
+        return wrong(format!("the columns t, x, y, p have the lengths {lengths:?}; they must be equal"));
     }
     if let Some(at) = t_us.windows(2).position(|pair| pair[0] > pair[1]) {
-        let what = format!("times decrease from {} to {} µs at event {}; sort them", t_us[at], t_us[at + 1], at + 1);
-        return Err(archive.content(what));
+        return wrong(format!(
+            "times decrease from {} to {} µs at event {}; sort them",
+            t_us[at],
+            t_us[at + 1],
+            at + 1
+        ));
     }
     let largest = |column: &[u16]| column.iter().max().map(|&address| u32::from(address) + 1);
     let needed = largest(&x).zip(largest(&y)).map(|(width, height)| [width, height]);
-    let Some([width, height]) = size.or(stored).or(needed) else {
+    let Some([width, height]) = size.or(needed) else {
         let what =
             "the sensor's size is unknown: there are neither arrays `width` and `height` nor events; name the size";
-        return Err(archive.content(what.to_owned()));
+        return wrong(what.to_owned());
     };
     let outside = |(&x, &y): (&u16, &u16)| u32::from(x) >= width || u32::from(y) >= height;
     if let Some(at) = x.iter().zip(&y).position(outside) {
-        let what = format!(
+        return wrong(format!(
             "event {at} lies at ({}, {}), outside the sensor of {width} x {height} pixels; correct the camera's size",
             x[at], y[at]
-        );
-        return Err(archive.content(what));
+        ));
     }
     if let Some(at) = p.iter().position(|p| !(-1..=1).contains(p)) {
-        return Err(archive.content(format!("event {at} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at])));
+        return wrong(format!("event {at} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at]));
     }
     Ok(Events { width, height, t_us, x, y, on: p.into_iter().map(|p| p == 1).collect() })
+}
+
+/// Reads events of a structured array in an `.npy` file: fields `t`, `x`, `y` and `p`, in any order and of any number type,
+/// by these or the usual other names. Times are microseconds; floating-point ones are seconds if any has a fraction.
+///
+/// `size` is the sensor's width and height in pixels; without it, the least that holds all events.
+///
+/// # Errors
+/// If the file is missing, cut short or malformed, lacks a field, times decrease, or an event lies outside the sensor.
+pub fn read_structured(path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    let bytes = std::fs::read(path).map_err(FileError::when("read", path))?;
+    structured(&bytes, path, size)
+}
+
+/// As [`read_structured`], from the bytes of the file; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_structured`].
+pub fn structured(bytes: &[u8], path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    let wrong = |array: &str| {
+        let (path, array) = (path.to_owned(), array.to_owned());
+        move |source| NpzError::Array { path, array, source }
+    };
+    let fields = npy::decode_records(bytes).map_err(wrong("events"))?;
+    let find = |wanted: &'static str, names: &[&str]| {
+        let is_it = |name: &String| names.contains(&name.to_ascii_lowercase().as_str());
+        let found = fields.iter().find(|(given, _)| given.iter().any(is_it)).map(|(_, column)| column);
+        found.ok_or_else(|| {
+            let found = fields.iter().map(|(names, _)| names.join("/")).collect();
+            NpzError::Missing { path: path.to_owned(), wanted, found }
+        })
+    };
+    let t = find("`t`", &["t", "t_us", "ts", "time", "timestamp"])?;
+    let t_us = if let Ok(times) = t.floats() {
+        let unit = if times.iter().any(|time| time.fract() != 0.0) { 1e6 } else { 1.0 };
+        times.into_iter().map(|time| (time * unit).round() as i64).collect()
+    } else {
+        t.integers("the 64-bit range").map_err(wrong("t"))?
+    };
+    let x = find("`x`", &["x"])?.whole("0..=65535").map_err(wrong("x"))?;
+    let y = find("`y`", &["y"])?.whole("0..=65535").map_err(wrong("y"))?;
+    let p = find("`p`", &["p", "on", "pol", "polarity"])?.whole("0 and 1").map_err(wrong("p"))?;
+    events_of(path, (t_us, x, y, p), size)
 }
 
 /// Writes events: `t` (i64, microseconds), `x` and `y` (u16), `p` (u8, 1 = ON), `width` and `height` (u32 scalars).

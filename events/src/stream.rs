@@ -6,6 +6,7 @@ use super::{
     csv::CsvDecoder,
     dat::DatDecoder,
     davis::{DavisDecoder, DavisLayout},
+    es::EsDecoder,
     evt::{Evt2Decoder, Evt3Decoder, Evt21Decoder, WordOrder},
 };
 use crate::EventEncoding;
@@ -31,8 +32,10 @@ pub enum StreamDecoder {
     /// AEDAT 4.
     #[cfg(feature = "aedat4")]
     Aedat4(Aedat4Decoder),
-    /// CSV.
+    /// CSV and other text.
     Csv(CsvDecoder),
+    /// Event Stream.
+    Es(EsDecoder),
 }
 
 impl StreamDecoder {
@@ -75,7 +78,7 @@ impl StreamDecoder {
             Self::Davis(decoder) => Some(decoder.state()),
             #[cfg(feature = "aedat4")]
             Self::Aedat4(_) => None,
-            Self::Dat(_) | Self::Aedat2(_) | Self::Csv(_) => None,
+            Self::Dat(_) | Self::Aedat2(_) | Self::Csv(_) | Self::Es(_) => None,
         }
     }
 }
@@ -99,6 +102,7 @@ macro_rules! each {
             #[cfg(feature = "aedat4")]
             StreamDecoder::Aedat4($decoder) => $call,
             StreamDecoder::Csv($decoder) => $call,
+            StreamDecoder::Es($decoder) => $call,
         }
     };
 }

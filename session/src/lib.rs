@@ -78,6 +78,7 @@
 //! - `file`: the session file, and event files read as sessions are.
 //! - `pictures`: frames decoded ([`Description::frame_format`](source::Description::frame_format)).
 //! - `export`: the files that streams become: event files, pictures, videos; with `exr` OpenEXR, too.
+//! - `rosbag2`: recordings of rosbag2 in SQLite (`.db3`), with SQLite.
 //! - `hdf5`: events in HDF5 files, with libhdf5, which must be installed.
 
 pub mod clock;

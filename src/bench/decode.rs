@@ -42,9 +42,9 @@ struct Measured {
 /// Measures and prints a line.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = arguments.file.extension().unwrap_or_default().to_ascii_lowercase();
-    if ["npz", "h5", "hdf5"].iter().any(|arrays| extension == *arrays) {
-        let what = "NPZ and HDF5 hold arrays that their libraries read, and no stream to decode; give a RAW, DAT, AEDAT or \
-                    CSV file";
+    if ["npz", "npy", "zip", "h5", "hdf5"].iter().any(|arrays| extension == *arrays) {
+        let what = "archives and arrays are read whole, and are no stream to decode; give a RAW, DAT, AEDAT, Event Stream \
+                    or CSV file";
         return Err(Usage(what.to_owned()).into());
     }
     if extension == "mcap" {

@@ -16,8 +16,10 @@ struct Exported {
     stream: String,
     file: PathBuf,
     bytes: u64,
-    /// Events in the file; absent for raw, which is not decoded.
+    /// Events in the file; absent for raw that is not decoded.
     events: Option<u64>,
+    /// What was taken off the times because the format could not hold them, microseconds.
+    shift_us: u64,
     /// Places where data of the device was lost.
     discontinuities: u64,
 }
@@ -35,8 +37,10 @@ pub fn export(
         let totals = recording.summary().streams[task.stream].totals;
         let progress = terminal.progress(&task.id);
         let update = |done: u64| progress.update(done, totals.bytes, "bytes");
+        let written = write_events(recording, &task.id, format, &task.out, lost, update)?;
         files.push(Exported {
-            events: write_events(recording, &task.id, format, &task.out, lost, update)?,
+            events: written.events,
+            shift_us: written.shift_us,
             stream: task.id.clone(),
             file: task.out.clone(),
             bytes: std::fs::metadata(&task.out).map_or(0, |metadata| metadata.len()),
@@ -50,7 +54,11 @@ pub fn export(
                 0 => String::new(),
                 count => format!("; data was lost in {count} places"),
             };
-            format!("{}: {}{events}{cuts}", file.file.display(), bytes(file.bytes))
+            let shift = match file.shift_us {
+                0 => String::new(),
+                us => format!("; the format's times end before {us} us, which were taken off all times"),
+            };
+            format!("{}: {}{events}{cuts}{shift}", file.file.display(), bytes(file.bytes))
         };
         files.iter().map(line).collect::<Vec<_>>().join("\n")
     })?;

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::{
     device::TrainedRun,
+    errors::not_over,
     terminal::{Terminal, bytes},
 };
 
@@ -20,11 +21,23 @@ struct Exported {
 }
 
 /// Writes the files and lists them.
-pub fn run(run: &TrainedRun, instants: Option<u32>, out: Option<&Path>, terminal: &Terminal) -> anyhow::Result<()> {
+pub fn run(
+    run: &TrainedRun,
+    instants: Option<u32>,
+    out: Option<&Path>,
+    force: bool,
+    terminal: &Terminal,
+) -> anyhow::Result<()> {
     let folder = run.folder()?;
+    let there = erfgs_run::RunFolder::new(out.unwrap_or(folder.root()));
+    not_over(&there.point_cloud_at_file(0), force)?;
+    if out.is_some() {
+        // The training left it in the run itself, and it is written as it was.
+        not_over(&there.point_cloud_file(), force)?;
+    }
     let gpu = run.device()?;
     let mut trainer = run.trainer(&gpu, &folder)?;
-    let out = erfgs_run::RunFolder::new(out.unwrap_or(folder.root()));
+    let out = there;
     let instants = instants.unwrap_or_else(|| {
         let times: std::collections::BTreeSet<i64> = trainer.scene.held_out.iter().map(|frame| frame.t_ns).collect();
         times.len() as u32

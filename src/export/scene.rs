@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::{
     device::TrainedRun,
-    errors::Usage,
+    errors::{Usage, not_over},
     terminal::{Terminal, bytes, thousands},
 };
 
@@ -67,10 +67,7 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
     let SceneOptions { format, out, force, exact } = options;
     let folder = run.folder()?;
     let file = out.map_or_else(|| folder.root().join(format.name()), Path::to_owned);
-    if file.exists() && !force {
-        let what = format!("'{}' exists already; --force overwrites it, or give another --out", file.display());
-        return Err(Usage(what).into());
-    }
+    not_over(&file, force)?;
     if exact && format == SceneFormat::FourDgs {
         return Err(Usage("4dgs has codes of its own; --exact is of html and e4d".into()).into());
     }

@@ -54,12 +54,19 @@ pub fn describe(
         header: file.header.iter().map(|(key, value)| (key.as_str(), value.as_str())).collect(),
         ..summary(&file.path, file.format.name(), range_us, &found)
     };
-    terminal.result(&summary, || text(&summary))
+    terminal.result(&summary, || text(&summary))?;
+    let items = found.events + found.edges + found.frames + found.imu_samples + found.marks;
+    if anomalies.are_all(items) {
+        anyhow::bail!("nothing in {} can be read: {anomalies}", file.path.display());
+    }
+    Ok(())
 }
 
-/// Reads an archive of NumPy arrays and describes it; with `digest`, digests each field.
-pub fn describe_npz(path: &Path, size: Option<SensorSize>, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
-    let events = npz::read_events(path, size.map(|size| [size.width.into(), size.height.into()]))?;
+/// Reads an archive of NumPy arrays or a structured array and describes it; with `digest`, digests each field.
+pub fn describe_arrays(path: &Path, size: Option<SensorSize>, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
+    let size = size.map(|size| [size.width.into(), size.height.into()]);
+    let is_npy = path.extension().is_some_and(|extension| extension == "npy");
+    let events = if is_npy { npz::read_structured(path, size)? } else { npz::read_events(path, size)? };
     let mut found = if digest { Digests::new() } else { Digests::default() };
     // Times before zero have the bytes that they have in the file.
     let t_us: Vec<u64> = events.t_us.iter().map(|t_us| t_us.cast_unsigned()).collect();
@@ -70,7 +77,7 @@ pub fn describe_npz(path: &Path, size: Option<SensorSize>, digest: bool, termina
         width: Some(events.width),
         height: Some(events.height),
         unordered: false,
-        ..summary(path, "npz", range_us, &found)
+        ..summary(path, if is_npy { "npy" } else { "npz" }, range_us, &found)
     };
     terminal.result(&summary, || text(&summary))
 }
@@ -149,9 +156,7 @@ fn text(summary: &EventFileSummary<'_>) -> String {
         ("edges", summary.edges),
     ];
     counts.into_iter().filter(|count| count.1 > 0).for_each(|(name, count)| row(name, thousands(count)));
-    let found = summary.anomalies.classes();
-    let found: Vec<String> = found.iter().filter(|class| class.1 > 0).map(|(name, n)| format!("{n} {name}")).collect();
-    row("anomalies", if found.is_empty() { "none".into() } else { found.join(", ") });
+    row("anomalies", summary.anomalies.to_string());
     summary.header.iter().for_each(|(key, value)| row(&format!("% {key}"), (*value).to_owned()));
     summary.sha3_224_of_field.iter().for_each(|(field, digest)| row(&format!("sha3-224 {field}"), digest.clone()));
     table(&rows)

@@ -20,7 +20,7 @@ use serde::Serialize;
 use self::path::Choice;
 use crate::{
     device::TrainedRun,
-    errors::Usage,
+    errors::{Usage, not_over},
     terminal::{Terminal, table},
 };
 
@@ -69,6 +69,9 @@ pub struct Arguments {
     /// A folder for pictures, or an .mp4 file.
     #[arg(long, value_name = "FOLDER|FILE.mp4")]
     out: PathBuf,
+    /// Overwrite what exists.
+    #[arg(long)]
+    force: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum, Serialize)]
@@ -126,6 +129,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if is_video != (format == Format::Mp4) {
         return Err(Usage("MP4 goes to a file that ends in .mp4, PNG and EXR go to a folder".into()).into());
     }
+    let first = match format {
+        Format::Png => arguments.out.join("00000.png"),
+        Format::Exr => arguments.out.join("00000.exr"),
+        Format::Mp4 => arguments.out.clone(),
+    };
+    not_over(&first, arguments.force)?;
     let folder = arguments.run.folder()?;
     let gpu = arguments.run.device()?;
     let mut trainer = arguments.run.trainer(&gpu, &folder)?;

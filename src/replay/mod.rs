@@ -16,6 +16,7 @@ use serde::Serialize;
 
 use crate::{
     errors::{Usage, recording_at},
+    export::complain_of,
     interrupt, quick,
     terminal::{Terminal, bytes, table, thousands},
 };
@@ -28,7 +29,7 @@ through. A line says where the playback is and what passes. With --live they are
 while it is recorded, until Ctrl-C; what plays can be recorded there into the recording's folder. An event file of another program is \
 one stream; it is read through once before, for its length.
 
-Exit codes: 0 played, 1 data was lost to damage of the file (all else was played), 2 wrong usage.
+Exit codes: 0 played, 1 the recording is cut off or damaged (all else was played), 2 wrong usage.
 
 Examples:
   erfgs replay S.mcap
@@ -38,7 +39,7 @@ Examples:
   erfgs replay davis346.aedat4 --live
   erfgs replay S.mcap --speed max --json")]
 pub struct Arguments {
-    /// The session, an MCAP recording of ROS 2 with packets of events, or an event file: RAW, DAT, AEDAT, CSV, NPZ, HDF5.
+    /// The session, an MCAP recording of ROS 2 with packets of events, or an event file: RAW, DAT, AEDAT, Event Stream, text, NPZ, NPY, HDF5, rosbag2.
     #[arg(value_name = "S.mcap|FILE")]
     session: PathBuf,
     /// How fast: 0.1 is ten times slower than it was recorded, max as fast as the disk gives it.
@@ -152,7 +153,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (places, Some(failure)) => {
             anyhow::bail!("what is whole was played; {places} damaged places were passed over, the last: {failure}")
         }
-        (_, None) => Ok(()),
+        (_, None) => complain_of("played", &arguments.session, player.summary(), &[]),
     }
 }
 

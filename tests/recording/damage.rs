@@ -26,12 +26,13 @@ fn records(bytes: &[u8], opcode: u8) -> Vec<[usize; 2]> {
 
 const CHUNK: u8 = 6;
 
-/// A session whose chunks from number `first` on have a bit flipped.
+/// A session whose chunks from number `first` on have a byte damaged.
 fn flip(folder: &Path, name: &str, first: usize, stride: usize) {
     let (path, _) = files::write_session(folder);
     let mut bytes = fs::read(&path).unwrap();
     for [from, to] in records(&bytes, CHUNK).into_iter().skip(first).step_by(stride) {
-        bytes[from.midpoint(to)] ^= 1;
+        // Several bits: a single one would be put right.
+        bytes[from.midpoint(to)] ^= 0x55;
     }
     fs::rename(path, folder.join(name)).unwrap();
     fs::write(folder.join(name), bytes).unwrap();
@@ -109,4 +110,75 @@ fn of_a_whole_session_it_is_said_that_no_copy_was_written() {
     assert!(!folder.join("copy.mcap").exists());
     let checked = json(folder, &["info", "s.mcap", "--check", "--json"]);
     assert_eq!((&checked["checked"], checked["damage"].as_array().map(Vec::len)), (&true.into(), Some(0)));
+}
+
+#[test]
+fn a_session_that_was_cut_is_exported_and_played_as_far_as_it_goes_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (path, _) = files::write_session(folder);
+    let bytes = fs::read(&path).unwrap();
+    fs::write(&path, &bytes[..bytes.len() * 2 / 3]).unwrap();
+    for (words, done) in [
+        ("export s.mcap --to csv --out csv", "exported"),
+        ("export s.mcap --to raw --out raw", "exported"),
+        ("export s.mcap --to png --out png", "exported"),
+        ("replay s.mcap --speed max", "played"),
+    ] {
+        let said = fail(folder, 1, words);
+        assert!(
+            said.contains(&format!("what is whole was {done}")) && said.contains("was not ended"),
+            "{words}: {said}"
+        );
+    }
+    assert!(fs::read_to_string(folder.join("csv/ev0.csv")).unwrap().lines().count() > 1000);
+    assert!(
+        fs::metadata(folder.join("raw/ev0.raw")).unwrap().len() > 10_000
+            && folder.join("png/cam0/000000.png").is_file()
+    );
+    json(folder, &["recover", "s.mcap", "--json"]);
+    json(folder, &["export", "s.recovered.mcap", "--to", "raw", "--out", "whole", "--json"]);
+}
+
+#[test]
+fn a_chunk_that_lacks_or_comes_twice_is_found_by_a_check_and_exported_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (path, events) = files::write_session(folder);
+    let bytes = fs::read(path).unwrap();
+    let chunks = records(&bytes, CHUNK);
+    let [from, to] = chunks[chunks.len() / 2];
+    fs::write(folder.join("lacks.mcap"), [&bytes[..from], &bytes[to..]].concat()).unwrap();
+    fs::write(folder.join("twice.mcap"), [&bytes[..to], &bytes[from..]].concat()).unwrap();
+    for (file, hint) in [("lacks.mcap", "that were recorded"), ("twice.mcap", "once more")] {
+        let said = fail(folder, 1, &format!("info {file} --check"));
+        assert!(said.contains("is damaged in"), "{said}");
+        let said = fail(folder, 1, &format!("export {file} --to csv --out {file}.csv --stream ev0"));
+        assert!(said.contains(hint), "{said}");
+        json(folder, &["recover", file, "--out", &format!("whole-{file}"), "--json"]);
+        json(folder, &["info", &format!("whole-{file}"), "--check", "--json"]);
+    }
+    let lines = |file: &str| fs::read_to_string(folder.join(file)).unwrap().lines().count() - 1;
+    assert_eq!(lines("twice.mcap.csv"), events.len());
+    assert!(lines("lacks.mcap.csv") < events.len());
+}
+
+#[test]
+fn a_bit_that_flipped_is_put_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (path, _) = files::write_session(folder);
+    let before = json(folder, &["info", "s.mcap", "--digest", "--json"]);
+    let mut bytes = fs::read(&path).unwrap();
+    let chunks = records(&bytes, CHUNK);
+    let [from, to] = chunks[chunks.len() / 2];
+    bytes[from.midpoint(to)] ^= 1;
+    fs::write(&path, bytes).unwrap();
+    assert!(fail(folder, 1, "info s.mcap --check").contains("is damaged in 1 places"));
+    let recovered = json(folder, &["recover", "s.mcap", "--in-place", "--json"]);
+    assert_eq!(recovered["mended"].as_array().map(Vec::len), Some(1), "{recovered}");
+    assert_eq!(recovered["damaged"].as_array().map(Vec::len), Some(0), "{recovered}");
+    let after = json(folder, &["info", "s.mcap", "--digest", "--json"]);
+    assert_eq!(after["streams"], before["streams"]);
+    json(folder, &["info", "s.mcap", "--check", "--json"]);
 }

@@ -90,7 +90,39 @@ fn write_files(folder: &Path) -> Vec<&'static str> {
     for (name, bytes) in &files {
         fs::write(folder.join(name), bytes).unwrap();
     }
-    files.iter().map(|file| file.0).chain(["e-npz.npz"]).collect()
+    for (name, bytes) in others() {
+        fs::write(folder.join(name), bytes).unwrap();
+    }
+    files.iter().map(|file| file.0).chain(["e-npz.npz"]).chain(others().map(|other| other.0)).collect()
+}
+
+/// Event Stream, a structured array, and text in an archive.
+fn others() -> [(&'static str, Vec<u8>); 3] {
+    let mut es = b"Event Stream\x02\x00\x00\x01".to_vec();
+    es.extend([64_u16, 48].into_iter().flat_map(u16::to_le_bytes));
+    let header = "{'descr': [('x', '<u2'), ('y', '>i4'), (('polarity', 'p'), '|b1'), ('t', '<f8')], 'fortran_order': False, \
+                  'shape': (6000,), }\n";
+    let mut npy = [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes()].concat();
+    let mut text = "64 48\n".to_owned();
+    let mut before_us = 0;
+    for event in events(5_000_000) {
+        let CdEvent { t_us, x, y, on } = event;
+        es.extend(std::iter::repeat_n(0xFF, ((t_us - before_us) / 127) as usize));
+        es.push(((t_us - before_us) % 127) as u8 * 2 + u8::from(on));
+        es.extend([x, 47 - y].into_iter().flat_map(u16::to_le_bytes));
+        before_us = t_us;
+        npy.extend(x.to_le_bytes());
+        npy.extend(i32::from(y).to_be_bytes());
+        npy.push(on.into());
+        npy.extend((t_us as f64 * 1e-6).to_le_bytes());
+        text += &format!("{}.{:06} {x} {y} {}\n", t_us / 1_000_000, t_us % 1_000_000, u8::from(on));
+    }
+    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, content) in [("calib.txt", "1 2 3"), ("../../events.txt", text.as_str())] {
+        zip.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::Write::write_all(&mut zip, content.as_bytes()).unwrap();
+    }
+    [("e-es.es", es), ("e-npy.npy", npy), ("e-text.zip", zip.finish().unwrap().into_inner())]
 }
 
 /// What `info --digest` says of a file.
@@ -113,16 +145,15 @@ fn check(folder: &Path, file: &str, encoding: &str) {
     let of_session = json(folder, &["replay", "i.mcap", "--speed", "max", "--json"]);
     let of_file = json(folder, &["replay", file, "--speed", "max", "--json"]);
     assert_eq!(of_file["streams"], of_session["streams"], "{file}");
-    let mut formats = vec!["aedat4", "csv", "npz"];
-    if encoding != "aedat4" {
-        formats.push("raw");
-    }
-    for format in formats {
+    for format in ["aedat4", "csv", "npz", "raw", "dat"] {
         let out = format!("x.{format}");
         let exported = json(folder, &["export", file, "--to", format, "--out", &out, "--json"]);
         assert_eq!(exported[0]["file"], out.as_str());
         let found = digests(folder, &out);
-        for field in ["t", "x", "y", "on"] {
+        // Times since 1970 are beyond those of RAW and DAT.
+        let shifted = exported[0]["shift_us"].as_u64().unwrap() > 0;
+        assert!(!shifted || encoding == "aedat4" && matches!(format, "raw" | "dat"), "{exported}");
+        for field in if shifted { &["x", "y", "on"][..] } else { &["t", "x", "y", "on"] } {
             assert_eq!(found[field], expected[field], "{file} as {format}: {field}");
         }
         fs::remove_file(folder.join(out)).unwrap();
@@ -133,7 +164,7 @@ fn check(folder: &Path, file: &str, encoding: &str) {
 fn encoding_of(file: &str) -> &'static str {
     match file {
         "e-evt3.raw" => "evt3",
-        "e-csv.csv" | "e-npz.npz" | "e-aedat4.aedat4" => "aedat4",
+        "e-csv.csv" | "e-npz.npz" | "e-aedat4.aedat4" | "e-es.es" | "e-npy.npy" | "e-text.zip" => "aedat4",
         _ => "evt2",
     }
 }
@@ -257,6 +288,17 @@ fn what_exists_is_overwritten_with_force_alone() {
         assert!(fail(folder, 2, words).contains("--force"), "{words}");
         json(folder, &[words.split(' ').collect::<Vec<_>>(), vec!["--force", "--json"]].concat());
     }
+    // Pictures and tables that somebody else left there.
+    for (there, words) in [
+        ("q/000000.png", "export e-aedat4.aedat4 --to png --out q"),
+        ("v.frames.csv", "export e-aedat4.aedat4 --to mp4 --out v.mp4"),
+        ("e-csv.dat", "export e-csv.csv --to dat"),
+    ] {
+        fs::create_dir_all(folder.join("q")).unwrap();
+        fs::write(folder.join(there), "mine").unwrap();
+        assert!(fail(folder, 2, words).contains(there), "{words}");
+        assert_eq!(fs::read_to_string(folder.join(there)).unwrap(), "mine");
+    }
     let before = fs::read(folder.join("e-evt3.raw")).unwrap();
     assert!(!erfgs(folder, &["export", "e-evt3.raw", "--to", "raw", "--force"]).status.success());
     assert_eq!(fs::read(folder.join("e-evt3.raw")).unwrap(), before, "never the input");
@@ -280,4 +322,25 @@ fn real_recordings_are_imported_played_and_exported_without_a_change() {
     let exported = json(folder.path(), &["export", davis.to_str().unwrap(), "--to", "png", "--out", "p", "--json"]);
     assert_eq!(exported[0]["frames"], 59);
     assert!((exported[0]["rate_hz"].as_f64().unwrap() - 25.0).abs() < 0.01, "{exported}");
+}
+
+#[test]
+fn text_of_which_nothing_can_be_read_is_no_empty_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("none.csv"), "t,x,y,on\nthis,is,no,event\nnor,is,this,one\n").unwrap();
+    for words in
+        ["info none.csv", "export none.csv --to npz --out x.npz", "replay none.csv", "import none.csv --out x.mcap"]
+    {
+        let said = fail(folder, 1, words);
+        assert!(said.contains("nothing in none.csv can be read") && said.contains("2 damaged"), "{words}: {said}");
+    }
+    assert!(!folder.join("x.npz").exists() && !folder.join("x.mcap").exists());
+    // What is whole is exported, and the rest is told.
+    fs::write(folder.join("some.csv"), "x,y,p,t\n3,4,1,1000\n5,6,zero,1020\n7,8,0,2000\n").unwrap();
+    for words in ["export some.csv --to csv --out y.csv", "replay some.csv", "import some.csv"] {
+        let said = fail(folder, 1, words);
+        assert!(said.contains("1 lines or packets of it cannot be read"), "{words}: {said}");
+    }
+    assert_eq!(fs::read_to_string(folder.join("y.csv")).unwrap(), "t,x,y,on\n1000,3,4,1\n2000,7,8,0\n");
 }

@@ -110,3 +110,28 @@ fn a_recording_that_was_cut_off_is_recovered() {
     fs::write(folder.join("none.mcap"), "no session").expect("written");
     assert!(fail(folder, 1, "recover none.mcap").contains("none.mcap"));
 }
+
+/// A file that may grow no further stands for a disk that is full.
+#[cfg(target_os = "linux")]
+#[test]
+fn of_a_recording_that_the_disk_has_no_room_for_the_table_counts_what_the_file_holds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("rig.toml"), RIG).expect("written");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 300; exec '{}' record rig.toml --out take.mcap --seconds 2 --no-preflight --json -q",
+        env!("CARGO_BIN_EXE_erfgs")
+    );
+    let output =
+        std::process::Command::new("bash").args(["-c", &script]).current_dir(folder).output().expect("it runs");
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    let table: serde_json::Value = serde_json::from_slice(&output.stdout).expect("a table");
+    let session = json(folder, &["info", "take.mcap", "--json"]);
+    assert_eq!(session["complete"], false, "{session}");
+    for (told, there) in std::iter::zip(table["streams"].as_array().unwrap(), session["streams"].as_array().unwrap()) {
+        assert_eq!((&told["id"], &told["written"]), (&there["id"], &there["packets"]));
+        assert_eq!(told["written_bytes"], there["bytes"]);
+    }
+    assert_eq!(table["bytes"], session["bytes"]);
+    assert!(session["streams"][0]["packets"].as_u64().unwrap() > 0, "{session}");
+}

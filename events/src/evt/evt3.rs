@@ -63,6 +63,17 @@ fn report(block: &[u8; BYTES], at: u32) -> Option<(u16, u32)> {
     Some((bits(0, 0xFFF) as u16, bits(16, 0xFFF) | bits(32, 0xFFF) << 12 | bits(48, 0xF) << 24))
 }
 
+/// The base and the 32 bits of three vectors that follow it from word `at` of the block on, as sensors send them.
+#[inline(always)]
+fn vectors(block: &[u8; BYTES], at: u32) -> Option<(u16, u32)> {
+    let words = u64::from_le_bytes(*block.get(2 * at as usize..)?.first_chunk()?);
+    if words & 0xF000_F000_F000_F000 != 0x5000_4000_4000_3000 {
+        return None;
+    }
+    let bits = |from: u32, mask: u64| (words >> from & mask) as u32;
+    Some((words as u16 & 0xFFF, bits(16, 0xFFF) | bits(32, 0xFFF) << 12 | bits(48, 0xFF) << 24))
+}
+
 /// Decodes EVT 3.0.
 #[derive(Clone, Debug)]
 pub struct Evt3Decoder {
@@ -206,7 +217,17 @@ impl Evt3Decoder {
             lows &= !below;
             // All words of other types that follow each other.
             let run = (masks.other >> at).trailing_ones();
+            let mut vectors_end = at;
             for index in at..at + run {
+                if index < vectors_end {
+                    continue;
+                }
+                if let Some(vectors) = vectors(block, index)
+                    && self.four(vectors, sink)
+                {
+                    vectors_end = index + 4;
+                    continue;
+                }
                 let word = word(index);
                 self.word(word, sink);
                 if word >> 12 == 8 {
@@ -284,6 +305,44 @@ impl Evt3Decoder {
             15 => self.continued(content, false, sink),
             _ => self.anomalies.unknown += 1,
         }
+    }
+
+    /// Decodes a base and the three vectors after it, if all of their columns lie on the sensor; `false` if they are to be taken
+    /// one by one.
+    #[inline(always)]
+    fn four(&mut self, (base, mask): (u16, u32), sink: &mut impl Sink) -> bool {
+        let (first, y, on) = (base & 0x7FF, self.row, base & 0x800 != 0);
+        if y >= self.height || first + 32 > self.width || !self.clock.dated() {
+            return false;
+        }
+        if self.monitor.words > 0 {
+            self.end_monitor(sink);
+        }
+        (self.base, self.base_on) = (first + 32, on);
+        let t = self.time_us();
+        self.stage.room(32, sink);
+        if let Some((times, xs, ys, ons)) = self.stage.take::<32>() {
+            let mut count = 0;
+            for (from, byte) in (first..).step_by(8).zip(mask.to_le_bytes()) {
+                if let Some(xs) = xs[count..].first_chunk_mut::<8>() {
+                    *xs = COLUMNS[usize::from(byte)].map(|column| from + u16::from(column));
+                } else {
+                    // Of the last columns no more is left than there are events.
+                    let columns = COLUMNS[usize::from(byte)].map(|column| from + u16::from(column));
+                    let left = 32 - count;
+                    xs[count..].copy_from_slice(&columns[..left]);
+                }
+                count += byte.count_ones() as usize;
+            }
+            // By eights, of which there are seldom all four.
+            let eights =
+                times.as_chunks_mut::<8>().0.iter_mut().zip(ys.as_chunks_mut::<8>().0).zip(ons.as_chunks_mut::<8>().0);
+            for ((times, ys), ons) in eights.take(count.div_ceil(8)) {
+                (*times, *ys, *ons) = ([t; 8], [y; 8], [on; 8]);
+            }
+            self.stage.give_back(32 - count);
+        }
+        true
     }
 
     /// Decodes a vector of events: bit i of `mask` stands for column `base + i`.

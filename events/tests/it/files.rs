@@ -114,6 +114,25 @@ fn dat_and_csv_come_back() {
 }
 
 #[test]
+fn text_of_others_is_read_in_seconds_in_their_order_and_with_their_size() {
+    let folder = Folder::new();
+    let expected = vec![(3811, 96, 133, false), (1_499_999_123, 239, 0, true)];
+    for (name, text, size) in [
+        ("events.txt", "0.003811000 96 133 0\n1499.999123 239 0 1\n", None),
+        ("b.txt", "240 180\n0.003811000 96 133 0\n1499.999123 239 0 1\n", Some(SensorSize { width: 240, height: 180 })),
+        ("c.csv", "x,y,p,t\n96,133,0,3811\n239,0,1,1499999123\n", None),
+        ("d.csv", "3.811e-03 9.6e+01 1.33e+02 0.0\n1.499999123e+03 2.39e+02 0.0 1.0\n", None),
+    ] {
+        let (file, columns, anomalies) = read(&folder.write(name, text.as_bytes()));
+        let found: Vec<_> = columns.iter().map(|event| (event.t_us, event.x, event.y, event.on)).collect();
+        assert_eq!((found, file.size), (expected.clone(), size), "{name}");
+        assert!(anomalies.is_empty(), "{name}: {anomalies:?}");
+    }
+    let prose = EventFile::open(&folder.write("e.txt", b"A letter to a friend.\n")).unwrap_err();
+    assert!(matches!(prose, EventFileError::Unknown { .. }), "{prose}");
+}
+
+#[test]
 fn dat_of_version_1_and_triggers_are_read() {
     let folder = Folder::new();
     let item = |t: u32, packed: u32| [t.to_le_bytes(), packed.to_le_bytes()].concat();

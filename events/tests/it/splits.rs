@@ -3,7 +3,7 @@
 use erfgs_events::EventEncoding;
 use erfgs_events::{
     Aedat2Chip, Aedat2Decoder, Anomalies, Columns, CsvDecoder, DatDecoder, DatFormat, DatItems, DavisDecoder,
-    DavisLayout, Decoder, SensorSize, StreamDecoder,
+    DavisLayout, Decoder, EsDecoder, EsKind, SensorSize, StreamDecoder,
 };
 use proptest::prelude::*;
 
@@ -82,6 +82,8 @@ fn files() -> impl Strategy<Value = (StreamDecoder, Vec<u8>)> {
         dat(2, DatItems::Triggers),
         StreamDecoder::Davis(DavisDecoder::new(DavisLayout::default())),
         StreamDecoder::Aedat2(Aedat2Decoder::new(Aedat2Chip::Dvs128)),
+        StreamDecoder::Es(EsDecoder::new(EsKind::Dvs, SensorSize { width: 600, height: 400 })),
+        StreamDecoder::Es(EsDecoder::new(EsKind::Atis, SensorSize { width: 600, height: 400 })),
         StreamDecoder::Aedat2(Aedat2Decoder::new(Aedat2Chip::Davis(SensorSize { width: 346, height: 260 }))),
     ];
     let noise = (proptest::sample::select(decoders), proptest::collection::vec(any::<u8>(), 0..200));

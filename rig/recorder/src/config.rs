@@ -105,6 +105,20 @@ pub struct DeviceConfig {
     pub settings: DeviceSettings,
 }
 
+impl DeviceSettings {
+    /// What tells the device from others of its kind, where the settings say it: the name of the field, and its value.
+    fn which(&self) -> Option<(&'static str, &str)> {
+        let (field, value) = match self {
+            Self::Evk4(config) => ("serial", &config.serial),
+            Self::Davis346(config) => ("serial", &config.serial),
+            Self::Camera(config) => ("camera", &config.camera),
+            Self::Trigger(config) => ("port", &config.port),
+            Self::Pattern(_) => return None,
+        };
+        (!value.is_empty()).then_some((field, value.as_str()))
+    }
+}
+
 /// Settings of a driver, by kind of device.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DeviceSettings {
@@ -182,8 +196,20 @@ impl RigConfig {
             for (index, table) in tables.into_iter().enumerate() {
                 let id = table.get("id").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
                 let device = device(table, settings).and_then(|device| {
-                    let taken = devices.iter().any(|other: &DeviceConfig| other.id == device.id);
-                    if taken { Err("another device has this id".into()) } else { Ok(device) }
+                    if devices.iter().any(|other: &DeviceConfig| other.id == device.id) {
+                        return Err("another device has this id".into());
+                    }
+                    // Two kinds of cameras may have one serial number; of one kind it would be opened twice.
+                    let same = devices.iter().find(|other: &&DeviceConfig| {
+                        std::mem::discriminant(&other.settings) == std::mem::discriminant(&device.settings)
+                            && device.settings.which().is_some_and(|which| other.settings.which() == Some(which))
+                    });
+                    match (same, device.settings.which()) {
+                        (Some(other), Some((field, value))) => {
+                            Err(format!("'{}' has the same {field} = \"{value}\"; each device needs its own", other.id))
+                        }
+                        _ => Ok(device),
+                    }
                 });
                 devices.push(device.map_err(|message| ConfigError::Device {
                     path: path.to_owned(),
@@ -304,6 +330,12 @@ mod tests {
             ("[[camera]]\nid = \"a\"\nrate_hz = 0.0", "0.1 to 1000"),
             ("[[trigger]]\nid = \"a\"\nrate_hz = 5000.0", "1000 pulses"),
             ("[[trigger]]\nid = \"a\"\nrate = 50", "unknown field `rate`"),
+            (
+                "[[evk4]]\nid = \"a\"\nserial = \"7\"\n[[evk4]]\nid = \"b\"\nserial = \"7\"",
+                "'a' has the same serial = \"7\"",
+            ),
+            ("[[trigger]]\nid = \"a\"\nport = \"/dev/x\"\n[[trigger]]\nid = \"b\"\nport = \"/dev/x\"", "same port"),
+            ("[[camera]]\nid = \"a\"\ncamera = \"c\"\n[[camera]]\nid = \"b\"\ncamera = \"c\"", "same camera"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(says) && error.contains("RIG.toml"), "{text}: {error}");

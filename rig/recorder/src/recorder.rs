@@ -334,7 +334,7 @@ impl Shared {
             Ok(Err(error)) => Some(error.to_string()),
             Err(_) => Some(format!("the writer of '{}' panicked: this is a bug of erfgs", recording.path.display())),
         };
-        let summary = Summary {
+        let mut summary = Summary {
             seconds,
             bytes: recording.progress.bytes.load(Relaxed),
             reason: reason.to_owned(),
@@ -342,6 +342,9 @@ impl Shared {
             streams: watchdog::streams(self, Some(&recording.queue)),
             path: recording.path,
         };
+        if summary.failure.is_some() {
+            summary.count_what_is_there();
+        }
         let text = match &summary.failure {
             Some(failure) => (Level::Error, failure.clone()),
             None => (Level::Info, format!("recorded {seconds:.1} s into '{}': {reason}", summary.path.display())),

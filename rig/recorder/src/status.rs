@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, path::PathBuf};
 
 use erfgs_session::{
+    Session,
     clock::ClockFit,
     source::{Counters, Encoding},
 };
@@ -177,6 +178,19 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Counts the packets that the file holds, where writing it failed: what was handed over last may never have come there.
+    pub(crate) fn count_what_is_there(&mut self) {
+        let Ok(file) = std::fs::metadata(&self.path) else { return };
+        self.bytes = file.len();
+        let session = Session::open(&self.path).ok();
+        for stream in &mut self.streams {
+            let found = session.as_ref().and_then(|session| session.summary().stream(&stream.id));
+            let totals = found.map(|(_, found)| found.totals).unwrap_or_default();
+            stream.drops.writer += stream.written.saturating_sub(totals.packets);
+            (stream.written, stream.written_bytes) = (totals.packets, totals.bytes);
+        }
+    }
+
     /// Packets lost at any stage.
     #[must_use]
     pub fn drops(&self) -> u64 {

@@ -48,6 +48,7 @@ impl<R: Read + Seek> Session<R> {
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
         let (description, breaks) = (recorded.description.clone(), recorded.totals.discontinuities);
+        let said = recorded.totals.packets;
         let (Some(encoding), size) = (description.encoding.events(), sensor_size(&description)) else {
             return Ok(None);
         };
@@ -94,6 +95,9 @@ impl<R: Read + Seek> Session<R> {
         }
         decoder.finish(sink);
         decoded.anomalies = decoder.anomalies();
+        if window_host_ns.is_none() {
+            decoded.damage.extend(lacking(&description.id, decoded.packets, said));
+        }
         Ok(Some(decoded))
     }
 
@@ -110,6 +114,11 @@ impl<R: Read + Seek> Session<R> {
         }
         Ok(found)
     }
+}
+
+/// What to say of a stream that has fewer packets than were recorded.
+pub(crate) fn lacking(id: &str, found: u64, said: u64) -> Option<String> {
+    (found < said).then(|| format!("stream '{id}' has {found} packets of the {said} that were recorded"))
 }
 
 /// Tells a decoder what is known of a packet before its bytes. Where data was lost before any came, nothing was cut.

@@ -108,6 +108,18 @@ pub enum ContainerError {
         /// How many places are damaged.
         places: usize,
     },
+    /// What a repair wrote is not what it read.
+    #[error(
+        "the repair of {path} does not hold what was read: {what}; nothing is left of it and the recording is as it was; please report this, \
+         and check the disk",
+        path = path.display()
+    )]
+    NotAsRead {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A chunk is compressed in a way that is not supported.
     #[error(
         "{path} holds a chunk at byte {offset} that is compressed with {compression:?}; erfgs reads \"lz4\" and \"zstd\", which \
@@ -155,6 +167,22 @@ pub enum ContainerError {
         path: PathBuf,
         /// What is wrong.
         source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// A recording of rosbag2 in SQLite cannot be read.
+    #[error("cannot read {path} as a recording of rosbag2: {source}", path = path.display())]
+    Rosbag2 {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// Nothing of an event file can be read.
+    #[error("nothing in {path} can be read: {found}; `erfgs info {path}` says what format it was taken for", path = path.display())]
+    NothingReadable {
+        /// The file.
+        path: PathBuf,
+        /// How many items are wrong, and in which way.
+        found: String,
     },
     /// An event file has a time that a recording cannot have.
     #[error(

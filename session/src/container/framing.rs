@@ -14,6 +14,9 @@ const PREFIX: u64 = 9;
 /// Longer records, and chunks that hold more when they are unpacked, are refused rather than read into memory.
 pub(super) const MAX_BODY: u64 = 1 << 30;
 
+/// So many bytes may be read to mend chunks besides twice the length of the file.
+const MEND_MORE: u64 = 1 << 20;
+
 /// Where a record lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Head {
@@ -42,6 +45,10 @@ pub(super) struct Framing<R> {
     path: PathBuf,
     length: u64,
     position: u64,
+    /// Bytes of chunks that may still be read to see whether they can be mended.
+    pub room_to_mend: u64,
+    /// From where the next chunk was looked for, and where it lies.
+    pub searched: Option<(u64, Option<u64>)>,
 }
 
 impl<R: Read + Seek> Framing<R> {
@@ -51,7 +58,8 @@ impl<R: Read + Seek> Framing<R> {
         let failed = |source| ContainerError::Read { path: path.to_owned(), offset: 0, source };
         let length = file.seek(SeekFrom::End(0)).map_err(failed)?;
         file.rewind().map_err(failed)?;
-        let mut framing = Self { file, path: path.to_owned(), length, position: 0 };
+        let mut framing = Self { file, path: path.to_owned(), length, position: 0, room_to_mend: 0, searched: None };
+        framing.begin_pass();
         if length == 0 {
             return Err(ContainerError::Empty { path: path.to_owned() });
         }
@@ -59,6 +67,12 @@ impl<R: Read + Seek> Framing<R> {
             return Err(ContainerError::NotMcap { path: path.to_owned() });
         }
         Ok(framing)
+    }
+
+    /// The file is read anew: what may be mended is counted from nothing. Each chunk may be once, and some more; what is made up
+    /// may overlap without end.
+    pub fn begin_pass(&mut self) {
+        self.room_to_mend = self.length.saturating_mul(2).saturating_add(MEND_MORE);
     }
 
     pub fn path(&self) -> &Path {
@@ -113,6 +127,14 @@ impl<R: Read + Seek> Framing<R> {
         let mut body = vec![0; head.length as usize];
         self.fill(&mut body)?;
         Ok(body.into())
+    }
+
+    /// Up to `most` bytes from `offset` on; fewer at the end of the file.
+    pub fn piece(&mut self, offset: u64, most: usize) -> Result<Vec<u8>, ContainerError> {
+        self.go_to(offset)?;
+        let mut bytes = vec![0; most.min(usize::try_from(self.left()).unwrap_or(usize::MAX))];
+        self.fill(&mut bytes)?;
+        Ok(bytes)
     }
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], ContainerError> {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use bytes::Bytes;
 use erfgs_base::names::FileNames;
+use mcap::records::op;
 
 use super::{
     chunk::RawMessage,
@@ -89,6 +90,13 @@ pub(super) enum Meaning {
     Broken(String),
 }
 
+/// Bodies of the records that declare schemas and channels, by their numbers.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Declarations {
+    pub schemas: BTreeMap<u16, Vec<u8>>,
+    pub channels: BTreeMap<u16, Vec<u8>>,
+}
+
 /// The channels of a file, as far as they are known.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Layout {
@@ -98,22 +106,45 @@ pub(super) struct Layout {
     names: FileNames,
     /// Encodings of events that were met and that erfgs does not decode.
     pub unknown_encodings: Vec<String>,
-    /// Bodies of the records of schemas and channels, by their numbers.
-    pub schema_records: BTreeMap<u16, Vec<u8>>,
-    pub channel_records: BTreeMap<u16, Vec<u8>>,
+    /// What was declared.
+    pub declared: Declarations,
+    /// What the index declares, for channels whose own declarations are lost.
+    pub spare: Declarations,
 }
 
 impl Layout {
+    /// A file of which this is known before it is read.
+    pub fn of(declarations: &Declarations) -> Self {
+        let mut layout = Self::default();
+        for (opcode, records) in [(op::SCHEMA, &declarations.schemas), (op::CHANNEL, &declarations.channels)] {
+            for body in records.values() {
+                // What does not parse declares nothing.
+                let _ = layout.learn(opcode, body);
+            }
+        }
+        layout
+    }
+
+    /// Declares a channel as the index does, if it does.
+    fn take_spare(&mut self, channel: u16) {
+        let Some(body) = self.spare.channels.remove(&channel) else { return };
+        let schema = body.get(2..4).map_or(0, |id| u16::from_le_bytes([id[0], id[1]]));
+        if let Some(schema) = self.spare.schemas.get(&schema).cloned() {
+            let _ = self.learn(op::SCHEMA, &schema);
+        }
+        let _ = self.learn(op::CHANNEL, &body);
+    }
+
     /// Takes note of a schema or channel. Other records are let pass; `Err` says what is wrong.
     pub fn learn(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
         match parse_record(opcode, body)? {
             mcap::records::Record::Schema { header, .. } => {
                 // As with channels, what was said first holds: a repaired copy repeats that.
-                self.schema_records.entry(header.id).or_insert_with(|| body.to_vec());
+                self.declared.schemas.entry(header.id).or_insert_with(|| body.to_vec());
                 self.schemas.entry(header.id).or_insert(header.name);
             }
             mcap::records::Record::Channel(channel) if !self.roles.contains_key(&channel.id) => {
-                self.channel_records.entry(channel.id).or_insert_with(|| body.to_vec());
+                self.declared.channels.entry(channel.id).or_insert_with(|| body.to_vec());
                 let role = self.role(&channel)?;
                 self.roles.insert(channel.id, role);
             }
@@ -152,6 +183,20 @@ impl Layout {
         self.streams.len() - 1
     }
 
+    /// Whether the channel is declared.
+    pub fn knows(&self, channel: u16) -> bool {
+        self.roles.contains_key(&channel) || self.spare.channels.contains_key(&channel)
+    }
+
+    /// The topic of a channel whose packets are a stream.
+    pub fn topic(&self, channel: u16) -> Option<&str> {
+        match self.roles.get(&channel)? {
+            Role::Packets(stream) => Some(&self.streams.get(*stream)?.topic),
+            Role::Ros { topic, .. } => Some(topic),
+            _ => None,
+        }
+    }
+
     /// Whether any channel is one that erfgs reads.
     pub fn is_known(&self) -> bool {
         self.roles.values().any(|role| !matches!(role, Role::Other))
@@ -164,6 +209,9 @@ impl Layout {
                 Ok(value) => Meaning::Entry(entry(value)),
                 Err(error) => Meaning::Broken(format!("a message does not parse: {error}")),
             }
+        }
+        if !self.roles.contains_key(&message.channel) {
+            self.take_spare(message.channel);
         }
         let Some(role) = self.roles.get(&message.channel) else {
             return Meaning::Broken(format!("a message belongs to channel {}, which is not declared", message.channel));
@@ -234,8 +282,6 @@ impl Layout {
 
 #[cfg(test)]
 mod tests {
-    use mcap::records::op;
-
     use super::*;
 
     fn text(text: &str) -> Vec<u8> {
@@ -252,7 +298,7 @@ mod tests {
             layout.learn(op::SCHEMA, &schema(name)).unwrap();
         }
         layout.learn(op::CHANNEL, &channel).unwrap();
-        assert_eq!(layout.schema_records[&4], schema("erfgs.Status"));
+        assert_eq!(layout.declared.schemas[&4], schema("erfgs.Status"));
         assert_eq!(layout.schemas[&4], "erfgs.Status");
         assert!(matches!(layout.roles[&1], Role::Status));
     }

@@ -8,19 +8,27 @@ mod error;
 mod event_file;
 mod framing;
 mod layout;
+mod mend;
 pub mod packet;
 mod parse;
 mod record;
 mod recording;
 mod repair;
+mod resync;
 mod ros;
+#[cfg(feature = "rosbag2")]
+mod rosbag2;
+mod said;
+mod seen;
 mod session;
 mod states;
+mod survey;
 mod tail;
 mod unpack;
 mod walk;
 mod writer;
 
+pub(crate) use decode::lacking;
 pub use decode::{DecodedStream, hand_over, sensor_size};
 pub use error::ContainerError;
 pub use event_file::{EventFileRecording, import_events};

@@ -22,10 +22,10 @@ impl Recording {
         let mut head = Vec::new();
         let file = File::open(path);
         let file = file.map_err(|source| ContainerError::Open { what: "open", path: path.to_owned(), source })?;
-        let read = file.take(mcap::MAGIC.len() as u64).read_to_end(&mut head);
+        let read = file.take(16).read_to_end(&mut head);
         read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
-        let named_session = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap"));
-        if named_session || head == mcap::MAGIC {
+        let named = |name: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(name));
+        if named("mcap") || head.starts_with(mcap::MAGIC) || head == *b"SQLite format 3\0" {
             return Session::open(path).map(|session| Self::Session(Box::new(session)));
         }
         EventFileRecording::open(path, size).map(|file| Self::EventFile(Box::new(file)))

@@ -45,65 +45,149 @@ impl EventPacket {
         Some(Self { frame_id, height, width, sequence, time_base, encoding, events })
     }
 
-    /// The encoding, if it is one that erfgs decodes. libcaer's words are handed on as EVT 3.
+    /// The encoding, if it is one that erfgs decodes. What is no stream of words of its own is handed on as EVT 3.
     pub fn known_encoding(&self) -> Option<Encoding> {
         match self.encoding.as_str() {
-            "evt3" | LIBCAER_CMP => Some(Encoding::Events(EventEncoding::Evt3)),
+            "evt3" => Some(Encoding::Events(EventEncoding::Evt3)),
             "evt2" => Some(Encoding::Events(EventEncoding::Evt2)),
             "evt21" => Some(Encoding::Events(EventEncoding::Evt21)),
-            _ => None,
+            other => Transcoded::named(other).map(|_| Encoding::Events(EventEncoding::Evt3)),
         }
     }
 
     /// The words, in [`EventPacket::known_encoding`].
     pub fn words(self) -> Bytes {
-        if self.encoding == LIBCAER_CMP { self.transcoded() } else { self.events }
+        match Transcoded::named(&self.encoding) {
+            Some(encoding) => self.transcoded(encoding),
+            None => self.events,
+        }
     }
 
-    /// The words of `libcaer_cmp` as EVT 3: 16-bit little-endian words, a type in the high 4 bits. 0 and 1 are the high and
-    /// the low 12 bits of the time, microseconds after the message's time base (nanoseconds); 2 is the column; 3 an event
-    /// in a row, polarity in bit 11; 4 the first row and polarity of what 5 has in its low 8 bits, a bit for each of the
-    /// next 8 rows. (ros-event-camera/event_camera_codecs, `libcaer_cmp_types.h`.)
-    fn transcoded(&self) -> Bytes {
-        let in_sensor = |x: u16, y: u16| u32::from(x) < self.width && u32::from(y) < self.height;
-        // What counts the rounds of EVT 3's clock looks at its 24 bits.
-        let base_us = self.time_base / 1000 % (1 << 24);
-        let (mut high, mut low, mut last_us) = (0, 0, 0);
-        let (mut x, mut row, mut on) = (0, 0, false);
-        let mut encoder = Evt3Encoder::default();
-        let mut out = Vec::with_capacity(2 * self.events.len());
-        let mut event = |t_us: u64, x: u16, y: u16, on: bool| {
-            last_us = t_us.max(last_us);
-            if in_sensor(x, y) {
-                // Nothing is refused: time does not go back, a packet is shorter than any gap, and addresses have 11 bits.
-                let _ = encoder.event(CdEvent { t_us: last_us, x, y, on }, &mut out);
-            }
+    /// The events as EVT 3.
+    fn transcoded(&self, encoding: Transcoded) -> Bytes {
+        let mut writer = Writer {
+            size: [self.width, self.height],
+            base_ns: self.time_base,
+            encoder: Evt3Encoder::default(),
+            last_us: 0,
+            out: Vec::with_capacity(2 * self.events.len()),
         };
-        for word in self.events.as_chunks::<2>().0 {
+        match encoding {
+            Transcoded::LibcaerCmp => writer.libcaer_cmp(&self.events),
+            Transcoded::Libcaer => writer.libcaer(&self.events),
+            Transcoded::Mono => writer.mono(&self.events),
+        }
+        writer.encoder.finish(&mut writer.out);
+        writer.out.into()
+    }
+}
+
+/// Encodings whose events are handed on as EVT 3. (ros-event-camera/event_camera_codecs, and the README of
+/// event_camera_msgs.)
+#[derive(Clone, Copy)]
+enum Transcoded {
+    /// iniVation's events as the ROS driver of libcaer packs them.
+    LibcaerCmp,
+    /// iniVation's events as libcaer has them.
+    Libcaer,
+    /// Events of 64 bits, of the first drivers.
+    Mono,
+}
+
+impl Transcoded {
+    fn named(name: &str) -> Option<Self> {
+        match name {
+            "libcaer_cmp" => Some(Self::LibcaerCmp),
+            "libcaer" => Some(Self::Libcaer),
+            "mono" => Some(Self::Mono),
+            _ => None,
+        }
+    }
+}
+
+/// Writes the events of one message as EVT 3.
+struct Writer {
+    size: [u32; 2],
+    /// The message's time base, nanoseconds.
+    base_ns: u64,
+    encoder: Evt3Encoder,
+    last_us: u64,
+    out: Vec<u8>,
+}
+
+impl Writer {
+    /// An event, at a time of which only what the 24 bits of EVT 3's clock hold matters.
+    fn event(&mut self, t_us: u64, x: u16, y: u16, on: bool) {
+        let [width, height] = self.size;
+        self.last_us = self.last_us.max(t_us);
+        if u32::from(x) < width && u32::from(y) < height {
+            // Nothing is refused but addresses of more than 11 bits: time does not go back, and a packet is shorter than any
+            // gap.
+            let _ = self.encoder.event(CdEvent { t_us: self.last_us, x, y, on }, &mut self.out);
+        }
+    }
+
+    /// Microseconds of a time in nanoseconds, from the round of EVT 3's clock on in which the message begins.
+    fn in_round(&self, ns: u64) -> u64 {
+        let rounds_us = self.base_ns / 1000 / ROUND_US * ROUND_US;
+        (ns / 1000).saturating_sub(rounds_us)
+    }
+
+    /// 16-bit little-endian words, a type in the high 4 bits. 0 and 1 are the high and the low 12 bits of the time, microseconds
+    /// after the time base; 2 is the column; 3 an event in a row, polarity in bit 11; 4 the first row and polarity of what 5
+    /// has in its low 8 bits, a bit for each of the next 8 rows.
+    fn libcaer_cmp(&mut self, words: &[u8]) {
+        let base_us = self.base_ns / 1000 % ROUND_US;
+        let (mut high, mut low) = (0, 0);
+        let (mut x, mut row, mut on) = (0, 0, false);
+        for word in words.as_chunks::<2>().0 {
             let word = u16::from_le_bytes(*word);
             let t_us = base_us + (high | low);
             match word >> 12 {
                 0 => high = u64::from(word & 0xFFF) << 12,
                 1 => low = u64::from(word & 0xFFF),
                 2 => x = word & 0x7FF,
-                3 => event(t_us, x, word & 0x7FF, word & 0x800 != 0),
+                3 => self.event(t_us, x, word & 0x7FF, word & 0x800 != 0),
                 4 => (row, on) = (word & 0x7FF, word & 0x800 != 0),
                 5 => {
                     for bit in (0..8).filter(|bit| word >> bit & 1 == 1) {
-                        event(t_us, x, row + bit, on);
+                        self.event(t_us, x, row + bit, on);
                     }
                     row = (row + 8).min(0x7FF);
                 }
                 _ => {}
             }
         }
-        encoder.finish(&mut out);
-        out.into()
+    }
+
+    /// Pairs of 32-bit little-endian words: bit 1 is the polarity, bits 2 to 16 the row, bits 17 to 31 the column; then
+    /// microseconds after the time base, of 31 bits, which may pass their end once.
+    fn libcaer(&mut self, pairs: &[u8]) {
+        let (mut rounds, mut last) = (0_u64, 0);
+        for pair in pairs.as_chunks::<8>().0 {
+            let pair = u64::from_le_bytes(*pair);
+            let (data, low) = (pair as u32, (pair >> 32) as u32 & 0x7FFF_FFFF);
+            rounds += u64::from(low < last) << 31;
+            last = low;
+            let t_ns = self.base_ns.saturating_add(rounds.saturating_add(low.into()).saturating_mul(1000));
+            let t_us = self.in_round(t_ns);
+            self.event(t_us, (data >> 17 & 0x7FFF) as u16, (data >> 2 & 0x7FFF) as u16, data & 2 != 0);
+        }
+    }
+
+    /// 64-bit little-endian words: bits 0 to 31 are nanoseconds after the time base, bits 32 to 47 the column, bits 48 to 62
+    /// the row, bit 63 the polarity.
+    fn mono(&mut self, words: &[u8]) {
+        for word in words.as_chunks::<8>().0 {
+            let word = u64::from_le_bytes(*word);
+            let t_us = self.in_round(self.base_ns.saturating_add(word & 0xFFFF_FFFF));
+            self.event(t_us, (word >> 32) as u16, (word >> 48 & 0x7FFF) as u16, word >> 63 == 1);
+        }
     }
 }
 
-/// iniVation's events as the ROS driver of libcaer packs them.
-const LIBCAER_CMP: &str = "libcaer_cmp";
+/// After so many microseconds the clock of EVT 3 begins anew.
+const ROUND_US: u64 = 1 << 24;
 
 /// Fields of CDR, which lie at multiples of their size.
 struct Cdr {

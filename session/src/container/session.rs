@@ -13,9 +13,10 @@ use super::{
     framing::Head,
     layout::{Entry, Layout, Stream},
     parse::parse_record,
-    record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, StreamTotals, TOTALS_METADATA, Totals, VERSION},
+    record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, TOTALS_METADATA, Totals, VERSION},
+    said::Index,
     unpack::Compression,
-    walk::{FOOTER_BYTES, Item, Walk},
+    walk::{Item, Walk},
 };
 
 /// What a session holds.
@@ -52,6 +53,18 @@ impl Summary {
         self.streams.iter().enumerate().find(|(_, stream)| stream.description.id == id)
     }
 
+    /// What is known to lack in the file since it was opened: places that are damaged, packets that are not there, its end.
+    #[must_use]
+    pub fn faults(&self) -> Vec<String> {
+        let cut = (!self.complete).then(|| {
+            format!(
+                "it was not ended: whole up to byte {} of {}, `erfgs recover` completes it",
+                self.whole_bytes, self.file_bytes
+            )
+        });
+        cut.into_iter().chain(self.damage.iter().cloned()).collect()
+    }
+
     /// Host times of the first and the last packet, nanoseconds.
     #[must_use]
     pub fn span_ns(&self) -> Option<[i64; 2]> {
@@ -76,10 +89,13 @@ pub struct Session<R = File> {
     chunks: Vec<ChunkAt>,
     /// Whether the index at the end said what there is.
     indexed: bool,
+    /// What the end of the file says, if it was closed; of a session also the totals.
+    index: Index,
+    said: Option<Totals>,
 }
 
 impl Session<File> {
-    /// Opens the session `path`. A session that was ended properly says at its end what it holds; another one is read
+    /// Opens the session `path`, also a recording of rosbag2 in SQLite (with the feature `rosbag2`). A session that was ended properly says at its end what it holds; another one is read
     /// through once.
     ///
     /// # Errors
@@ -87,6 +103,19 @@ impl Session<File> {
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         let open = |source| ContainerError::Open { what: "open", path: path.to_owned(), source };
         let file = File::open(path).map_err(open)?;
+        #[cfg(feature = "rosbag2")]
+        {
+            let mut head = [0; 16];
+            let mut start = &file;
+            if start.read_exact(&mut head).is_ok() && head == *super::rosbag2::MAGIC {
+                let mut session = Self::read(super::rosbag2::as_mcap(path)?, path)?;
+                // The sizes are those of the copy, which nobody sees.
+                session.summary.file_bytes = file.metadata().map_or(0, |metadata| metadata.len());
+                session.summary.whole_bytes = session.summary.file_bytes;
+                return Ok(session);
+            }
+            start.rewind().map_err(open)?;
+        }
         Self::read(file, path)
     }
 }
@@ -99,13 +128,25 @@ impl<R: Read + Seek> Session<R> {
     pub fn read(file: R, path: &Path) -> Result<Self, ContainerError> {
         let walk = Walk::open(file, path)?;
         let summary = Summary { file_bytes: walk.framing.length(), ..Summary::default() };
-        let mut session = Self { path: path.to_owned(), walk, summary, chunks: Vec::new(), indexed: false };
+        let (chunks, index) = (Vec::new(), Index::default());
+        let mut session = Self { path: path.to_owned(), walk, summary, chunks, indexed: false, index, said: None };
         session.indexed = session.read_index()?;
-        if !session.indexed {
-            session.chunks.clear();
-            session.summary = Summary { file_bytes: session.walk.framing.length(), ..Summary::default() };
-            session.walk.layout = Layout::default();
+        if session.indexed {
+            session.said = Some(session.summary.totals.clone());
+        } else {
             session.scan()?;
+            if session.summary.complete {
+                session.index = session.walk.framing.index_behind(session.summary.whole_bytes)?;
+            }
+            // What is damaged or lacks may have declared streams, which the index does, too.
+            let in_doubt = !session.summary.damage.is_empty() || !session.walk.layout.is_known();
+            if in_doubt && !session.index.declared.channels.is_empty() {
+                session.scan()?;
+            }
+            // What is damaged lacks, of course.
+            if session.summary.damage.is_empty() {
+                session.summary.damage = session.lacking();
+            }
         }
         session.complete_summary()?;
         Ok(session)
@@ -161,12 +202,10 @@ impl<R: Read + Seek> Session<R> {
     /// # Errors
     /// If the file cannot be read.
     pub fn check(&mut self, mut progress: impl FnMut(u64)) -> Result<Vec<String>, ContainerError> {
-        let mut found: Vec<StreamTotals> = vec![StreamTotals::default(); self.summary.streams.len()];
         let (mut damage, mut bytes) = (Vec::new(), 0);
         for entry in self.messages(None) {
             match entry {
-                Ok(Entry::Packet { stream, packet }) => {
-                    found[stream].count(&packet);
+                Ok(Entry::Packet { packet, .. }) => {
                     bytes += packet.payload.len() as u64;
                     progress(bytes);
                 }
@@ -175,13 +214,14 @@ impl<R: Read + Seek> Session<R> {
                 Err(error) => return Err(error),
             }
         }
-        for (stream, found) in self.summary.streams.iter().zip(found) {
-            let (said, id) = (stream.totals.packets, &stream.description.id);
-            if found.packets != said {
-                damage.push(format!("stream '{id}' has {} packets of the {said} that were recorded", found.packets));
-            }
-        }
+        damage.extend(self.lacking());
         Ok(damage)
+    }
+
+    /// What lacks in the file, all of which was just read.
+    fn lacking(&self) -> Vec<String> {
+        let totals = self.said.as_ref().filter(|_| self.summary.is_session);
+        self.walk.lacking(self.summary.is_session, totals, self.index.counts.as_ref())
     }
 
     /// Gives the file back.
@@ -189,16 +229,9 @@ impl<R: Read + Seek> Session<R> {
         self.walk.framing.into_inner()
     }
 
-    /// The channels that the index declares, of which nothing is counted yet; `None` if there is no index to rely on.
-    pub(super) fn declared(self) -> Option<Layout> {
-        let mut layout = self.walk.layout;
-        layout.streams.iter_mut().for_each(|stream| stream.totals = StreamTotals::default());
-        self.indexed.then_some(layout)
-    }
-
     /// Reads what the end of the file says. `false` if it says nothing, or not enough.
     fn read_index(&mut self) -> Result<bool, ContainerError> {
-        let Some(summary_start) = self.summary_start()? else { return Ok(false) };
+        let Some(summary_start) = self.walk.framing.summary_start()? else { return Ok(false) };
         let mut totals_found = false;
         self.walk.go_to(summary_start);
         loop {
@@ -217,12 +250,12 @@ impl<R: Read + Seek> Session<R> {
                     self.chunks.push(ChunkAt { offset: chunk.chunk_start_offset, end: chunk.message_end_time });
                 }
                 Ok(Record::MetadataIndex(index)) => {
-                    let Some(head) = self.head_at(index.offset, op::METADATA)? else { return Ok(false) };
+                    let Some(head) = self.walk.framing.head_at(index.offset, op::METADATA)? else { return Ok(false) };
                     totals_found |= index.name == TOTALS_METADATA;
                     self.note(&head)?;
                 }
                 Ok(Record::AttachmentIndex(index)) => {
-                    let Some(head) = self.head_at(index.offset, op::ATTACHMENT)? else { return Ok(false) };
+                    let Some(head) = self.walk.framing.head_at(index.offset, op::ATTACHMENT)? else { return Ok(false) };
                     self.note(&head)?;
                 }
                 Ok(_) => {}
@@ -242,30 +275,13 @@ impl<R: Read + Seek> Session<R> {
         Ok(totals_found && ordered && self.summary.is_session)
     }
 
-    /// Where the index starts, if the file was closed with one.
-    fn summary_start(&mut self) -> Result<Option<u64>, ContainerError> {
-        let length = self.walk.framing.length();
-        let Some(at) = length.checked_sub(FOOTER_BYTES) else { return Ok(None) };
-        let Some(footer) = self.head_at(at, op::FOOTER)? else { return Ok(None) };
-        if footer.length != 20 || !self.walk.framing.closed_at(footer.end())? {
-            return Ok(None);
-        }
-        let body = self.walk.framing.body(&footer)?;
-        let Ok(Record::Footer(footer)) = parse_record(op::FOOTER, &body) else { return Ok(None) };
-        Ok((footer.summary_start > 0 && footer.summary_start < at).then_some(footer.summary_start))
-    }
-
-    /// The record at `offset`, if one of this kind lies there.
-    fn head_at(&mut self, offset: u64, opcode: u8) -> Result<Option<Head>, ContainerError> {
-        if offset >= self.walk.framing.length() {
-            return Ok(None);
-        }
-        self.walk.framing.go_to(offset)?;
-        Ok(self.walk.framing.head()?.filter(|head| head.opcode == opcode))
-    }
-
     /// Reads the file through.
     fn scan(&mut self) -> Result<(), ContainerError> {
+        self.chunks.clear();
+        self.said = None;
+        self.summary = Summary { file_bytes: self.walk.framing.length(), ..Summary::default() };
+        self.walk.layout = Layout::default();
+        self.walk.layout.spare = self.index.declared.clone();
         self.walk.go_to(mcap::MAGIC.len() as u64);
         loop {
             match self.walk.step() {
@@ -273,9 +289,9 @@ impl<R: Read + Seek> Session<R> {
                     self.chunks.push(ChunkAt { offset: head.offset, end: header.message_end_time });
                 }
                 Ok(Item::BadChunk(_, error @ ContainerError::Compression { .. })) => return Err(error),
-                Ok(Item::BadChunk(_, error)) => self.summary.damage.push(error.to_string()),
+                Ok(Item::BadChunk(_, error) | Item::Mended(error, _)) => self.summary.damage.push(error.to_string()),
                 Ok(Item::Entry(entry)) => self.count(entry),
-                Ok(Item::Raw(_)) => {}
+                Ok(Item::Raw(_) | Item::ChunkEnd(_)) => {}
                 Ok(Item::Record(head)) => self.note(&head)?,
                 Ok(Item::End { at, closed }) => {
                     self.summary.complete = closed;
@@ -322,9 +338,13 @@ impl<R: Read + Seek> Session<R> {
             }
             Ok(Record::Metadata(record)) if record.name == TOTALS_METADATA => {
                 match Totals::from_metadata(&record.metadata) {
-                    // What was counted while the file was read through stands.
-                    Ok(totals) if summary.totals == Totals::default() => summary.totals = totals,
-                    Ok(_) => {}
+                    // What was counted while the file was read through stands, and is compared.
+                    Ok(totals) => {
+                        if summary.totals == Totals::default() {
+                            summary.totals.clone_from(&totals);
+                        }
+                        self.said = Some(totals);
+                    }
                     Err(error) => summary.damage.push(damaged(error.to_string()).to_string()),
                 }
             }
@@ -384,7 +404,7 @@ impl<R: Read + Seek> Iterator for Messages<'_, R> {
                     return Some(Ok(entry));
                 }
                 Ok(Item::End { .. }) => self.over = true,
-                Ok(Item::BadChunk(_, error)) => return Some(Err(error)),
+                Ok(Item::BadChunk(_, error) | Item::Mended(error, _)) => return Some(Err(error)),
                 Ok(_) => {}
                 Err(error) => {
                     self.over = matches!(error, ContainerError::Read { .. });

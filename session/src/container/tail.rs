@@ -2,12 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use bytes::BufMut;
+use bytes::{BufMut, Bytes};
 use mcap::records::{ChunkHeader, Record, op};
 
-use super::{
-    chunk::RawMessage, framing::Head, layout::Layout, parse::parse_record, record::TOTALS_METADATA, repair::Texts,
-};
+use super::{chunk::RawMessage, framing::Head, layout::Declarations, parse::parse_record, record::TOTALS_METADATA};
+
+/// Text by name, as metadata holds it.
+type Texts = BTreeMap<String, String>;
+
+/// Messages by channel: log time and offset in the chunk.
+type ByChannel = BTreeMap<u16, Vec<(u64, u64)>>;
 
 /// A chunk for the index.
 #[derive(Debug)]
@@ -15,8 +19,8 @@ pub(super) struct ChunkEntry {
     offset: u64,
     length: u64,
     header: ChunkHeader,
-    /// Its messages, by channel: log time and offset in the chunk.
-    messages: BTreeMap<u16, Vec<(u64, u64)>>,
+    /// Its messages.
+    messages: ByChannel,
     /// Where the index of each channel lies, and how long they are together.
     indexes: BTreeMap<u16, u64>,
     index_bytes: u64,
@@ -27,10 +31,52 @@ impl ChunkEntry {
         Self { offset, length, header, messages: BTreeMap::new(), indexes: BTreeMap::new(), index_bytes: 0 }
     }
 
-    /// Whether a channel with messages in the chunk has no index.
+    /// Whether a channel with messages in the chunk has no index. Those of chunks before the last, and of one that was written
+    /// anew, are forgotten.
     fn lacks_indexes(&self) -> bool {
         self.messages.keys().any(|channel| !self.indexes.contains_key(channel))
     }
+}
+
+/// A chunk of `records` alone, not compressed, and the index of its messages: the bytes for `offset` of a file, and the entry
+/// for the file's index. `None` without a record.
+pub(super) fn chunk_of(records: &[Bytes], offset: u64) -> Option<(Vec<u8>, ChunkEntry)> {
+    let content = records.concat();
+    let mut messages = ByChannel::new();
+    let mut at = 0;
+    for record in records {
+        if record.first() == Some(&op::MESSAGE) && record.len() > 9 {
+            let message = RawMessage::parse(record.slice(9..), Some(at))?;
+            messages.entry(message.channel).or_default().push((message.log_time, at as u64));
+        }
+        at += record.len();
+    }
+    let times = || messages.values().flatten().map(|&(time, _)| time);
+    let (start, end) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
+    let length = Some(content.len() as u64).filter(|&length| length > 0)?;
+    let header = ChunkHeader {
+        message_start_time: start,
+        message_end_time: end,
+        uncompressed_size: length,
+        uncompressed_crc: crc32fast::hash(&content),
+        compression: String::new(),
+        compressed_size: length,
+    };
+    let mut body = Vec::with_capacity(content.len() + 40);
+    for number in [start, end, length] {
+        body.put_u64_le(number);
+    }
+    body.put_u32_le(header.uncompressed_crc);
+    put_text(&mut body, "");
+    body.put_u64_le(length);
+    body.extend_from_slice(&content);
+    let mut bytes = Vec::with_capacity(body.len() + 4096);
+    put_record(&mut bytes, op::CHUNK, &body);
+    let mut entry = ChunkEntry::new(offset, bytes.len() as u64, header);
+    let chunk_bytes = bytes.len() as u64;
+    entry.indexes = put_indexes(&mut bytes, &messages, offset);
+    entry.index_bytes = bytes.len() as u64 - chunk_bytes;
+    Some((bytes, entry))
 }
 
 /// What the end of a file says of it.
@@ -38,10 +84,9 @@ impl ChunkEntry {
 pub(super) struct Tail {
     chunks: Vec<ChunkEntry>,
     /// Totals to write, where the file has none.
-    pub totals: Option<Texts>,
-    /// Bodies of schemas and channels, by their numbers.
-    schemas: BTreeMap<u16, Vec<u8>>,
-    channels: BTreeMap<u16, Vec<u8>>,
+    pub totals: Option<BTreeMap<String, String>>,
+    /// All schemas and channels.
+    pub declared: Declarations,
     /// Offset, length and name.
     metadata: Vec<(u64, u64, String)>,
     /// Bodies of the index records of attachments.
@@ -61,6 +106,12 @@ impl Tail {
         }
         self.chunks.push(chunk);
         self.more_after_chunk = false;
+    }
+
+    /// Takes another chunk for the last one, or none.
+    pub fn replace_last(&mut self, chunk: Option<ChunkEntry>) {
+        self.chunks.pop();
+        self.chunks.extend(chunk);
     }
 
     /// Takes note of a message of the last chunk, or of one that lies outside the chunks and needs no index.
@@ -115,12 +166,6 @@ impl Tail {
         }
     }
 
-    /// Takes note of all schemas and channels.
-    pub fn declare(&mut self, layout: &Layout) {
-        self.schemas.clone_from(&layout.schema_records);
-        self.channels.clone_from(&layout.channel_records);
-    }
-
     /// Whether the file has a metadata record of this name.
     pub fn has_metadata(&self, name: &str) -> bool {
         self.metadata.iter().any(|(_, _, found)| found == name)
@@ -131,17 +176,7 @@ impl Tail {
         let mut bytes = Vec::new();
         if let Some(chunk) = self.chunks.last_mut().filter(|chunk| chunk.lacks_indexes()) {
             (chunk.indexes, chunk.index_bytes) = (BTreeMap::new(), 0);
-            for (&channel, messages) in &chunk.messages {
-                chunk.indexes.insert(channel, position + bytes.len() as u64);
-                let mut body = Vec::new();
-                body.put_u16_le(channel);
-                body.put_u32_le(16 * messages.len() as u32);
-                for &(log_time, offset) in messages {
-                    body.put_u64_le(log_time);
-                    body.put_u64_le(offset);
-                }
-                put_record(&mut bytes, op::MESSAGE_INDEX, &body);
-            }
+            chunk.indexes = put_indexes(&mut bytes, &chunk.messages, position);
             chunk.index_bytes = bytes.len() as u64;
         }
         if let Some(totals) = self.totals.take() {
@@ -171,7 +206,7 @@ impl Tail {
     }
 
     fn put_summary(&self, bytes: &mut Vec<u8>) {
-        put_declarations(bytes, &self.schemas, &self.channels);
+        put_declarations(bytes, &self.declared);
         put_record(bytes, op::STATISTICS, &self.statistics());
         for chunk in &self.chunks {
             let mut body = Vec::new();
@@ -205,8 +240,8 @@ impl Tail {
     fn statistics(&self) -> Vec<u8> {
         let mut body = Vec::new();
         body.put_u64_le(self.counts.values().sum());
-        body.put_u16_le(self.schemas.len() as u16);
-        body.put_u32_le(self.channels.len() as u32);
+        body.put_u16_le(self.declared.schemas.len() as u16);
+        body.put_u32_le(self.declared.channels.len() as u32);
         body.put_u32_le(self.attachments.len() as u32);
         body.put_u32_le(self.metadata.len() as u32);
         body.put_u32_le(self.chunks.len() as u32);
@@ -222,20 +257,38 @@ impl Tail {
     }
 }
 
-/// The records that declare all schemas and channels of `layout`.
-pub(super) fn declarations(layout: &Layout) -> Vec<u8> {
+/// The records that declare schemas and channels.
+pub(super) fn declarations(declared: &Declarations) -> Vec<u8> {
     let mut bytes = Vec::new();
-    put_declarations(&mut bytes, &layout.schema_records, &layout.channel_records);
+    put_declarations(&mut bytes, declared);
     bytes
 }
 
-fn put_declarations(bytes: &mut Vec<u8>, schemas: &BTreeMap<u16, Vec<u8>>, channels: &BTreeMap<u16, Vec<u8>>) {
-    for body in schemas.values() {
+fn put_declarations(bytes: &mut Vec<u8>, declared: &Declarations) {
+    for body in declared.schemas.values() {
         put_record(bytes, op::SCHEMA, body);
     }
-    for body in channels.values() {
+    for body in declared.channels.values() {
         put_record(bytes, op::CHANNEL, body);
     }
+}
+
+/// Appends the index of a chunk's messages, where `position` bytes of the file lie before `bytes`; gives where that of each
+/// channel lies.
+fn put_indexes(bytes: &mut Vec<u8>, messages: &ByChannel, position: u64) -> BTreeMap<u16, u64> {
+    let mut indexes = BTreeMap::new();
+    for (&channel, messages) in messages {
+        indexes.insert(channel, position + bytes.len() as u64);
+        let mut body = Vec::new();
+        body.put_u16_le(channel);
+        body.put_u32_le(16 * messages.len() as u32);
+        for &(log_time, offset) in messages {
+            body.put_u64_le(log_time);
+            body.put_u64_le(offset);
+        }
+        put_record(bytes, op::MESSAGE_INDEX, &body);
+    }
+    indexes
 }
 
 fn put_record(bytes: &mut Vec<u8>, opcode: u8, body: &[u8]) {

@@ -41,7 +41,12 @@ impl Compression {
     /// What is wrong: the compressed bytes are damaged, or the records are shorter or longer than claimed.
     pub fn unpack(self, packed: Bytes, length: u64) -> Result<Bytes, String> {
         if self == Self::None {
-            return Ok(packed);
+            let found = packed.len() as u64;
+            return if found == length {
+                Ok(packed)
+            } else {
+                Err(format!("the chunk holds {found} bytes, and claims {length}"))
+            };
         }
         if length > MAX_BODY {
             return Err(format!("a chunk of {length} bytes is longer than erfgs reads"));

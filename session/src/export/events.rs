@@ -11,17 +11,20 @@ use erfgs_events::{
     ImuSample, Mark, RawHeader, SensorSize, Sink, hdf5, npz,
 };
 
-use super::{ExportError, is_passed_over};
+use super::{ExportError, anew, is_passed_over};
 use crate::{
-    container::{Entry, Recording, sensor_size},
+    container::{Entry, Recording, lacking, sensor_size},
     source::{Description, Encoding},
 };
 
 /// What events are written as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EventsFormat {
-    /// The words of a Prophesee sensor as they came, with the header that Metavision looks for.
+    /// The words of a Prophesee sensor as they came, with the header that Metavision looks for. Events that have none are
+    /// encoded: as EVT 3, or EVT 2 where their times need it.
     Raw,
+    /// DAT, version 2.
+    Dat,
     /// Events, edges, frames and inertial samples, as DV reads them.
     Aedat4,
     /// Lines of t, x, y, on.
@@ -33,20 +36,23 @@ pub enum EventsFormat {
 }
 
 impl EventsFormat {
-    /// Whether a stream of this encoding can be written so.
+    /// Whether a stream of this encoding can be written so: all take the events of all streams.
     #[must_use]
     pub fn fits(self, encoding: Encoding) -> bool {
-        match self {
-            Self::Raw => {
-                encoding.events().is_some_and(|events| RawHeader::new(events, SensorSize::ALL, "", "").is_some())
-            }
-            _ => encoding.is_events(),
-        }
+        encoding.is_events()
     }
 }
 
-/// Writes the events of the stream `id` to `path`, which appears whole or not at all (what was there is replaced), and says
-/// how many there are; of RAW, which is not decoded, nobody counts them. What was lost to damage of the recording is added
+/// What was written of a stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WrittenEvents {
+    /// How many events there are; of RAW that is not decoded, nobody counts them.
+    pub events: Option<u64>,
+    /// What was taken off the times, microseconds: they begin later than the format's clock goes, as those since 1970 do.
+    pub shift_us: u64,
+}
+
+/// Writes the events of the stream `id` to `path`, which appears whole or not at all (what was there is replaced). What was lost to damage of the recording is added
 /// to `damage`; `progress` is called with the bytes of payload so far.
 ///
 /// # Errors
@@ -59,26 +65,36 @@ pub fn write_events(
     path: &Path,
     damage: &mut Vec<String>,
     progress: impl FnMut(u64),
-) -> Result<Option<u64>, ExportError> {
+) -> Result<WrittenEvents, ExportError> {
     let (stream, recorded) = recording.stream(id)?;
     let description = recorded.description.clone();
     let mut task = Task { recording, stream, description, path, damage };
     match format {
-        EventsFormat::Raw => task.raw(progress).map(|()| None),
-        EventsFormat::Aedat4 => task.aedat4(progress).map(Some),
-        EventsFormat::Csv => task.csv(progress).map(Some),
-        EventsFormat::Npz => task.npz(progress).map(Some),
-        EventsFormat::Hdf5 => task.hdf5(progress).map(Some),
+        EventsFormat::Raw => task.raw(progress),
+        EventsFormat::Dat => anew(&mut task, true, progress),
+        EventsFormat::Aedat4 => task.aedat4(progress).map(counted),
+        EventsFormat::Csv => task.csv(progress).map(counted),
+        EventsFormat::Npz => task.npz(progress).map(counted),
+        EventsFormat::Hdf5 => task.hdf5(progress).map(counted),
     }
 }
 
+fn counted(events: u64) -> WrittenEvents {
+    WrittenEvents { events: Some(events), shift_us: 0 }
+}
+
+fn anew(task: &mut Task<'_>, as_dat: bool, progress: impl FnMut(u64)) -> Result<WrittenEvents, ExportError> {
+    let (events, shift_us) = anew::write(task, as_dat, progress)?;
+    Ok(WrittenEvents { events: Some(events), shift_us })
+}
+
 /// A stream and where it goes.
-struct Task<'a> {
-    recording: &'a mut Recording,
+pub(super) struct Task<'a> {
+    pub recording: &'a mut Recording,
     stream: usize,
-    description: Description,
-    path: &'a Path,
-    damage: &'a mut Vec<String>,
+    pub description: Description,
+    pub path: &'a Path,
+    pub damage: &'a mut Vec<String>,
 }
 
 impl Task<'_> {
@@ -87,28 +103,28 @@ impl Task<'_> {
     }
 
     /// Decodes the stream, and tells what of it was lost to damage.
-    fn decode(&mut self, sink: &mut impl Sink, progress: impl FnMut(u64)) -> Result<(), ExportError> {
+    pub fn decode(&mut self, sink: &mut impl Sink, progress: impl FnMut(u64)) -> Result<(), ExportError> {
         let decoded = self.recording.decode_events(self.stream, sink, progress)?;
         let decoded = decoded.ok_or_else(|| self.no_events())?;
         self.damage.extend(decoded.damage);
         Ok(())
     }
 
-    fn raw(&mut self, mut progress: impl FnMut(u64)) -> Result<(), ExportError> {
-        let header = raw_header(&self.description, self.recording.summary().start.epoch_ns).ok_or_else(|| {
-            let encoding = self.description.encoding.events();
-            encoding.map_or_else(|| self.no_events(), |encoding| ExportError::NoRaw { encoding })
-        })?;
+    fn raw(&mut self, mut progress: impl FnMut(u64)) -> Result<WrittenEvents, ExportError> {
+        let Some(header) = raw_header(&self.description, self.recording.summary().start.epoch_ns) else {
+            return anew(self, false, progress);
+        };
         let path = self.path;
         let failed = ExportError::writing(path);
         let fill = |sink: &mut io::BufWriter<&std::fs::File>| {
             sink.write_all(&header.encode()).map_err(&failed)?;
-            let mut done = 0;
+            let (mut done, mut packets) = (0, 0);
             for entry in self.recording.messages(None) {
                 match entry {
                     Ok(Entry::Packet { stream, packet }) if stream == self.stream => {
                         sink.write_all(&packet.payload).map_err(&failed)?;
                         done += packet.payload.len() as u64;
+                        packets += 1;
                         progress(done);
                     }
                     Ok(_) => {}
@@ -116,7 +132,9 @@ impl Task<'_> {
                     Err(error) => return Err(error.into()),
                 }
             }
-            Ok(())
+            let recorded = &self.recording.summary().streams[self.stream];
+            self.damage.extend(lacking(&recorded.description.id, packets, recorded.totals.packets));
+            Ok(WrittenEvents::default())
         };
         atomic::try_write_with(path, fill, &failed)
     }

@@ -14,7 +14,7 @@ use erfgs_scene::{pixel, video::VideoWriter};
 use super::{ExportError, is_passed_over, sensor_frames};
 use crate::{
     clock::{EpochCursor, Epochs},
-    container::{Entry, Recording, SessionStart},
+    container::{Entry, Recording, SessionStart, lacking},
     source::{Description, Encoding, Packet},
 };
 
@@ -81,9 +81,12 @@ pub fn write_frames(
     if writing.is_of_sensor {
         sensor_frames::decode(recording, stream, &mut writing, damage, progress)?;
     } else {
+        let said = recording.summary().streams[stream].totals.packets;
+        let mut packets = 0;
         for entry in recording.messages(None) {
             match entry {
                 Ok(Entry::Packet { stream: of, packet }) if of == stream => {
+                    packets += 1;
                     writing.push_packet(&packet)?;
                     progress(writing.written.frames);
                 }
@@ -92,6 +95,7 @@ pub fn write_frames(
                 Err(error) => return Err(error.into()),
             }
         }
+        damage.extend(lacking(id, packets, said));
     }
     writing.finish()
 }

@@ -1,10 +1,11 @@
-//! Streams of a recording as files that other programs read: events as RAW, AEDAT 4, CSV, NPZ and HDF5, frames as PNG, EXR
+//! Streams of a recording as files that other programs read: events as RAW, DAT, AEDAT 4, CSV, NPZ and HDF5, frames as PNG, EXR
 //! and MP4.
 //!
 //! The way back, from event files to sessions, is [`import_events`](crate::container::import_events). Frames are here and not
 //! with the datasets, because nothing is joined: a frame goes out as the camera gave it, at its own size, and the clocks of
 //! the stream, where the caller has them, only date it.
 
+mod anew;
 mod events;
 mod frames;
 mod sensor_frames;
@@ -14,10 +15,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_events::{EventEncoding, hdf5::Hdf5Error, npz::NpzError};
+use erfgs_events::{EncodeError, hdf5::Hdf5Error, npz::NpzError};
 use erfgs_scene::{image::ImageError, video::VideoError};
 
-pub use events::{EventsFormat, write_events};
+pub use events::{EventsFormat, WrittenEvents, write_events};
 pub use frames::{Exposures, FramesFormat, write_frames};
 
 use crate::container::ContainerError;
@@ -44,11 +45,13 @@ pub enum ExportError {
         /// Why.
         source: io::Error,
     },
-    /// RAW files hold words of Prophesee's sensors.
-    #[error("{encoding} has no RAW file")]
-    NoRaw {
-        /// What the stream has.
-        encoding: EventEncoding,
+    /// The format has no room for an event.
+    #[error("{} cannot be written: {source}", path.display())]
+    Unfit {
+        /// The file.
+        path: PathBuf,
+        /// The event, and why.
+        source: EncodeError,
     },
     /// The stream has no events.
     #[error("stream '{id}' has no events that can be written")]

@@ -3,9 +3,12 @@
 mod common;
 mod compressed;
 mod event_file;
+mod faults;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod read;
 mod recover;
 mod ros;
+#[cfg(feature = "rosbag2")]
+mod rosbag2;
 mod write;

@@ -88,7 +88,7 @@ fn a_byte_that_flipped_loses_one_chunk_and_is_told() {
     let ends = chunk_ends(&bytes);
     let mut damaged = bytes.clone();
     // Chunks 0 to 2 declare schemas and streams.
-    damaged[(ends[4] - 200) as usize] ^= 1;
+    damaged[(ends[4] - 200) as usize] ^= 0x55;
     let mut session = open(&damaged).unwrap();
     let results: Vec<_> = session.messages(None).collect();
     let errors: Vec<_> = results.iter().filter_map(|result| result.as_ref().err()).collect();

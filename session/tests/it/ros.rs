@@ -35,9 +35,9 @@ fn packets_of_events_are_a_stream_with_its_encoding_and_size() {
 
 #[test]
 fn an_encoding_that_is_not_known_is_named() {
-    let bytes = ros_recording("libcaer");
+    let bytes = ros_recording("trigger");
     let session = Session::read(Cursor::new(&bytes), Path::new("bag.mcap")).unwrap();
-    assert_eq!(session.summary().unknown_encodings, ["libcaer"]);
+    assert_eq!(session.summary().unknown_encodings, ["trigger"]);
     assert!(session.summary().streams.is_empty());
 }
 

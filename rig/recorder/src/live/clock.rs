@@ -19,6 +19,10 @@ const RECENT: usize = 512;
 /// A device clock may be off by this much against the host's, as a ratio; more is another device or a restart.
 const PLAUSIBLE: f64 = 2e-3;
 
+/// A clock that goes back by more than this began anew, as that of a recording does that is played in a loop: packets of one
+/// stream come in order.
+const BACKWARD_NS: f64 = 10e6;
+
 /// The earliest arrival within one second.
 #[derive(Clone, Copy, Debug)]
 struct Earliest {
@@ -43,7 +47,7 @@ impl ClockWatch {
         let delay = (host_ns - host_0) as f64 - device;
         // A restarted device begins a new line.
         let jumped = |last: &[f64; 2]| {
-            device < last[0] - 1e9 || (delay - last[1]).abs() > 1e9 + PLAUSIBLE * (device - last[0]).abs()
+            device < last[0] - BACKWARD_NS || (delay - last[1]).abs() > 1e9 + PLAUSIBLE * (device - last[0]).abs()
         };
         if self.recent.back().is_some_and(jumped) {
             *self = Self::default();
@@ -81,7 +85,8 @@ impl ClockWatch {
         let mean_y = points().map(|point| point.delay_ns).sum::<f64>() / count;
         let spread: f64 = points().map(|point| (point.device_ns - mean_x).powi(2)).sum();
         let slope = points().map(|point| (point.device_ns - mean_x) * (point.delay_ns - mean_y)).sum::<f64>() / spread;
-        if !slope.is_finite() {
+        // What is off by more is no clock beside the host's: a recording that is played at another speed.
+        if !slope.is_finite() || slope.abs() > PLAUSIBLE {
             return None;
         }
         let above = |[device, delay]: &[f64; 2]| (delay - mean_y - slope * (device - mean_x)).abs();
@@ -132,6 +137,19 @@ mod tests {
     fn there_is_no_figure_before_some_seconds_are_known() {
         assert!(watch(2, 0.0, |_| 0).status("").is_none());
         assert!(watch(5, 0.0, |_| 0).status("").is_some());
+    }
+
+    #[test]
+    fn a_recording_in_a_loop_or_at_another_speed_has_no_absurd_clock() {
+        // Loops of 0.7 s, which the host's clock knows nothing of.
+        let mut watch = ClockWatch::default();
+        for ms in 0..20_000 {
+            watch.sample(ms % 700 * 1_000_000, ms * 1_000_000);
+            assert!(watch.status("").is_none_or(|status| status.rate_ppm.abs() < 2000.0), "{ms}");
+        }
+        let mut slow = ClockWatch::default();
+        (0..20_000).for_each(|ms| slow.sample(ms * 100_000, ms * 1_000_000));
+        assert_eq!(slow.status(""), None);
     }
 
     #[test]

@@ -48,7 +48,8 @@ impl EventFileRecording {
         if of_addresses {
             source.set_size(survey.extent);
         }
-        let summary = describe::summary(path, &source, &survey, of_addresses);
+        let mut summary = describe::summary(path, &source, &survey, of_addresses);
+        summary.damage = survey.faults;
         Ok(Self { path: path.to_owned(), source, summary, first_us: survey.first_us })
     }
 

@@ -17,13 +17,16 @@ use erfgs_events::{
 /// Events handed over at once.
 const BATCH: usize = 4096;
 
+/// How a file of one array begins.
+const NPY: &[u8; 6] = b"\x93NUMPY";
+
 /// A file whose format is known.
 #[derive(Clone)]
 pub(super) enum EventSource {
     /// A stream of bytes.
     Stream(EventFile),
-    /// An archive of arrays, held in memory while it is read.
-    Npz { path: PathBuf, size: Option<SensorSize> },
+    /// An archive of arrays, or a structured array, held in memory while it is read.
+    Arrays { path: PathBuf, size: Option<SensorSize> },
     /// Opened anew for each reading.
     Hdf5 { path: PathBuf, layout: Hdf5Layout, size: Option<SensorSize> },
 }
@@ -37,11 +40,13 @@ impl EventSource {
         let file = file.map_err(|source| ContainerError::Open { what: "open", path: path.to_owned(), source })?;
         let read = file.take(8).read_to_end(&mut head);
         read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
-        if extension.eq_ignore_ascii_case("npz") || head.starts_with(b"PK\x03\x04") {
-            let events = read_npz(path, size)?;
+        let named_arrays = extension.eq_ignore_ascii_case("npz") || head.starts_with(NPY);
+        // An archive may hold text instead.
+        if named_arrays || head.starts_with(b"PK\x03\x04") && EventFile::open(path).is_err() {
+            let events = read_arrays(path, size)?;
             let side = |side| u16::try_from(side).unwrap_or(u16::MAX);
             let size = Some(SensorSize { width: side(events.width), height: side(events.height) });
-            return Ok(Self::Npz { path: path.to_owned(), size });
+            return Ok(Self::Arrays { path: path.to_owned(), size });
         }
         if head.starts_with(b"\x89HDF")
             || extension.eq_ignore_ascii_case("h5")
@@ -61,14 +66,15 @@ impl EventSource {
     pub fn path(&self) -> &Path {
         match self {
             Self::Stream(file) => &file.path,
-            Self::Npz { path, .. } | Self::Hdf5 { path, .. } => path,
+            Self::Arrays { path, .. } | Self::Hdf5 { path, .. } => path,
         }
     }
 
     pub fn name(&self) -> &'static str {
         match self {
             Self::Stream(file) => file.format.name(),
-            Self::Npz { .. } => "npz",
+            Self::Arrays { path, .. } if is_npy(path) => "npy",
+            Self::Arrays { .. } => "npz",
             Self::Hdf5 { layout, .. } => layout.name(),
         }
     }
@@ -76,7 +82,7 @@ impl EventSource {
     pub fn size(&self) -> Option<SensorSize> {
         match self {
             Self::Stream(file) => file.size,
-            Self::Npz { size, .. } | Self::Hdf5 { size, .. } => *size,
+            Self::Arrays { size, .. } | Self::Hdf5 { size, .. } => *size,
         }
     }
 
@@ -85,7 +91,7 @@ impl EventSource {
         match self {
             Self::Stream(file) => file.size = found,
             // The archive knows its own.
-            Self::Npz { .. } => {}
+            Self::Arrays { .. } => {}
             Self::Hdf5 { size, .. } => *size = found,
         }
     }
@@ -106,7 +112,7 @@ impl EventSource {
             Self::Stream(file) => {
                 file.decode_while(sink, go_on).map_err(|error| ContainerError::event_file(&file.path, error))
             }
-            Self::Npz { path, size } => decode_npz(path, *size, sink, go_on),
+            Self::Arrays { path, size } => decode_arrays(path, *size, sink, go_on),
             Self::Hdf5 { path, size, .. } => {
                 let decoded = hdf5::open(path).and_then(|file| file.decode(*size, sink));
                 decoded.map_err(|error| ContainerError::event_file(path, error))
@@ -115,18 +121,25 @@ impl EventSource {
     }
 }
 
-fn read_npz(path: &Path, size: Option<SensorSize>) -> Result<Events, ContainerError> {
-    npz::read_events(path, size.map(|size| [size.width.into(), size.height.into()]))
-        .map_err(|error| ContainerError::event_file(path, error))
+fn read_arrays(path: &Path, size: Option<SensorSize>) -> Result<Events, ContainerError> {
+    let size = size.map(|size| [size.width.into(), size.height.into()]);
+    let events = if is_npy(path) { npz::read_structured(path, size) } else { npz::read_events(path, size) };
+    events.map_err(|error| ContainerError::event_file(path, error))
 }
 
-fn decode_npz(
+/// Whether the file is an array, and no archive of arrays.
+fn is_npy(path: &Path) -> bool {
+    let mut head = [0; NPY.len()];
+    File::open(path).and_then(|mut file| file.read_exact(&mut head)).is_ok() && head == *NPY
+}
+
+fn decode_arrays(
     path: &Path,
     size: Option<SensorSize>,
     sink: &mut impl Sink,
     mut go_on: impl FnMut(u64) -> bool,
 ) -> Result<Anomalies, ContainerError> {
-    let events = read_npz(path, size)?;
+    let events = read_arrays(path, size)?;
     let mut t_us = Vec::with_capacity(BATCH);
     for from in (0..events.len()).step_by(BATCH) {
         let to = events.len().min(from + BATCH);

@@ -1,7 +1,7 @@
 //! What is to be known of a file before its packets: its span and its addresses.
 
 use super::{super::ContainerError, host_clock::HostClock, source::EventSource};
-use erfgs_events::{ApsFrame, CdEvent, Edge, ImuSample, Mark, SensorSize, Sink};
+use erfgs_events::{Anomalies, ApsFrame, CdEvent, Edge, ImuSample, Mark, SensorSize, Sink};
 
 /// What was found.
 pub(super) struct Survey {
@@ -9,6 +9,8 @@ pub(super) struct Survey {
     pub first_us: u64,
     /// From there to the end, nanoseconds of host time; `None` if the file holds nothing.
     pub last_ns: Option<i64>,
+    /// What of the file cannot be read.
+    pub faults: Vec<String>,
     /// What holds all addresses and frames; `None` without any.
     pub extent: Option<SensorSize>,
 }
@@ -65,15 +67,31 @@ impl Sink for Seen {
     }
 }
 
+/// What anomalies say of a file that is cut or damaged. Others are those of the device.
+fn faults(anomalies: &Anomalies) -> Vec<String> {
+    let mut faults = Vec::new();
+    if anomalies.damaged > 0 {
+        faults.push(format!("{} lines or packets of it cannot be read", anomalies.damaged));
+    }
+    if anomalies.truncated_bytes > 0 {
+        faults.push(format!("it is cut off: its last {} bytes are no whole item", anomalies.truncated_bytes));
+    }
+    faults
+}
+
 /// Reads the file through.
 pub(super) fn survey(source: &EventSource) -> Result<Survey, ContainerError> {
     let mut seen = Seen::default();
-    source.decode(&mut seen, |_| true)?;
+    let anomalies = source.decode(&mut seen, |_| true)?;
+    if anomalies.are_all(u64::from(seen.first.is_some())) {
+        return Err(ContainerError::NothingReadable { path: source.path().to_owned(), found: anomalies.to_string() });
+    }
     let before_ns =
         |[came, earliest]: [u64; 2]| i64::try_from(came - earliest).unwrap_or(i64::MAX).saturating_mul(1000);
     Ok(Survey {
         first_us: seen.first.map_or(0, |[_, earliest]| earliest),
         last_ns: seen.first.map(|first| seen.clock.last_ns().saturating_add(before_ns(first))),
+        faults: faults(&anomalies),
         extent: (seen.width > 0 && seen.height > 0).then_some(SensorSize { width: seen.width, height: seen.height }),
     })
 }

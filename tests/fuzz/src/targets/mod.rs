@@ -9,6 +9,7 @@ mod csv;
 mod dat;
 mod davis;
 mod ecf;
+mod es;
 mod evt2;
 mod evt21;
 mod evt3;
@@ -26,6 +27,7 @@ pub use csv::csv;
 pub use dat::dat;
 pub use davis::davis;
 pub use ecf::ecf;
+pub use es::es;
 pub use evt2::evt2;
 pub use evt3::evt3;
 pub use evt21::evt21;
@@ -48,6 +50,7 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("aedat4", aedat4),
     ("davis", davis),
     ("csv", csv),
+    ("es", es),
     ("headers", headers),
     ("npy", npy),
     ("npz", npz),

@@ -7,6 +7,9 @@ use crate::memory;
 /// Checks one input.
 pub fn npy(bytes: &[u8]) {
     let peak = memory::peak(|| {
+        for (_, column) in npy::decode_records(bytes).unwrap_or_default() {
+            assert!(column.shape == [column.len()]);
+        }
         let Ok(array) = NpyArray::decode(bytes) else { return };
         let elements = array.shape.iter().try_fold(1_usize, |all, &length| all.checked_mul(length));
         assert!(array.is_empty() || elements == Some(array.len()), "{:?} and {}", array.shape, array.len());

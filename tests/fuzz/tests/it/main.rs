@@ -64,6 +64,7 @@ targets! {
     aedat4 40_000,
     davis 40_000,
     csv 40_000,
+    es 40_000,
     headers 40_000,
     npy 40_000,
     npz 40_000,
