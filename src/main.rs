@@ -24,6 +24,7 @@ mod render;
 mod replay;
 mod report;
 mod simulate;
+mod sweep;
 mod sync;
 mod terminal;
 mod train;
@@ -84,6 +85,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Train a dynamic scene from a dataset.
     Train(train::Arguments),
+    /// Train many runs by one plan, on Slurm or on this machine.
+    Sweep(sweep::Arguments),
     /// Measure a run on the held-out cameras.
     Eval(eval::Arguments),
     /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
@@ -129,6 +132,7 @@ fn main() -> ExitCode {
         Command::Dataset(command) => dataset::run(&command, &terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
         Command::Train(arguments) => train::run(&arguments, &terminal),
+        Command::Sweep(arguments) => sweep::run(&arguments, &terminal),
         Command::Eval(arguments) => eval::run(&arguments, &terminal),
         Command::Render(arguments) => render::run(&arguments, &terminal),
         Command::View(arguments) => view::run(&arguments, &terminal),
