@@ -15,6 +15,7 @@ mod export;
 mod import;
 mod info;
 mod interrupt;
+mod merge;
 mod parse;
 mod progress;
 mod quick;
@@ -99,6 +100,8 @@ enum Command {
     Import(import::Arguments),
     /// Repair a session whose recording was cut off.
     Recover(recover::Arguments),
+    /// Merge the sessions that several hosts recorded with one trigger board.
+    Merge(merge::Arguments),
     /// Play a session or an event file as if its devices were there.
     Replay(replay::Arguments),
     /// Fit the clocks of a session anew and plot how well they fit.
@@ -139,6 +142,7 @@ fn main() -> ExitCode {
         Command::Export(arguments) => export::run(&arguments, &terminal),
         Command::Import(arguments) => import::run(&arguments, &terminal),
         Command::Recover(arguments) => recover::run(&arguments, &terminal),
+        Command::Merge(arguments) => merge::run(&arguments, &terminal),
         Command::Replay(arguments) => replay::run(&arguments, &terminal),
         Command::Sync(arguments) => sync::run(&arguments, &terminal),
         Command::Info(arguments) => info::run(&arguments, &terminal),
