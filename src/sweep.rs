@@ -73,12 +73,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if let Some(name) = &arguments.job {
         return one(&manifest, name);
     }
-    let slurm = match (arguments.local, slurm::answers()) {
-        (true, _) => false,
-        (false, Ok(())) => true,
-        (false, Err(why)) if arguments.slurm => return Err(Usage(why).into()),
-        (false, Err(_)) => false,
-    };
+    let slurm = !arguments.local && there_is_a_slurm(arguments, terminal)?;
     if arguments.dry_run {
         return dry_run(&manifest, slurm, terminal);
     }
@@ -87,6 +82,19 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     manifest.save()?;
     if slurm { on_slurm(arguments, &manifest, terminal) } else { here(arguments, &manifest, terminal) }
+}
+
+fn there_is_a_slurm(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<bool> {
+    match slurm::answers() {
+        Ok(true) => Ok(true),
+        Ok(false) if arguments.slurm => Err(Usage("there is no Slurm here (no `scontrol`)".into()).into()),
+        Err(why) if arguments.slurm => Err(Usage(why).into()),
+        Ok(false) => Ok(false),
+        Err(why) => {
+            terminal.note(format!("{why}: it is left out"));
+            Ok(false)
+        }
+    }
 }
 
 fn manifest(arguments: &Arguments) -> anyhow::Result<Manifest> {

@@ -70,6 +70,10 @@ fn what_a_plan_asks_for_is_told_and_what_is_wrong_with_it_is_named() {
         assert!(arguments.contains(&word), "{word} in {arguments:?}");
     }
     assert!(!folder.path("plan").exists(), "a dry run writes nothing");
+    // A Slurm that is asked for and is not there, or does not answer.
+    let output = folder.command("sweep plan.toml --slurm").env("SLURM_CONF", "nowhere.conf").output().expect("erfgs");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("Slurm") && !folder.path("plan").exists(), "{said}");
 
     for (from, to, expected) in [
         ("log_every", "log_evry", "no field 'evaluation.log_evry'"),

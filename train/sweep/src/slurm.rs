@@ -33,15 +33,15 @@ pub struct Submission {
     pub jobs: Vec<String>,
 }
 
-/// Whether there is a Slurm that answers; if not, why.
+/// Whether there is a Slurm here.
 ///
 /// # Errors
-/// A sentence: there is no `sbatch`, or no controller.
-pub fn answers() -> Result<(), String> {
+/// A sentence, where one is installed and no controller of it answers.
+pub fn answers() -> Result<bool, String> {
     match Command::new("scontrol").arg("ping").output() {
-        Err(_) => Err("there is no Slurm here (no `scontrol`)".into()),
-        Ok(output) if output.status.success() && String::from_utf8_lossy(&output.stdout).contains("UP") => Ok(()),
-        Ok(_) => Err("Slurm is installed, but no controller of it answers (`scontrol ping`)".into()),
+        Err(_) => Ok(false),
+        Ok(output) if output.status.success() && String::from_utf8_lossy(&output.stdout).contains("UP") => Ok(true),
+        Ok(_) => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
     }
 }
 

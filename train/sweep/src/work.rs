@@ -246,8 +246,8 @@ impl Hand<'_> {
         };
         let bytes = read().unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
-        let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("see `erfgs"));
-        lines.last().unwrap_or("it said nothing").to_owned()
+        let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with("see `erfgs"));
+        lines.next_back().unwrap_or("it said nothing").to_owned()
     }
 }
 
