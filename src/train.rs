@@ -338,6 +338,10 @@ pub fn check(words: impl Iterator<Item = String>) -> Result<(), String> {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     stop_at_once()?;
     let folder = RunFolder::new(&arguments.out);
+    if !folder.checkpoint_file().is_file() {
+        // What is wrong with the words is said before anything is begun.
+        arguments.settings()?;
+    }
     let mut dataset = Dataset::load(&arguments.dataset)?;
     let _alone = begin::alone(&folder, terminal)?;
     let checkpoint = begin::checkpoint(&folder, arguments.resume)?;
