@@ -2,18 +2,19 @@
 # Installs what erfgs needs on Debian 12 and what is missing only: a Vulkan driver that computes correctly without a
 # GPU, COLMAP, ffmpeg, libusb; with --oracles, the Python environment that the cross-checks run in; with --emulation, what
 # the emulated cameras are plugged into (QEMU, umockdev); with --browser, the one that pages are tested in (Chromium); with
-# --hdf5, the library for the feature of that name. Safe to run again.
+# --hdf5, the library for the feature of that name; with --slurm, what sweeps are tested on. Safe to run again.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-oracles=no emulation=no browser=no hdf5=no
+oracles=no emulation=no browser=no hdf5=no slurm=no
 for argument in "$@"; do
   case "$argument" in
     --oracles) oracles=yes ;;
     --emulation) emulation=yes ;;
     --browser) browser=yes ;;
     --hdf5) hdf5=yes ;;
-    -h|--help) sed -n '2,5p' "$0"; echo "usage: scripts/setup.sh [--oracles] [--emulation] [--browser] [--hdf5]"; exit 0 ;;
+    --slurm) slurm=yes ;;
+    -h|--help) sed -n '2,5p' "$0"; echo "usage: scripts/setup.sh [--oracles] [--emulation] [--browser] [--hdf5] [--slurm]"; exit 0 ;;
     *) echo "setup.sh: unknown option $argument (see --help)" >&2; exit 2 ;;
   esac
 done
@@ -81,6 +82,11 @@ fi
 
 if [ "$hdf5" = yes ]; then
   install libhdf5-dev
+fi
+
+# No daemon of these is started here; the tests start their own, on the loopback.
+if [ "$slurm" = yes ]; then
+  install munge slurm-client slurmctld slurmd
 fi
 
 if [ "$oracles" = yes ]; then

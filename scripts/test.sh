@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scripts/setup.sh --oracles --emulation --browser
+scripts/setup.sh --oracles --emulation --browser --slurm
 . scripts/driver.sh
 rm -rf target/not-run
 if [ $# -gt 0 ]; then

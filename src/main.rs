@@ -15,6 +15,7 @@ mod export;
 mod import;
 mod info;
 mod interrupt;
+mod merge;
 mod parse;
 mod progress;
 mod quick;
@@ -24,6 +25,7 @@ mod render;
 mod replay;
 mod report;
 mod simulate;
+mod sweep;
 mod sync;
 mod terminal;
 mod train;
@@ -84,6 +86,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Train a dynamic scene from a dataset.
     Train(train::Arguments),
+    /// Train many runs by one plan, on Slurm or on this machine.
+    Sweep(sweep::Arguments),
     /// Measure a run on the held-out cameras.
     Eval(eval::Arguments),
     /// Render a run: a camera path or a camera, over a time range, to PNG, EXR or MP4.
@@ -96,6 +100,8 @@ enum Command {
     Import(import::Arguments),
     /// Repair a session whose recording was cut off.
     Recover(recover::Arguments),
+    /// Merge the sessions that several hosts recorded with one trigger board.
+    Merge(merge::Arguments),
     /// Play a session or an event file as if its devices were there.
     Replay(replay::Arguments),
     /// Fit the clocks of a session anew and plot how well they fit.
@@ -129,12 +135,14 @@ fn main() -> ExitCode {
         Command::Dataset(command) => dataset::run(&command, &terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &terminal),
         Command::Train(arguments) => train::run(&arguments, &terminal),
+        Command::Sweep(arguments) => sweep::run(&arguments, &terminal),
         Command::Eval(arguments) => eval::run(&arguments, &terminal),
         Command::Render(arguments) => render::run(&arguments, &terminal),
         Command::View(arguments) => view::run(&arguments, &terminal),
         Command::Export(arguments) => export::run(&arguments, &terminal),
         Command::Import(arguments) => import::run(&arguments, &terminal),
         Command::Recover(arguments) => recover::run(&arguments, &terminal),
+        Command::Merge(arguments) => merge::run(&arguments, &terminal),
         Command::Replay(arguments) => replay::run(&arguments, &terminal),
         Command::Sync(arguments) => sync::run(&arguments, &terminal),
         Command::Info(arguments) => info::run(&arguments, &terminal),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use erfgs_report::{Extras, write_report};
 use erfgs_run::{Metrics, RunFolder};
+use erfgs_sweep::Manifest;
 use erfgs_view::{
     Learned, Precision, SceneFile,
     alone::{self, Packed},
@@ -12,6 +13,7 @@ use serde::Serialize;
 
 use crate::{
     device::{Adapter, TrainedRun},
+    errors::Usage,
     terminal::{Terminal, bytes, table, thousands},
 };
 
@@ -27,10 +29,11 @@ are against the first run. The view of the first two runs is in it, as `erfgs ex
 
 Examples:
   erfgs report run-4dgs run-erf --out report.html
+  erfgs report sweep --out report.html
   erfgs report run-4dgs run-erf --oracle run-all-frames --out report.html
   erfgs report run --out report.html --json | jq '.runs[0].metrics.dpsnr'")]
 pub struct Arguments {
-    /// Run folders.
+    /// Run folders, and folders of sweeps for the runs of theirs that are done.
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// A run of 4DGS on all frames, sharp, evaluated on the same held-out frames: the page says how much of the gap to it
@@ -64,9 +67,9 @@ struct RunRow {
 
 /// Writes the page and prints the table of runs.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let folders = arguments.runs.iter().map(RunFolder::open).collect::<Result<Vec<_>, _>>()?;
-    let oracle = arguments.oracle.as_ref().map(RunFolder::open).transpose()?;
     let mut notes = Vec::new();
+    let folders = folders(&arguments.runs, &mut notes)?;
+    let oracle = arguments.oracle.as_ref().map(RunFolder::open).transpose()?;
     let view = if arguments.no_view { None } else { view(arguments, &folders, &mut notes) };
     let extras = Extras { oracle: oracle.as_ref(), view: view.as_deref() };
     let report = write_report(&folders, extras, &arguments.out)?;
@@ -80,6 +83,29 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         .collect::<anyhow::Result<Vec<_>>>()?;
     let summary = Summary { out: &arguments.out, bytes: report.bytes, notes, runs };
     terminal.result(&summary, || describe(&summary))
+}
+
+/// The runs at these paths; of a sweep, those that are done so far.
+fn folders(paths: &[PathBuf], notes: &mut Vec<String>) -> anyhow::Result<Vec<RunFolder>> {
+    let mut folders = Vec::new();
+    for path in paths {
+        if !Manifest::is_in(path) {
+            folders.push(RunFolder::open(path)?);
+            continue;
+        }
+        let sweep = Manifest::load(path)?;
+        let done = sweep.done();
+        if done.len() < sweep.jobs.len() {
+            notes.push(format!("{}: {} of {} runs are done", path.display(), done.len(), sweep.jobs.len()));
+        }
+        folders.extend(done);
+    }
+    if folders.is_empty() {
+        return Err(
+            Usage("no run of the sweep is done yet; `erfgs sweep --status` says where they stand".into()).into()
+        );
+    }
+    Ok(folders)
 }
 
 /// The view of the first runs. A report is whole without: what keeps a run from being shown is noted.

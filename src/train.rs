@@ -1,5 +1,6 @@
 //! `erfgs train`: from a dataset to a run.
 
+mod begin;
 mod live;
 
 use std::{
@@ -9,9 +10,10 @@ use std::{
 };
 
 use anyhow::Context;
+use clap::Parser as _;
 use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
-use erfgs_run::RunFolder;
+use erfgs_run::{CurveRow, RunFolder};
 use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
@@ -29,7 +31,7 @@ use crate::{
     dataset::points,
     device::Adapter,
     errors::{Stopped, Usage},
-    interrupt::stop_flag,
+    interrupt::{stop_at_once, stop_flag},
     parse::Iterations,
     progress::{Progress as Bar, duration},
     terminal::{Terminal, table, thousands},
@@ -57,7 +59,9 @@ With --live a page shows the scene while it is trained (as `erfgs view` does aft
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
 
 A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
-with --resume goes on from there.
+with --resume goes on from there. With --resume one command serves for the start and for every start after it, wherever the \
+training was killed: it begins where there is no checkpoint, goes on where there is one, and ends at once where nothing is left \
+to be done. A dataset or settings other than those of the run are refused.
 
 Examples:
   erfgs train ds-dv --method erf-gs --preset paper --iterations 3000+14000 --seed 1 --out run
@@ -73,12 +77,12 @@ pub struct Arguments {
     /// The run folder to write.
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
-    /// What is trained.
-    #[arg(long, value_enum, default_value_t = MethodName::ErfGs)]
-    method: MethodName,
-    /// Where the settings start from.
-    #[arg(long, value_enum, default_value_t = PresetName::Default)]
-    preset: PresetName,
+    /// What is trained; erf-gs unless given.
+    #[arg(long, value_enum)]
+    method: Option<MethodName>,
+    /// Where the settings start from; default unless given.
+    #[arg(long, value_enum)]
+    preset: Option<PresetName>,
     /// Settings from a file (config.toml of another run); --method, --preset and what they imply are then taken from it.
     #[arg(long, value_name = "CONFIG.toml", conflicts_with_all = ["method", "preset"])]
     config: Option<PathBuf>,
@@ -100,9 +104,12 @@ pub struct Arguments {
     /// Change a setting; may be given again.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Go on from the checkpoint of the run folder.
+    /// Go on from the checkpoint of the run folder, if there is one; its settings are taken where none are given here.
     #[arg(long)]
     resume: bool,
+    /// With --resume: go on with the settings given here, though the run was begun with others.
+    #[arg(long, requires = "resume")]
+    change: bool,
     /// The same bytes from the same command on the same adapter: wall time has no influence.
     #[arg(long, conflicts_with_all = ["minutes", "cpu_minutes"])]
     deterministic: bool,
@@ -217,9 +224,18 @@ impl Arguments {
                 let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
                 Config::from_toml(&text).with_context(|| format!("{} cannot be used", path.display()))?
             }
-            None => Config::preset(self.method.into(), self.preset.into()),
+            None => {
+                let method = self.method.unwrap_or(MethodName::ErfGs);
+                Config::preset(method.into(), self.preset.unwrap_or(PresetName::Default).into())
+            }
         };
         self.changed(config)
+    }
+
+    /// The settings with which a run is gone on with that has settings already.
+    fn settings_after(&self, begun: &Config) -> anyhow::Result<Config> {
+        let anew = self.config.is_some() || self.method.is_some() || self.preset.is_some();
+        if anew { self.settings() } else { self.changed(begun.clone()) }
     }
 
     /// `config` with what the command line says of single settings.
@@ -259,6 +275,7 @@ impl Arguments {
         words.extend(self.cpu_minutes.map(|minutes| format!("--cpu-minutes {minutes}")));
         words.extend(self.deterministic.then(|| "--deterministic".into()));
         words.extend(self.no_evaluation.then(|| "--no-evaluation".into()));
+        words.extend((self.init == Some(CloudMethod::Random)).then(|| "--init random".into()));
         words.extend(self.adapter.adapter.as_ref().map(|name| format!("--adapter {}", shell_word(Path::new(name)))));
         words.join(" ")
     }
@@ -277,38 +294,61 @@ struct Summary<'a> {
     iterations: u64,
     train_seconds: f64,
     cpu_seconds: f64,
-    gaussians: u32,
-    dynamic: u32,
+    gaussians: u64,
+    dynamic: u64,
     psnr: Option<f64>,
     dpsnr: Option<f64>,
 }
 
+impl<'a> Summary<'a> {
+    /// What the curve of a finished run says.
+    fn of_finished(folder: &'a RunFolder) -> anyhow::Result<Self> {
+        let rows = folder.read_curve()?.rows;
+        let last = rows.last().cloned().unwrap_or_default();
+        let look = |quality: fn(&CurveRow) -> Option<f64>| rows.iter().rev().find_map(quality);
+        Ok(Self {
+            run: folder.root(),
+            finished: true,
+            iterations: last.iteration,
+            train_seconds: last.wall_seconds,
+            cpu_seconds: last.cpu_seconds.unwrap_or_default(),
+            gaussians: last.gaussians,
+            dynamic: last.dynamic,
+            psnr: look(|row| row.psnr),
+            dpsnr: look(|row| row.dpsnr),
+        })
+    }
+}
+
+/// Says what is wrong with the words of a training, if something is.
+pub fn check(words: impl Iterator<Item = String>) -> Result<(), String> {
+    #[derive(Debug, clap::Parser)]
+    struct Alone {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+    let parsed = Alone::try_parse_from(std::iter::once("train".to_owned()).chain(words));
+    let first_line =
+        |error: clap::Error| error.to_string().lines().next().unwrap_or_default().replacen("error: ", "", 1);
+    let Alone { arguments } = parsed.map_err(first_line)?;
+    arguments.settings().map(drop).map_err(|error| format!("{error:#}"))
+}
+
 /// Trains.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    stop_at_once()?;
     let folder = RunFolder::new(&arguments.out);
-    let checkpoint = match (arguments.resume, folder.checkpoint_file().is_file()) {
-        (true, true) => Some(Checkpoint::load(&folder.checkpoint_file())?),
-        (true, false) => {
-            return Err(Usage(format!(
-                "{} has no checkpoint to resume from; train without --resume",
-                folder.root().display()
-            ))
-            .into());
-        }
-        (false, true) => {
-            return Err(Usage(format!(
-                "{} holds a run already; add --resume to continue it, or give another --out",
-                folder.root().display()
-            ))
-            .into());
-        }
-        (false, false) => None,
-    };
+    if !folder.checkpoint_file().is_file() {
+        // What is wrong with the words is said before anything is begun.
+        arguments.settings()?;
+    }
+    let mut dataset = Dataset::load(&arguments.dataset)?;
+    let _alone = begin::alone(&folder, terminal)?;
+    let checkpoint = begin::checkpoint(&folder, arguments.resume)?;
     let mut config = match &checkpoint {
-        Some(checkpoint) => arguments.changed(checkpoint.config.clone())?,
+        Some(checkpoint) => arguments.settings_after(&checkpoint.config)?,
         None => arguments.settings()?,
     };
-    let mut dataset = Dataset::load(&arguments.dataset)?;
     let random = arguments.init == Some(CloudMethod::Random);
     if dataset.manifest.points.is_none() && !random && checkpoint.is_none() {
         terminal.note("the dataset has no initial points yet: making them");
@@ -321,9 +361,21 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let without_points = random || dataset.manifest.points.is_none();
     config.settle(&dataset, without_points)?;
+    let options = arguments.options();
+    if let Some(checkpoint) = &checkpoint {
+        let identity = |config: &Config| Trainer::identity(&dataset, config, options.budget);
+        let stands = begin::same(&folder, &identity(&checkpoint.config)?, &identity(&config)?, arguments.change)?;
+        if let Some(version) = stands.other_version() {
+            terminal.note(format!("the run was begun with erfgs {version}; this is {}", env!("CARGO_PKG_VERSION")));
+        }
+        if stands.is_finished(&folder) {
+            terminal.note(format!("{} is finished: nothing is left to be done", folder.root().display()));
+            let summary = Summary::of_finished(&folder)?;
+            return terminal.result(&summary, || describe(&summary));
+        }
+    }
     let scene = Scene::load(dataset, &config, without_points)?;
     let gpu = arguments.adapter.open()?;
-    let options = arguments.options();
     let trainer = match checkpoint {
         Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
         None => Trainer::new(&gpu, scene, config, &options)?,
@@ -352,6 +404,9 @@ fn drive(
     let outcome = outcome?;
     let gaussians = trainer.model.gaussians_still(gpu)?;
     write_ply(&folder.point_cloud_file(), &gaussians)?;
+    if outcome == Outcome::Finished {
+        folder.finish()?;
+    }
     let done = trainer.iterations_done();
     let summary = Summary {
         run: folder.root(),
@@ -359,8 +414,8 @@ fn drive(
         iterations: done,
         train_seconds: trainer.clock.seconds,
         cpu_seconds: trainer.clock.cpu_seconds,
-        gaussians: trainer.model.gaussians.count,
-        dynamic: last.map_or(0, |last| last.dynamic),
+        gaussians: trainer.model.gaussians.count.into(),
+        dynamic: last.map_or(0, |last| last.dynamic.into()),
         psnr: quality.0,
         dpsnr: quality.1,
     };
@@ -427,10 +482,7 @@ fn describe(summary: &Summary<'_>) -> String {
         ("run", summary.run.display().to_string()),
         ("iterations", thousands(summary.iterations)),
         ("time", format!("{}, {} of CPU time", duration(summary.train_seconds), duration(summary.cpu_seconds))),
-        (
-            "Gaussians",
-            format!("{}, of which {} move", thousands(summary.gaussians.into()), thousands(summary.dynamic.into())),
-        ),
+        ("Gaussians", format!("{}, of which {} move", thousands(summary.gaussians), thousands(summary.dynamic))),
     ];
     for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
         rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));

@@ -46,6 +46,8 @@ fn every_command_explains_itself_with_examples() {
         "import",
         "replay",
         "recover",
+        "merge",
+        "sweep",
         "info",
         "report",
         "doctor",

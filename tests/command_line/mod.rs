@@ -9,6 +9,9 @@ mod page;
 mod pipeline;
 mod resume;
 mod simulate;
+#[cfg(target_os = "linux")]
+mod slurm;
+mod sweep;
 mod variants;
 mod view;
 mod watched;

@@ -27,25 +27,13 @@ fn a_run_that_was_stopped_and_resumed_ends_like_one_that_was_not() {
     let folder = Folder::with_stage("ds");
     folder.succeed(&format!("{TRAIN} --out whole"));
 
-    let mut training = folder
-        .command(&format!("{TRAIN} --out stopped"))
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("erfgs");
     let curve = folder.path("stopped/curve.csv");
-    let deadline = Instant::now() + Duration::from_secs(300);
     // The fine stage has begun, and most of it is still to come.
-    while !fs::read_to_string(&curve).is_ok_and(|text| text.contains(",fine,")) {
-        assert!(training.try_wait().expect("a status").is_none(), "the run ended before it was stopped");
-        assert!(Instant::now() < deadline, "the run does not get on");
-        std::thread::yield_now();
-    }
-    let interrupt = Command::new("kill").args(["-INT", &training.id().to_string()]).status().expect("kill");
-    assert!(interrupt.success());
-    let output = training.wait_with_output().expect("an end");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{said}");
+    let begun = || fs::read_to_string(&curve).is_ok_and(|text| text.contains(",fine,"));
+    let training = Killed::when(&folder, &format!("{TRAIN} --out stopped"), begun);
+    training.send("-INT");
+    let (code, said) = training.end();
+    assert_eq!(code, Some(130), "{said}");
     let command = said.split("go on with: erfgs ").nth(1).expect("how to go on").trim();
     assert!(command.contains("--resume") && command.contains("--deterministic"), "{command}");
 
@@ -59,11 +47,117 @@ fn a_run_that_was_stopped_and_resumed_ends_like_one_that_was_not() {
     assert_eq!(rows("whole"), rows("stopped"), "rows of the curve");
 }
 
+/// Starts a training, and kills it once it has come so far.
+#[cfg(unix)]
+struct Killed(std::process::Child);
+
+#[cfg(unix)]
+impl Killed {
+    fn when(folder: &Folder, words: &str, far_enough: impl Fn() -> bool) -> Self {
+        let training = folder.command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("erfgs");
+        let mut this = Self(training);
+        let deadline = Instant::now() + Duration::from_secs(300);
+        while !far_enough() {
+            assert!(this.0.try_wait().expect("a status").is_none(), "the run ended before it was stopped");
+            assert!(Instant::now() < deadline, "the run does not get on");
+            std::thread::yield_now();
+        }
+        this
+    }
+
+    fn send(&self, signal: &str) {
+        // It may have ended by now.
+        let _ = Command::new("kill").args([signal, &self.0.id().to_string()]).stderr(Stdio::null()).status();
+    }
+
+    fn end(self) -> (Option<i32>, String) {
+        let output = self.0.wait_with_output().expect("an end");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    }
+}
+
+/// The last iteration in a curve; 0 where there is none.
+#[cfg(unix)]
+fn last_row(curve: &std::path::Path) -> u64 {
+    let text = fs::read_to_string(curve).unwrap_or_default();
+    text.lines().filter_map(|line| line.split(',').next()?.parse().ok()).max().unwrap_or(0)
+}
+
+#[cfg(unix)]
 #[test]
-fn a_run_is_not_overwritten_and_a_missing_or_damaged_checkpoint_is_named() {
+fn a_run_that_is_killed_again_and_again_ends_like_one_that_is_not() {
+    let folder = Folder::with_stage("ds");
+    // A checkpoint every few iterations, by the clock.
+    let train = format!("{} --set evaluation.checkpoint_minutes=0.0005", TRAIN.replace("20+60", "20+160"));
+    folder.succeed(&format!("{train} --out whole"));
+    let words = format!("{train} --out killed --resume");
+    let curve = folder.path("killed/curve.csv");
+    for far_enough in [0, 10, 60] {
+        let begun = || folder.path("killed/run.json").exists() && last_row(&curve) >= far_enough;
+        let training = Killed::when(&folder, &words, begun);
+        training.send("-KILL");
+        assert_eq!(training.end().0, None, "killed by a signal");
+    }
+    // As a job scheduler does it: a request to terminate, and more of them while the checkpoint is being written.
+    let training = Killed::when(&folder, &words, || last_row(&curve) >= 120);
+    (0..3).for_each(|_| training.send("-TERM"));
+    let (code, said) = training.end();
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("go on with:"), "{said}");
+
+    folder.succeed(&words);
+    let read = |run: &str, file: &str| fs::read(folder.path(run).join(file)).expect("a file of the run");
+    for file in ["checkpoint.bin", "point_cloud.ply", "config.toml"] {
+        assert!(read("whole", file) == read("killed", file), "{file} of the killed run is another");
+    }
+    let info = |run: &str| serde_json::from_slice::<serde_json::Value>(&read(run, "run.json")).expect("JSON");
+    assert_eq!((&info("killed")["finished"], &info("whole")["finished"]), (&true.into(), &true.into()));
+    assert_eq!(info("killed")["identity"], info("whole")["identity"]);
+    assert_eq!(info("killed")["identity"].as_str().map(str::len), Some(64));
+
+    // Once more: nothing is left to be done, and nothing is.
+    let written =
+        || fs::metadata(folder.path("killed/checkpoint.bin")).and_then(|file| file.modified()).expect("a time");
+    let before = written();
+    let figures = folder.figures(&words);
+    assert_eq!((figures["finished"].as_bool(), figures["iterations"].as_u64()), (Some(true), Some(180)), "{figures}");
+    assert_eq!(written(), before, "the checkpoint was written again");
+}
+
+#[test]
+fn a_run_goes_on_with_its_own_data_and_settings_alone() {
+    let folder = Folder::with_stage("ds");
+    let train = "train ds --method 4dgs --iterations 2+2 --no-evaluation --out run --resume";
+    folder.succeed(train);
+    let said = folder.fail(2, &format!("{train} --set density.every=7 --seed 9"));
+    assert!(said.contains("density.every is 7 here, and") && said.contains("seed is 9 here, and 0"), "{said}");
+    assert!(said.contains("--change"), "{said}");
+    let said = folder.fail(2, "train ds --preset paper --iterations 2+2 --out run --resume");
+    assert!(said.contains("preset is \"paper\" here, and \"default\" in the run"), "{said}");
+    let said = folder.fail(2, &format!("{train} --minutes 3"));
+    assert!(said.contains("the time of training is 3 minutes here, and not limited in the run"), "{said}");
+    // Settings that are not given are those of the run.
+    folder.succeed("train ds --no-evaluation --out run --resume");
+    let more = folder.figures("train ds --iterations 2+4 --no-evaluation --out run --resume --change");
+    assert_eq!(more["iterations"].as_u64(), Some(6), "{more}");
+
+    super::copy(&folder.path("ds"), &folder.path("other"));
+    let manifest = folder.path("other/dataset.json");
+    let text = fs::read_to_string(&manifest).expect("a manifest");
+    let mut value: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    value["name"] = "another take".into();
+    fs::write(&manifest, value.to_string()).expect("written");
+    let said = folder.fail(2, "train other --no-evaluation --out run --resume");
+    assert!(said.contains("another dataset") && said.contains("SHA-256"), "{said}");
+    // Wherever the same data lie, it is the same run.
+    fs::rename(folder.path("ds"), folder.path("moved")).expect("moved");
+    folder.succeed("train moved --no-evaluation --out run --resume");
+}
+
+#[test]
+fn a_run_is_not_overwritten_and_a_damaged_checkpoint_is_named() {
     let folder = Folder::with_stage("ds");
     let train = "train ds --method 4dgs --iterations 2+2 --no-evaluation --out run";
-    assert!(folder.fail(2, &format!("{train} --resume")).contains("train without --resume"));
     folder.succeed(train);
     assert!(folder.fail(2, train).contains("--resume"));
     let checkpoint = folder.path("run/checkpoint.bin");

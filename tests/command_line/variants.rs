@@ -104,10 +104,10 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
         assert!(config.contains(expected), "{config}");
         assert_eq!(config.contains("instant = 0.5"), run == "auto", "the middle of the exposure");
     }
-    let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume"));
+    let more = folder.figures(&format!("{train} --iterations 10+40 --out run --resume --change"));
     assert_eq!(more["iterations"].as_u64(), Some(50), "{more}");
     assert!(more["cpu_seconds"].as_f64() > first["cpu_seconds"].as_f64(), "{more}");
-    let said = folder.fail(1, "train ds-free --motion hexplane --iterations 10+50 --out run --resume");
+    let said = folder.fail(1, "train ds-free --motion hexplane --iterations 10+50 --out run --resume --change");
     assert!(said.contains("another motion model"), "{said}");
 
     let measured = folder.figures("eval run --pictures 0");

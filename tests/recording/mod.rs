@@ -6,6 +6,7 @@ mod dataset;
 mod event_files;
 mod files;
 mod live;
+mod merge;
 mod names;
 mod raw;
 mod rig;

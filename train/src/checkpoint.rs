@@ -30,7 +30,7 @@ const PLAIN: u32 = 1;
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
     /// The file could not be read.
-    #[error("could not read checkpoint '{path}': {source}; check the path, or train anew without --resume")]
+    #[error("could not read checkpoint '{path}': {source}; check the path, or move it away to train anew")]
     Read {
         /// The file.
         path: PathBuf,
@@ -38,7 +38,7 @@ pub enum CheckpointError {
         source: io::Error,
     },
     /// The file is damaged or of another kind.
-    #[error("'{path}' is not a whole checkpoint: {reason}; train anew without --resume")]
+    #[error("'{path}' is not a whole checkpoint: {reason}; move it away to train anew")]
     Damaged {
         /// The file.
         path: PathBuf,

@@ -75,6 +75,18 @@ pub fn synchronise<R: Read + Seek>(
     options: SyncOptions,
     mut progress: impl FnMut(u64),
 ) -> Result<Synchronisation, ContainerError> {
+    let gathered = gather_all(session, options, &mut progress)?;
+    let name = session.path().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let streams = &session.summary().streams;
+    Ok(Synchronisation { version: VERSION, session: name, streams: streams::fit_all(streams, gathered) })
+}
+
+/// Reads a session through, and gathers what its clocks can be fitted to: for each stream, in their order.
+pub(super) fn gather_all<R: Read + Seek>(
+    session: &mut Session<R>,
+    options: SyncOptions,
+    progress: &mut impl FnMut(u64),
+) -> Result<Vec<Gathered>, ContainerError> {
     let streams = session.summary().streams.clone();
     let start_ns = session.summary().start.host_ns;
     let mut gathered: Vec<Gathered> = streams.iter().map(|stream| gather(&stream.description, options)).collect();
@@ -91,8 +103,7 @@ pub fn synchronise<R: Read + Seek>(
         }
         progress(bytes);
     }
-    let name = session.path().file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Synchronisation { version: VERSION, session: name, streams: streams::fit_all(&streams, gathered) })
+    Ok(gathered)
 }
 
 fn gather(description: &Description, options: SyncOptions) -> Gathered {

@@ -13,12 +13,12 @@ pub(super) fn section(scene: &Scene) -> String {
         scene.runs.iter().filter_map(|run| Some((run, run.config.as_ref()?))).collect();
     let mut keys: BTreeMap<String, Vec<Option<String>>> = BTreeMap::new();
     for (at, (_, config)) in runs.iter().enumerate() {
-        flatten("", config, &mut |key, value| {
+        for (key, value) in erfgs_run::flat(config) {
             let values = keys.entry(key).or_insert_with(|| vec![None; runs.len()]);
             if let Some(slot) = values.get_mut(at) {
                 *slot = Some(value);
             }
-        });
+        }
     }
     if keys.is_empty() {
         return String::new();
@@ -60,35 +60,4 @@ pub(super) fn section(scene: &Scene) -> String {
         html::table("configuration", &head, &all)
     );
     html::section(&scene.prefix, "configuration", "Configuration", &body)
-}
-
-fn flatten(prefix: &str, table: &toml::Table, found: &mut impl FnMut(String, String)) {
-    for (key, value) in table {
-        let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-        match value {
-            toml::Value::Table(inner) => flatten(&key, inner, found),
-            toml::Value::Float(number) => found(key, float(*number)),
-            other => found(key, other.to_string()),
-        }
-    }
-}
-
-/// Single-precision fields come as their nearest double: shows what was meant.
-fn float(value: f64) -> String {
-    let single = value as f32;
-    if (f64::from(single) - value).abs() <= value.abs() * 1e-12 { format!("{single:?}") } else { format!("{value:?}") }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nested_tables_become_dotted_keys_and_single_precision_reads_as_meant() {
-        let table: toml::Table = "a = 1\n[b]\nc = 0.10000000149011612\n[b.d]\ne = [1, 2]\n".parse().unwrap();
-        let mut found = Vec::new();
-        flatten("", &table, &mut |key, value| found.push(format!("{key}={value}")));
-        assert_eq!(found, ["a=1", "b.c=0.1", "b.d.e=[1, 2]"]);
-        assert_eq!([float(1.6e-4), float(0.123_456_789_012_3)], ["0.00016", "0.1234567890123"]);
-    }
 }

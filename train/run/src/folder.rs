@@ -154,6 +154,14 @@ impl RunFolder {
         json::write_json(&self.info_file(), "run description", info)
     }
 
+    /// Notes in `run.json` that the training is over and everything that it writes is there.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_info`] and [`Self::write_info`].
+    pub fn finish(&self) -> Result<(), RunError> {
+        self.write_info(&RunInfo { finished: true, ..self.read_info()? })
+    }
+
     /// Reads `run.json`.
     ///
     /// # Errors

@@ -53,6 +53,18 @@ pub struct RunInfo {
     pub version: String,
     /// Seed of everything random in the run.
     pub seed: u64,
+    /// Minutes of training that the schedule follows, where it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub minutes: Option<f64>,
+    /// Minutes of CPU time of training, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cpu_minutes: Option<f64>,
+    /// SHA-256 (hexadecimal) of dataset, configuration, minutes and version ([`super::Identity`]): the same run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub identity: Option<String>,
+    /// Whether the training is over and everything that it writes is there.
+    #[serde(default)]
+    pub finished: bool,
     /// What was left out, why, and what that saved.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
@@ -82,6 +94,10 @@ impl Default for RunInfo {
             driver: String::new(),
             version: env!("CARGO_PKG_VERSION").into(),
             seed: 0,
+            minutes: None,
+            cpu_minutes: None,
+            identity: None,
+            finished: false,
             left_out: Vec::new(),
             camera_colours: Vec::new(),
         }

@@ -20,14 +20,18 @@ mod curve;
 mod error;
 mod figures;
 mod folder;
+mod identity;
 mod info;
 mod json;
+mod lock;
 mod lpips;
 
 pub use curve::{Curve, CurveRow, CurveWriter};
 pub use error::RunError;
 pub use figures::{ColourCorrected, MaskKind, Metrics, Part, PerView};
 pub use folder::RunFolder;
+pub use identity::{Identity, flat};
 pub use info::{CameraColour, LeftOut, RunInfo};
 pub use json::write_atomically;
+pub use lock::FolderLock;
 pub use lpips::{LpipsKind, LpipsNet, LpipsScaling};

@@ -375,6 +375,10 @@ fn yes() -> bool {
     true
 }
 
+fn ten() -> f32 {
+    10.0
+}
+
 /// Motion blur of the frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -426,8 +430,11 @@ pub struct EvaluationConfig {
     pub frames: u32,
     /// Use each n-th held-out frame during training, before `frames` picks among them.
     pub frame_stride: u32,
-    /// Save a checkpoint every this many iterations.
+    /// Save a checkpoint every this many iterations (0: not by iterations).
     pub checkpoint_every: u32,
+    /// Save a checkpoint every this many minutes by the wall clock (0: not by the clock).
+    #[serde(default = "ten")]
+    pub checkpoint_minutes: f32,
     /// Write a row of the curve every this many iterations.
     pub log_every: u32,
 }

@@ -203,6 +203,8 @@ impl Config {
         check(self.dynamic.whole_image_every >= 1, "dynamic.whole_image_every", "0".into(), "at least 1")?;
         check(self.field.regularise_every >= 1, "field.regularise_every", "0".into(), "at least 1")?;
         check(self.evaluation.log_every >= 1, "evaluation.log_every", "0".into(), "at least 1")?;
+        let minutes = self.evaluation.checkpoint_minutes;
+        check(not_negative(minutes), "evaluation.checkpoint_minutes", minutes.to_string(), "0 or more")?;
         check(self.evaluation.frame_stride >= 1, "evaluation.frame_stride", "0".into(), "at least 1")?;
         Ok(())
     }

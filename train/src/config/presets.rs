@@ -138,6 +138,7 @@ impl Config {
                 frames: 16,
                 frame_stride: 1,
                 checkpoint_every: 1000,
+                checkpoint_minutes: 10.0,
                 log_every: 50,
             },
         }

@@ -26,7 +26,7 @@ use self::{model::Rendering, step::Workspace};
 use crate::{
     camera_colour::{CameraColourState, CameraColours},
     checkpoint::Checkpoint,
-    config::{Config, MotionModel},
+    config::{Config, ConfigError, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
     field::{FieldError, FieldState},
@@ -36,10 +36,11 @@ use crate::{
     optimiser::FiniteCheck,
     raster::Region,
     scene::{Scene, SceneError, SceneView},
-    schedule::{Clock, Schedule, Stage},
+    schedule::{Budget, Clock, Schedule, Stage},
 };
 use erfgs_base::cpu;
-use erfgs_run::{CameraColour, CurveRow, CurveWriter, LeftOut, RunFolder, RunInfo};
+use erfgs_dataset::Dataset;
+use erfgs_run::{CameraColour, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
 
 /// Time that counts as training, since a moment.
 struct Lap {
@@ -203,6 +204,8 @@ impl<'a> Trainer<'a> {
     ) -> Result<Outcome, TrainError> {
         run.write_config(&self.config.to_toml()?)?;
         run.write_dataset(&self.scene.dataset.manifest)?;
+        // From here on a run is there for whoever looks, and says what it is.
+        self.write_info(run)?;
         let mut curve = match self.schedule.done(&self.clock) {
             0 => run.create_curve()?,
             done => run.resume_curve(done)?,
@@ -211,6 +214,7 @@ impl<'a> Trainer<'a> {
         let mut looked = self.looks();
         // What was logged before a run was stopped is in its curve.
         let mut logged = Some(self.schedule.done(&self.clock)).filter(|&done| done > 0);
+        let mut saved = Instant::now();
         loop {
             while self.schedule.is_over(&self.clock) {
                 match self.clock.stage {
@@ -223,7 +227,7 @@ impl<'a> Trainer<'a> {
                         lap.tell(&mut self.clock);
                         if logged != Some(self.schedule.done(&self.clock)) {
                             self.check_finite()?;
-                            self.log(run, &mut curve, options.evaluate, watch)?;
+                            self.log(&mut curve, options.evaluate, watch)?;
                         }
                         self.checkpoint()?.save(&run.checkpoint_file())?;
                         self.write_info(run)?;
@@ -239,7 +243,9 @@ impl<'a> Trainer<'a> {
                 let evaluation = &self.config.evaluation;
                 let due = |every: u32| every > 0 && done.is_multiple_of(u64::from(every));
                 let evaluate = options.evaluate && (due(evaluation.every) || looks > looked);
-                let save = due(evaluation.checkpoint_every) || watch.wants_checkpoint();
+                let seconds = 60.0 * evaluation.checkpoint_minutes;
+                let by_clock = seconds > 0.0 && saved.elapsed().as_secs_f32() >= seconds;
+                let save = due(evaluation.checkpoint_every) || by_clock || watch.wants_checkpoint();
                 (due(evaluation.log_every), evaluate, save)
             };
             looked = looks;
@@ -252,13 +258,16 @@ impl<'a> Trainer<'a> {
             lap.tell(&mut self.clock);
             if log || evaluate {
                 self.check_finite()?;
-                self.log(run, &mut curve, evaluate, watch)?;
+                self.log(&mut curve, evaluate, watch)?;
                 logged = Some(done);
             } else {
                 watch.progress(&self.progress(None, None));
             }
             if save || stopping {
+                // What is kept is whole: the last checkpoint is what a run that diverged is gone on with.
+                self.check_finite()?;
                 self.checkpoint()?.save(&run.checkpoint_file())?;
+                saved = Instant::now();
             }
             if look {
                 watch.look(self)?;
@@ -284,13 +293,7 @@ impl<'a> Trainer<'a> {
         (0..self.config.evaluation.count).take_while(|&look| due(look)).count() as u32
     }
 
-    fn log(
-        &mut self,
-        run: &RunFolder,
-        curve: &mut CurveWriter,
-        evaluate: bool,
-        watch: &mut dyn Watch,
-    ) -> Result<(), TrainError> {
+    fn log(&mut self, curve: &mut CurveWriter, evaluate: bool, watch: &mut dyn Watch) -> Result<(), TrainError> {
         let sums = &mut self.work.sums;
         let mean = |sum: f64, count: f64| (count > 0.0).then(|| sum / count);
         let rgb = mean(sums.rgb.take(self.gpu)?, std::mem::take(&mut sums.rgb_values));
@@ -325,9 +328,6 @@ impl<'a> Trainer<'a> {
             cpu_seconds: cpu::process_seconds().map(|_| self.clock.cpu_seconds),
         })?;
         watch.progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
-        if iteration == u64::from(self.config.evaluation.log_every) {
-            self.write_info(run)?;
-        }
         Ok(())
     }
 
@@ -441,7 +441,21 @@ impl<'a> Trainer<'a> {
         &self.left_out
     }
 
+    /// What a run with this scene, configuration and budget is.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] where the configuration cannot be written.
+    pub fn identity(dataset: &Dataset, config: &Config, budget: Budget) -> Result<Identity, TrainError> {
+        Ok(Identity {
+            dataset_sha256: dataset.sha256(),
+            config: toml::Table::try_from(config).map_err(ConfigError::from)?,
+            budget: [budget.seconds, budget.cpu_seconds],
+            version: env!("CARGO_PKG_VERSION").into(),
+        })
+    }
+
     fn write_info(&self, run: &RunFolder) -> Result<(), TrainError> {
+        let budget = self.schedule.budget;
         Ok(run.write_info(&RunInfo {
             format: RunInfo::FORMAT.into(),
             format_version: RunInfo::FORMAT_VERSION,
@@ -461,6 +475,11 @@ impl<'a> Trainer<'a> {
             driver: format!("{} {}", self.gpu.info.driver, self.gpu.info.driver_info),
             version: env!("CARGO_PKG_VERSION").into(),
             seed: self.config.seed,
+            minutes: budget.seconds.map(|seconds| seconds / 60.0),
+            cpu_minutes: budget.cpu_seconds.map(|seconds| seconds / 60.0),
+            identity: Some(Self::identity(&self.scene.dataset, &self.config, budget)?.sha256()),
+            // Whoever writes what comes after the training says that it is there.
+            finished: false,
             left_out: self.left_out.clone(),
             camera_colours: self.camera_colours()?,
         })?)

@@ -110,7 +110,7 @@ pub enum TrainError {
     },
     /// A number stopped being one.
     #[error(
-        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --set learning_rate.position=[8e-5,8e-7]`"
+        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set learning_rate.position=[8e-5,8e-7]`"
     )]
     Diverged {
         /// Which quantity.

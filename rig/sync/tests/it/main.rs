@@ -3,3 +3,4 @@
 mod breaks;
 mod exposures;
 mod flash;
+mod merge;

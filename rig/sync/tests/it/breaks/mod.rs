@@ -1,7 +1,7 @@
 //! Event cameras whose clock begins anew while they are recorded: the epochs of their streams, against the truth.
 
 mod import;
-mod support;
+pub mod support;
 
 use erfgs_events::EventEncoding;
 use erfgs_session::source::Encoding;

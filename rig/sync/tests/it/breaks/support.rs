@@ -155,7 +155,7 @@ pub fn board(seconds: i64) -> Vec<Packet> {
     arrived.collect()
 }
 
-fn description(id: &str, encoding: Encoding, size: [u32; 2]) -> Description {
+pub fn description(id: &str, encoding: Encoding, size: [u32; 2]) -> Description {
     Description {
         id: id.into(),
         model: "simulated".into(),

@@ -1,0 +1,102 @@
+//! How a training begins: anew, or where it was left, and whether it is the same one then.
+
+use std::time::{Duration, Instant};
+
+use erfgs_run::{FolderLock, Identity, RunFolder, RunInfo};
+use erfgs_train::checkpoint::Checkpoint;
+
+use crate::{errors::Usage, terminal::Terminal};
+
+/// What is left of a training whose machine is gone can keep its folder for so long.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// How often is looked whether it still does.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// Takes the run folder for this process.
+pub fn alone(folder: &RunFolder, terminal: &Terminal) -> anyhow::Result<FolderLock> {
+    let (from, mut said) = (Instant::now(), false);
+    loop {
+        if let Some(lock) = folder.lock()? {
+            return Ok(lock);
+        }
+        let shown = folder.root().display();
+        if !std::mem::replace(&mut said, true) {
+            terminal.note(format!(
+                "another process trains into {shown}: waiting for its end, {} s at most",
+                PATIENCE.as_secs()
+            ));
+        }
+        if from.elapsed() > PATIENCE {
+            return Err(
+                Usage(format!("another process trains into {shown}; wait for its end, or give another --out")).into()
+            );
+        }
+        std::thread::sleep(LOOK_EVERY);
+    }
+}
+
+/// The checkpoint to go on from, if there is one.
+pub fn checkpoint(folder: &RunFolder, resume: bool) -> anyhow::Result<Option<Checkpoint>> {
+    match (resume, folder.checkpoint_file().is_file()) {
+        (true, true) => Ok(Some(Checkpoint::load(&folder.checkpoint_file())?)),
+        (_, false) => Ok(None),
+        (false, true) => Err(Usage(format!(
+            "{} holds a run already; add --resume to go on with it, or give another --out",
+            folder.root().display()
+        ))
+        .into()),
+    }
+}
+
+/// How a run that is gone on with stands to what is wanted now.
+pub struct Stands {
+    /// What was written of it; nothing of a run of before that was.
+    info: Option<RunInfo>,
+    changed: bool,
+}
+
+/// Refuses to go on with a run that was begun with other data or, unless `change` is wanted, with other settings.
+pub fn same(folder: &RunFolder, of_checkpoint: &Identity, wanted: &Identity, change: bool) -> anyhow::Result<Stands> {
+    let shown = folder.root().display();
+    let info = if folder.info_file().is_file() { Some(folder.read_info()?) } else { None };
+    let mut begun = of_checkpoint.clone();
+    if let Some(info) = &info {
+        if let Some(sha256) = info.dataset_sha256.as_ref().filter(|sha256| **sha256 != wanted.dataset_sha256) {
+            return Err(Usage(format!(
+                "{shown} was trained from another dataset than this one: the manifest of '{}' ({}) had the SHA-256 {sha256}, and this \
+                 one has {}; give the dataset as it was then, or another --out",
+                info.dataset_name,
+                info.dataset.display(),
+                wanted.dataset_sha256
+            ))
+            .into());
+        }
+        // Runs of before identities do not tell their minutes.
+        if info.identity.is_some() {
+            begun.budget = [info.minutes, info.cpu_minutes].map(|minutes| minutes.map(|minutes| minutes * 60.0));
+        }
+    }
+    let differences = wanted.differences(&begun);
+    if !differences.is_empty() && !change {
+        return Err(Usage(format!(
+            "{shown} was begun with other settings: {}; add --change to go on with those given now, or give another --out",
+            differences.join("; ")
+        ))
+        .into());
+    }
+    Ok(Stands { info, changed: !differences.is_empty() })
+}
+
+impl Stands {
+    /// Whether nothing is left to be done.
+    pub fn is_finished(&self, folder: &RunFolder) -> bool {
+        let finished = self.info.as_ref().is_some_and(|info| info.finished);
+        finished && !self.changed && folder.point_cloud_file().is_file()
+    }
+
+    /// The version that the run was begun with, if it is another.
+    pub fn other_version(&self) -> Option<&str> {
+        let version = &self.info.as_ref()?.version;
+        (version != env!("CARGO_PKG_VERSION")).then_some(version)
+    }
+}

@@ -1,0 +1,200 @@
+//! `erfgs sweep`: on this machine, and on a Slurm whose nodes die.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use super::{Folder, slurm::Cluster};
+
+/// What is the same in every test: a small training that can be compared byte for byte.
+const PLAN: &str = r#"
+datasets = ["ds"]
+seeds = [1, 2, 3]
+evaluate = false
+[train]
+method = "4dgs"
+iterations = "20+100"
+deterministic = true
+no-evaluation = true
+[set]
+"evaluation.log_every" = 2
+"evaluation.checkpoint_minutes" = 0.003
+"density.from" = 5
+"density.every" = 10
+"#;
+
+fn plan(folder: &Folder, name: &str, text: &str) {
+    fs::write(folder.path(name), text).expect("a plan");
+}
+
+/// The states of the jobs by their names.
+fn states(told: &serde_json::Value) -> BTreeMap<String, String> {
+    let jobs = told["jobs"].as_array().expect("jobs");
+    let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
+    jobs.iter().map(|job| (text(&job["name"]), text(&job["state"]))).collect()
+}
+
+fn wait(what: &str, mut there: impl FnMut() -> bool) {
+    let until = Instant::now() + Duration::from_secs(120);
+    while !there() {
+        assert!(Instant::now() < until, "waited too long for {what}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// Rows of a run's curve.
+fn rows(run: &Path) -> usize {
+    fs::read_to_string(run.join("curve.csv")).map_or(0, |text| text.lines().count().saturating_sub(1))
+}
+
+#[test]
+fn what_a_plan_asks_for_is_told_and_what_is_wrong_with_it_is_named() {
+    let folder = Folder::with_stage("ds");
+    let text = PLAN.replace("method = \"4dgs\"", "method = [\"4dgs\", \"erf-gs\"]") + "\"earl.weight\" = [0.5, 2]\n";
+    plan(&folder, "plan.toml", &text);
+    let told = folder.figures("sweep plan.toml --dry-run --local");
+    let jobs = told["jobs"].as_array().expect("jobs");
+    let names: Vec<&str> = jobs.iter().filter_map(|job| job["name"].as_str()).collect();
+    assert_eq!(names.len(), 12, "{names:?}");
+    assert_eq!(
+        names[..4],
+        ["ds-4dgs-weight0.5-s1", "ds-4dgs-weight2-s1", "ds-erf-gs-weight0.5-s1", "ds-erf-gs-weight2-s1"]
+    );
+    let arguments: Vec<&str> =
+        jobs[3]["arguments"].as_array().expect("words").iter().filter_map(|w| w.as_str()).collect();
+    for word in ["--method=erf-gs", "--set=earl.weight=2", "--deterministic", "--seed", "1"] {
+        assert!(arguments.contains(&word), "{word} in {arguments:?}");
+    }
+    assert!(!folder.path("plan").exists(), "a dry run writes nothing");
+    // A Slurm that is asked for and is not there, or does not answer.
+    let output = folder.command("sweep plan.toml --slurm").env("SLURM_CONF", "nowhere.conf").output().expect("erfgs");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("Slurm") && !folder.path("plan").exists(), "{said}");
+
+    for (from, to, expected) in [
+        ("log_every", "log_evry", "no field 'evaluation.log_evry'"),
+        ("[\"ds\"]", "[\"nowhere\"]", "no dataset.json"),
+        ("seeds = [1, 2, 3]", "seeds = []", "'seeds' is an empty list"),
+        ("seeds", "sedes", "unknown field `sedes`"),
+        ("method = \"4dgs\"", "method = \"5dgs\"", "invalid value '5dgs'"),
+        ("method = \"4dgs\"", "out = \"x\"", "[train] has 'out'"),
+        ("iterations = \"20+100\"", "minutes = 3", "cannot be used with"),
+    ] {
+        plan(&folder, "wrong.toml", &PLAN.replacen(from, to, 1));
+        let said = folder.fail(1, "sweep wrong.toml --dry-run --local").replace('`', "'");
+        assert!(said.contains(&expected.replace('`', "'")), "{expected}: {said}");
+    }
+    // All runs would make the points at once.
+    let manifest = folder.path("ds/dataset.json");
+    let mut value: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(&manifest).expect("a manifest")).expect("JSON");
+    value["points"] = serde_json::Value::Null;
+    fs::write(&manifest, value.to_string()).expect("written");
+    assert!(folder.fail(1, "sweep plan.toml --local").contains("erfgs dataset points"));
+    assert!(folder.fail(1, "sweep ds --status").contains("no sweep.json"));
+}
+
+#[test]
+fn windows_of_a_take_cover_it_and_overlap() {
+    let folder = Folder::new();
+    let text = "seeds = [4]\n[[take]]\nsession = \"take1.mcap\"\nrig = \"rig.json\"\nfrom = 1.0\nseconds = 10\nwindow = 4\noverlap = 1\n";
+    plan(&folder, "long.toml", text);
+    let told = folder.figures("sweep long.toml --dry-run --local");
+    let windows: Vec<String> = told["jobs"]
+        .as_array()
+        .expect("jobs")
+        .iter()
+        .map(|job| {
+            let words = job["preparation"]["import"].as_array().expect("words");
+            let of =
+                |option: &str| words.iter().filter_map(|word| word.as_str()?.strip_prefix(option)).collect::<String>();
+            format!("{} {}+{}", job["name"].as_str().expect("a name"), of("--from="), of("--seconds="))
+        })
+        .collect();
+    assert_eq!(windows, ["take1-w000-s4 1+4", "take1-w001-s4 4+4", "take1-w002-s4 7+4"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_sweep_here_is_stopped_and_gone_on_with_and_a_failure_costs_its_own_run() {
+    let folder = Folder::with_stage("ds");
+    super::copy(&folder.path("ds"), &folder.path("broken"));
+    let text = PLAN.replace("[\"ds\"]", "[\"ds\", \"broken\"]").replace("[1, 2, 3]", "[1]");
+    plan(&folder, "plan.toml", &text);
+    fs::remove_dir_all(folder.path("broken/images")).expect("removed");
+
+    let mut sweep = folder.command("sweep plan.toml --local --quiet").stdout(Stdio::null()).spawn().expect("erfgs");
+    wait("a training that runs", || rows(&folder.path("plan/runs/ds-s1")) >= 12);
+    assert_eq!(states(&folder.figures("sweep plan.toml --local --status"))["ds-s1"], "running");
+    let sent = Command::new("kill").args(["-TERM", &sweep.id().to_string()]).status().expect("kill");
+    assert!(sent.success());
+    assert_eq!(sweep.wait().expect("an end").code(), Some(130));
+    let told = folder.figures("sweep plan.toml --local --status");
+    assert_eq!(states(&told)["ds-s1"], "stopped", "{told}");
+    assert!(folder.path("plan/runs/ds-s1/checkpoint.bin").is_file(), "what ran was saved");
+    assert!(folder.fail(2, "report plan --no-view --out report.html").contains("no run of the sweep is done"));
+
+    let said = folder.fail(1, "sweep plan.toml --local --at-once 2");
+    assert!(said.contains("1 of 2 runs failed"), "{said}");
+    let told = folder.figures("sweep plan --local --status");
+    assert_eq!((states(&told)["ds-s1"].as_str(), states(&told)["broken-s1"].as_str()), ("done", "failed"), "{told}");
+    let why = told["jobs"].as_array().expect("jobs").iter().find_map(|job| job["failed"].as_str()).expect("a reason");
+    assert!(why.contains("`erfgs train` ended with"), "{why}");
+    let told = folder.figures("report plan --no-view --out report.html");
+    assert_eq!(told["runs"].as_array().map(Vec::len), Some(1), "{told}");
+    assert!(told["notes"].to_string().contains("1 of 2 runs are done"), "{told}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_dead_node_and_a_preempted_job_lose_nothing() {
+    let folder = Folder::with_stage("ds");
+    // Long enough for two faults.
+    let text = PLAN.replace("20+100", "20+400");
+    plan(&folder, "here.toml", &text);
+    plan(&folder, "there.toml", &text);
+    let cluster = Cluster::start();
+    let sweep = |words: &str| {
+        let mut command = folder.command(words);
+        let output = command.env("SLURM_CONF", cluster.configuration()).output().expect("erfgs");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "erfgs {words}: {said}");
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).expect("JSON")
+    };
+    let told = sweep("sweep there.toml --slurm --json");
+    assert_eq!(states(&told).len(), 3, "{told}");
+    let run = |seed: u32| folder.path(&format!("there/runs/ds-s{seed}"));
+    // The first two seeds run, each on a node; both have come to their first checkpoint.
+    wait("two runs with a checkpoint", || [1, 2].iter().all(|&seed| run(seed).join("checkpoint.bin").exists()));
+    let nodes = ["n1", "n2"];
+    assert_eq!(cluster.said("squeue", "-h -t RUNNING -o %N").lines().count(), nodes.len());
+    // What is in the queue is not submitted again.
+    let again = sweep("sweep there.toml --slurm --json");
+    assert_eq!(cluster.said("squeue", "-h -r -o %F").lines().count(), 3, "{again}");
+    cluster.kill_node("n2");
+    cluster.preempt("n1");
+    wait("all runs", || {
+        cluster.hurry();
+        states(&sweep("sweep there.toml --slurm --status --json")).values().all(|state| state == "done")
+    });
+    let told = sweep("sweep there --slurm --status --json");
+    let starts: Vec<u64> =
+        told["jobs"].as_array().expect("jobs").iter().filter_map(|job| job["attempts"].as_u64()).collect();
+    assert!(
+        starts[0] >= 2 && starts[1] >= 2,
+        "the run of the dead node and the preempted one were started again: {told}"
+    );
+
+    // The same without a fault, on this machine.
+    sweep("sweep here.toml --local --at-once 2 --json");
+    for seed in 1..=3 {
+        let read = |sweep: &str| {
+            fs::read(folder.path(&format!("{sweep}/runs/ds-s{seed}/checkpoint.bin"))).expect("a checkpoint")
+        };
+        assert!(read("here") == read("there"), "seed {seed} came to another end");
+    }
+}

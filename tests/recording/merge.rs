@@ -1,0 +1,68 @@
+//! The sessions of two hosts, merged by the program. What comes of it is tested to the microsecond in `rig/sync/tests`.
+
+#[path = "../../rig/sync/tests/it/breaks/support.rs"]
+#[allow(dead_code)]
+mod support;
+
+use std::{fs, path::Path};
+
+use erfgs_events::EventEncoding;
+use erfgs_session::{
+    SessionWriter,
+    container::{SessionStart, Settings},
+    source::{Encoding, Packet},
+};
+
+use super::{
+    files::json,
+    rig::{fail, recorded},
+};
+use support::{MS, START_NS, board, camera, description, part};
+
+/// A session whose host's clock is `ahead_ns` of the first one's.
+fn write(path: &Path, ahead_ns: i64, streams: &[(&str, Encoding, Vec<Packet>)]) {
+    let host_ns = START_NS + ahead_ns;
+    let start = SessionStart { host_ns, epoch_ns: 1_000_000_000_000, ..SessionStart::default() };
+    let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("a session");
+    for (id, encoding, packets) in streams {
+        let size = if encoding.is_events() { [1280, 720] } else { [0, 0] };
+        let stream = writer.add_stream(&description(id, *encoding, size)).expect("a stream");
+        for packet in packets {
+            let packet = Packet { host_ns: packet.host_ns + ahead_ns, ..packet.clone() };
+            writer.packet(stream, &packet).expect("written");
+        }
+    }
+    writer.finish().expect("a whole session");
+}
+
+#[test]
+fn sessions_of_two_hosts_become_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = |name: &str| folder.path().join(name);
+    let evt3 = Encoding::Events(EventEncoding::Evt3);
+    let eye = |zero_ns, ppm| ("eye", evt3, camera(evt3, &[part(0, 4, zero_ns, ppm)], false).0);
+    write(&path("right.mcap"), -12_345_678 * MS, &[eye(-700 * MS, -60.0)]);
+    write(&path("left.mcap"), 0, &[eye(-3_000 * MS, 90.0), ("board", Encoding::TriggerLines, board(4))]);
+
+    let told = json(folder.path(), &["merge", "right.mcap", "left.mcap", "--out", "take.mcap", "--json"]);
+    assert_eq!(told["reference"], "left.mcap", "the host with the board gives the clock: {told}");
+    let streams: Vec<&str> =
+        told["streams"].as_array().expect("streams").iter().filter_map(|row| row["stream"].as_str()).collect();
+    assert_eq!(streams, ["eye", "board", "right-eye"], "{told}");
+    assert!(told["sessions"][0]["common"].as_u64() > Some(90), "{told}");
+    let synced = json(folder.path(), &["sync", "take.mcap", "--json"]);
+    for row in synced["streams"].as_array().expect("streams") {
+        assert_eq!(row["tier"], "hardware-triggered", "{synced}");
+    }
+    let said = fail(folder.path(), 1, "merge right.mcap left.mcap --out take.mcap");
+    assert!(said.contains("exists already"), "{said}");
+    fs::remove_file(path("take.mcap")).expect("removed");
+
+    // A rig that no pulses reach.
+    let (alone, _) = recorded();
+    fs::copy(alone.path().join("take.mcap"), path("alone.mcap")).expect("copied");
+    let said = fail(folder.path(), 1, "merge left.mcap alone.mcap --out take.mcap");
+    assert!(said.contains("alone.mcap") && said.contains("holds no pulses of a trigger board"), "{said}");
+    fail(folder.path(), 2, "merge left.mcap --out take.mcap");
+    assert!(!path("take.mcap").exists(), "nothing is written of what is refused");
+}

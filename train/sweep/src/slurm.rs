@@ -1,0 +1,242 @@
+//! Slurm: the array of jobs, and what its queue says of them.
+//!
+//! A task of the array is `erfgs sweep OUT --job NAME` under `srun`, which hands it the request to stop that Slurm sends before
+//! a preemption and before the end of a job's time. It then saves its checkpoint and ends with exit code 130, upon which the
+//! script puts the task back into the queue: not every cluster is set up to do that by itself (`RequeueExit=130`).
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use erfgs_base::FileError;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    SweepError,
+    manifest::{Manifest, write_json},
+    status::{JobState, Queue},
+};
+
+/// Tasks of one array. Slurm's own limit is 1001 unless it is set up otherwise.
+const TASKS: usize = 1000;
+/// Seconds between the request to stop and the end of a job's time, unless the plan says otherwise.
+const GRACE_SECONDS: u32 = 120;
+
+/// An array that was submitted.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Submission {
+    /// Its id.
+    pub id: u64,
+    /// The jobs of its tasks, from task 0 on.
+    pub jobs: Vec<String>,
+}
+
+/// Whether there is a Slurm here.
+///
+/// # Errors
+/// A sentence, where one is installed and no controller of it answers.
+pub fn answers() -> Result<bool, String> {
+    match Command::new("scontrol").arg("ping").output() {
+        Err(_) => Ok(false),
+        Ok(output) if output.status.success() && String::from_utf8_lossy(&output.stdout).contains("UP") => Ok(true),
+        Ok(_) => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
+    }
+}
+
+/// The scripts of the arrays in which `jobs` are submitted.
+#[must_use]
+pub fn scripts(manifest: &Manifest, jobs: &[String], program: &Path) -> Vec<String> {
+    jobs.chunks(TASKS).map(|jobs| script(manifest, jobs, program)).collect()
+}
+
+fn script(manifest: &Manifest, jobs: &[String], program: &Path) -> String {
+    let options = &manifest.slurm;
+    let at_once = options.at_once.map(|count| format!("%{}", count.max(1))).unwrap_or_default();
+    let logs = manifest.folder.join("logs").join("slurm-%A_%a.log");
+    let grace = options.grace.unwrap_or(GRACE_SECONDS);
+    let mut text = format!(
+        "#!/bin/bash\n\
+         #SBATCH --job-name={}\n\
+         #SBATCH --array=0-{}{at_once}\n\
+         #SBATCH --output={}\n\
+         #SBATCH --open-mode=append\n\
+         #SBATCH --requeue\n\
+         #SBATCH --signal=TERM@{grace}\n",
+        manifest.name,
+        jobs.len().saturating_sub(1),
+        quoted(&logs.to_string_lossy()),
+    );
+    for option in &options.options {
+        text += &format!("#SBATCH {option}\n");
+    }
+    text += "\n";
+    for line in &options.setup {
+        text += &format!("{line}\n");
+    }
+    text += "jobs=(\n";
+    for job in jobs {
+        text += &format!("  {job}\n");
+    }
+    text += &format!(
+        ")\n\
+         srun --ntasks=1 {} sweep {} --job \"${{jobs[$SLURM_ARRAY_TASK_ID]}}\"\n\
+         code=$?\n\
+         # Stopped in good order: it goes on when there is room again.\n\
+         if [ $code -eq 130 ]; then\n\
+         \x20 scontrol requeue \"${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID\"\n\
+         fi\n\
+         exit $code\n",
+        quoted(&program.to_string_lossy()),
+        quoted(&manifest.folder.to_string_lossy()),
+    );
+    text
+}
+
+fn quoted(text: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=:%".contains(c);
+    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
+/// Submits the jobs that are neither done nor in the queue, and says what was submitted.
+///
+/// # Errors
+/// [`SweepError`] if Slurm refuses.
+pub fn submit(manifest: &Manifest, program: &Path) -> Result<Vec<Submission>, SweepError> {
+    let queue = queue(manifest)?;
+    let wanted = |job: &&super::Job| !queue.contains_key(&job.name) && !manifest.is_done(job);
+    let jobs: Vec<String> = manifest.jobs.iter().filter(wanted).map(|job| job.name.clone()).collect();
+    let logs = manifest.folder.join("logs");
+    std::fs::create_dir_all(&logs).map_err(FileError::when("create the folder", &logs))?;
+    let (mut all, mut new) = (submissions(manifest), Vec::new());
+    for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)) {
+        let path = manifest.folder.join(format!("jobs-{}.sh", all.len()));
+        erfgs_base::atomic::write(&path, script.as_bytes()).map_err(FileError::when("write", &path))?;
+        let answer = ask("sbatch", &["--parsable".into(), path.to_string_lossy().into_owned()])?;
+        // `123`, or `123;cluster`.
+        let id = answer.trim().split(';').next().and_then(|id| id.parse().ok());
+        let id = id.ok_or_else(|| SweepError::Answer { command: "sbatch".into(), answer: answer.trim().into() })?;
+        let submission = Submission { id, jobs: jobs.to_vec() };
+        all.push(submission.clone());
+        new.push(submission);
+        // After each: what Slurm has is known, whatever happens next.
+        write_json(&record(manifest), &all)?;
+    }
+    Ok(new)
+}
+
+/// What Slurm's queue says of the jobs of a sweep.
+///
+/// # Errors
+/// [`SweepError::Slurm`] if it does not answer.
+pub fn queue(manifest: &Manifest) -> Result<Queue, SweepError> {
+    let submissions = submissions(manifest);
+    if submissions.is_empty() {
+        return Ok(Queue::new());
+    }
+    let words = ["--noheader", "--array", "--me", "--format=%F %K %T"].map(String::from);
+    Ok(read_queue(&submissions, &ask("squeue", &words)?))
+}
+
+/// Reads lines of array, task and state.
+fn read_queue(submissions: &[Submission], answer: &str) -> Queue {
+    let of: BTreeMap<u64, &Submission> = submissions.iter().map(|submission| (submission.id, submission)).collect();
+    let mut queue = Queue::new();
+    for line in answer.lines() {
+        let mut fields = line.split_whitespace();
+        let (Some(id), Some(task), Some(state)) = (fields.next(), fields.next(), fields.next()) else { continue };
+        let submission = id.parse().ok().and_then(|id: u64| of.get(&id));
+        let job = task.parse().ok().and_then(|task: usize| submission?.jobs.get(task));
+        let state = match state {
+            "RUNNING" | "COMPLETING" | "STOPPED" | "SUSPENDED" | "SIGNALING" | "STAGE_OUT" | "CONFIGURING" => {
+                JobState::Running
+            }
+            "PENDING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SPECIAL_EXIT" | "RESV_DEL_HOLD" | "RESIZING" => {
+                JobState::Queued
+            }
+            // What has ended stays in the list for some minutes.
+            _ => continue,
+        };
+        if let Some(job) = job {
+            queue.insert(job.clone(), state);
+        }
+    }
+    queue
+}
+
+fn record(manifest: &Manifest) -> PathBuf {
+    manifest.folder.join("slurm.json")
+}
+
+fn submissions(manifest: &Manifest) -> Vec<Submission> {
+    let text = std::fs::read_to_string(record(manifest)).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
+fn ask(command: &str, words: &[String]) -> Result<String, SweepError> {
+    let failed = |message: String| SweepError::Slurm { command: format!("{command} {}", words.join(" ")), message };
+    let output = Command::new(command).args(words).output().map_err(|error| failed(error.to_string()))?;
+    if !output.status.success() {
+        return Err(failed(String::from_utf8_lossy(&output.stderr).trim().to_owned()));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn manifest(folder: &Path) -> Manifest {
+        let text = r#"{"format": "erfgs-sweep", "version": 1, "name": "s", "evaluate": true, "jobs": [],
+            "slurm": {"options": ["--partition=gpu"], "setup": ["module load vulkan"], "at_once": 3, "grace": null}}"#;
+        std::fs::write(folder.join("sweep.json"), text).unwrap();
+        Manifest::load(folder).unwrap()
+    }
+
+    #[test]
+    fn a_script_has_the_plans_options_and_words_that_a_shell_leaves_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("it's here");
+        std::fs::create_dir(&out).unwrap();
+        let jobs: Vec<String> = (0..1200).map(|n| format!("ds-s{n}")).collect();
+        let scripts = scripts(&manifest(&out), &jobs, Path::new("/opt/my programs/erfgs"));
+        assert_eq!(scripts.len(), 2, "an array has 1000 tasks at most");
+        assert!(scripts[0].contains("#SBATCH --array=0-999%3\n") && scripts[1].contains("#SBATCH --array=0-199%3\n"));
+        for line in ["#SBATCH --partition=gpu", "module load vulkan", "#SBATCH --signal=TERM@120", "  ds-s1000"] {
+            assert!(scripts[1].lines().any(|own| own == line), "{line}\n{}", scripts[1]);
+        }
+        // A shell reads it, and takes the names for one word each.
+        let said = format!(
+            "{}\necho \"${{#jobs[@]}}\"",
+            scripts[1].split("srun").next().unwrap().replace("module", "# module")
+        );
+        let output = Command::new("bash").args(["-c", &said]).output().unwrap();
+        assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "200");
+        let quoted = scripts[1]
+            .lines()
+            .find(|line| line.starts_with("srun"))
+            .unwrap()
+            .replace("srun --ntasks=1", "printf '%s|'");
+        let output =
+            Command::new("bash").args(["-c", &format!("jobs=(a); SLURM_ARRAY_TASK_ID=0; {quoted}")]).output().unwrap();
+        let words = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(
+            words.starts_with("/opt/my programs/erfgs|sweep|") && words.ends_with("/it's here|--job|a|"),
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn the_queue_is_read_for_our_own_arrays_alone() {
+        let submissions = [
+            Submission { id: 7, jobs: vec!["a".into(), "b".into(), "c".into()] },
+            Submission { id: 9, jobs: vec!["d".into()] },
+        ];
+        let answer =
+            "7 0 RUNNING\n7 1 PENDING\n7 2 FAILED\n8 0 RUNNING\n9 0 REQUEUED\n9 1 RUNNING\nN/A\n7 N/A PENDING\n";
+        let queue = read_queue(&submissions, answer);
+        let told: Vec<_> = queue.iter().map(|(job, state)| format!("{job} {}", state.name())).collect();
+        assert_eq!(told, ["a running", "b queued", "d queued"]);
+    }
+}
