@@ -8,7 +8,7 @@ use erfgs_scene::ImageRgb8;
 use glam::DVec2;
 
 use super::{
-    Target,
+    Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
     corner::refine,
 };
@@ -207,17 +207,22 @@ fn upside_down(grey: &Grey, grid: &[OnGrid]) -> bool {
 }
 
 fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
-    let Some(board) = target.charuco() else { return Vec::new() };
+    let Some(Charuco { board, first }) = target.charuco() else { return Vec::new() };
     let mut best = Vec::new();
+    // What looks like a corner is the same for all configurations.
+    let found = detect_corners(&grey.view(), &CharucoParams::for_board(board).chess);
     for parameters in CharucoParams::sweep_for_board(&board) {
         let Ok(detector) = CharucoDetector::new(parameters) else { continue };
-        let Ok(detection) = detector.detect(&grey.view()) else { continue };
+        let Ok(detection) = detector.detect_with_corners(&grey.view(), &found) else { continue };
         let enough = 2 * detection.corners.len() >= ((board.rows - 1) * (board.cols - 1)) as usize;
         if detection.corners.len() > best.len() {
             best = detection
                 .corners
                 .iter()
-                .map(|corner| Corner { id: corner.id, pixel: to_ours(corner.position.x, corner.position.y) })
+                .filter_map(|corner| {
+                    let id = corner.id.checked_sub(first)?;
+                    Some(Corner { id, pixel: to_ours(corner.position.x, corner.position.y) })
+                })
                 .collect();
         }
         // The configurations after the first are for what it cannot see.
@@ -233,7 +238,7 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
     // How near the next edge is, as a share of a square or a tag: on a ChArUco board a marker begins an eighth of a square away
     // from the corner, or less; on an AprilGrid the small square ends, or a tag's code begins.
     let share = match target {
-        Target::Chessboard { .. } => 0.35,
+        Target::Chessboard { .. } => 0.42,
         Target::Charuco { .. } => 0.12,
         Target::AprilGrid { spacing, .. } => 0.5 * spacing.min(0.3),
     };
@@ -253,7 +258,7 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
     let refined: Vec<Corner> = corners
         .iter()
         .filter_map(|corner| {
-            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 9.0) as i32;
+            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 12.0) as i32;
             let pixel = refine(grey, corner.pixel, radius)?;
             Some(Corner { pixel, ..*corner })
         })

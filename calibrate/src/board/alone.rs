@@ -1,0 +1,84 @@
+//! What each camera says by itself: its intrinsics, or how well those that are given fit.
+
+use erfgs_scene::{Intrinsics, Pose};
+
+use super::{
+    BoardError, BoardOptions, Seen, Target,
+    intrinsics::{Single, board_pose, observations, single, spread},
+};
+use crate::{
+    bundle::{Bundle, BundleCamera, Loss, Options, Placement, Solution},
+    evidence::Moment,
+};
+
+/// One camera, by itself.
+pub(super) struct Alone {
+    /// As they were found, or as given.
+    pub intrinsics: Intrinsics,
+    /// The problem, solved: the camera at the origin, one board for each view.
+    pub bundle: Bundle,
+    /// When each board was seen.
+    pub moments: Vec<Moment>,
+    /// How it went, where anything was solved.
+    pub solution: Option<Solution>,
+    /// Where the intrinsics were not given: the same, with what is known of them.
+    pub single: Option<Single>,
+}
+
+impl Alone {
+    /// Finds the camera's intrinsics, or takes those that are known.
+    pub fn of(seen: &Seen, target: &Target, options: &BoardOptions) -> Result<Self, BoardError> {
+        if let Some(known) = options.known.get(&seen.camera) {
+            return Self::known(seen, target, known);
+        }
+        let single = single(seen, target, options.model, options.square_pixels)?;
+        Ok(Self {
+            intrinsics: single.bundle.cameras[0].intrinsics,
+            bundle: single.bundle.clone(),
+            moments: single.moments.clone(),
+            solution: Some(single.solution.clone()),
+            single: Some(single),
+        })
+    }
+
+    /// The boards before a camera whose lens is known.
+    fn known(seen: &Seen, target: &Target, intrinsics: &Intrinsics) -> Result<Self, BoardError> {
+        let camera = BundleCamera {
+            name: seen.camera.clone(),
+            intrinsics: *intrinsics,
+            pose: Pose::IDENTITY,
+            time_offset_s: 0.0,
+            free: Vec::new(),
+        };
+        let mut bundle = Bundle { cameras: vec![camera], ..Bundle::default() };
+        let mut moments = Vec::new();
+        for view in seen.views.iter().filter(|view| spread(view)) {
+            let Some(pose) = board_pose(view, target, intrinsics) else { continue };
+            moments.push(view.moment());
+            bundle.observations.extend(observations(view, target, 0, bundle.placements.len(), 1.0));
+            bundle.placements.push(Placement::Board(pose));
+        }
+        if bundle.placements.is_empty() {
+            return Err(BoardError::TooFewViews {
+                camera: seen.camera.clone(),
+                seen: 0,
+                frames: seen.frames,
+                needed: 1,
+                target: target.to_string(),
+            });
+        }
+        let solution = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
+        let (intrinsics, solution) = (*intrinsics, Some(solution));
+        Ok(Self { intrinsics, bundle, moments, solution, single: None })
+    }
+
+    /// Root mean square residual, pixels.
+    pub fn rms_px(&self) -> f64 {
+        self.bundle.rms_px(None).0
+    }
+
+    /// The standard deviation of a corner in either direction, pixels: what this camera leaves over by itself.
+    pub fn sigma_px(&self) -> f64 {
+        (self.rms_px() / 2f64.sqrt()).max(0.02)
+    }
+}
