@@ -343,7 +343,7 @@ mod tests {
                 assert!(matches!(set_world(&elsewhere, &millimetres), Err(LandmarkError::Apart { .. })));
             }
         }
-        assert!(matches!(set_world(&truth, &sights[..5]), Err(LandmarkError::NoWorld { found: 1 })));
+        assert!(matches!(set_world(&truth, &sights[..5]), Err(LandmarkError::NoWorld { found: 2 })));
     }
 
     #[test]

@@ -140,7 +140,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
     let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
     let mut input = arguments.input.clone();
-    let mut lenses = None;
+    let mut lenses: Option<Found> = None;
     if let Some(parts) = TwoParts::of(&arguments.input) {
         if let Some(folder) = parts.lenses {
             terminal.note(format!("lenses from {}", folder.display()));
@@ -149,10 +149,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             options.known.extend(found.rig.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)));
             lenses = Some(found);
         }
-        match (parts.places, lenses) {
-            (Some(folder), before) => {
+        match (parts.places, &lenses) {
+            (Some(folder), _) => {
                 terminal.note(format!("places from {}", folder.display()));
-                (input, lenses) = (folder, before);
+                input = folder;
             }
             (None, Some(found)) => return finish(&found.rig, &found.evidence, &arguments.out, terminal),
             (None, None) => {}

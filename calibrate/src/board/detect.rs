@@ -83,6 +83,23 @@ impl Grey {
     }
 }
 
+/// Pictures whose shorter side has so many pixels are looked at at half the size first: a quarter of the work, and corners are
+/// made exact at full size.
+const LARGE: usize = 600;
+/// Smaller ones are looked at as they are alone.
+const SMALL: usize = 200;
+
+/// The sizes at which a picture is looked at in turn, as factors of its sides, and the share of the corners with which that is
+/// enough. A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
+/// between its corners at twice the size.
+fn sizes(side: usize) -> &'static [(f64, f64)] {
+    match side {
+        ..SMALL => &[(1.0, 0.0)],
+        SMALL..LARGE => &[(1.0, 0.5), (0.5, 0.5), (2.0, 0.5)],
+        LARGE.. => &[(0.5, 0.9), (1.0, 0.5), (2.0, 0.5)],
+    }
+}
+
 /// The corners of `target` in a frame; none where it is not seen. A chessboard must be seen with its whole outline, since a
 /// part of it does not tell which part; a ChArUco board or an AprilGrid may be partly hidden.
 #[must_use]
@@ -99,17 +116,20 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
         Target::Charuco { .. } => charuco(grey, target),
         Target::AprilGrid { .. } => aprilgrid(grey, target),
     };
-    let mut corners = look(&grey);
-    // A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
-    // between its corners at twice the size.
     let (columns, rows) = target.corners();
-    for (scaled, scale) in [(Grey::halved as fn(&Grey) -> Grey, 2.0), (Grey::doubled, 0.5)] {
-        if 2 * corners.len() >= (columns * rows) as usize || grey.width.min(grey.height) < 200 {
-            break;
-        }
-        let found = look(&scaled(&grey));
+    let all = (columns * rows) as usize;
+    let mut corners = Vec::new();
+    for &(scale, enough) in sizes(grey.width.min(grey.height)) {
+        let found = match scale {
+            0.5 => look(&grey.halved()),
+            2.0 => look(&grey.doubled()),
+            _ => look(&grey),
+        };
         if found.len() > corners.len() {
-            corners = found.into_iter().map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect();
+            corners = found.into_iter().map(|corner| Corner { pixel: corner.pixel / scale, ..corner }).collect();
+        }
+        if corners.len() as f64 >= enough * all as f64 {
+            break;
         }
     }
     exact(&grey, &mut corners, target);

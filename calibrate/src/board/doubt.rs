@@ -11,14 +11,16 @@ const MOST_DROPPED: f64 = 0.3;
 const GREW: f64 = 2.5;
 /// And at least so much, pixels.
 const RESIDUAL_PX: f64 = 0.7;
+/// What a lens that was given may leave over by itself, pixels.
+pub(super) const GIVEN_PX: f64 = 1.0;
 /// Beyond this, pixels, nothing is being measured.
-const MOST_RESIDUAL_PX: f64 = 5.0;
+pub(super) const MOST_RESIDUAL_PX: f64 = 5.0;
 /// A change of intrinsics by so many of the camera's own deviations is no accident.
-const DEVIATIONS: f64 = 4.0;
+pub(super) const DEVIATIONS: f64 = 4.0;
 /// Smaller changes, as a share of the focal length, do not matter.
-const MOVED: f64 = 0.01;
+pub(super) const MOVED: f64 = 0.01;
 /// Greater ones mean that the intrinsics were bent to make something else fit.
-const MOST_MOVED: f64 = 0.05;
+pub(super) const MOST_MOVED: f64 = 0.05;
 /// A focal length known to no better than this share is none.
 const VAGUE: f64 = 0.05;
 
@@ -34,6 +36,7 @@ impl Doubts {
         let bundle = &joint.bundle;
         let mut doubts = Vec::new();
         for (index, alone) in alone.iter().enumerate() {
+            doubts.extend(alone.is_another());
             doubts.extend(dropped(bundle, index));
             doubts.extend(residual(bundle, index, alone));
             doubts.extend(bent(bundle, index, alone));
@@ -85,13 +88,6 @@ fn dropped(bundle: &Bundle, camera: usize) -> Option<(f64, String)> {
 fn residual(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<(f64, String)> {
     let name = &bundle.cameras[camera].name;
     let (joint, own) = (bundle.rms_px(Some(camera)).0, alone.rms_px());
-    if alone.single.is_none() && own > RESIDUAL_PX.max(1.0) {
-        let text = format!(
-            "the intrinsics that were given for {name} leave {own:.1} px over by themselves: they are those of another camera, \
-             zoom or resolution"
-        );
-        return Some((own / MOST_RESIDUAL_PX, text));
-    }
     let doubtful = joint > (GREW * own).max(RESIDUAL_PX);
     doubtful.then(|| {
         let text = format!(

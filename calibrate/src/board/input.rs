@@ -61,7 +61,7 @@ pub struct Seen {
 }
 
 /// Looks for `target` in all frames below `folder`: for each camera a folder of images or with a video, or a video, or images
-/// whose names begin with the camera's name (see [`super::layout`] for what cameras are called and which images belong together).
+/// whose names begin with the camera's name (`layout.rs` says what cameras are called and which images belong together).
 /// Pictures that cannot be read are counted. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
 /// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. A file of events
 /// for a camera is searched for what `events` says. `progress` gets the

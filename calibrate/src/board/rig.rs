@@ -18,7 +18,7 @@ use super::{
     origin,
 };
 use crate::{
-    bundle::{Bundle, Loss, Parameter, Uncertainty, jackknife::successive},
+    bundle::{Bundle, BundleError, Loss, Parameter, Uncertainty, jackknife::successive},
     coverage::Coverage,
     evidence::Evidence,
 };
@@ -180,15 +180,7 @@ fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
         // Of several problems there is no one measure.
         rig.quality = None;
     }
-    for (alone, camera) in alone.iter().zip(&rig.cameras) {
-        if alone.single.is_none() && camera.rms_px.is_some_and(|rms| rms > 1.0) {
-            rig.warnings.push(format!(
-                "the intrinsics that were given for {} leave {:.1} px over: they are those of another camera, zoom or resolution",
-                camera.name,
-                camera.rms_px.unwrap_or_default()
-            ));
-        }
-    }
+    rig.warnings.extend(alone.iter().filter_map(|alone| alone.is_another()).map(|(_, sentence)| sentence));
     (rig, evidence)
 }
 
@@ -202,7 +194,15 @@ fn together(
     boards: &[super::chain::Boards],
 ) -> Result<Calibrated, BoardError> {
     let solve = |options: &BoardOptions| -> Result<(Joint, Uncertainty, Doubts), BoardError> {
-        let mut joint = joint::solve(seen, target, options, alone, chain, boards)?;
+        let solved = joint::solve(seen, target, options, alone, chain, boards);
+        let mut joint = solved.map_err(|error| match error {
+            // What contradicts itself may drive a lens out of bounds.
+            BoardError::Bundle(BundleError::Camera { camera, .. }) => BoardError::Contradiction {
+                what: format!("no lens of {camera} makes the views fit together"),
+                times: String::new(),
+            },
+            error => error,
+        })?;
         if let Some(name) = &options.origin {
             origin::put(&mut joint, target, name)?;
         }
@@ -215,9 +215,14 @@ fn together(
     let mut notes = Vec::new();
     if !doubts.is_empty() && !joint.timed && has_times(seen) {
         // Cameras that do not run together contradict each other; their frames' times tell by how much.
-        let timed = solve(&BoardOptions { time_offsets: true, ..options.clone() })?;
-        let (before, after) = (joint.bundle.rms_px(None).0, timed.0.bundle.rms_px(None).0);
-        if timed.2.gravest < doubts.gravest && after < before && timed.1.open.is_empty() {
+        let timed = solve(&BoardOptions { time_offsets: true, ..options.clone() });
+        let after = timed.as_ref().map_or(f64::INFINITY, |timed| timed.0.bundle.rms_px(None).0);
+        let before = joint.bundle.rms_px(None).0;
+        if let Ok(timed) = timed
+            && timed.2.gravest < doubts.gravest
+            && after < before
+            && timed.1.open.is_empty()
+        {
             let most = timed.0.bundle.cameras.iter().map(|camera| camera.time_offset_s.abs()).fold(0.0, f64::max);
             notes.push(format!(
                 "the cameras do not run together: time offsets of up to {:.0} ms were estimated, without which {before:.2} px are \

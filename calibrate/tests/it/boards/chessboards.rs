@@ -136,6 +136,24 @@ fn corners_are_as_exact_as_those_of_the_detector_by_sectors() {
 }
 
 #[test]
+fn charuco_boards_as_opencv_drew_them_before_are_read() {
+    for (legacy, begins_black) in [(":legacy", false), ("", true)] {
+        let target: Target = format!("charuco:5x6:0.03:0.0225:DICT_4X4_50{legacy}").parse().unwrap();
+        let sheet = Sheet::of(&target, 0.00375);
+        assert_eq!(sheet.colour(DVec2::splat(0.001)), Some(begins_black));
+        let picture = sheet.picture(8);
+        let corners = detect(&picture, &target);
+        assert_eq!(corners.len(), 20, "{target}");
+        for corner in &corners {
+            assert!(corner.pixel.distance(sheet.in_picture(corner.id, 8)) < 0.5, "{target}: {corner:?}");
+        }
+        // Of an odd number of rows there is one way only.
+        let odd: Target = format!("charuco:5x7:0.03:0.0225:DICT_4X4_50{legacy}").parse().unwrap();
+        assert_eq!(Sheet::of(&odd, 0.00375).colour(DVec2::splat(0.001)), Some(true));
+    }
+}
+
+#[test]
 fn views_that_never_tilt_and_too_few_views_are_refused() {
     let folder = folder();
     let mut seen = look(&folder, &target(), None, &|_, _| {}).unwrap().remove(0);
