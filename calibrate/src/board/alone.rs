@@ -114,8 +114,11 @@ impl Alone {
         self.bundle.rms_px(None).0
     }
 
-    /// The standard deviation of a corner in either direction, pixels: what this camera leaves over by itself.
+    /// The standard deviation of a corner in either direction, pixels, beside other cameras: what this one leaves over by itself,
+    /// but no less than what frames of not quite the same instant and boards that bend add. A camera with sharp corners would
+    /// else have its way against all others.
     pub fn sigma_px(&self) -> f64 {
-        (self.rms_px() / 2f64.sqrt()).max(0.02)
+        const LEAST_PX: f64 = 0.3;
+        (self.rms_px() / 2f64.sqrt()).max(LEAST_PX)
     }
 }
