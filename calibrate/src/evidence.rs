@@ -82,6 +82,8 @@ pub struct Evidence {
     pub held_out: Vec<HeldOut>,
     /// Tables of the method's own: a title, a head, rows.
     pub tables: Vec<Table>,
+    /// Outlines of what was held before the cameras, in the world, for the picture of the rig.
+    pub outlines: Vec<[DVec3; 4]>,
 }
 
 /// A table of the report.
@@ -118,15 +120,27 @@ impl Evidence {
 
     /// Takes the residuals of a solved bundle.
     pub fn observe(&mut self, bundle: &Bundle) {
-        let of = |o: &crate::bundle::Observation| Residual {
-            camera: o.camera,
-            placement: o.placement,
-            on_target: o.on_target,
-            pixel: o.pixel,
-            at_instant: o.pixel - o.velocity * bundle.cameras[o.camera].time_offset_s,
-            residual: bundle.residual_px(o),
-            used: o.used,
-        };
-        self.residuals = bundle.observations.iter().map(of).collect();
+        self.residuals = residuals(bundle);
     }
+
+    /// Adds the residuals of a camera that was solved by itself, which is camera `camera` of the rig, and when it saw what.
+    pub(crate) fn observe_also(&mut self, bundle: &Bundle, camera: usize, moments: &[Moment]) {
+        let before = self.moments.len();
+        let own = residuals(bundle).into_iter();
+        self.residuals.extend(own.map(|own| Residual { camera, placement: before + own.placement, ..own }));
+        self.moments.extend_from_slice(moments);
+    }
+}
+
+fn residuals(bundle: &Bundle) -> Vec<Residual> {
+    let of = |o: &crate::bundle::Observation| Residual {
+        camera: o.camera,
+        placement: o.placement,
+        on_target: o.on_target,
+        pixel: o.pixel,
+        at_instant: o.pixel - o.velocity * bundle.cameras[o.camera].time_offset_s,
+        residual: bundle.residual_px(o),
+        used: o.used,
+    };
+    bundle.observations.iter().map(of).collect()
 }

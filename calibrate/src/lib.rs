@@ -1,5 +1,5 @@
-//! Registers every viewpoint in one frame: by boards ([`board`]), by a wand of lights ([`wand`]), or from images ([`sfm`]),
-//! each of which ends in one bundle adjustment ([`bundle`]).
+//! Registers every viewpoint in one frame: by boards ([`board`]), by a wand of lights ([`wand`]), from images ([`sfm`]) or by
+//! known points ([`landmarks`]), each of which ends in one bundle adjustment ([`bundle`]).
 
 pub mod board;
 pub mod bundle;
@@ -9,6 +9,9 @@ mod coverage;
 pub mod evidence;
 pub mod geometry;
 pub mod intensity;
+pub mod landmarks;
+mod linear;
+pub mod merge;
 pub mod report;
 pub mod sfm;
 pub mod statistics;

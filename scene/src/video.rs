@@ -85,6 +85,19 @@ pub enum VideoError {
     },
 }
 
+impl Probe {
+    /// From ffprobe's lines.
+    fn of(text: &str) -> Option<Self> {
+        let of = |key: &str| text.lines().find_map(|line| line.trim().strip_prefix(key)?.strip_prefix('='));
+        let frames = of("nb_read_packets")?.parse().ok()?;
+        let rate = of("avg_frame_rate").and_then(|rate| {
+            let (over, under) = rate.split_once('/')?;
+            Some(over.parse::<f64>().ok()? / under.parse::<f64>().ok()?)
+        });
+        Some(Self { frames, rate: rate.filter(|rate| *rate > 0.0 && *rate < 1e6) })
+    }
+}
+
 /// A video that is being decoded.
 #[derive(Debug)]
 pub struct Video {
@@ -94,7 +107,32 @@ pub struct Video {
     messages: File,
 }
 
+/// What a video's container says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probe {
+    /// Number of frames.
+    pub frames: u64,
+    /// Frames in a second, where the container says.
+    pub rate: Option<f64>,
+}
+
 impl Video {
+    /// How many frames the first video stream has, and at what rate, without decoding them; by ffprobe, which comes with ffmpeg.
+    /// `None` where it cannot be told.
+    #[must_use]
+    pub fn probe(path: &Path) -> Option<Probe> {
+        let mut input = std::ffi::OsString::from("file:");
+        input.push(path);
+        let output = Command::new("ffprobe")
+            .args(["-v", "error", "-select_streams", "v:0", "-count_packets", "-show_entries"])
+            .args(["stream=avg_frame_rate,nb_read_packets", "-of", "default=noprint_wrappers=1"])
+            .arg(input)
+            .stdin(Stdio::null())
+            .output()
+            .ok()?;
+        Probe::of(&String::from_utf8_lossy(&output.stdout))
+    }
+
     /// Begins to decode the first video stream of `path`, frame by frame as stored, without making up or dropping any.
     ///
     /// # Errors

@@ -3,7 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
-    board::{BoardOptions, EventBoard, LensModel, Seen, Target, calibrate, look, look_session, pictures},
+    board::{
+        BoardError, BoardOptions, EventBoard, LensModel, Seen, Target, TwoParts, calibrate, look, look_session,
+        pictures,
+    },
+    evidence::Evidence,
     report::telling,
 };
 use erfgs_scene::rig_file::RigFile;
@@ -18,14 +22,14 @@ use crate::{sync, terminal::Terminal};
 #[command(after_help = "\
 INPUT is a session (S.mcap), or a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
 (left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
-file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer; or, with --moving, a printed board that was waved. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
+file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. A folder with intrinsics (or intrinsic) and extrinsics (or extrinsic) in it, as caliscope and pose2sim have it, gives lenses from the one and poses from the other. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer; or, with --moving, a printed board that was waved. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
 
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
-  charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print
+  charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print, :legacy for what OpenCV drew before 4.6
   aprilgrid:6x6:0.088:0.3                 Kalibr's grid of tags: tags, side of a tag, the space between two as a share of it
 
-One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world.
+One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world, or the board of --origin. What contradicts what each camera says by itself is refused, or said first.
 
 Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
@@ -35,14 +39,16 @@ Examples:
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
   erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
   erfgs calibrate board events --target chessboard:9x6:0.025 --moving
-  erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json")]
+  erfgs calibrate board videos --target chessboard:9x6:0.025 --rig intrinsics.json
+  erfgs calibrate board calibration/intrinsics --target chessboard:9x6:0.025 --intrinsics-only --out intrinsics.json
+  erfgs calibrate board calibration/extrinsics --target chessboard:9x6:0.025 --rig intrinsics.json --origin 01")]
 pub struct Arguments {
     /// A session, or a folder of images or videos of the board.
     input: PathBuf,
     /// What is printed on the board.
     #[arg(long, value_name = "TARGET")]
     target: Target,
-    /// Lens model: pinhole, brown (k1, k2, p1, p2, k3), brown8 (rational) or fisheye.
+    /// Lens model: pinhole, k1k2p1p2 (Kalibr's radtan), brown (k1, k2, p1, p2, k3), brown8 (rational) or fisheye.
     #[arg(long, value_name = "MODEL", default_value = "brown", value_parser = lens_model)]
     lens: LensModel,
     /// Hold fy/fx at 1.
@@ -54,6 +60,15 @@ pub struct Arguments {
     /// Keep the intrinsics that each camera alone gives while the poses are adjusted.
     #[arg(long)]
     keep_intrinsics: bool,
+    /// Calibrate each camera by itself, and write no poses.
+    #[arg(long, conflicts_with_all = ["keep_intrinsics", "time_offsets", "origin"])]
+    intrinsics_only: bool,
+    /// A camera to leave out; may be given several times.
+    #[arg(long, value_name = "CAMERA")]
+    without: Vec<String>,
+    /// The picture or instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet.
+    #[arg(long, value_name = "INSTANT")]
+    origin: Option<String>,
     /// How often the board on the screen comes and goes in a second, for event cameras.
     #[arg(long, value_name = "HZ", value_parser = blink_rate)]
     blink: Option<f64>,
@@ -78,10 +93,11 @@ pub fn blink_rate(text: &str) -> Result<f64, String> {
 pub fn lens_model(text: &str) -> Result<LensModel, String> {
     match text {
         "pinhole" => Ok(LensModel::Pinhole),
+        "k1k2p1p2" | "radtan" => Ok(LensModel::Brown4),
         "brown" => Ok(LensModel::Brown5),
         "brown8" => Ok(LensModel::Brown8),
         "fisheye" => Ok(LensModel::Fisheye),
-        _ => Err("the lens models are pinhole, brown, brown8 and fisheye".into()),
+        _ => Err("the lens models are pinhole, k1k2p1p2, brown, brown8 and fisheye".into()),
     }
 }
 
@@ -112,6 +128,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         square_pixels: arguments.square_pixels,
         time_offsets: arguments.time_offsets,
         keep_intrinsics: arguments.keep_intrinsics,
+        intrinsics_only: arguments.intrinsics_only,
+        without: arguments.without.iter().cloned().collect(),
+        origin: arguments.origin.clone(),
         ..BoardOptions::default()
     };
     if let Some(path) = &arguments.rig {
@@ -120,18 +139,87 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
     let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
-    let (seen, sync) = boards(&arguments.input, &arguments.target, events, terminal)?;
+    let mut input = arguments.input.clone();
+    let mut lenses: Option<Found> = None;
+    if let Some(parts) = TwoParts::of(&arguments.input) {
+        if let Some(folder) = parts.lenses {
+            terminal.note(format!("lenses from {}", folder.display()));
+            let alone = BoardOptions { intrinsics_only: true, ..options.clone() };
+            let found = calibrated(&folder, arguments, events, &alone, terminal)?;
+            options.known.extend(found.rig.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)));
+            lenses = Some(found);
+        }
+        match (parts.places, &lenses) {
+            (Some(folder), _) => {
+                terminal.note(format!("places from {}", folder.display()));
+                input = folder;
+            }
+            (None, Some(found)) => return finish(&found.rig, &found.evidence, &arguments.out, terminal),
+            (None, None) => {}
+        }
+    }
+    match calibrated(&input, arguments, events, &options, terminal) {
+        Ok(found) => {
+            finish(&found.rig, &found.evidence, &arguments.out, terminal)?;
+            match found.apart {
+                Some(error) => {
+                    Err(error.context(format!("{} holds the intrinsics alone, without poses", arguments.out.display())))
+                }
+                None => Ok(()),
+            }
+        }
+        Err(error) => {
+            // The lenses are sound, and hours of waving are not thrown away.
+            let Some(found) = lenses else { return Err(error) };
+            finish(&found.rig, &found.evidence, &arguments.out, terminal)?;
+            Err(error.context(format!("{} holds the intrinsics alone, without poses", arguments.out.display())))
+        }
+    }
+}
+
+/// A rig that is to be written.
+struct Found {
+    rig: RigFile,
+    evidence: Evidence,
+    /// Why it has no poses, though they were asked for.
+    apart: Option<anyhow::Error>,
+}
+
+/// Looks for boards in `input` and calibrates.
+fn calibrated(
+    input: &Path,
+    arguments: &Arguments,
+    events: Option<EventBoard>,
+    options: &BoardOptions,
+    terminal: &Terminal,
+) -> anyhow::Result<Found> {
+    let target = &arguments.target;
+    let (seen, sync) = boards(input, target, events, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
+        if let Some((count, first)) = &seen.unreadable {
+            terminal.note(format!("{}: {count} pictures could not be read: {first}", seen.camera));
+        }
     }
     let progress = terminal.progress("calibrating");
-    let (rig, mut evidence) = calibrate(&seen, &arguments.target, &options, &|done, total, what| {
+    let result = calibrate(&seen, target, options, &|done, total, what| {
         progress.update(done as u64, total as u64, what);
-    })?;
+    });
     drop(progress);
-    match pictures(&seen, &arguments.target, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
+    let ((rig, mut evidence), apart) = match result {
+        Ok(calibrated) => (calibrated, None),
+        Err(BoardError::Apart { one, other, alone }) => {
+            let calibrated = (*alone).clone();
+            (calibrated, Some(BoardError::Apart { one, other, alone }.into()))
+        }
+        Err(error) => return Err(error.into()),
+    };
+    // In the rig's order, and without the cameras that are not in it.
+    let of_rig = |name: &str| seen.iter().find(|seen| seen.camera == name).cloned();
+    let seen: Vec<Seen> = rig.cameras.iter().filter_map(|camera| of_rig(&camera.name)).collect();
+    match pictures(&seen, target, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),
     }
-    finish(&rig, &evidence, &arguments.out, terminal)
+    Ok(Found { rig, evidence, apart })
 }

@@ -11,7 +11,7 @@ use crate::terminal::Terminal;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 RIG is a rig.json, a folder with a COLMAP model, a folder with YAML files of OpenCV or ROS (or one such file), a Kalibr camchain (YAML), a nerfstudio \
-transforms.json or LLFF's poses_bounds.npy.
+transforms.json, LLFF's poses_bounds.npy, or the TOML of caliscope or pose2sim.
 
 Formats:
   colmap      a model without points (text): a folder
@@ -20,13 +20,16 @@ Formats:
   ros         camera_info: a YAML file for each camera, without poses, in a folder
   nerfstudio  transforms.json
   llff        poses_bounds.npy
+  caliscope   camera_array.toml
+  pose2sim    Calib.toml
   rig         rig.json
 
-Pixel centres and axes are converted. What a format has no place for is said; a lens that it cannot hold is refused.
+Names of cameras become names of files. Pixel centres and axes are converted. What a format has no place for is said; a lens that it cannot hold is refused.
 
 Examples:
   erfgs calibrate convert rig.json --to colmap --out sparse
-  erfgs calibrate convert camchain.yaml --to rig --out rig.json")]
+  erfgs calibrate convert camchain.yaml --to rig --out rig.json
+  erfgs calibrate convert sparse --to rig --metres --out rig.json")]
 pub struct Arguments {
     /// The rig to convert.
     rig: PathBuf,
@@ -36,6 +39,9 @@ pub struct Arguments {
     /// Where to write it; named after the format without it.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
+    /// The unit of what is read is the metre, though its format does not say so (COLMAP, nerfstudio, LLFF).
+    #[arg(long)]
+    metres: bool,
 }
 
 #[derive(Serialize)]
@@ -47,7 +53,8 @@ struct Answer {
 
 /// Converts.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let rig = read(&arguments.rig)?;
+    let mut rig = read(&arguments.rig)?;
+    rig.metric |= arguments.metres;
     for warning in &rig.warnings {
         terminal.note(warning);
     }
@@ -58,6 +65,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         Format::Ros => "camera_info",
         Format::Nerfstudio => "transforms.json",
         Format::Llff => "poses_bounds.npy",
+        Format::Caliscope => "camera_array.toml",
+        Format::Pose2sim => "Calib.toml",
         Format::Rig => "rig.json",
     };
     let out = arguments.out.clone().unwrap_or_else(|| name.into());

@@ -3,6 +3,8 @@
 mod board;
 mod check;
 mod convert;
+mod merge;
+mod points;
 mod register;
 mod sfm;
 mod summary;
@@ -28,6 +30,10 @@ pub enum Command {
     Target(target::Arguments),
     /// Write a rig in the format of another program, or read one from there.
     Convert(convert::Arguments),
+    /// Place cameras by points of the scene whose positions are known, or set the world of a rig by them.
+    Points(points::Arguments),
+    /// Make one rig of several.
+    Merge(merge::Arguments),
     /// Calibrate from images of whatever the cameras see, without a target.
     Sfm(sfm::Arguments),
     /// Add cameras to a calibrated rig, from images of what its cameras see too; event cameras from light that was switched on.
@@ -41,6 +47,8 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Check(arguments) => check::run(arguments, terminal),
         Command::Target(arguments) => target::run(arguments, terminal),
         Command::Convert(arguments) => convert::run(arguments, terminal),
+        Command::Points(arguments) => points::run(arguments, terminal),
+        Command::Merge(arguments) => merge::run(arguments, terminal),
         Command::Wand(arguments) => wand::run(arguments, terminal),
         Command::Sfm(arguments) => sfm::run(arguments, terminal),
         Command::Register(arguments) => register::run(arguments, terminal),

@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_calibrate::sfm::{KnownIntrinsics, SfmOptions, read_views, sfm};
+use erfgs_calibrate::{
+    board::not_metres,
+    sfm::{KnownIntrinsics, SfmOptions, read_views, sfm},
+};
 use erfgs_points::ColmapProgram;
 use erfgs_scene::rig_file::RigFile;
 
@@ -59,7 +62,11 @@ fn known_distance(text: &str) -> Result<(String, String, f64), String> {
     if a.is_empty() || b.is_empty() || a == b || !(metres > 0.0 && metres.is_finite()) {
         return Err(wrong());
     }
-    Ok((a.into(), b.into(), metres))
+    // No two cameras of a rig are farther apart.
+    match not_metres(metres, 500.0) {
+        Some(meant) => Err(format!("'{text}': cameras {metres} m apart cannot be; {meant}")),
+        None => Ok((a.into(), b.into(), metres)),
+    }
 }
 
 /// Calibrates.

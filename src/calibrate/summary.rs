@@ -13,7 +13,12 @@ pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Termina
     let page = out.with_extension("html");
     report::write(rig, evidence, &page)?;
     terminal.result(rig, || {
-        let mut text = table(&rows(rig));
+        // What speaks against the result comes before it.
+        let mut text: String = rig.warnings.iter().map(|warning| format!("warning: {warning}\n")).collect();
+        if !text.is_empty() {
+            text.push('\n');
+        }
+        text += &table(&rows(rig));
         if let Some(quality) = &rig.quality {
             text.push_str(&format!(
                 "\nrms {:.3} px, {} degrees of freedom, condition {}\n",
@@ -28,10 +33,10 @@ pub fn finish(rig: &RigFile, evidence: &Evidence, out: &Path, terminal: &Termina
                 text.push_str(&format!("not determined: {open}\n"));
             }
         }
-        let own =
-            rig.cameras.iter().flat_map(|camera| camera.warnings.iter().map(|warning| (camera.name.as_str(), warning)));
-        for (camera, warning) in own.chain(rig.warnings.iter().map(|warning| ("rig", warning))) {
-            text.push_str(&format!("warning: {camera}: {warning}\n"));
+        for camera in &rig.cameras {
+            for warning in &camera.warnings {
+                text.push_str(&format!("warning: {}: {warning}\n", camera.name));
+            }
         }
         text.push_str(&format!("\n{}\n{}\n", out.display(), page.display()));
         text

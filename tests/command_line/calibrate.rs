@@ -92,3 +92,121 @@ fn a_transforms_json_keeps_its_lens_or_is_refused_by_name() {
     let message = folder.fail(1, "calibrate convert transforms.json --to rig --out rig.json");
     assert!(message.contains("a.png") && message.contains("EQUIRECTANGULAR"), "{message}");
 }
+
+#[test]
+fn one_camera_with_its_lens_given_is_no_panic_and_other_sizes_and_names_are_refused() {
+    let folder = with_pairs();
+    folder.succeed(&format!("calibrate board pairs {CHESSBOARD} --without right --intrinsics-only --out left.json"));
+    std::fs::create_dir(folder.path("one")).unwrap();
+    for entry in std::fs::read_dir(folder.path("pairs")).unwrap().map(|entry| entry.unwrap()) {
+        if entry.file_name().to_string_lossy().starts_with("left0") {
+            std::fs::copy(entry.path(), folder.path("one").join(entry.file_name())).unwrap();
+        }
+    }
+    std::fs::write(folder.path("one/left99.png"), "no picture").unwrap();
+    let rig = folder.figures(&format!("calibrate board one {CHESSBOARD} --rig left.json --out again.json"));
+    assert!(rig["cameras"][0]["rms_px"].as_f64().unwrap() < 0.25 && rig["cameras"][0]["pose"].is_null(), "{rig}");
+    let warnings = rig["cameras"][0]["warnings"].to_string();
+    assert!(warnings.contains("1 pictures could not be read") && warnings.contains("left99.png"), "{warnings}");
+    let mut lens: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path("left.json")).unwrap()).unwrap();
+    let mut with = |key: &str, value: serde_json::Value| {
+        match key {
+            "name" => lens["cameras"][0]["name"] = value,
+            key => lens["cameras"][0]["intrinsics"][key] = value,
+        }
+        std::fs::write(folder.path("other.json"), lens.to_string()).unwrap();
+        folder.fail(1, &format!("calibrate board one {CHESSBOARD} --rig other.json --out none.json"))
+    };
+    assert!(with("width", 1280.into()).contains("1280x480"));
+    assert!(with("name", "front".into()).contains("front"));
+    assert!(!folder.path("none.json").exists());
+}
+
+#[test]
+fn pairs_in_folders_belong_together_by_their_numbers_and_lenses_are_kept_where_nothing_does() {
+    let folder = with_pairs();
+    for entry in std::fs::read_dir(folder.path("pairs")).unwrap().map(|entry| entry.unwrap()) {
+        let name = entry.file_name().into_string().unwrap();
+        let camera = if name.starts_with("left") { "left" } else { "right" };
+        for into in [format!("sorted/{camera}"), format!("apart/{camera}")] {
+            std::fs::create_dir_all(folder.path(&into)).unwrap();
+            std::fs::copy(entry.path(), folder.path(&into).join(&name)).unwrap();
+        }
+    }
+    for number in ["01", "02", "03", "04", "05", "06"] {
+        std::fs::remove_file(folder.path(&format!("apart/left/left{number}.jpg"))).unwrap();
+    }
+    for number in ["07", "08", "09", "11", "12", "13", "14"] {
+        std::fs::remove_file(folder.path(&format!("apart/right/right{number}.jpg"))).unwrap();
+    }
+    let rig = folder.figures(&format!("calibrate board sorted {CHESSBOARD} --out rig.json --origin 1"));
+    assert!(rig["cameras"][1]["pose"].is_object() && rig["cameras"][0]["pose"]["translation_m"][2] != 0.0, "{rig}");
+    let message = folder.fail(1, &format!("calibrate board apart {CHESSBOARD} --out lenses.json"));
+    assert!(message.contains("lenses.json holds the intrinsics alone"), "{message}");
+    let lenses: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path("lenses.json")).unwrap()).unwrap();
+    assert_eq!(lenses["cameras"].as_array().unwrap().len(), 2);
+    // With the lenses of one and the places of another, there is a rig again.
+    let merged = folder.figures("calibrate merge lenses.json rig.json --out merged.json");
+    assert!(merged["cameras"][1]["pose"].is_object(), "{merged}");
+}
+
+#[test]
+fn lengths_that_cannot_be_metres_are_asked_about() {
+    let folder = with_pairs();
+    let message = folder.fail(2, "calibrate board pairs --target chessboard:9x6:25");
+    assert!(message.contains("if it is millimetres, write 0.025"), "{message}");
+    let message = folder.fail(2, "calibrate wand pairs --wand 130+260");
+    assert!(message.contains("if it is millimetres, write 0.26"), "{message}");
+    let message = folder.fail(2, "calibrate sfm pairs --scale-from left:right:1250");
+    assert!(message.contains("if it is millimetres, write 1.25"), "{message}");
+}
+
+#[test]
+fn a_camera_called_as_a_path_is_written_below_the_output_alone() {
+    let folder = with_pairs();
+    let lens = serde_json::json!({ "width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "distortion": "none" });
+    let pose = serde_json::json!({ "rotation_wxyz": [1.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0] });
+    let camera = |name: &str| serde_json::json!({ "name": name, "modality": "rgb", "intrinsics": lens, "pose": pose });
+    let write = |cameras: &[serde_json::Value]| {
+        let rig = serde_json::json!({ "format": "erfgs-rig", "version": 1, "method": "board", "metric": true, "cameras": cameras });
+        std::fs::write(folder.path("rig.json"), rig.to_string()).unwrap();
+    };
+    write(&[camera("../../x"), camera("a b")]);
+    for format in ["colmap", "kalibr", "opencv", "ros", "nerfstudio", "llff", "caliscope", "pose2sim"] {
+        let said = folder.succeed(&format!("calibrate convert rig.json --to {format} --out out/{format}"));
+        assert!(said.contains("it is called _.._.._x there"), "{format}: {said}");
+    }
+    let images = std::fs::read_to_string(folder.path("out/colmap/images.txt")).unwrap();
+    assert!(images.contains("_.._.._x.png") && images.contains("a_b.png"), "{images}");
+    let back = folder.figures("calibrate convert out/colmap --to rig --metres --out back.json");
+    assert_eq!(back["cameras"], 2);
+    let rig = std::fs::read_to_string(folder.path("back.json")).unwrap();
+    assert!(rig.contains("\"metric\": true"), "{rig}");
+    write(&[]);
+    assert!(folder.fail(1, "calibrate convert rig.json --to opencv --out none").contains("no camera"));
+    write(&[camera("a"), camera("a")]);
+    assert!(folder.fail(1, "calibrate convert rig.json --to colmap --out none").contains("two cameras are called a"));
+    assert!(!folder.path("none").exists());
+}
+
+#[test]
+fn cameras_are_placed_by_points_that_were_clicked() {
+    let folder = Folder::new();
+    let lens = serde_json::json!({ "width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0, "distortion": "none" });
+    let camera = serde_json::json!({ "name": "a", "modality": "rgb", "intrinsics": lens });
+    let rig = serde_json::json!({ "format": "erfgs-rig", "version": 1, "method": "board", "metric": true, "cameras": [camera] });
+    std::fs::write(folder.path("lenses.json"), rig.to_string()).unwrap();
+    // A camera three metres before the origin.
+    let points =
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [-1.0, 0.5, 0.5], [0.5, -0.5, 1.0]];
+    let line = |[x, y, z]: [f64; 3]| {
+        format!("a,{},{},{x},{y},{z}\n", 320.0 + 500.0 * x / (z + 3.0), 240.0 + 500.0 * y / (z + 3.0))
+    };
+    std::fs::write(folder.path("p.csv"), format!("camera,u,v,x,y,z\n{}", points.map(line).concat())).unwrap();
+    let rig = folder.figures("calibrate points p.csv --rig lenses.json --out rig.json");
+    let along = rig["cameras"][0]["pose"]["translation_m"][2].as_f64().unwrap();
+    assert!((along - 3.0).abs() < 1e-6, "{rig}");
+    assert!(folder.fail(1, "calibrate points lenses.json --rig lenses.json").contains("camera,u,v,x,y,z"));
+}

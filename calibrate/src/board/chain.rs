@@ -4,18 +4,38 @@ use std::collections::BTreeMap;
 
 use erfgs_scene::Pose;
 
-use super::BoardError;
-
 /// One camera's boards: by instant, the pose that takes the board to the camera.
 pub(super) type Boards = BTreeMap<String, Pose>;
 
-/// World-to-camera poses, the first camera's being the world.
-pub(super) fn chain(names: &[String], boards: &[Boards]) -> Result<Vec<Pose>, BoardError> {
-    let count = boards.len();
-    let mut poses: Vec<Option<Pose>> = vec![None; count];
-    if let Some(first) = poses.first_mut() {
-        *first = Some(Pose::IDENTITY);
+/// The largest group of cameras that boards tie to each other.
+pub(super) struct Chain {
+    /// Indices of the group's cameras, ascending.
+    pub cameras: Vec<usize>,
+    /// Their world-to-camera poses; the first one is the world.
+    pub poses: Vec<Pose>,
+}
+
+/// The largest group of cameras that are tied to each other; of groups of the same size the one that has the earliest camera.
+/// The first camera of the group is the world.
+pub(super) fn chain(boards: &[Boards]) -> Chain {
+    let mut left: Vec<usize> = (0..boards.len()).collect();
+    let mut best = Chain { cameras: Vec::new(), poses: Vec::new() };
+    while let Some(&first) = left.first() {
+        let poses = chain_from(first, boards);
+        let (cameras, poses): (Vec<usize>, Vec<Pose>) =
+            poses.into_iter().enumerate().filter_map(|(camera, pose)| Some((camera, pose?))).unzip();
+        left.retain(|camera| !cameras.contains(camera));
+        if cameras.len() > best.cameras.len() {
+            best = Chain { cameras, poses };
+        }
     }
+    best
+}
+
+/// World-to-camera poses of the cameras that are tied to camera `first`, which is the world.
+fn chain_from(first: usize, boards: &[Boards]) -> Vec<Option<Pose>> {
+    let mut poses: Vec<Option<Pose>> = vec![None; boards.len()];
+    poses[first] = Some(Pose::IDENTITY);
     loop {
         // The strongest tie between a camera that is placed and one that is not.
         let mut best: Option<(usize, usize, Pose)> = None;
@@ -30,15 +50,9 @@ pub(super) fn chain(names: &[String], boards: &[Boards]) -> Result<Vec<Pose>, Bo
         }
         match best {
             Some((_, new, pose)) => poses[new] = Some(pose),
-            None => break,
+            None => return poses,
         }
     }
-    let (placed, apart): (Vec<_>, Vec<_>) = names.iter().zip(&poses).partition(|(_, pose)| pose.is_some());
-    if !apart.is_empty() {
-        let names = |group: Vec<(&String, &Option<Pose>)>| group.into_iter().map(|(name, _)| name.clone()).collect();
-        return Err(BoardError::Apart { one: names(placed), other: names(apart) });
-    }
-    Ok(poses.into_iter().flatten().collect())
 }
 
 /// The pose from one camera to another that most of their common boards agree upon, and how many do.
@@ -87,19 +101,20 @@ mod tests {
     fn poses_chain_through_cameras_between_and_one_wrong_board_is_outvoted() {
         let (truth, mut boards) = rig();
         boards[1].insert("2".into(), pose(77.0));
-        let names: Vec<String> = ["a", "b", "c"].map(String::from).into();
-        let found = chain(&names, &boards).unwrap();
-        for (found, truth) in found.iter().zip(&truth) {
+        let found = chain(&boards);
+        assert_eq!(found.cameras, [0, 1, 2]);
+        for (found, truth) in found.poses.iter().zip(&truth) {
             assert!((found.translation - truth.translation).length() < 1e-9, "{found:?}");
         }
     }
 
     #[test]
-    fn groups_without_a_common_board_are_named() {
+    fn of_two_groups_without_a_common_board_the_larger_is_taken() {
         let (_, mut boards) = rig();
         boards[1].retain(|instant, _| instant.parse::<i32>().unwrap() < 4);
-        let names: Vec<String> = ["a", "b", "c"].map(String::from).into();
-        let message = chain(&names, &boards).unwrap_err().to_string();
-        assert!(message.contains("[a, b]") && message.contains("[c]"), "{message}");
+        assert_eq!(chain(&boards).cameras, [0, 1]);
+        boards.insert(0, BTreeMap::new());
+        assert_eq!(chain(&boards).cameras, [1, 2]);
+        assert_eq!(chain(&[]).cameras, [0_usize; 0]);
     }
 }

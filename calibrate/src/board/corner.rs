@@ -2,17 +2,31 @@
 //!
 //! Around a corner, the brightness changes across the edges only, so that at each pixel the direction to the corner is at
 //! right angles to the gradient or the gradient is nil (Förstner and Gülch 1987). The corner is where that holds best in the
-//! least squares; repeated around the place found last.
+//! least squares; repeated around the place found last. From there a picture of two blurred edges that cross is fitted to the
+//! pixels themselves, which uses all of them and interpolates none: it halves what noise and compression leave over.
 
 use glam::{DMat2, DVec2};
+use nalgebra::{SMatrix, SVector};
 
 use super::detect::Grey;
 
 const ITERATIONS: usize = 40;
+/// From a smaller window no picture of two edges can be fitted, pixels.
+const LEAST_RADIUS: i32 = 3;
+/// Gradients are looked at in no larger a window: they only say where to begin.
+const MOST_RADIUS: i32 = 7;
 
 /// The corner near `start` (pixels, centres at half-integers), from a window of `2 radius + 1` pixels. `None` where there is no
 /// corner within half a window.
 pub(super) fn refine(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
+    let met = meeting(image, start, radius.min(MOST_RADIUS))?;
+    // A picture that does not fit leaves the corner where the gradients say.
+    let fitted = if radius >= LEAST_RADIUS { crossing(image, met, radius) } else { None };
+    Some(fitted.filter(|fitted| fitted.distance(met) < 1.0).unwrap_or(met))
+}
+
+/// Where the gradients around meet.
+fn meeting(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
     let mut at = start;
     let sigma2 = f64::from(radius * radius);
     for _ in 0..ITERATIONS {
@@ -47,6 +61,127 @@ pub(super) fn refine(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
         }
     }
     Some(at)
+}
+
+/// Parameters of two edges that cross: place (2), directions (2), width, brightness, contrast, slope of the brightness (2).
+const PARAMETERS: usize = 9;
+
+/// Where two blurred edges cross, of which a picture is fitted to the pixels around `start` (Gauss and Newton, damped).
+fn crossing(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
+    let pixels = window(image, start, radius)?;
+    let mut state = first_guess(&pixels)?;
+    let (mut cost, mut damping) = (linearise(&pixels, &state, None), 1e-3);
+    for _ in 0..20 {
+        let (mut normal, mut right) = (SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros(), SVector::zeros());
+        linearise(&pixels, &state, Some((&mut normal, &mut right)));
+        for i in 0..PARAMETERS {
+            normal[(i, i)] *= 1.0 + damping;
+        }
+        let step: SVector<f64, PARAMETERS> = normal.cholesky()?.solve(&right);
+        let next = state + step;
+        let tried = linearise(&pixels, &next, None);
+        if tried.is_finite() && tried < cost && next[4] > 0.1 {
+            let settled = step[0].hypot(step[1]) < 1e-3;
+            (state, cost, damping) = (next, tried, damping * 0.2);
+            if settled {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e6 {
+                break;
+            }
+        }
+    }
+    let at = DVec2::new(state[0], state[1]);
+    at.is_finite().then_some(start + at)
+}
+
+/// A pixel of a window: where it is from the start, its brightness, and its weight.
+type Weighed = (DVec2, f64, f64);
+
+fn window(image: &Grey, start: DVec2, radius: i32) -> Option<Vec<Weighed>> {
+    let (column, row) = (start.x.floor() as i32, start.y.floor() as i32);
+    let mut pixels = Vec::with_capacity((2 * radius as usize + 1).pow(2));
+    for y in row - radius..=row + radius {
+        for x in column - radius..=column + radius {
+            let (Ok(at_x), Ok(at_y)) = (usize::try_from(x), usize::try_from(y)) else { return None };
+            if at_x >= image.width || at_y >= image.height {
+                return None;
+            }
+            let offset = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - start;
+            let weight = (-offset.length_squared() / f64::from(radius * radius)).exp();
+            pixels.push((offset, f64::from(image.pixels[at_y * image.width + at_x]), weight));
+        }
+    }
+    Some(pixels)
+}
+
+/// Directions and contrast of the edges from the parabola that fits the window best: along an edge, a saddle is level.
+fn first_guess(pixels: &[Weighed]) -> Option<SVector<f64, PARAMETERS>> {
+    let (mut normal, mut right) = (SMatrix::<f64, 6, 6>::zeros(), SVector::<f64, 6>::zeros());
+    for (at, brightness, weight) in pixels {
+        let row = SVector::<f64, 6>::from([1.0, at.x, at.y, at.x * at.x, at.x * at.y, at.y * at.y]);
+        normal += row * row.transpose() * *weight;
+        right += row * (weight * brightness);
+    }
+    let fitted = normal.cholesky()?.solve(&right);
+    let (a, b, c) = (fitted[3], 0.5 * fitted[4], fitted[5]);
+    if b * b <= a * c {
+        return None;
+    }
+    // a cos² + 2 b cos sin + c sin² = 0: the mean of both directions is that of the greatest slope, turned by 45 degrees and more.
+    let (mean, swing) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
+    let (turned, half) = (b.atan2(0.5 * (a - c)), (-mean / swing).clamp(-1.0, 1.0).acos());
+    let (one, other) = (0.5 * (turned + half), 0.5 * (turned - half));
+    let lit: f64 =
+        pixels.iter().map(|(at, brightness, weight)| weight * brightness * side(*at, one) * side(*at, other)).sum();
+    let weights: f64 = pixels.iter().map(|pixel| pixel.2).sum();
+    Some(SVector::from([0.0, 0.0, one, other, 1.0, fitted[0], lit / weights, 0.0, 0.0]))
+}
+
+/// On which side of the line through the origin in this direction a place lies: -1 or 1.
+fn side(at: DVec2, direction: f64) -> f64 {
+    DVec2::from_angle(direction).perp_dot(at).signum()
+}
+
+/// Normal equations of the fit.
+type Equations<'a> = (&'a mut SMatrix<f64, PARAMETERS, PARAMETERS>, &'a mut SVector<f64, PARAMETERS>);
+
+/// The weighed sum of squares, and what it depends on.
+fn linearise(pixels: &[Weighed], state: &SVector<f64, PARAMETERS>, mut equations: Option<Equations<'_>>) -> f64 {
+    let place = DVec2::new(state[0], state[1]);
+    let edges = [DVec2::from_angle(state[2]), DVec2::from_angle(state[3])];
+    let (width, contrast, slope) = (state[4], state[6], DVec2::new(state[7], state[8]));
+    let mut cost = 0.0;
+    for (at, brightness, weight) in pixels {
+        let from = *at - place;
+        let across = edges.map(|edge| edge.perp_dot(from));
+        let level = across.map(|across| (across / width).tanh());
+        let error = brightness - (state[5] + contrast * level[0] * level[1] + slope.dot(from));
+        cost += weight * error * error;
+        let Some((normal, right)) = &mut equations else { continue };
+        // How the picture changes with the distance from each edge.
+        let by = [0, 1].map(|i: usize| contrast * level[1 - i] * (1.0 - level[i] * level[i]) / width);
+        let by_place = -(edges[0].perp() * by[0] + edges[1].perp() * by[1]) - slope;
+        let row = SVector::<f64, PARAMETERS>::from([
+            by_place.x,
+            by_place.y,
+            -by[0] * edges[0].dot(from),
+            -by[1] * edges[1].dot(from),
+            -(by[0] * across[0] + by[1] * across[1]) / width,
+            1.0,
+            level[0] * level[1],
+            from.x,
+            from.y,
+        ]);
+        normal.syger(*weight, &row, &row, 1.0);
+        **right += row * (weight * error);
+    }
+    if let Some((normal, _)) = equations {
+        normal.fill_upper_triangle_with_lower_triangle();
+    }
+    cost
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use erfgs_scene::ImageRgb8;
 use glam::DVec2;
 
 use super::{
-    Target,
+    Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
     corner::refine,
 };
@@ -83,6 +83,23 @@ impl Grey {
     }
 }
 
+/// Pictures whose shorter side has so many pixels are looked at at half the size first: a quarter of the work, and corners are
+/// made exact at full size.
+const LARGE: usize = 600;
+/// Smaller ones are looked at as they are alone.
+const SMALL: usize = 200;
+
+/// The sizes at which a picture is looked at in turn, as factors of its sides, and the share of the corners with which that is
+/// enough. A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
+/// between its corners at twice the size.
+fn sizes(side: usize) -> &'static [(f64, f64)] {
+    match side {
+        ..SMALL => &[(1.0, 0.0)],
+        SMALL..LARGE => &[(1.0, 0.5), (0.5, 0.5), (2.0, 0.5)],
+        LARGE.. => &[(0.5, 0.9), (1.0, 0.5), (2.0, 0.5)],
+    }
+}
+
 /// The corners of `target` in a frame; none where it is not seen. A chessboard must be seen with its whole outline, since a
 /// part of it does not tell which part; a ChArUco board or an AprilGrid may be partly hidden.
 #[must_use]
@@ -99,17 +116,20 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
         Target::Charuco { .. } => charuco(grey, target),
         Target::AprilGrid { .. } => aprilgrid(grey, target),
     };
-    let mut corners = look(&grey);
-    // A board that is blurred by motion or focus has sharp corners at half the size, and one that is far away has room
-    // between its corners at twice the size.
     let (columns, rows) = target.corners();
-    for (scaled, scale) in [(Grey::halved as fn(&Grey) -> Grey, 2.0), (Grey::doubled, 0.5)] {
-        if 2 * corners.len() >= (columns * rows) as usize || grey.width.min(grey.height) < 200 {
-            break;
-        }
-        let found = look(&scaled(&grey));
+    let all = (columns * rows) as usize;
+    let mut corners = Vec::new();
+    for &(scale, enough) in sizes(grey.width.min(grey.height)) {
+        let found = match scale {
+            0.5 => look(&grey.halved()),
+            2.0 => look(&grey.doubled()),
+            _ => look(&grey),
+        };
         if found.len() > corners.len() {
-            corners = found.into_iter().map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect();
+            corners = found.into_iter().map(|corner| Corner { pixel: corner.pixel / scale, ..corner }).collect();
+        }
+        if corners.len() as f64 >= enough * all as f64 {
+            break;
         }
     }
     exact(&grey, &mut corners, target);
@@ -207,17 +227,22 @@ fn upside_down(grey: &Grey, grid: &[OnGrid]) -> bool {
 }
 
 fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
-    let Some(board) = target.charuco() else { return Vec::new() };
+    let Some(Charuco { board, first }) = target.charuco() else { return Vec::new() };
     let mut best = Vec::new();
+    // What looks like a corner is the same for all configurations.
+    let found = detect_corners(&grey.view(), &CharucoParams::for_board(board).chess);
     for parameters in CharucoParams::sweep_for_board(&board) {
         let Ok(detector) = CharucoDetector::new(parameters) else { continue };
-        let Ok(detection) = detector.detect(&grey.view()) else { continue };
+        let Ok(detection) = detector.detect_with_corners(&grey.view(), &found) else { continue };
         let enough = 2 * detection.corners.len() >= ((board.rows - 1) * (board.cols - 1)) as usize;
         if detection.corners.len() > best.len() {
             best = detection
                 .corners
                 .iter()
-                .map(|corner| Corner { id: corner.id, pixel: to_ours(corner.position.x, corner.position.y) })
+                .filter_map(|corner| {
+                    let id = corner.id.checked_sub(first)?;
+                    Some(Corner { id, pixel: to_ours(corner.position.x, corner.position.y) })
+                })
                 .collect();
         }
         // The configurations after the first are for what it cannot see.
@@ -233,7 +258,7 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
     // How near the next edge is, as a share of a square or a tag: on a ChArUco board a marker begins an eighth of a square away
     // from the corner, or less; on an AprilGrid the small square ends, or a tag's code begins.
     let share = match target {
-        Target::Chessboard { .. } => 0.35,
+        Target::Chessboard { .. } => 0.42,
         Target::Charuco { .. } => 0.12,
         Target::AprilGrid { spacing, .. } => 0.5 * spacing.min(0.3),
     };
@@ -253,7 +278,7 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
     let refined: Vec<Corner> = corners
         .iter()
         .filter_map(|corner| {
-            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 9.0) as i32;
+            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 12.0) as i32;
             let pixel = refine(grey, corner.pixel, radius)?;
             Some(Corner { pixel, ..*corner })
         })

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use erfgs_base::FileError;
 use erfgs_events::EventFileError;
-use erfgs_scene::{image::ImageError, video::VideoError};
+use erfgs_scene::{image::ImageError, rig_file::RigFile, video::VideoError};
 use erfgs_session::container::ContainerError;
 
-use crate::bundle::BundleError;
+use crate::{bundle::BundleError, evidence::Evidence};
 
 /// What can go wrong with a board calibration.
 #[derive(Debug, thiserror::Error)]
@@ -122,16 +122,74 @@ pub enum BoardError {
     },
     /// Cameras that cannot be tied together.
     #[error(
-        "the board is never seen by a camera of the group [{}] and one of the group [{}] at once, so that their poses cannot be \
-         tied; record the board where both see it, or check the frame times",
+        "no board is seen by two cameras at once ({} and {}), so that their poses cannot be tied; record the board where two of \
+         them see it, name pictures of one instant alike, or check the frame times",
         one.join(", "),
         other.join(", ")
     )]
     Apart {
-        /// Cameras that are tied to each other.
+        /// The first camera.
         one: Vec<String>,
-        /// Cameras that are tied to none of those.
+        /// The others.
         other: Vec<String>,
+        /// Each camera by itself: the intrinsics are sound.
+        alone: Box<(RigFile, Evidence)>,
+    },
+    /// A solution that is none.
+    #[error(
+        "this is no rig: {what}. Check that {times}the recordings belong together, the target has the size and kind that --target \
+         says, the board is stiff and flat, and no camera moved; --keep-intrinsics holds the lenses, --without leaves a camera out"
+    )]
+    Contradiction {
+        /// What speaks against it.
+        what: String,
+        /// What is said of synchronisation.
+        times: String,
+    },
+    /// A camera that does not exist is to be left out.
+    #[error("there is no camera {name} to be left out; the cameras are {}", cameras.join(", "))]
+    NoCamera {
+        /// The name.
+        name: String,
+        /// Those that were recorded.
+        cameras: Vec<String>,
+    },
+    /// The intrinsics that are known are of other cameras.
+    #[error(
+        "the rig file has intrinsics of {}, and the recording is of {}; rename the folders or the cameras in the file",
+        known.join(", "),
+        cameras.join(", ")
+    )]
+    KnowsNone {
+        /// The cameras of the file.
+        known: Vec<String>,
+        /// Those that were recorded.
+        cameras: Vec<String>,
+    },
+    /// The intrinsics that are known are of another size of image.
+    #[error(
+        "camera {camera}: the rig file has the intrinsics of images of {}x{} pixels, and these are of {}x{}; calibrate the \
+         intrinsics with images of this size, or record in that one",
+        known[0], known[1], found[0], found[1]
+    )]
+    KnownSize {
+        /// The camera.
+        camera: String,
+        /// The size in the file.
+        known: [u32; 2],
+        /// That of the recording.
+        found: [u32; 2],
+    },
+    /// No board of this name.
+    #[error(
+        "no board that took part was seen at the instant {name}, which is to be the origin; the instants are {} and so on",
+        known.join(", ")
+    )]
+    NoOrigin {
+        /// What was asked for.
+        name: String,
+        /// The first ones that there are.
+        known: Vec<String>,
     },
     /// The adjustment cannot be set up.
     #[error(transparent)]

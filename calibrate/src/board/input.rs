@@ -5,11 +5,18 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::FileError;
-use erfgs_scene::{ImageRgb8, video::Video};
+use erfgs_scene::{
+    ImageRgb8,
+    image::ImageError,
+    video::{Video, VideoError},
+};
 use rayon::prelude::*;
 
-use super::{BoardError, Corner, EventBoard, Target, detect, stream::of_events};
+use super::{
+    BoardError, Corner, EventBoard, Target, detect,
+    layout::{Input, TIMES, cameras},
+    stream::of_events,
+};
 use crate::evidence::Moment;
 
 /// A frame in which the board was found.
@@ -37,7 +44,7 @@ impl BoardView {
 }
 
 /// What one camera saw.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Seen {
     /// The camera's name.
     pub camera: String,
@@ -49,23 +56,13 @@ pub struct Seen {
     pub frames: usize,
     /// Those with a board, in order.
     pub views: Vec<BoardView>,
+    /// Pictures that could not be read: how many, and what is wrong with the first one.
+    pub unreadable: Option<(usize, String)>,
 }
 
-/// The file with the times of videos' frames.
-const TIMES: &str = "timestamps.csv";
-const IMAGES: [&str; 4] = ["png", "jpg", "jpeg", "ppm"];
-const EVENTS: [&str; 4] = ["raw", "dat", "aedat4", "aedat"];
-pub(super) const VIDEOS: [&str; 6] = ["mp4", "mkv", "avi", "mov", "webm", "m4v"];
-
-/// One camera's input.
-enum Input {
-    Images(Vec<(String, PathBuf)>),
-    Video(PathBuf),
-    Events(PathBuf),
-}
-
-/// Looks for `target` in all frames below `folder`: a folder of images for each camera, or a video for each camera, or images
-/// whose names begin with the camera's name. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
+/// Looks for `target` in all frames below `folder`: for each camera a folder of images or with a video, or a video, or images
+/// whose names begin with the camera's name (`layout.rs` says what cameras are called and which images belong together).
+/// Pictures that cannot be read are counted. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
 /// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. A file of events
 /// for a camera is searched for what `events` says. `progress` gets the
 /// number of frames that were looked at and, where it is known, that of all.
@@ -83,8 +80,12 @@ pub fn look(
         return Err(BoardError::NoImages { path: folder.into() });
     }
     let times = Times::read(&folder.join(TIMES))?;
-    let total = cameras.values().map(|input| if let Input::Images(images) = input { Some(images.len()) } else { None });
-    let total = total.sum::<Option<usize>>();
+    let count = |input: &Input| match input {
+        Input::Images(images) => Some(images.len()),
+        Input::Video(path) => Some(usize::try_from(Video::probe(path)?.frames).unwrap_or(usize::MAX)),
+        Input::Events(_) => None,
+    };
+    let total = cameras.values().map(count).try_fold(0, |sum: usize, count| Some(sum.saturating_add(count?)));
     let done = std::sync::atomic::AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
     cameras
@@ -100,93 +101,46 @@ pub fn look(
         .collect()
 }
 
-fn list(folder: &Path) -> Result<Vec<PathBuf>, BoardError> {
-    let error = FileError::when("read the folder", folder);
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
-        .map_err(&error)?
-        .map(|entry| entry.map(|e| e.path()))
-        .collect::<Result<_, _>>()
-        .map_err(error)?;
-    entries.sort();
-    Ok(entries)
-}
-
-pub(super) fn has_extension(path: &Path, of: &[&str]) -> bool {
-    path.extension().is_some_and(|e| of.iter().any(|known| e.eq_ignore_ascii_case(known)))
-}
-
-fn stem(path: &Path) -> String {
-    path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-/// Tables beside videos are often no events; `with_tables` says that events are looked for.
-fn cameras(folder: &Path, with_tables: bool) -> Result<BTreeMap<String, Input>, BoardError> {
-    let mut cameras = BTreeMap::new();
-    let mut loose: BTreeMap<String, Vec<(String, PathBuf)>> = BTreeMap::new();
-    for path in list(folder)? {
-        if path.is_dir() {
-            let images: Vec<(String, PathBuf)> = list(&path)?
-                .into_iter()
-                .filter(|file| has_extension(file, &IMAGES))
-                .map(|file| (stem(&file), file))
-                .collect();
-            if !images.is_empty() {
-                let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-                cameras.insert(name, Input::Images(images));
-            }
-        } else if has_extension(&path, &VIDEOS) {
-            cameras.insert(stem(&path), Input::Video(path));
-        } else if has_extension(&path, &EVENTS)
-            || (with_tables && has_extension(&path, &["csv"]) && !path.ends_with(TIMES))
-        {
-            cameras.insert(stem(&path), Input::Events(path));
-        } else if has_extension(&path, &IMAGES) {
-            let name = stem(&path);
-            let camera = name.trim_end_matches(|c: char| c.is_ascii_digit());
-            let instant = name[camera.len()..].to_owned();
-            let camera = camera.trim_end_matches(['_', '-', '.']);
-            let camera = if camera.is_empty() { "camera" } else { camera };
-            loose.entry(camera.to_owned()).or_default().push((instant, path));
-        }
-    }
-    // Beside folders or videos, loose images are something else: a mask, a photograph of the rig.
-    if cameras.is_empty() {
-        cameras.extend(loose.into_iter().map(|(camera, images)| (camera, Input::Images(images))));
-    }
-    Ok(cameras)
-}
-
 fn of_images(
     camera: &str,
     images: &[(String, PathBuf)],
     target: &Target,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
-    let looked: Vec<([u32; 2], BoardView)> = images
+    let looked: Vec<Result<([u32; 2], BoardView), ImageError>> = images
         .par_iter()
         .map(|(instant, file)| {
-            let image = ImageRgb8::read(file)?;
-            let view = BoardView {
-                instant: instant.clone(),
-                time_s: None,
-                file: file.clone(),
-                frame: 0,
-                corners: detect(&image, target),
-            };
+            let image = ImageRgb8::read(file);
             tick();
+            let image = image?;
+            let corners = detect(&image, target);
+            let view = BoardView { instant: instant.clone(), time_s: None, file: file.clone(), frame: 0, corners };
             Ok(([image.width, image.height], view))
         })
-        .collect::<Result<_, BoardError>>()?;
-    let size = looked.first().map_or([0, 0], |(size, _)| *size);
-    for (found, view) in &looked {
+        .collect();
+    let (mut views, mut failed): (Vec<([u32; 2], BoardView)>, Vec<ImageError>) = (Vec::new(), Vec::new());
+    for looked in looked {
+        match looked {
+            Ok(view) => views.push(view),
+            Err(error) => failed.push(error),
+        }
+    }
+    let unreadable = failed.first().map(|error| (failed.len(), error.to_string()));
+    if views.is_empty()
+        && let Some(error) = failed.into_iter().next()
+    {
+        return Err(error.into());
+    }
+    let size = views.first().map_or([0, 0], |(size, _)| *size);
+    for (found, view) in &views {
         if *found != size {
             let (camera, path) = (camera.into(), view.file.clone());
             return Err(BoardError::Size { camera, path, found: *found, expected: size });
         }
     }
-    let frames = looked.len();
-    let views = looked.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views })
+    let frames = views.len();
+    let views = views.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable })
 }
 
 fn of_video(
@@ -200,13 +154,24 @@ fn of_video(
     const BATCH: usize = 16;
     let mut video = Video::open(path)?;
     let labels = times.and_then(|times| times.of(camera));
+    // Without a table, frames come at the video's rate: enough to find out that cameras do not run together.
+    let rate = Video::probe(path).and_then(|probe| probe.rate);
+    let nominal = |number: usize| rate.filter(|_| labels.is_none()).map(|rate| number as f64 / rate);
     let (mut size, mut frames, mut views) = ([0, 0], 0, Vec::new());
-    loop {
+    let mut broken: Option<VideoError> = None;
+    while broken.is_none() {
         let mut batch: Vec<(usize, ImageRgb8)> = Vec::new();
-        while batch.len() < BATCH
-            && let Some(image) = video.next_frame()?
-        {
-            batch.push((frames + batch.len(), image));
+        while batch.len() < BATCH {
+            match video.next_frame() {
+                Ok(Some(image)) => batch.push((frames + batch.len(), image)),
+                Ok(None) => break,
+                // What came before the damage is as good as ever.
+                Err(error) if frames + batch.len() > 0 => {
+                    broken = Some(error);
+                    break;
+                }
+                Err(error) => return Err(error.into()),
+            }
         }
         if batch.is_empty() {
             break;
@@ -218,7 +183,7 @@ fn of_video(
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
                 let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
-                let (time_s, corners) = (label.map(|l| l.1), detect(image, target));
+                let (time_s, corners) = (label.map(|l| l.1).or_else(|| nominal(*number)), detect(image, target));
                 let view = BoardView { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
                 view
@@ -226,7 +191,8 @@ fn of_video(
             .collect();
         views.extend(found.into_iter().filter(|view| !view.corners.is_empty()));
     }
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views })
+    let unreadable = broken.map(|error| (1, error.to_string()));
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable })
 }
 
 /// The times of videos' frames: by camera, in the order of the frames, the instant and the time in seconds.

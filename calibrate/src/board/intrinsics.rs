@@ -7,7 +7,7 @@ use super::{BoardError, BoardView, Seen, Target};
 use crate::{
     bundle::{
         Bundle, BundleCamera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution,
-        Uncertainty, free_lens,
+        Uncertainty, free_lens, jackknife::successive,
     },
     evidence::Moment,
     geometry::homography::plane_pose,
@@ -19,6 +19,8 @@ use crate::{
 pub enum LensModel {
     /// No distortion.
     Pinhole,
+    /// Brown-Conrady with k1, k2, p1, p2, which Kalibr calls radtan.
+    Brown4,
     /// Brown-Conrady with k1, k2, p1, p2, k3.
     #[default]
     Brown5,
@@ -53,7 +55,7 @@ impl LensModel {
     fn none(self) -> Distortion {
         match self {
             Self::Pinhole => Distortion::None,
-            Self::Brown5 | Self::Brown8 => Distortion::BrownConrady([0.0; 8]),
+            Self::Brown4 | Self::Brown5 | Self::Brown8 => Distortion::BrownConrady([0.0; 8]),
             Self::Fisheye => Distortion::KannalaBrandt([0.0; 4]),
         }
     }
@@ -63,10 +65,20 @@ impl LensModel {
     pub fn parameters(self) -> Vec<Parameter> {
         free_lens(match self {
             Self::Pinhole => 0,
-            Self::Fisheye => 4,
+            Self::Fisheye | Self::Brown4 => 4,
             Self::Brown5 => 5,
             Self::Brown8 => 8,
         })
+    }
+
+    /// The same; with `square`, fy/fx is held.
+    pub(super) fn parameters_with(self, square: bool) -> Vec<Parameter> {
+        let mut free = self.parameters();
+        if square {
+            free.retain(|parameter| !matches!(parameter, Parameter::Fx | Parameter::Fy));
+            free.insert(0, Parameter::Focal);
+        }
+        free
     }
 }
 
@@ -75,7 +87,7 @@ impl LensModel {
 /// # Errors
 /// If there are too few views, or they leave a parameter open.
 pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
-    let views: Vec<&BoardView> = seen.views.iter().filter(|view| view.corners.len() >= 6).collect();
+    let views: Vec<&BoardView> = seen.views.iter().filter(|view| spread(view)).collect();
     if views.len() < LEAST_VIEWS {
         return Err(BoardError::TooFewViews {
             camera: seen.camera.clone(),
@@ -86,18 +98,11 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
         });
     }
     let (mut bundle, moments) = start(seen, &views, target, model)?;
-    let mut free = model.parameters();
-    if aspect {
-        free.retain(|parameter| !matches!(parameter, Parameter::Fx | Parameter::Fy));
-        free.insert(0, Parameter::Focal);
-    }
-    bundle.cameras[0].free = free;
+    bundle.cameras[0].free = model.parameters_with(aspect);
     bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
-    // What a mistaken corner is, as against a lens that does not fit: far beyond the others.
-    let typical = median_residual(&bundle);
-    bundle.mark_outliers(0.0, (8.0 * typical).max(1.0));
+    mark_gross(&mut bundle);
     let solution = bundle.solve(&Options::default())?;
-    let uncertainty = bundle.uncertainty(Loss::Squared)?;
+    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len()))?;
     if let Some(open) = uncertainty.open.first() {
         let focal =
             open.parameters.iter().any(|(_, p, _)| matches!(p, Parameter::Focal | Parameter::Fx | Parameter::Fy));
@@ -125,10 +130,16 @@ pub(super) fn focals<'a>(
     both.map(|(parameter, sigma)| [parameter.value(camera), *sigma])
 }
 
-/// The median length of the residuals, pixels.
-pub(super) fn median_residual(bundle: &Bundle) -> f64 {
+/// Marks what a mistaken corner is, as against a lens that does not fit: far beyond the others.
+pub(super) fn mark_gross(bundle: &mut Bundle) {
     let residuals = bundle.observations.iter().filter_map(|o| bundle.residual_px(o));
-    median(residuals.map(DVec2::length)).unwrap_or(0.0)
+    let typical = median(residuals.map(DVec2::length)).unwrap_or(0.0);
+    bundle.mark_outliers(0.0, (8.0 * typical).max(1.0));
+}
+
+/// Whether a view has corners enough for a pose of the board.
+pub(super) fn spread(view: &BoardView) -> bool {
+    view.corners.len() >= 6
 }
 
 /// The board's pose before a camera with these intrinsics.

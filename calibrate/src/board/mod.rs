@@ -1,20 +1,26 @@
 //! Calibration with a board: chessboard, ChArUco or AprilGrid, held before the cameras.
 //!
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
-//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), and
-//! one adjustment over all cameras ends it (`rig.rs`). `quick.rs` does the second step while frames still
+//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), one
+//! adjustment over all cameras ends it (`joint.rs`, `rig.rs`), and what it says is held against what each camera says by itself
+//! (`doubt.rs`). `quick.rs` does the second step while frames still
 //! come in, `quick_rig.rs` for all cameras of a rig that runs. Event cameras see boards that blink on a screen (`blink.rs`) and printed ones that move (`moving.rs`).
 
+mod alone;
 mod aprilgrid;
 mod blink;
 mod chain;
 mod corner;
 mod detect;
+mod doubt;
 mod error;
 mod input;
 mod intrinsics;
+mod joint;
+mod layout;
 mod moved;
 mod moving;
+mod origin;
 mod picture;
 mod print;
 mod quick;
@@ -28,6 +34,7 @@ pub use detect::{Corner, detect};
 pub use error::BoardError;
 pub use input::{BoardView, Seen, look};
 pub use intrinsics::{LensModel, Single, single};
+pub use layout::TwoParts;
 pub use picture::pictures;
 pub use print::{Paper, print};
 pub use quick::{Fit, GRID, Quick, QuickState};
@@ -35,4 +42,5 @@ pub use quick_rig::QuickRig;
 pub use rig::{BoardOptions, calibrate};
 pub use session::look_session;
 pub use stream::{EventBoard, EventPictures, Watcher};
-pub use target::Target;
+use target::Charuco;
+pub use target::{Target, not_metres};

@@ -9,7 +9,7 @@ use erfgs_sync::{StreamSync, Synchronisation};
 
 use super::{
     BoardError, BoardView, Seen, Target,
-    input::{VIDEOS, has_extension},
+    layout::{VIDEOS, has_extension},
     session::decode,
     stream::{EventBoard, picture_at},
 };

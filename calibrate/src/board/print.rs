@@ -55,10 +55,11 @@ fn draw(target: &Target) -> Drawing {
     let margin = MARGIN * square;
     let mut filled = Vec::new();
     let mut white = 0;
+    let begins_white = u32::from(target.begins_white());
     for row in 0..rows {
         for column in 0..columns {
             let (x, y) = (margin + f64::from(column) * square, margin + f64::from(row) * square);
-            if (row + column) % 2 == 0 {
+            if (row + column) % 2 == begins_white {
                 filled.push([x, y, square, square]);
             } else if let Target::Charuco { marker_m, dictionary, .. } = target {
                 let side = 1e3 * marker_m;

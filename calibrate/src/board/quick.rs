@@ -85,7 +85,7 @@ impl Quick {
         Self {
             target,
             model,
-            seen: Seen { camera: camera.into(), events, size, frames: 0, views: Vec::new() },
+            seen: Seen { camera: camera.into(), events, size, frames: 0, views: Vec::new(), unreadable: None },
             frames_with_board: 0,
             last: Vec::new(),
             coverage: Coverage::new(size, GRID),

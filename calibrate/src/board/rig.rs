@@ -1,21 +1,27 @@
 //! All cameras of a rig from the boards that they saw.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use erfgs_scene::{Intrinsics, Modality};
-use glam::DVec2;
+use glam::DVec3;
+
+use erfgs_scene::{
+    Intrinsics, Modality,
+    rig_file::{RigCamera, RigFile, Sigma},
+};
 
 use super::{
     BoardError, LensModel, Seen, Target,
-    chain::{Boards, chain},
-    intrinsics::{Single, board_pose, median_residual, observations, single},
+    alone::Alone,
+    chain::{Chain, chain},
+    doubt::Doubts,
+    joint::{self, Joint, boards, has_times},
+    origin,
 };
 use crate::{
-    bundle::{Bundle, BundleCamera, Loss, Options, Parameter, Placement},
+    bundle::{Bundle, BundleError, Loss, Parameter, Uncertainty, jackknife::successive},
     coverage::Coverage,
-    evidence::{Evidence, Moment},
+    evidence::Evidence,
 };
-use erfgs_scene::rig_file::{RigCamera, RigFile, Sigma};
 
 /// How a board calibration is done.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,61 +36,213 @@ pub struct BoardOptions {
     pub time_offsets: bool,
     /// Whether the intrinsics found camera by camera are kept while the poses are adjusted.
     pub keep_intrinsics: bool,
+    /// Whether only intrinsics are wanted, and no poses.
+    pub intrinsics_only: bool,
+    /// Cameras that are left out.
+    pub without: BTreeSet<String>,
+    /// The instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet. Without it the
+    /// first camera is the world.
+    pub origin: Option<String>,
 }
 
-/// Calibrates every camera alone, then all together where there is more than one. `progress` is told what is done next.
+impl BoardOptions {
+    /// The parameters of a lens that is not known.
+    pub(super) fn lens_parameters(&self) -> Vec<Parameter> {
+        self.model.parameters_with(self.square_pixels)
+    }
+}
+
+/// A rig, what it was made from, and what was seen by its cameras, in its order.
+type Calibrated = (RigFile, Evidence);
+
+/// Calibrates every camera alone, then all together where there is more than one. A camera that sees too little is left out
+/// where two others remain, and the rig's first warning says so; one that no board ties to the others is in the rig without a
+/// pose. `progress` is told what is done next.
 ///
 /// # Errors
-/// If a camera sees too little, or cameras cannot be tied to each other.
+/// If options fit nothing that was recorded, no camera or no two cameras see enough, or what the cameras say together
+/// contradicts what each of them says.
 pub fn calibrate(
     seen: &[Seen],
     target: &Target,
     options: &BoardOptions,
     progress: &dyn Fn(usize, usize, &str),
-) -> Result<(RigFile, Evidence), BoardError> {
-    let mut evidence = Evidence::default();
-    let mut cameras = Vec::new();
-    for (index, seen) in seen.iter().enumerate() {
-        progress(index, seen.views.len().max(1), &seen.camera);
-        cameras.push(match options.known.get(&seen.camera) {
-            Some(intrinsics) => One { intrinsics: *intrinsics, single: None },
-            None => {
-                let single = single(seen, target, options.model, options.square_pixels)?;
-                evidence.pass(format!("intrinsics of {}", seen.camera), &single.solution);
-                One { intrinsics: single.bundle.cameras[0].intrinsics, single: Some(single) }
+) -> Result<Calibrated, BoardError> {
+    check(seen, options)?;
+    let wanted: Vec<&Seen> = seen.iter().filter(|seen| !options.without.contains(&seen.camera)).collect();
+    let (mut cameras, mut failed) = (Vec::new(), Vec::new());
+    for (index, seen) in wanted.iter().enumerate() {
+        progress(index, wanted.len() + 1, &seen.camera);
+        match Alone::of(seen, target, options) {
+            Ok(alone) => cameras.push((*seen, alone)),
+            Err(error @ (BoardError::TooFewViews { .. } | BoardError::NoFocal { .. } | BoardError::Open { .. })) => {
+                failed.push(error)
             }
-        });
-    }
-    if let ([one], [camera]) = (seen, cameras.as_slice())
-        && let Some(single) = &camera.single
-    {
-        evidence.observe(&single.bundle);
-        evidence.moments.clone_from(&single.moments);
-        let mut rig = single.bundle.rig("board", &single.uncertainty, &[modality(one)]);
-        // One camera stands nowhere but where it is.
-        if let [camera] = rig.cameras.as_mut_slice() {
-            camera.pose = None;
-            camera.warnings = coverage_warnings(one).into_iter().chain(focal_warning(camera)).collect();
+            Err(error) => return Err(error),
         }
+    }
+    let enough = cameras.len() >= if options.intrinsics_only { 1 } else { 2 };
+    if !failed.is_empty() && !enough {
+        return Err(failed.remove(0));
+    }
+    let left_out: Vec<String> = failed.iter().map(|error| format!("left out: {error}")).collect();
+    let (seen, alone): (Vec<&Seen>, Vec<&Alone>) = cameras.iter().map(|(seen, alone)| (*seen, alone)).unzip();
+    if options.intrinsics_only || seen.len() < 2 {
+        let (mut rig, evidence) = by_themselves(&seen, &alone);
+        rig.warnings.splice(0..0, left_out);
         return Ok((rig, evidence));
     }
-    let (mut bundle, moments) = tie(seen, target, options, &cameras)?;
-    progress(seen.len(), seen.len(), "all cameras");
-    let first = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
-    evidence.pass("all cameras, robust", &first);
-    let typical = median_residual(&bundle);
-    bundle.mark_outliers(0.0, (8.0 * typical).max(1.0));
-    let solution = bundle.solve(&Options::default())?;
-    evidence.pass("all cameras", &solution);
-    let uncertainty = bundle.uncertainty(Loss::Squared)?;
-    evidence.observe(&bundle);
-    evidence.moments = moments;
-    let modalities: Vec<Modality> = seen.iter().map(modality).collect();
-    let mut rig = bundle.rig("board", &uncertainty, &modalities);
+    let all = boards(&seen, target, &alone);
+    let chain = chain(&all);
+    if chain.cameras.len() < 2 {
+        let names: Vec<String> = seen.iter().map(|seen| seen.camera.clone()).collect();
+        let (mut rig, evidence) = by_themselves(&seen, &alone);
+        rig.warnings.splice(0..0, left_out);
+        let (one, other) = (vec![names[0].clone()], names[1..].to_vec());
+        return Err(BoardError::Apart { one, other, alone: Box::new((rig, evidence)) });
+    }
+    progress(wanted.len(), wanted.len() + 1, "all cameras");
+    let tied = |index: &usize| chain.cameras.contains(index);
+    let boards: Vec<_> = all.into_iter().enumerate().filter(|(index, _)| tied(index)).map(|(_, own)| own).collect();
+    let apart: Vec<usize> = (0..seen.len()).filter(|index| !tied(index)).collect();
+    let pick = |indices: &[usize]| -> (Vec<&Seen>, Vec<&Alone>) {
+        indices.iter().map(|index| (seen[*index], alone[*index])).unzip()
+    };
+    let ((seen, alone), (lone_seen, lone)) = (pick(&chain.cameras), pick(&apart));
+    let (mut rig, evidence) = together(&seen, target, options, &alone, &chain, &boards)?;
+    let names: Vec<&str> = lone_seen.iter().map(|seen| seen.camera.as_str()).collect();
+    if !names.is_empty() {
+        rig.warnings.insert(
+            0,
+            format!("no board ties these cameras to the others, and they have no pose: {}", names.join(", ")),
+        );
+        rig.cameras.extend(by_themselves(&lone_seen, &lone).0.cameras);
+    }
+    rig.warnings.splice(0..0, left_out);
+    Ok((rig, evidence))
+}
+
+/// Refuses options that fit nothing of what was recorded.
+fn check(seen: &[Seen], options: &BoardOptions) -> Result<(), BoardError> {
+    let names = || seen.iter().map(|seen| seen.camera.clone()).collect::<Vec<_>>();
+    let recorded = |name: &String| seen.iter().any(|seen| seen.camera == *name);
+    if let Some(name) = options.without.iter().find(|name| !recorded(name)) {
+        return Err(BoardError::NoCamera { name: name.clone(), cameras: names() });
+    }
+    if !options.known.is_empty() && !options.known.keys().any(recorded) {
+        let known = options.known.keys().cloned().collect();
+        return Err(BoardError::KnowsNone { known, cameras: names() });
+    }
+    for seen in seen {
+        if let Some(known) = options.known.get(&seen.camera)
+            && [known.width, known.height] != seen.size
+        {
+            return Err(BoardError::KnownSize {
+                camera: seen.camera.clone(),
+                known: [known.width, known.height],
+                found: seen.size,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Each camera as it is by itself: no poses.
+fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
+    let mut evidence = Evidence::default();
+    let mut rig = RigFile::new("board", true, Vec::new());
+    for (index, (seen, alone)) in seen.iter().zip(alone).enumerate() {
+        let (name, modality) = (&seen.camera, modality(seen));
+        if let Some(solution) = &alone.solution {
+            evidence.pass(format!("intrinsics of {name}"), solution);
+        }
+        evidence.observe_also(&alone.bundle, index, &alone.moments);
+        let mut camera = match &alone.single {
+            Some(single) => {
+                let mut own = alone.bundle.rig("board", &single.uncertainty, &[modality]);
+                rig.quality = rig.quality.take().or(own.quality.take());
+                own.cameras.remove(0)
+            }
+            None => {
+                let mut camera = RigCamera::new(name, modality, alone.intrinsics, None);
+                let (rms_px, observations) = alone.bundle.rms_px(None);
+                (camera.rms_px, camera.observations) = (Some(rms_px), observations);
+                camera
+            }
+        };
+        // One camera stands nowhere but where it is.
+        camera.pose = None;
+        camera.warnings = coverage_warnings(seen);
+        camera.warnings.extend(focal_warning(&camera));
+        rig.cameras.push(camera);
+    }
+    if rig.cameras.len() > 1 {
+        // Of several problems there is no one measure.
+        rig.quality = None;
+    }
+    rig.warnings.extend(alone.iter().filter_map(|alone| alone.is_another()).map(|(_, sentence)| sentence));
+    (rig, evidence)
+}
+
+/// All cameras of a chain in one world.
+fn together(
+    seen: &[&Seen],
+    target: &Target,
+    options: &BoardOptions,
+    alone: &[&Alone],
+    chain: &Chain,
+    boards: &[super::chain::Boards],
+) -> Result<Calibrated, BoardError> {
+    let solve = |options: &BoardOptions| -> Result<(Joint, Uncertainty, Doubts), BoardError> {
+        let solved = joint::solve(seen, target, options, alone, chain, boards);
+        let mut joint = solved.map_err(|error| match error {
+            // What contradicts itself may drive a lens out of bounds.
+            BoardError::Bundle(BundleError::Camera { camera, .. }) => BoardError::Contradiction {
+                what: format!("no lens of {camera} makes the views fit together"),
+                times: String::new(),
+            },
+            error => error,
+        })?;
+        if let Some(name) = &options.origin {
+            origin::put(&mut joint, target, name)?;
+        }
+        let groups = successive(joint.bundle.placements.len());
+        let uncertainty = joint.bundle.uncertainty_of_groups(Loss::Squared, &groups)?;
+        let doubts = Doubts::of(&joint, alone, &uncertainty);
+        Ok((joint, uncertainty, doubts))
+    };
+    let (mut joint, mut uncertainty, mut doubts) = solve(options)?;
+    let mut notes = Vec::new();
+    if !doubts.is_empty() && !joint.timed && has_times(seen) {
+        // Cameras that do not run together contradict each other; their frames' times tell by how much.
+        let timed = solve(&BoardOptions { time_offsets: true, ..options.clone() });
+        let after = timed.as_ref().map_or(f64::INFINITY, |timed| timed.0.bundle.rms_px(None).0);
+        let before = joint.bundle.rms_px(None).0;
+        if let Ok(timed) = timed
+            && timed.2.gravest < doubts.gravest
+            && after < before
+            && timed.1.open.is_empty()
+        {
+            let most = timed.0.bundle.cameras.iter().map(|camera| camera.time_offset_s.abs()).fold(0.0, f64::max);
+            notes.push(format!(
+                "the cameras do not run together: time offsets of up to {:.0} ms were estimated, without which {before:.2} px are \
+                 left over in place of {after:.2}",
+                1e3 * most
+            ));
+            (joint, uncertainty, doubts) = timed;
+        }
+    }
+    let modalities: Vec<Modality> = seen.iter().map(|seen| modality(seen)).collect();
+    let mut rig = joint.bundle.rig("board", &uncertainty, &modalities);
     if let Some(open) = rig.quality.as_ref().and_then(|quality| quality.open.first()) {
         return Err(BoardError::Open { what: open.clone() });
     }
-    for ((camera, one), seen) in rig.cameras.iter_mut().zip(&cameras).zip(seen) {
+    if options.time_offsets && !joint.timed {
+        notes.push("time offsets were asked for and not estimated: not all frames have times (timestamps.csv)".into());
+    }
+    rig.warnings = doubts.judged(joint.timed, has_times(seen))?;
+    rig.warnings.extend(notes);
+    for ((camera, one), seen) in rig.cameras.iter_mut().zip(alone).zip(seen) {
         camera.warnings = coverage_warnings(seen);
         // Intrinsics that the last pass kept are as uncertain as the pass before left them.
         if let (true, Some(single)) = (options.keep_intrinsics, &one.single) {
@@ -94,107 +252,37 @@ pub fn calibrate(
         }
         camera.warnings.extend(focal_warning(camera));
     }
+    let mut evidence = Evidence::default();
+    for (seen, alone) in seen.iter().zip(alone) {
+        if let (Some(_), Some(solution)) = (&alone.single, &alone.solution) {
+            evidence.pass(format!("intrinsics of {}", seen.camera), solution);
+        }
+    }
+    for (name, solution) in &joint.passes {
+        evidence.pass(*name, solution);
+    }
+    evidence.observe(&joint.bundle);
+    evidence.outlines = outlines(&joint.bundle, target);
+    evidence.moments = joint.moments;
     if let Some(quality) = &mut rig.quality {
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
     }
     Ok((rig, evidence))
 }
 
+/// Where the boards were, some of them.
+fn outlines(bundle: &Bundle, target: &Target) -> Vec<[DVec3; 4]> {
+    const MOST: usize = 60;
+    let (columns, rows) = target.corners();
+    let corners = [0, columns - 1, columns * rows - 1, columns * (rows - 1)].map(|id| target.point(id));
+    let [Some(a), Some(b), Some(c), Some(d)] = corners else { return Vec::new() };
+    let every = bundle.placements.len().div_ceil(MOST).max(1);
+    let boards = bundle.placements.iter().step_by(every);
+    boards.map(|placement| [a, b, c, d].map(|corner| placement.world(corner))).collect()
+}
+
 fn modality(seen: &Seen) -> Modality {
     if seen.events { Modality::Event } else { Modality::Rgb }
-}
-
-struct One {
-    intrinsics: Intrinsics,
-    single: Option<Single>,
-}
-
-/// The problem of all cameras: boards seen at the same instant are one board.
-fn tie(
-    seen: &[Seen],
-    target: &Target,
-    options: &BoardOptions,
-    cameras: &[One],
-) -> Result<(Bundle, Vec<Moment>), BoardError> {
-    let boards: Vec<Boards> = seen
-        .iter()
-        .zip(cameras)
-        .map(|(seen, one)| {
-            let views = seen.views.iter().filter(|view| view.corners.len() >= 6);
-            views.filter_map(|view| Some((view.instant.clone(), board_pose(view, target, &one.intrinsics)?))).collect()
-        })
-        .collect();
-    let names: Vec<String> = seen.iter().map(|seen| seen.camera.clone()).collect();
-    let poses = chain(&names, &boards)?;
-    let mut bundle = Bundle::default();
-    let timed = options.time_offsets && seen.iter().all(|seen| seen.views.iter().all(|view| view.time_s.is_some()));
-    for (index, ((name, one), pose)) in names.iter().zip(cameras).zip(&poses).enumerate() {
-        let mut free = Vec::new();
-        if one.single.is_some() && !options.keep_intrinsics {
-            free = options.model.parameters();
-            if options.square_pixels {
-                free.retain(|parameter| !matches!(parameter, Parameter::Fx | Parameter::Fy));
-                free.insert(0, Parameter::Focal);
-            }
-        }
-        if index > 0 {
-            free.extend(Parameter::POSE);
-            if timed {
-                free.push(Parameter::TimeOffset);
-            }
-        }
-        let (name, intrinsics) = (name.clone(), one.intrinsics);
-        bundle.cameras.push(BundleCamera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free });
-    }
-    let sigmas: Vec<f64> = cameras
-        .iter()
-        .map(|one| one.single.as_ref().map_or(0.3, |s| (s.bundle.rms_px(None).0 / 2f64.sqrt()).max(0.02)))
-        .collect();
-    let mut placements: BTreeMap<&str, (usize, Option<f64>)> = BTreeMap::new();
-    let mut moments = Vec::new();
-    for (index, seen) in seen.iter().enumerate() {
-        for (number, view) in seen.views.iter().enumerate() {
-            let Some(board) = boards[index].get(&view.instant) else { continue };
-            let (placement, time_s) = *placements.entry(&view.instant).or_insert_with(|| {
-                bundle.placements.push(Placement::Board(board.then(&poses[index].inverse())));
-                moments.push(view.moment());
-                (bundle.placements.len() - 1, view.time_s)
-            });
-            // To the instant's time, at the speed at which each corner moves across the image.
-            let late = view.time_s.zip(time_s).map_or(0.0, |(own, shared)| own - shared);
-            let around = [number.checked_sub(1).and_then(|before| seen.views.get(before)), seen.views.get(number + 1)];
-            for mut observation in observations(view, target, index, placement, sigmas[index]) {
-                if view.time_s.is_some() {
-                    let corner = view.corners.iter().find(|corner| corner.pixel == observation.pixel);
-                    let velocity = corner.map_or(DVec2::ZERO, |corner| velocity(corner.id, view, around));
-                    observation.pixel -= velocity * late;
-                    if timed {
-                        observation.velocity = velocity;
-                    }
-                }
-                bundle.observations.push(observation);
-            }
-        }
-    }
-    Ok((bundle, moments))
-}
-
-/// How fast a corner moves, pixels per second, from the views before and after.
-fn velocity(id: u32, view: &super::BoardView, around: [Option<&super::BoardView>; 2]) -> DVec2 {
-    /// Views farther apart say nothing about the speed.
-    const NEAR_S: f64 = 0.5;
-    let at = |view: Option<&super::BoardView>| {
-        let view = view?;
-        let corner = view.corners.iter().find(|corner| corner.id == id)?;
-        Some((view.time_s?, corner.pixel))
-    };
-    let here = at(Some(view));
-    let near = |other: Option<(f64, DVec2)>| other.filter(|o| here.is_some_and(|h| (o.0 - h.0).abs() < NEAR_S));
-    let (before, after) = (near(at(around[0])), near(at(around[1])));
-    match before.or(here).zip(after.or(here)) {
-        Some(((t0, p0), (t1, p1))) if t1 > t0 => (p1 - p0) / (t1 - t0),
-        _ => DVec2::ZERO,
-    }
 }
 
 /// A focal length less certain than this share of it is doubtful.
@@ -220,6 +308,9 @@ fn coverage_warnings(seen: &Seen) -> Vec<String> {
     seen.views.iter().flat_map(|view| &view.corners).for_each(|corner| coverage.see(corner.pixel));
     let (covered, parts) = (coverage.covered(), coverage.parts());
     let mut warnings = Vec::new();
+    if let Some((count, first)) = &seen.unreadable {
+        warnings.push(format!("{count} pictures could not be read and were passed over: {first}"));
+    }
     if covered < parts * 3 / 4 {
         warnings.push(format!(
             "the board covers {covered} of {parts} parts of the image; distortion is not known where it never was"

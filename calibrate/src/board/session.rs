@@ -48,6 +48,7 @@ pub fn look_session(
                 size: [d.width, d.height],
                 frames: 0,
                 views: Vec::new(),
+                unreadable: None,
             })
         })
         .collect();
@@ -182,6 +183,7 @@ mod tests {
                     corners: Vec::new(),
                 })
                 .collect(),
+            unreadable: None,
         };
         let mut seen = vec![of(&[0.0, 0.1, 0.2]), of(&[0.01, 0.12, 0.26])];
         name_instants(&mut seen, 0.05);

@@ -111,7 +111,7 @@ pub(super) fn of_events(
         Some(error) => Err(error.into()),
         None => {
             let size = [u32::from(size.width), u32::from(size.height)];
-            Ok(Seen { camera: camera.into(), events: true, size, frames, views })
+            Ok(Seen { camera: camera.into(), events: true, size, frames, views, unreadable: None })
         }
     }
 }

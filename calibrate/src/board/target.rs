@@ -1,6 +1,11 @@
 //! What is printed on a board.
 
-use std::{fmt, str::FromStr};
+use std::{
+    collections::BTreeMap,
+    fmt,
+    str::FromStr,
+    sync::{Mutex, PoisonError},
+};
 
 use calib_targets_charuco::{CharucoBoardSpec, Dictionary, resolve_dictionary};
 use glam::DVec3;
@@ -33,6 +38,8 @@ pub enum Target {
         dictionary: String,
         /// Whether black and white are exchanged on the print.
         inverted: bool,
+        /// Whether an even number of rows begins with a white square, as OpenCV drew boards before version 4.6.
+        legacy: bool,
     },
     /// `aprilgrid:COLUMNSxROWS:TAG:SPACING`: tags of the family 36h11 with a black square at each corner, as Kalibr prints them;
     /// they count from the lower left, row by row.
@@ -98,11 +105,61 @@ impl Target {
     }
 
     /// What the ChArUco detector has to know; lengths in squares. `None` for other targets.
-    pub(super) fn charuco(&self) -> Option<CharucoBoardSpec> {
+    pub(super) fn charuco(&self) -> Option<Charuco> {
         let Self::Charuco { columns, rows, square_m, marker_m, dictionary, .. } = self else { return None };
-        let dictionary = dictionary_named(dictionary)?;
-        Some(CharucoBoardSpec::new(*rows, *columns, 1.0, (marker_m / square_m) as f32, dictionary))
+        let (dictionary, above) = (dictionary_named(dictionary)?, u32::from(self.begins_white()));
+        // A board that begins with a white square is one that begins with a black one, without its first row.
+        let dictionary = if above > 0 { with_unseen(dictionary, columns / 2)? } else { dictionary };
+        let board = CharucoBoardSpec::new(*rows + above, *columns, 1.0, (marker_m / square_m) as f32, dictionary);
+        Some(Charuco { board, first: above * (columns - 1) })
     }
+
+    /// Whether the square above left is white.
+    pub(super) fn begins_white(&self) -> bool {
+        matches!(self, Self::Charuco { legacy: true, rows, .. } if rows % 2 == 0)
+    }
+}
+
+/// A board as the detector knows it.
+pub(super) struct Charuco {
+    pub board: CharucoBoardSpec,
+    /// The number there of our first corner.
+    pub first: u32,
+}
+
+/// A dictionary whose markers are counted from `unseen`: those before are taken from its end. Kept as long as the program
+/// runs, once for each dictionary and number.
+fn with_unseen(dictionary: Dictionary, unseen: u32) -> Option<Dictionary> {
+    static KEPT: Mutex<BTreeMap<(&str, u32), &[u64]>> = Mutex::new(BTreeMap::new());
+    let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+    let codes = kept.entry((dictionary.name(), unseen)).or_insert_with(|| {
+        let mut codes = dictionary.codes().to_vec();
+        let by = (unseen as usize).min(codes.len());
+        codes.rotate_right(by);
+        codes.leak()
+    });
+    Dictionary::from_static_codes(dictionary.name(), dictionary.marker_size(), dictionary.max_correction_bits(), codes)
+        .ok()
+}
+
+/// No square or tag is longer, metres.
+const LONGEST_M: f64 = 1.0;
+
+/// What is probably meant by a length that is too great to be of metres; `None` where it can be.
+#[must_use]
+pub fn not_metres(value: f64, longest_m: f64) -> Option<String> {
+    (value > longest_m).then(|| {
+        let read_as = [(1e-3, "millimetres"), (1e-2, "centimetres"), (0.0254, "inches")];
+        let likely = read_as.iter().filter(|(unit, _)| value * unit <= longest_m);
+        let likely: Vec<String> =
+            likely.map(|(unit, name)| format!("if it is {name}, write {}", shortest(value * unit))).collect();
+        if likely.is_empty() { "give it in metres".into() } else { likely.join("; ") }
+    })
+}
+
+/// A number without what the last digits of a product add to it.
+fn shortest(value: f64) -> f64 {
+    format!("{value:.6}").parse().unwrap_or(value)
 }
 
 /// Tags of the family 36h11.
@@ -132,9 +189,13 @@ impl FromStr for Target {
             .ok_or_else(|| wrong("columns and rows must be whole numbers from 2 to 200"))?;
         let mut length = |what: &str| {
             let value = parts.next().and_then(|text| text.parse::<f64>().ok());
-            value
-                .filter(|v| *v > 0.0 && *v <= 100.0)
-                .ok_or_else(|| wrong(&format!("its {what} is no length in metres")))
+            let value = value
+                .filter(|v| *v > 0.0 && v.is_finite())
+                .ok_or_else(|| wrong(&format!("its {what} is no length in metres")))?;
+            match not_metres(value, LONGEST_M) {
+                Some(meant) => Err(wrong(&format!("a {what} of {value} m cannot be; {meant}"))),
+                None => Ok(value),
+            }
         };
         let square_m = length(if kind == "aprilgrid" { "tag" } else { "square" })?;
         let target = match kind {
@@ -148,15 +209,18 @@ impl FromStr for Target {
                 if dictionary_named(&dictionary).is_none() {
                     return Err(wrong(&format!("there is no dictionary {dictionary}")));
                 }
-                let inverted = match parts.next() {
-                    None => false,
-                    Some("inverted") => true,
-                    Some(_) => return Err(wrong("after the dictionary only 'inverted' may stand")),
-                };
+                let (mut inverted, mut legacy) = (false, false);
+                for word in parts.by_ref() {
+                    match word {
+                        "inverted" => inverted = true,
+                        "legacy" => legacy = true,
+                        _ => return Err(wrong("after the dictionary only 'inverted' and 'legacy' may stand")),
+                    }
+                }
                 if columns < 3 || rows < 3 {
                     return Err(wrong("a ChArUco board has at least 3x3 squares"));
                 }
-                Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted }
+                Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy }
             }
             "aprilgrid" => {
                 let spacing = parts.next().and_then(|text| text.parse::<f64>().ok());
@@ -178,9 +242,10 @@ impl fmt::Display for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Chessboard { columns, rows, square_m } => write!(f, "chessboard:{columns}x{rows}:{square_m}"),
-            Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted } => {
+            Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy } => {
                 let inverted = if *inverted { ":inverted" } else { "" };
-                write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}")
+                let legacy = if *legacy { ":legacy" } else { "" };
+                write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}{legacy}")
             }
             Self::AprilGrid { columns, rows, tag_m, spacing } => {
                 write!(f, "aprilgrid:{columns}x{rows}:{tag_m}:{spacing}")
@@ -195,9 +260,13 @@ mod tests {
 
     #[test]
     fn targets_are_written_as_they_are_read() {
-        for text in
-            ["chessboard:9x6:0.025", "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted", "aprilgrid:6x6:0.088:0.3"]
-        {
+        for text in [
+            "chessboard:9x6:0.025",
+            "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted",
+            "aprilgrid:6x6:0.088:0.3",
+            "charuco:5x6:0.03:0.02:DICT_4X4_50:legacy",
+            "charuco:5x6:0.03:0.02:DICT_4X4_50:inverted:legacy",
+        ] {
             assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
         }
         let board: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000".parse().unwrap();
@@ -225,6 +294,8 @@ mod tests {
             ("chessboard:9x1:0.02", "from 2 to 200"),
             ("chessboard:9x6:-1", "square"),
             ("chessboard:9x6:0.02:1", "too many"),
+            ("chessboard:9x6:60", "if it is millimetres, write 0.06"),
+            ("charuco:5x4:54:40:DICT_4X4_50", "write 0.054"),
             ("charuco:5x4:0.02:0.03", "smaller"),
             ("charuco:5x4:0.02:0.01:DICT_9", "dictionary"),
             ("aprilgrid:6x6:0.088", "spacing"),

@@ -11,6 +11,7 @@
 //! alone, from a [`Prior::Distance`].
 
 pub mod clusters;
+pub mod jackknife;
 mod normal;
 mod parameter;
 mod reduced;
@@ -58,6 +59,8 @@ pub enum Placement {
     },
     /// A point in the world, metres.
     Point(DVec3),
+    /// Features whose places in the world are known: those are their places on the target.
+    Fixed,
 }
 
 /// One feature of one placement in one camera.
@@ -157,6 +160,7 @@ impl Placement {
             Self::Board(_) => 6,
             Self::Wand { .. } => 5,
             Self::Point(_) => 3,
+            Self::Fixed => 0,
         }
     }
 
@@ -167,6 +171,7 @@ impl Placement {
             Self::Board(pose) => pose.transform(on_target),
             Self::Wand { middle, direction } => *middle + *direction * on_target.x,
             Self::Point(point) => *point,
+            Self::Fixed => on_target,
         }
     }
 }

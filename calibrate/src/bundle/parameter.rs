@@ -166,6 +166,7 @@ impl Placement {
                 Self::Wand { middle: *middle + three(0), direction }
             }
             Self::Point(point) => Self::Point(*point + three(0)),
+            Self::Fixed => Self::Fixed,
         }
     }
 
@@ -186,6 +187,7 @@ impl Placement {
                 by[4] = b * on_target.x;
             }
             Self::Point(_) => {}
+            Self::Fixed => by = [DVec3::ZERO; 6],
         }
         by
     }

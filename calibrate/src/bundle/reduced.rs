@@ -107,7 +107,7 @@ fn paired<'a>(normal: &'a Normal, inverses: &'a [Vec<Matrix6>]) -> impl Iterator
 }
 
 /// The right side of the cameras' system: minus the gradient, after elimination.
-fn reduced_gradient(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>]) -> DVector<f64> {
+pub(super) fn reduced_gradient(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>]) -> DVector<f64> {
     let mut rhs = -&normal.gradient;
     for (block, inverse) in paired(normal, inverses) {
         let solved = inverse * block.gradient;

@@ -5,9 +5,10 @@ use std::time::Instant;
 use super::{
     Bundle, BundleError,
     clusters::gradient_variance,
+    jackknife::variances,
     normal::{Layout, cost, linearise},
     reduced::{Method, step},
-    uncertainty::{Uncertainty, uncertainty},
+    uncertainty::{Errors, Uncertainty, uncertainty},
 };
 
 /// What a residual costs, by its square in standard deviations.
@@ -181,7 +182,7 @@ impl Bundle {
         if layout.observations == 0 {
             return Err(BundleError::Empty);
         }
-        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), None))
+        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), &Errors::Own))
     }
 
     /// The same, for errors that placements of one cluster share: `clusters` has a number for each placement.
@@ -199,7 +200,28 @@ impl Bundle {
             return Err(BundleError::Empty);
         }
         let between = gradient_variance(self, &layout, loss, clusters);
-        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), Some(&between)))
+        Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), &Errors::Shared(&between)))
+    }
+
+    /// The same as [`Bundle::uncertainty`], but no parameter is said to be known better than how much the solution changes
+    /// when groups of placements are left out in turn: `groups` has a number for each placement. What all corners of a view
+    /// share (a board that is bent, a moment that was not quite the same in all cameras) shows there, and in residuals hardly.
+    ///
+    /// # Errors
+    /// If the problem cannot be set up.
+    ///
+    /// # Panics
+    /// If there are fewer entries than placements.
+    pub fn uncertainty_of_groups(&self, loss: Loss, groups: &[usize]) -> Result<Uncertainty, BundleError> {
+        self.check()?;
+        assert!(groups.len() >= self.placements.len(), "each placement needs a group");
+        let layout = Layout::new(self);
+        if layout.observations == 0 {
+            return Err(BundleError::Empty);
+        }
+        let normal = linearise(self, loss, &layout);
+        let errors = variances(self, &normal, loss, groups);
+        Ok(uncertainty(self, &layout, &normal, &errors.as_ref().map_or(Errors::Own, Errors::AtLeast)))
     }
 
     fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> Self {

@@ -80,6 +80,7 @@ fn rows_are_the_limits_of_differences() {
         Placement::Board(Pose::look_at(DVec3::new(0.1, 0.2, -0.3), DVec3::Z, DVec3::Y)),
         Placement::Wand { middle: DVec3::new(0.1, -0.1, 0.2), direction: DVec3::new(1.0, 2.0, -0.5).normalize() },
         Placement::Point(DVec3::new(-0.2, 0.1, 0.1)),
+        Placement::Fixed,
     ];
     let mut camera = arc(3).remove(2);
     camera.free = free_lens(8);
@@ -294,4 +295,43 @@ fn nonsense_is_refused() {
     bundle.priors.push(Prior::Value { camera: 9, parameter: Parameter::Fx, value: 1.0, sigma: 1.0 });
     assert!(bundle.solve(&Options::default()).is_err());
     assert_eq!(Bundle::default().solve(&Options::default()).unwrap_err(), BundleError::Empty);
+}
+
+/// Matrices of no rows, or of one.
+#[test]
+fn problems_with_nothing_or_one_thing_free_are_solved_and_told() {
+    for method in [Method::Cholesky, Method::ConjugateGradients] {
+        for free in [vec![], vec![Parameter::Focal]] {
+            let mut bundle = wands(&arc(2), 8, 0.2, 4);
+            bundle.cameras[0].free.clear();
+            bundle.cameras[1].free.clone_from(&free);
+            bundle.solve(&Options { method, ..Options::default() }).unwrap();
+            let groups = jackknife::successive(bundle.placements.len());
+            for uncertainty in [
+                bundle.uncertainty(Loss::Squared).unwrap(),
+                bundle.uncertainty_of_groups(Loss::Squared, &groups).unwrap(),
+                bundle.uncertainty_of_clusters(Loss::Squared, &groups).unwrap(),
+            ] {
+                assert_eq!((uncertainty.rank, uncertainty.covariance.nrows()), (free.len(), free.len()));
+                assert!(uncertainty.open.is_empty() && uncertainty.condition >= 1.0 - 1e-12, "{uncertainty:?}");
+                assert!(uncertainty.cameras[1].sigma.iter().all(|sigma| *sigma > 0.0 && sigma.is_finite()));
+            }
+        }
+    }
+    // Points that are known, and cameras that see them, alone.
+    let mut bundle = Bundle { cameras: arc(2), placements: vec![Placement::Fixed], ..Bundle::default() };
+    bundle.cameras[0].free = Parameter::POSE.to_vec();
+    for index in 0..8 {
+        for camera in 0..2 {
+            see(&mut bundle, camera, 0, vector(5, index, 0.4), 0.0, 0);
+        }
+    }
+    let truth = bundle.cameras.clone();
+    bundle.cameras[1].pose.translation.x += 0.02;
+    bundle.cameras[0].pose.rotation = DQuat::from_rotation_y(0.01) * bundle.cameras[0].pose.rotation;
+    let solution = bundle.solve(&Options::default()).unwrap();
+    assert_eq!(solution.parameters, [12, 0]);
+    for (found, truth) in bundle.cameras.iter().zip(&truth) {
+        assert!(found.pose.centre().distance(truth.pose.centre()) < 1e-7);
+    }
 }

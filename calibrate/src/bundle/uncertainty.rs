@@ -1,7 +1,7 @@
 //! How well the cameras are determined: covariance, rank, and the names of what is left open.
 
 use glam::{DMat3, DVec3};
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{
@@ -9,6 +9,7 @@ use super::{
     normal::{Layout, Matrix6, Normal},
     reduced::schur,
 };
+use crate::linear::symmetric_eigen;
 
 /// An eigenvalue of the scaled matrix below this counts as zero: what is left is rounding.
 const RANK: f64 = 1e-11;
@@ -57,16 +58,23 @@ pub struct Uncertainty {
     pub covariance: DMatrix<f64>,
 }
 
-/// `gradient_variance`: what stands between the two inverses where errors are shared; without it, what follows if each
-/// observation's error is its own.
-pub(super) fn uncertainty(
-    bundle: &Bundle,
-    layout: &Layout,
-    normal: &Normal,
-    gradient_variance: Option<&DMatrix<f64>>,
-) -> Uncertainty {
-    let inverses: Vec<Vec<(Matrix6, usize)>> =
-        normal.blocks.par_iter().map(|part| part.iter().map(|block| pseudo_inverse(&block.own)).collect()).collect();
+/// What is said of the errors of observations.
+pub(super) enum Errors<'a> {
+    /// Each is its own.
+    Own,
+    /// They are shared within clusters, between which the gradient varies by so much: it stands between the two inverses.
+    Shared(&'a DMatrix<f64>),
+    /// As [`Errors::Own`], but no parameter is known better than to this variance.
+    AtLeast(&'a DVector<f64>),
+}
+
+/// The inverse of each placement's own matrix, and the number of its directions that are open.
+pub(super) fn own_inverses(normal: &Normal) -> Vec<Vec<(Matrix6, usize)>> {
+    normal.blocks.par_iter().map(|part| part.iter().map(|block| pseudo_inverse(&block.own)).collect()).collect()
+}
+
+pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal, errors: &Errors<'_>) -> Uncertainty {
+    let inverses = own_inverses(normal);
     let open_of_placements: usize = inverses.iter().flatten().map(|(_, open)| open).sum();
     let open_placements = inverses.iter().flatten().filter(|(_, open)| *open > 0).count();
     let inverses: Vec<Vec<Matrix6>> =
@@ -74,9 +82,9 @@ pub(super) fn uncertainty(
     let matrix = schur(normal, layout, &inverses);
     let scale = normal.shared.diagonal().map(|value| if value > 0.0 { 1.0 / value.sqrt() } else { 1.0 });
     let scaled = DMatrix::from_fn(layout.shared, layout.shared, |i, j| matrix[(i, j)] * scale[i] * scale[j]);
-    let eigen = SymmetricEigen::new(scaled);
+    let eigen = symmetric_eigen(scaled);
     let zero = |value: f64| value <= RANK;
-    let rank = eigen.eigenvalues.iter().filter(|value| !zero(**value)).count();
+    let rank = eigen.values.iter().filter(|value| !zero(**value)).count();
     let measured = 2 * layout.observations + bundle.priors.len();
     let degrees_of_freedom = measured.saturating_sub(rank + layout.private - open_of_placements);
     let variance_factor = if degrees_of_freedom > 0 { 2.0 * normal.cost / degrees_of_freedom as f64 } else { 1.0 };
@@ -84,7 +92,7 @@ pub(super) fn uncertainty(
         bundle.cameras.iter().enumerate().flat_map(|(c, camera)| camera.free.iter().map(move |p| (c, *p))).collect();
     let mut covariance = DMatrix::zeros(layout.shared, layout.shared);
     let mut open = Vec::new();
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+    for (value, vector) in eigen.values.iter().zip(eigen.vectors.column_iter()) {
         if zero(*value) {
             let mut parameters: Vec<_> = names
                 .iter()
@@ -100,11 +108,12 @@ pub(super) fn uncertainty(
         }
     }
     covariance.fill_upper_triangle_with_lower_triangle();
-    let covariance = match gradient_variance {
-        Some(between) => &covariance * between * &covariance,
-        None => covariance * variance_factor,
+    let covariance = match errors {
+        Errors::Own => covariance * variance_factor,
+        Errors::Shared(between) => &covariance * *between * &covariance,
+        Errors::AtLeast(variances) => widened(covariance * variance_factor, variances),
     };
-    let (least, most) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
+    let (least, most) = (eigen.values.min(), eigen.values.max());
     let cameras = (0..bundle.cameras.len()).map(|c| camera(bundle, layout, &covariance, &open, c)).collect();
     Uncertainty {
         variance_factor,
@@ -122,6 +131,21 @@ pub(super) fn uncertainty(
         open_placements,
         covariance,
     }
+}
+
+/// A covariance whose variances are at least these; correlations stay.
+fn widened(mut covariance: DMatrix<f64>, variances: &DVector<f64>) -> DMatrix<f64> {
+    let factor = |index: usize| {
+        let own = covariance[(index, index)];
+        if own > 0.0 { (variances[index] / own).max(1.0).sqrt() } else { 1.0 }
+    };
+    let factors: Vec<f64> = (0..covariance.nrows()).map(factor).collect();
+    for (row, a) in factors.iter().enumerate() {
+        for (column, b) in factors.iter().enumerate() {
+            covariance[(row, column)] *= a * b;
+        }
+    }
+    covariance
 }
 
 /// The inverse where there is one, and the number of directions where there is none.

@@ -12,7 +12,7 @@ use glam::{DQuat, DVec3};
 
 use super::{
     round_down,
-    space::{Shown, drawing, extent},
+    space::{Scene, Shown, drawing, extent},
     styled,
 };
 use crate::check::{Comparison, Drift};
@@ -160,7 +160,7 @@ fn before_and_after(earlier: &RigFile, comparison: &Comparison) -> String {
     } else {
         "Drag to turn. None moved.".into()
     };
-    drawing(&cameras, &caption)
+    drawing(&Scene { cameras: &cameras, outlines: &[], metric: None }, &caption)
 }
 
 /// By how much `value` is enlarged, so that it is `wanted` at most: a round factor, never less than 1.

@@ -41,7 +41,7 @@ pub fn page(rig: &RigFile, evidence: &Evidence) -> String {
     let section = |id: &str, heading: &str, body: String| html::section("", id, heading, &body);
     let body = [
         section("cameras", "Cameras", cameras::tables(rig)),
-        section("rig", "Where they stand", rig::picture(rig)),
+        section("rig", "Where they stand", rig::picture(rig, &evidence.outlines)),
         section("residuals", "Residuals", residuals::maps(rig, evidence)),
         section("pictures", "Pictures, and without distortion", previews::figures(rig, evidence)),
         section("epipolar", "Epipolar lines", overlays::figures(rig, evidence)),
@@ -69,7 +69,11 @@ fn round_down(value: f64) -> f64 {
 }
 
 fn head(rig: &RigFile) -> String {
-    let mut text = format!("<p>Method: {}", Escaped(&rig.method));
+    // What speaks against the result comes before it.
+    let doubts: String = rig.warnings.iter().map(|warning| format!("<li>{}</li>", Escaped(warning))).collect();
+    let mut text =
+        if doubts.is_empty() { String::new() } else { format!("<div class=\"notes first\"><ul>{doubts}</ul></div>\n") };
+    text += &format!("<p>Method: {}", Escaped(&rig.method));
     if let Some(quality) = &rig.quality {
         let condition = quality.condition.map_or("infinite".into(), |c| format!("{c:.1e}"));
         text += &format!(
@@ -89,7 +93,6 @@ fn head(rig: &RigFile) -> String {
             text += &format!("<p>{}</p>\n", measures.join("; "));
         }
     }
-    notes.extend(rig.warnings.iter().map(|warning| Escaped(warning).to_string()));
     for camera in &rig.cameras {
         notes.extend(camera.warnings.iter().map(|w| format!("<b>{}</b>: {}", Escaped(&camera.name), Escaped(w))));
     }

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-use super::space::{Shown, class, drawing, extent};
+use super::space::{Scene, Shown, class, drawing, extent};
 use erfgs_scene::rig_file::RigFile;
 
-pub(super) fn picture(rig: &RigFile) -> String {
+/// The rig in space, and outlines of the boards that it saw.
+pub(super) fn picture(rig: &RigFile, outlines: &[[DVec3; 4]]) -> String {
     let posed = rig.cameras.iter().filter_map(|camera| Some((camera, camera.pose?)));
     let shown: Vec<Shown<'_>> = posed
         .map(|(camera, pose)| Shown {
@@ -20,5 +21,9 @@ pub(super) fn picture(rig: &RigFile) -> String {
         Some((_, reach)) if rig.metric => format!("; the farthest is {reach:.2} m from their middle"),
         _ => String::new(),
     };
-    drawing(&shown, &format!("Drag to turn. Blue: RGB; orange: events{far}."))
+    let boards = if outlines.is_empty() { "" } else { "; grey: boards, as they were held" };
+    let caption = format!(
+        "Drag to turn. Blue: RGB; orange: events{boards}; the three axes stand in the world's origin: x red, y green, z blue{far}."
+    );
+    drawing(&Scene { cameras: &shown, outlines, metric: Some(rig.metric) }, &caption)
 }

@@ -1,6 +1,6 @@
 // Turns the picture of the rig as it is dragged: lines are given as pairs of points in space.
 for (const svg of document.querySelectorAll(".space svg")) {
-  const lines = [...svg.querySelectorAll("path")], names = [...svg.querySelectorAll("text")];
+  const lines = [...svg.querySelectorAll("path")], names = [...svg.querySelectorAll("text[data-point]")];
   let [turn, tilt] = [Number(svg.dataset.turn), Number(svg.dataset.tilt)];
   const place = ([x, y, z]) => {
     const across = x * Math.cos(turn) + z * Math.sin(turn), away = z * Math.cos(turn) - x * Math.sin(turn);

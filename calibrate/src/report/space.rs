@@ -1,10 +1,10 @@
-//! Cameras in space: a frustum for each, to be turned by dragging.
-
-use std::fmt::Write as _;
+//! Cameras in space: a frustum for each, with the world's axes, a scale, and boards; to be turned by dragging.
 
 use erfgs_page::html::Escaped;
 use erfgs_scene::{Intrinsics, Modality, Pose};
 use glam::{DVec2, DVec3};
+
+use super::round_down;
 
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 420.0;
@@ -43,11 +43,25 @@ pub(super) fn extent(centres: &[DVec3]) -> Option<(DVec3, f64)> {
     (reach > 0.0 && reach.is_finite()).then_some((middle, reach))
 }
 
+/// What is drawn.
+pub(super) struct Scene<'a> {
+    /// The cameras.
+    pub cameras: &'a [Shown<'a>],
+    /// Outlines of boards.
+    pub outlines: &'a [[DVec3; 4]],
+    /// Whether the unit is the metre; without it there are no axes and no scale.
+    pub metric: Option<bool>,
+}
+
 /// The drawing with `caption` (HTML) below; nothing where fewer than two cameras stand apart.
-pub(super) fn drawing(cameras: &[Shown<'_>], caption: &str) -> String {
+pub(super) fn drawing(scene: &Scene<'_>, caption: &str) -> String {
+    let cameras = scene.cameras;
     let centres: Vec<DVec3> = cameras.iter().map(|camera| camera.pose.centre()).collect();
     let Some((middle, reach)) = extent(&centres) else { return String::new() };
-    let scale = 0.38 * HEIGHT / reach;
+    // Boards lie before the cameras, and farther from their middle than they are.
+    let corners = scene.outlines.iter().flatten().filter(|corner| corner.is_finite());
+    let far = corners.map(|corner| corner.distance(middle)).fold(reach, f64::max).min(4.0 * reach);
+    let scale = 0.42 * HEIGHT / far;
     let place = |point: DVec3| (point - middle) * scale;
     let mut svg = format!(
         "<div class=\"space\"><svg viewBox=\"{:.0} {:.0} {WIDTH} {HEIGHT}\" data-turn=\"{TURN}\" data-tilt=\"{TILT}\" \
@@ -55,6 +69,19 @@ pub(super) fn drawing(cameras: &[Shown<'_>], caption: &str) -> String {
         -WIDTH / 2.0,
         -HEIGHT / 2.0
     );
+    for [a, b, c, d] in scene.outlines {
+        let edges = [*a, *b, *b, *c, *c, *d, *d, *a].map(place);
+        if edges.iter().all(|edge| edge.is_finite() && edge.length() < 2.0 * WIDTH) {
+            svg += &lines("board", &edges);
+        }
+    }
+    if scene.metric.is_some() {
+        let length = 0.3 * reach;
+        for (class, axis) in ["x", "y", "z"].into_iter().zip(DVec3::AXES) {
+            svg += &lines(&format!("axis-{class}"), &[place(DVec3::ZERO), place(axis * length)]);
+            svg += &label(place(axis * length), class);
+        }
+    }
     for camera in cameras {
         let i = camera.intrinsics;
         let depth = 0.22 * reach;
@@ -69,28 +96,59 @@ pub(super) fn drawing(cameras: &[Shown<'_>], caption: &str) -> String {
         for (index, at) in corners.iter().enumerate() {
             points.extend([eye, *at, *at, corners[(index + 1) % 4]]);
         }
-        let drawn: Vec<DVec2> = points.iter().map(|point| flat(*point)).collect();
-        let path: String = drawn
-            .chunks(2)
-            .map(|line| format!("M{:.1} {:.1}L{:.1} {:.1}", line[0].x, line[0].y, line[1].x, line[1].y))
-            .collect();
-        let data: Vec<String> = points.iter().map(|p| format!("[{:.1},{:.1},{:.1}]", p.x, p.y, p.z)).collect();
-        let at = flat(eye);
-        let _ = write!(
-            svg,
-            "<path class=\"{}\" d=\"{path}\" data-points=\"[{}]\"/><text class=\"tick\" text-anchor=\"middle\" \
-             x=\"{:.1}\" y=\"{:.1}\" data-point=\"[{:.1},{:.1},{:.1}]\">{}</text>",
-            camera.class,
-            data.join(","),
-            at.x,
-            at.y - 6.0,
-            eye.x,
-            eye.y,
-            eye.z,
-            Escaped(camera.name)
-        );
+        svg += &lines(camera.class, &points);
+        svg += &label(eye, camera.name);
+    }
+    if let Some(metric) = scene.metric {
+        svg += &scale_bar(scale, metric);
     }
     svg + &format!("</svg><p class=\"caption\">{caption}</p></div>\n<script>\n{}</script>\n", include_str!("rotate.js"))
+}
+
+/// Lines between every two points, which turn with the picture.
+fn lines(class: &str, points: &[DVec3]) -> String {
+    let drawn: Vec<DVec2> = points.iter().map(|point| flat(*point)).collect();
+    let path: String = drawn
+        .chunks(2)
+        .map(|line| format!("M{:.1} {:.1}L{:.1} {:.1}", line[0].x, line[0].y, line[1].x, line[1].y))
+        .collect();
+    let data: Vec<String> = points.iter().map(|p| format!("[{:.1},{:.1},{:.1}]", p.x, p.y, p.z)).collect();
+    format!("<path class=\"{class}\" d=\"{path}\" data-points=\"[{}]\"/>", data.join(","))
+}
+
+/// A word above a point, which turns with the picture.
+fn label(at: DVec3, text: &str) -> String {
+    let drawn = flat(at);
+    format!(
+        "<text class=\"tick\" text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\" data-point=\"[{:.1},{:.1},{:.1}]\">{}</text>",
+        drawn.x,
+        drawn.y - 6.0,
+        at.x,
+        at.y,
+        at.z,
+        Escaped(text)
+    )
+}
+
+/// A bar of a round length, below on the left; as everything that lies in the plane of the picture, it does not turn.
+fn scale_bar(scale: f64, metric: bool) -> String {
+    let length = round_down(0.25 * WIDTH / scale);
+    let long = length * scale;
+    let (x, y) = (-WIDTH / 2.0 + 16.0, HEIGHT / 2.0 - 14.0);
+    let text = match (metric, length) {
+        (false, length) => format!("{length} units"),
+        (true, length) if length < 0.01 => format!("{} mm", (1e6 * length).round() / 1e3),
+        (true, length) if length < 1.0 => format!("{} cm", (1e5 * length).round() / 1e3),
+        (true, length) => format!("{length} m"),
+    };
+    format!(
+        "<g class=\"scale\"><line x1=\"{x}\" x2=\"{:.1}\" y1=\"{y}\" y2=\"{y}\"/><line x1=\"{x}\" x2=\"{x}\" y1=\"{}\" \
+         y2=\"{y}\"/><line x1=\"{0:.1}\" x2=\"{0:.1}\" y1=\"{1}\" y2=\"{y}\"/></g><text class=\"tick bar\" x=\"{x}\" y=\"{2}\">\
+         {text}</text>",
+        x + long,
+        y - 6.0,
+        y - 10.0
+    )
 }
 
 /// As the script draws it at first.
@@ -98,4 +156,34 @@ fn flat(point: DVec3) -> DVec2 {
     let across = point.x * TURN.cos() + point.z * TURN.sin();
     let away = point.z * TURN.cos() - point.x * TURN.sin();
     DVec2::new(across, point.y * TILT.cos() - away * TILT.sin())
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_scene::Distortion;
+
+    use super::*;
+
+    #[test]
+    fn the_scale_bar_is_as_long_as_it_says_and_axes_and_boards_are_drawn() {
+        let intrinsics =
+            Intrinsics { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 32.0, cy: 24.0, distortion: Distortion::None };
+        let shown = |name, x: f64| Shown {
+            name,
+            class: "RGB",
+            intrinsics: &intrinsics,
+            pose: Pose { translation: DVec3::new(-x, 0.0, 0.0), ..Pose::IDENTITY },
+        };
+        let cameras = [shown("a", -0.5), shown("b", 0.5)];
+        let board = [DVec3::new(0.0, 0.0, 1.0), DVec3::new(0.2, 0.0, 1.0), DVec3::new(0.2, 0.1, 1.0), DVec3::Z];
+        let scene = Scene { cameras: &cameras, outlines: &[board], metric: Some(true) };
+        let svg = drawing(&scene, "c");
+        for part in ["axis-x", "axis-z", "class=\"board\"", "class=\"scale\""] {
+            assert!(svg.contains(part), "{part}");
+        }
+        // The farthest thing is a board's corner, sqrt(1.05) m from the middle: 160 pixels are 0.93 m.
+        assert!(svg.contains(">50 cm</text>"), "{svg}");
+        let apart = |scene: &Scene<'_>| drawing(scene, "c").contains("axis-x");
+        assert!(!apart(&Scene { metric: None, ..scene }));
+    }
 }

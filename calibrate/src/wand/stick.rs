@@ -2,6 +2,11 @@
 
 use std::{fmt, str::FromStr};
 
+use crate::board::not_metres;
+
+/// Nobody waves a longer one, metres.
+const LONGEST_M: f64 = 10.0;
+
 /// Three LEDs on a line, at known gaps.
 ///
 /// Gaps that differ tell the two ends apart; with equal gaps the LEDs must come labelled.
@@ -49,7 +54,12 @@ impl FromStr for Stick {
         let wrong = || format!("'{text}' is no wand; write the two gaps between its LEDs in metres, such as 0.13+0.26");
         let (first, second) = text.split_once('+').ok_or_else(wrong)?;
         let gap = |part: &str| part.trim().parse::<f64>().map_err(|_| wrong());
-        Self::new([gap(first)?, gap(second)?]).ok_or_else(wrong)
+        let gaps = [gap(first)?, gap(second)?];
+        let stick = Self::new(gaps).ok_or_else(wrong)?;
+        match gaps.into_iter().max_by(f64::total_cmp).and_then(|most| not_metres(most, LONGEST_M)) {
+            Some(meant) => Err(format!("a wand of {} m cannot be; {meant}", stick.length_m())),
+            None => Ok(stick),
+        }
     }
 }
 
@@ -69,6 +79,8 @@ mod tests {
         let expected = [-0.195, -0.065, 0.195];
         assert!(stick.offsets_m().iter().zip(expected).all(|(found, known)| (found - known).abs() < 1e-15));
         assert_eq!(stick.to_string(), "0.13+0.26");
+        let message = "130+260".parse::<Stick>().unwrap_err();
+        assert!(message.contains("390 m cannot be; if it is millimetres, write 0.26"), "{message}");
         for wrong in ["", "0.13", "0.13+", "0.13+-1", "nan+1", "0+1", "1+2+3"] {
             assert!(wrong.parse::<Stick>().is_err(), "{wrong}");
         }

@@ -32,10 +32,13 @@ pub enum ExchangeError {
         /// A lens model that fits.
         remedy: &'static str,
     },
-    /// Two cameras would be written under one name.
-    #[error("two cameras would be called {name} in a {format}; rename one of them")]
+    /// There is nothing to write.
+    #[error("the rig has no camera, so that there is nothing to write")]
+    Empty,
+    /// Two cameras have one name.
+    #[error("two cameras are called {name}, and a {format} tells them apart by their names; rename one of them")]
     SameName {
-        /// The name there.
+        /// The name.
         name: String,
         /// The format.
         format: Format,

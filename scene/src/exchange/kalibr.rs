@@ -4,7 +4,7 @@
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 use crate::{Distortion, Intrinsics, Modality, Pose, camera::image_side};
-use erfgs_base::atomic;
+use erfgs_base::{atomic, names::FileNames};
 use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
@@ -17,13 +17,15 @@ use crate::rig_file::{RigCamera, RigFile};
 pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
     let mut text = String::new();
     let mut before: Option<Pose> = None;
+    let mut topics = FileNames::default();
+    let topics: Vec<String> = rig.cameras.iter().map(|camera| topics.give(&topic(&camera.name))).collect();
     for (index, camera) in rig.cameras.iter().enumerate() {
         let i = &camera.intrinsics;
         let (model, coefficients) = match lens(i) {
             Lens::None => ("radtan", vec![0.0; 4]),
             Lens::Brown(k) if k.len() == 4 => ("radtan", k),
             Lens::Brown(_) => {
-                let (format, what, remedy) = (Format::Kalibr, "its polynomial goes beyond k2", "fisheye");
+                let (format, what, remedy) = (Format::Kalibr, "its polynomial goes beyond k2", "k1k2p1p2");
                 return Err(ExchangeError::Lens { camera: camera.name.clone(), format, what, remedy });
             }
             Lens::Fisheye(k) => ("equidistant", k.to_vec()),
@@ -37,7 +39,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeEr
             list(&[i.fx, i.fy, i.cx - 0.5, i.cy - 0.5]),
             i.width,
             i.height,
-            topic(&camera.name),
+            topics[index],
         );
         if let Some(before) = before {
             let rotation = DMat3::from_quat(pose.rotation * before.rotation.conjugate());
@@ -54,8 +56,8 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeEr
     let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
     atomic::write(out, text.as_bytes()).map_err(io)?;
     let mut lost = losses::common(rig, Format::Kalibr);
-    for camera in rig.cameras.iter().filter(|camera| topic(&camera.name) != camera.name) {
-        lost.push(format!("{}: it is called {} in its topic", camera.name.escape_debug(), topic(&camera.name)));
+    for (camera, topic) in rig.cameras.iter().zip(&topics).filter(|(camera, topic)| **topic != camera.name) {
+        lost.push(format!("{}: it is called {topic} in its topic", camera.name.escape_debug()));
     }
     if rig.cameras.first().and_then(|camera| camera.pose).is_some_and(|pose| pose != Pose::IDENTITY) {
         lost.push("a camchain's world is its first camera: poses are relative to it".into());

@@ -20,6 +20,8 @@ pub(super) fn common(rig: &RigFile, format: Format) -> Vec<String> {
     say(rig.quality.is_some() || cameras.iter().any(says_how_good), "does not hold how good the calibration is");
     let doubts = !rig.warnings.is_empty() || cameras.iter().any(|camera| !camera.warnings.is_empty());
     say(doubts, "holds no warnings");
+    let silent = matches!(format, Format::Colmap | Format::Nerfstudio | Format::Llff);
+    say(rig.metric && silent, "does not say that its unit is the metre: read it back with --metres");
     say(!rig.metric, "does not say that the rig's unit is not the metre");
     lost
 }

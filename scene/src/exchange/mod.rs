@@ -17,6 +17,7 @@ pub mod nerfstudio;
 mod notes;
 mod opencv;
 mod ros;
+mod toml;
 mod yaml;
 
 use std::{
@@ -27,6 +28,8 @@ use std::{
 };
 
 use crate::{Distortion, Intrinsics};
+use erfgs_base::names::FileNames;
+
 pub use camera_yaml::read_intrinsics;
 pub use error::ExchangeError;
 
@@ -47,6 +50,10 @@ pub enum Format {
     Nerfstudio,
     /// LLFF's `poses_bounds.npy`.
     Llff,
+    /// caliscope's `camera_array.toml`.
+    Caliscope,
+    /// pose2sim's `Calib.toml`.
+    Pose2sim,
     /// Our own `rig.json`.
     Rig,
 }
@@ -62,8 +69,14 @@ impl FromStr for Format {
             "ros" => Self::Ros,
             "nerfstudio" => Self::Nerfstudio,
             "llff" => Self::Llff,
+            "caliscope" => Self::Caliscope,
+            "pose2sim" => Self::Pose2sim,
             "rig" => Self::Rig,
-            _ => return Err("the formats are colmap, kalibr, opencv, ros, nerfstudio, llff and rig".into()),
+            _ => {
+                return Err(
+                    "the formats are colmap, kalibr, opencv, ros, nerfstudio, llff, caliscope, pose2sim and rig".into(),
+                );
+            }
         })
     }
 }
@@ -77,29 +90,60 @@ impl fmt::Display for Format {
             Self::Ros => "ROS camera_info",
             Self::Nerfstudio => "nerfstudio transforms.json",
             Self::Llff => "LLFF poses_bounds.npy",
+            Self::Caliscope => "caliscope camera_array.toml",
+            Self::Pose2sim => "pose2sim Calib.toml",
             Self::Rig => "rig.json",
         })
     }
 }
 
-/// Writes a rig. What the format cannot hold comes back, a sentence for each.
+/// Writes a rig. What the format cannot hold comes back, a sentence for each. Names of cameras become names of files in what is
+/// written, whatever characters they have.
 ///
 /// # Errors
-/// If a camera has no pose where the format needs one, its lens does not fit, or a file cannot be written.
+/// If there is no camera, two have the same name, one has no pose where the format needs one, its lens does not fit, or a file
+/// cannot be written.
 pub fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<String>, ExchangeError> {
-    match format {
-        Format::Colmap => colmap::write(rig, out),
-        Format::Kalibr => kalibr::write(rig, out),
-        Format::OpenCv => opencv::write(rig, out),
-        Format::Ros => ros::write(rig, out),
-        Format::Nerfstudio => nerfstudio::write(rig, out),
-        Format::Llff => llff::write(rig, out),
-        Format::Rig => rig.write(out).map(|()| Vec::new()).map_err(ExchangeError::from),
+    let mut names = BTreeSet::new();
+    if rig.cameras.is_empty() {
+        return Err(ExchangeError::Empty);
     }
+    if let Some(twice) = rig.cameras.iter().find(|camera| !names.insert(camera.name.as_str())) {
+        return Err(ExchangeError::SameName { name: twice.name.clone(), format });
+    }
+    if format == Format::Rig {
+        return rig.write(out).map(|()| Vec::new()).map_err(ExchangeError::from);
+    }
+    let (rig, renamed) = named(rig);
+    let mut lost = match format {
+        Format::Colmap => colmap::write(&rig, out),
+        Format::Kalibr => kalibr::write(&rig, out),
+        Format::OpenCv => opencv::write(&rig, out),
+        Format::Ros => ros::write(&rig, out),
+        Format::Nerfstudio => nerfstudio::write(&rig, out),
+        Format::Llff => llff::write(&rig, out),
+        Format::Caliscope | Format::Pose2sim => toml::write(&rig, format, out),
+        Format::Rig => Ok(Vec::new()),
+    }?;
+    lost.extend(renamed);
+    Ok(lost)
+}
+
+/// The rig with names that can be those of files in one folder, and a sentence for each camera that is called differently then.
+fn named(rig: &RigFile) -> (RigFile, Vec<String>) {
+    let (mut rig, mut names, mut renamed) = (rig.clone(), FileNames::default(), Vec::new());
+    for camera in &mut rig.cameras {
+        let name = names.give(&camera.name);
+        if name != camera.name {
+            renamed.push(format!("{}: it is called {name} there", camera.name.escape_debug()));
+        }
+        camera.name = name;
+    }
+    (rig, renamed)
 }
 
 /// Reads a rig in any format, told by what is there: a folder with a COLMAP model or with YAML files of OpenCV or ROS, one
-/// such file, a `camchain` (YAML), `transforms.json`, LLFF's array (`.npy`) or `rig.json`. What it says beyond a rig is in the
+/// such file, a `camchain` (YAML), `transforms.json`, LLFF's array (`.npy`), caliscope's or pose2sim's TOML, or `rig.json`. What it says beyond a rig is in the
 /// rig's warnings, a sentence for each.
 ///
 /// # Errors
@@ -113,6 +157,7 @@ pub fn read(path: &Path) -> Result<RigFile, ExchangeError> {
             Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path)?,
             Some("yaml" | "yml") => kalibr::read(path)?,
             Some("npy") => llff::read(path)?,
+            Some("toml") => toml::read(path)?,
             _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path)?,
             _ => return Ok(RigFile::read(path)?),
         }
@@ -126,21 +171,9 @@ pub fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     Ok(rig)
 }
 
-/// The files of a format with one for each camera, and a sentence for each camera that cannot be called in a file system as
-/// it is in the rig.
-fn files(rig: &RigFile, format: Format, out: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ExchangeError> {
-    let (mut files, mut renamed, mut names) = (Vec::new(), Vec::new(), BTreeSet::new());
-    for camera in &rig.cameras {
-        let name = camera.name.replace(|c: char| matches!(c, '/' | '\\') || c.is_control(), "_");
-        if name != camera.name {
-            renamed.push(format!("{}: its file is called {name}.yaml", camera.name.escape_debug()));
-        }
-        files.push(out.join(format!("{name}.yaml")));
-        if !names.insert(name.clone()) {
-            return Err(ExchangeError::SameName { name, format });
-        }
-    }
-    Ok((files, renamed))
+/// The files of a format with one for each camera.
+fn files(rig: &RigFile, out: &Path) -> Vec<PathBuf> {
+    rig.cameras.iter().map(|camera| out.join(format!("{}.yaml", camera.name))).collect()
 }
 
 /// The camera's pose, which the format cannot do without.

@@ -17,14 +17,11 @@ use super::{
 use crate::rig_file::{RigCamera, RigFile};
 
 pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
-    let (paths, renamed) = files(rig, Format::OpenCv, out)?;
-    for (camera, path) in rig.cameras.iter().zip(paths) {
+    for (camera, path) in rig.cameras.iter().zip(files(rig, out)) {
         let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
         atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
     }
-    let mut lost = losses::common(rig, Format::OpenCv);
-    lost.extend(renamed);
-    Ok(lost)
+    Ok(losses::common(rig, Format::OpenCv))
 }
 
 fn file(camera: &RigCamera) -> String {

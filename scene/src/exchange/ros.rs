@@ -18,13 +18,11 @@ use crate::rig_file::{RigCamera, RigFile};
 pub(super) const OWN_KEY: &str = "projection_matrix";
 
 pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
-    let (paths, renamed) = files(rig, Format::Ros, out)?;
-    for (camera, path) in rig.cameras.iter().zip(paths) {
+    for (camera, path) in rig.cameras.iter().zip(files(rig, out)) {
         let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
         atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
     }
     let mut lost = losses::common(rig, Format::Ros);
-    lost.extend(renamed);
     if rig.cameras.iter().any(|camera| camera.pose.is_some()) {
         lost.push("a ROS camera_info holds no poses; publish them as transforms (tf)".into());
     }

@@ -45,6 +45,7 @@ fn rigs_come_back_from_every_format_that_can_be_read() {
             (Format::Kalibr, "camchain.yaml"),
             (Format::OpenCv, "opencv"),
             (Format::Nerfstudio, "transforms.json"),
+            (Format::Pose2sim, "Calib.toml"),
             (Format::Rig, "rig.json"),
         ] {
             let path = folder.path().join(name);
@@ -206,32 +207,107 @@ fn what_a_format_says_beyond_a_rig_is_told() {
     assert_eq!(read(&path).unwrap().cameras[0].intrinsics.distortion, Distortion::KannalaBrandt([0.1, 0.0, 0.0, 0.2]));
 }
 
+const ALL: [(Format, &str); 8] = [
+    (Format::Colmap, "model"),
+    (Format::Kalibr, "camchain.yaml"),
+    (Format::OpenCv, "opencv"),
+    (Format::Ros, "ros"),
+    (Format::Nerfstudio, "transforms.json"),
+    (Format::Llff, "poses_bounds.npy"),
+    (Format::Caliscope, "camera_array.toml"),
+    (Format::Pose2sim, "Calib.toml"),
+];
+
 #[test]
-fn names_that_are_no_files_stay_in_the_folder_and_names_that_meet_are_refused() {
+fn names_that_are_no_files_stay_in_the_folder_and_apart() {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = rig(Distortion::None);
-    rig.cameras[0].name = "../a".into();
-    for format in [Format::OpenCv, Format::Ros] {
-        let out = folder.path().join(format!("{format}"));
-        let lost = write(&rig, format, &out).unwrap().join("\n");
-        assert!(lost.contains("../a: its file is called .._a.yaml"), "{lost}");
-        assert!(out.join(".._a.yaml").is_file() && !folder.path().join("a.yaml").exists());
-        let mut same = rig.clone();
-        same.cameras[1].name = "..\\a".into();
-        assert!(matches!(write(&same, format, &out), Err(ExchangeError::SameName { .. })));
+    for (camera, name) in rig.cameras.iter_mut().zip(["../../x", "..\\..\\x", "a b\n c"]) {
+        camera.name = name.into();
     }
-    rig.cameras[1].name = "../a".into();
-    let path = folder.path().join("model");
-    write(&rig, Format::Colmap, &path).unwrap();
-    let said = read(&path).unwrap().warnings.join("\n");
-    assert!(said.contains("several cameras are called ../a"), "{said}");
+    for (format, name) in ALL {
+        let out = folder.path().join("a/b").join(name);
+        std::fs::create_dir_all(out.parent().unwrap()).unwrap();
+        let lost = write(&rig, format, &out).unwrap().join("\n");
+        assert!(lost.contains("../../x: it is called _.._.._x there"), "{format}: {lost}");
+        let read = read(&out).unwrap();
+        let names: BTreeSet<&str> = read.cameras.iter().map(|camera| camera.name.as_str()).collect();
+        assert_eq!(names.len(), 3, "{format}: {names:?}");
+        assert!(names.iter().all(|name| !name.contains([' ', '/', '\\', '\n'])), "{format}: {names:?}");
+    }
+    let beside: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(beside, ["a"]);
+}
+
+#[test]
+fn two_cameras_of_one_name_and_rigs_without_cameras_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut same = rig(Distortion::None);
+    same.cameras[1].name = "a".into();
+    let empty = RigFile::new("wand", true, Vec::new());
+    for (format, name) in ALL.into_iter().chain([(Format::Rig, "rig.json")]) {
+        let out = folder.path().join(name);
+        let message = write(&same, format, &out).unwrap_err().to_string();
+        assert!(message.contains("two cameras are called a"), "{message}");
+        assert!(matches!(write(&empty, format, &out), Err(ExchangeError::Empty)), "{format}");
+        assert!(!out.exists(), "{format}");
+    }
+}
+
+#[test]
+fn caliscope_and_pose2sim_come_back_and_are_read_as_they_write() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rig = rig(Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]));
+    for (number, camera) in [4, 0, 7].into_iter().zip(&mut rig.cameras) {
+        camera.name = format!("cam_{number}");
+    }
+    rig.cameras[2].pose = None;
+    for format in [Format::Caliscope, Format::Pose2sim] {
+        let path = folder.path().join("rig.toml");
+        write(&rig, format, &path).unwrap();
+        let found = read(&path).unwrap();
+        assert_eq!(found.warnings, Vec::<String>::new());
+        for camera in &rig.cameras {
+            let other = found.camera(&camera.name).unwrap();
+            assert_eq!(other.intrinsics, camera.intrinsics, "{format}");
+            assert_eq!(other.pose.is_some(), camera.pose.is_some());
+            if let (Some(a), Some(b)) = (camera.pose, other.pose) {
+                assert!((a.centre() - b.centre()).length() < 1e-12 && a.rotation.angle_between(b.rotation) < 1e-7);
+            }
+        }
+    }
+    // As pose2sim writes it.
+    let text = "[int_cam01]\nname = \"cam01\"\nsize = [ 1088.0, 1920.0]\nmatrix = [ [ 1681.5, 0.0, 544.0], [ 0.0, 1682.5, 960.0], \
+                [ 0.0, 0.0, 1.0]]\ndistortions = [ -0.05, 0.01, 0.0, 0.0]\nrotation = [ 1.5, -0.5, 0.5]\ntranslation = [ 0.8, \
+                -0.5, 5.25]\nfisheye = false\n\n[metadata]\nadjusted = false\nerror = 0.3\n";
+    let path = folder.path().join("Calib.toml");
+    std::fs::write(&path, text).unwrap();
+    let camera = read(&path).unwrap().cameras.remove(0);
+    assert_eq!((camera.name.as_str(), camera.intrinsics.height, camera.intrinsics.cx), ("cam01", 1920, 544.5));
+    assert_eq!(camera.pose.unwrap().translation, DVec3::new(0.8, -0.5, 5.25));
+    for (from, to, said) in [
+        ("1088.0", "-3", "side"),
+        ("1681.5", "nan", "no numbers"),
+        ("matrix", "m", "no camera with a matrix"),
+        ("[ 1.5, -0.5, 0.5]", "[ 1.5, -0.5]", "rotation and translation"),
+        ("[ -0.05, 0.01, 0.0, 0.0]", "[1,2,3,4,5,6,7,8,9]", "9 distortion"),
+        ("size = [", "size = ", "Calib.toml"),
+    ] {
+        std::fs::write(&path, text.replace(from, to)).unwrap();
+        let message = read(&path).unwrap_err().to_string();
+        assert!(message.contains(said) && message.contains("Calib.toml"), "{from}: {message}");
+    }
 }
 
 #[test]
 fn what_no_other_format_holds_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let mut rig = rig(Distortion::None);
-    assert_eq!(write(&rig, Format::Colmap, &folder.path().join("m")).unwrap(), Vec::<String>::new());
+    assert_eq!(write(&rig, Format::Pose2sim, &folder.path().join("m.toml")).unwrap(), Vec::<String>::new());
+    for format in [Format::Colmap, Format::Nerfstudio, Format::Llff] {
+        let lost = write(&rig, format, &folder.path().join(format!("{format}"))).unwrap().join("\n");
+        assert!(lost.contains("does not say that its unit is the metre"), "{format}: {lost}");
+    }
     rig.metric = false;
     rig.cameras[0].modality = Modality::Event;
     rig.cameras[1].rms_px = Some(0.3);

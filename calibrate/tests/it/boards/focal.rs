@@ -27,7 +27,7 @@ fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> Seen {
         BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
     };
     let views = places.iter().enumerate().map(view).collect();
-    Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views }
+    Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views, unreadable: None }
 }
 
 /// A board that slides along its rows at one distance, and tilts by up to `tilt` radians about both axes.

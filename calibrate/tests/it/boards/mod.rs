@@ -3,6 +3,8 @@
 
 mod aprilgrids;
 mod chessboards;
+mod coverage;
+mod doubt;
 mod focal;
 mod moving;
 mod report;

@@ -51,6 +51,7 @@ fn their_corners(file: &Path) -> Vec<Seen> {
         size: [1280, 720],
         frames: 57,
         views,
+        unreadable: None,
     };
     cameras.into_iter().map(seen).collect()
 }

@@ -1,5 +1,7 @@
 //! Sensor and lens of a frame of `transforms.json`.
 
+use glam::{DMat3, DVec3};
+
 use super::keys::LensKeys;
 use crate::{Distortion, Intrinsics, camera::image_side, exchange::json::Number};
 
@@ -51,7 +53,22 @@ impl Lens {
         };
         let down = Focal::new(keys.fl_y, keys.camera_angle_y.filter(|_| keys.fl_x.is_none()))?;
         let centre = [keys.cx, keys.cy].map(|centre| centre.map(|Number(centre)| centre));
-        let lens = Self { size, focal: [across, down.unwrap_or(Focal::Square)], centre, distortion: distortion(keys)? };
+        let plain = Self { size, focal: [across, down.unwrap_or(Focal::Square)], centre, distortion: Distortion::None };
+        let intrinsics = plain.intrinsics(size.unwrap_or([1, 1])).checked()?;
+        // How far from the axis images reach, as the tangent of the angle.
+        let reach = match (size, across) {
+            (Some(_), _) => {
+                let far = |centre: f64, side: u32, focal: f64| centre.max(f64::from(side) - centre) / focal;
+                far(intrinsics.cx, intrinsics.width, intrinsics.fx).hypot(far(
+                    intrinsics.cy,
+                    intrinsics.height,
+                    intrinsics.fy,
+                ))
+            }
+            (None, Focal::Angle(tangent)) => 1.25 * tangent,
+            (None, _) => 1.0,
+        };
+        let lens = Self { distortion: distortion(keys, reach)?, ..plain };
         lens.intrinsics(size.unwrap_or([1, 1])).checked()?;
         Ok(lens)
     }
@@ -80,8 +97,8 @@ impl Lens {
 }
 
 /// nerfstudio tells apart perspective models by name alone: all share one polynomial of up to four radial coefficients and two
-/// tangential ones, of which ours has no fourth. FULL_OPENCV is COLMAP's, OpenCV's rational model.
-fn distortion(keys: &LensKeys) -> Result<Distortion, String> {
+/// tangential ones, of which ours has no fourth: a rational polynomial takes its place. FULL_OPENCV is COLMAP's, OpenCV's rational model.
+fn distortion(keys: &LensKeys, reach: f64) -> Result<Distortion, String> {
     let LensKeys { k1, k2, k3, k4, k5, k6, p1, p2, .. } = keys;
     let k = [k1, k2, p1, p2, k3, k4, k5, k6].map(|value| value.map_or(0.0, |Number(value)| value));
     let [k1, k2, p1, p2, k3, k4, k5, k6] = k;
@@ -101,9 +118,15 @@ fn distortion(keys: &LensKeys) -> Result<Distortion, String> {
                 .to_owned())
         }
         other if fisheye => Err(format!("is_fisheye contradicts the camera model {other}; correct one of them")),
-        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" if [k4, k5, k6] != [0.0; 3] => {
-            // nerfstudio's k4 is the fourth radial term, OpenCV's the first of a denominator.
-            Err(format!("a k4, k5 or k6 with the model {model} cannot be held; calibrate without"))
+        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" if [k5, k6] != [0.0; 2] => {
+            Err(format!("a k5 or k6 with the model {model} cannot be held; calibrate without"))
+        }
+        // nerfstudio's k4 is the fourth radial term, OpenCV's the first of a denominator.
+        "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" if k4 != 0.0 => {
+            let [n1, n2, n3, d1, d2, d3] = rational([k1, k2, k3, k4], reach).ok_or_else(|| {
+                format!("k1 to k4 with the model {model} bend images more than our lenses can; calibrate without k4")
+            })?;
+            Ok(Distortion::BrownConrady([n1, n2, p1, p2, n3, d1, d2, d3]))
         }
         "SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV" if k == [0.0; 8] => {
             Ok(Distortion::None)
@@ -117,4 +140,31 @@ fn distortion(keys: &LensKeys) -> Result<Distortion, String> {
             other.escape_debug()
         )),
     }
+}
+
+/// The polynomial 1 + a1 s + a2 s² + a3 s³ + a4 s⁴ as (1 + n1 s + n2 s² + n3 s³) / (1 + d1 s + d2 s² + d3 s³): Padé's
+/// approximation, which agrees with it to the sixth power. `None` where images that reach as far as `reach` would differ by more
+/// than a ten-thousandth of the focal length, a twentieth of a pixel or so.
+fn rational([a1, a2, a3, a4]: [f64; 4], reach: f64) -> Option<[f64; 6]> {
+    const DIFFERS: f64 = 1e-4;
+    let matrix = DMat3::from_cols(DVec3::new(a3, a4, 0.0), DVec3::new(a2, a3, a4), DVec3::new(a1, a2, a3));
+    let d = matrix.inverse() * DVec3::new(-a4, 0.0, 0.0);
+    let n = [a1 + d.x, a2 + a1 * d.x + d.y, a3 + a2 * d.x + a1 * d.y + d.z];
+    // A distorted image reaches as far as an undistorted one that is larger or smaller.
+    for step in 1..=400 {
+        let r = 0.01 * f64::from(step) * reach;
+        let s = r * r;
+        let wanted = 1.0 + s * (a1 + s * (a2 + s * (a3 + s * a4)));
+        let under = 1.0 + s * (d.x + s * (d.y + s * d.z));
+        let found = (1.0 + s * (n[0] + s * (n[1] + s * n[2]))) / under;
+        // NaN is not near, either.
+        let near = (r * (wanted - found)).abs() < DIFFERS && under > 0.0;
+        if !near {
+            return None;
+        }
+        if r * wanted > reach {
+            break;
+        }
+    }
+    Some([n[0], n[1], n[2], d.x, d.y, d.z])
 }

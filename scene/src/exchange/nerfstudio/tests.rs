@@ -40,12 +40,27 @@ fn every_radial_coefficient_is_kept_or_refused() {
         assert_eq!(distortion(&keys), Distortion::KannalaBrandt([0.1, 0.2, 0.3, 0.4]));
         assert_eq!(distortion(fisheye), Distortion::KannalaBrandt([0.0; 4]), "no pinhole");
     }
-    for keys in ["\"k4\": 0.1", "\"camera_model\": \"OPENCV\", \"k6\": 0.1"] {
+    for (keys, said) in [("\"k4\": 0.1", "without k4"), ("\"camera_model\": \"OPENCV\", \"k6\": 0.1", "a k5 or k6")] {
         let message = refused(&format!("{SIZE}, {keys}"));
-        assert!(message.contains("a.png") && message.contains("OPENCV") && message.contains("k4"), "{message}");
+        assert!(message.contains("a.png") && message.contains("OPENCV") && message.contains(said), "{message}");
     }
     let message = refused(&format!("{SIZE}, \"camera_model\": \"OPENCV_FISHEYE\", \"p1\": 0.1"));
     assert!(message.contains("p1"), "{message}");
+}
+
+#[test]
+fn a_fourth_radial_coefficient_becomes_a_rational_lens_that_shows_the_same() {
+    let lens = distortion("\"k1\": -0.25, \"k2\": 0.07, \"k3\": -0.02, \"k4\": 0.003, \"p1\": 0.001");
+    let i = Intrinsics { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, distortion: lens };
+    for (x, y) in [(0.0, 0.0), (0.3, -0.2), (0.64, 0.48), (-0.64, 0.48), (0.0, 0.5)] {
+        let s = x * x + y * y;
+        let radial = 1.0 + s * (-0.25 + s * (0.07 + s * (-0.02 + s * 0.003)));
+        // p1 as OpenCV has it.
+        let wanted = [x * radial + 2.0 * 0.001 * x * y, y * radial + 0.001 * (s + 2.0 * y * y)];
+        let found = i.project(glam::DVec3::new(x, y, 1.0)).unwrap();
+        let off = glam::DVec2::new(320.0 + 500.0 * wanted[0], 240.0 + 500.0 * wanted[1]).distance(found);
+        assert!(off < 0.05, "{x} {y}: {off} px");
+    }
 }
 
 #[test]

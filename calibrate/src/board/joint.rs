@@ -1,0 +1,130 @@
+//! All cameras together: boards that were seen at the same instant are one board.
+
+use std::collections::BTreeMap;
+
+use glam::DVec2;
+
+use super::{
+    BoardError, BoardOptions, BoardView, Seen, Target,
+    alone::Alone,
+    chain::{Boards, Chain},
+    intrinsics::{board_pose, mark_gross, observations, spread},
+};
+use crate::{
+    bundle::{Bundle, BundleCamera, Loss, Options, Parameter, Placement, Solution},
+    evidence::Moment,
+};
+
+/// The solved problem of all cameras.
+pub(super) struct Joint {
+    pub bundle: Bundle,
+    /// When each board was seen.
+    pub moments: Vec<Moment>,
+    /// The passes of the solver, by name.
+    pub passes: Vec<(&'static str, Solution)>,
+    /// Whether time offsets were estimated.
+    pub timed: bool,
+}
+
+/// Each camera's boards.
+pub(super) fn boards(seen: &[&Seen], target: &Target, alone: &[&Alone]) -> Vec<Boards> {
+    let of = |(seen, alone): (&&Seen, &&Alone)| {
+        let views = seen.views.iter().filter(|view| spread(view));
+        views.filter_map(|view| Some((view.instant.clone(), board_pose(view, target, &alone.intrinsics)?))).collect()
+    };
+    seen.iter().zip(alone).map(of).collect()
+}
+
+/// Whether all frames have times, so that offsets can be estimated.
+pub(super) fn has_times(seen: &[&Seen]) -> bool {
+    seen.iter().all(|seen| seen.views.iter().all(|view| view.time_s.is_some()))
+}
+
+/// Solves for all cameras of `chain`, of which `seen` and `alone` have an entry each.
+pub(super) fn solve(
+    seen: &[&Seen],
+    target: &Target,
+    options: &BoardOptions,
+    alone: &[&Alone],
+    chain: &Chain,
+    boards: &[Boards],
+) -> Result<Joint, BoardError> {
+    let (mut bundle, moments) = problem(seen, target, options, alone, chain, boards);
+    let timed = options.time_offsets && has_times(seen);
+    let first = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
+    mark_gross(&mut bundle);
+    let last = bundle.solve(&Options::default())?;
+    Ok(Joint { bundle, moments, passes: vec![("all cameras, robust", first), ("all cameras", last)], timed })
+}
+
+fn problem(
+    seen: &[&Seen],
+    target: &Target,
+    options: &BoardOptions,
+    alone: &[&Alone],
+    chain: &Chain,
+    boards: &[Boards],
+) -> (Bundle, Vec<Moment>) {
+    let mut bundle = Bundle::default();
+    let timed = options.time_offsets && has_times(seen);
+    let poses = &chain.poses;
+    for (index, ((seen, alone), pose)) in seen.iter().zip(alone).zip(poses).enumerate() {
+        let mut free = Vec::new();
+        if alone.single.is_some() && !options.keep_intrinsics {
+            free = options.lens_parameters();
+        }
+        if index > 0 {
+            free.extend(Parameter::POSE);
+            if timed {
+                free.push(Parameter::TimeOffset);
+            }
+        }
+        let (name, intrinsics) = (seen.camera.clone(), alone.intrinsics);
+        bundle.cameras.push(BundleCamera { name, intrinsics, pose: *pose, time_offset_s: 0.0, free });
+    }
+    let mut placements: BTreeMap<&str, (usize, Option<f64>)> = BTreeMap::new();
+    let mut moments = Vec::new();
+    for (index, seen) in seen.iter().enumerate() {
+        for (number, view) in seen.views.iter().enumerate() {
+            let Some(board) = boards[index].get(&view.instant) else { continue };
+            let (placement, time_s) = *placements.entry(&view.instant).or_insert_with(|| {
+                bundle.placements.push(Placement::Board(board.then(&poses[index].inverse())));
+                moments.push(view.moment());
+                (bundle.placements.len() - 1, view.time_s)
+            });
+            // To the instant's time, at the speed at which each corner moves across the image.
+            let late = view.time_s.zip(time_s).map_or(0.0, |(own, shared)| own - shared);
+            let around = [number.checked_sub(1).and_then(|before| seen.views.get(before)), seen.views.get(number + 1)];
+            for mut observation in observations(view, target, index, placement, alone[index].sigma_px()) {
+                if view.time_s.is_some() {
+                    let corner = view.corners.iter().find(|corner| corner.pixel == observation.pixel);
+                    let velocity = corner.map_or(DVec2::ZERO, |corner| velocity(corner.id, view, around));
+                    observation.pixel -= velocity * late;
+                    if timed {
+                        observation.velocity = velocity;
+                    }
+                }
+                bundle.observations.push(observation);
+            }
+        }
+    }
+    (bundle, moments)
+}
+
+/// How fast a corner moves, pixels per second, from the views before and after.
+fn velocity(id: u32, view: &BoardView, around: [Option<&BoardView>; 2]) -> DVec2 {
+    /// Views farther apart say nothing about the speed.
+    const NEAR_S: f64 = 0.5;
+    let at = |view: Option<&BoardView>| {
+        let view = view?;
+        let corner = view.corners.iter().find(|corner| corner.id == id)?;
+        Some((view.time_s?, corner.pixel))
+    };
+    let here = at(Some(view));
+    let near = |other: Option<(f64, DVec2)>| other.filter(|o| here.is_some_and(|h| (o.0 - h.0).abs() < NEAR_S));
+    let (before, after) = (near(at(around[0])), near(at(around[1])));
+    match before.or(here).zip(after.or(here)) {
+        Some(((t0, p0), (t1, p1))) if t1 > t0 => (p1 - p0) / (t1 - t0),
+        _ => DVec2::ZERO,
+    }
+}

@@ -1,0 +1,104 @@
+//! Whether standard deviations cover what they claim to.
+
+use erfgs_base::random;
+use erfgs_calibrate::{
+    board::{BoardOptions, BoardView, Corner, LensModel, Seen, Target, calibrate, look, single},
+    bundle::Loss,
+};
+use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::RigFile};
+use glam::{DQuat, DVec2, DVec3};
+
+use super::chessboards::{folder, target};
+
+const LENS: Intrinsics =
+    Intrinsics { width: 640, height: 480, fx: 600.0, fy: 600.0, cx: 322.0, cy: 238.0, distortion: Distortion::None };
+
+/// Twenty views of a board that is bent by up to 2 mm, another way in each view: an error that all corners of a view share.
+fn bent(seed: u64) -> (Seen, Target) {
+    let board: Target = "chessboard:8x5:0.03".parse().unwrap();
+    let view = |number: u64| {
+        let draw = |of: u64, from, to| random::range(random::key(seed, &[number, of]), from, to);
+        let rotation = DQuat::from_scaled_axis(DVec3::new(draw(0, -0.7, 0.7), draw(1, -0.7, 0.7), draw(2, -0.5, 0.5)));
+        let at = DVec3::new(draw(3, -0.15, 0.15), draw(4, -0.1, 0.1), draw(5, 0.4, 0.8));
+        let pose = Pose { rotation, translation: at - rotation * DVec3::new(0.105, 0.06, 0.0) };
+        let bend = draw(6, -0.002, 0.002);
+        let corner = |id: u32| {
+            let mut point = board.point(id).unwrap();
+            point.z = bend * ((point.x - 0.105) / 0.105).powi(2);
+            let key = random::key(seed, &[number, 100 + u64::from(id)]);
+            let noise = DVec2::new(random::normal(key), random::normal(random::extend(key, 1))) * 0.1;
+            Corner { id, pixel: LENS.project(pose.transform(point)).unwrap() + noise }
+        };
+        let corners = (0..40).map(corner).collect();
+        BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
+    };
+    let views = (0..20).map(view).collect();
+    (Seen { camera: "a".into(), size: [640, 480], frames: 20, views, ..Seen::default() }, board)
+}
+
+#[test]
+fn what_all_corners_of_a_view_share_is_in_the_deviations() {
+    let (mut squares, mut promised, mut count, mut within) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..12 {
+        let (seen, board) = bent(seed);
+        let found = single(&seen, &board, LensModel::Pinhole, false).unwrap();
+        let i = found.bundle.cameras[0].intrinsics;
+        let each_its_own = found.bundle.uncertainty(Loss::Squared).unwrap();
+        let off = [i.fx - LENS.fx, i.fy - LENS.fy, i.cx - LENS.cx, i.cy - LENS.cy];
+        for ((off, sigma), own) in
+            off.iter().zip(&found.uncertainty.cameras[0].sigma).zip(&each_its_own.cameras[0].sigma)
+        {
+            squares += (off / sigma).powi(2);
+            promised += (off / own).powi(2);
+            within += f64::from(u8::from(off.abs() < 2.0 * sigma));
+            count += 1.0;
+        }
+    }
+    let (rms, before) = (f64::sqrt(squares / count), f64::sqrt(promised / count));
+    println!(
+        "errors are {rms:.2} deviations (rms), {before:.2} of those that take each corner for itself; {:.0} % within two",
+        100.0 * within / count
+    );
+    assert!(rms < 1.3 && within / count > 0.85, "{rms} {}", within / count);
+    assert!(before > 1.7, "the case shows nothing: {before}");
+}
+
+/// Every figure of a rig with its deviation.
+fn figures(rig: &RigFile) -> Vec<(String, f64, f64)> {
+    let mut figures = Vec::new();
+    for camera in &rig.cameras {
+        let (i, sigma) = (&camera.intrinsics, camera.sigma.as_ref().unwrap());
+        for (name, value) in [("fx", i.fx), ("fy", i.fy), ("cx", i.cx), ("cy", i.cy)] {
+            figures.push((format!("{} {name}", camera.name), value, sigma.intrinsics[name].unwrap()));
+        }
+        if let Some(pose) = camera.pose.filter(|pose| *pose != Pose::IDENTITY) {
+            for axis in 0..3 {
+                let name = format!("{} centre {axis}", camera.name);
+                figures.push((name, pose.centre()[axis], sigma.centre_m[axis].unwrap()));
+            }
+        }
+    }
+    figures
+}
+
+#[test]
+fn halves_of_a_recording_agree_within_their_deviations() {
+    let seen = look(&folder(), &target(), None, &|_, _| {}).unwrap();
+    let half = |odd: usize| -> RigFile {
+        let part = |seen: &Seen| Seen {
+            views: seen.views.iter().enumerate().filter(|(n, _)| n % 2 == odd).map(|(_, view)| view.clone()).collect(),
+            ..seen.clone()
+        };
+        let seen: Vec<Seen> = seen.iter().map(part).collect();
+        let options = BoardOptions { model: LensModel::Brown4, ..BoardOptions::default() };
+        calibrate(&seen, &target(), &options, &|_, _, _| {}).unwrap().0
+    };
+    let (one, other) = (figures(&half(0)), figures(&half(1)));
+    let mut within = 0;
+    for ((name, a, sigma_a), (_, b, sigma_b)) in one.iter().zip(&other) {
+        let off = (a - b) / sigma_a.hypot(*sigma_b);
+        println!("{name}: {a:.4} ± {sigma_a:.4}, {b:.4} ± {sigma_b:.4}: {off:+.2}");
+        within += usize::from(off.abs() < 2.0);
+    }
+    assert!(10 * within >= 8 * one.len(), "{within} of {}", one.len());
+}
