@@ -5,6 +5,7 @@
 //! with the datasets, because nothing is joined: a frame goes out as the camera gave it, at its own size, and the clocks of
 //! the stream, where the caller has them, only date it.
 
+mod event_video;
 mod events;
 mod frames;
 mod sensor_frames;
@@ -17,6 +18,7 @@ use std::{
 use erfgs_events::{EventEncoding, hdf5::Hdf5Error, npz::NpzError};
 use erfgs_scene::{image::ImageError, video::VideoError};
 
+pub use event_video::{EventVideo, WrittenVideo, write_event_video};
 pub use events::{EventsFormat, write_events};
 pub use frames::{Exposures, FramesFormat, write_frames};
 
