@@ -165,9 +165,12 @@ fn a_playback_is_paused_sought_stepped_and_slowed_on_its_page() {
 fn a_recording_that_is_played_again_and_again_has_a_sane_clock() {
     let folder = tempfile::tempdir().expect("a folder");
     files::write_session(folder.path());
-    let page = Played::start(folder.path(), "s.mcap", &["--speed", "8"]);
+    // Shorter than a second: nothing else tells that the device's time went back.
+    let cut = ["export", "s.mcap", "--to", "session", "--until", "0.7", "--out", "short.mcap", "--json"];
+    files::json(folder.path(), &cut);
+    let page = Played::start(folder.path(), "short.mcap", &["--speed", "8"]);
     let clock = |page: &Played| page.status()["status"]["streams"][0]["clock"].clone();
-    // Some rounds of 2.6 s each at eight times the speed.
+    // Some rounds at eight times the speed.
     let begun = std::time::Instant::now();
     while begun.elapsed() < Duration::from_secs(2) {
         if let Some(ppm) = clock(&page)["rate_ppm"].as_f64() {
