@@ -1,7 +1,9 @@
 //! `erfgs export`: runs, datasets, sessions and event files in the formats of other programs.
 
 mod dataset;
+mod event_video;
 mod events;
+mod excerpt;
 mod frames;
 mod run;
 mod scene;
@@ -48,8 +50,11 @@ A session, a recording of ROS 2 or an event file gives its event streams as
 and the frames of its cameras, and of event sensors that have frames, as
   png  one file for each frame, and their times in frames.csv; of 16 bits where the camera gave more than 8
   exr  the same in linear light; of Bayer and deep grey frames all that the sensor gave
-  mp4  a video for each camera (ffmpeg), at its mean rate
-All streams that fit the format are written, or the one named with --stream. What exists is overwritten with --force alone.
+  mp4  a video for each camera (ffmpeg), at its mean rate; of the events of an event camera, brighter and darker, at --fps, \
+--speed and --accumulate (of one that has frames, too, its events are shown over them where --accumulate is given)
+  session  a recording of its own, byte for byte, with the streams' settings and the rig: what --from and --until leave of it
+All streams that fit the format are written, or the one named with --stream; with --from and --until what arrived between these \
+seconds of the recording. Packets are kept whole, so that up to some milliseconds before the range come along. What exists is overwritten with --force alone.
 
 Exit codes: 0 exported, 1 the recording is cut off or damaged (all else was exported), 2 wrong usage.
 
@@ -60,6 +65,8 @@ Examples:
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
+  erfgs export S.mcap --to session --from 12.5 --until 14 --out throw.mcap
+  erfgs export S.mcap --to mp4 --stream ev0 --from 12.9 --until 13.1 --speed 0.02 --out slow.mp4
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
@@ -86,6 +93,14 @@ pub struct Arguments {
     /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
     size: Option<SensorSize>,
+    /// Leave out what arrived before this second of the recording.
+    #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a session or an event file")]
+    from: Option<f64>,
+    /// Leave out what arrived after this second of the recording.
+    #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a session or an event file")]
+    until: Option<f64>,
+    #[command(flatten)]
+    video: event_video::VideoOptions,
     /// Overwrite what exists.
     #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
@@ -107,6 +122,7 @@ enum Format {
     Png,
     Exr,
     Mp4,
+    Session,
 }
 
 /// What `--to` names.
@@ -128,7 +144,7 @@ fn to(text: &str) -> Result<To, String> {
         "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, dat, aedat4, csv, npz, h5, png, exr or mp4 for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
+            "raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
              for a run"
                 .into()
         }),
@@ -139,6 +155,10 @@ fn to(text: &str) -> Result<To, String> {
 enum Kind {
     Events(EventsFormat),
     Frames(FramesFormat),
+    /// Frames, and events as videos.
+    Video,
+    /// A session.
+    Session,
 }
 
 impl Format {
@@ -153,6 +173,7 @@ impl Format {
             Self::Png => "png",
             Self::Exr => "exr",
             Self::Mp4 => "mp4",
+            Self::Session => "mcap",
         }
     }
 
@@ -167,7 +188,8 @@ impl Format {
             Self::H5 => Kind::Events(EventsFormat::Hdf5),
             Self::Png => Kind::Frames(FramesFormat::Png),
             Self::Exr => Kind::Frames(FramesFormat::Exr),
-            Self::Mp4 => Kind::Frames(FramesFormat::Mp4),
+            Self::Mp4 => Kind::Video,
+            Self::Session => Kind::Session,
         }
     }
 
@@ -211,7 +233,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ))
         .into()),
         (true, None) => {
-            let what = "say in which format to export the recording: --to raw, dat, aedat4, csv, npz, h5, png, exr or mp4";
+            let what = "say in which format to export the recording: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
             Err(Usage(what.into()).into())
         }
         (false, Some(To::Dataset(layout))) => {
@@ -255,6 +277,11 @@ struct Task {
 
 fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut recording = Recording::open(path, arguments.size)?;
+    let range = range(&recording, arguments)?;
+    if matches!(format.kind(), Kind::Session) {
+        return excerpt::export(&mut recording, range, arguments, terminal);
+    }
+    arguments.video.fits(format == Format::Mp4)?;
     let tasks = tasks(&recording, format, arguments)?;
     let same =
         |out: &Path| std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(path).ok() == Some(out));
@@ -264,10 +291,57 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
         not_over(&file, arguments.force)?;
     }
-    match format.kind() {
-        Kind::Events(format) => events::export(&mut recording, format, &tasks, terminal),
-        Kind::Frames(format) => frames::export(&mut recording, format, &tasks, terminal),
+    recording.restrict(range);
+    let mut lost = Vec::new();
+    let told = match format.kind() {
+        Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
+        Kind::Frames(format) => frames::export(&mut recording, format, &tasks, &mut lost, terminal)?,
+        Kind::Video | Kind::Session => {
+            let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
+            let (of_events, of_frames): (Vec<_>, Vec<_>) =
+                tasks.into_iter().partition(|task| arguments.video.shows_events_of(encoding(task)));
+            let mut told = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
+            told.extend(frames::export(&mut recording, FramesFormat::Mp4, &of_frames, &mut lost, terminal)?);
+            told
+        }
+    };
+    // A camera that made no pictures is no failure, unless there is nothing else.
+    if told.iter().all(|told| told.is_empty) {
+        anyhow::bail!("{} has no frames", recording.path().display());
     }
+    let exported: Vec<&serde_json::Value> = told.iter().map(|told| &told.exported).collect();
+    terminal.result(&exported, || told.iter().map(|told| told.line.as_str()).collect::<Vec<_>>().join("\n"))?;
+    complain(&recording, &lost)
+}
+
+/// What is told of a stream that became pictures.
+struct Told {
+    exported: serde_json::Value,
+    /// Whether it had none.
+    is_empty: bool,
+    line: String,
+}
+
+/// What `--from` and `--until` leave, session nanoseconds.
+fn range(recording: &Recording, arguments: &Arguments) -> anyhow::Result<Option<[i64; 2]>> {
+    let (from, until) = (arguments.from, arguments.until);
+    if from.is_none() && until.is_none() {
+        return Ok(None);
+    }
+    let summary = recording.summary();
+    let length_ns = summary.span_ns().map_or(0, |[_, last]| summary.start.session_ns(last));
+    let window = [from.map_or(0, |from| (from * 1e9) as i64), until.map_or(length_ns, |until| (until * 1e9) as i64)];
+    let seconds = length_ns as f64 * 1e-9;
+    if window[0] > length_ns {
+        let path = recording.path().display();
+        return Err(
+            Usage(format!("--from {} is behind the end: {path} is {seconds:.3} s long", from.unwrap_or(0.0))).into()
+        );
+    }
+    if window[0] >= window[1] {
+        return Err(Usage("--until must be later than --from".into()).into());
+    }
+    Ok(Some(window))
 }
 
 fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow::Result<Vec<Task>> {
@@ -275,6 +349,8 @@ fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow
     let fits = |encoding: Encoding| match format.kind() {
         Kind::Events(format) => format.fits(encoding),
         Kind::Frames(_) => encoding.is_frames() || encoding.has_sensor_frames(),
+        Kind::Video => encoding.is_frames() || encoding.is_events(),
+        Kind::Session => true,
     };
     let extension = format.extension();
     let streams = &recording.summary().streams;

@@ -29,6 +29,12 @@ impl FromStr for Iterations {
     }
 }
 
+/// A number of seconds, 0 or more.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "a number of seconds".to_owned())?;
+    if value >= 0.0 && value.is_finite() { Ok(value) } else { Err("a number of seconds, 0 or more".into()) }
+}
+
 /// The size of a sensor: `1280x720`.
 pub fn sensor_size(text: &str) -> Result<SensorSize, String> {
     let sides = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));

@@ -4,7 +4,7 @@ use std::{
     io::{IsTerminal, Write},
     net::{SocketAddr, TcpListener},
     path::{Path, PathBuf},
-    sync::{Arc, atomic::Ordering},
+    sync::{Arc, OnceLock, Weak, atomic::Ordering},
     thread,
     time::{Duration, Instant},
 };
@@ -12,8 +12,8 @@ use std::{
 use anyhow::Context;
 use erfgs_recorder as record;
 use erfgs_recorder::{
-    Input, Level, MachineFacts, Options, RecordConfig, Recorder, RigConfig, SessionFiles, SessionInfo, Status, Summary,
-    folder_of,
+    Alarm, AlarmKind, Before, Input, Level, MachineFacts, Options, RecordConfig, RecordError, Recorder, RigConfig,
+    SessionFiles, SessionInfo, Status, Summary, folder_of,
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
     preflight::{self, Finding, Plan, Verdict},
 };
@@ -40,6 +40,8 @@ Examples:
   erfgs record RIG.toml --out take1.mcap         until Ctrl-C
   erfgs record RIG.toml --out take1.mcap --seconds 30 --live
   erfgs record RIG.toml --out takes/ --wait --live 0.0.0.0:8100
+  erfgs record RIG.toml --out takes/ --before 5 --after 2 --live       Enter or the page keeps the last 5 s and 2 s more
+  erfgs record RIG.toml --out takes/ --before 1 --after 1 --on rate:4  as does a rise of an event camera's rate
   erfgs record RIG.toml --out boards.mcap --live --quick chessboard:9x6:0.025
 
 With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder \
@@ -69,6 +71,17 @@ pub struct Arguments {
     /// Only show the cameras; record when the live page says so.
     #[arg(long, requires = "live")]
     wait: bool,
+    /// Hold the last seconds in memory, and record only when asked to: by Enter, the live page or --on. Each recording begins
+    /// with what was held, and is called by the rig and the time in the folder --out.
+    #[arg(long, value_name = "SECONDS", value_parser = held, conflicts_with = "seconds")]
+    before: Option<f64>,
+    /// Such a recording ends by itself after so many seconds; without it, when it is stopped on the page or by Enter.
+    #[arg(long, value_name = "SECONDS", value_parser = held, requires = "before")]
+    after: Option<f64>,
+    /// What asks for it besides: rate:TIMES (an event camera's data come more than so many times as fast as in the two
+    /// seconds before), edge (the trigger input of an event camera rises), edge:ID (of this one). May be given twice.
+    #[arg(long, value_name = "RISE", value_parser = alarm, requires = "before")]
+    on: Vec<AlarmKind>,
     #[command(flatten)]
     quick: quick::QuickOptions,
     /// Write to the disk for so many seconds before the recording, to see how fast it is; 0 for not at all.
@@ -80,6 +93,24 @@ pub struct Arguments {
     /// Print an annotated RIG.toml with every field, and do nothing else.
     #[arg(long, exclusive = true)]
     example: bool,
+}
+
+fn held(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok().filter(|seconds| (0.01..=3600.0).contains(seconds));
+    seconds.ok_or_else(|| "write 0.01 to 3600 seconds".into())
+}
+
+fn alarm(text: &str) -> Result<AlarmKind, String> {
+    let wrong = || "write rate:TIMES with a number above 1, edge, or edge:ID".to_owned();
+    match text.split_once(':') {
+        None if text == "edge" => Ok(AlarmKind::Edge(None)),
+        Some(("edge", id)) if record::is_id(id) => Ok(AlarmKind::Edge(Some(id.to_owned()))),
+        Some(("rate", times)) => {
+            let times = times.parse::<f64>().ok().filter(|times| *times > 1.0 && times.is_finite());
+            times.map(AlarmKind::Rate).ok_or_else(wrong)
+        }
+        _ => Err(wrong()),
+    }
 }
 
 fn disk_test(text: &str) -> Result<f64, String> {
@@ -100,9 +131,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let what = format!("--seconds {seconds}: write a number above 0 and below {LONGEST_S}, or leave it out");
         return Err(Usage(what).into());
     }
-    named_as_it_will_be(out, arguments.wait)?;
-    let folder = if arguments.wait { out.clone() } else { folder_of(out) };
-    if !arguments.wait && out.exists() {
+    let waits = arguments.wait || arguments.before.is_some();
+    named_as_it_will_be(out, waits)?;
+    let folder = if waits { out.clone() } else { folder_of(out) };
+    if !waits && out.exists() {
         return Err(Usage(format!("'{}' exists already: recordings are never overwritten", out.display())).into());
     }
     let path = rig;
@@ -124,8 +156,73 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let share = if arguments.live.is_some() { 0.25 } else { 0.05 };
     let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
     arguments.quick.start(&streams, &monitor)?;
-    let recorder = Arc::new(Recorder::new(inputs, options(&rig.record, info(&rig, &findings), folder, &monitor))?);
+    let mut options = options(&rig.record, info(&rig, &findings), folder, &monitor);
+    options.before = arguments.before.map(|seconds| before(&rig.record, seconds));
+    options.after = arguments.after.map(Duration::from_secs_f64);
+    options.rig_file = Some(path.clone());
+    let told = Arc::new(OnceLock::new());
+    if !arguments.on.is_empty() {
+        if let Some(id) = unknown(&arguments.on, &streams) {
+            return Err(Usage(format!("--on edge:{id}: the rig has no event camera of that name")).into());
+        }
+        options.subscriber = Some(Arc::new(Alarm::new(
+            &streams,
+            arguments.on.clone(),
+            options.subscriber.take(),
+            keep_when_told(&told),
+        )?));
+    }
+    let recorder = Arc::new(Recorder::new(inputs, options)?);
+    let _ = told.set(Arc::downgrade(&recorder));
     record_until_told(arguments, terminal, &recorder, monitor, listener, out)
+}
+
+/// How much of the past is held.
+fn before(record: &RecordConfig, seconds: f64) -> Before {
+    Before { span: Duration::from_secs_f64(seconds), bytes: record.before_mib << 20 }
+}
+
+/// A stream that an alarm names and that is no event camera of the rig.
+fn unknown<'a>(kinds: &'a [AlarmKind], streams: &[Description]) -> Option<&'a str> {
+    let known = |id: &str| streams.iter().any(|stream| stream.id == id && stream.encoding.is_events());
+    kinds.iter().find_map(|kind| match kind {
+        AlarmKind::Edge(Some(id)) if !known(id) => Some(id.as_str()),
+        _ => None,
+    })
+}
+
+/// Is told of a stream what was seen.
+type Told = Box<dyn Fn(&str, &str) + Send>;
+
+/// Keeps the past of a recorder, once there is one, when an alarm tells.
+fn keep_when_told(recorder: &Arc<OnceLock<Weak<Recorder>>>) -> Told {
+    let recorder = Arc::clone(recorder);
+    Box::new(move |stream, what| {
+        let Some(recorder) = recorder.get().and_then(Weak::upgrade) else { return };
+        match recorder.keep_past(recorder.after()) {
+            Ok(_) => recorder.say(Level::Info, stream, format!("{what}: the past is kept")),
+            // A recording that runs keeps it anyway.
+            Err(RecordError::Busy(_)) => {}
+            Err(error) => recorder.say(Level::Error, stream, error.to_string()),
+        }
+    })
+}
+
+/// Enter keeps the past; where a recording runs without an end, it ends it.
+fn keep_at_enter(recorder: &Arc<Recorder>) -> std::io::Result<()> {
+    let recorder = Arc::downgrade(recorder);
+    // Nothing waits for this thread: it ends with its input, or with the program.
+    thread::Builder::new().name("enter".into()).spawn(move || {
+        for line in std::io::stdin().lines() {
+            let (Ok(_), Some(recorder)) = (line, recorder.upgrade()) else { return };
+            if recorder.is_recording() && recorder.after().is_none() {
+                let _ = recorder.stop_recording("stopped by Enter");
+            } else if let Err(error) = recorder.keep_past(recorder.after()) {
+                recorder.say(Level::Error, "", error.to_string());
+            }
+        }
+    })?;
+    Ok(())
 }
 
 /// Refuses a name that would surprise: a folder that looks like a session, or a session that no command would take for one.
@@ -136,7 +233,7 @@ fn named_as_it_will_be(out: &Path, is_folder: bool) -> Result<(), Usage> {
         (true, true) if !out.is_dir() => {
             let folder = out.with_extension("");
             Err(Usage(format!(
-                "with --wait, --out is the folder for recordings, and '{shown}' is named as a session: write --out {}",
+                "with --wait and --before, --out is the folder for recordings, and '{shown}' is named as a session: write --out {}",
                 folder.display()
             )))
         }
@@ -157,6 +254,7 @@ fn info(rig: &RigConfig, findings: &[Finding]) -> SessionInfo {
         program: concat!("erfgs ", env!("CARGO_PKG_VERSION")).into(),
         machine: MachineFacts::gather(),
         warnings: warnings.map(|finding| format!("{}: {}", finding.check, finding.says)).collect(),
+        begin_host_ns: None,
     }
 }
 
@@ -170,6 +268,9 @@ pub fn options(record: &RecordConfig, info: SessionInfo, folder: PathBuf, monito
         folder,
         opener: Box::new(SessionFiles { settings }),
         subscriber: Some(Arc::clone(monitor) as _),
+        before: None,
+        after: None,
+        rig_file: None,
     }
 }
 
@@ -187,7 +288,8 @@ fn check(
         folder,
         duration: arguments.seconds.map(Duration::from_secs_f64),
         reserve_bytes: rig.record.reserve_mib << 20,
-        queue_bytes: inputs.iter().map(|input| input.queue_bytes as u64).sum(),
+        queue_bytes: inputs.iter().map(|input| input.queue_bytes as u64).sum::<u64>()
+            + arguments.before.map_or(0, |seconds| before(&rig.record, seconds).bytes),
         disk_test: Duration::from_secs_f64(arguments.disk_test),
     };
     let findings = preflight::check(&plan);
@@ -230,7 +332,10 @@ fn record_until_told(
     if let Some(page) = &page {
         terminal.note(format!("live page: {}", page.url()));
     }
-    if !arguments.wait {
+    if let Some(seconds) = arguments.before {
+        terminal.note(format!("the last {seconds} s are held in memory: Enter keeps them"));
+        keep_at_enter(recorder)?;
+    } else if !arguments.wait {
         recorder.start_recording(out)?;
     }
     if let Err(error) = recorder.start_sources() {
@@ -247,7 +352,8 @@ fn record_until_told(
     let mut screen = Screen::new(terminal);
     let timed_out = || arguments.seconds.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
     // With the page the cameras stay on after a recording, for the next one.
-    let goes_on = || page.is_some() && arguments.seconds.is_none() || recorder.is_recording();
+    let stays = (page.is_some() && arguments.seconds.is_none()) || arguments.before.is_some();
+    let goes_on = || stays || recorder.is_recording();
     while !stop.load(Ordering::SeqCst) && !timed_out() && goes_on() {
         screen.show(&recorder.status());
         thread::sleep(Duration::from_millis(50));
@@ -269,7 +375,7 @@ fn record_until_told(
     if let Some(failure) = &summary.failure {
         anyhow::bail!("{failure}");
     }
-    if !recorded && arguments.live.is_none() {
+    if !recorded && !stays {
         anyhow::bail!("the recording ended early: {}", summary.reason);
     }
     if stopped && arguments.seconds.is_some() && !timed_out() {
@@ -367,7 +473,13 @@ fn line(status: &Status) -> String {
             format!("{} at {:.1} MB/s", bytes(recording.bytes), recording.bytes_per_s / 1e6),
         ],
         None if status.finishing.is_some() => vec!["writing what waits".to_owned()],
-        None => vec!["not recording".to_owned(), format!("{:.1} MB/s", status.bytes_per_s() / 1e6)],
+        None => {
+            let held = status.held.map(|held| {
+                format!("holding {:.1} of {:.1} s in {}", held.seconds, held.of_seconds, bytes(held.bytes))
+            });
+            let what = held.unwrap_or_else(|| "not recording".to_owned());
+            vec![what, format!("{:.1} MB/s", status.bytes_per_s() / 1e6)]
+        }
     };
     let running = status.streams.iter().filter(|stream| stream.state == record::StreamState::Running).count();
     parts.push(format!("{running} of {} streams", status.streams.len()));

@@ -85,11 +85,14 @@ pub mod clock;
 #[cfg(feature = "file")]
 pub mod container;
 mod encoding;
+mod event_picture;
 #[cfg(feature = "export")]
 pub mod export;
 pub mod sensor;
 pub mod source;
 pub mod trigger;
+
+pub use event_picture::EventPicture;
 
 #[cfg(feature = "file")]
 pub use container::{Recording, Session, SessionWriter};

@@ -134,6 +134,11 @@ pub enum Incident {
         /// What it is and what to do.
         message: String,
     },
+    /// Settings of the device were changed while it ran.
+    Adjusted {
+        /// What was changed, as in the rig's configuration: biases, regions, filters.
+        changed: serde_json::Map<String, serde_json::Value>,
+    },
     /// The recording ended as it should, or was ended: of the recorder itself, and the last of a session.
     Ended {
         /// Why.
@@ -195,6 +200,67 @@ pub trait Source: Send {
     fn readings(&mut self) -> Vec<(String, f64)> {
         Vec::new()
     }
+
+    /// What of the device can be changed while it runs, and stands how now. Empty where nothing can.
+    fn knobs(&self) -> Vec<Knob> {
+        Vec::new()
+    }
+
+    /// Changes settings while the device runs: those of `changed`, as in the rig's configuration; what it does not name
+    /// stays. [`Source::description`] tells the settings as read back.
+    ///
+    /// # Errors
+    /// If a setting cannot be changed so or is out of range, or the device does not take it; what stands is told by
+    /// [`Source::knobs`].
+    fn adjust(&mut self, changed: &serde_json::Map<String, serde_json::Value>) -> Result<(), SourceError> {
+        let names: Vec<&str> = changed.keys().map(String::as_str).collect();
+        Err(format!("{} has nothing that can be changed while it runs ({})", self.description().id, names.join(", "))
+            .into())
+    }
+}
+
+/// A setting that can be changed while a device runs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Knob {
+    /// Where it lies in the device's configuration: `biases.diff_on`.
+    pub path: &'static str,
+    /// What it is, for people.
+    pub label: &'static str,
+    /// What it is set to; `null` where it is off, or the maker's default.
+    pub value: serde_json::Value,
+    /// What it can be set to.
+    pub kind: KnobKind,
+    /// The setting without which it is off, or left to the maker, where it can be: `rate_limit`.
+    pub off: Option<&'static str>,
+}
+
+/// What a setting can be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum KnobKind {
+    /// A whole number.
+    Number {
+        /// The smallest.
+        least: i64,
+        /// The largest.
+        most: i64,
+        /// From one to the next.
+        step: i64,
+    },
+    /// A window of the sensor (`x`, `y`, `width`, `height`), or all of it.
+    Window {
+        /// Columns of the sensor.
+        columns: u16,
+        /// Its rows.
+        rows: u16,
+        /// Whether the setting is a list of windows.
+        list: bool,
+    },
+    /// One of several words.
+    Choice {
+        /// The choices.
+        choices: &'static [&'static str],
+    },
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use erfgs_session::{
 };
 use serde::Serialize;
 
-use super::Task;
+use super::{Task, Told};
 use crate::{sync, terminal::Terminal};
 
 #[derive(Serialize)]
@@ -22,15 +22,16 @@ struct Exported {
     rate_hz: f64,
 }
 
-/// Writes the streams and lists them.
+/// Writes the streams, and what is to be told of each.
 pub fn export(
     recording: &mut Recording,
     format: FramesFormat,
     tasks: &[Task],
+    lost: &mut Vec<String>,
     terminal: &Terminal,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Vec<Told>> {
     let sync = sync::kept(recording.path(), recording.summary(), terminal)?;
-    let (mut exported, mut lost) = (Vec::new(), Vec::new());
+    let mut told = Vec::new();
     for task in tasks {
         let recorded = &recording.summary().streams[task.stream];
         let (total, unit) = match recorded.description.encoding.has_sensor_frames() {
@@ -41,26 +42,19 @@ pub fn export(
         let update = |done: u64| progress.update(done, total, unit);
         let stream = sync.as_ref().and_then(|sync| sync.stream(&task.id));
         let exposures = stream.map(|sync| Exposures { mids: sync.exposure_mids(), epochs: &sync.epochs });
-        let written = write_frames(recording, &task.id, format, &task.out, exposures.as_ref(), &mut lost, update)?;
-        exported.push(Exported {
+        let written = write_frames(recording, &task.id, format, &task.out, exposures.as_ref(), lost, update)?;
+        let damaged = if written.damaged > 0 { format!("; {} did not decode", written.damaged) } else { String::new() };
+        let line =
+            format!("{}: {} frames, {:.3} a second{damaged}", task.out.display(), written.frames, written.rate_hz);
+        let exported = Exported {
             stream: task.id.clone(),
             path: task.out.clone(),
             frames: written.frames,
             damaged: written.damaged,
             rate_hz: written.rate_hz,
-        });
-    }
-    // An event camera that made no pictures is no failure, unless there is nothing else.
-    if exported.iter().all(|stream| stream.frames + stream.damaged == 0) {
-        anyhow::bail!("{} has no frames", recording.path().display());
-    }
-    terminal.result(&exported, || {
-        let line = |stream: &Exported| {
-            let damaged =
-                if stream.damaged > 0 { format!("; {} did not decode", stream.damaged) } else { String::new() };
-            format!("{}: {} frames, {:.3} a second{damaged}", stream.path.display(), stream.frames, stream.rate_hz)
         };
-        exported.iter().map(line).collect::<Vec<_>>().join("\n")
-    })?;
-    super::complain(recording, &lost)
+        let is_empty = written.frames + written.damaged == 0;
+        told.push(Told { exported: serde_json::to_value(exported)?, is_empty, line });
+    }
+    Ok(told)
 }

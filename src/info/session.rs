@@ -45,6 +45,9 @@ struct SessionSummary<'a> {
     sync: Option<&'a Synchronisation>,
     unknown_encodings: &'a [String],
     rig: &'a Option<String>,
+    /// Host time of the session's zero.
+    #[serde(skip)]
+    start_ns: Option<i64>,
 }
 
 #[derive(Serialize)]
@@ -158,6 +161,7 @@ fn describe<'a>(path: &'a Path, summary: &'a Summary) -> SessionSummary<'a> {
         sync: None,
         unknown_encodings: &summary.unknown_encodings,
         rig: &summary.rig,
+        start_ns: Some(summary.start.host_ns),
     }
 }
 
@@ -309,6 +313,11 @@ fn text(session: &SessionSummary<'_>) -> String {
             Incident::Lost { reason } => format!("lost: {reason}"),
             Incident::Back => "back".to_owned(),
             Incident::Warning { message } => format!("warning: {message}"),
+            Incident::Adjusted { changed } => {
+                let at_s =
+                    session.start_ns.map_or(0.0, |start_ns| entry.host_ns.saturating_sub(start_ns) as f64 * 1e-9);
+                format!("changed at {at_s:.3} s: {}", serde_json::Value::Object(changed.clone()))
+            }
             Incident::Ended { reason } => format!("the recording ended: {reason}"),
         };
         let stream = if entry.stream.is_empty() { "recorder" } else { &entry.stream };

@@ -15,7 +15,7 @@ use erfgs_recorder::{
 use erfgs_replay::{PlayedSource, Player};
 use erfgs_session::source::{Incident, Outlet, Packet, Source};
 
-use super::{Arguments, PlayedStream};
+use super::{Arguments, PlayedStream, steering::Steering};
 use crate::record::options;
 
 /// Of each stream so many bytes may wait for the disk when what plays is recorded.
@@ -58,6 +58,7 @@ impl Audience {
         let sources = player.sources();
         let descriptions: Vec<_> = sources.iter().map(|source| source.description().clone()).collect();
         let monitor = Monitor::new(&descriptions, MonitorOptions::default())?;
+        monitor.of_playback();
         arguments.quick.start(&descriptions, &monitor)?;
         let session = &arguments.session;
         let input =
@@ -71,6 +72,7 @@ impl Audience {
             program: concat!("erfgs ", env!("CARGO_PKG_VERSION"), " replay").into(),
             machine: MachineFacts::gather(),
             warnings: Vec::new(),
+            begin_host_ns: None,
         };
         let options = options(&RecordConfig::default(), info, folder_of(session), &monitor);
         let recorder = Arc::new(Recorder::new(sources.into_iter().map(input).collect(), options)?);
@@ -79,6 +81,7 @@ impl Audience {
             monitor,
             &PageOptions { address, names: arguments.live_name.clone(), open: arguments.open },
         )?;
+        page.steer(Arc::new(Steering::new(player, arguments.repeat)));
         Ok(Self::Live { recorder, page })
     }
 

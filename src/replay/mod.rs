@@ -1,6 +1,7 @@
 //! `erfgs replay`: play a recording as if its devices were there.
 
 mod audience;
+mod steering;
 
 use std::{
     net::SocketAddr,
@@ -26,7 +27,8 @@ use crate::{
 #[command(after_help = "\
 The recording's streams are played with the times between their packets, into the same interface that devices record \
 through. A line says where the playback is and what passes. With --live they are shown on the page on which a rig is shown \
-while it is recorded, until Ctrl-C; what plays can be recorded there into the recording's folder. An event file of another program is \
+while it is recorded, until Ctrl-C; there it is paused, stepped by milliseconds and frames, sought and played at any speed, and what \
+plays can be recorded into the recording's folder. An event file of another program is \
 one stream; it is read through once before, for its length.
 
 Exit codes: 0 played, 1 the recording is cut off or damaged (all else was played), 2 wrong usage.
@@ -49,7 +51,7 @@ pub struct Arguments {
     #[arg(long = "loop")]
     repeat: bool,
     /// Start so many seconds after the beginning.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = crate::parse::seconds)]
     seek: f64,
     /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
@@ -75,11 +77,6 @@ fn speed(text: &str) -> Result<Speed, String> {
         Ok(times) if times >= 0.001 && times.is_finite() => Ok(Speed::Times(times)),
         _ => Err("a speed is a number from 0.001 on, or max".into()),
     }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "a number of seconds".to_owned())?;
-    if value >= 0.0 && value.is_finite() { Ok(value) } else { Err("a number of seconds, 0 or more".into()) }
 }
 
 #[derive(Serialize)]

@@ -80,6 +80,12 @@ impl Browser {
         }
     }
 
+    /// Gives the page another size, pixels.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600 });
+        self.call("Emulation.setDeviceMetricsOverride", &size);
+    }
+
     /// What the page looks like.
     pub fn screenshot(&mut self) -> image::RgbImage {
         let answer = self.call("Page.captureScreenshot", &json!({}));

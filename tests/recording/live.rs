@@ -20,7 +20,10 @@ use erfgs_session::{
 
 use crate::{
     command_line::browser::Browser,
-    recording::{files::description, rig::recorded},
+    recording::{
+        files::{self, description},
+        rig::recorded,
+    },
 };
 
 #[path = "../../calibrate/tests/it/common/blinking.rs"]
@@ -107,6 +110,74 @@ fn a_recording_is_shown_on_the_live_page() {
     );
     browser.wait("document.getElementById('link').textContent.includes('replay') && document.title.includes('replay')");
     browser.wait("[...document.querySelectorAll('.badge')].some((badge) => badge.textContent === 'replay')");
+}
+
+#[test]
+fn a_playback_is_paused_sought_stepped_and_slowed_on_its_page() {
+    let folder = tempfile::tempdir().expect("a folder");
+    files::write_session(folder.path());
+    let page = Played::start(folder.path(), "s.mcap", &[]);
+    let mut browser = Browser::start();
+    browser.open(&format!("http://{}/", page.address));
+    browser.resize(390, 844);
+    let of = |page: &Played, what: &str| page.status()["playback"][what].clone();
+    browser.wait(
+        "!$('player').hidden && $('length').textContent.startsWith('/ 0:02.6') && $('position').value !== '0:00.000'",
+    );
+    // Nothing of the page is wider than a phone.
+    browser.wait("document.documentElement.scrollWidth <= 390");
+    browser.evaluate("$('play').click()");
+    browser.wait("$('play').textContent === 'Play'");
+    assert_eq!(of(&page, "paused"), true);
+    browser.evaluate("$('seek').value = 1500000; $('seek').dispatchEvent(new Event('input'))");
+    browser.wait("$('position').value === '0:01.500'");
+    // The pictures stand as long as nothing moves: what was there just before is seen.
+    let bright = "(() => { const image = cards.get('ev0').image; const canvas = document.createElement('canvas'); \
+                  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight]; const context = canvas.getContext('2d'); \
+                  context.drawImage(image, 0, 0); return context.getImageData(0, 0, canvas.width, canvas.height).data\
+                  .filter((value, at) => at % 4 === 0 && value > 150).length; })()";
+    browser.wait(&format!("{bright} > 100"));
+    thread::sleep(Duration::from_millis(600));
+    assert!(browser.evaluate(bright).as_u64() > Some(100), "the picture of a playback that stands faded");
+    browser.evaluate("document.querySelector('[data-step=\"1\"]').click()");
+    browser.wait("$('position').value === '0:01.501'");
+    browser.evaluate("document.querySelector('[data-frame=on]').click()");
+    let frame_ns =
+        (0..).map(|pulse| files::pulse_ns(pulse) + files::EXPOSURE_NS + 9_000_000).find(|&at| at > 1_501_000_000);
+    let frame_ns = frame_ns.expect("a frame");
+    assert!(page.comes_to(|page| of(page, "position_ns") == frame_ns), "{}", of(&page, "position_ns"));
+    browser.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', { key: 'ArrowLeft', bubbles: true }))");
+    assert!(page.comes_to(|page| of(page, "position_ns") == frame_ns - 1_000_000), "{}", of(&page, "position_ns"));
+    browser.evaluate("$('speed').value = '0.01'; $('speed').dispatchEvent(new Event('change'))");
+    assert!(page.comes_to(|page| of(page, "speed") == 0.01));
+    browser.evaluate("$('play').click()");
+    assert!(page.comes_to(|page| of(page, "paused") == false && of(page, "position_ns").as_i64() > Some(frame_ns)));
+    // How much of the past pictures of events show, and a camera in its full size.
+    browser.evaluate("$('span').value = '5000'; $('span').dispatchEvent(new Event('change'))");
+    assert!(page.comes_to(|page| page.status()["span_us"] == 5000));
+    browser.evaluate("cards.get('ev0').image.click()");
+    browser.wait("$('large').open && $('large-image').naturalWidth === 1280 && $('large-image').naturalHeight === 720");
+    browser.evaluate("$('large-close').click()");
+    browser.wait("!$('large').open");
+}
+
+#[test]
+fn a_recording_that_is_played_again_and_again_has_a_sane_clock() {
+    let folder = tempfile::tempdir().expect("a folder");
+    files::write_session(folder.path());
+    // Shorter than a second: nothing else tells that the device's time went back.
+    let cut = ["export", "s.mcap", "--to", "session", "--until", "0.7", "--out", "short.mcap", "--json"];
+    files::json(folder.path(), &cut);
+    let page = Played::start(folder.path(), "short.mcap", &["--speed", "8"]);
+    let clock = |page: &Played| page.status()["status"]["streams"][0]["clock"].clone();
+    // Some rounds at eight times the speed.
+    let begun = std::time::Instant::now();
+    while begun.elapsed() < Duration::from_secs(2) {
+        if let Some(ppm) = clock(&page)["rate_ppm"].as_f64() {
+            assert!(ppm.abs() < 2000.0, "{}", clock(&page));
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
 }
 
 /// The left pictures of a chessboard, five a second.

@@ -4,6 +4,7 @@
 mod damage;
 mod dataset;
 mod event_files;
+mod excerpt;
 mod files;
 mod live;
 mod merge;

@@ -1,6 +1,13 @@
 //! A rig without a camera, recorded.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    io::{BufRead, BufReader, Write},
+    path::Path,
+    process::{Command, Stdio},
+    thread,
+    time::Duration,
+};
 
 use tempfile::TempDir;
 
@@ -134,4 +141,37 @@ fn of_a_recording_that_the_disk_has_no_room_for_the_table_counts_what_the_file_h
     }
     assert_eq!(table["bytes"], session["bytes"]);
     assert!(session["streams"][0]["packets"].as_u64().unwrap() > 0, "{session}");
+}
+
+#[test]
+fn enter_keeps_the_seconds_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("rig.toml"), RIG).expect("written");
+    let mut recorder = Command::new(env!("CARGO_BIN_EXE_erfgs"))
+        .current_dir(folder.path())
+        .args("record rig.toml --out takes --before 0.6 --after 0.4 --on rate:1000 --no-preflight".split(' '))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("erfgs starts");
+    let mut lines = BufReader::new(recorder.stderr.take().expect("stderr")).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.contains("Enter keeps them")));
+    thread::sleep(Duration::from_millis(1500));
+    recorder.stdin.as_mut().expect("stdin").write_all(b"\n").expect("told");
+    let told = lines.find(|line| line.contains("recorded ") && line.contains("into")).expect("the end of it");
+    assert!(told.contains("after the trigger"), "{told}");
+    let _ = recorder.kill();
+    let _ = recorder.wait();
+    let takes: Vec<_> = fs::read_dir(folder.path().join("takes")).expect("a folder").flatten().collect();
+    assert_eq!(takes.len(), 1, "{takes:?}");
+    let name = takes[0].file_name().into_string().expect("a name");
+    let info = figures(&folder.path().join("takes"), &format!("info {name} --check"));
+    let seconds = info["span_seconds"].as_f64().expect("a time");
+    assert!((0.8..3.0).contains(&seconds) && info["complete"] == true, "{info}");
+    assert!(
+        fail(folder.path(), 2, "record rig.toml --out new --before 1 --on edge:camera --no-preflight")
+            .contains("camera")
+    );
+    assert!(fail(folder.path(), 2, "record rig.toml --out new --on edge").contains("--before"));
 }

@@ -132,6 +132,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         folder: folder_of(&out),
         opener: Box::new(SessionFiles { settings: Settings { crc, ..Settings::default() } }),
         subscriber: None,
+        before: None,
+        after: None,
+        rig_file: None,
     };
     let recorder = Recorder::new(inputs, options)?;
     recorder.start_recording(&out)?;

@@ -7,7 +7,7 @@ use erfgs_session::{
     source::{Packet, StampClock},
 };
 
-use super::control::{Orders, Shared, Speed};
+use super::control::{Shared, Speed, Step};
 
 /// The longest sleep, after which orders are looked at again in any case.
 const NAP: Duration = Duration::from_millis(100);
@@ -15,6 +15,8 @@ const NAP: Duration = Duration::from_millis(100);
 const RETRY: Duration = Duration::from_micros(200);
 /// Between the end of a round and the start of the next.
 const GAP_NS: i64 = 10_000_000;
+/// A jump of a paused playback begins so much earlier, so that whoever looks has pictures of where it stands.
+const BEFORE_NS: i64 = 200_000_000;
 
 /// Recorded time against real time.
 struct Pace {
@@ -62,13 +64,14 @@ pub(super) fn conduct(mut recording: Recording, shared: &Shared) {
     let now = now_ns();
     let mut streams = Streams { shift_ns: 0, last_ns: now - GAP_NS, streams: vec![(0, 0, false); count] };
     let mut jumps = shared.orders().jumps;
+    let mut from_ns = shared.orders().options.seek_ns;
     let mut first = true;
     shared.set_finished(false);
     loop {
-        match round(&mut recording, shared, &mut streams, jumps, first) {
+        match round(&mut recording, shared, &mut streams, jumps, from_ns, first) {
             Ok(Ended::Stopped) => return,
             Ok(Ended::Jump) => {}
-            Ok(Ended::End) if shared.orders().options.repeat => {}
+            Ok(Ended::End) if shared.orders().options.repeat => from_ns = shared.orders().options.seek_ns,
             Ok(Ended::End | Ended::Nothing) => {
                 shared.set_finished(true);
                 while shared.orders().jumps == jumps {
@@ -85,29 +88,34 @@ pub(super) fn conduct(mut recording: Recording, shared: &Shared) {
                 return;
             }
         }
-        jumps = shared.orders().jumps;
+        let orders = shared.orders();
+        if orders.jumps != jumps {
+            let before_ns = if orders.paused { BEFORE_NS } else { 0 };
+            (jumps, from_ns) = (orders.jumps, orders.target_ns.saturating_sub(before_ns));
+        }
         first = false;
     }
 }
 
-/// Plays from the time that the orders name to the end.
+/// Plays from a session time to the end.
 fn round(
     recording: &mut Recording,
     shared: &Shared,
     streams: &mut Streams,
     jumps: u64,
+    from_ns: i64,
     first: bool,
 ) -> Result<Ended, ContainerError> {
-    let Orders { options, .. } = shared.orders();
     shared.forget_damage();
     let summary = recording.summary();
-    let seek = options.seek_ns > 0;
-    let from = seek.then(|| summary.start.host_ns.saturating_add(options.seek_ns));
+    let start_ns = summary.start.host_ns;
+    let seek = from_ns > 0;
+    let from = seek.then(|| start_ns.saturating_add(from_ns));
     let ids: Vec<String> = summary.streams.iter().map(|stream| stream.description.id.clone()).collect();
     for (shift, next, jumped) in &mut streams.streams {
         (*shift, *jumped) = (*next, seek || !first);
     }
-    let mut pace = Pace { speed: options.speed, anchor: None };
+    let mut pace = Pace { speed: shared.orders().options.speed, anchor: None };
     let mut begun = false;
     let mut first_sequences: Vec<Option<u64>> = vec![None; ids.len()];
     for entry in recording.messages(from) {
@@ -148,25 +156,41 @@ fn round(
             if orders.jumps != jumps {
                 return Ok(Ended::Jump);
             }
-            if orders.paused {
+            let speed = if orders.paused {
                 pace.anchor = None;
-                shared.wait(NAP);
-                continue;
-            }
-            if let Some(wait) = pace.until(orders.options.speed, recorded_ns) {
+                match orders.step {
+                    Step::Nothing => {
+                        shared.wait(NAP);
+                        continue;
+                    }
+                    Step::UpTo(to_ns) if recorded_ns > start_ns.saturating_add(to_ns) => {
+                        shared.stand_at(start_ns.saturating_add(to_ns));
+                        shared.wait(NAP);
+                        continue;
+                    }
+                    Step::UpTo(_) | Step::Packet(_) => {}
+                }
+                Speed::Max
+            } else {
+                orders.options.speed
+            };
+            if let Some(wait) = pace.until(speed, recorded_ns) {
                 shared.wait(wait.min(NAP));
                 continue;
             }
             if shared.send(stream, &packet, recorded_ns) {
+                shared.stepped(Step::Packet(stream));
                 break;
             }
-            if orders.options.speed != Speed::Max {
+            if speed != Speed::Max {
                 shared.refused(stream);
                 break;
             }
             shared.wait(RETRY);
         }
     }
+    // A step ends with the recording.
+    shared.stepped(shared.orders().step);
     Ok(if begun { Ended::End } else { Ended::Nothing })
 }
 

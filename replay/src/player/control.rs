@@ -49,6 +49,21 @@ pub(super) struct Orders {
     pub paused: bool,
     /// Counts the jumps that were asked for.
     pub jumps: u64,
+    /// Where the last jump leads, nanoseconds of session time.
+    pub target_ns: i64,
+    /// What may pass while the playback is paused.
+    pub step: Step,
+}
+
+/// What a paused playback lets through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Step {
+    #[default]
+    Nothing,
+    /// What was recorded up to this session time, nanoseconds.
+    UpTo(i64),
+    /// Everything up to the next packet of a stream.
+    Packet(usize),
 }
 
 pub(super) struct Shared {
@@ -79,7 +94,13 @@ impl Shared {
             conductor: Mutex::new(None),
             seats: (0..streams).map(|_| Mutex::new(Seat::Waiting)).collect(),
             counters: (0..streams).map(|_| Mutex::default()).collect(),
-            orders: Mutex::new(Orders { options, paused: false, jumps: 0 }),
+            orders: Mutex::new(Orders {
+                options,
+                paused: false,
+                jumps: 0,
+                target_ns: options.seek_ns,
+                step: Step::Nothing,
+            }),
             changed: Condvar::new(),
             status: Mutex::default(),
             position_ns: AtomicI64::new(i64::MIN),
@@ -147,6 +168,19 @@ impl Shared {
         taken
     }
 
+    /// A paused playback stands at this recorded time, which no packet has.
+    pub fn stand_at(&self, recorded_ns: i64) {
+        self.position_ns.store(recorded_ns, Ordering::Relaxed);
+    }
+
+    /// The end of this step is reached, if it is the one that was asked for.
+    pub fn stepped(&self, step: Step) {
+        let mut orders = locked(&self.orders);
+        if orders.step == step {
+            orders.step = Step::Nothing;
+        }
+    }
+
     /// Counts a packet that no outlet took.
     pub fn refused(&self, stream: usize) {
         locked(&self.counters[stream]).refused += 1;
@@ -197,15 +231,48 @@ impl Controls {
 
     /// Halts, or goes on.
     pub fn pause(&self, paused: bool) {
-        self.order(|orders| orders.paused = paused);
+        self.order(|orders| (orders.paused, orders.step) = (paused, Step::Nothing));
     }
 
-    /// Jumps to a session time, nanoseconds.
+    /// Whether the playback is halted.
+    #[must_use]
+    pub fn paused(&self) -> bool {
+        self.shared.orders().paused
+    }
+
+    /// Jumps to a session time, nanoseconds. A paused playback stays paused there, and shows what was recorded just before.
     pub fn seek(&self, session_ns: i64) {
         self.order(|orders| {
-            orders.options.seek_ns = session_ns;
+            orders.target_ns = session_ns.max(0);
+            orders.step = if orders.paused { Step::UpTo(orders.target_ns) } else { Step::Nothing };
             orders.jumps += 1;
         });
+    }
+
+    /// Halts, and plays what was recorded in the next so many nanoseconds; where they are negative, jumps back by them.
+    pub fn step(&self, span_ns: i64) {
+        let to_ns = self.position_ns().unwrap_or(0).saturating_add(span_ns).max(0);
+        if span_ns < 0 {
+            self.pause(true);
+            return self.seek(to_ns);
+        }
+        self.order(|orders| (orders.paused, orders.step) = (true, Step::UpTo(to_ns)));
+    }
+
+    /// Halts, and plays up to the next packet of a stream, counted in the order of the recording: the next frame of a camera.
+    pub fn step_packet(&self, stream: usize) {
+        self.order(|orders| (orders.paused, orders.step) = (true, Step::Packet(stream)));
+    }
+
+    /// How fast it plays.
+    #[must_use]
+    pub fn speed(&self) -> Speed {
+        self.shared.orders().options.speed
+    }
+
+    /// Changes how fast it plays.
+    pub fn set_speed(&self, speed: Speed) {
+        self.order(|orders| orders.options.speed = speed);
     }
 
     /// The session time that is being played, nanoseconds; `None` before the first packet.

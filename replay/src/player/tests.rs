@@ -216,3 +216,58 @@ fn a_pause_holds_and_dropped_sources_are_not_waited_for() {
     wait_for(|| player.controls().finished());
     assert_eq!(outlet.packets.lock().unwrap().len(), 100);
 }
+
+/// Where a paused playback stands, once it does, milliseconds.
+fn stands_at(playing: &Playing, ms: i64) {
+    wait_for(|| playing.controls.position_ns() == Some(ms * 1_000_000));
+}
+
+#[test]
+fn a_paused_playback_steps_by_time_and_by_frame_and_back() {
+    let playing = play(PlayerOptions { speed: Speed::Times(0.001), ..PlayerOptions::default() }, 0);
+    let controls = &playing.controls;
+    controls.pause(true);
+    controls.seek(500_000_000);
+    stands_at(&playing, 500);
+    let last = |outlet: usize| playing.outlets[outlet].packets.lock().unwrap().last().map(|packet| packet.payload[0]);
+    // What lies shortly before was sent at once, so that there is something to look at.
+    assert_eq!((last(0), last(1)), (Some(50), Some(50)));
+    assert!(playing.outlets[1].packets.lock().unwrap().iter().any(|packet| packet.payload[0] == 31));
+    controls.step(1_000_000);
+    stands_at(&playing, 501);
+    assert_eq!(last(1), Some(50), "nothing was recorded within that millisecond");
+    controls.step(9_000_000);
+    wait_for(|| last(1) == Some(51));
+    controls.step_packet(1);
+    wait_for(|| last(1) == Some(52));
+    stands_at(&playing, 520);
+    controls.step(-100_000_000);
+    stands_at(&playing, 420);
+    assert_eq!(last(1), Some(42));
+    assert!(controls.paused() && !controls.finished());
+    controls.set_speed(Speed::Max);
+    controls.pause(false);
+    wait_for(|| controls.finished());
+    assert_eq!(last(1), Some(99));
+}
+
+#[test]
+fn a_step_at_the_end_of_a_round_does_not_run_through_the_next() {
+    let options = PlayerOptions { speed: Speed::Times(0.001), repeat: true, ..PlayerOptions::default() };
+    let playing = play(options, 0);
+    playing.controls.pause(true);
+    playing.controls.seek(985_000_000);
+    stands_at(&playing, 985);
+    let count = || playing.outlets[0].packets.lock().unwrap().len();
+    let before = count();
+    playing.controls.step(500_000_000);
+    wait_for(|| count() > before);
+    std::thread::sleep(Duration::from_millis(150));
+    assert_eq!(count(), before + 1, "the last packet alone");
+    // A jump does not move where rounds begin.
+    playing.controls.set_speed(Speed::Max);
+    playing.controls.pause(false);
+    wait_for(|| count() > before + 50);
+    let packets = playing.outlets[0].packets.lock().unwrap();
+    assert_eq!(packets[before + 1].payload[0], 0);
+}

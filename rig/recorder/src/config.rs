@@ -26,6 +26,14 @@ pub enum ConfigError {
         /// What the system says.
         source: io::Error,
     },
+    /// It cannot be written.
+    #[error("cannot write the rig's configuration '{}': {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
     /// It is not TOML, or has fields that nothing knows.
     #[error("'{}': {message}", path.display())]
     Syntax {
@@ -78,6 +86,8 @@ pub struct RecordConfig {
     pub reserve_mib: u64,
     /// Data of one stream that may wait in memory for the disk, MiB, 1 to 65536; devices may have their own.
     pub queue_mib: usize,
+    /// Memory for the past that `erfgs record --before` holds, of all streams together, MiB, 1 to 1048576.
+    pub before_mib: u64,
     /// After this many seconds without data a stream counts as stalled; 0: never. Devices may have their own.
     pub stall_seconds: u32,
     /// A piece of the session file closes at this size, MiB, 1 to 64.
@@ -88,7 +98,15 @@ pub struct RecordConfig {
 
 impl Default for RecordConfig {
     fn default() -> Self {
-        Self { flush_ms: 500, reserve_mib: 512, queue_mib: 256, stall_seconds: 5, chunk_mib: 4, checksums: true }
+        Self {
+            flush_ms: 500,
+            reserve_mib: 512,
+            queue_mib: 256,
+            before_mib: 2048,
+            stall_seconds: 5,
+            chunk_mib: 4,
+            checksums: true,
+        }
     }
 }
 
@@ -182,6 +200,7 @@ impl RigConfig {
         let ranges = [
             ("flush_ms", record.flush_ms, 10..=1000),
             ("queue_mib", record.queue_mib as u64, 1..=65_536),
+            ("before_mib", record.before_mib, 1..=1_048_576),
             ("chunk_mib", record.chunk_mib, 1..=64),
         ];
         if let Some((name, value, range)) = ranges.into_iter().find(|(_, value, range)| !range.contains(value)) {

@@ -8,11 +8,15 @@ use super::status::{Level, Message};
 
 /// Messages that are kept.
 const KEPT: usize = 100;
+/// Warnings that wait to be read; of more the oldest go.
+const UNREAD: usize = 12;
 
 /// See the module.
 #[derive(Default)]
 pub(super) struct Log {
     messages: VecDeque<Message>,
+    /// Warnings and errors that nobody has marked as read yet.
+    unread: VecDeque<Message>,
     count: u64,
 }
 
@@ -33,7 +37,26 @@ impl Log {
             self.messages.pop_front();
         }
         let stream = stream.to_owned();
-        self.messages.push_back(Message { number: self.count, host_ns: host_ns(), level, stream, text });
+        let message = Message { number: self.count, host_ns: host_ns(), level, stream, text };
+        if level != Level::Info {
+            // What is said again takes the place of what was said.
+            self.unread.retain(|unread| (&unread.stream, &unread.text) != (&message.stream, &message.text));
+            if self.unread.len() == UNREAD {
+                self.unread.pop_front();
+            }
+            self.unread.push_back(message.clone());
+        }
+        self.messages.push_back(message);
+    }
+
+    /// Somebody has read this warning.
+    pub fn mark_read(&mut self, number: u64) {
+        self.unread.retain(|unread| unread.number != number);
+    }
+
+    /// Warnings and errors that nobody has read, oldest first.
+    pub fn unread(&self) -> Vec<Message> {
+        self.unread.iter().cloned().collect()
     }
 
     pub fn messages(&self) -> Vec<Message> {
@@ -65,5 +88,24 @@ mod tests {
             log.say(Level::Info, "", number.to_string());
         }
         assert_eq!((log.messages().len(), log.messages()[0].number), (KEPT, KEPT as u64 + 1));
+    }
+
+    #[test]
+    fn warnings_stay_until_they_are_read() {
+        let mut log = Log::default();
+        log.say(Level::Info, "", "started");
+        log.say(Level::Warning, "a", "hot");
+        log.say(Level::Error, "", "full");
+        for number in 0..2 * KEPT {
+            log.say(Level::Info, "", number.to_string());
+        }
+        let unread = |log: &Log| log.unread().iter().map(|message| message.number).collect::<Vec<_>>();
+        assert_eq!(unread(&log), [2, 3]);
+        log.mark_read(2);
+        assert_eq!(unread(&log), [3]);
+        for number in 0..2 * UNREAD {
+            log.say(Level::Warning, "a", number.to_string());
+        }
+        assert_eq!(log.unread().len(), UNREAD);
     }
 }

@@ -7,7 +7,7 @@ use std::{
         atomic::{AtomicBool, Ordering::Relaxed},
     },
     thread::{self, JoinHandle},
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime},
 };
 
 use erfgs_session::source::{Counters, Description, Incident, Source};
@@ -15,9 +15,13 @@ use erfgs_session::source::{Counters, Description, Incident, Source};
 use erfgs_rig::host_time::host_ns;
 
 use super::{
+    adjust::AdjustError,
+    concerns::Concerns,
     error::RecordError,
+    gate::{Before, Gate},
     log::Log,
     meter::Meter,
+    names,
     queue::{Item, Queue},
     sink::{OpenSession, SessionInfo, SinkError},
     status::{Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary},
@@ -52,6 +56,12 @@ pub struct Options {
     pub opener: Box<dyn OpenSession>,
     /// Who is shown every packet as it passes.
     pub subscriber: Option<Arc<dyn Subscriber>>,
+    /// How much of the past is held while nothing is recorded: recordings begin with it.
+    pub before: Option<Before>,
+    /// How long a recording goes on that was begun to keep the past; `None` until it is stopped.
+    pub after: Option<Duration>,
+    /// The file that the rig was read from.
+    pub rig_file: Option<PathBuf>,
 }
 
 /// A stream at work.
@@ -61,6 +71,8 @@ pub(super) struct Slot {
     pub outlet: Arc<StreamOutlet>,
     pub queue_bytes: usize,
     pub stall_after: Option<Duration>,
+    /// Settings that were changed since it was opened.
+    pub adjusted: Mutex<serde_json::Map<String, serde_json::Value>>,
     /// What the watchdog knows of it.
     pub watch: Mutex<Watch>,
 }
@@ -84,14 +96,20 @@ pub(super) struct RunningRecording {
     pub queue: Arc<Queue>,
     pub progress: Arc<Progress>,
     pub started: Instant,
+    /// How much of the past it began with, seconds.
+    pub past_s: f64,
     pub meter: Meter,
+    /// When it ends by itself.
+    pub ends_at: Option<Instant>,
     writer: JoinHandle<Result<(), SinkError>>,
 }
 
 pub(super) struct Shared {
     pub slots: Vec<Slot>,
+    pub gate: Arc<Gate>,
     pub options: Options,
     pub log: Arc<Mutex<Log>>,
+    pub concerns: Mutex<Concerns>,
     pub recording: Mutex<Option<RunningRecording>>,
     /// The session file that is being completed.
     pub finishing: Mutex<Option<PathBuf>>,
@@ -122,6 +140,7 @@ impl Recorder {
             return Err(RecordError::NoDevices);
         }
         let log = Arc::new(Mutex::new(Log::default()));
+        let gate = Arc::new(Gate::new(inputs.len(), options.before));
         let mut slots: Vec<Slot> = Vec::new();
         for (stream, input) in inputs.into_iter().enumerate() {
             let description = input.source.description().clone();
@@ -132,20 +151,29 @@ impl Recorder {
             if slots.iter().any(|slot| slot.description.id == *id) {
                 return Err(RecordError::DuplicateId(id.clone()));
             }
-            let outlet = Arc::new(StreamOutlet::new(stream, id, options.subscriber.clone(), Arc::clone(&log)));
+            let outlet = Arc::new(StreamOutlet::new(
+                stream,
+                id,
+                Arc::clone(&gate),
+                options.subscriber.clone(),
+                Arc::clone(&log),
+            ));
             slots.push(Slot {
                 description,
                 source: Mutex::new(input.source),
                 outlet,
                 queue_bytes: input.queue_bytes,
                 stall_after: input.stall_after,
+                adjusted: Mutex::default(),
                 watch: Mutex::default(),
             });
         }
         let shared = Arc::new(Shared {
             slots,
+            gate,
             options,
             log,
+            concerns: Mutex::default(),
             recording: Mutex::new(None),
             finishing: Mutex::new(None),
             ending: Mutex::new(()),
@@ -166,6 +194,23 @@ impl Recorder {
     /// What the streams are, in the order of the rig.
     pub fn descriptions(&self) -> impl Iterator<Item = &Description> {
         self.shared.slots.iter().map(|slot| &slot.description)
+    }
+
+    /// How long a recording goes on that is begun to keep the past.
+    #[must_use]
+    pub fn after(&self) -> Option<Duration> {
+        self.shared.options.after
+    }
+
+    /// The file that the rig was read from.
+    pub(super) fn rig_file(&self) -> Option<&Path> {
+        self.shared.options.rig_file.as_deref()
+    }
+
+    /// The device of this name.
+    pub(super) fn slot(&self, id: &str) -> Result<&Slot, AdjustError> {
+        let slot = self.shared.slots.iter().find(|slot| slot.description.id == id);
+        slot.ok_or_else(|| AdjustError::Unknown(id.to_owned()))
     }
 
     /// Folder of the recordings.
@@ -222,11 +267,19 @@ impl Recorder {
         }
     }
 
-    /// Starts to record into the new file `path`.
+    /// Starts to record into the new file `path`: what is held of the past, and what comes.
     ///
     /// # Errors
     /// If a recording runs, or the file exists or cannot be written.
     pub fn start_recording(&self, path: &Path) -> Result<(), RecordError> {
+        self.start_recording_for(path, None)
+    }
+
+    /// As [`Recorder::start_recording`]; the recording ends by itself after so long.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn start_recording_for(&self, path: &Path, length: Option<Duration>) -> Result<(), RecordError> {
         let shared = &self.shared;
         let mut recording = lock(&shared.recording);
         if let Some(running) = recording.as_ref() {
@@ -235,9 +288,22 @@ impl Recorder {
         if let Some(path) = lock(&shared.finishing).as_ref() {
             return Err(RecordError::Busy(path.display().to_string()));
         }
-        let descriptions: Vec<Description> = self.descriptions().cloned().collect();
-        let sink = shared.options.opener.open(path, &shared.options.info, &descriptions)?;
-        let queue = Arc::new(Queue::new(shared.slots.iter().map(|slot| StreamQueue::new(slot.queue_bytes)).collect()));
+        // As they are now: settings may have been changed.
+        let now = |slot: &Slot| lock(&slot.source).description().clone();
+        let descriptions: Vec<Description> = shared.slots.iter().map(now).collect();
+        let held = shared.gate.held().unwrap_or_default();
+        let info = SessionInfo { begin_host_ns: held.first_host_ns, ..shared.options.info.clone() };
+        let sink = shared.options.opener.open(path, &info, &descriptions)?;
+        for slot in &shared.slots {
+            let mut watch = lock(&slot.watch);
+            watch.baseline = watch.counters;
+            (watch.drops_seen, watch.drop_seen_at) = (0, None);
+        }
+        let limits = |held: &[usize]| {
+            let stream = |(slot, held): (&Slot, &usize)| StreamQueue::new(slot.queue_bytes + held);
+            Queue::new(shared.slots.iter().zip(held).map(stream).collect())
+        };
+        let queue = shared.gate.record(limits);
         let progress = Arc::new(Progress::default());
         let name = "session-writer";
         let flush_every = shared.options.flush_every.min(Duration::from_secs(1));
@@ -245,17 +311,41 @@ impl Recorder {
             let (queue, progress) = (Arc::clone(&queue), Arc::clone(&progress));
             move || writer::write(&queue, sink, flush_every, &progress)
         });
-        let writer = writer.map_err(|source| RecordError::Thread { name, source })?;
-        for slot in &shared.slots {
-            let mut watch = lock(&slot.watch);
-            watch.baseline = watch.counters;
-            (watch.drops_seen, watch.drop_seen_at) = (0, None);
-            slot.outlet.attach(Some(Arc::clone(&queue)));
-        }
+        let writer = match writer {
+            Ok(writer) => writer,
+            Err(source) => {
+                shared.gate.rest();
+                return Err(RecordError::Thread { name, source });
+            }
+        };
         let (path, started, meter) = (path.to_path_buf(), Instant::now(), Meter::default());
-        self.say(Level::Info, "", format!("recording into '{}'", path.display()));
-        *recording = Some(RunningRecording { path, queue, progress, started, meter, writer });
+        let past_s = match (held.first_host_ns, held.last_host_ns) {
+            (Some(first), Some(last)) => last.saturating_sub(first) as f64 * 1e-9,
+            _ => 0.0,
+        };
+        let before = if past_s > 0.0 { format!(", with the last {past_s:.2} s") } else { String::new() };
+        self.say(Level::Info, "", format!("recording into '{}'{before}", path.display()));
+        let ends_at = length.map(|length| started + length);
+        *recording = Some(RunningRecording { path, queue, progress, started, past_s, meter, ends_at, writer });
         Ok(())
+    }
+
+    /// Keeps what is held of the past in a new file in the folder of the recordings, called by the rig and the time, and
+    /// goes on for `after`, or until it is stopped. Where that was done already and runs, it goes on for so long from now.
+    ///
+    /// # Errors
+    /// As [`Recorder::start_recording`].
+    pub fn keep_past(&self, after: Option<Duration>) -> Result<PathBuf, RecordError> {
+        if let Some(running) = lock(&self.shared.recording).as_mut() {
+            let (Some(ends_at), Some(after)) = (running.ends_at.as_mut(), after) else {
+                return Err(RecordError::Busy(running.path.display().to_string()));
+            };
+            *ends_at = (*ends_at).max(Instant::now() + after);
+            return Ok(running.path.clone());
+        }
+        let path = names::fresh(self.folder(), &self.shared.options.info.rig, SystemTime::now());
+        self.start_recording_for(&path, after)?;
+        Ok(path)
     }
 
     /// Ends the recording: what waits is written, the file completed. `reason` says why, for the user.
@@ -289,6 +379,11 @@ impl Recorder {
         lock(&self.shared.log).say(level, stream, text);
     }
 
+    /// Somebody has read the warning of this number: see [`Status::unread`].
+    pub fn mark_read(&self, number: u64) {
+        lock(&self.shared.log).mark_read(number);
+    }
+
     /// The latest messages, oldest first.
     #[must_use]
     pub fn messages(&self) -> Vec<Message> {
@@ -319,10 +414,8 @@ impl Shared {
             *lock(&self.finishing) = Some(recording.path.clone());
             recording
         };
-        for slot in &self.slots {
-            slot.outlet.attach(None);
-        }
-        let seconds = recording.started.elapsed().as_secs_f64();
+        self.gate.rest();
+        let seconds = recording.past_s + recording.started.elapsed().as_secs_f64();
         let host_ns = host_ns();
         let streams = watchdog::streams(self, Some(&recording.queue));
         recording.queue.note(Item::Status(Arc::new(Status { host_ns, streams, ..Status::clone(&lock(&self.status)) })));
@@ -361,7 +454,7 @@ impl RunningRecording {
         let bytes = self.progress.bytes.load(Relaxed);
         RecordingStatus {
             path: self.path.clone(),
-            seconds: self.started.elapsed().as_secs_f64(),
+            seconds: self.past_s + self.started.elapsed().as_secs_f64(),
             bytes,
             bytes_per_s: self.meter.rates(Instant::now(), [bytes, 0])[0],
             slowest_write_ms: self.progress.slowest_us.load(Relaxed) as f64 / 1e3,

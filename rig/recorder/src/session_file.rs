@@ -42,13 +42,14 @@ impl SessionFiles {
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let failed = |error| sort(path, error);
         let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now_ns = host_ns();
+        let begin = info.begin_host_ns.unwrap_or(now_ns).min(now_ns);
         let start = SessionStart {
-            host_ns: host_ns(),
-            epoch_ns: i64::try_from(epoch.as_nanos()).unwrap_or(i64::MAX),
+            host_ns: begin,
+            epoch_ns: i64::try_from(epoch.as_nanos()).unwrap_or(i64::MAX).saturating_sub(now_ns.saturating_sub(begin)),
             program: info.program.clone(),
             machine: info.machine.clone(),
         };
-        let begin = start.host_ns;
         let mut writer = SessionWriter::new(writer, path, start, &info.configuration, self.settings).map_err(failed)?;
         let ids: Result<Vec<StreamId>, _> = streams.iter().map(|stream| writer.add_stream(stream)).collect();
         let ids = ids.map_err(failed)?;

@@ -26,6 +26,8 @@ pub struct SessionInfo {
     pub machine: BTreeMap<String, String>,
     /// What the checks before the recording warned of, one line each.
     pub warnings: Vec<String>,
+    /// Host time of the session's zero, where it lies before the file was opened.
+    pub begin_host_ns: Option<i64>,
 }
 
 /// An open session. One thread writes; everything given to it since the last [`SessionSink::flush`] may be lost when

@@ -122,6 +122,19 @@ pub struct RecordingStatus {
     pub slowest_write_ms: f64,
 }
 
+/// The past that is held in memory while nothing is recorded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct HeldStatus {
+    /// How much there is, seconds.
+    pub seconds: f64,
+    /// How much is wanted, seconds.
+    pub of_seconds: f64,
+    /// Memory that it takes, bytes.
+    pub bytes: u64,
+    /// Memory that it may take, bytes.
+    pub of_bytes: u64,
+}
+
 /// The disk that recordings go to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiskStatus {
@@ -209,6 +222,8 @@ pub struct Status {
     pub host_ns: i64,
     /// The recording that runs, if one does.
     pub recording: Option<RecordingStatus>,
+    /// The past that a recording would begin with, where it is held.
+    pub held: Option<HeldStatus>,
     /// The session file that is being completed, if one is.
     pub finishing: Option<PathBuf>,
     /// The recording before.
@@ -219,6 +234,8 @@ pub struct Status {
     pub disk: DiskStatus,
     /// The latest messages, oldest first.
     pub messages: Vec<Message>,
+    /// Warnings and errors that nobody has marked as read, oldest first.
+    pub unread: Vec<Message>,
 }
 
 impl Status {

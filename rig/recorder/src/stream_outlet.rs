@@ -1,7 +1,7 @@
-//! Where a source delivers: the outlet of one stream, which feeds the recording and the subscriber.
+//! Where a source delivers: the outlet of one stream, which feeds the gate to the recording and the subscriber.
 
 use std::sync::{
-    Arc, Mutex, PoisonError, RwLock,
+    Arc, Mutex, PoisonError,
     atomic::{AtomicBool, AtomicI64, Ordering::Relaxed},
 };
 
@@ -9,13 +9,7 @@ use erfgs_session::source::{Incident, Outlet, Packet};
 
 use erfgs_rig::host_time::host_ns;
 
-use super::{
-    log::Log,
-    queue::{Item, Queue},
-    status::Level,
-    stream_queue::Count,
-    subscriber::Subscriber,
-};
+use super::{gate::Gate, log::Log, status::Level, stream_queue::Count, subscriber::Subscriber};
 
 /// See the module.
 pub(super) struct StreamOutlet {
@@ -27,42 +21,34 @@ pub(super) struct StreamOutlet {
     pub last_ns: AtomicI64,
     /// The driver says that the device is gone.
     pub lost: AtomicBool,
-    recording: RwLock<Option<Arc<Queue>>>,
+    gate: Arc<Gate>,
     subscriber: Option<Arc<dyn Subscriber>>,
     log: Arc<Mutex<Log>>,
 }
 
 impl StreamOutlet {
-    pub fn new(stream: usize, id: &str, subscriber: Option<Arc<dyn Subscriber>>, log: Arc<Mutex<Log>>) -> Self {
+    pub fn new(
+        stream: usize,
+        id: &str,
+        gate: Arc<Gate>,
+        subscriber: Option<Arc<dyn Subscriber>>,
+        log: Arc<Mutex<Log>>,
+    ) -> Self {
         Self {
             stream,
             id: id.to_owned(),
             arrived: Count::default(),
             last_ns: AtomicI64::new(0),
             lost: AtomicBool::new(false),
-            recording: RwLock::new(None),
+            gate,
             subscriber,
             log,
         }
     }
 
-    /// From now on packets go into `queue`, or nowhere. When this returns no packet is on its way into the former.
-    pub fn attach(&self, queue: Option<Arc<Queue>>) {
-        *self.recording.write().unwrap_or_else(PoisonError::into_inner) = queue;
-    }
-
-    fn with_queue(&self, act: impl FnOnce(&Queue) -> bool) -> bool {
-        let recording = self.recording.read().unwrap_or_else(PoisonError::into_inner);
-        recording.as_ref().is_none_or(|queue| act(queue))
-    }
-
     /// Puts an incident on record, without changing the state of the stream.
     pub fn note(&self, incident: Incident) {
-        let host_ns = host_ns();
-        self.with_queue(|queue| {
-            queue.note(Item::Incident { stream: Some(self.stream), host_ns, incident });
-            true
-        });
+        self.gate.incident(self.stream, host_ns(), incident);
     }
 }
 
@@ -73,7 +59,7 @@ impl Outlet for StreamOutlet {
         if let Some(subscriber) = &self.subscriber {
             subscriber.packet(self.stream, &packet);
         }
-        self.with_queue(|queue| queue.packet(self.stream, packet))
+        self.gate.packet(self.stream, packet)
     }
 
     fn report(&self, incident: Incident) {
@@ -87,6 +73,9 @@ impl Outlet for StreamOutlet {
                 (Level::Info, "back, and streaming again".to_owned())
             }
             Incident::Warning { message } => (Level::Warning, message.clone()),
+            Incident::Adjusted { changed } => {
+                (Level::Info, format!("changed: {}", serde_json::Value::Object(changed.clone())))
+            }
             Incident::Ended { reason } => (Level::Info, format!("the recording ended: {reason}")),
         };
         self.log.lock().unwrap_or_else(PoisonError::into_inner).say(level, &self.id, text);

@@ -15,7 +15,7 @@ use super::{
     host,
     queue::{Item, Queue},
     recorder::{Shared, Slot, blank, lock},
-    status::{DiskStatus, Level, Status, StreamState, StreamStatus},
+    status::{DiskStatus, HeldStatus, Level, Status, StreamState, StreamStatus},
 };
 
 /// Between two looks.
@@ -33,11 +33,14 @@ pub(super) fn watch(shared: &Shared) {
     while !shared.quit.load(Relaxed) {
         refresh(shared);
         let status = Arc::clone(&lock(&shared.status));
-        let mut end = None;
+        let (mut end, mut ended) = (None, false);
         if let Some(recording) = lock(&shared.recording).as_ref() {
             if Instant::now() >= next_status {
                 next_status = Instant::now() + STATUS;
                 recording.queue.note(Item::Status(Arc::clone(&status)));
+            }
+            if recording.ends_at.is_some_and(|at| Instant::now() >= at) {
+                ended = true;
             }
             if lock(&recording.progress.failure).is_some() {
                 end = Some("the session file could not be written further".to_owned());
@@ -47,6 +50,9 @@ pub(super) fn watch(shared: &Shared) {
                     shared.options.reserve_bytes >> 20
                 ));
             }
+        }
+        if ended && end.is_none() {
+            shared.end("the time after the trigger was over");
         }
         if let Some(reason) = end {
             shared.end(&reason);
@@ -85,20 +91,27 @@ pub(super) fn refresh(shared: &Shared) {
         replay: shared.options.info.replay,
         host_ns: host_ns(),
         recording: recording.as_mut().map(super::recorder::RunningRecording::status),
+        held: held(shared),
         finishing: lock(&shared.finishing).clone(),
         last: lock(&shared.last).clone(),
         disk: DiskStatus::default(),
         streams,
         messages: Vec::new(),
+        unread: Vec::new(),
     };
     tell_drops(shared, &status.streams, recording.is_some(), now);
     drop(recording);
-    status.messages = lock(&shared.log).messages();
     if let Ok(space) = host::disk_space(&shared.options.folder) {
         let free = space.free.saturating_sub(shared.options.reserve_bytes);
         let seconds_left = (arriving >= 1.0).then(|| free as f64 / arriving);
         status.disk = DiskStatus { free, total: space.total, seconds_left };
     }
+    if !status.replay {
+        warn(shared, &status);
+    }
+    let log = lock(&shared.log);
+    (status.messages, status.unread) = (log.messages(), log.unread());
+    drop(log);
     *lock(&shared.status) = Arc::new(status);
 }
 
@@ -180,6 +193,28 @@ pub(super) fn streams(shared: &Shared, queue: Option<&Queue>) -> Vec<StreamStatu
         status
     };
     shared.slots.iter().enumerate().map(stream).collect()
+}
+
+/// What is held of the past.
+fn held(shared: &Shared) -> Option<HeldStatus> {
+    let (before, held) = (shared.options.before?, shared.gate.held()?);
+    let span_ns = held.last_host_ns.unwrap_or(0).saturating_sub(held.first_host_ns.unwrap_or(0));
+    Some(HeldStatus {
+        seconds: span_ns as f64 * 1e-9,
+        of_seconds: before.span.as_secs_f64(),
+        bytes: held.bytes,
+        of_bytes: before.bytes,
+    })
+}
+
+/// Tells the user of a disk that runs full and of clocks that cannot be trusted, when that begins.
+fn warn(shared: &Shared, status: &Status) {
+    for (stream, text) in lock(&shared.concerns).of(status) {
+        if let Some(slot) = shared.slots.iter().find(|slot| slot.description.id == stream) {
+            slot.outlet.note(Incident::Warning { message: text.clone() });
+        }
+        lock(&shared.log).say(Level::Warning, &stream, text);
+    }
 }
 
 /// Tells the user of drops when they begin.

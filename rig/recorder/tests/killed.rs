@@ -59,6 +59,9 @@ fn record(folder: &Path, take_ms: u64) {
         folder: folder.into(),
         opener: Box::new(Telling),
         subscriber: None,
+        before: None,
+        after: None,
+        rig_file: None,
     };
     let recorder = Recorder::new(inputs.collect(), options).unwrap();
     for take in 0.. {

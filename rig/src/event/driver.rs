@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use erfgs_session::source::Encoding;
+use erfgs_session::source::{Encoding, Knob};
+use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
 use super::{EventError, StreamConfig};
@@ -11,9 +12,11 @@ use crate::usb::{Identity, Transport};
 /// A model of event camera. One value is one camera while it is plugged in; dropping it gives the device free.
 pub trait Driver: Send + Sized + 'static {
     /// Its settings.
-    type Config: Clone + Send + Sync + 'static;
+    type Config: Clone + Send + Sync + Serialize + DeserializeOwned + 'static;
     /// Maker and model.
     const MODEL: &'static str;
+    /// Names of the settings that can be changed while the camera sends.
+    const ADJUSTABLE: &'static [&'static str];
 
     /// Whether a device on the bus may be one.
     fn is_candidate(identity: &Identity) -> bool;
@@ -44,7 +47,15 @@ pub trait Driver: Send + Sized + 'static {
     /// # Errors
     /// If it does not take them.
     fn configure(&mut self, config: &Self::Config) -> Result<(), EventError>;
-    /// Settings as read back by the last [`Driver::configure`].
+    /// Changes what [`Driver::ADJUSTABLE`] names to what the settings describe, while the camera sends; the rest of them is
+    /// as it was.
+    ///
+    /// # Errors
+    /// If it does not take them.
+    fn adjust(&mut self, config: &Self::Config) -> Result<(), EventError>;
+    /// What can be changed so, for people, and how it stands in these settings.
+    fn knobs(config: &Self::Config) -> Vec<Knob>;
+    /// Settings as read back by the last [`Driver::configure`] or [`Driver::adjust`].
     fn settings(&self) -> &Map<String, Value>;
     /// How its data is encoded.
     fn encoding(&self) -> Encoding;

@@ -5,8 +5,9 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-use erfgs_session::source::{Counters, Description, Incident, Outlet, Source, SourceError};
-use serde_json::json;
+use erfgs_session::source::{Counters, Description, Incident, Knob, Outlet, Source, SourceError};
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::{Map, Value, json};
 
 use super::{
     Driver, EventError,
@@ -51,7 +52,7 @@ impl<D: Driver> EventSource<D> {
             settings: driver.settings().clone(),
         };
         let serial = driver.serial().to_owned();
-        let link = Arc::new(Link { bus, config, serial, driver: Mutex::new(Some(driver)) });
+        let link = Arc::new(Link { bus, config: Mutex::new(config), serial, driver: Mutex::new(Some(driver)) });
         Ok(Self { link, description, feed: Arc::new(Feed::default()), running: None })
     }
 
@@ -73,7 +74,8 @@ impl<D: Driver> Source for EventSource<D> {
         if guard.is_none() {
             // It was lost while it ran, and stopped before it was back.
             let mut driver: D = find(self.link.bus.as_ref(), &self.link.serial)?;
-            driver.configure(&self.link.config)?;
+            let config = self.link.config().clone();
+            driver.configure(&config)?;
             *guard = Some(driver);
         }
         let Some(driver) = guard.as_mut() else {
@@ -83,7 +85,7 @@ impl<D: Driver> Source for EventSource<D> {
         };
         let cameras =
             self.link.bus.list().map_or(1, |all| all.iter().filter(|it| super::list::is_event_camera(it)).count());
-        let wanted = D::stream_config(&self.link.config).flight();
+        let wanted = D::stream_config(&self.link.config()).flight();
         let flight = Budget::of_machine(cameras).fit(wanted);
         if flight != wanted {
             outlet.report(Incident::Warning {
@@ -141,6 +143,60 @@ impl<D: Driver> Source for EventSource<D> {
         let mut guard = self.link.driver();
         guard.as_mut().and_then(|driver| driver.readings().ok()).unwrap_or_default()
     }
+
+    fn knobs(&self) -> Vec<Knob> {
+        D::knobs(&self.link.config())
+    }
+
+    fn adjust(&mut self, wanted: &Map<String, Value>) -> Result<(), SourceError> {
+        if let Some(fixed) = wanted.keys().find(|name| !D::ADJUSTABLE.contains(&name.as_str())) {
+            let allowed = format!("while the camera runs: {}", D::ADJUSTABLE.join(", "));
+            return Err(EventError::setting(fixed, &wanted[fixed.as_str()], allowed).into());
+        }
+        let before = self.link.config().clone();
+        let config = changed(&before, wanted).map_err(|error| format!("{}: {error}", self.name()))?;
+        D::validate(&config)?;
+        let mut guard = self.link.driver();
+        let Some(driver) = guard.as_mut() else {
+            return Err(format!("{} is not there at the moment: try again when it is back", self.name()).into());
+        };
+        if let Err(error) = driver.adjust(&config) {
+            // What stood before, as far as the camera takes it.
+            let _ = driver.adjust(&before);
+            return Err(error.into());
+        }
+        let usb = self.description.settings.remove("stream");
+        self.description.settings = driver.settings().clone();
+        self.description.settings.extend(usb.map(|usb| ("stream".to_owned(), usb)));
+        drop(guard);
+        // A camera that comes back is configured so, too.
+        *self.link.config() = config;
+        Ok(())
+    }
+}
+
+/// A configuration with some of its settings changed; tables are changed entry by entry, and what is `null` takes its default.
+fn changed<C: Serialize + DeserializeOwned>(config: &C, changed: &Map<String, Value>) -> Result<C, serde_json::Error> {
+    fn merge(into: &mut Map<String, Value>, changed: &Map<String, Value>) {
+        for (name, value) in changed {
+            match (into.get_mut(name), value) {
+                (_, Value::Null) => drop(into.remove(name)),
+                (Some(Value::Object(into)), Value::Object(changed)) => merge(into, changed),
+                // Entries that are null in a table that was off take their defaults, too.
+                (_, Value::Object(changed)) => {
+                    let mut table = Map::new();
+                    merge(&mut table, changed);
+                    into.insert(name.clone(), table.into());
+                }
+                (_, value) => drop(into.insert(name.clone(), value.clone())),
+            }
+        }
+    }
+    let mut settings = serde_json::to_value(config)?;
+    if let Value::Object(settings) = &mut settings {
+        merge(settings, changed);
+    }
+    serde_json::from_value(settings)
 }
 
 impl<D: Driver> Drop for EventSource<D> {

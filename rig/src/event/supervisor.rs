@@ -23,12 +23,17 @@ const STALLS: u32 = 3;
 /// What the source and its supervisor share.
 pub(super) struct Link<D: Driver> {
     pub(super) bus: Arc<dyn Bus>,
-    pub(super) config: D::Config,
+    pub(super) config: Mutex<D::Config>,
     pub(super) serial: String,
     pub(super) driver: Mutex<Option<D>>,
 }
 
 impl<D: Driver> Link<D> {
+    /// The settings as they stand.
+    pub(super) fn config(&self) -> MutexGuard<'_, D::Config> {
+        self.config.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     pub(super) fn driver(&self) -> MutexGuard<'_, Option<D>> {
         self.driver.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -224,7 +229,8 @@ impl<D: Driver> Supervisor<D> {
 
     fn reopen(&mut self) -> Result<(), EventError> {
         let mut driver: D = find(self.link.bus.as_ref(), &self.link.serial)?;
-        driver.configure(&self.link.config)?;
+        let config = self.link.config().clone();
+        driver.configure(&config)?;
         self.feed.mark_gap();
         self.stream = Some(begin(&mut driver, self.flight, &self.feed, &self.outlet, &self.signals)?);
         *self.link.driver() = Some(driver);

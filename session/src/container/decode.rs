@@ -52,6 +52,7 @@ impl<R: Read + Seek> Session<R> {
         let (Some(encoding), size) = (description.encoding.events(), sensor_size(&description)) else {
             return Ok(None);
         };
+        let window_host_ns = window_host_ns.or(self.window());
         let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
         // Across a break, decoders that began at different places may count the roll-overs of a clock differently, and the
         // epochs of a stream are those of one that began at its beginning.
@@ -68,7 +69,7 @@ impl<R: Read + Seek> Session<R> {
         let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
         // Packets of AEDAT 4 remember nothing of each other.
         let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| encoding == EventEncoding::Aedat4);
-        for entry in self.messages(state.map(|state| state.host_ns).or(anywhere)) {
+        for entry in self.messages_within(state.map(|state| state.host_ns).or(anywhere), i64::MAX) {
             let packet = match entry {
                 Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(LATE_NS) => break,
                 Ok(Entry::Packet { stream: of, packet }) if of == stream && packet.host_ns <= to => packet,
@@ -104,7 +105,7 @@ impl<R: Read + Seek> Session<R> {
     /// The last state of a stream's decoder at or before a host time.
     fn state_before(&mut self, id: &str, host_ns: i64) -> Result<Option<DecoderState>, ContainerError> {
         let mut found = None;
-        for entry in self.messages(Some(host_ns.saturating_sub(STATE_SEARCH_NS))) {
+        for entry in self.messages_within(Some(host_ns.saturating_sub(STATE_SEARCH_NS)), i64::MAX) {
             match entry {
                 Ok(Entry::DecoderState(state)) if state.stream == id && state.host_ns <= host_ns => found = Some(state),
                 Ok(Entry::Packet { packet, .. }) if packet.host_ns > host_ns.saturating_add(LATE_NS) => break,

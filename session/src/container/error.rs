@@ -60,6 +60,16 @@ pub enum ContainerError {
         /// The file.
         path: PathBuf,
     },
+    /// A range of a recording in which nothing arrived.
+    #[error("{path} has nothing from {from_s} s to {to_s} s; `erfgs info` says how long it is", path = path.display())]
+    NothingWithin {
+        /// The file.
+        path: PathBuf,
+        /// Start of the range, seconds.
+        from_s: f64,
+        /// Its end, seconds.
+        to_s: f64,
+    },
     /// The file is MCAP, but nothing that erfgs recorded.
     #[error("{path} is an MCAP file, but not a session of erfgs: {what}", path = path.display())]
     NotASession {

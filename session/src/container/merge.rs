@@ -277,6 +277,10 @@ impl Streams {
             (None, Incident::Warning { message }) => Incident::Warning { message: format!("{name}: {message}") },
             (None, Incident::Lost { reason }) => Incident::Warning { message: format!("{name}: {reason}") },
             (None, Incident::Back) => Incident::Warning { message: format!("{name}: back") },
+            (None, Incident::Adjusted { changed }) => {
+                let keys = changed.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+                Incident::Warning { message: format!("{name}: {keys} changed") }
+            }
         };
         (stream, incident)
     }

@@ -61,6 +61,17 @@ impl Recording {
         })
     }
 
+    /// Restricts what is read from here on to what arrived within these session times, nanoseconds, the last one included;
+    /// `None` lifts that. Packets of a session are whole: what they hold is older by some milliseconds.
+    pub fn restrict(&mut self, window_ns: Option<[i64; 2]>) {
+        let start_ns = self.summary().start.host_ns;
+        let window = window_ns.map(|window| window.map(|session_ns| start_ns.saturating_add(session_ns)));
+        match self {
+            Self::Session(session) => session.restrict(window),
+            Self::EventFile(file) => file.restrict(window),
+        }
+    }
+
     /// The messages in the order of the file: see [`Session::messages`] and [`EventFileRecording::messages`].
     pub fn messages(
         &mut self,

@@ -8,6 +8,8 @@ use std::{
 
 use mcap::records::{Record, op};
 
+use crate::source::LATE_NS;
+
 use super::{
     error::ContainerError,
     framing::Head,
@@ -92,6 +94,8 @@ pub struct Session<R = File> {
     /// What the end of the file says, if it was closed; of a session also the totals.
     index: Index,
     said: Option<Totals>,
+    /// Host times that readers are restricted to.
+    window: Option<[i64; 2]>,
 }
 
 impl Session<File> {
@@ -129,7 +133,8 @@ impl<R: Read + Seek> Session<R> {
         let walk = Walk::open(file, path)?;
         let summary = Summary { file_bytes: walk.framing.length(), ..Summary::default() };
         let (chunks, index) = (Vec::new(), Index::default());
-        let mut session = Self { path: path.to_owned(), walk, summary, chunks, indexed: false, index, said: None };
+        let path = path.to_owned();
+        let mut session = Self { path, walk, summary, chunks, indexed: false, index, said: None, window: None };
         session.indexed = session.read_index()?;
         if session.indexed {
             session.said = Some(session.summary.totals.clone());
@@ -178,6 +183,24 @@ impl<R: Read + Seek> Session<R> {
     /// The messages in the order of the file, from the chunk on in which host time `from_host_ns` lies; `None` for all.
     /// What is older is left out.
     pub fn messages(&mut self, from_host_ns: Option<i64>) -> Messages<'_, R> {
+        match self.window {
+            None => self.messages_within(from_host_ns, i64::MAX),
+            Some([from, to]) => self.messages_within(Some(from_host_ns.map_or(from, |asked| asked.max(from))), to),
+        }
+    }
+
+    /// Restricts [`Session::messages`] and [`Session::decode_events`] to what arrived within these host times, the last one
+    /// included; `None` lifts that.
+    pub fn restrict(&mut self, window_host_ns: Option<[i64; 2]>) {
+        self.window = window_host_ns;
+    }
+
+    /// What readers are restricted to.
+    pub(super) fn window(&self) -> Option<[i64; 2]> {
+        self.window
+    }
+
+    pub(super) fn messages_within(&mut self, from_host_ns: Option<i64>, to_ns: i64) -> Messages<'_, R> {
         let first = mcap::MAGIC.len() as u64;
         let offset = from_host_ns.map_or(first, |from| {
             let from = self.summary.start.log_time(from);
@@ -186,7 +209,7 @@ impl<R: Read + Seek> Session<R> {
         });
         self.walk.go_to(offset);
         let streams = self.summary.streams.len();
-        Messages { walk: &mut self.walk, streams, from_ns: from_host_ns.unwrap_or(i64::MIN), over: false }
+        Messages { walk: &mut self.walk, streams, from_ns: from_host_ns.unwrap_or(i64::MIN), to_ns, over: false }
     }
 
     /// Whether the whole file was read when it was opened, as its end did not say what it holds: what is damaged is known
@@ -386,6 +409,7 @@ pub struct Messages<'a, R> {
     /// How many streams the summary has: a packet of another one would have no description.
     streams: usize,
     from_ns: i64,
+    to_ns: i64,
     over: bool,
 }
 
@@ -400,7 +424,15 @@ impl<R: Read + Seek> Iterator for Messages<'_, R> {
                     let (path, offset) = (self.walk.framing.path().to_owned(), self.walk.chunk_offset());
                     return Some(Err(ContainerError::Damaged { path, offset, what }));
                 }
-                Ok(Item::Entry(entry)) if host_ns(&entry).is_none_or(|time| time >= self.from_ns) => {
+                // Packets lie out of the order of their times by less than this.
+                Ok(Item::Entry(Entry::Packet { packet, .. }))
+                    if packet.host_ns > self.to_ns.saturating_add(LATE_NS) =>
+                {
+                    self.over = true;
+                }
+                Ok(Item::Entry(entry))
+                    if host_ns(&entry).is_none_or(|time| (self.from_ns..=self.to_ns).contains(&time)) =>
+                {
                     return Some(Ok(entry));
                 }
                 Ok(Item::End { .. }) => self.over = true,

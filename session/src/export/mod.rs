@@ -6,6 +6,7 @@
 //! the stream, where the caller has them, only date it.
 
 mod anew;
+mod event_video;
 mod events;
 mod frames;
 mod sensor_frames;
@@ -18,6 +19,7 @@ use std::{
 use erfgs_events::{EncodeError, hdf5::Hdf5Error, npz::NpzError};
 use erfgs_scene::{image::ImageError, video::VideoError};
 
+pub use event_video::{EventVideo, WrittenVideo, write_event_video};
 pub use events::{EventsFormat, WrittenEvents, write_events};
 pub use frames::{Exposures, FramesFormat, write_frames};
 

@@ -3,6 +3,7 @@
 mod common;
 mod compressed;
 mod event_file;
+mod excerpt;
 mod faults;
 #[cfg(feature = "hdf5")]
 mod hdf5;

@@ -1,7 +1,6 @@
 //! A frame camera that films the stage, without a driver.
 
 use std::{
-    error::Error,
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -16,11 +15,9 @@ use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::source::{
     Counters, Description, Encoding, FrameStamp, Outlet, Packet, Source, SourceError, StampClock, StampPoint,
 };
-use erfgs_stage::{RigOptions, Stage, StageOptions, StageView, film::image};
-use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
 /// Frames a second.
-const RATE_HZ: i64 = 30;
+pub const RATE_HZ: i64 = 30;
 
 /// See the module.
 pub struct StageCamera {
@@ -32,25 +29,8 @@ pub struct StageCamera {
 }
 
 impl StageCamera {
-    /// Films from the place of RGB camera `index` of four.
-    pub fn film(id: &str, index: usize, frames: usize, (width, height): (u32, u32)) -> Result<Self, Box<dyn Error>> {
-        let stage = Stage::new(StageOptions { samples_per_axis: 1, ..StageOptions::default() });
-        let camera = RigOptions { width, height, rgb: 4, event: 0, test: 0, ..RigOptions::default() }
-            .cameras(1)?
-            .swap_remove(index);
-        let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        let frame = |number: usize| -> Result<Bytes, Box<dyn Error>> {
-            let start = number as i64 * 1_000_000_000 / RATE_HZ;
-            let picture = image(&view, &view.exposure([start, start + 8_000_000], 3));
-            let mut jpeg = Vec::new();
-            JpegEncoder::new_with_quality(&mut jpeg, 85).write_image(
-                &picture.data,
-                picture.width,
-                picture.height,
-                ExtendedColorType::Rgb8,
-            )?;
-            Ok(jpeg.into())
-        };
+    /// Shows these pictures again and again.
+    pub fn new(id: &str, frames: Vec<Vec<u8>>, [width, height]: [u32; 2]) -> Self {
         let mut settings = serde_json::Map::new();
         settings.insert("rate_hz".into(), RATE_HZ.into());
         let description = Description {
@@ -63,8 +43,8 @@ impl StageCamera {
             start_order: 10,
             settings,
         };
-        let frames = (0..frames).map(frame).collect::<Result<_, _>>()?;
-        Ok(Self { description, frames, quit: Arc::default(), counters: Arc::default(), thread: None })
+        let frames = frames.into_iter().map(Bytes::from).collect();
+        Self { description, frames, quit: Arc::default(), counters: Arc::default(), thread: None }
     }
 }
 

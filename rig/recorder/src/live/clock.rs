@@ -18,6 +18,8 @@ const ENOUGH: usize = 3;
 const RECENT: usize = 512;
 /// A device clock may be off by this much against the host's, as a ratio; more is another device or a restart.
 const PLAUSIBLE: f64 = 2e-3;
+/// Data that come after a break of the same clock are off by this much at most, nanoseconds.
+const LATE: f64 = 2e7;
 
 /// A clock that goes back by more than this began anew, as that of a recording does that is played in a loop: packets of one
 /// stream come in order.
@@ -40,18 +42,22 @@ pub(super) struct ClockWatch {
 }
 
 impl ClockWatch {
-    /// Data of device time `device_ns` arrived at host time `host_ns`.
-    pub fn sample(&mut self, device_ns: i64, host_ns: i64) {
+    /// Data of device time `device_ns` arrived at host time `host_ns`; `broken`: data of the device is missing before.
+    pub fn sample(&mut self, device_ns: i64, host_ns: i64, broken: bool) {
         let (device_0, host_0) = *self.origin.get_or_insert((device_ns, host_ns));
         let device = (device_ns - device_0) as f64;
         let delay = (host_ns - host_0) as f64 - device;
         // A restarted device begins a new line.
         let jumped = |last: &[f64; 2]| {
-            device < last[0] - BACKWARD_NS || (delay - last[1]).abs() > 1e9 + PLAUSIBLE * (device - last[0]).abs()
+            let strays = (delay - last[1]).abs();
+            device < last[0] - BACKWARD_NS
+                || strays > 1e9 + PLAUSIBLE * (device - last[0]).abs()
+                // Behind a break the device may have started anew, or a playback have jumped.
+                || broken && (device < last[0] || strays > LATE)
         };
         if self.recent.back().is_some_and(jumped) {
             *self = Self::default();
-            return self.sample(device_ns, host_ns);
+            return self.sample(device_ns, host_ns, false);
         }
         if self.recent.len() == RECENT {
             self.recent.pop_front();
@@ -114,7 +120,7 @@ mod tests {
         let mut watch = ClockWatch::default();
         for ms in 0..1000 * seconds {
             let device_ns = (ms as f64 * 1e6 * (1.0 + ppm / 1e6)) as i64;
-            watch.sample(7_000_000 + device_ns, 5_000_000_000 + ms * 1_000_000 + 1000 * delay_us(ms));
+            watch.sample(7_000_000 + device_ns, 5_000_000_000 + ms * 1_000_000 + 1000 * delay_us(ms), false);
         }
         watch
     }
@@ -144,11 +150,11 @@ mod tests {
         // Loops of 0.7 s, which the host's clock knows nothing of.
         let mut watch = ClockWatch::default();
         for ms in 0..20_000 {
-            watch.sample(ms % 700 * 1_000_000, ms * 1_000_000);
+            watch.sample(ms % 700 * 1_000_000, ms * 1_000_000, false);
             assert!(watch.status("").is_none_or(|status| status.rate_ppm.abs() < 2000.0), "{ms}");
         }
         let mut slow = ClockWatch::default();
-        (0..20_000).for_each(|ms| slow.sample(ms * 100_000, ms * 1_000_000));
+        (0..20_000).for_each(|ms| slow.sample(ms * 100_000, ms * 1_000_000, false));
         assert_eq!(slow.status(""), None);
     }
 
@@ -156,9 +162,23 @@ mod tests {
     fn a_restarted_device_begins_anew() {
         let mut watch = watch(10, 0.0, |_| 0);
         for ms in 0..6000 {
-            watch.sample(ms * 1_000_000, 20_000_000_000 + ms * 1_000_000);
+            watch.sample(ms * 1_000_000, 20_000_000_000 + ms * 1_000_000, false);
         }
         let status = watch.status("").unwrap();
         assert!(status.residual_p95_us < 1.0 && status.rate_ppm.abs() < 0.1, "{status:?}");
+    }
+
+    #[test]
+    fn a_recording_that_starts_over_keeps_its_rate() {
+        // Seven tenths of a second again and again: the device's time goes back, the host's goes on.
+        let mut watch = ClockWatch::default();
+        for round in 0..12 {
+            for ms in 0..700 {
+                let host_ns = round * 710_000_000 + ms * 1_000_000;
+                watch.sample(3_000_000 + ms * 1_000_000, host_ns, round > 0 && ms == 0);
+                let off = watch.status("").map_or(0.0, |status| status.rate_ppm.abs());
+                assert!(off < 1.0, "{off} ppm in round {round}");
+            }
+        }
     }
 }

@@ -3,14 +3,19 @@
 use std::{collections::VecDeque, time::Instant};
 
 use bytes::Bytes;
-use erfgs_events::{ApsFrame, CdEvent, Decoder, EventBatch, Sink, StreamDecoder};
+use erfgs_events::{Decoder, SensorSize, StreamDecoder};
 use erfgs_session::{
+    EventPicture,
     container::{hand_over, sensor_size},
     source::{Description, Encoding, Packet},
 };
 use serde::Serialize;
 
-use super::{clock::ClockWatch, frames, picture::Canvas};
+use super::{
+    clock::ClockWatch,
+    frames,
+    picture::{Picture, WIDEST, WIDEST_LARGE},
+};
 
 /// Bytes of events that may wait to be looked at; what comes beyond is not looked at.
 const WAITING: usize = 4 << 20;
@@ -56,8 +61,6 @@ pub struct Look {
     pub id: String,
     /// Counts its pictures; 0 before the first.
     pub version: u64,
-    /// Milliseconds between the last two pictures: events are accumulated over that long.
-    pub picture_ms: f64,
     /// The last lines of a trigger board.
     pub lines: Vec<String>,
 }
@@ -66,12 +69,17 @@ pub struct Look {
 pub(super) struct Eye {
     description: Description,
     decoder: Option<StreamDecoder>,
-    canvas: Canvas,
+    events: EventPicture,
+    /// When the newest event was looked at.
+    seen: Instant,
     clock: ClockWatch,
     frame: Option<Bytes>,
     look: Look,
-    jpeg: Option<Vec<u8>>,
-    pictured: Option<Instant>,
+    /// The picture as it is shown among others, and enlarged.
+    jpegs: [Option<Vec<u8>>; 2],
+    /// Packets that were looked at; and of the last picture: how many there were, its span, and whether it was enlarged.
+    looked: u64,
+    drawn: Option<(u64, u64, bool)>,
     window: Window,
 }
 
@@ -87,25 +95,28 @@ struct Window {
 
 impl Eye {
     pub fn new(description: &Description) -> Self {
-        let (width, height) = (description.width, description.height);
         let size = sensor_size(description);
         let window = Window { since: Instant::now(), offered_before: 0, events: 0, bytes: 0, last: None };
-        let is_events = description.encoding.is_events();
         Self {
             description: description.clone(),
             decoder: description.encoding.events().map(|encoding| StreamDecoder::new(encoding, size)),
-            canvas: if is_events { Canvas::new(width.min(2048), height.min(2048)) } else { Canvas::new(0, 0) },
+            events: EventPicture::new(
+                size.filter(|_| description.encoding.is_events()).unwrap_or(SensorSize { width: 0, height: 0 }),
+            ),
+            seen: Instant::now(),
             clock: ClockWatch::default(),
             frame: None,
             look: Look { id: description.id.clone(), ..Look::default() },
-            jpeg: None,
-            pictured: None,
+            jpegs: [None, None],
+            looked: 0,
+            drawn: None,
             window,
         }
     }
 
     /// Looks at packets; `offered` bytes arrived since the start.
     pub fn see(&mut self, packets: VecDeque<Packet>, offered: u64) {
+        self.looked += packets.len() as u64;
         for packet in packets {
             match self.description.encoding {
                 Encoding::TriggerLines => self.lines(&packet.payload),
@@ -127,19 +138,23 @@ impl Eye {
     fn events(&mut self, packet: &Packet) {
         let Some(decoder) = &mut self.decoder else { return };
         hand_over(decoder, packet, true);
-        let mut seen = Seen { canvas: &mut self.canvas, events: 0, last_us: None };
-        decoder.decode(&packet.payload, &mut seen);
-        let (events, last_us) = (seen.events, seen.last_us);
+        if packet.discontinuity {
+            self.events.clear();
+        }
+        let before = self.events.events();
+        decoder.decode(&packet.payload, &mut self.events);
+        let events = self.events.events() - before;
         self.window.events += events;
         self.window.bytes += packet.payload.len() as u64;
-        if let Some(last_us) = last_us {
-            self.clock.sample(last_us.cast_signed().saturating_mul(1000), packet.host_ns);
+        if let Some(newest_us) = self.events.newest_us().filter(|_| events > 0) {
+            self.seen = Instant::now();
+            self.clock.sample(newest_us.cast_signed().saturating_mul(1000), packet.host_ns, packet.discontinuity);
         }
     }
 
     fn frame(&mut self, packet: Packet) {
         if let Some(stamp) = packet.stamp {
-            self.clock.sample(stamp.kernel_ns, packet.host_ns);
+            self.clock.sample(stamp.kernel_ns, packet.host_ns, packet.discontinuity);
         }
         if !packet.damaged {
             self.frame = Some(packet.payload);
@@ -156,30 +171,41 @@ impl Eye {
         }
     }
 
-    /// Makes a new picture of what was seen since the last one.
-    pub fn draw(&mut self) {
-        let encoding = self.description.encoding;
-        let picture = if encoding.is_events() {
-            Some(self.canvas.render())
-        } else {
-            let frame = self.frame.take();
-            frame.and_then(|frame| frames::picture(&self.description, &frame))
-        };
-        let Some(jpeg) = picture.and_then(|picture| picture.jpeg()) else { return };
-        self.jpeg = Some(jpeg);
-        self.look.version += 1;
-        let now = Instant::now();
-        if let Some(before) = self.pictured.replace(now) {
-            self.look.picture_ms = (now - before).as_secs_f64() * 1e3;
+    /// Makes a new picture: of the latest frame, or of the events of the last `span_us`. With `flows` time goes on where no
+    /// events come; without, as where a playback stands, it does not. With `large` there is an enlarged one, too.
+    pub fn draw(&mut self, span_us: u64, flows: bool, large: bool) {
+        let is_events = self.description.encoding.is_events();
+        let drawn = (self.looked, span_us, large);
+        if self.drawn == Some(drawn) && !(is_events && flows) {
+            return;
         }
+        let picture = |widest: u32| {
+            if !is_events {
+                return frames::picture(&self.description, self.frame.as_ref()?, widest);
+            }
+            let [width, height] = self.events.size();
+            let step = width.div_ceil(widest).max(1);
+            let since_us = if flows { self.seen.elapsed().as_micros() as u64 } else { 0 };
+            let now_us = self.events.newest_us().unwrap_or(0).saturating_add(since_us);
+            let rgb = self.events.render(now_us, span_us, step as u16);
+            Some(Picture { width: width / step, height: height / step, rgb })
+        };
+        let jpeg = |widest| picture(widest).and_then(|picture| picture.jpeg());
+        let Some(small) = jpeg(WIDEST) else { return };
+        let large = if large { jpeg(WIDEST_LARGE) } else { None };
+        self.jpegs = [Some(small), large];
+        self.drawn = Some(drawn);
+        self.look.version += 1;
     }
 
     pub fn look(&self) -> Look {
         self.look.clone()
     }
 
-    pub fn jpeg(&self) -> Option<Vec<u8>> {
-        self.jpeg.clone()
+    /// The last picture; the enlarged one where there is one and it is asked for.
+    pub fn jpeg(&self, large: bool) -> Option<Vec<u8>> {
+        let [small, enlarged] = &self.jpegs;
+        if large { enlarged.as_ref().or(small.as_ref()).cloned() } else { small.clone() }
     }
 
     /// Events for each byte and the share of the bytes decoded, of the last window.
@@ -190,32 +216,5 @@ impl Eye {
     pub fn clock(&self) -> Option<crate::ClockStatus> {
         let encoding = self.description.encoding;
         self.clock.status(if encoding.is_events() { "arrival of event data" } else { "kernel stamp to arrival" })
-    }
-}
-
-/// Counts and draws events.
-struct Seen<'a> {
-    canvas: &'a mut Canvas,
-    events: u64,
-    last_us: Option<u64>,
-}
-
-impl Sink for Seen<'_> {
-    fn event(&mut self, event: CdEvent) {
-        self.events += 1;
-        self.last_us = Some(event.t_us);
-        self.canvas.add(event.x, event.y, event.on);
-    }
-
-    fn events(&mut self, batch: EventBatch<'_>) {
-        self.events += batch.t_us.len() as u64;
-        self.last_us = batch.t_us.last().copied().or(self.last_us);
-        for ((&x, &y), &on) in batch.x.iter().zip(batch.y).zip(batch.on) {
-            self.canvas.add(x, y, on);
-        }
-    }
-
-    fn frame(&mut self, frame: ApsFrame) {
-        self.canvas.lay_under(frame.width, frame.height, &frame.pixels, frame.bits);
     }
 }

@@ -9,13 +9,13 @@ use super::picture::Picture;
 /// Widest and highest image that is decoded.
 const LARGEST: u32 = 8192;
 
-/// A small picture of a frame; `None` if the payload is shorter than its encoding asks for, or damaged.
-pub(super) fn picture(description: &Description, payload: &[u8]) -> Option<Picture> {
+/// A picture of a frame, at most `widest` wide; `None` if the payload is shorter than its encoding asks for, or damaged.
+pub(super) fn picture(description: &Description, payload: &[u8], widest: u32) -> Option<Picture> {
     let format = description.frame_format()?;
     let FrameFormat { pixels, width, height, ref look } = format;
     if pixels == PixelFormat::Mjpeg {
         let image = pixel::decode(pixels, width, height, payload).ok()?;
-        return Some(Picture::shrunk(image.width, image.height, |x, y| image.pixel(x, y)));
+        return Some(Picture::shrunk(image.width, image.height, widest, |x, y| image.pixel(x, y)));
     }
     if width > LARGEST || height > LARGEST || pixel::check_size(pixels, width, height).is_err() {
         return None;
@@ -24,26 +24,26 @@ pub(super) fn picture(description: &Description, payload: &[u8]) -> Option<Pictu
     let byte = |at: usize| payload.get(at).copied().unwrap_or(0);
     let index = |x: u32, y: u32| y as usize * width as usize + x as usize;
     Some(match (pixels, pixels.samples()) {
-        (PixelFormat::Bayer(order, samples), _) => binned(&format, order, samples, payload),
+        (PixelFormat::Bayer(order, samples), _) => binned(&format, order, samples, payload, widest),
         (_, Some(samples)) => {
             let levels = look.levels(pixels, 1);
-            Picture::shrunk(width, height, |x, y| [levels[usize::from(samples.at(payload, index(x, y)))]; 3])
+            Picture::shrunk(width, height, widest, |x, y| [levels[usize::from(samples.at(payload, index(x, y)))]; 3])
         }
         (PixelFormat::Rgb8, _) => {
-            Picture::shrunk(width, height, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + c)))
+            Picture::shrunk(width, height, widest, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + c)))
         }
         (PixelFormat::Bgr8, _) => {
-            Picture::shrunk(width, height, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + 2 - c)))
+            Picture::shrunk(width, height, widest, |x, y| std::array::from_fn(|c| byte(3 * index(x, y) + 2 - c)))
         }
-        (PixelFormat::Yuyv, _) => Picture::shrunk(width, height, |x, y| {
+        (PixelFormat::Yuyv, _) => Picture::shrunk(width, height, widest, |x, y| {
             let pair = 2 * index(x & !1, y);
             yuv_to_rgb(byte(2 * index(x, y)), byte(pair + 1), byte(pair + 3))
         }),
-        (PixelFormat::Uyvy, _) => Picture::shrunk(width, height, |x, y| {
+        (PixelFormat::Uyvy, _) => Picture::shrunk(width, height, widest, |x, y| {
             let pair = 2 * index(x & !1, y);
             yuv_to_rgb(byte(2 * index(x, y) + 1), byte(pair), byte(pair + 2))
         }),
-        _ => Picture::shrunk(width, height, |x, y| {
+        _ => Picture::shrunk(width, height, widest, |x, y| {
             let pair = width as usize * (height + y / 2) as usize + (x & !1) as usize;
             yuv_to_rgb(byte(index(x, y)), byte(pair), byte(pair + 1))
         }),
@@ -51,10 +51,10 @@ pub(super) fn picture(description: &Description, payload: &[u8]) -> Option<Pictu
 }
 
 /// A Bayer frame at half its size: two by two pixels hold a red, a blue and two greens.
-fn binned(format: &FrameFormat, order: BayerOrder, samples: Samples, payload: &[u8]) -> Picture {
+fn binned(format: &FrameFormat, order: BayerOrder, samples: Samples, payload: &[u8], widest: u32) -> Picture {
     let FrameFormat { pixels, width, height, ref look } = *format;
     let levels: [Vec<u8>; 3] = std::array::from_fn(|colour| look.levels(pixels, colour));
-    Picture::shrunk(width / 2, height / 2, |x, y| {
+    Picture::shrunk(width / 2, height / 2, widest, |x, y| {
         let mut sums = [0; 3];
         for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
             let at = (2 * y as usize + dy) * width as usize + 2 * x as usize + dx;
@@ -67,6 +67,7 @@ fn binned(format: &FrameFormat, order: BayerOrder, samples: Samples, payload: &[
 
 #[cfg(test)]
 mod tests {
+    use super::super::picture::WIDEST;
     use super::*;
 
     fn description(encoding: PixelFormat, width: u32, height: u32) -> Description {
@@ -76,7 +77,7 @@ mod tests {
     }
 
     fn first(encoding: PixelFormat, payload: Vec<u8>) -> Option<Vec<u8>> {
-        picture(&description(encoding, 4, 2), &payload).map(|picture| picture.rgb[..3].to_vec())
+        picture(&description(encoding, 4, 2), &payload, WIDEST).map(|picture| picture.rgb[..3].to_vec())
     }
 
     #[test]
@@ -135,7 +136,7 @@ mod tests {
             // Red at half of white, green at a quarter, blue at none.
             let light = [0.5, 0.25, 0.0].map(|light| (light * f64::from(samples.white())) as u16);
             let values: Vec<u16> = (0..32).map(|at| light[order.colour(at % 8, at / 8)]).collect();
-            let picture = picture(&description(encoding, 8, 4), &samples.pack(&values)).unwrap();
+            let picture = picture(&description(encoding, 8, 4), &samples.pack(&values), WIDEST).unwrap();
             assert_eq!((picture.width, picture.height), (4, 2));
             let near = |pixel: &[u8]| pixel[0].abs_diff(188) <= 1 && pixel[1].abs_diff(137) <= 1 && pixel[2] == 0;
             assert!(picture.rgb.chunks(3).all(near), "{encoding}: {:?}", picture.rgb);
@@ -146,8 +147,8 @@ mod tests {
     fn short_and_damaged_frames_give_no_picture() {
         for encoding in PixelFormat::all() {
             assert_eq!(first(encoding, vec![1; 3]), None, "{encoding:?}");
-            assert!(picture(&description(encoding, 0, 0), &[]).is_none(), "{encoding:?}");
-            assert!(picture(&description(encoding, u32::MAX, u32::MAX), &[0; 64]).is_none(), "{encoding:?}");
+            assert!(picture(&description(encoding, 0, 0), &[], WIDEST).is_none(), "{encoding:?}");
+            assert!(picture(&description(encoding, u32::MAX, u32::MAX), &[0; 64], WIDEST).is_none(), "{encoding:?}");
         }
     }
 }

@@ -5,16 +5,17 @@
 
 mod clock;
 mod eye;
-mod files;
 mod frames;
 mod guide;
 mod monitor;
 mod picture;
+mod playback;
 mod routes;
 mod server;
 
+pub use crate::names::{NameError, RecordingFile, recordings};
 pub use erfgs_page::serve::{PageError, PageOptions};
-pub use files::{NameError, RecordingFile, recordings};
 pub use guide::{Guidance, Guide};
 pub use monitor::{Monitor, MonitorOptions};
+pub use playback::{Playback, PlaybackOrder, PlaybackStatus};
 pub use server::LivePage;

@@ -2,9 +2,10 @@
 
 use std::{
     collections::VecDeque,
+    ops::RangeInclusive,
     sync::{
         Arc, Mutex, MutexGuard, OnceLock, PoisonError,
-        atomic::{AtomicBool, AtomicI64, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed},
     },
     thread::{self, JoinHandle},
     time::{Duration, Instant},
@@ -24,6 +25,10 @@ use erfgs_rig::host_time::host_ns;
 const WATCHED_NS: i64 = 3_000_000_000;
 /// Shortest and longest rest between two rounds.
 const REST: [Duration; 2] = [Duration::from_millis(15), Duration::from_secs(1)];
+
+/// Pictures of events show so much of the past, microseconds: at first, and what can be asked for.
+const SPAN_US: u64 = 50_000;
+const SPANS_US: RangeInclusive<u64> = 100..=10_000_000;
 
 /// How much the monitor may do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,12 +50,17 @@ struct WatchedStream {
     id: String,
     inbox: Mutex<Inbox>,
     eye: Mutex<Eye>,
-    wanted_ns: AtomicI64,
+    /// When it was last asked for, among others and enlarged.
+    wanted_ns: [AtomicI64; 2],
 }
 
 struct Shared {
     streams: Vec<WatchedStream>,
     quit: AtomicBool,
+    /// Pictures of events show the last so many microseconds.
+    span_us: AtomicU64,
+    /// Whether time stands still where no data come.
+    stands: AtomicBool,
 }
 
 /// See the module.
@@ -78,10 +88,15 @@ impl Monitor {
             id: description.id.clone(),
             inbox: Mutex::default(),
             eye: Mutex::new(Eye::new(description)),
-            wanted_ns: AtomicI64::new(i64::MIN),
+            wanted_ns: [const { AtomicI64::new(i64::MIN) }; 2],
         };
         let streams = descriptions.into_iter().map(stream).collect();
-        let shared = Arc::new(Shared { streams, quit: AtomicBool::new(false) });
+        let shared = Arc::new(Shared {
+            streams,
+            quit: AtomicBool::new(false),
+            span_us: AtomicU64::new(SPAN_US),
+            stands: AtomicBool::new(false),
+        });
         let thread = thread::Builder::new().name("monitor".into()).spawn({
             let shared = Arc::clone(&shared);
             move || look(&shared, options)
@@ -106,12 +121,30 @@ impl Monitor {
         self.shared.streams.iter().map(|stream| lock(&stream.eye).look()).collect()
     }
 
-    /// The last picture of stream `id`, JPEG; asking makes the monitor draw further ones for some seconds.
+    /// The last picture of stream `id`, JPEG, enlarged if asked for; asking makes the monitor draw further ones for some
+    /// seconds.
     #[must_use]
-    pub fn preview(&self, id: &str) -> Option<Vec<u8>> {
+    pub fn preview(&self, id: &str, large: bool) -> Option<Vec<u8>> {
         let stream = self.shared.streams.iter().find(|stream| stream.id == id)?;
-        stream.wanted_ns.store(host_ns(), Relaxed);
-        lock(&stream.eye).jpeg()
+        stream.wanted_ns[usize::from(large)].store(host_ns(), Relaxed);
+        lock(&stream.eye).jpeg(large)
+    }
+
+    /// How much of the past the pictures of events show, microseconds.
+    #[must_use]
+    pub fn span_us(&self) -> u64 {
+        self.shared.span_us.load(Relaxed)
+    }
+
+    /// Lets the pictures of events show the last `span_us`, from a tenth of a millisecond to ten seconds; what lies outside
+    /// becomes the nearest of these.
+    pub fn show_span_us(&self, span_us: u64) {
+        self.shared.span_us.store(span_us.clamp(*SPANS_US.start(), *SPANS_US.end()), Relaxed);
+    }
+
+    /// Says that a recording is played: where no data come, time stands still, and the pictures stay.
+    pub fn of_playback(&self) {
+        self.shared.stands.store(true, Relaxed);
     }
 }
 
@@ -158,10 +191,13 @@ fn look(shared: &Shared, options: MonitorOptions) {
             let mut eye = lock(&stream.eye);
             eye.see(packets, offered);
             let first = drawn.is_none() && offered > 0;
-            let watched = host_ns().saturating_sub(stream.wanted_ns.load(Relaxed)) < WATCHED_NS;
+            let now_ns = host_ns();
+            let watched = |by: &AtomicI64| now_ns.saturating_sub(by.load(Relaxed)) < WATCHED_NS;
+            let [small, large] = &stream.wanted_ns;
             let due = drawn.is_none_or(|at| at.elapsed() >= between);
-            if (first || watched) && due && stream.encoding != Encoding::TriggerLines {
-                eye.draw();
+            let wanted = first || watched(small) || watched(large);
+            if wanted && due && stream.encoding != Encoding::TriggerLines {
+                eye.draw(shared.span_us.load(Relaxed), !shared.stands.load(Relaxed), watched(large));
                 *drawn = Some(Instant::now());
             }
         }

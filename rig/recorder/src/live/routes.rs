@@ -1,11 +1,18 @@
 //! What the server answers.
 
-use std::{convert::Infallible, fs::File, io::Read, path::PathBuf, sync::Arc, time::Duration};
+use std::{
+    convert::Infallible,
+    fs::File,
+    io::Read,
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
 
 use axum::{
     Json, Router,
     body::{Body, Bytes},
-    extract::{DefaultBodyLimit, Path, State},
+    extract::{DefaultBodyLimit, Path, Query, State},
     http::{StatusCode, header},
     middleware,
     response::{
@@ -19,11 +26,14 @@ use futures_util::stream;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    files::{self, NameError},
     guide::Guidance,
     monitor::{Look, Monitor},
+    playback::{Playback, PlaybackOrder, PlaybackStatus},
 };
-use crate::{Level, RecordError, Recorder, SinkError, Status};
+use crate::{
+    AdjustError, Level, RecordError, Recorder, SinkError, Status,
+    names::{self, NameError},
+};
 
 /// Between two sets of numbers.
 const TICK: Duration = Duration::from_millis(250);
@@ -35,6 +45,7 @@ pub(super) struct Site {
     pub recorder: Arc<Recorder>,
     pub monitor: Arc<Monitor>,
     pub access: Arc<Access>,
+    pub playback: OnceLock<Arc<dyn Playback>>,
 }
 
 type Shared = State<Arc<Site>>;
@@ -44,12 +55,27 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/", get(|| async { page("text/html; charset=utf-8", include_str!("page/index.html")) }))
         .route("/style.css", get(|| async { page("text/css; charset=utf-8", include_str!("page/style.css")) }))
         .route("/page.js", get(|| async { page("text/javascript; charset=utf-8", include_str!("page/page.js")) }))
+        .route(
+            "/playback.js",
+            get(|| async { page("text/javascript; charset=utf-8", include_str!("page/playback.js")) }),
+        )
+        .route(
+            "/settings.js",
+            get(|| async { page("text/javascript; charset=utf-8", include_str!("page/settings.js")) }),
+        )
         .route("/api/status", get(status))
         .route("/api/stream", get(numbers))
         .route("/api/preview/{id}", get(preview))
         .route("/api/recordings", get(list))
         .route("/api/start", post(start))
         .route("/api/stop", post(stop))
+        .route("/api/keep", post(keep))
+        .route("/api/playback", post(playback))
+        .route("/api/span", post(span))
+        .route("/api/read", post(read))
+        .route("/api/knobs/{id}", get(knobs))
+        .route("/api/adjust", post(adjust))
+        .route("/api/keep-settings", post(keep_settings))
         .route("/recordings/{name}", get(download))
         .layer(DefaultBodyLimit::max(4096))
         .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
@@ -67,12 +93,22 @@ struct Numbers<'a> {
     looks: Vec<Look>,
     guidance: Vec<Guidance>,
     folder: String,
+    /// Pictures of events show the last so many microseconds.
+    span_us: u64,
+    playback: Option<PlaybackStatus>,
 }
 
 fn numbers_now(site: &Site) -> String {
     let status = site.recorder.status();
     let folder = site.recorder.folder().display().to_string();
-    let numbers = Numbers { status: &status, looks: site.monitor.looks(), guidance: site.monitor.guidance(), folder };
+    let numbers = Numbers {
+        status: &status,
+        looks: site.monitor.looks(),
+        guidance: site.monitor.guidance(),
+        folder,
+        span_us: site.monitor.span_us(),
+        playback: site.playback.get().map(|playback| playback.status()),
+    };
     serde_json::to_string(&numbers).unwrap_or_default()
 }
 
@@ -91,15 +127,23 @@ async fn numbers(State(site): Shared) -> impl IntoResponse {
     Sse::new(events).keep_alive(KeepAlive::default())
 }
 
-async fn preview(State(site): Shared, Path(id): Path<String>) -> Response {
-    match site.monitor.preview(&id) {
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Size {
+    /// Whether the camera is enlarged.
+    #[serde(default)]
+    large: bool,
+}
+
+async fn preview(State(site): Shared, Path(id): Path<String>, Query(Size { large }): Query<Size>) -> Response {
+    match site.monitor.preview(&id, large) {
         Some(jpeg) => ([(header::CONTENT_TYPE, "image/jpeg")], Bytes::from(jpeg)).into_response(),
         None => (StatusCode::NOT_FOUND, "there is no picture of that name yet").into_response(),
     }
 }
 
 async fn list(State(site): Shared) -> Response {
-    match files::recordings(site.recorder.folder()) {
+    match names::recordings(site.recorder.folder()) {
         Ok(found) => Json(found).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, format!("cannot list the folder: {error}")).into_response(),
     }
@@ -119,7 +163,7 @@ struct Stop {}
 
 async fn start(State(site): Shared, Json(asked): Json<Start>) -> Response {
     let rig = site.recorder.status().rig.clone();
-    let path = match files::new(site.recorder.folder(), &asked.name, &rig, std::time::SystemTime::now()) {
+    let path = match names::new(site.recorder.folder(), &asked.name, &rig, std::time::SystemTime::now()) {
         Ok(path) => path,
         Err(error) => return refuse(StatusCode::BAD_REQUEST, &error.to_string()),
     };
@@ -129,6 +173,21 @@ async fn start(State(site): Shared, Json(asked): Json<Start>) -> Response {
         Some(Err(error @ (RecordError::Busy(_) | RecordError::Sink(SinkError::Exists(_))))) => {
             refuse(StatusCode::CONFLICT, &error.to_string())
         }
+        Some(Err(error)) => refuse(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Keep {}
+
+/// Keeps what is held of the past.
+async fn keep(State(site): Shared, Json(Keep {}): Json<Keep>) -> Response {
+    let kept = blocking(move || site.recorder.keep_past(site.recorder.after())).await;
+    match kept {
+        Some(Ok(path)) => Json(serde_json::json!({ "path": path })).into_response(),
+        Some(Err(error @ RecordError::Busy(_))) => refuse(StatusCode::CONFLICT, &error.to_string()),
         Some(Err(error)) => refuse(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
         None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
     }
@@ -149,6 +208,73 @@ async fn stop(State(site): Shared, Json(Stop {}): Json<Stop>) -> Response {
     }
 }
 
+async fn playback(State(site): Shared, Json(order): Json<PlaybackOrder>) -> Response {
+    let Some(playback) = site.playback.get() else {
+        return refuse(StatusCode::CONFLICT, "no recording is played here: these are cameras");
+    };
+    match playback.order(&order) {
+        Ok(()) => Json(playback.status()).into_response(),
+        Err(why) => refuse(StatusCode::BAD_REQUEST, &why),
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Span {
+    us: u64,
+}
+
+async fn span(State(site): Shared, Json(Span { us }): Json<Span>) -> Response {
+    site.monitor.show_span_us(us);
+    Json(serde_json::json!({ "us": site.monitor.span_us() })).into_response()
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WasRead {
+    /// Number of the message.
+    number: u64,
+}
+
+async fn read(State(site): Shared, Json(WasRead { number }): Json<WasRead>) -> Response {
+    site.recorder.mark_read(number);
+    Json(serde_json::json!({ "read": number })).into_response()
+}
+
+async fn knobs(State(site): Shared, Path(id): Path<String>) -> Response {
+    told(blocking(move || site.recorder.knobs(&id)).await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Adjust {
+    stream: String,
+    changed: serde_json::Map<String, serde_json::Value>,
+}
+
+async fn adjust(State(site): Shared, Json(Adjust { stream, changed }): Json<Adjust>) -> Response {
+    told(blocking(move || site.recorder.adjust(&stream, &changed)).await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeepSettings {
+    stream: String,
+}
+
+async fn keep_settings(State(site): Shared, Json(KeepSettings { stream }): Json<KeepSettings>) -> Response {
+    told(blocking(move || site.recorder.keep_settings(&stream)).await)
+}
+
+fn told<T: Serialize>(answer: Option<Result<T, AdjustError>>) -> Response {
+    match answer {
+        Some(Ok(answer)) => Json(answer).into_response(),
+        Some(Err(error @ AdjustError::Unknown(_))) => refuse(StatusCode::NOT_FOUND, &error.to_string()),
+        Some(Err(error)) => refuse(StatusCode::BAD_REQUEST, &error.to_string()),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
+    }
+}
+
 fn refuse(code: StatusCode, why: &str) -> Response {
     (code, Json(serde_json::json!({ "error": why }))).into_response()
 }
@@ -159,7 +285,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
 }
 
 async fn download(State(site): Shared, Path(name): Path<String>) -> Response {
-    let path = match files::existing(site.recorder.folder(), &name) {
+    let path = match names::existing(site.recorder.folder(), &name) {
         Ok(path) => path,
         Err(error @ NameError::Bad(_)) => return (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
         Err(error @ NameError::Absent(_)) => return (StatusCode::NOT_FOUND, error.to_string()).into_response(),

@@ -2,7 +2,7 @@
 
 use std::{
     net::{SocketAddr, TcpListener},
-    sync::Arc,
+    sync::{Arc, OnceLock},
 };
 
 use erfgs_page::{
@@ -12,6 +12,7 @@ use erfgs_page::{
 
 use super::{
     monitor::Monitor,
+    playback::Playback,
     routes::{self, Site},
 };
 use crate::Recorder;
@@ -20,6 +21,7 @@ use crate::Recorder;
 pub struct LivePage {
     server: Server,
     access: Arc<Access>,
+    site: Arc<Site>,
 }
 
 impl LivePage {
@@ -51,8 +53,14 @@ impl LivePage {
         options: &PageOptions,
     ) -> Result<Self, PageError> {
         let access = Arc::new(Access::new(options)?);
-        let site = Arc::new(Site { recorder, monitor, access: Arc::clone(&access) });
-        Ok(Self { server: Server::start(listener, routes::router(site), "live page")?, access })
+        let site = Arc::new(Site { recorder, monitor, access: Arc::clone(&access), playback: OnceLock::new() });
+        let server = Server::start(listener, routes::router(Arc::clone(&site)), "live page")?;
+        Ok(Self { server, access, site })
+    }
+
+    /// Lets the page steer a playback. The first one stays.
+    pub fn steer(&self, playback: Arc<dyn Playback>) {
+        let _ = self.site.playback.set(playback);
     }
 
     /// Where it listens.

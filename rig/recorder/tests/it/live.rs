@@ -10,7 +10,7 @@ use std::{
 };
 
 use erfgs_recorder::{
-    Input, Options, Pattern, PatternConfig, PatternKind, Recorder, SessionFiles, SessionInfo,
+    Input, Level, Options, Pattern, PatternConfig, PatternKind, Recorder, SessionFiles, SessionInfo,
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
 };
 
@@ -74,6 +74,9 @@ fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
         folder: folder.into(),
         opener: Box::new(SessionFiles::default()),
         subscriber: Some(Arc::clone(&monitor) as _),
+        before: None,
+        after: None,
+        rig_file: None,
     };
     let recorder = Arc::new(Recorder::new(inputs, options).unwrap());
     recorder.start_sources().unwrap();
@@ -95,7 +98,13 @@ fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
 fn the_page_needs_nothing_from_elsewhere() {
     let folder = tempfile::tempdir().unwrap();
     let (_recorder, page) = serve(folder.path(), "127.0.0.1:0");
-    for (path, kind) in [("/", "text/html"), ("/style.css", "text/css"), ("/page.js", "text/javascript")] {
+    for (path, kind) in [
+        ("/", "text/html"),
+        ("/style.css", "text/css"),
+        ("/page.js", "text/javascript"),
+        ("/playback.js", "text/javascript"),
+        ("/settings.js", "text/javascript"),
+    ] {
         let answer = get(page.address(), path);
         assert_eq!(answer.code, 200, "{path}");
         assert!(answer.head.contains(kind) && answer.head.contains("default-src 'none'"), "{}", answer.head);
@@ -131,6 +140,35 @@ fn numbers_and_previews_of_every_camera_are_served() {
     stream.read_exact(&mut begin).unwrap();
     let begin = String::from_utf8_lossy(&begin);
     assert!(begin.contains("text/event-stream") && begin.contains("data: {\"status\""), "{begin}");
+}
+
+#[test]
+fn warnings_stay_until_somebody_has_read_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recorder, page) = serve(folder.path(), "127.0.0.1:0");
+    recorder.say(Level::Warning, "wheel", "hot");
+    recorder.say(Level::Info, "", "all is well");
+    let unread = || get(page.address(), "/api/status").json()["status"]["unread"].clone();
+    wait_until("the warning", || unread().as_array().unwrap().len() == 1);
+    let number = unread()[0]["number"].as_u64().unwrap();
+    assert_eq!((&unread()[0]["stream"], &unread()[0]["text"]), (&"wheel".into(), &"hot".into()));
+    assert_eq!(post(page.address(), "/api/read", &format!("{{\"number\": {number}}}")).code, 200);
+    wait_until("nothing to be read", || unread().as_array().unwrap().is_empty());
+}
+
+#[test]
+fn cameras_are_enlarged_and_no_camera_is_steered_like_a_playback() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_recorder, page) = serve(folder.path(), "127.0.0.1:0");
+    let address = page.address();
+    let large = || get(address, "/api/preview/wheel?large=true");
+    wait_until("an enlarged preview", || large().code == 200);
+    assert_eq!(post(address, "/api/span", "{\"us\": 2000}").json()["us"], 2000);
+    assert_eq!(post(address, "/api/span", "{\"us\": 0}").json()["us"], 100);
+    assert_eq!(post(address, "/api/span", "{\"us\": -1}").code, 422);
+    let refused = post(address, "/api/playback", "\"pause\"");
+    assert_eq!(refused.code, 409, "{}", refused.text());
+    assert_eq!(post(address, "/api/playback", "\"eject\"").code, 422);
 }
 
 #[test]

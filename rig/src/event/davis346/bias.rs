@@ -12,6 +12,9 @@ use crate::event::EventError;
 /// The largest current of each coarse range, picoampere.
 const COARSE_PA: [u32; 8] = [11, 94, 756, 6054, 48_437, 387_500, 3_100_000, 24_800_000];
 
+/// The largest current of a bias, picoampere.
+pub(super) const MOST_PA: u32 = 24_800_000;
+
 /// A coarse range and a division of it: `COARSE_PA[coarse] · fine / 255`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CoarseFine {
@@ -139,7 +142,7 @@ impl BiasCurrents {
     /// Checks the ranges.
     pub(super) fn validate(&self) -> Result<(), EventError> {
         for (bias, value) in BIASES.iter().zip(self.values()) {
-            EventError::check(&format!("biases.{}", bias.name), value.unwrap_or(0), 0..=24_800_000)?;
+            EventError::check(&format!("biases.{}", bias.name), value.unwrap_or(0), 0..=MOST_PA)?;
         }
         Ok(())
     }

@@ -41,6 +41,22 @@ pub struct Events {
     pub refractory_us: u32,
     /// Pixels (column, row) that must stay silent: at most 8.
     pub masked_pixels: Vec<[u16; 2]>,
+    /// Part of the image that events come from; all of it by default.
+    pub region: Option<Window>,
+}
+
+/// A window of the sensor, pixels; (0, 0) is the upper left one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// Left column.
+    pub x: u16,
+    /// Upper row.
+    pub y: u16,
+    /// Columns.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
 }
 
 impl Default for Events {
@@ -51,6 +67,7 @@ impl Default for Events {
             background_activity_us: 2000,
             refractory_us: 0,
             masked_pixels: Vec::new(),
+            region: None,
         }
     }
 }
@@ -171,6 +188,12 @@ impl Davis346Config {
             check("events.masked_pixels (column)", x.into(), 0..=u32::from(WIDTH) - 1)?;
             check("events.masked_pixels (row)", y.into(), 0..=u32::from(HEIGHT) - 1)?;
         }
+        if let Some(window) = &self.events.region {
+            check("events.region.width", window.width.into(), 1..=WIDTH.into())?;
+            check("events.region.height", window.height.into(), 1..=HEIGHT.into())?;
+            check("events.region.x", window.x.into(), 0..=(WIDTH - window.width).into())?;
+            check("events.region.y", window.y.into(), 0..=(HEIGHT - window.height).into())?;
+        }
         check("frames.exposure_us", self.frames.exposure_us, 1..=1_000_000)?;
         check("frames.interval_us", self.frames.interval_us, self.frames.exposure_us..=8_000_000)?;
         if range_code(self.imu.accelerometer_g, 2).is_none() {
@@ -218,6 +241,7 @@ mod tests {
             ("biases = { on = 24800001 }", "biases.on"),
             ("events = { refractory_us = 100 }", "events.refractory_us"),
             ("events = { masked_pixels = [[346, 0]] }", "masked_pixels"),
+            ("events = { region = { x = 0, y = 1, width = 346, height = 260 } }", "region.y"),
             ("frames = { exposure_us = 50000 }", "frames.interval_us"),
             ("imu = { accelerometer_g = 3 }", "imu.accelerometer_g"),
             ("imu = { divider = 0 }", "imu.divider"),

@@ -4,17 +4,18 @@
 
 mod bias;
 mod config;
+mod knobs;
 #[allow(dead_code, reason = "the table names all parameters of the device")]
 mod spi;
 
 use std::{sync::Arc, time::Duration};
 
 use erfgs_events::EventEncoding;
-use erfgs_session::source::Encoding;
+use erfgs_session::source::{Encoding, Knob};
 use serde_json::{Map, Value, json};
 
 pub use bias::BiasCurrents;
-pub use config::{Davis346Config, Events, ExternalInput, Frames, Imu, OnStall, Shutter, Timestamps};
+pub use config::{Davis346Config, Events, ExternalInput, Frames, Imu, OnStall, Shutter, Timestamps, Window};
 
 use self::{
     config::range_code,
@@ -129,7 +130,7 @@ impl Davis346 {
 
     /// Filters of the events, as far as the camera has them.
     fn write_event_filters(&self) -> Result<(), EventError> {
-        let Events { background_activity_us, refractory_us, masked_pixels, .. } = &self.config.events;
+        let Events { background_activity_us, refractory_us, masked_pixels, region, .. } = &self.config.events;
         let exchanged = self.features.dvs_orientation & 0b100 != 0;
         let (columns, rows) = if exchanged { (HEIGHT, WIDTH) } else { (WIDTH, HEIGHT) };
         let missing = |name: &str| {
@@ -160,12 +161,17 @@ impl Davis346 {
             return missing("refractory_us");
         }
         if self.features.region {
+            let whole = Window { x: 0, y: 0, width: WIDTH, height: HEIGHT };
+            let Window { x, y, width, height } = region.unwrap_or(whole);
+            let [left, top, columns, rows] = if exchanged { [y, x, height, width] } else { [x, y, width, height] };
             self.spi.write_each(&[
-                (spi::DVS_REGION, 0),
-                (spi::DVS_REGION.after(1), 0),
-                (spi::DVS_REGION.after(2), u32::from(columns) - 1),
-                (spi::DVS_REGION.after(3), u32::from(rows) - 1),
+                (spi::DVS_REGION, left.into()),
+                (spi::DVS_REGION.after(1), top.into()),
+                (spi::DVS_REGION.after(2), u32::from(left + columns) - 1),
+                (spi::DVS_REGION.after(3), u32::from(top + rows) - 1),
             ])?;
+        } else if region.is_some() {
+            return missing("region");
         }
         if self.features.skip {
             self.spi.write(spi::DVS_SKIP, 0)?;
@@ -290,6 +296,7 @@ impl Davis346 {
 impl Driver for Davis346 {
     type Config = Davis346Config;
     const MODEL: &'static str = MODEL;
+    const ADJUSTABLE: &'static [&'static str] = &["biases", "events", "frames"];
 
     fn is_candidate(identity: &Identity) -> bool {
         (identity.vendor, identity.product) == (0x152A, 0x841A)
@@ -397,6 +404,23 @@ impl Driver for Davis346 {
         self.write_imu()?;
         self.settings = self.read_settings(biases)?;
         Ok(())
+    }
+
+    fn adjust(&mut self, config: &Davis346Config) -> Result<(), EventError> {
+        let before = std::mem::replace(&mut self.config, config.clone());
+        if before.events != config.events {
+            self.write_event_filters()?;
+        }
+        if before.frames != config.frames {
+            self.write_frames()?;
+        }
+        let biases = bias::write(&self.spi, &config.biases)?;
+        self.settings = self.read_settings(biases)?;
+        Ok(())
+    }
+
+    fn knobs(config: &Davis346Config) -> Vec<Knob> {
+        config.knobs()
     }
 
     fn settings(&self) -> &Map<String, Value> {

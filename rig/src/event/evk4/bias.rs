@@ -48,16 +48,18 @@ fn value(trim: u8, offset: i32) -> u8 {
     (i32::from(trim) + offset).clamp(0, 255) as u8
 }
 
-/// Writes the biases that differ from the trim, and tells what the sensor has now.
+/// Writes the biases that differ from the trim, or from the offsets that they were written with before, and tells what the
+/// sensor has now.
 pub(super) fn write(
     board: &Board,
     trim: &[u8; 6],
-    offsets: &BiasOffsets,
+    [before, offsets]: [&BiasOffsets; 2],
     missed: &mut NotApplied,
 ) -> Result<Value, EventError> {
     let mut settings = serde_json::Map::new();
-    for (((name, register, _), &trim), offset) in BIASES.iter().zip(trim).zip(offsets.values()) {
-        if offset != 0 {
+    let wanted = before.values().into_iter().zip(offsets.values());
+    for (((name, register, _), &trim), (before, offset)) in BIASES.iter().zip(trim).zip(wanted) {
+        if offset != before {
             board.write(*register, WRITE | u32::from(value(trim, offset)))?;
         }
         let now = board.read(*register)? & 0xFF;

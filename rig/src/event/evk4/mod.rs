@@ -7,6 +7,7 @@ mod board;
 mod config;
 mod filter;
 mod identify;
+mod knobs;
 mod monitor;
 mod rate;
 mod region;
@@ -17,7 +18,7 @@ mod treuzell;
 use std::{sync::Arc, time::Duration};
 
 use erfgs_events::EventEncoding;
-use erfgs_session::source::Encoding;
+use erfgs_session::source::{Encoding, Knob};
 use serde_json::{Map, Value, json};
 
 pub use config::{
@@ -147,6 +148,8 @@ impl Evk4 {
 impl Driver for Evk4 {
     type Config = Evk4Config;
     const MODEL: &'static str = MODEL;
+    const ADJUSTABLE: &'static [&'static str] =
+        &["biases", "region", "masked_pixels", "rate_limit", "anti_flicker", "trail_filter"];
 
     fn is_candidate(identity: &Identity) -> bool {
         is_candidate(identity)
@@ -208,9 +211,42 @@ impl Driver for Evk4 {
         filter::write_trail(&self.board, config.trail_filter.as_ref())?;
         self.write_sync()?;
         let mut missed = NotApplied::default();
-        let biases = bias::write(&self.board, &trim, &config.biases, &mut missed)?;
+        let biases = bias::write(&self.board, &trim, [&BiasOffsets::default(), &config.biases], &mut missed)?;
         self.settings = self.read_settings(biases, missed)?;
         Ok(())
+    }
+
+    /// What differs is written, in the order of the opening; a window of the sensor and a filter take some milliseconds in
+    /// which events may be missing.
+    fn adjust(&mut self, config: &Evk4Config) -> Result<(), EventError> {
+        let before = std::mem::replace(&mut self.config, config.clone());
+        if before.rate_limit != config.rate_limit {
+            rate::write(&self.board, config.rate_limit.as_ref())?;
+        }
+        if before.region != config.region {
+            region::write(&self.board, config.region.as_ref(), config.mask_rows)?;
+        }
+        if before.masked_pixels != config.masked_pixels {
+            region::write_pixels(&self.board, &config.masked_pixels, config.mask_rows)?;
+        }
+        if before.anti_flicker != config.anti_flicker {
+            filter::write_anti_flicker(&self.board, config.anti_flicker.as_ref())?;
+        }
+        if before.trail_filter != config.trail_filter {
+            filter::write_trail(&self.board, config.trail_filter.as_ref())?;
+        }
+        let trim = match self.trim {
+            Some(trim) => trim,
+            None => bias::read_trim(&self.board)?,
+        };
+        let mut missed = NotApplied::default();
+        let biases = bias::write(&self.board, &trim, [&before.biases, &config.biases], &mut missed)?;
+        self.settings = self.read_settings(biases, missed)?;
+        Ok(())
+    }
+
+    fn knobs(config: &Evk4Config) -> Vec<Knob> {
+        config.knobs()
     }
 
     fn settings(&self) -> &Map<String, Value> {

@@ -185,3 +185,43 @@ fn a_camera_at_high_speed_is_listed_and_started_with_advice() {
     source.start(bucket.clone()).unwrap();
     assert!(matches!(&bucket.told()[..], [Incident::Warning { message }] if message.contains("480 Mbit/s")));
 }
+
+#[test]
+fn settings_are_changed_while_it_sends() {
+    let (bus, camera) = one(Davis346Options::default(), Vec::new());
+    let mut source = open(&bus, events_only()).unwrap();
+    let bucket = Arc::new(Bucket::default());
+    source.start(bucket.clone()).unwrap();
+    bucket.wait_for_bytes(50_000);
+    let changed = serde_json::json!({
+        "biases": { "on": 200_000 },
+        "events": {
+            "refractory_us": 500,
+            "region": { "x": 10, "y": 20, "width": 100, "height": 50 },
+        },
+        "frames": { "exposure_us": 1500 },
+    });
+    source.adjust(changed.as_object().unwrap()).unwrap();
+    let word = |coarse: u32, fine: u32, kind: u32| kind | fine << 4 | coarse << 12;
+    assert_eq!(parameter(&camera, 5, 11), word(5, 132, 15));
+    assert_eq!([parameter(&camera, 1, 33), parameter(&camera, 1, 34)], [1, 2]);
+    assert_eq!(source.description().settings["frames"]["exposure_us"], 1500.0);
+    assert_eq!(source.description().settings["events"]["region"]["width"], 100);
+    // It sends on.
+    bucket.wait_for_bytes(50_000);
+    let knobs = source.knobs();
+    let value = |path: &str| knobs.iter().find(|knob| knob.path == path).unwrap().value.clone();
+    assert_eq!((value("biases.on"), value("events.region")["height"].clone()), (200_000.into(), 50.into()));
+    let off = serde_json::json!({ "biases": { "on": null }, "events": { "region": null, "refractory_us": 0 } });
+    source.adjust(off.as_object().unwrap()).unwrap();
+    assert_eq!(parameter(&camera, 5, 11), word(5, 255, 15), "the maker's");
+    assert_eq!(parameter(&camera, 1, 33), 0);
+    for (wrong, says) in [
+        (serde_json::json!({ "events": { "region": { "x": 300, "y": 0, "width": 100, "height": 50 } } }), "region.x"),
+        (serde_json::json!({ "timestamps": "keep" }), "while the camera runs"),
+    ] {
+        let error = source.adjust(wrong.as_object().unwrap()).unwrap_err().to_string();
+        assert!(error.contains(says), "{error}");
+    }
+    source.stop().unwrap();
+}

@@ -524,3 +524,85 @@ fn a_slave_and_its_master_see_an_edge_at_the_same_time() {
     assert!(ours.iter().all(|edge| edge.channel == 0));
     assert!(ours.windows(2).all(|pair| pair[0].rising != pair[1].rising));
 }
+
+#[test]
+fn settings_are_changed_while_it_sends() {
+    let (bus, camera) = one(Evk4Options::default(), Vec::new());
+    let mut source = open(&bus, Evk4Config::default()).unwrap();
+    let bucket = Arc::new(Bucket::default());
+    source.start(bucket.clone()).unwrap();
+    bucket.wait_for_bytes(100_000);
+    let trimmed = register(&camera, 0x1010) & 0xFF;
+    let adjust = |source: &mut Evk4Source, changed: serde_json::Value| {
+        source.adjust(changed.as_object().unwrap()).map_err(|error| error.to_string())
+    };
+    let window = serde_json::json!([{ "x": 300, "y": 200, "width": 400, "height": 300 }]);
+    let changed = serde_json::json!({
+        "biases": { "diff_on": 20 },
+        "region": { "windows": window },
+        "rate_limit": { "events_per_second": 5_000_000 },
+    });
+    adjust(&mut source, changed).unwrap();
+    assert_eq!(register(&camera, 0x1010) & 0xFF, trimmed + 20);
+    assert_eq!(register(&camera, 0x600C) & 0x3F_FFFF, 1000, "5 Mev/s are 1000 within 200 us");
+    let settings = &source.description().settings;
+    assert_eq!(settings["biases"]["diff_on"]["offset"], 20);
+    assert_eq!(settings["region"]["windows"], window);
+    assert!(settings["stream"]["transfers"].is_number(), "what the start noted stays");
+    // What was in flight passes; then every event lies within the window.
+    bucket.wait_for_bytes(1_000_000);
+    let from = bucket.packets.lock().unwrap().len();
+    bucket.wait_for_bytes(100_000);
+    source.stop().unwrap();
+    let late: Vec<_> = bucket.packets.lock().unwrap().drain(..).skip(from).collect();
+    *bucket.packets.lock().unwrap() = late;
+    let runs = decode(&bucket, EventEncoding::Evt3);
+    let inside = |event: &CdEvent| (300..700).contains(&event.x) && (200..500).contains(&event.y);
+    // The first words may belong to a row that was named before.
+    let outside: Vec<_> = runs[0].events.iter().skip(100).filter(|event| !inside(event)).collect();
+    assert!(runs[0].events.len() > 500, "{} events", runs[0].events.len());
+    assert!(outside.is_empty(), "{} of {}: {:?}", outside.len(), runs[0].events.len(), outside[0]);
+    let knobs = source.knobs();
+    let value = |path: &str| knobs.iter().find(|knob| knob.path == path).unwrap().value.clone();
+    assert_eq!((value("biases.diff_on"), value("rate_limit.events_per_second")), (20.into(), 5_000_000.into()));
+    assert_eq!(value("region.windows")["width"], 400);
+
+    let filters = serde_json::json!({
+        "anti_flicker": { "low_hz": 90, "high_hz": 110 },
+        "trail_filter": { "kind": "stc-cut-trail", "threshold_ms": 10 },
+    });
+    adjust(&mut source, filters).unwrap();
+    assert_eq!(source.description().settings["trail_filter"]["threshold_ms"], 10);
+    // Back to what the unit was trimmed to, and off.
+    adjust(&mut source, serde_json::json!({ "biases": { "diff_on": 0 }, "rate_limit": null, "region": null })).unwrap();
+    assert_eq!(register(&camera, 0x1010) & 0xFF, trimmed);
+    assert!(source.knobs().iter().any(|knob| knob.path == "rate_limit.events_per_second" && knob.value.is_null()));
+    // What is refused changes nothing.
+    for (wrong, says) in [
+        (serde_json::json!({ "biases": { "diff_on": 9999 } }), "biases.diff_on"),
+        (serde_json::json!({ "biases": { "diff_onn": 1 } }), "diff_onn"),
+        (serde_json::json!({ "format": "evt21" }), "while the camera runs"),
+        (serde_json::json!({ "trail_filter": { "kind": "none" } }), "none"),
+    ] {
+        let error = adjust(&mut source, wrong).unwrap_err();
+        assert!(error.contains(says), "{error}");
+    }
+    assert_eq!(register(&camera, 0x1010) & 0xFF, trimmed);
+}
+
+#[test]
+fn a_camera_that_comes_back_has_the_settings_that_were_changed() {
+    let (bus, camera) = one(Evk4Options::default(), Vec::new());
+    let mut source = open(&bus, Evk4Config::default()).unwrap();
+    let trimmed = register(&camera, 0x1018) & 0xFF;
+    let bucket = Arc::new(Bucket::default());
+    source.start(bucket.clone()).unwrap();
+    bucket.wait_for_bytes(10_000);
+    source.adjust(serde_json::json!({ "biases": { "diff_off": -7 } }).as_object().unwrap()).unwrap();
+    camera.lock().unwrap().unplug();
+    bucket.wait_until("the loss", |bucket| !bucket.told().is_empty());
+    camera.lock().unwrap().plug();
+    bucket.wait_until("the return", |bucket| bucket.told().contains(&Incident::Back));
+    assert_eq!(register(&camera, 0x1018) & 0xFF, trimmed - 7);
+    source.stop().unwrap();
+}

@@ -16,13 +16,17 @@ mod pack;
 mod packets;
 mod source;
 mod survey;
+mod within;
 mod write;
 
-use std::path::{Path, PathBuf};
+use std::{
+    cell::Cell,
+    path::{Path, PathBuf},
+};
 
 pub use write::import_events;
 
-use self::{packets::Packets, source::EventSource};
+use self::{host_clock::HostClock, packets::Packets, source::EventSource, within::Within};
 use super::{ContainerError, DecodedStream, Entry, Summary};
 use erfgs_events::EventEncoding;
 use erfgs_events::{SensorSize, Sink};
@@ -33,6 +37,8 @@ pub struct EventFileRecording {
     source: EventSource,
     summary: Summary,
     first_us: u64,
+    /// Host times that readers are restricted to.
+    window: Option<[i64; 2]>,
 }
 
 impl EventFileRecording {
@@ -50,7 +56,7 @@ impl EventFileRecording {
         }
         let mut summary = describe::summary(path, &source, &survey, of_addresses);
         summary.damage = survey.faults;
-        Ok(Self { path: path.to_owned(), source, summary, first_us: survey.first_us })
+        Ok(Self { path: path.to_owned(), source, summary, first_us: survey.first_us, window: None })
     }
 
     /// The file's name.
@@ -67,11 +73,19 @@ impl EventFileRecording {
 
     /// The packets, from host time `from_host_ns` on; `None` for all.
     pub fn messages(&self, from_host_ns: Option<i64>) -> impl Iterator<Item = Result<Entry, ContainerError>> + use<> {
-        let from = from_host_ns.unwrap_or(i64::MIN);
+        let [from, to] = self.window.unwrap_or([i64::MIN, i64::MAX]);
+        let from = from_host_ns.map_or(from, |asked| asked.max(from));
         let packets = Packets::start(self.source.clone(), self.encoding(), self.first_us);
         packets
+            .take_while(move |packet| packet.as_ref().map_or(true, |packet| packet.host_ns <= to))
             .filter(move |packet| packet.as_ref().map_or(true, |packet| packet.host_ns >= from))
             .map(|packet| packet.map(|packet| Entry::Packet { stream: 0, packet }))
+    }
+
+    /// Restricts [`EventFileRecording::messages`] and [`EventFileRecording::decode_events`] to these host times, the last one
+    /// included; `None` lifts that.
+    pub fn restrict(&mut self, window_host_ns: Option<[i64; 2]>) {
+        self.window = window_host_ns;
     }
 
     /// Decodes the file into `sink`; `progress` is called with the bytes read so far, where the format is read piece by
@@ -84,9 +98,18 @@ impl EventFileRecording {
         sink: &mut impl Sink,
         mut progress: impl FnMut(u64),
     ) -> Result<DecodedStream, ContainerError> {
-        let anomalies = self.source.decode(sink, |bytes| {
+        let Some(window) = self.window else {
+            let anomalies = self.source.decode(sink, |bytes| {
+                progress(bytes);
+                true
+            })?;
+            return Ok(DecodedStream { anomalies, ..DecodedStream::default() });
+        };
+        let over = Cell::new(false);
+        let mut within = Within::new(sink, HostClock::new(self.first_us), window, &over);
+        let anomalies = self.source.decode(&mut within, |bytes| {
             progress(bytes);
-            true
+            !over.get()
         })?;
         Ok(DecodedStream { anomalies, ..DecodedStream::default() })
     }

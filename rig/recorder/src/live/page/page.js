@@ -58,6 +58,8 @@ function card(stream) {
   image.alt = `preview of ${stream.id}`;
   // The view takes the shape of its picture.
   image.addEventListener('load', () => { node.querySelector('.view').style.aspectRatio = `${image.naturalWidth} / ${image.naturalHeight}`; });
+  image.addEventListener('click', () => enlarge(stream.id));
+  image.addEventListener('keydown', (event) => { if (event.key === 'Enter') enlarge(stream.id); });
   found = { node, image, version: 0, loading: false, history: [], rows: new Map(), visible: true };
   new IntersectionObserver((seen) => { found.visible = seen.at(-1).isIntersecting; }).observe(node);
   $('streams').append(node);
@@ -121,9 +123,48 @@ async function preview(id, found, version) {
   found.loading = false;
 }
 
+// Enlarged cameras ---------------------------------------------------------------------------------------------------
+
+let enlarged = null;
+let largeVersion = 0;
+let largeLoading = false;
+
+function enlarge(id) {
+  if (!cards.get(id)?.pictures) return;
+  [enlarged, largeVersion] = [id, -1];
+  text($('large-name'), id);
+  $('large-image').src = cards.get(id).image.src;
+  $('large-image').alt = `enlarged preview of ${id}`;
+  $('large').showModal();
+  showLarge(null);
+  openKnobs(id);
+}
+
+async function showLarge(version) {
+  if (!enlarged || largeLoading || document.hidden || version !== null && version === largeVersion) return;
+  largeLoading = true;
+  const id = enlarged;
+  try {
+    const response = await fetch(`/api/preview/${encodeURIComponent(id)}?large=true`);
+    if (response.ok && id === enlarged) {
+      const url = URL.createObjectURL(await response.blob());
+      const image = $('large-image');
+      const old = image.dataset.url;
+      image.src = image.dataset.url = url;
+      if (old) URL.revokeObjectURL(old);
+      if (version !== null) largeVersion = version;
+    }
+  } catch { /* the stream of numbers tells that the recorder is gone */ }
+  largeLoading = false;
+}
+
+$('large').addEventListener('close', () => { enlarged = null; });
+$('large').addEventListener('click', (event) => { if (event.target === $('large') || event.target === $('large-image')) $('large').close(); });
+$('large-close').addEventListener('click', () => $('large').close());
+
 // How often a still version is asked for anyway, which keeps the previews being drawn.
 const ASK_MS = 1000;
-setInterval(() => cards.forEach((found, id) => { if (found.pictures) preview(id, found, null); }), ASK_MS);
+setInterval(() => { cards.forEach((found, id) => { if (found.pictures) preview(id, found, null); }); showLarge(null); }, ASK_MS);
 
 function show(stream, look) {
   const found = card(stream);
@@ -132,6 +173,10 @@ function show(stream, look) {
   text(found.node.querySelector('.badge'), stream.state === 'running' && replayed ? 'replay' : label);
   found.pictures = stream.encoding !== 'trigger-lines';
   if (found.pictures && look) preview(stream.id, found, look.version);
+  if (stream.id === enlarged && look) {
+    showLarge(look.version);
+    text($('large-figures'), `${stream.width} × ${stream.height} · ${stream.events_per_s == null ? `${stream.packets_per_s.toFixed(1)} /s` : scaled(stream.events_per_s, 'ev/s')}`);
+  }
   text(found.node.querySelector('.lines'), look && look.lines.length ? look.lines.join('\n') : '');
   const events = stream.events_per_s;
   spark(found, stream.state === 'running' ? (events ?? stream.packets_per_s) : 0);
@@ -204,7 +249,7 @@ function guide(found, told) {
 
 // The whole ---------------------------------------------------------------------------------------------------------
 
-function update({ status, looks, guidance, folder }) {
+function update({ status, looks, guidance, folder, span_us: span, playback: played }) {
   document.body.classList.remove('offline');
   replayed = status.replay;
   text($('rig'), status.rig);
@@ -230,7 +275,11 @@ function update({ status, looks, guidance, folder }) {
   $('take').classList.toggle('stops', recording);
   text($('state'), recording
     ? `${span(status.recording.seconds)} · ${scaled(status.recording.bytes, 'B')}`
-    : finishing ? 'writing what waits' : 'not recording');
+    : finishing ? 'writing what waits'
+      : status.held ? `holding ${status.held.seconds.toFixed(1)} of ${status.held.of_seconds} s · ${scaled(status.held.bytes, 'B')}` : 'not recording');
+  $('keep').hidden = !status.held;
+  $('keep').disabled = busy || finishing;
+  if (status.held) text($('keep'), `Keep the last ${status.held.of_seconds} s`);
   $('tally').title = recording ? status.recording.path : '';
   text($('button'), recording ? 'Stop recording' : 'Start recording');
   $('button').disabled = busy || finishing;
@@ -241,7 +290,46 @@ function update({ status, looks, guidance, folder }) {
     show(stream, byId.get(stream.id));
     guide(card(stream), told.get(stream.id));
   });
+  $('tools').hidden = !status.streams.some((stream) => stream.events_per_s != null || /^(evt|davis|aedat)/.test(stream.encoding));
+  if (document.activeElement !== $('span')) $('span').value = String(span);
+  playback(played);
+  warnings(status.unread);
   messages(status);
+}
+
+$('span').addEventListener('change', () => {
+  fetch('/api/span', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ us: Number($('span').value) }) }).catch(() => {});
+  $('span').blur();
+});
+
+// Warnings stay until somebody says that they were read, on this page or another.
+let warned = '';
+function warnings(unread) {
+  const key = unread.map((message) => message.number).join();
+  $('warnings').hidden = !unread.length;
+  if (key === warned) return;
+  warned = key;
+  $('warnings').replaceChildren(...unread.slice().reverse().map((message) => {
+    const item = document.createElement('li');
+    item.className = message.level;
+    const what = document.createElement('p');
+    if (message.stream) {
+      const who = document.createElement('b');
+      who.textContent = `${message.stream} `;
+      what.append(who);
+    }
+    what.append(message.text);
+    const read = document.createElement('button');
+    read.type = 'button';
+    read.className = 'plain';
+    read.textContent = 'Read';
+    read.addEventListener('click', () => {
+      item.remove();
+      fetch('/api/read', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ number: message.number }) }).catch(() => {});
+    });
+    item.append(what, read);
+    return item;
+  }));
 }
 
 function messages(status) {
@@ -289,15 +377,13 @@ async function list() {
 }
 setInterval(list, 10000);
 
-$('take').addEventListener('submit', async (event) => {
-  event.preventDefault();
+async function ask(path, body) {
   if (busy) return;
   busy = true;
-  $('button').disabled = true;
+  $('button').disabled = $('keep').disabled = true;
   text($('answer'), '');
-  const body = recording ? {} : { name: $('name').value };
   try {
-    const response = await fetch(recording ? '/api/stop' : '/api/start', {
+    const response = await fetch(path, {
       method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(body),
     });
     const answer = await response.json();
@@ -309,11 +395,20 @@ $('take').addEventListener('submit', async (event) => {
   }
   busy = false;
   list();
-});
+}
 
-const source = new EventSource('/api/stream');
-source.onmessage = (event) => update(JSON.parse(event.data));
-source.onerror = () => {
-  document.body.classList.add('offline');
-  text($('link'), 'connection lost: trying again');
-};
+$('take').addEventListener('submit', (event) => {
+  event.preventDefault();
+  if (recording) ask('/api/stop', {}); else ask('/api/start', { name: $('name').value });
+});
+$('keep').addEventListener('click', () => ask('/api/keep', {}));
+
+// The other script is there by then.
+document.addEventListener('DOMContentLoaded', () => {
+  const source = new EventSource('/api/stream');
+  source.onmessage = (event) => update(JSON.parse(event.data));
+  source.onerror = () => {
+    document.body.classList.add('offline');
+    text($('link'), 'connection lost: trying again');
+  };
+});

@@ -209,6 +209,9 @@ pub fn options(opener: impl OpenSession + 'static) -> Options {
         folder: std::env::temp_dir(),
         opener: Box::new(opener),
         subscriber: None,
+        before: None,
+        after: None,
+        rig_file: None,
     }
 }
 

@@ -1,4 +1,4 @@
-//! The recording folder as the page sees it: plain names of session files, and nothing else of the disk.
+//! Names of recordings: plain names of session files in their folder, and nothing else of the disk.
 
 use std::{
     fs, io,
@@ -84,6 +84,21 @@ pub(super) fn new(folder: &Path, name: &str, rig: &str, now: SystemTime) -> Resu
         return Err(NameError::Bad(name));
     }
     Ok(folder.join(name + SUFFIX))
+}
+
+/// The path for a new session that nobody named: made of `rig` and the time, with a number where that is taken.
+pub(super) fn fresh(folder: &Path, rig: &str, now: SystemTime) -> PathBuf {
+    let name = format!("{rig}-{}", stamp(seconds(now)));
+    let numbered = (2_u32..).map(|number| format!("{name}-{number}{SUFFIX}"));
+    let names = std::iter::once(format!("{name}{SUFFIX}")).chain(numbered).map(|name| folder.join(name));
+    let mut last = folder.join(&name);
+    for path in names {
+        last = path;
+        if fs::symlink_metadata(&last).is_err() {
+            break;
+        }
+    }
+    last
 }
 
 fn is_name(name: &str) -> bool {

@@ -1,0 +1,113 @@
+//! The events of a recording as videos.
+
+use std::path::PathBuf;
+
+use erfgs_session::{
+    container::Recording,
+    export::{EventVideo, write_event_video},
+    source::Encoding,
+};
+use serde::Serialize;
+
+use super::{Task, Told};
+use crate::{
+    errors::Usage,
+    terminal::{Terminal, thousands},
+};
+
+/// How events become a video.
+#[derive(Debug, clap::Args)]
+pub struct VideoOptions {
+    /// Each picture shows the events of so many milliseconds; without it, of the time from picture to picture.
+    #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    accumulate: Option<f64>,
+    /// Pictures a second of the video [default: 30].
+    #[arg(long, value_name = "N", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    fps: Option<f64>,
+    /// How many times as fast as it happened the video plays: 0.01 is a hundred times slower [default: 1].
+    #[arg(long, value_name = "TIMES", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    speed: Option<f64>,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| (1e-6..=1e6).contains(number));
+    number.ok_or_else(|| "a number from 0.000001 to 1000000".into())
+}
+
+impl VideoOptions {
+    /// Refuses what is given for another format.
+    pub fn fits(&self, is_video: bool) -> Result<(), Usage> {
+        let given = [("--accumulate", self.accumulate), ("--fps", self.fps), ("--speed", self.speed)];
+        match given.into_iter().find(|(_, value)| value.is_some() && !is_video) {
+            Some((name, _)) => Err(Usage(format!("{name} is for videos of events: --to mp4"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether a stream's events are shown, and not its frames.
+    pub fn shows_events_of(&self, encoding: Encoding) -> bool {
+        encoding.is_events() && (self.accumulate.is_some() || !encoding.has_sensor_frames())
+    }
+}
+
+#[derive(Serialize)]
+struct Exported {
+    stream: String,
+    path: PathBuf,
+    frames: u64,
+    events: u64,
+    /// Device time of the first picture, microseconds.
+    first_us: u64,
+    /// From picture to picture, microseconds.
+    step_us: f64,
+    /// Long times without events, and breaks, that were left out.
+    left_out: u64,
+}
+
+/// Writes the videos, and what is to be told of each.
+pub fn export(
+    recording: &mut Recording,
+    options: &VideoOptions,
+    tasks: &[Task],
+    lost: &mut Vec<String>,
+    terminal: &Terminal,
+) -> anyhow::Result<Vec<Told>> {
+    let default = EventVideo::default();
+    let video = EventVideo {
+        fps: options.fps.unwrap_or(default.fps),
+        speed: options.speed.unwrap_or(default.speed),
+        span_us: options.accumulate.map(|ms| ((1000.0 * ms) as u64).max(1)),
+    };
+    let mut told = Vec::new();
+    for task in tasks {
+        let total = recording.summary().streams[task.stream].totals.bytes;
+        let progress = terminal.progress(&task.id);
+        let update = |done: u64| progress.update(done, total, "bytes");
+        let written = write_event_video(recording, &task.id, video, &task.out, lost, update)?;
+        let left_out = match written.left_out {
+            0 => String::new(),
+            count => format!("; {count} stretches without events, or breaks, are left out"),
+        };
+        let (events, apart_ms) = (thousands(written.events), written.step_us / 1e3);
+        let line = match written.frames {
+            0 => format!("{}: no events", task.id),
+            frames => {
+                format!(
+                    "{}: {frames} pictures of {events} events, {apart_ms:.3} ms apart{left_out}",
+                    task.out.display()
+                )
+            }
+        };
+        let exported = Exported {
+            stream: task.id.clone(),
+            path: task.out.clone(),
+            frames: written.frames,
+            events: written.events,
+            first_us: written.first_us,
+            step_us: written.step_us,
+            left_out: written.left_out,
+        };
+        told.push(Told { exported: serde_json::to_value(exported)?, is_empty: written.frames == 0, line });
+    }
+    Ok(told)
+}
