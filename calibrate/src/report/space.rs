@@ -57,11 +57,15 @@ pub(super) struct Scene<'a> {
 pub(super) fn drawing(scene: &Scene<'_>, caption: &str) -> String {
     let cameras = scene.cameras;
     let centres: Vec<DVec3> = cameras.iter().map(|camera| camera.pose.centre()).collect();
-    let Some((middle, reach)) = extent(&centres) else { return String::new() };
-    // Boards lie before the cameras, and farther from their middle than they are.
-    let corners = scene.outlines.iter().flatten().filter(|corner| corner.is_finite());
-    let far = corners.map(|corner| corner.distance(middle)).fold(reach, f64::max).min(4.0 * reach);
-    let scale = 0.42 * HEIGHT / far;
+    let Some((_, reach)) = extent(&centres) else { return String::new() };
+    // Boards lie before the cameras, often farther from them than they are from each other.
+    let near = |corner: &&DVec3| corner.is_finite() && corner.distance(centres[0]) < 20.0 * reach;
+    let shown: Vec<DVec3> = centres.iter().chain(scene.outlines.iter().flatten().filter(near)).copied().collect();
+    let [low, high] =
+        shown.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], &at| [low.min(at), high.max(at)]);
+    let middle = 0.5 * (low + high);
+    let far = shown.iter().map(|at| at.distance(middle)).fold(reach, f64::max);
+    let (scale, reach) = (0.45 * HEIGHT / far, reach.max(0.4 * far));
     let place = |point: DVec3| (point - middle) * scale;
     let mut svg = format!(
         "<div class=\"space\"><svg viewBox=\"{:.0} {:.0} {WIDTH} {HEIGHT}\" data-turn=\"{TURN}\" data-tilt=\"{TILT}\" \
