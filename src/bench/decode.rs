@@ -43,8 +43,8 @@ struct Measured {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = arguments.file.extension().unwrap_or_default().to_ascii_lowercase();
     if ["npz", "npy", "zip", "h5", "hdf5"].iter().any(|arrays| extension == *arrays) {
-        let what = "archives and arrays are read whole, and are no stream to decode; give a RAW, DAT, AEDAT, Event Stream \
-                    or CSV file";
+        let what = "archives and arrays (NPZ, NPY, HDF5) are read whole, and are no stream to decode; give a RAW, DAT, AEDAT, \
+                    Event Stream or CSV file";
         return Err(Usage(what.to_owned()).into());
     }
     if extension == "mcap" {

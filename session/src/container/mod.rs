@@ -30,7 +30,6 @@ mod unpack;
 mod walk;
 mod writer;
 
-pub(crate) use decode::lacking;
 pub use decode::{DecodedStream, hand_over, sensor_size};
 pub use error::ContainerError;
 pub use event_file::{EventFileRecording, import_events};

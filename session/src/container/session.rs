@@ -237,7 +237,9 @@ impl<R: Read + Seek> Session<R> {
                 Err(error) => return Err(error),
             }
         }
-        damage.extend(self.lacking());
+        if self.window.is_none() {
+            damage.extend(self.lacking());
+        }
         Ok(damage)
     }
 

@@ -13,7 +13,7 @@ use erfgs_events::{
 
 use super::{ExportError, anew, is_passed_over};
 use crate::{
-    container::{Entry, Recording, lacking, sensor_size},
+    container::{Entry, Recording, sensor_size},
     source::{Description, Encoding},
 };
 
@@ -132,8 +132,7 @@ impl Task<'_> {
                     Err(error) => return Err(error.into()),
                 }
             }
-            let recorded = &self.recording.summary().streams[self.stream];
-            self.damage.extend(lacking(&recorded.description.id, packets, recorded.totals.packets));
+            self.damage.extend(self.recording.lacking(self.stream, packets));
             Ok(WrittenEvents::default())
         };
         atomic::try_write_with(path, fill, &failed)

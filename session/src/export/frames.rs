@@ -14,7 +14,7 @@ use erfgs_scene::{pixel, video::VideoWriter};
 use super::{ExportError, is_passed_over, sensor_frames};
 use crate::{
     clock::{EpochCursor, Epochs},
-    container::{Entry, Recording, SessionStart, lacking},
+    container::{Entry, Recording, SessionStart},
     source::{Description, Encoding, Packet},
 };
 
@@ -81,7 +81,6 @@ pub fn write_frames(
     if writing.is_of_sensor {
         sensor_frames::decode(recording, stream, &mut writing, damage, progress)?;
     } else {
-        let said = recording.summary().streams[stream].totals.packets;
         let mut packets = 0;
         for entry in recording.messages(None) {
             match entry {
@@ -95,7 +94,7 @@ pub fn write_frames(
                 Err(error) => return Err(error.into()),
             }
         }
-        damage.extend(lacking(id, packets, said));
+        damage.extend(recording.lacking(stream, packets));
     }
     writing.finish()
 }

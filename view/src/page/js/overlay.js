@@ -73,7 +73,7 @@ export class Overlay {
       const dt = t01 * intervals - scene.rows[row + 3];
       const life = least + Math.exp(Math.min(30, scene.rows[row + 7]));
       const opacity = Math.exp(-0.5 * (dt / life) ** 2) / (1 + Math.exp(-scene.core[core + 10]));
-      if (opacity > 0.25) seen.push([core, row, dt]);
+      if (opacity > 0.1) seen.push([core, row, dt]);
     }
     const every = Math.ceil(seen.length / ARROWS);
     for (const [core, row, dt] of seen.filter((_, k) => k % every === 0)) {
