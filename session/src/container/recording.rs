@@ -2,7 +2,7 @@
 
 use std::{fs::File, io::Read, path::Path};
 
-use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary, decode::lacking};
+use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary};
 use erfgs_events::{SensorSize, Sink};
 
 /// A session, a recording of ROS 2, or an event file, read in the same way.
@@ -73,13 +73,14 @@ impl Recording {
     }
 
     /// What to say where `packets` of a stream were read and there should be more. Of a range nobody knows.
+    #[cfg(feature = "export")]
     pub(crate) fn lacking(&self, stream: usize, packets: u64) -> Option<String> {
         let restricted = match self {
             Self::Session(session) => session.window().is_some(),
             Self::EventFile(_) => true,
         };
         let recorded = self.summary().streams.get(stream).filter(|_| !restricted)?;
-        lacking(&recorded.description.id, packets, recorded.totals.packets)
+        super::decode::lacking(&recorded.description.id, packets, recorded.totals.packets)
     }
 
     /// The messages in the order of the file: see [`Session::messages`] and [`EventFileRecording::messages`].
