@@ -112,6 +112,10 @@ fn the_page_shows_more_than_the_picture(folder: &Folder, served: &Served, browse
     // Pictures of other looks and parts differ from each other.
     let mut pictures = vec![browser.screenshot()];
     for (id, value) in [("look", "depth"), ("look", "ellipsoids"), ("layer", "move"), ("layer", "stand")] {
+        // Those that move are faint here, and no ellipsoids for a part of their lives.
+        if id == "layer" {
+            change(browser, "look", "value = 'colours'");
+        }
         change(browser, id, &format!("value = '{value}'"));
         let picture = browser.screenshot();
         let stage = |picture: &image::RgbImage| {

@@ -9,6 +9,7 @@ use std::{
 
 use super::{
     error::ContainerError,
+    layout::Entry,
     record::SESSION_METADATA,
     session::Session,
     survey::{Piece, Survey, survey},
@@ -53,8 +54,35 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
     let Survey { recovered, pieces, patches, tail, .. } = survey;
     let copy = |sink: &mut io::BufWriter<&File>| copy(&file, path, (&pieces, &patches), tail, sink, out);
     erfgs_base::atomic::try_write_with(out, copy, failed)?;
-    read_back(out, &recovered).inspect_err(|_| drop(std::fs::remove_file(out)))?;
+    let as_much = || if recovered.damaged.is_empty() { Ok(()) } else { holds_as_much(out, path) };
+    read_back(out, &recovered).and_then(|()| as_much()).inspect_err(|_| drop(std::fs::remove_file(out)))?;
     Ok(recovered)
+}
+
+/// Fails unless a reader finds every message of `path` that can be read now in the copy `out`, too: of files that were put together
+/// from parts of several recordings, a damaged declaration may be all that tells whose messages these are.
+fn holds_as_much(out: &Path, path: &Path) -> Result<(), ContainerError> {
+    // What cannot be opened at all holds nothing.
+    let Ok(mut original) = Session::open(path) else { return Ok(()) };
+    let mut copy = Session::open(out)?;
+    let topics = |session: &Session| -> Vec<String> {
+        session.summary().streams.iter().map(|stream| stream.topic.clone()).collect()
+    };
+    let (topics_before, topics_after) = (topics(&original), topics(&copy));
+    let mut after = copy.messages(None).filter_map(Result::ok);
+    for (index, entry) in original.messages(None).filter_map(Result::ok).enumerate() {
+        let same = |found: Entry| match (&entry, found) {
+            (Entry::Packet { stream, packet }, Entry::Packet { stream: of, packet: found }) => {
+                topics_before.get(*stream) == topics_after.get(of) && *packet == found
+            }
+            (entry, found) => *entry == found,
+        };
+        if !after.any(same) {
+            let what = format!("of the messages that can be read now, number {index} cannot be read in the copy");
+            return Err(ContainerError::NotAsRead { path: out.to_owned(), what });
+        }
+    }
+    Ok(())
 }
 
 /// Writes a copy of the pieces, and the end behind it.
