@@ -1,38 +1,23 @@
 //! How a training begins: anew, or where it was left, and whether it is the same one then.
 
-use std::time::{Duration, Instant};
-
 use erfgs_run::{FolderLock, Identity, RunFolder, RunInfo};
 use erfgs_train::checkpoint::Checkpoint;
 
 use crate::{errors::Usage, terminal::Terminal};
 
-/// What is left of a training whose machine is gone can keep its folder for so long.
-const PATIENCE: Duration = Duration::from_secs(120);
-/// How often is looked whether it still does.
-const LOOK_EVERY: Duration = Duration::from_millis(200);
-
 /// Takes the run folder for this process.
 pub fn alone(folder: &RunFolder, terminal: &Terminal) -> anyhow::Result<FolderLock> {
-    let (from, mut said) = (Instant::now(), false);
-    loop {
-        if let Some(lock) = folder.lock()? {
-            return Ok(lock);
-        }
-        let shown = folder.root().display();
+    let shown = folder.root().display();
+    let mut said = false;
+    let lock = FolderLock::wait(folder.root(), || {
         if !std::mem::replace(&mut said, true) {
-            terminal.note(format!(
-                "another process trains into {shown}: waiting for its end, {} s at most",
-                PATIENCE.as_secs()
-            ));
+            let patience = FolderLock::PATIENCE.as_secs();
+            terminal.note(format!("another process trains into {shown}: waiting for its end, {patience} s at most"));
         }
-        if from.elapsed() > PATIENCE {
-            return Err(
-                Usage(format!("another process trains into {shown}; wait for its end, or give another --out")).into()
-            );
-        }
-        std::thread::sleep(LOOK_EVERY);
-    }
+        true
+    })?;
+    let taken = || Usage(format!("another process trains into {shown}; wait for its end, or give another --out"));
+    Ok(lock.ok_or_else(taken)?)
 }
 
 /// The checkpoint to go on from, if there is one.

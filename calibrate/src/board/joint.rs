@@ -40,33 +40,29 @@ pub(super) fn has_times(seen: &[&Seen]) -> bool {
     seen.iter().all(|seen| seen.views.iter().all(|view| view.time_s.is_some()))
 }
 
-/// Solves for all cameras of `chain`, of which `seen` and `alone` have an entry each.
-pub(super) fn solve(
-    seen: &[&Seen],
-    target: &Target,
-    options: &BoardOptions,
-    alone: &[&Alone],
-    chain: &Chain,
-    boards: &[Boards],
-) -> Result<Joint, BoardError> {
-    let (mut bundle, moments) = problem(seen, target, options, alone, chain, boards);
-    let timed = options.time_offsets && has_times(seen);
+/// The cameras of a chain, which `seen`, `alone` and `boards` have an entry each of.
+#[derive(Clone, Copy)]
+pub(super) struct Tied<'a> {
+    pub seen: &'a [&'a Seen],
+    pub target: &'a Target,
+    pub alone: &'a [&'a Alone],
+    pub chain: &'a Chain,
+    pub boards: &'a [Boards],
+}
+
+/// Solves for all cameras of a chain.
+pub(super) fn solve(tied: Tied<'_>, options: &BoardOptions) -> Result<Joint, BoardError> {
+    let timed = options.time_offsets && has_times(tied.seen);
+    let (mut bundle, moments) = problem(tied, options, timed);
     let first = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
     mark_gross(&mut bundle);
     let last = bundle.solve(&Options::default())?;
     Ok(Joint { bundle, moments, passes: vec![("all cameras, robust", first), ("all cameras", last)], timed })
 }
 
-fn problem(
-    seen: &[&Seen],
-    target: &Target,
-    options: &BoardOptions,
-    alone: &[&Alone],
-    chain: &Chain,
-    boards: &[Boards],
-) -> (Bundle, Vec<Moment>) {
+fn problem(tied: Tied<'_>, options: &BoardOptions, timed: bool) -> (Bundle, Vec<Moment>) {
+    let Tied { seen, target, alone, chain, boards } = tied;
     let mut bundle = Bundle::default();
-    let timed = options.time_offsets && has_times(seen);
     let poses = &chain.poses;
     for (index, ((seen, alone), pose)) in seen.iter().zip(alone).zip(poses).enumerate() {
         let mut free = Vec::new();

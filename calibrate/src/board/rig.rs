@@ -12,9 +12,9 @@ use erfgs_scene::{
 use super::{
     BoardError, LensModel, Seen, Target,
     alone::Alone,
-    chain::{Chain, chain},
+    chain::chain,
     doubt::Doubts,
-    joint::{self, Joint, boards, has_times},
+    joint::{self, Joint, Tied, boards, has_times},
     origin,
 };
 use crate::{
@@ -102,14 +102,15 @@ pub fn calibrate(
         return Err(BoardError::Apart { one, other, alone: Box::new((rig, evidence)) });
     }
     progress(wanted.len(), wanted.len() + 1, "all cameras");
-    let tied = |index: &usize| chain.cameras.contains(index);
-    let boards: Vec<_> = all.into_iter().enumerate().filter(|(index, _)| tied(index)).map(|(_, own)| own).collect();
-    let apart: Vec<usize> = (0..seen.len()).filter(|index| !tied(index)).collect();
+    let is_tied = |index: &usize| chain.cameras.contains(index);
+    let boards: Vec<_> = all.into_iter().enumerate().filter(|(index, _)| is_tied(index)).map(|(_, own)| own).collect();
+    let apart: Vec<usize> = (0..seen.len()).filter(|index| !is_tied(index)).collect();
     let pick = |indices: &[usize]| -> (Vec<&Seen>, Vec<&Alone>) {
         indices.iter().map(|index| (seen[*index], alone[*index])).unzip()
     };
     let ((seen, alone), (lone_seen, lone)) = (pick(&chain.cameras), pick(&apart));
-    let (mut rig, evidence) = together(&seen, target, options, &alone, &chain, &boards)?;
+    let tied = Tied { seen: &seen, target, alone: &alone, chain: &chain, boards: &boards };
+    let (mut rig, evidence) = together(tied, options)?;
     let names: Vec<&str> = lone_seen.iter().map(|seen| seen.camera.as_str()).collect();
     if !names.is_empty() {
         rig.warnings.insert(
@@ -185,16 +186,10 @@ fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
 }
 
 /// All cameras of a chain in one world.
-fn together(
-    seen: &[&Seen],
-    target: &Target,
-    options: &BoardOptions,
-    alone: &[&Alone],
-    chain: &Chain,
-    boards: &[super::chain::Boards],
-) -> Result<Calibrated, BoardError> {
+fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardError> {
+    let Tied { seen, target, alone, .. } = tied;
     let solve = |options: &BoardOptions| -> Result<(Joint, Uncertainty, Doubts), BoardError> {
-        let solved = joint::solve(seen, target, options, alone, chain, boards);
+        let solved = joint::solve(tied, options);
         let mut joint = solved.map_err(|error| match error {
             // What contradicts itself may drive a lens out of bounds.
             BoardError::Bundle(BundleError::Camera { camera, .. }) => BoardError::Contradiction {

@@ -77,7 +77,7 @@ pub(super) fn existing(folder: &Path, name: &str) -> Result<PathBuf, NameError> 
 /// If the name could lead out of the folder.
 pub(super) fn new(folder: &Path, name: &str, rig: &str, now: SystemTime) -> Result<PathBuf, NameError> {
     let name = match name.trim() {
-        "" => format!("{rig}-{}", stamp(seconds(now))),
+        "" => unnamed(rig, now),
         given => given.strip_suffix(SUFFIX).unwrap_or(given).to_owned(),
     };
     if !is_name(&name) {
@@ -88,7 +88,7 @@ pub(super) fn new(folder: &Path, name: &str, rig: &str, now: SystemTime) -> Resu
 
 /// The path for a new session that nobody named: made of `rig` and the time, with a number where that is taken.
 pub(super) fn fresh(folder: &Path, rig: &str, now: SystemTime) -> PathBuf {
-    let name = format!("{rig}-{}", stamp(seconds(now)));
+    let name = unnamed(rig, now);
     let numbered = (2_u32..).map(|number| format!("{name}-{number}{SUFFIX}"));
     let names = std::iter::once(format!("{name}{SUFFIX}")).chain(numbered).map(|name| folder.join(name));
     let mut last = folder.join(&name);
@@ -99,6 +99,11 @@ pub(super) fn fresh(folder: &Path, rig: &str, now: SystemTime) -> PathBuf {
         }
     }
     last
+}
+
+/// What a session is called that nobody named, without the suffix.
+fn unnamed(rig: &str, now: SystemTime) -> String {
+    format!("{rig}-{}", stamp(seconds(now)))
 }
 
 fn is_name(name: &str) -> bool {

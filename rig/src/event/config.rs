@@ -43,3 +43,17 @@ impl StreamConfig {
         Flight { transfers: self.transfers, bytes: self.transfer_bytes }
     }
 }
+
+/// A window of the sensor, pixels; (0, 0) is the upper left one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// Left column.
+    pub x: u16,
+    /// Upper row.
+    pub y: u16,
+    /// Columns.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+}

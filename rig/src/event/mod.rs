@@ -16,7 +16,7 @@ mod source;
 mod stream;
 mod supervisor;
 
-pub use config::StreamConfig;
+pub use config::{StreamConfig, Window};
 #[cfg(feature = "davis346")]
 pub use davis346::Davis346Config;
 pub use driver::Driver;

@@ -5,6 +5,9 @@ use std::{fs::File, io::Read, path::Path};
 use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary};
 use erfgs_events::{SensorSize, Sink};
 
+/// How a file of SQLite begins.
+pub(super) const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
+
 /// A session, a recording of ROS 2, or an event file, read in the same way.
 pub enum Recording {
     /// An MCAP file.
@@ -25,7 +28,7 @@ impl Recording {
         let read = file.take(16).read_to_end(&mut head);
         read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
         let named = |name: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(name));
-        if named("mcap") || head.starts_with(mcap::MAGIC) || head == *b"SQLite format 3\0" {
+        if named("mcap") || head.starts_with(mcap::MAGIC) || head == *SQLITE_MAGIC {
             return Session::open(path).map(|session| Self::Session(Box::new(session)));
         }
         EventFileRecording::open(path, size).map(|file| Self::EventFile(Box::new(file)))

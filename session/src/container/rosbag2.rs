@@ -15,9 +15,6 @@ use rusqlite::{Connection, OpenFlags};
 
 use super::{error::ContainerError, ros};
 
-/// How a file of SQLite begins.
-pub(super) const MAGIC: &[u8; 16] = b"SQLite format 3\0";
-
 /// What went wrong.
 #[derive(Debug, thiserror::Error)]
 enum Wrong {

@@ -111,7 +111,7 @@ impl Session<File> {
         {
             let mut head = [0; 16];
             let mut start = &file;
-            if start.read_exact(&mut head).is_ok() && head == *super::rosbag2::MAGIC {
+            if start.read_exact(&mut head).is_ok() && head == *super::recording::SQLITE_MAGIC {
                 let mut session = Self::read(super::rosbag2::as_mcap(path)?, path)?;
                 // The sizes are those of the copy, which nobody sees.
                 session.summary.file_bytes = file.metadata().map_or(0, |metadata| metadata.len());

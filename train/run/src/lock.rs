@@ -3,11 +3,12 @@
 use std::{
     fs::{File, OpenOptions, TryLockError},
     path::Path,
+    time::{Duration, Instant},
 };
 
 use erfgs_base::FileError;
 
-use super::{RunError, RunFolder};
+use super::RunError;
 
 /// The file that is locked. It stays, empty.
 const NAME: &str = ".lock";
@@ -19,6 +20,26 @@ pub struct FolderLock {
 }
 
 impl FolderLock {
+    /// What is left of a process whose machine is gone can keep a folder for so long.
+    pub const PATIENCE: Duration = Duration::from_secs(120);
+
+    /// Takes the folder, also from a process that soon lets go of it. `goes_on` is asked every so often whether that is still
+    /// wanted; `None` if it is not, or another process has the folder for longer than [`Self::PATIENCE`].
+    ///
+    /// # Errors
+    /// Those of [`FolderLock::take`].
+    pub fn wait(folder: &Path, mut goes_on: impl FnMut() -> bool) -> Result<Option<Self>, RunError> {
+        const LOOK_EVERY: Duration = Duration::from_millis(50);
+        let from = Instant::now();
+        loop {
+            let lock = Self::take(folder)?;
+            if lock.is_some() || !goes_on() || from.elapsed() > Self::PATIENCE {
+                return Ok(lock);
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+    }
+
     /// Takes the folder for oneself, which is made where needed; `None` where another process has it. On a file system that
     /// knows no locks nobody is kept away.
     ///
@@ -49,16 +70,6 @@ impl FolderLock {
     }
 }
 
-impl RunFolder {
-    /// Takes the folder for a training.
-    ///
-    /// # Errors
-    /// Those of [`FolderLock::take`].
-    pub fn lock(&self) -> Result<Option<FolderLock>, RunError> {
-        FolderLock::take(self.root())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,13 +77,13 @@ mod tests {
     #[test]
     fn a_folder_is_locked_by_one_until_it_lets_go() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::new(folder.path().join("run"));
-        assert!(!FolderLock::is_taken(run.root()));
-        let lock = run.lock().unwrap().unwrap();
-        assert!(FolderLock::is_taken(run.root()));
-        assert!(run.lock().unwrap().is_none());
+        let run = folder.path().join("run");
+        assert!(!FolderLock::is_taken(&run));
+        let lock = FolderLock::take(&run).unwrap().unwrap();
+        assert!(FolderLock::is_taken(&run));
+        assert!(FolderLock::take(&run).unwrap().is_none());
         drop(lock);
-        assert!(!FolderLock::is_taken(run.root()));
-        assert!(run.lock().unwrap().is_some());
+        assert!(!FolderLock::is_taken(&run));
+        assert!(FolderLock::take(&run).unwrap().is_some());
     }
 }

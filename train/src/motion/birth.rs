@@ -43,6 +43,7 @@ pub fn gaussians(
     let velocities = velocities(&instants, &flows);
     let mut all = Gaussians { sh_degree, motion_floats: options.floats(), ..Gaussians::default() };
     let reach = options.knots as f32 * options.spacing;
+    let trees: Vec<Tree> = if options.knots == 0 { Vec::new() } else { instants.par_iter().map(tree).collect() };
     for (index, ((time, points), velocities)) in instants.iter().zip(velocities).enumerate() {
         let born = Gaussians::from_points(&shrunk(points, &velocities, exposure), sh_degree, options.opacity);
         all.core.extend(born.core);
@@ -50,7 +51,7 @@ pub fn gaussians(
         if options.knots == 0 {
             all.motion.extend(velocities.into_iter().flat_map(|velocity| options.born(*time as f32, velocity)));
         } else {
-            let tracks = tracks(&instants, &flows, index, reach);
+            let tracks = tracks(&instants, &flows, &trees, index, reach);
             all.motion.extend(tracks.iter().flat_map(|track| options.bent(*time as f32, |dt| along(track, dt))));
         }
     }
@@ -115,9 +116,25 @@ fn velocities(instants: &[Instant], flows: &[[Option<Flow>; 2]]) -> Vec<Vec<[f32
         .collect()
 }
 
+/// A place and a colour as one place, in which white against black counts as much as a way of `255 tint` along each axis.
+fn joint(place: [f32; 3], colour: [u8; 3], tint: f32) -> [f32; 6] {
+    std::array::from_fn(|k| if k < 3 { place[k] } else { tint * f32::from(colour[k - 3]) })
+}
+
+type Tree = ImmutableKdTree<f32, 6>;
+
+/// How much a colour counts where a flow is followed.
+const TINT: f32 = 0.5 / 255.0;
+
+/// The points of an instant, by place and colour.
+fn tree((_, points): &Instant) -> Tree {
+    let places: Vec<[f32; 6]> = points.iter().map(|(place, colour)| joint(*place, *colour, TINT)).collect();
+    Tree::new_from_slice(&places)
+}
+
 /// The tracks of the points of instant `index`, `reach` intervals to either side where they are known so far: from each instant
 /// to the next by the flow of the points that are there, as the nearest of them in place and colour go.
-fn tracks(instants: &[Instant], flows: &[[Option<Flow>; 2]], index: usize, reach: f32) -> Vec<Track> {
+fn tracks(instants: &[Instant], flows: &[[Option<Flow>; 2]], trees: &[Tree], index: usize, reach: f32) -> Vec<Track> {
     /// Points of an instant whose flow is followed.
     const FOLLOWED: usize = 4;
     let (_, points) = &instants[index];
@@ -129,15 +146,7 @@ fn tracks(instants: &[Instant], flows: &[[Option<Flow>; 2]], index: usize, reach
             if since * step as f32 >= reach {
                 break;
             }
-            let (_, there) = &instants[at];
-            let tint = 0.5 / 255.0;
-            let joint = |place: [f32; 3], colour: [u8; 3]| -> [f32; 6] {
-                std::array::from_fn(|k| if k < 3 { place[k] } else { tint * f32::from(colour[k - 3]) })
-            };
-            let places: Vec<[f32; 6]> = there.iter().map(|(place, colour)| joint(*place, *colour)).collect();
-            let tree: ImmutableKdTree<f32, 6> = ImmutableKdTree::new_from_slice(&places);
-            let followed = FOLLOWED.min(places.len());
-            let Some(followed) = std::num::NonZero::new(followed) else { break };
+            let Some(followed) = std::num::NonZero::new(FOLLOWED.min(instants[at].1.len())) else { break };
             tracks.par_iter_mut().zip(points).enumerate().for_each(|(own, (track, (place, colour)))| {
                 // A track that was lost before goes no farther.
                 let Some(&(last, from)) = (if side == 0 { track.first() } else { track.last() }) else { return };
@@ -147,8 +156,8 @@ fn tracks(instants: &[Instant], flows: &[[Option<Flow>; 2]], index: usize, reach
                 let known: Vec<[f32; 3]> = if at == index {
                     moved[own].into_iter().collect()
                 } else {
-                    let here = joint(std::array::from_fn(|axis| place[axis] + from[axis]), *colour);
-                    let near = tree.nearest_n::<SquaredEuclidean>(&here, followed);
+                    let here = joint(std::array::from_fn(|axis| place[axis] + from[axis]), *colour, TINT);
+                    let near = trees[at].nearest_n::<SquaredEuclidean>(&here, followed);
                     near.into_iter().filter_map(|found| moved[found.item as usize]).collect()
                 };
                 if known.is_empty() {
@@ -172,16 +181,9 @@ fn displacements(points: &[Point], others: &[Point], farthest: f32) -> Vec<Optio
     }
     // White against black counts as much as twice the farthest way.
     let tint = 2.0 * farthest / 255.0 / 3.0_f32.sqrt();
-    let joint = |(place, colour): &Point, moved: &[f32; 3]| -> [f32; 6] {
-        std::array::from_fn(|k| match k {
-            0..3 => place[k] + moved[k],
-            _ => tint * f32::from(colour[k - 3]),
-        })
-    };
-    let targets: Vec<[f32; 6]> = others.iter().map(|other| joint(other, &[0.0; 3])).collect();
-    let target_tree: ImmutableKdTree<f32, 6> = ImmutableKdTree::new_from_slice(&targets);
-    let nearest =
-        |tree: &ImmutableKdTree<f32, 6>, at: &[f32; 6]| tree.nearest_one::<SquaredEuclidean>(at).item as usize;
+    let targets: Vec<[f32; 6]> = others.iter().map(|(place, colour)| joint(*place, *colour, tint)).collect();
+    let target_tree = Tree::new_from_slice(&targets);
+    let nearest = |tree: &Tree, at: &[f32; 6]| tree.nearest_one::<SquaredEuclidean>(at).item as usize;
     let places: Vec<[f32; 3]> = points.iter().map(|(place, _)| *place).collect();
     let around = Neighbours::new(&places);
     let most = TOGETHER.iter().map(|(together, _)| *together).max().unwrap_or(1);
@@ -191,8 +193,10 @@ fn displacements(points: &[Point], others: &[Point], farthest: f32) -> Vec<Optio
         .collect();
     let mut moved = vec![[0.0_f32; 3]; points.len()];
     for together in TOGETHER.into_iter().flat_map(|(together, rounds)| std::iter::repeat_n(together, rounds)) {
-        let from: Vec<[f32; 6]> = std::iter::zip(points, &moved).map(|(point, moved)| joint(point, moved)).collect();
-        let source_tree: ImmutableKdTree<f32, 6> = ImmutableKdTree::new_from_slice(&from);
+        let from: Vec<[f32; 6]> = std::iter::zip(points, &moved)
+            .map(|((place, colour), moved)| joint(std::array::from_fn(|k| place[k] + moved[k]), *colour, tint))
+            .collect();
+        let source_tree = Tree::new_from_slice(&from);
         // Of each point the sum of the ways to its partners, and how many they are: its own choice, and all that choose it.
         // Without the latter a long thing that moves along itself would hardly move: most of it has somewhere to be.
         let mut pulls = vec![[0.0_f32; 4]; points.len()];

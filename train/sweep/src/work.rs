@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::atomic::{AtomicBool, Ordering},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use erfgs_base::FileError;
@@ -20,8 +20,6 @@ use super::{
 
 /// How often is looked whether a step has ended, or is to.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// What is left of a job whose machine is gone can keep its place for so long.
-const PATIENCE: Duration = Duration::from_secs(120);
 /// The exit code of commands that were stopped in good order.
 const STOPPED: i32 = 130;
 
@@ -69,7 +67,7 @@ impl Record {
 /// # Errors
 /// [`SweepError`] if the sweep's own files cannot be written; that a step fails is no error, but [`Ended::Failed`].
 pub fn work(manifest: &Manifest, job: &Job, program: &Path, stop: &AtomicBool) -> Result<Ended, SweepError> {
-    let Some(_alone) = alone(&manifest.lock_of(job), stop)? else {
+    let Some(_alone) = FolderLock::wait(&manifest.lock_of(job), || !stop.load(Ordering::Relaxed))? else {
         return Ok(match stop.load(Ordering::Relaxed) {
             true => Ended::Stopped,
             false => Ended::Failed { message: "another process works on it".into() },
@@ -160,20 +158,6 @@ fn prepare(
         std::fs::rename(&ready, folder).map_err(FileError::when("move into its place", &ready))?;
         clear(&imported)?;
         return Ok(Ended::Done);
-    }
-}
-
-/// The lock of a job; `None` if it is to stop, or somebody else keeps it for too long.
-fn alone(folder: &Path, stop: &AtomicBool) -> Result<Option<FolderLock>, SweepError> {
-    let from = Instant::now();
-    loop {
-        if let Some(lock) = FolderLock::take(folder)? {
-            return Ok(Some(lock));
-        }
-        if stop.load(Ordering::Relaxed) || from.elapsed() > PATIENCE {
-            return Ok(None);
-        }
-        std::thread::sleep(LOOK_EVERY);
     }
 }
 

@@ -20,7 +20,8 @@ fn sheet() -> Sheet {
     Sheet::of(&target(), 0.0088)
 }
 
-fn camera() -> Intrinsics {
+/// A camera with the distortion of a wide lens.
+pub(super) fn camera() -> Intrinsics {
     Intrinsics {
         width: 640,
         height: 480,

@@ -88,15 +88,7 @@ fn stereo_pairs_give_what_opencv_gives() {
 
 #[test]
 fn corners_are_as_exact_as_those_of_the_detector_by_sectors() {
-    let lens = Intrinsics {
-        width: 640,
-        height: 480,
-        fx: 520.0,
-        fy: 522.0,
-        cx: 325.0,
-        cy: 236.0,
-        distortion: Distortion::BrownConrady([-0.28, 0.09, 0.0006, -0.0004, 0.0, 0.0, 0.0, 0.0]),
-    };
+    let lens = super::aprilgrids::camera();
     let (sheet, rays) = (Sheet::of(&target(), 0.025), Rays::<5>::of(&lens));
     let folder = tempfile::tempdir().unwrap();
     let (mut squares, mut theirs, mut corners) = (0.0, 0.0, 0);

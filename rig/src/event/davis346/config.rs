@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{HEIGHT, WIDTH, bias::BiasCurrents};
-use crate::event::{EventError, StreamConfig};
+use crate::event::{EventError, StreamConfig, Window};
 
 /// Settings of a DAVIS346. All have defaults, the maker's where it has any.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -43,20 +43,6 @@ pub struct Events {
     pub masked_pixels: Vec<[u16; 2]>,
     /// Part of the image that events come from; all of it by default.
     pub region: Option<Window>,
-}
-
-/// A window of the sensor, pixels; (0, 0) is the upper left one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Window {
-    /// Left column.
-    pub x: u16,
-    /// Upper row.
-    pub y: u16,
-    /// Columns.
-    pub width: u16,
-    /// Rows.
-    pub height: u16,
 }
 
 impl Default for Events {

@@ -15,13 +15,13 @@ use erfgs_session::source::{Encoding, Knob};
 use serde_json::{Map, Value, json};
 
 pub use bias::BiasCurrents;
-pub use config::{Davis346Config, Events, ExternalInput, Frames, Imu, OnStall, Shutter, Timestamps, Window};
+pub use config::{Davis346Config, Events, ExternalInput, Frames, Imu, OnStall, Shutter, Timestamps};
 
 use self::{
     config::range_code,
     spi::{Parameter, Spi},
 };
-use super::{Driver, EventError, StreamConfig};
+use super::{Driver, EventError, StreamConfig, Window};
 use crate::{
     not_applied::NotApplied,
     usb::{Identity, Transport},

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{HEIGHT, WIDTH};
-use crate::event::{EventError, StreamConfig};
+use crate::event::{EventError, StreamConfig, Window};
 
 /// Settings of an EVK4. All have defaults, which leave the sensor as its maker trimmed it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -98,20 +98,6 @@ pub enum MaskRows {
     FromTop,
     /// From the bottom, as the neuromorphic-drivers crate writes them.
     FromBottom,
-}
-
-/// A window, pixels; (0, 0) is the upper left one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Window {
-    /// Left column.
-    pub x: u16,
-    /// Upper row.
-    pub y: u16,
-    /// Columns.
-    pub width: u16,
-    /// Rows.
-    pub height: u16,
 }
 
 /// Event-rate control.

@@ -23,7 +23,7 @@ use serde_json::{Map, Value, json};
 
 pub use config::{
     AntiFlicker, AntiFlickerMode, BiasOffsets, Evk4Config, Format, MaskRows, RateLimit, Region, RegionMode, SyncRole,
-    TrailFilter, TrailKind, TriggerInput, Window,
+    TrailFilter, TrailKind, TriggerInput,
 };
 pub(super) use identify::{Found, is_candidate};
 

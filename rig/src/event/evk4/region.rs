@@ -87,7 +87,7 @@ pub(super) fn write_pixels(board: &Board, pixels: &[[u16; 2]], rows: MaskRows) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event::evk4::Window;
+    use crate::event::Window;
 
     #[test]
     fn the_whole_image_has_no_bit_but_those_past_the_last_row() {

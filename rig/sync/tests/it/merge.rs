@@ -2,15 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_events::{CdEvent, EventEncoding, Sink};
+use erfgs_events::EventEncoding;
 use erfgs_session::{
-    clock::EpochCursor,
     container::{Entry, Merged, Part, Session, SessionStart, SessionWriter, Settings, merge},
     source::{Description, Encoding, FrameStamp, Incident, Packet, StampClock, StampPoint},
 };
 use erfgs_sync::{AlignError, Pulses, SyncOptions, Synchronisation, Tier, synchronise};
 
-use crate::breaks::support::{MS, START_NS, board, camera, description, part};
+use crate::breaks::support::{Dates, MS, START_NS, board, camera, description, part};
 
 const EVT3: Encoding = Encoding::Events(EventEncoding::Evt3);
 /// What the second host's clock shows at the true time 0 of the first, and how much faster it runs.
@@ -131,23 +130,6 @@ fn merged(paths: &[&Path], out: &Path, any_date: bool) -> Result<Merged, AlignEr
         sessions.iter_mut().zip(&to_host).map(|(session, host_ns)| Part { session, host_ns: &**host_ns }).collect();
     parts[..=first].rotate_right(1);
     Ok(merge(&mut parts, out, |_| {})?)
-}
-
-/// Session times of all events.
-struct Dates<'a>(EpochCursor<'a>, Vec<i64>);
-
-impl Sink for Dates<'_> {
-    fn packet(&mut self, sequence: u64) {
-        self.0.packet(sequence);
-    }
-
-    fn discontinuity(&mut self, _t_us: u64) {
-        self.0.discontinuity();
-    }
-
-    fn event(&mut self, event: CdEvent) {
-        self.1.push(self.0.session_ns(event.t_us).expect("every event is dated"));
-    }
 }
 
 /// The farthest that an event of a stream is off.

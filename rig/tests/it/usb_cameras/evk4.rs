@@ -16,10 +16,9 @@ use erfgs_hardware_mocks::usb::{
     scene::Pattern,
 };
 use erfgs_rig::event::{
-    EventError, Evk4Config, Evk4Source, Kind,
+    EventError, Evk4Config, Evk4Source, Kind, Window,
     evk4::{
         AntiFlicker, BiasOffsets, Format, MaskRows, RateLimit, Region, RegionMode, SyncRole, TrailFilter, TrailKind,
-        Window,
     },
     list_on,
 };

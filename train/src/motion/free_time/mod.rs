@@ -136,8 +136,7 @@ impl FreeTimeOptions {
     }
 
     /// What the kernels of the path are told as they are made.
-    #[must_use]
-    pub fn constants(&self) -> String {
+    fn constants(&self) -> String {
         match self.knots {
             0 => String::new(),
             side => format!("const SIDE = {side}u;\nconst SPACING = {:?};\n", self.spacing),

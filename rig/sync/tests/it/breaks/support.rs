@@ -182,7 +182,7 @@ pub fn write(path: &Path, encoding: Encoding, packets: &[Packet], board: Option<
 }
 
 /// Session times of all events, as whoever uses a session finds them.
-struct Dates<'a>(EpochCursor<'a>, Vec<i64>);
+pub struct Dates<'a>(pub EpochCursor<'a>, pub Vec<i64>);
 
 impl Sink for Dates<'_> {
     fn packet(&mut self, sequence: u64) {
