@@ -82,6 +82,7 @@ mod file;
 pub mod hdf5;
 #[cfg(feature = "npz")]
 pub mod npz;
+pub mod palette;
 mod sink;
 mod stage;
 mod state;

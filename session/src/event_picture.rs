@@ -1,11 +1,7 @@
 //! Pictures of what an event sensor saw within a span of time.
 
-use erfgs_events::{ApsFrame, CdEvent, EventBatch, SensorSize, Sink};
+use erfgs_events::{ApsFrame, CdEvent, EventBatch, SensorSize, Sink, palette};
 
-/// Colours of an untouched pixel, of rising and of falling intensity.
-const STILL: [f32; 3] = [16.0, 19.0, 26.0];
-const ON: [f32; 3] = [255.0, 214.0, 138.0];
-const OFF: [f32; 3] = [66.0, 150.0, 255.0];
 /// How strongly the oldest events of the span show; the newest show fully.
 const OLDEST: f32 = 0.4;
 /// Brightness of a frame under the events.
@@ -83,8 +79,8 @@ impl EventPicture {
                 let newest =
                     (0..step).flat_map(|y| &self.last[at + y * width..][..step]).copied().max().unwrap_or_default();
                 let base = match &self.under {
-                    Some(under) => [f32::from(under[at]) * UNDER; 3],
-                    None => STILL,
+                    Some(under) => [(f32::from(under[at]) * UNDER) as u8; 3],
+                    None => palette::STILL,
                 };
                 let age_us = now_us.saturating_sub(newest >> 1);
                 let weight = match newest {
@@ -92,8 +88,7 @@ impl EventPicture {
                     _ if age_us > span_us => 0.0,
                     _ => 1.0 - (1.0 - OLDEST) * age_us as f32 / span_us as f32,
                 };
-                let colour = if newest & 1 == 1 { ON } else { OFF };
-                rgb.extend((0..3).map(|channel| (base[channel] + weight * (colour[channel] - base[channel])) as u8));
+                rgb.extend(palette::blend(base, newest & 1 == 1, weight));
             }
         }
         rgb

@@ -125,3 +125,30 @@ fn the_lowest_rooms_and_the_stages_know_what_is_said_and_no_more() {
         assert!(!told || name == "erfgs-hardware-mocks", "{name} depends on emulated hardware outside its tests");
     }
 }
+
+/// Where a document or a comment names a file by its path from the workspace's folder, it is there.
+#[test]
+fn files_that_are_named_exist() {
+    let root = erfgs_recordings::root();
+    let files = stdout(Command::new("git").arg("ls-files"));
+    // `src/` begins paths of other programs, too.
+    let top: BTreeSet<&str> = files.lines().filter_map(|file| file.split_once('/')).map(|(top, _)| top).collect();
+    let named = |word: &str| {
+        let plain = word.chars().all(|c| c.is_ascii_alphanumeric() || "_-./".contains(c));
+        plain && word.split_once('/').is_some_and(|(folder, _)| folder != "src" && top.contains(folder))
+    };
+    let mut seen = 0;
+    let mut missing = Vec::new();
+    for file in files.lines().filter(|file| file.ends_with(".md") || file.ends_with(".rs") || file.ends_with(".wgsl")) {
+        let text = fs::read_to_string(root.join(file)).expect(file);
+        let lines = text.lines().filter(|line| file.ends_with(".md") || line.trim_start().starts_with("//"));
+        for path in lines.flat_map(quoted).filter(|word| named(word)) {
+            seen += 1;
+            if !root.join(&path).exists() {
+                missing.push(format!("{file}: {path}"));
+            }
+        }
+    }
+    assert!(seen > 100, "{seen} paths");
+    assert!(missing.is_empty(), "there is no such file: {missing:#?}");
+}

@@ -1,28 +1,24 @@
 //! What an event camera saw in a short time, as a picture.
 //!
-//! The live page has a painter of its own (`rig/recorder/src/live/picture.rs`), which is another thing: it goes on from picture
-//! to picture, so that events fade, is smaller than the sensor, and takes OFF events from ON events. Here a pixel whose light
-//! came and went in the time of the picture shows that it did.
+//! `erfgs_session::EventPicture` is another thing: it remembers the last event of each pixel, and shows the newest strongest. Here
+//! all events of the time count, in the order of the time or not, and a pixel whose light came and went shows that it did.
 
+use erfgs_events::palette;
 use erfgs_scene::ImageRgb8;
 
 /// How much of its full colour one event gives a pixel.
 const ONE: f32 = 0.35;
-/// Colours of a pixel without events, of one that grew mostly brighter, and mostly darker.
-const STILL: [f32; 3] = [24.0, 27.0, 34.0];
-const ON: [f32; 3] = [255.0, 214.0, 138.0];
-const OFF: [f32; 3] = [66.0, 150.0, 255.0];
 
 /// Events that are gathered.
 #[derive(Clone, Debug)]
-pub struct EventPicture {
+pub struct EventHistogram {
     width: u32,
     height: u32,
     /// Events of each pixel: off and on.
     counts: Vec<[u16; 2]>,
 }
 
-impl EventPicture {
+impl EventHistogram {
     /// No events yet, on a sensor of `width` x `height` pixels.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
@@ -43,11 +39,8 @@ impl EventPicture {
     /// The picture: the more events, the brighter.
     #[must_use]
     pub fn picture(&self) -> ImageRgb8 {
-        let colour = |[off, on]: &[u16; 2]| {
-            let weight = (ONE * (f32::from(*off) + f32::from(*on))).min(1.0);
-            let full = if on >= off { ON } else { OFF };
-            std::array::from_fn::<u8, 3, _>(|c| (STILL[c] + weight * (full[c] - STILL[c])) as u8)
-        };
+        let colour =
+            |[off, on]: &[u16; 2]| palette::blend(palette::STILL, on >= off, ONE * (f32::from(*off) + f32::from(*on)));
         let data = self.counts.iter().flat_map(colour).collect();
         ImageRgb8 { width: self.width, height: self.height, data }
     }
@@ -59,13 +52,13 @@ mod tests {
 
     #[test]
     fn pixels_take_the_colour_of_most_of_their_events() {
-        let mut events = EventPicture::new(4, 3);
+        let mut events = EventHistogram::new(4, 3);
         for (x, y, on) in [(1, 1, true), (1, 1, true), (1, 1, false), (2, 0, false), (4, 0, true), (0, 3, true)] {
             events.add(x, y, on);
         }
         let picture = events.picture();
-        assert_eq!((picture.pixel(1, 1), picture.pixel(0, 0)), ([255, 214, 138], [24, 27, 34]));
+        assert_eq!((picture.pixel(1, 1), picture.pixel(0, 0)), (palette::ON, palette::STILL));
         assert!(picture.pixel(2, 0)[2] > 80 && picture.pixel(2, 0)[0] < 60);
-        assert_eq!(picture.data.chunks(3).filter(|pixel| **pixel != [24, 27, 34]).count(), 2);
+        assert_eq!(picture.data.chunks(3).filter(|pixel| **pixel != palette::STILL).count(), 2);
     }
 }

@@ -22,7 +22,7 @@ use erfgs_page::{
 
 pub use choose::telling;
 pub use drift::{drift_page, write_drift};
-pub use events::EventPicture;
+pub use events::EventHistogram;
 
 use crate::evidence::{Evidence, Pass, Table};
 use erfgs_scene::rig_file::RigFile;

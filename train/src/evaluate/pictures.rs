@@ -1,5 +1,6 @@
 //! Pictures of an evaluation: renderings beside the truth, rendered event frames beside measured ones.
 
+use erfgs_events::palette;
 use erfgs_scene::image::{ImageGrey8, ImageRgb8};
 
 use crate::{
@@ -60,17 +61,9 @@ impl Trainer<'_> {
     }
 }
 
-/// Red where the light grew, blue where it fell, white where nothing happened; full colour at four thresholds.
+/// Signed counts of events, in the colours of all event pictures; full colour at four thresholds.
 fn picture_of(counts: &[f32], [width, height]: [u32; 2]) -> ImageRgb8 {
-    let data = counts.iter().flat_map(|&count| {
-        let faded = (255.0 * (1.0 - (count.abs() / 4.0).min(1.0))) as u8;
-        if count.abs() < 0.5 {
-            [255, 255, 255]
-        } else if count > 0.0 {
-            [220, faded, faded]
-        } else {
-            [faded, faded, 220]
-        }
-    });
+    let weight = |count: f32| if count.abs() < 0.5 { 0.0 } else { count.abs() / 4.0 };
+    let data = counts.iter().flat_map(|&count| palette::blend(palette::STILL, count > 0.0, weight(count)));
     ImageRgb8 { width, height, data: data.collect() }
 }

@@ -1,6 +1,6 @@
 //! Adapter choice, device and buffers.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Pod;
 use wgpu::util::DeviceExt;
@@ -106,8 +106,16 @@ pub fn adapters() -> Vec<wgpu::AdapterInfo> {
     found
 }
 
+/// Held while a device is opened: Vulkan's loader looks a device up among all of the process, and one that another thread is
+/// just making has no table of functions yet (Debian's loader 1.3.239 then reads address 0x1cdc0de, the mark of such a device).
+static OPENING: Mutex<()> = Mutex::new(());
+
+/// Objects have names in a driver's messages where WGPU_DEBUG=1 asks for them; naming an object looks its device up as above.
 fn enumerate() -> Vec<wgpu::Adapter> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        flags: wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL.with_env(),
+        ..wgpu::InstanceDescriptor::new_without_display_handle_from_env()
+    });
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY))
 }
 
@@ -126,6 +134,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::Device`].
     pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        let _opening = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
         let mut adapters = enumerate();
         if let Some(filter) = &choice.name {
             let filter = filter.to_lowercase();

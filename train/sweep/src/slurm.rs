@@ -7,7 +7,9 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
 };
 
 use erfgs_base::FileError;
@@ -24,6 +26,10 @@ const TASKS: usize = 1000;
 /// Seconds between the request to stop and the end of a job's time, unless the plan says otherwise.
 const GRACE_SECONDS: u32 = 120;
 
+/// How long a controller may take to answer. Without a configuration Slurm's programs try for a minute.
+const PATIENCE: Duration = Duration::from_secs(10);
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
 /// An array that was submitted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Submission {
@@ -38,11 +44,27 @@ pub struct Submission {
 /// # Errors
 /// A sentence, where one is installed and no controller of it answers.
 pub fn answers() -> Result<bool, String> {
-    match Command::new("scontrol").arg("ping").output() {
+    match told_within(Command::new("scontrol").arg("ping"), PATIENCE) {
         Err(_) => Ok(false),
-        Ok(output) if output.status.success() && String::from_utf8_lossy(&output.stdout).contains("UP") => Ok(true),
+        Ok(Some(said)) if said.contains("UP") => Ok(true),
         Ok(_) => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
     }
+}
+
+/// What a program prints, and nothing where it fails or goes on for longer than `patience`.
+fn told_within(command: &mut Command, patience: Duration) -> std::io::Result<Option<String>> {
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
+    let begun = Instant::now();
+    while child.try_wait()?.is_none() {
+        if begun.elapsed() > patience {
+            child.kill()?;
+            child.wait()?;
+            return Ok(None);
+        }
+        thread::sleep(LOOK_EVERY);
+    }
+    let output = child.wait_with_output()?;
+    Ok(output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned()))
 }
 
 /// The scripts of the arrays in which `jobs` are submitted.
@@ -192,6 +214,17 @@ mod tests {
             "slurm": {"options": ["--partition=gpu"], "setup": ["module load vulkan"], "at_once": 3, "grace": null}}"#;
         std::fs::write(folder.join("sweep.json"), text).unwrap();
         Manifest::load(folder).unwrap()
+    }
+
+    #[test]
+    fn a_program_that_does_not_answer_is_given_up() {
+        let told = |program: &str, words: &[&str], ms| {
+            told_within(Command::new(program).args(words), Duration::from_millis(ms)).map_err(|error| error.kind())
+        };
+        assert_eq!(told("echo", &["it is UP"], 60_000), Ok(Some("it is UP\n".into())));
+        assert_eq!(told("false", &[], 60_000), Ok(None));
+        assert_eq!(told("sleep", &["1000"], 50), Ok(None));
+        assert_eq!(told("no-such-program", &[], 50), Err(std::io::ErrorKind::NotFound));
     }
 
     #[test]

@@ -13,7 +13,7 @@ use erfgs_sync::{StreamSync, Synchronisation};
 
 use crate::{
     evidence::{Evidence, Picture},
-    report::{EventPicture, telling},
+    report::{EventHistogram, telling},
     wand::WandError,
 };
 
@@ -41,7 +41,7 @@ pub fn pictures(
             let mids = clock.map(StreamSync::exposure_mids).unwrap_or_default();
             frames.insert(stream, (camera, placement, t_ns, mids, None::<(i64, Packet)>));
         } else if let Some(sync) = clock {
-            let picture = EventPicture::new(description.width, description.height);
+            let picture = EventHistogram::new(description.width, description.height);
             let mut sink = Around { clock: sync.epochs.follow(), t_ns, picture };
             // Packets arrive later than what they hold, and clocks may be a little off.
             let arrival = [-LATE_NS, LATE_NS].map(|late| start.host_ns.saturating_add(t_ns).saturating_add(late));
@@ -78,7 +78,7 @@ const AROUND_NS: i64 = 5_000_000;
 struct Around<'a> {
     clock: EpochCursor<'a>,
     t_ns: i64,
-    picture: EventPicture,
+    picture: EventHistogram,
 }
 
 impl Sink for Around<'_> {

@@ -4,7 +4,7 @@ use erfgs_calibrate::wand::calibrate;
 
 use crate::wand::rig;
 
-/// `calibrate/examples/wand_study.rs` does the same with 50 seeds and more cases.
+/// `lab/src/bin/wand_study.rs` does the same with 50 seeds and more cases.
 const SEEDS: u64 = 6;
 
 #[test]

@@ -1,4 +1,4 @@
-// The camera and the settings of one render; the Rust side is `view_uniform.rs`.
+// The camera and the settings of one render; the Rust side is `uniform.rs`.
 
 struct View {
     // Rows of the world-to-camera rotation; w: the translation, metres.

@@ -50,9 +50,9 @@ impl Bucket {
         lock(&self.incidents).clone()
     }
 
-    /// Waits until `done` says so; fails after half a minute of wall time.
+    /// Waits until `done` says so; fails after five minutes of wall time, which a busy machine may need.
     pub fn wait_until(&self, what: &str, mut done: impl FnMut(&Self) -> bool) {
-        for _ in 0..30_000 {
+        for _ in 0..300_000 {
             if done(self) {
                 return;
             }
