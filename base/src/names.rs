@@ -38,12 +38,14 @@ impl FileNames {
     }
 }
 
-/// `text` without what a terminal takes for a command: control characters but line breaks and tabs are written out, as `\u{1b}`.
+/// `text` without what a terminal takes for a command: control characters but line breaks and tabs are written out, as `\u{1b}`, and
+/// so is what turns the direction of the text around it.
 #[must_use]
 pub fn printable(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {
-        if c.is_control() && !matches!(c, '\n' | '\t') {
+        let turns = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+        if turns || c.is_control() && !matches!(c, '\n' | '\t') {
             shown.extend(c.escape_unicode());
         } else {
             shown.push(c);

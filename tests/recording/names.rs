@@ -2,7 +2,12 @@
 
 use std::{fs, io::Cursor, path::Path};
 
+use erfgs_base::random;
 use erfgs_events::{CdEvent, EventEncoding, Evt3Encoder};
+use erfgs_scene::{
+    Distortion, Intrinsics, Modality, Pose,
+    rig_file::{RigCamera, RigFile},
+};
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, Packet},
@@ -134,5 +139,130 @@ fn a_terminal_gets_no_commands_from_a_recording() {
             let commands: Vec<_> = said.iter().filter(|&&byte| byte < 0x20 && byte != b'\n' && byte != b'\t').collect();
             assert!(commands.is_empty(), "{arguments:?}: {}", String::from_utf8_lossy(said).escape_debug());
         }
+    }
+}
+
+/// What names are made of that are meant to be something else: a path, a command, another name.
+const PIECES: [&str; 28] = [
+    "..",
+    "/",
+    "\\",
+    ".",
+    "a",
+    "A",
+    "cam",
+    "0",
+    " ",
+    "  ",
+    "\0",
+    "\n",
+    "\r",
+    "\t",
+    "\u{1b}[2J",
+    "\u{202e}",
+    "\u{7f}",
+    "~",
+    "$HOME",
+    "%2e%2e%2f",
+    "'",
+    "\"",
+    ":",
+    "#",
+    "CON",
+    "ä",
+    "\u{1f980}",
+    "-",
+];
+
+/// Names drawn from the pieces, and some that lie in wait in `folder`: paths there, the longest ones, none at all.
+fn drawn(seed: u64, folder: &Path) -> Vec<String> {
+    let absolute = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    let mut names =
+        vec![String::new(), "..".into(), "x".repeat(3000), "ä/".repeat(400), absolute("EVIL"), absolute("../EVIL")];
+    names.extend((0..26).map(|number| {
+        let key = random::key(seed, &[random::purpose("names"), number]);
+        let length = 1 + random::below(key, 7);
+        (0..length).map(|at| PIECES[random::below(random::extend(key, at), PIECES.len() as u64) as usize]).collect()
+    }));
+    names
+}
+
+/// Runs the program in `work`, a folder below `all`, and says what it wrote. It may refuse; it may not panic, write outside of
+/// `work`, or send a terminal what is no text.
+fn written(all: &Path, work: &Path, arguments: &[&str]) -> (Vec<String>, String) {
+    let before = below(all);
+    let output = erfgs(work, arguments);
+    let said = String::from_utf8_lossy(&[&output.stdout[..], &output.stderr].concat()).into_owned();
+    assert!(matches!(output.status.code(), Some(0..=2)), "{arguments:?}: {:?}: {said}", output.status);
+    let controls = said.chars().filter(|&c| c.is_control() && c != '\n' && c != '\t' || c == '\u{202e}').count();
+    assert_eq!(controls, 0, "{arguments:?}: {}", said.escape_debug());
+    let place = format!("{}/", work.strip_prefix(all).unwrap().display());
+    let new: Vec<String> = below(all).into_iter().filter(|file| !before.contains(file)).collect();
+    let stray: Vec<_> = new.iter().filter(|file| !file.starts_with(&place)).collect();
+    assert!(stray.is_empty(), "{arguments:?} wrote {stray:?}");
+    if !output.status.success() {
+        assert!(said.contains("error:"), "{arguments:?}: {said}");
+    }
+    (new, said)
+}
+
+#[test]
+fn whatever_the_streams_are_called_nothing_is_written_elsewhere() {
+    for seed in 0..3 {
+        let folder = tempfile::tempdir().unwrap();
+        let work = folder.path().join("a/b/work");
+        fs::create_dir_all(&work).unwrap();
+        let names = drawn(seed, &work.join(".."));
+        session(&work.join("s.mcap"), &names.iter().map(String::as_str).collect::<Vec<_>>());
+        for (arguments, files) in [
+            (&["export", "s.mcap", "--to", "raw", "--out", "raw"][..], Some(names.len())),
+            (&["export", "s.mcap", "--to", "npz", "--out", "npz"], Some(names.len())),
+            (&["export", "s.mcap", "--to", "csv"], Some(names.len())),
+            (&["export", "s.mcap", "--to", "session", "--out", "t.mcap"], Some(1)),
+            (&["recover", "s.mcap", "--out", "r.mcap"], None),
+            (&["info", "s.mcap", "--check"], Some(0)),
+            (&["sync", "s.mcap"], None),
+        ] {
+            let (new, said) = written(folder.path(), &work, arguments);
+            assert!(
+                files.is_none_or(|files| files == new.len()),
+                "{arguments:?}: {} files: {new:#?}; {said}",
+                new.len()
+            );
+        }
+    }
+}
+
+#[test]
+fn whatever_the_cameras_are_called_nothing_is_written_elsewhere() {
+    let intrinsics =
+        Intrinsics { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 32.0, cy: 24.0, distortion: Distortion::None };
+    for seed in 0..2 {
+        let folder = tempfile::tempdir().unwrap();
+        let work = folder.path().join("a/b/work");
+        fs::create_dir_all(&work).unwrap();
+        let names = drawn(seed, &work.join(".."));
+        let cameras = |names: &[String]| -> Vec<RigCamera> {
+            let pose = Some(Pose::IDENTITY);
+            names.iter().map(|name| RigCamera::new(name, Modality::Rgb, intrinsics, pose)).collect()
+        };
+        let mut rigs = vec![cameras(&names)];
+        rigs.extend(names.iter().map(|name| cameras(std::slice::from_ref(name))));
+        let mut converted = 0;
+        for (number, cameras) in rigs.into_iter().enumerate() {
+            let rig = serde_json::to_string(&RigFile::new("board", true, cameras)).unwrap();
+            fs::write(work.join("rig.json"), rig).unwrap();
+            // All formats for all names at once, and one after the other for each name alone.
+            let formats = ["colmap", "kalibr", "opencv", "ros", "nerfstudio", "llff", "caliscope", "pose2sim", "rig"];
+            for (index, format) in formats.into_iter().enumerate() {
+                if number > 0 && number % formats.len() != index {
+                    continue;
+                }
+                let out = format!("out-{number}-{format}");
+                let arguments = ["calibrate", "convert", "rig.json", "--to", format, "--out", &out];
+                converted += usize::from(!written(folder.path(), &work, &arguments).0.is_empty());
+            }
+        }
+        assert!(converted > 0, "every rig was refused");
     }
 }

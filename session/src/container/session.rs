@@ -245,7 +245,12 @@ impl<R: Read + Seek> Session<R> {
 
     /// What lacks in the file, all of which was just read.
     fn lacking(&self) -> Vec<String> {
-        let totals = self.said.as_ref().filter(|_| self.summary.is_session);
+        // Totals of streams none of which is here: all were given other names since.
+        let declared = &self.walk.layout.streams;
+        let known = |totals: &&Totals| {
+            declared.is_empty() || declared.iter().any(|stream| totals.streams.contains_key(&stream.description.id))
+        };
+        let totals = self.said.as_ref().filter(|_| self.summary.is_session).filter(known);
         self.walk.lacking(self.summary.is_session, totals, self.index.counts.as_ref())
     }
 
@@ -288,8 +293,10 @@ impl<R: Read + Seek> Session<R> {
             }
         }
         for stream in &mut self.walk.layout.streams {
-            if let Some(totals) = self.summary.totals.streams.get(&stream.description.id) {
-                stream.totals = *totals;
+            match self.summary.totals.streams.get(&stream.description.id) {
+                Some(totals) => stream.totals = *totals,
+                // The streams were given other names since.
+                None => totals_found = false,
             }
         }
         let ordered = self.chunks.windows(2).all(|pair| pair[0].offset < pair[1].offset);
