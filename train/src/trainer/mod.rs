@@ -42,6 +42,10 @@ use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
 use erfgs_run::{CameraColour, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
 
+const GAUSSIANS_COLOURS: &str = "colours of the Gaussians";
+const TRAJECTORIES: &str = "trajectories and lives of the Gaussians";
+const CAMERAS_COLOURS: &str = "colours of the cameras";
+
 /// Time that counts as training, since a moment.
 struct Lap {
     started: Instant,
@@ -368,13 +372,9 @@ impl<'a> Trainer<'a> {
         let (rows, row_floats) = self.model.motion_values();
         for (what, buffer, floats) in [
             ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
-            (
-                "colours of the Gaussians",
-                &gaussians.sh,
-                gaussians.count * crate::raster::sh_stride(gaussians.sh_degree),
-            ),
-            ("trajectories and lives of the Gaussians", rows, row_floats),
-            ("colours of the cameras", &self.colours.values, self.colours.floats()),
+            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * crate::raster::sh_stride(gaussians.sh_degree)),
+            (TRAJECTORIES, rows, row_floats),
+            (CAMERAS_COLOURS, &self.colours.values, self.colours.floats()),
         ] {
             let mut commands = self.gpu.commands();
             self.finite.scan(&mut commands, buffer, floats);
@@ -387,7 +387,15 @@ impl<'a> Trainer<'a> {
     }
 
     fn diverged(&self, what: &str) -> TrainError {
-        TrainError::Diverged { what: what.into(), iteration: self.schedule.done(&self.clock) }
+        let two = |key: &str, [first, last]: [f32; 2]| format!("{key}=[{:e},{:e}]", 0.5 * first, 0.5 * last);
+        let rates = &self.config.learning_rate;
+        let lower = match what {
+            GAUSSIANS_COLOURS => format!("learning_rate.sh_dc={:e}", 0.5 * rates.sh_dc),
+            TRAJECTORIES => format!("free_time.velocity={:e}", 0.5 * self.config.free_time.velocity),
+            CAMERAS_COLOURS => two("camera_colour.rate", self.config.camera_colour.rate),
+            _ => two("learning_rate.position", rates.position),
+        };
+        TrainError::Diverged { what: what.into(), iteration: self.schedule.done(&self.clock), lower }
     }
 
     /// Iterations done, over both stages.

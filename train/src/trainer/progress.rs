@@ -110,13 +110,15 @@ pub enum TrainError {
     },
     /// A number stopped being one.
     #[error(
-        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set learning_rate.position=[8e-5,8e-7]`"
+        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set {lower}`"
     )]
     Diverged {
         /// Which quantity.
         what: String,
         /// When.
         iteration: u64,
+        /// The learning rate that moves it, half as high.
+        lower: String,
     },
     /// The configuration.
     #[error(transparent)]
