@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_stability::{Bench, Row, Size, cases, report};
+use erfgs_stability::{Bench, Case, Row, Size, cases, report};
 use serde::Serialize;
 
 use crate::{
@@ -22,6 +22,7 @@ Examples:
   erfgs bench stability
   erfgs bench stability --small
   erfgs bench stability --only needles
+  erfgs bench stability --without '10,000 iterations'
   erfgs bench stability --out docs/stability.md")]
 pub struct Arguments {
     /// Some cases of every stage, in seconds.
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Only cases whose stage or name contains this, ignoring case.
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
+    /// No cases whose stage or name contains this, ignoring case.
+    #[arg(long, value_name = "TEXT")]
+    without: Option<String>,
     /// Write the table as a Markdown document, too.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -47,12 +51,15 @@ struct Figures {
 /// Runs the cases and prints a line for each.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let size = if arguments.small { Size::Small } else { Size::Full };
-    let wanted = arguments.only.as_deref().unwrap_or_default().to_lowercase();
-    let named = |text: &str| text.to_lowercase().contains(&wanted);
     let mut cases = cases(size);
-    cases.retain(|case| named(case.part) || named(&case.name));
+    let has = |case: &Case, text: &str| {
+        let text = text.to_lowercase();
+        [case.part, &case.name].iter().any(|words| words.to_lowercase().contains(&text))
+    };
+    cases.retain(|case| arguments.only.as_ref().is_none_or(|only| has(case, only)));
+    cases.retain(|case| !arguments.without.as_ref().is_some_and(|without| has(case, without)));
     if cases.is_empty() {
-        return Err(Usage(format!("no case is called '{wanted}'; leave --only away to see all")).into());
+        return Err(Usage("no case is called so; leave --only and --without away to see all".into()).into());
     }
     let gpu = arguments.adapter.open()?;
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);
@@ -92,6 +99,9 @@ fn command(arguments: &Arguments) -> String {
     }
     if let Some(only) = &arguments.only {
         words.push_str(&format!(" --only '{only}'"));
+    }
+    if let Some(without) = &arguments.without {
+        words.push_str(&format!(" --without '{without}'"));
     }
     if let Some(out) = &arguments.out {
         words.push_str(&format!(" --out {}", out.display()));

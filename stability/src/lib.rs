@@ -41,3 +41,9 @@ pub fn cases(size: Size) -> Vec<Case> {
     ]
     .concat()
 }
+
+/// What the cases of a part are compared with.
+pub(crate) fn truth(part: &str) -> &'static str {
+    let all = [sensor::ABOUT, raster::ABOUT, placing::ABOUT, motion::ABOUT, clocks::ABOUT, training::ABOUT];
+    all.into_iter().find(|[name, _]| *name == part).map_or("", |[_, truth]| truth)
+}

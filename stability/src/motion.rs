@@ -12,6 +12,13 @@ use erfgs_train::{
 use crate::{Bound, Case, Expected, Measured, Refusal, Size};
 
 const PART: &str = "motion, free in time";
+
+/// Its name, and the truth of its cases.
+pub(crate) const ABOUT: [&str; 2] = [
+    PART,
+    "Three hundred Gaussians that are free in time, against the `f64` twin; the error of a number is counted in what the roundings of f32 may make of it.",
+];
+
 const PLACES: &str = "eight roundings of f32 of the place, and one of the time times the velocity";
 const LOGITS: &str = "twelve roundings of f32 of the logit, and one of the time over the life";
 const CORE: usize = 12;

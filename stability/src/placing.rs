@@ -3,6 +3,11 @@
 use crate::{Bound, Case, Expected, Size, cloud::Cloud};
 
 const PART: &str = "scenes of other sizes, elsewhere";
+
+/// Its name, and the truth of its cases.
+pub(crate) const ABOUT: [&str; 2] =
+    [PART, "The picture of a scene that was scaled or moved, against the twin's of the scene in its place."];
+
 const SCALED: Bound = Bound {
     most: 3e-5,
     unit: "of white",

@@ -67,8 +67,9 @@ pub fn markdown(rows: &[Row], made: &Made) -> String {
         if row.part != part {
             part = row.part;
             text.push_str(&format!(
-                "\n## {}\n\n| case | bound | its reason | error | not finite | CPU s | verdict |\n|---|---|---|---|---|---|---|\n",
-                capital(part)
+                "\n## {}\n\n{}\n\n| case | bound | its reason | error | not finite | CPU s | verdict |\n|---|---|---|---|---|---|---|\n",
+                capital(part),
+                crate::truth(part)
             ));
         }
         let [must, why, measured, not_finite, cpu] = cells(row);

@@ -14,6 +14,13 @@ use crate::{
 };
 
 const PART: &str = "event simulator";
+
+/// Its name, and the truth of its cases.
+pub(crate) const ABOUT: [&str; 2] = [
+    PART,
+    "The mode `enhanced` is compared event by event with a pixel in `f64`; what the events of the mode `parity` add up to, with what v2e's rule makes of the signal in `f64`.",
+];
+
 const TIMES: &str = "half a microsecond of rounding, and states in f32: 2^-22 of log intensity a frame, over the slope";
 const SUM: &str = "less than a threshold is left over at the end";
 /// What one frame may round the states of a pixel by, natural-log intensity.
