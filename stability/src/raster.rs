@@ -59,7 +59,7 @@ mod tests {
     #[test]
     fn there_is_something_to_see_but_where_everything_is_left_out() {
         for (name, cloud) in scenes(Size::Full) {
-            let empty = ["transparent", "depth -3 ", "depth 0 ", "depth 1e-9 ", "depth 1e-2 ", "logit -5.54"];
+            let empty = ["transparent", "depth -3e0 ", "depth 0e0 ", "depth 1e-9 ", "depth 1e-2 ", "logit -5.54"];
             let background = cloud.options.background.map(f64::from);
             let picture = cloud.twin();
             let seen = picture.chunks_exact(4).any(|pixel| pixel[..3] != background);
