@@ -120,7 +120,8 @@ Examples:
   erfgs bench decode recording.raw
   erfgs bench simulate
   erfgs bench raster
-  erfgs bench train ds"
+  erfgs bench train ds
+  erfgs bench stability --out stability.md"
     )]
     Bench(bench::Command),
 }

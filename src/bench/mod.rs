@@ -1,8 +1,9 @@
-//! `erfgs bench`: how fast the stages are on this machine.
+//! `erfgs bench`: how fast the stages are on this machine, and what they do at their extremes.
 
 mod decode;
 mod raster;
 mod simulate;
+mod stability;
 mod train;
 
 use clap::Subcommand;
@@ -20,6 +21,8 @@ pub enum Command {
     Raster(raster::Arguments),
     /// A training run, stage by stage, on a dataset.
     Train(train::Arguments),
+    /// Every numerical stage at its extremes, each case against its bound.
+    Stability(stability::Arguments),
 }
 
 /// Runs the command.
@@ -29,5 +32,6 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Decode(arguments) => decode::run(arguments, terminal),
         Command::Raster(arguments) => raster::run(arguments, terminal),
         Command::Train(arguments) => train::run(arguments, terminal),
+        Command::Stability(arguments) => stability::run(arguments, terminal),
     }
 }

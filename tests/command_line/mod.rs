@@ -11,6 +11,7 @@ mod resume;
 mod simulate;
 #[cfg(target_os = "linux")]
 mod slurm;
+mod stability;
 mod sweep;
 mod variants;
 mod view;

@@ -54,12 +54,13 @@ impl Gaussians {
     pub fn from_points(points: &[([f32; 3], [u8; 3])], sh_degree: u32, opacity: f32) -> Self {
         let positions: Vec<[f32; 3]> = points.iter().map(|(position, _)| *position).collect();
         let distances = mean_squared_distance(&positions, 3);
+        let least = least_squared_distance(&distances);
         let stride = sh_stride(sh_degree);
         let logit = (opacity / (1.0 - opacity)).ln();
         let sh = vec![0.0; points.len() * stride];
         let mut gaussians = Self { sh_degree, dynamic: points.len(), sh, ..Self::default() };
         for (index, ((position, colour), distance)) in points.iter().zip(&distances).enumerate() {
-            let scale = distance.max(1e-7).sqrt().ln();
+            let scale = distance.max(least).sqrt().ln();
             gaussians.core.extend_from_slice(position);
             gaussians.core.extend_from_slice(&[scale, scale, scale, 1.0, 0.0, 0.0, 0.0, logit, 0.0]);
             for (channel, &value) in colour.iter().enumerate() {
@@ -146,6 +147,19 @@ pub fn mean_squared_distance(points: &[[f32; 3]], count: usize) -> Vec<f32> {
         .collect()
 }
 
+/// What squared distances are taken to be at least, so that points at one place have a size: a third of a millimetre, or a tenth of
+/// the median distance where points lie closer than that.
+fn least_squared_distance(squared: &[f32]) -> f32 {
+    const LEAST: f32 = 1e-7;
+    let mut squared = squared.to_vec();
+    let middle = squared.len() / 2;
+    if squared.is_empty() {
+        return LEAST;
+    }
+    let median = *squared.select_nth_unstable_by(middle, f32::total_cmp).1;
+    if median > 0.0 { LEAST.min(0.01 * median) } else { LEAST }
+}
+
 /// A search tree over points.
 pub struct Neighbours {
     tree: Option<ImmutableKdTree<f32, 3>>,
@@ -230,6 +244,10 @@ mod tests {
         assert!((red - 1.0).abs() < 1e-6);
         // Nearest three of an inner point: 0.5, 0.5, 1.0 away.
         assert!((gaussians.scale(3)[0] - 0.5f32.sqrt()).abs() < 1e-6);
+        // A hundred thousand times smaller, they are as large as that.
+        let small: Vec<_> = points.iter().map(|(position, colour)| (position.map(|x| 1e-5 * x), *colour)).collect();
+        let ratio = Gaussians::from_points(&small, 1, 0.1).scale(3)[0] / gaussians.scale(3)[0];
+        assert!((ratio / 1e-5 - 1.0).abs() < 1e-4, "{ratio}");
         let higher = gaussians.with_sh_degree(3);
         assert_eq!((higher.sh_degree, higher.sh.len(), higher.sh[48]), (3, 8 * 48, gaussians.sh[12]));
     }

@@ -78,7 +78,8 @@ pub struct Config {
     pub batch: u32,
     /// Colour behind everything, RGB in [0, 1].
     pub background: [f32; 3],
-    /// Gaussians nearer than this are culled, metres.
+    /// Gaussians nearer than this are culled, metres; in a scene whose extent (how far the cameras stand apart) is less than five
+    /// times that, a fifth of the extent.
     pub near_m: f32,
     /// Renderings from where no training camera stands leave out what is nearer than this share of the depth at which the
     /// initial points begin (0: off).

@@ -3,6 +3,10 @@
 use erfgs_dataset::{Dataset, DatasetError};
 
 use super::{Config, MotionModel};
+use crate::scene::extent;
+
+/// The near plane is at most this share of the scene's extent away.
+const NEAREST: f32 = 0.2;
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -91,11 +95,11 @@ impl Config {
         Ok(())
     }
 
-    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for. `without_points`
-    /// says that the dataset's points are not used.
+    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for; and brings the near
+    /// plane closer where the scene is small. `without_points` says that the dataset's points are not used.
     ///
     /// # Errors
-    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be.
+    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
     pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), DatasetError> {
         if self.motion == MotionModel::Auto {
             let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
@@ -104,6 +108,10 @@ impl Config {
         if self.motion == MotionModel::FreeTime {
             // Gaussians are born where things were in the middle of an exposure.
             self.blur.instant = self.blur.instant.or(Some(0.5));
+        }
+        let extent = extent(dataset, without_points)?;
+        if extent > 0.0 {
+            self.near_m = self.near_m.min(NEAREST * extent);
         }
         Ok(())
     }

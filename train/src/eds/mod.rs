@@ -122,6 +122,8 @@ pub fn propose<E>(
             .collect::<Vec<[f32; 3]>>(),
     };
     let limit = config.max_distance * scene.extent;
+    // What lies on its neighbours has the size of a fraction of a millimetre, or less in a small scene.
+    let least = f32::min(1e-7, (1e-3 * scene.extent).powi(2));
     let mut new = nothing;
     for ((point, neighbours), end) in coherent.into_iter().zip(ends) {
         let at_end = neighbours.iter().map(|&index| distance(&end, &moving.end[index])).sum::<f32>();
@@ -129,7 +131,7 @@ pub fn propose<E>(
         if at_end.is_nan() || at_end > limit * neighbours.len() as f32 {
             continue;
         }
-        append(&mut new, gaussians, &moving, &point, &neighbours, config);
+        append(&mut new, gaussians, &moving, &point, &neighbours, config, least);
         if let Some(birth) = birth {
             be_born(&mut new, &moving, &point, &neighbours, birth);
         }
@@ -195,6 +197,7 @@ fn append(
     point: &[f32; 3],
     neighbours: &[usize],
     config: &EdsConfig,
+    least: f32,
 ) {
     let weight = 1.0 / neighbours.len() as f32;
     let canonical = canonical(gaussians, moving, point, neighbours);
@@ -208,7 +211,7 @@ fn append(
             *sum += weight * value;
         }
     }
-    let log_scale = (squared.max(1e-7).sqrt() / 6.0).ln();
+    let log_scale = (squared.max(least).sqrt() / 6.0).ln();
     new.core.extend_from_slice(&canonical);
     new.core.extend_from_slice(&[log_scale, log_scale, log_scale, 1.0, 0.0, 0.0, 0.0, config.opacity_logit, 0.0]);
     new.sh.extend_from_slice(&colour);

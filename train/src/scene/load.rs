@@ -1,13 +1,16 @@
 //! Reading a dataset into memory.
 
 use erfgs_base::random;
-use erfgs_dataset::{Camera, Dataset, Split};
+use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
 use super::{Bins, EventView, HeldOutFrame, Point, Scene, SceneError, SceneView, TrainFrame};
 use crate::{config::Config, raster::View};
 
 const RANDOM_POINTS: u64 = 0x706f_696e_7473;
+
+/// Steps of single precision that are larger in a picture make the scene tremble.
+const MOST_PIXELS_APART: f64 = 0.25;
 
 impl Scene {
     /// Reads what training needs. With `random_init` the dataset's point cloud is not asked for: points are drawn in the
@@ -27,7 +30,7 @@ impl Scene {
             })
             .collect::<Result<Vec<_>, SceneError>>()?;
         let span_ns = dataset.manifest.span_ns;
-        let extent = extent(&dataset);
+        let extent = extent(&dataset, random_init)?;
         let mut scene = Self {
             views,
             frames: Vec::new(),
@@ -79,7 +82,30 @@ impl Scene {
         if !random_init {
             scene.point_times = scene.moving_times()?;
         }
+        scene.check_place()?;
         Ok(scene)
+    }
+
+    /// Positions are kept in single precision, whose steps grow with the distance from the origin.
+    fn check_place(&self) -> Result<(), SceneError> {
+        for (camera, of) in self.dataset.manifest.cameras.iter().zip(&self.views) {
+            let centre = camera.world_to_camera.centre();
+            let mut depths: Vec<f64> =
+                self.points.iter().map(|(point, _)| centre.distance(glam::Vec3::from(*point).as_dvec3())).collect();
+            let middle = depths.len() / 2;
+            let depth = match depths.is_empty() {
+                true => f64::from(self.extent),
+                false => *depths.select_nth_unstable_by(middle, f64::total_cmp).1,
+            };
+            let away = centre.abs().max_element();
+            let apart = away * f64::from(f32::EPSILON);
+            let pixels = apart * f64::from(of.view.fx) / depth;
+            if depth > 0.0 && pixels > MOST_PIXELS_APART {
+                let (path, camera) = (self.dataset.root.clone(), camera.name.clone());
+                return Err(SceneError::FarAway { path, camera, away, apart, pixels });
+            }
+        }
+        Ok(())
     }
 
     /// When each point of the dataset's cloud was there, for those on something that moves: in the middle of the exposure of
@@ -200,10 +226,87 @@ fn instants(dataset: &Dataset, times_ns: &[i64]) -> usize {
     ((period / apart).round() as usize).max(1)
 }
 
-/// 1.1 times the largest distance of a training camera from the mean of their centres, metres (3DGS).
-fn extent(dataset: &Dataset) -> f32 {
+/// The unit of learning rates and sizes, metres: 1.1 times the largest distance of a training camera from the mean of their
+/// centres (3DGS), or, where they all stand at one point, the median distance of the initial points from there; 0 where there
+/// are none either.
+pub(crate) fn extent(dataset: &Dataset, without_points: bool) -> Result<f32, DatasetError> {
     let centres: Vec<_> = dataset.cameras(Split::Train).map(|camera| camera.world_to_camera.centre()).collect();
     let mean = centres.iter().sum::<glam::DVec3>() / centres.len().max(1) as f64;
     let largest = centres.iter().map(|centre| centre.distance(mean)).fold(0.0, f64::max);
-    (1.1 * largest) as f32
+    if largest > 0.0 || without_points {
+        return Ok((1.1 * largest) as f32);
+    }
+    let Some(cloud) = dataset.read_points()? else { return Ok(0.0) };
+    let away = |point: &[f32; 3]| glam::Vec3::from(*point).as_dvec3().distance(mean);
+    let mut distances: Vec<f64> = cloud.positions.iter().map(away).collect();
+    let middle = distances.len() / 2;
+    if distances.is_empty() {
+        return Ok(0.0);
+    }
+    Ok(*distances.select_nth_unstable_by(middle, f64::total_cmp).1 as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use erfgs_dataset::{Manifest, Provenance};
+    use erfgs_scene::{Distortion, Intrinsics, Modality, Pose, ply::PointCloud};
+
+    use super::*;
+
+    /// Cameras at these places, all of which look along z, and points around the origin.
+    fn dataset(root: &Path, places: &[[f64; 3]]) -> Dataset {
+        let intrinsics =
+            Intrinsics { width: 8, height: 8, fx: 8.0, fy: 8.0, cx: 4.0, cy: 4.0, distortion: Distortion::None };
+        let camera = |place: &[f64; 3]| Camera {
+            name: format!("{place:?}"),
+            modality: Modality::Rgb,
+            split: Split::Train,
+            intrinsics,
+            world_to_camera: Pose { translation: -glam::DVec3::from(*place), ..Pose::IDENTITY },
+            frames: Vec::new(),
+            events: None,
+        };
+        let manifest = Manifest {
+            format: Manifest::FORMAT.into(),
+            version: Manifest::VERSION,
+            name: "places".into(),
+            provenance: Provenance::default(),
+            span_ns: [0, 1],
+            seed: 0,
+            variant: Vec::new(),
+            linear_exposure: false,
+            points: None,
+            cameras: places.iter().map(camera).collect(),
+            sha256: Default::default(),
+        };
+        let mut dataset = Dataset::new(root, manifest);
+        let cloud = PointCloud { positions: vec![[0.0; 3]; 3], colours: vec![[9; 3]; 3] };
+        dataset.set_points(&cloud, "known", Default::default()).expect("a file");
+        dataset
+    }
+
+    #[test]
+    fn cameras_at_one_point_take_the_distance_of_the_points_for_a_unit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let apart = dataset(folder.path(), &[[-2.0, 0.0, -3.0], [2.0, 0.0, -3.0]]);
+        assert!((extent(&apart, false).expect("points") - 2.2).abs() < 1e-6);
+        let alone = dataset(folder.path(), &[[0.0, 0.0, -3.0]]);
+        assert!((extent(&alone, false).expect("points") - 3.0).abs() < 1e-6);
+        assert_eq!(extent(&alone, true).expect("none are asked for"), 0.0);
+    }
+
+    #[test]
+    fn the_near_plane_comes_closer_in_a_small_scene_and_stays_in_a_room() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let near_m = |by: f64| {
+            let dataset = dataset(folder.path(), &[[-2.0 * by, 0.0, 0.0], [2.0 * by, 0.0, 0.0]]);
+            let mut config = Config::default();
+            config.settle(&dataset, false).expect("settled");
+            config.near_m
+        };
+        assert_eq!(near_m(1.0), Config::default().near_m);
+        assert!((near_m(1e-4) / 4.4e-5 - 1.0).abs() < 1e-4, "{}", near_m(1e-4));
+    }
 }

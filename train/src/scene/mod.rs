@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
 pub use events::{Bins, EventView};
+pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
 
@@ -50,6 +51,22 @@ pub enum SceneError {
     NoMovingPoints {
         /// The dataset.
         path: PathBuf,
+    },
+    /// The numbers of the trainer cannot tell places apart so far away.
+    #[error(
+        "the cameras of dataset '{path}' stand {away:.0} m from the origin, where single precision tells places {apart:.1e} m apart: {pixels:.1} pixels of camera '{camera}'; subtract one offset from all poses and points, so that the origin lies in the scene"
+    )]
+    FarAway {
+        /// The dataset.
+        path: PathBuf,
+        /// The camera that sees the least distances.
+        camera: String,
+        /// How far from the origin it stands, metres.
+        away: f64,
+        /// The distance of neighbouring numbers there, metres.
+        apart: f64,
+        /// That in pixels, where the scene is.
+        pixels: f64,
     },
     /// The cameras of a random start enclose nothing.
     #[error(
@@ -134,7 +151,8 @@ pub struct Scene {
     pub point_times: Vec<Option<f64>>,
     /// The instants that training frames stand for, each once, ascending, in [0, 1].
     pub frame_times: Vec<f64>,
-    /// 1.1 times the largest distance of a training camera from their mean, metres: the unit of learning rates and sizes.
+    /// 1.1 times the largest distance of a training camera from their mean, or, of cameras at one point, the median distance
+    /// of the initial points, metres: the unit of learning rates and sizes.
     pub extent: f32,
     /// Whether exposures gathered light (true) or display values (false, as simulated blur does).
     pub linear_exposure: bool,

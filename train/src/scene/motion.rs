@@ -74,7 +74,7 @@ pub fn classify(scene: &Scene, masks: &MotionMasks, means: &[[f32; 3]], share: f
 #[must_use]
 pub fn project(view: &View, point: &[f32; 3]) -> Option<usize> {
     let [x, y, z] = view.to_camera(point);
-    if z.is_nan() || z <= 1e-3 {
+    if z.is_nan() || z <= 0.0 {
         return None;
     }
     let (u, v) = (view.fx * x / z + view.cx, view.fy * y / z + view.cy);

@@ -259,6 +259,7 @@ fn enclosing(points: &[[f32; 3]], outside: f64, margin: f32) -> [[f32; 3]; 2] {
     if points.is_empty() {
         return [lower, upper];
     }
+    let mut longest = 0.0_f32;
     for axis in 0..3 {
         let mut values: Vec<f32> = points.iter().map(|point| point[axis]).filter(|value| value.is_finite()).collect();
         if values.is_empty() {
@@ -267,9 +268,14 @@ fn enclosing(points: &[[f32; 3]], outside: f64, margin: f32) -> [[f32; 3]; 2] {
         values.sort_unstable_by(f32::total_cmp);
         let cut = ((values.len() - 1) as f64 * outside) as usize;
         let (low, high) = (values[cut], values[values.len() - 1 - cut]);
-        let grow = margin * (high - low) + 1e-3;
+        longest = longest.max(high - low);
+        let grow = margin * (high - low);
         (lower[axis], upper[axis]) = (low - grow, high + grow);
     }
+    // A millimetre more, so that it is nowhere flat; less where everything is smaller than a metre.
+    let more = if longest > 0.0 { f32::min(1e-3, 1e-3 * longest) } else { 1e-3 };
+    lower.iter_mut().for_each(|low| *low -= more);
+    upper.iter_mut().for_each(|high| *high += more);
     [lower, upper]
 }
 

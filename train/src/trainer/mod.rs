@@ -34,13 +34,20 @@ use crate::{
     gpu::Gpu,
     motion::Motion,
     optimiser::FiniteCheck,
-    raster::Region,
+    raster::{Region, View},
     scene::{Scene, SceneError, SceneView},
     schedule::{Budget, Clock, Schedule, Stage},
 };
 use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
 use erfgs_run::{CameraColour, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
+
+/// A photometric loss that pictures without anything in them may not have: five grey levels.
+const FAR_OFF: f64 = 0.02;
+
+const GAUSSIANS_COLOURS: &str = "colours of the Gaussians";
+const TRAJECTORIES: &str = "trajectories and lives of the Gaussians";
+const CAMERAS_COLOURS: &str = "colours of the cameras";
 
 /// Time that counts as training, since a moment.
 struct Lap {
@@ -309,6 +316,12 @@ impl<'a> Trainer<'a> {
                 return Err(self.diverged(what));
             }
         }
+        if let Some(loss) = rgb.filter(|&loss| loss > FAR_OFF)
+            && self.sees_nothing()?
+        {
+            let lower = format!("learning_rate.scale={:e}", 0.5 * self.config.learning_rate.scale);
+            return Err(TrainError::Vanished { iteration, loss, lower });
+        }
         let quality = if evaluate { Some(self.evaluate_quickly()?) } else { None };
         let (psnr, dpsnr) = quality.map_or((None, None), |quality| (Some(quality.psnr), quality.dpsnr));
         curve.append(&CurveRow {
@@ -329,6 +342,24 @@ impl<'a> Trainer<'a> {
         })?;
         watch.progress(&Progress { loss_rgb: rgb, loss_event: event, ..self.progress(psnr, dpsnr) });
         Ok(())
+    }
+
+    /// Whether no training camera shows any Gaussian at any of its frames. Before the fine stage nothing is said: what moves may be
+    /// born with it.
+    fn sees_nothing(&mut self) -> Result<bool, TrainError> {
+        let count = self.model.gaussians.count as usize;
+        let seen: Vec<[f32; 4]> = self.gpu.download(&self.model.gradients.screen, count)?;
+        if self.clock.stage == Stage::Coarse || seen.iter().any(|row| row[3] > 0.0) {
+            return Ok(false);
+        }
+        let looks: Vec<(View, f64)> =
+            self.scene.frames.iter().map(|frame| (self.scene.views[frame.view].view, frame.t01)).collect();
+        for (view, time) in looks {
+            if self.render(&view, time)?.transmittance.iter().any(|&light| light < 0.99) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     fn dynamic_count(&self) -> u64 {
@@ -368,13 +399,9 @@ impl<'a> Trainer<'a> {
         let (rows, row_floats) = self.model.motion_values();
         for (what, buffer, floats) in [
             ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
-            (
-                "colours of the Gaussians",
-                &gaussians.sh,
-                gaussians.count * crate::raster::sh_stride(gaussians.sh_degree),
-            ),
-            ("trajectories and lives of the Gaussians", rows, row_floats),
-            ("colours of the cameras", &self.colours.values, self.colours.floats()),
+            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * crate::raster::sh_stride(gaussians.sh_degree)),
+            (TRAJECTORIES, rows, row_floats),
+            (CAMERAS_COLOURS, &self.colours.values, self.colours.floats()),
         ] {
             let mut commands = self.gpu.commands();
             self.finite.scan(&mut commands, buffer, floats);
@@ -387,7 +414,15 @@ impl<'a> Trainer<'a> {
     }
 
     fn diverged(&self, what: &str) -> TrainError {
-        TrainError::Diverged { what: what.into(), iteration: self.schedule.done(&self.clock) }
+        let two = |key: &str, [first, last]: [f32; 2]| format!("{key}=[{:e},{:e}]", 0.5 * first, 0.5 * last);
+        let rates = &self.config.learning_rate;
+        let lower = match what {
+            GAUSSIANS_COLOURS => format!("learning_rate.sh_dc={:e}", 0.5 * rates.sh_dc),
+            TRAJECTORIES => format!("free_time.velocity={:e}", 0.5 * self.config.free_time.velocity),
+            CAMERAS_COLOURS => two("camera_colour.rate", self.config.camera_colour.rate),
+            _ => two("learning_rate.position", rates.position),
+        };
+        TrainError::Diverged { what: what.into(), iteration: self.schedule.done(&self.clock), lower }
     }
 
     /// Iterations done, over both stages.

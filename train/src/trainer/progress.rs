@@ -110,13 +110,27 @@ pub enum TrainError {
     },
     /// A number stopped being one.
     #[error(
-        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set learning_rate.position=[8e-5,8e-7]`"
+        "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set {lower}`"
     )]
     Diverged {
         /// Which quantity.
         what: String,
         /// When.
         iteration: u64,
+        /// The learning rate that moves it, half as high.
+        lower: String,
+    },
+    /// Nothing is left that could learn.
+    #[error(
+        "training diverged at iteration {iteration}: no Gaussian is in any picture any more, and the pictures are off by {loss:.3}; what is not seen cannot learn. Train with lower learning rates, for example `--set {lower}`; where nothing was ever seen, check the poses, the initial points and near_m"
+    )]
+    Vanished {
+        /// When.
+        iteration: u64,
+        /// The mean photometric loss.
+        loss: f64,
+        /// The learning rate of sizes, half as high.
+        lower: String,
     },
     /// The configuration.
     #[error(transparent)]
