@@ -35,6 +35,7 @@ canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand a
   html  one page to share, which opens from a disk in a browser with WebGPU: `erfgs view` without a program
   e4d   the scene of such a page alone, packed, for `erfgs view` (docs/view.md describes it)
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
+  gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
 
 A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
@@ -62,6 +63,7 @@ Examples:
   erfgs export run --instants 10 --out splats
   erfgs export run --to html --out throw.html
   erfgs export run --to e4d --out throw.e4d
+  erfgs export run --to gltf --at 0.35 --out throw.glb
   erfgs export ds --to colmap --out ds-colmap
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
@@ -87,6 +89,9 @@ pub struct Arguments {
     /// Keep all numbers to the bit, in a file five times as large (html, e4d).
     #[arg(long, help_heading = "Of a run")]
     exact: bool,
+    /// The instant that gltf shows, seconds from the start of the recording; its middle without it.
+    #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a run")]
+    at: Option<f64>,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
@@ -142,10 +147,11 @@ fn to(text: &str) -> Result<To, String> {
         "html" => Ok(To::Scene(SceneFormat::Html)),
         "e4d" => Ok(To::Scene(SceneFormat::E4d)),
         "4dgs" => Ok(To::Scene(SceneFormat::FourDgs)),
+        "gltf" => Ok(To::Scene(SceneFormat::Gltf)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session for streams, colmap or nerfstudio for a dataset, html, e4d or 4dgs \
-             for a run"
+            "raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs or \
+             gltf for a run"
                 .into()
         }),
     }
@@ -223,8 +229,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         (false, Some(To::Scene(format))) => {
             let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
-            let Arguments { out, force, exact, .. } = arguments;
-            let options = SceneOptions { format, out: out.as_deref(), force: *force, exact: *exact };
+            let &Arguments { force, exact, at, .. } = arguments;
+            let options = SceneOptions { format, out: arguments.out.as_deref(), force, exact, at };
             scene::run(&of_run, options, terminal)
         }
         (true, Some(To::Dataset(_))) => Err(Usage(format!(

@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use erfgs_base::atomic;
+use erfgs_scene::ply::GaussianCloud;
 use erfgs_view::{
     Learned, Precision, alone,
     fourdgs::{self, Written},
+    gltf,
     scene_file::fidelity,
 };
 use serde::Serialize;
@@ -25,6 +27,8 @@ pub enum SceneFormat {
     E4d,
     /// The open container.
     FourDgs,
+    /// An instant, as glTF.
+    Gltf,
 }
 
 impl SceneFormat {
@@ -34,6 +38,7 @@ impl SceneFormat {
             Self::Html => "view.html",
             Self::E4d => "scene.e4d",
             Self::FourDgs => "scene.4dgs",
+            Self::Gltf => "scene.glb",
         }
     }
 }
@@ -49,6 +54,8 @@ pub struct SceneOptions<'a> {
     pub force: bool,
     /// Whether numbers are kept to the bit.
     pub exact: bool,
+    /// The instant that glTF shows, seconds from the start of the recording.
+    pub at: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -64,12 +71,15 @@ struct Exported {
 
 /// Writes the file.
 pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> anyhow::Result<()> {
-    let SceneOptions { format, out, force, exact } = options;
+    let SceneOptions { format, out, force, exact, at } = options;
     let folder = run.folder()?;
     let file = out.map_or_else(|| folder.root().join(format.name()), Path::to_owned);
     not_over(&file, force)?;
-    if exact && format == SceneFormat::FourDgs {
-        return Err(Usage("4dgs has codes of its own; --exact is of html and e4d".into()).into());
+    if exact && matches!(format, SceneFormat::FourDgs | SceneFormat::Gltf) {
+        return Err(Usage("--exact is of html and e4d; 4dgs has codes of its own, and gltf is exact".into()).into());
+    }
+    if at.is_some() && format != SceneFormat::Gltf {
+        return Err(Usage("--at is of gltf, which holds one instant".into()).into());
     }
     let gpu = run.device()?;
     let mut trainer = run.trainer(&gpu, &folder)?;
@@ -78,6 +88,18 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
         let on_progress = &mut |done, of| progress.update(done, of, "instants");
         let Written { bytes, gaussians, left_out } = fourdgs::write(&mut trainer, &gpu, on_progress)?;
         (bytes, gaussians, None, left_out)
+    } else if format == SceneFormat::Gltf {
+        let [start, end] = trainer.scene.dataset.manifest.span_ns;
+        let seconds = (end - start) as f64 / 1e9;
+        let at = at.unwrap_or(seconds / 2.0);
+        if at > seconds {
+            return Err(Usage(format!("--at {at} is behind the end: the recording is {seconds:.3} s long")).into());
+        }
+        let cloud = GaussianCloud::from(&trainer.model.gaussians_at(&gpu, at / seconds.max(f64::MIN_POSITIVE))?);
+        let gltf::Written { bytes, gaussians } = gltf::write(&cloud)?;
+        let faint = cloud.len() - gaussians;
+        let left_out = (faint > 0).then(|| format!("{} Gaussians that cannot be seen then", thousands(faint as u64)));
+        (bytes, gaussians, None, left_out.into_iter().collect())
     } else {
         let learned = Learned::of(&trainer)?;
         let scene = learned.file(if exact { Precision::Exact } else { Precision::Packed });

@@ -86,6 +86,14 @@ impl Browser {
         self.call("Emulation.setDeviceMetricsOverride", &size);
     }
 
+    /// Ends the process that draws, as a driver does that fails; the browser starts another.
+    pub fn crash_gpu(&mut self) {
+        let session = self.session.take();
+        // The call itself may not be answered.
+        let _ = self.ask("Browser.crashGpuProcess", &json!({}));
+        self.session = session;
+    }
+
     /// What the page looks like.
     pub fn screenshot(&mut self) -> image::RgbImage {
         let answer = self.call("Page.captureScreenshot", &json!({}));

@@ -84,7 +84,7 @@ impl Drop for Program {
 
 /// The header of a scene file.
 pub fn header(scene: &[u8]) -> serde_json::Value {
-    assert!(scene.starts_with(b"ERFGS4D1"));
+    assert!(scene.starts_with(b"ERFGS4D2"));
     let length = u32::from_le_bytes(scene[8..12].try_into().expect("four bytes")) as usize;
     serde_json::from_slice(&scene[12..12 + length]).expect("JSON")
 }

@@ -78,11 +78,103 @@ fn a_browser_shows_what_the_trainer_would() {
         assert!(psnr > least, "{mode}: {psnr} dB");
     }
     the_page_shows_more_than_the_picture(&folder, &served, &mut browser);
+    scenes_are_shown_as_they_come_and_damaged_ones_are_refused(&mut browser);
+    the_picture_fits_its_place_and_comes_back_after_the_device_was_lost(&mut browser);
     // Where the browser has no graphics processor, it is sent pictures: JPEG, which costs a little.
     browser.open(&format!("{}&check=1&renderer=server", served.page.link));
     for (mode, psnr) in compared(&served, 4) {
         assert!(psnr > 30.0, "{mode}, sent: {psnr} dB");
     }
+}
+
+/// The page's reader, with the scene that the page shows.
+fn scenes_are_shown_as_they_come_and_damaged_ones_are_refused(browser: &mut Browser) {
+    let with_reader = |body: &str| {
+        format!(
+            "(async () => {{
+              const {{ SceneReader }} = await import(new URL('file/js/scene.js', location.href));
+              const bytes = new Uint8Array(await (await fetch('api/scene/0')).arrayBuffer());
+              const read = async (bytes) => {{
+                const reader = new SceneReader(bytes.length);
+                reader.push(bytes);
+                reader.end();
+                return reader.better(Infinity);
+              }};
+              {body}
+            }})()"
+        )
+    };
+    let seen = browser.evaluate(&with_reader(
+        "const reader = new SceneReader(bytes.length);
+         const seen = [];
+         for (let at = 0, best = 0; at < bytes.length; at += 500) {
+           reader.push(bytes.subarray(at, at + 500));
+           if (reader.best > best) {
+             const scene = await reader.better();
+             best = reader.best;
+             seen.push({ share: reader.share, count: scene.count, dynamic: scene.dynamic, whole: scene.whole,
+               rows: [scene.core, scene.sh, scene.rows].map((rows) => rows?.length ?? 0) });
+           }
+         }
+         const all = await read(bytes);
+         const { core } = all;
+         const opacity = (k) => 1 / (1 + Math.exp(-core[12 * k + 10]));
+         return { seen, same: seen.at(-1).rows[0] === core.length, opacities: Array.from({ length: all.count }, (_, k) => opacity(k)) };",
+    ));
+    let steps = seen["seen"].as_array().expect("steps");
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    // The header, an eighth, half, all.
+    assert_eq!(steps.len(), 4, "{steps:?}");
+    let count = number(&steps[3]["count"]);
+    let shares: Vec<f64> = steps.iter().map(|step| number(&step["count"]) / count).collect();
+    assert!(shares[0] == 0.0 && (0.125..0.13).contains(&shares[1]) && (0.5..0.51).contains(&shares[2]), "{shares:?}");
+    // The header is large in so small a scene.
+    let bytes: Vec<f64> = steps.iter().map(|step| number(&step["share"])).collect();
+    assert!(bytes[1] - bytes[0] < 0.2 && bytes[2] < 0.8, "{bytes:?}");
+    for step in steps {
+        assert_eq!(number(&step["rows"][0]), 12.0 * number(&step["count"]), "{step}");
+        assert!(number(&step["rows"][2]) >= 8.0 * number(&step["dynamic"]), "{step}");
+    }
+    assert_eq!((&steps[2]["whole"], &steps[3]["whole"], &seen["same"]), (&false.into(), &true.into(), &true.into()));
+
+    let said = browser.evaluate(&with_reader(
+        "const said = {};
+         const attempt = async (bytes) => {
+           const what = await read(bytes).then((scene) => (scene.core.length === 12 * scene.count ? 'a scene' : 'another'), (error) => error.message);
+           said[what] = (said[what] ?? 0) + 1;
+         };
+         for (let k = 0; k < 40; k++) await attempt(bytes.slice(0, Math.floor(bytes.length * k / 40)));
+         for (let k = 0; k < 400; k++) {
+           const changed = bytes.slice();
+           changed[(k * 7919) % 4000] ^= 1 << k % 8;
+           await attempt(changed);
+         }
+         return said;",
+    ));
+    let said = said.as_object().expect("what was said");
+    let known = ["a scene", "The scene is cut off", "The scene is damaged", "This is no scene of erfgs"];
+    assert!(said.keys().all(|what| known.iter().any(|known| what.starts_with(known))), "{said:?}");
+    assert!(known[1..].iter().all(|known| said.keys().any(|what| what.starts_with(known))), "{said:?}");
+}
+
+fn the_picture_fits_its_place_and_comes_back_after_the_device_was_lost(browser: &mut Browser) {
+    let drawn = |browser: &mut Browser| -> u64 {
+        let count = browser.evaluate("document.body.dataset.drawn");
+        count.as_str().and_then(|count| count.parse().ok()).expect("a count")
+    };
+    let fits = "document.getElementById('frame').clientHeight <= document.getElementById('stage').clientHeight";
+    browser.wait(fits);
+    let before = browser.evaluate("document.getElementById('stage').clientHeight");
+    browser.evaluate("document.querySelector('#more summary').click()");
+    browser.wait(&format!("document.getElementById('stage').clientHeight < {before} && {fits}"));
+    browser.crash_gpu();
+    let before = drawn(browser);
+    let turn = "document.getElementById('stage').dispatchEvent(new WheelEvent('wheel', { deltaY: 50 }))";
+    browser.wait(&format!("({turn}, document.body.dataset.drawn > {})", before + 2));
+    browser.wait("document.getElementById('trouble').hidden");
+    // It is no black picture.
+    let picture = browser.screenshot();
+    assert!(picture.pixels().filter(|pixel| pixel.0.iter().any(|&value| value > 90)).count() > 1000);
 }
 
 /// Cameras, velocities and events over the picture, other looks, parts of the scene, errors on the line of time, and a path that
@@ -203,7 +295,7 @@ fn a_run_becomes_a_page_of_one_file() {
     folder.succeed("train ds --out run --iterations 20+20 -q");
     folder.succeed("export run --to html --out one.html");
     let page = std::fs::read_to_string(folder.path("one.html")).expect("a page");
-    assert!(page.contains("id=\"scene0\"") && !page.contains("src=\""), "it needs nothing else");
+    assert!(page.contains("id=\"scene0.0\"") && !page.contains("src=\""), "it needs nothing else");
     let said = folder.fail(2, "export run --to html --out one.html");
     assert!(said.contains("--force"), "{said}");
     folder.succeed("export run --to html --out one.html --force");
@@ -272,6 +364,11 @@ fn scene_files_keep_what_is_seen(folder: &Folder) {
         assert!(said.contains("bad.e4d") && said.contains(what), "{said}");
     }
 
+    let gltf = folder.figures("export run --to gltf --at 0.1 --out scene.glb");
+    assert!(gltf["gaussians"].as_u64().expect("a count") <= headers[0]["count"].as_u64().expect("a count"), "{gltf}");
+    assert!(std::fs::read(folder.path("scene.glb")).expect("a file").starts_with(b"glTF\x02\0\0\0"));
+    assert!(folder.fail(2, "export run --to gltf --at 99 --out b.glb").contains("behind the end"));
+    assert!(folder.fail(2, "export run --to e4d --at 0.1 --out b.e4d").contains("--at"));
     let open = folder.figures("export run --to 4dgs --out scene.4dgs");
     assert!(folder.fail(2, "export run --to 4dgs --exact --out b.4dgs").contains("--exact"));
     folder.succeed("export run --instants 4 --out splats");

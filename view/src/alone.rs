@@ -20,7 +20,12 @@ pub struct Packed<'a> {
 struct Own {
     texts: BTreeMap<String, &'static str>,
     models: Vec<About>,
+    /// Of how many pieces each scene is.
+    pieces: Vec<usize>,
 }
+
+/// Bytes of a piece of a scene; each is used before the next has come.
+const PIECE: usize = 96 << 10;
 
 /// A page that shows `scenes` (one, or two side by side) from a disk.
 ///
@@ -28,7 +33,9 @@ struct Own {
 /// If the scenes cannot be named, which has no cause in them.
 pub fn page(scenes: &[Packed<'_>]) -> serde_json::Result<String> {
     let models = scenes.iter().map(|packed| About::of(packed.name, packed.scene, false, false)).collect();
-    let own = serde_json::to_string(&Own { texts: texts::kernels().collect(), models })?;
+    let compressed: Vec<Vec<u8>> = scenes.iter().map(|packed| packed.scene.compressed()).collect();
+    let pieces = compressed.iter().map(|bytes| bytes.chunks(PIECE).len()).collect();
+    let own = serde_json::to_string(&Own { texts: texts::kernels().collect(), models, pieces })?;
     // Modules of a page of one file have no addresses: they are called by names, which a map leads to their texts.
     let named = |text: &str| text.replace("from './", "from 'erfgs/");
     let modules: BTreeMap<String, String> = texts::scripts()
@@ -37,17 +44,26 @@ pub fn page(scenes: &[Packed<'_>]) -> serde_json::Result<String> {
     let map = serde_json::to_string(&BTreeMap::from([("imports", modules)]))?;
     let style = texts::file("style.css").map_or("", |(_, text)| text);
     let mut scripts = String::new();
-    for (index, packed) in scenes.iter().enumerate() {
-        let packed = base64(&packed.scene.compressed());
-        scripts.push_str(&format!("<script type=\"text/plain\" id=\"scene{index}\">{packed}</script>\n"));
-    }
+    scripts.push_str(OLD_BROWSER);
     scripts.push_str(&format!("<script>globalThis.ERFGS = {};</script>\n", within_script(&own)));
     scripts.push_str(&format!("<script type=\"importmap\">{}</script>\n", within_script(&map)));
-    scripts.push_str("<script type=\"module\">import 'erfgs/main.js';</script>");
+    // Run before the rest of the page is there.
+    scripts.push_str("<script type=\"module\" async>import 'erfgs/main.js';</script>\n");
+    for (index, bytes) in compressed.iter().enumerate() {
+        for (piece, bytes) in bytes.chunks(PIECE).enumerate() {
+            let text = base64(bytes);
+            scripts.push_str(&format!("<script type=\"text/plain\" id=\"scene{index}.{piece}\">{text}</script>\n"));
+        }
+    }
     Ok(texts::INDEX
         .replace("<link rel=\"stylesheet\" href=\"file/style.css\">", &format!("<style>\n{style}</style>"))
         .replace("<script type=\"module\" src=\"file/js/main.js\"></script>", &scripts))
 }
+
+/// What is said by browsers that do not know how such a page is called: they have no WebGPU either.
+const OLD_BROWSER: &str = "<script>if (!(HTMLScriptElement.supports && HTMLScriptElement.supports('importmap'))) { \
+    var trouble = document.getElementById('trouble'); trouble.hidden = false; \
+    trouble.textContent = 'This browser is too old for this page: take a current Chrome, Edge, Safari or Firefox.'; }</script>\n";
 
 /// JSON that neither ends the script that it stands in nor begins another, whatever names it holds: `<` is in strings alone.
 fn within_script(json: &str) -> String {

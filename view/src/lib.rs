@@ -3,6 +3,7 @@
 //! - [`scene_file`]: what a page needs to know of a run, in one file.
 //! - [`alone`]: the page and its scenes as one file.
 //! - [`fourdgs`]: the same for the readers of the open container of 4D Gaussians.
+//! - [`gltf`]: an instant of it for what reads glTF.
 //! - [`server`]: the page and what it asks for, over HTTP.
 //! - [`training`]: what a page is told of a run that is being trained.
 //! - `page/`: the page itself, in plain JavaScript; it draws with the kernels of the trainer ([`erfgs_train::shaders`]) on WebGPU.
@@ -11,6 +12,7 @@
 
 pub mod alone;
 pub mod fourdgs;
+pub mod gltf;
 mod recorded;
 mod routes;
 pub mod scene_file;

@@ -1,14 +1,15 @@
 //! What a page needs to know of a run, in one file; `docs/view.md` describes it.
 //!
-//! The magic `ERFGS4D1`, the length of a JSON header (u32, little-endian), the header, and sections in the order that the header
-//! lists, which says how each is written ([`Coding`]). A file on a disk is all this in gzip.
+//! A magic, the length of a JSON header (u32, little-endian), the header, and sections in the order that the header lists, which
+//! says how each is written ([`Coding`]). The most important Gaussians come first, so that a picture of them is there before the
+//! rest is. A file on a disk is all this in gzip.
 
 mod coding;
 mod fidelity;
 mod order;
 mod read;
 
-use std::io::Write as _;
+use std::{io::Write as _, ops::Range};
 
 use erfgs_dataset::Split;
 use erfgs_train::{
@@ -24,6 +25,7 @@ use erfgs_train::{
 use flate2::{Compression, write::GzEncoder};
 use serde::{Deserialize, Serialize};
 
+use self::order::{Order, order};
 pub use self::{
     coding::Coding,
     fidelity::{FidelityError, fidelity},
@@ -31,9 +33,12 @@ pub use self::{
 };
 
 /// What a file begins with.
-pub const MAGIC: &[u8; 8] = b"ERFGS4D1";
+pub const MAGIC: &[u8; 8] = b"ERFGS4D2";
+/// What files of the first version begin with: each of their sections is whole.
+pub const FIRST_MAGIC: &[u8; 8] = b"ERFGS4D1";
 /// Points of the initial cloud that tell how near to a camera there is something to see.
 const POINTS: usize = 4000;
+const POINTS_NAME: &str = "points";
 
 /// A scene as bytes, and whether a browser can draw it.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,15 +76,32 @@ pub struct Header {
     pub cameras: Vec<HeaderCamera>,
     /// Edges (in [0, 1]) and events (all cameras together) of bins of time.
     pub events: HeaderEvents,
-    /// What follows the header.
+    /// What follows the header: points, the rows of the most important Gaussians, all else.
     pub sections: Vec<Section>,
+    /// What can be shown before all is there, from little to more.
+    #[serde(default)]
+    pub coarse: Vec<Coarse>,
 }
 
-/// A section of a file.
+/// What can be shown before all of a file is there.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Coarse {
+    /// Sections that it takes, from the first on.
+    pub sections: usize,
+    /// Rows that are there then: the first of those that move...
+    pub dynamic: usize,
+    /// ...and the first of those that stand still.
+    pub still: usize,
+}
+
+/// A section of a file, or a piece of one: pieces have one name, and leave nothing out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Section {
     /// Its name.
     pub name: String,
+    /// At which of the numbers of that name it begins.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub at: usize,
     /// Numbers in it.
     pub floats: usize,
     /// How they are written.
@@ -131,6 +153,11 @@ pub enum HeaderMotion {
         /// Whether [0, 1] falls on the upper half of the rows of time.
         upper_half: bool,
     },
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn is_zero(number: &usize) -> bool {
+    *number == 0
 }
 
 fn one() -> f32 {
@@ -225,6 +252,7 @@ impl Learned {
             cameras: cameras(trainer),
             events: events(scene),
             sections: Vec::new(),
+            coarse: Vec::new(),
         };
         let stride = sh_stride(gaussians.sh_degree);
         // What pads a row of harmonics is nothing.
@@ -244,33 +272,73 @@ impl Learned {
             (HeaderMotion::Hexplane { features, .. }, Some(field)) => parts.extend(learned(field, *features as usize)),
             _ => {}
         }
-        parts.push(Part { name: "points".into(), values: points, packed: Coding::blocks(&[2; 3]), row: None });
+        parts.push(Part { name: POINTS_NAME.into(), values: points, packed: Coding::blocks(&[2; 3]), row: None });
         Ok(Self { header, parts })
     }
 
     /// The file.
     #[must_use]
     pub fn file(&self, precision: Precision) -> SceneFile {
-        let order = match precision {
-            Precision::Exact => None,
-            Precision::Packed => Some(order::by_place(&self.parts[0].values, self.header.dynamic)),
-        };
-        let mut header = self.header.clone();
-        let mut written = Vec::new();
-        for part in &self.parts {
-            let Part { name, values, packed, row } = part;
-            let coding = if precision == Precision::Exact { &Coding::Exact } else { packed };
-            header.sections.push(Section { name: name.clone(), floats: values.len(), coding: coding.clone() });
-            match (&order, row) {
-                // Rows of `motion` end with those that move.
-                (Some(order), Some(row)) => {
-                    let order = &order[..values.len() / row];
-                    written.extend(coding.write(&select_rows(values, *row, order)));
+        let Header { count, dynamic, .. } = self.header;
+        let (rows, others): (Vec<&Part>, Vec<&Part>) = self.parts.iter().partition(|part| part.row.is_some());
+        let (points, others): (Vec<&Part>, Vec<&Part>) = others.into_iter().partition(|part| part.name == POINTS_NAME);
+        let Order { rows: order, parts } = order(&rows[0].values, dynamic, precision);
+        let mut writer = Writer { header: self.header.clone(), written: Vec::new(), precision };
+        writer.parts(&points);
+        let mut from = [0, 0];
+        for (index, &to) in parts.iter().enumerate() {
+            // Rows of `motion` end with those that move.
+            for part in &rows {
+                if parts.len() == 1 {
+                    writer.rows(part, &order, 0..count);
+                } else {
+                    writer.rows(part, &order, from[0]..to[0]);
+                    writer.rows(part, &order, dynamic + from[1]..dynamic + to[1]);
                 }
-                _ => written.extend(coding.write(values)),
             }
+            if index + 1 < parts.len() {
+                let sections = writer.header.sections.len();
+                writer.header.coarse.push(Coarse { sections, dynamic: to[0], still: to[1] });
+            }
+            if index == 0 {
+                writer.parts(&others);
+            }
+            from = to;
         }
+        let Writer { header, written, .. } = writer;
         SceneFile::new(header, &written)
+    }
+}
+
+/// A file while it grows.
+struct Writer {
+    header: Header,
+    written: Vec<u8>,
+    precision: Precision,
+}
+
+impl Writer {
+    fn section(&mut self, part: &Part, at: usize, values: &[f32]) {
+        let coding = if self.precision == Precision::Exact { &Coding::Exact } else { &part.packed };
+        let section = Section { name: part.name.clone(), at, floats: values.len(), coding: coding.clone() };
+        self.header.sections.push(section);
+        self.written.extend(coding.write(values));
+    }
+
+    fn parts(&mut self, parts: &[&Part]) {
+        for part in parts {
+            self.section(part, 0, &part.values);
+        }
+    }
+
+    /// The rows of the file in a range, as far as the part has them.
+    fn rows(&mut self, part: &Part, order: &[usize], range: Range<usize>) {
+        let Some(row) = part.row else { return };
+        let has = part.values.len() / row;
+        let range = range.start.min(has)..range.end.min(has);
+        if !range.is_empty() || range.start == 0 && has == 0 {
+            self.section(part, range.start * row, &select_rows(&part.values, row, &order[range]));
+        }
     }
 }
 
@@ -301,7 +369,8 @@ impl SceneFile {
     /// One Gaussian that stands still.
     pub(crate) fn for_tests() -> Self {
         let sections = [("core", 12), ("sh", 4), ("points", 0)];
-        let section = |(name, floats): (&str, usize)| Section { name: name.into(), floats, coding: Coding::Exact };
+        let section =
+            |(name, floats): (&str, usize)| Section { name: name.into(), at: 0, floats, coding: Coding::Exact };
         let header = Header {
             count: 1,
             dynamic: 0,
@@ -316,6 +385,7 @@ impl SceneFile {
             cameras: Vec::new(),
             events: HeaderEvents::default(),
             sections: sections.map(section).to_vec(),
+            coarse: Vec::new(),
         };
         Self::new(header, &[0; 16 * 4])
     }
@@ -399,5 +469,68 @@ fn events(scene: &Scene) -> HeaderEvents {
         HeaderEvents::default()
     } else {
         HeaderEvents { edges: scene.bins.edges.clone(), counts: counts.collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_can_be_shown_early_comes_first_and_all_rows_are_there() {
+        let (count, dynamic) = (600, 100);
+        let core = (0..count).flat_map(|row| (0..CORE).map(move |i| if i == 10 { row as f32 / 100.0 } else { 0.25 }));
+        let motion = HeaderMotion::FreeTime { intervals: 5.0, least_life: 0.5, gone: -40.0, knots: 0, spacing: 1.0 };
+        let header = Header {
+            count,
+            dynamic,
+            motion,
+            sections: Vec::new(),
+            cameras: Vec::new(),
+            ..SceneFile::for_tests().header
+        };
+        let part = |name: &str, values: Vec<f32>, row: usize| {
+            let row = (row > 0).then_some(row);
+            Part { name: name.into(), values, packed: Coding::Exact, row }
+        };
+        let rows = |floats: usize, count: usize| (0..count).flat_map(|row| vec![row as f32; floats]).collect();
+        let parts = vec![
+            part("core", core.collect(), CORE),
+            part("sh", rows(4, count), 4),
+            part("motion", rows(8, dynamic), 8),
+            part(POINTS_NAME, vec![1.0, 2.0, 3.0], 0),
+        ];
+        let file = Learned { header, parts }.file(Precision::Exact);
+        let parsed = SceneFile::parse(file.bytes.clone()).unwrap();
+        assert_eq!(parsed, file);
+        let Header { sections, coarse, .. } = &file.header;
+        assert_eq!(sections[0].name, POINTS_NAME);
+        let seen: Vec<[usize; 3]> = coarse.iter().map(|part| [part.sections, part.dynamic, part.still]).collect();
+        assert_eq!(seen, [[6, 13, 63], [11, 50, 250]]);
+        for part in coarse {
+            let floats = |name: &str| -> usize {
+                let there = sections[..part.sections].iter().filter(|section| section.name == name);
+                there.map(|section| section.floats).sum()
+            };
+            let rows = part.dynamic + part.still;
+            assert_eq!([floats("core"), floats("sh"), floats("motion")], [CORE * rows, 4 * rows, 8 * part.dynamic]);
+        }
+        // Opacities grow with the rows, and rows of all kinds go the same way.
+        let gaussians = parsed.gaussians().unwrap();
+        let came_from: Vec<f32> = gaussians.core.chunks(CORE).map(|row| (row[10] * 100.0).round()).collect();
+        assert!(came_from[..13].iter().all(|&row| (87.0..100.0).contains(&row)));
+        assert!(came_from[100..163].iter().all(|&row| row >= 537.0));
+        assert!(gaussians.sh.chunks(4).zip(&came_from).all(|(row, &from)| (row[0] - from).abs() < 1e-3));
+        assert!(gaussians.motion.chunks(8).zip(&came_from).all(|(row, &from)| (row[0] - from).abs() < 1e-3));
+    }
+
+    #[test]
+    fn files_of_the_first_version_open() {
+        let mut bytes = SceneFile::for_tests().bytes;
+        let read = SceneFile::parse(bytes.clone()).unwrap();
+        bytes[..8].copy_from_slice(FIRST_MAGIC);
+        assert_eq!(SceneFile::parse(bytes.clone()).unwrap().gaussians(), read.gaussians());
+        bytes[7] = b'3';
+        assert!(SceneFile::parse(bytes).unwrap_err().contains("later version"));
     }
 }

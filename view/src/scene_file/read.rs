@@ -1,6 +1,7 @@
 //! Reading a scene file that someone was sent.
 
 use std::{
+    collections::BTreeMap,
     io::{self, Read},
     path::{Path, PathBuf},
 };
@@ -11,7 +12,7 @@ use erfgs_train::{
 };
 use flate2::read::GzDecoder;
 
-use super::{Header, MAGIC, SceneFile};
+use super::{FIRST_MAGIC, Header, MAGIC, SceneFile, Section};
 
 /// What a file may unpack to: so many bytes, so many more for each of its own, and never more than the last. Packed scenes
 /// unpack to twice their size, and exact ones to less.
@@ -59,8 +60,9 @@ impl SceneFile {
         Self::parse(bytes).map_err(damaged)
     }
 
-    fn parse(bytes: Vec<u8>) -> Result<Self, String> {
-        let rest = bytes.strip_prefix(MAGIC).ok_or("it does not begin like one")?;
+    pub(super) fn parse(bytes: Vec<u8>) -> Result<Self, String> {
+        let rest = bytes.strip_prefix(MAGIC).or_else(|| bytes.strip_prefix(FIRST_MAGIC));
+        let rest = rest.ok_or("it does not begin like one, or like one of a later version")?;
         let (length, rest) = rest.split_first_chunk::<4>().ok_or("it is cut short")?;
         let (text, sections) = rest.split_at_checked(u32::from_le_bytes(*length) as usize).ok_or("it is cut short")?;
         let header: Header = serde_json::from_slice(text).map_err(|error| format!("its header: {error}"))?;
@@ -78,15 +80,33 @@ impl SceneFile {
 
     /// The numbers of a section.
     pub(super) fn section(&self, name: &str) -> Option<Vec<f32>> {
-        let mut at = self.bytes.len();
+        let mut pieces = Vec::new();
+        let mut end = self.bytes.len();
         for section in self.header.sections.iter().rev() {
-            let size = section.coding.size(section.floats).ok()?;
-            at = at.checked_sub(size)?;
+            let from = end.checked_sub(section.coding.size(section.floats).ok()?)?;
             if section.name == name {
-                return Some(section.coding.read(&self.bytes[at..at + size], section.floats));
+                pieces.push((section.at, section.coding.read(&self.bytes[from..end], section.floats)));
             }
+            end = from;
         }
-        None
+        pieces.sort_by_key(|(at, _)| *at);
+        let found = !pieces.is_empty();
+        found.then(|| pieces.into_iter().flat_map(|(_, values)| values).collect())
+    }
+
+    /// Numbers of each name. Pieces lie one behind the other.
+    fn lengths(&self) -> Result<BTreeMap<&str, usize>, String> {
+        let mut sections: Vec<&Section> = self.header.sections.iter().collect();
+        sections.sort_by_key(|section| section.at);
+        let mut lengths = BTreeMap::new();
+        for Section { name, at, floats, .. } in sections {
+            let length = lengths.entry(name.as_str()).or_insert(0);
+            if length != at {
+                return Err(format!("the pieces of its section '{name}' do not join"));
+            }
+            *length = at.checked_add(*floats).ok_or("a section is too long")?;
+        }
+        Ok(lengths)
     }
 
     /// Whether the sections fit each other.
@@ -100,17 +120,22 @@ impl SceneFile {
             options.check_path().map_err(|error| error.to_string())?;
             rows.push(("motion", dynamic.checked_mul(options.floats())));
         }
+        let lengths = self.lengths()?;
         for (name, floats) in rows {
-            let found = self.header.sections.iter().find(|section| section.name == name).map(|section| section.floats);
+            let found = lengths.get(name).copied();
             if found.is_none() || found != floats {
                 return Err(format!("its section '{name}' has {} numbers", found.unwrap_or(0)));
             }
         }
-        for section in &self.header.sections {
-            let values = self.section(&section.name).unwrap_or_default();
+        for name in lengths.keys() {
+            let values = self.section(name).unwrap_or_default();
             if values.iter().any(|value| !value.is_finite()) {
-                return Err(format!("its section '{}' holds what is no number", section.name));
+                return Err(format!("its section '{name}' holds what is no number"));
             }
+        }
+        let still = count - dynamic;
+        if self.header.coarse.iter().any(|part| part.dynamic > *dynamic || part.still > still) {
+            return Err("it says that parts of it have more Gaussians than all of it".into());
         }
         Ok(())
     }
@@ -136,7 +161,7 @@ impl SceneFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene_file::{Coding, Section};
+    use crate::scene_file::{Coarse, Coding};
 
     #[test]
     fn a_file_comes_back_and_sections_are_found_by_name() {
@@ -194,8 +219,10 @@ mod tests {
         assert!(changed(&|header| header.dynamic = 2).is_err());
         assert!(changed(&|header| header.sh_degree = 9).is_err());
         assert!(changed(&|header| header.sections[0].floats = usize::MAX).is_err());
-        let exact = |floats| Section { name: "more".into(), floats, coding: Coding::Exact };
+        let exact = |floats| Section { name: "more".into(), at: 0, floats, coding: Coding::Exact };
         assert!(changed(&|header| header.sections.extend([exact(usize::MAX / 4), exact(usize::MAX / 4)])).is_err());
+        assert!(changed(&|header| header.coarse.push(Coarse { sections: 1, dynamic: 0, still: 2 })).is_err());
+        assert!(changed(&|header| header.sections[0].at = 1).unwrap_err().contains("do not join"));
         let mut bytes = SceneFile::for_tests().bytes;
         let last = bytes.len() - 4;
         bytes[last..].copy_from_slice(&f32::NAN.to_le_bytes());

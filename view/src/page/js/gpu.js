@@ -1,10 +1,15 @@
 // Device, kernels and dispatches: what the trainer's `gpu` does, for a browser.
 
-// What the trainer's kernels need beyond WebGPU's guaranteed limits (16,384 bytes of workgroup memory, 128 MiB bindings).
+// What is wanted beyond WebGPU's guaranteed limits: blending by tiles takes 16,416 bytes of workgroup memory instead of 16,384, and
+// large scenes take bindings of more than 128 MiB.
 const WANTED = ['maxStorageBuffersPerShaderStage', 'maxComputeWorkgroupStorageSize', 'maxStorageBufferBindingSize', 'maxBufferSize'];
 
 // Why a browser cannot draw, in words for its user.
 export class NoGpu extends Error {}
+// Why a device cannot draw a scene.
+export class NoRoom extends Error {}
+
+const mega = (bytes) => `${Math.ceil(bytes / 1e6).toLocaleString('en')} MB`;
 
 export async function open(gpu) {
   if (!gpu) {
@@ -14,7 +19,7 @@ export async function open(gpu) {
       : 'This browser has no WebGPU: take a current Chrome, Edge, Safari or Firefox, or switch it on.');
   }
   const adapter = await gpu.requestAdapter({ powerPreference: 'high-performance' });
-  if (!adapter) throw new NoGpu('This browser has WebGPU, but no graphics adapter for it.');
+  if (!adapter) throw new NoGpu('This browser has WebGPU, but no graphics adapter for it: look whether its settings use the graphics processor.');
   const requiredLimits = Object.fromEntries(WANTED.map((name) => [name, adapter.limits[name]]));
   return new Gpu(await adapter.requestDevice({ requiredLimits }), adapter);
 }
@@ -23,6 +28,17 @@ export class Gpu {
   constructor(device, adapter) {
     Object.assign(this, { device, adapter, errors: [], compiled: new Map() });
     device.addEventListener?.('uncapturederror', (event) => this.errors.push(event.error.message));
+  }
+
+  // What `make` gives, which takes memory of the device: `bytes` in its largest buffer.
+  async withRoom(what, bytes, make) {
+    const { maxStorageBufferBindingSize, maxBufferSize } = this.device.limits;
+    const most = Math.min(maxStorageBufferBindingSize, maxBufferSize);
+    if (bytes > most) throw new NoRoom(`${what} take ${mega(bytes)} in one buffer, and the graphics device of this browser gives ${mega(most)}`);
+    this.device.pushErrorScope('out-of-memory');
+    const made = await make();
+    if (await this.device.popErrorScope()) throw new NoRoom(`The graphics device has no memory left for ${what}: close what else uses it`);
+    return made;
   }
 
   storage(bytes, data) {

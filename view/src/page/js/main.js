@@ -14,6 +14,10 @@ import { check } from './check.js';
 
 const $ = (id) => document.getElementById(id);
 const options = new URLSearchParams(location.search);
+// A picture has no more pixels than fit the bindings that WebGPU guarantees (128 MiB for 16 bytes each), on a side no more than its
+// textures have.
+const MOST_PIXELS = 3840 * 2160;
+const LONGEST_SIDE = 8192;
 // Slower than this, pictures become coarser while something moves.
 const SLOW_MS = 50;
 
@@ -22,21 +26,40 @@ function trouble(message) {
   $('trouble').hidden = !message;
 }
 
+function loading(share) {
+  $('loading').value = share;
+  $('loading').hidden = share >= 1;
+}
+
 async function start() {
   const abouts = await source.models();
   $('title').textContent = abouts.map((about) => about.name).join(' | ');
   document.title = `${$('title').textContent} - erfgs view`;
   const canvases = [0, 1].map((k) => $(`picture${k}`));
-  const models = await Models.load(abouts, canvases, options.get('renderer'), (what) => { $('note').textContent = what; });
-  const { gpu, why } = models;
+  const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0, walk: null, lost: false };
+  const changed = () => { state.changed = true; };
+  const models = await Models.load(abouts, canvases, options.get('renderer'), loading, changed);
   const [{ header }] = models.scenes;
-  gpu?.device.lost.then((lost) => trouble(`The graphics device was lost (${lost.message || lost.reason}). Load the page again.`));
-  for (const id of ['mode', 'look', 'layer']) $(id).disabled = Boolean(why);
+  const followDevice = async () => {
+    const lost = await models.gpu?.device.lost;
+    if (!lost) return;
+    state.lost = true;
+    const what = `The graphics device was lost (${lost.message || lost.reason}).`;
+    trouble(`${what} It is being taken up again.`);
+    try {
+      if (!await models.recover()) throw new Error('It does not stay');
+      state.lost = false;
+      trouble('');
+      changed();
+      followDevice();
+    } catch (error) {
+      trouble(`${what} ${error.message}: load the page again, which keeps time and place.`);
+    }
+  };
+  followDevice();
 
   const seconds = (header.span_ns[1] - header.span_ns[0]) / 1e9;
   const free = new FreeCamera(overview(header.cameras));
-  const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0, walk: null };
-  const changed = () => { state.changed = true; };
   for (const camera of header.cameras) $('camera').append(new Option(`${camera.name} (${camera.modality}, ${camera.split})`, camera.name));
   $('time').max = seconds;
   $('time').step = 0.001;
@@ -100,7 +123,9 @@ async function start() {
   $('walk').addEventListener('click', () => { play(false); walk(state.walk === null); });
   $('savepath').addEventListener('click', () => save(`${abouts[0].name}-path.json`, new Blob([path.file(seconds)], { type: 'application/json' })));
   $('nopath').addEventListener('click', () => { walk(false); path.clear(); keysChanged(); });
+  // The window, its zoom, or what stands beside the picture in it.
   addEventListener('resize', changed);
+  new ResizeObserver(changed).observe($('stage'));
   const frames = timeline.exposures.map(([t]) => t);
   const keys = {
     ' ': () => play(!state.playing),
@@ -127,7 +152,8 @@ async function start() {
   // The picture that fits the stage, and its size on the page.
   const view = () => {
     const room = [$('stage').clientWidth, $('stage').clientHeight].map((side) => Math.max(16, side));
-    const ratio = (devicePixelRatio || 1) / state.coarse;
+    const most = Math.min(Math.sqrt(MOST_PIXELS / (room[0] * room[1])), LONGEST_SIDE / Math.max(...room));
+    const ratio = Math.min(devicePixelRatio || 1, most) / state.coarse;
     const size = room.map((side) => Math.max(16, Math.round(side * ratio)));
     const seen = state.walk !== null ? free.along(path.at(state.walk), size)
       : state.camera ? { ...preset(state.camera, size), near: state.camera.near } : free.view(size);
@@ -176,7 +202,7 @@ async function start() {
       at(path.at(state.walk).t01);
     }
     controls.fly(elapsed);
-    if (busy) return;
+    if (busy || state.lost) return;
     if (!state.changed) {
       // At rest, what was drawn coarsely while it moved is drawn as finely as the screen is.
       idle += 1;
@@ -193,20 +219,31 @@ async function start() {
       timeline.draw(state.t01);
       if (document.activeElement !== $('time')) $('time').value = (state.t01 * seconds).toFixed(3);
       $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;
-      for (const painter of models.painters) if (await painter.draw(seen, state.t01, how())) state.changed = true;
+      // While they are drawn, better ones may come.
+      const { painters, scenes } = models;
+      for (const painter of painters) if (await painter.draw(seen, state.t01, how())) state.changed = true;
       const took = performance.now() - from;
       if ((state.playing || state.walk !== null || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
       state.drawn += 1;
-      const drawnBy = why ? `drawn by the server (${why})` : `${took.toFixed(0)} ms`;
-      const [{ header: { count, dynamic } }] = models.scenes;
-      $('note').textContent = `${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${drawnBy}`;
+      for (const id of ['mode', 'look', 'layer']) $(id).disabled = Boolean(models.why);
+      const drawnBy = models.why ? `drawn by the server (${models.why})` : `${took.toFixed(0)} ms`;
+      const [{ header: { count, dynamic }, count: there }] = scenes;
+      const whole = scenes.every((scene) => scene.whole);
+      const some = scenes[0].whole || models.why ? '' : `${there.toLocaleString('en')} of `;
+      $('note').textContent = `${some}${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${drawnBy}`;
+      document.body.dataset.shown = whole ? 'all' : 'some';
+      if (state.failed) trouble('');
+      state.failed = false;
       document.body.dataset.drawn = state.drawn;
     } catch (error) {
-      trouble(error.message);
+      // What a lost device says of a picture is told by who takes it up again.
+      state.failed = !state.lost;
+      if (state.failed) trouble(error.message);
     }
     busy = false;
   }
   if (options.has('check')) {
+    await models.whole;
     $('note').textContent = 'comparing with the server';
     for (const [k, painter] of models.painters.entries()) {
       await check(painter, k, models.scenes[k].header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
@@ -217,6 +254,9 @@ async function start() {
     return;
   }
   requestAnimationFrame(tick);
+  // What is seen by then goes on being seen.
+  await models.whole;
+  changed();
   if (abouts[0].training) {
     new Training($('training'), async () => {
       // The scene's size is told anew with it.
@@ -227,4 +267,8 @@ async function start() {
   }
 }
 
-start().catch((error) => trouble(error.message));
+start().catch((error) => {
+  loading(1);
+  $('note').textContent = '';
+  trouble(error.message);
+});

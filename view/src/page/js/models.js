@@ -1,16 +1,21 @@
-// The models of a page: what was learned, and who draws it.
+// The models of a page: what was learned, as far as it is there, and who draws it.
 
-import { NoGpu, open } from './gpu.js';
-import { parse } from './scene.js';
+import { NoGpu, NoRoom, open } from './gpu.js';
+import { SceneReader } from './scene.js';
 import * as source from './source.js';
 import { Drawn, Sent } from './pictures.js';
 
 const TEXTS = { train: (name) => source.text(`train/${name}`), own: (name) => source.text(`wgsl/${name}`) };
+// A device that is lost again so soon is not taken up once more.
+const LOST_AGAIN_MS = 20_000;
+// How often, and how long after the last time, one is asked for.
+const RECOVER_TRIES = 5;
+const RECOVER_MS = 1000;
 
 // The device that draws, or why the server must.
 async function device(abouts, wanted) {
   const beyond = abouts.find((about) => about.only_server);
-  const alone = source.alone || abouts.some((about) => !about.from_run);
+  const alone = isAlone(abouts);
   if (beyond && alone) throw new Error(`A browser cannot draw ${beyond.name}: ${beyond.only_server}. Use erfgs view with its run.`);
   if (wanted === 'server' && !alone) return { why: 'as asked for in the address' };
   if (beyond) return { why: `the browser cannot draw ${beyond.name}: ${beyond.only_server}` };
@@ -24,28 +29,90 @@ async function device(abouts, wanted) {
   }
 }
 
+// Whether there is no server that draws them.
+const isAlone = (abouts) => source.alone || abouts.some((about) => !about.from_run);
+
 export class Models {
-  // `canvases`: one for each model; `told` hears what is being done; `wanted`: `webgpu`, `server` or nothing.
-  static async load(abouts, canvases, wanted, told) {
+  // Resolves once each model has something to show; `whole` then waits for all of it. `canvases`: one for each model; `wanted`:
+  // `webgpu`, `server` or nothing. `told` hears how much of all is there, and `changed` that there is more to draw.
+  static async load(abouts, canvases, wanted, told, changed) {
     const self = new Models();
-    Object.assign(self, { abouts, canvases, told, list: [] }, await device(abouts, wanted));
-    for (const k of abouts.keys()) await self.renew(k);
+    Object.assign(self, { abouts, canvases, told, changed, shares: abouts.map(() => 0), list: [] }, await device(abouts, wanted));
+    const loads = abouts.map((_, k) => self.#follow(k));
+    self.whole = Promise.all(loads.map(({ rest }) => rest));
+    // Who waits for the first picture is told of what failed.
+    self.whole.catch(() => {});
+    await Promise.all(loads.map(({ first }) => first));
     return self;
   }
 
   // Loads a model anew: it has learned more.
-  async renew(k) {
-    const { name, bytes } = this.abouts[k];
-    const scene = parse(await source.scene(k, bytes, (share) => this.told(`loading ${name}: ${Math.round(100 * share)} %`)));
+  async renew(k) { await this.#follow(k, Infinity).rest; }
+
+  // Shows a model as it comes, from `least` of it on.
+  #follow(k, least = this.gpu ? 2 : 1) {
+    const reader = new SceneReader(this.abouts[k].bytes);
+    const fetched = async () => {
+      for await (const bytes of source.scene(k)) {
+        reader.push(bytes);
+        this.shares[k] = reader.share;
+        this.told(Math.min(...this.shares));
+      }
+    };
+    fetched().then(() => reader.end(), (error) => reader.end(error));
+    const first = reader.better(least).then((scene) => this.#show(k, scene).then(() => scene));
+    const rest = first.then(async (scene) => {
+      for (let last = scene; !last.whole; this.changed()) {
+        last = await reader.better();
+        await this.#show(k, last);
+      }
+    });
+    return { first, rest };
+  }
+
+  async #show(k, scene) {
     const before = this.list[k];
-    if (!before) this.told('preparing the kernels');
     if (this.gpu) {
-      const painter = await Drawn.make(this.gpu, TEXTS, scene, this.canvases[k]);
-      this.list[k] = { scene, painter };
-      before?.painter.viewer.destroy();
-    } else {
-      this.list[k] = { scene, painter: before?.painter ?? new Sent(k, this.canvases[k]) };
+      try {
+        const painter = await Drawn.make(this.gpu, TEXTS, scene, this.canvases[k]);
+        this.list[k] = { scene, painter };
+        before?.painter.viewer?.destroy();
+        return;
+      } catch (error) {
+        if (isAlone(this.abouts) || !(error instanceof NoRoom)) throw error;
+        this.#leave(error.message);
+      }
     }
+    this.list[k] = { scene, painter: before?.painter instanceof Sent ? before.painter : new Sent(k, this.canvases[k]) };
+  }
+
+  // From now on the server draws. A canvas has one kind of context for all its life.
+  #leave(why) {
+    for (const { painter } of this.list.filter(Boolean)) painter.viewer?.destroy();
+    Object.assign(this, { gpu: null, why });
+    this.canvases.forEach((canvas, k) => {
+      this.canvases[k] = canvas.cloneNode();
+      canvas.replaceWith(this.canvases[k]);
+      if (this.list[k]) this.list[k].painter = new Sent(k, this.canvases[k]);
+    });
+  }
+
+  // Takes the device up again after it was lost. Gives whether that was worth trying.
+  async recover() {
+    if (performance.now() - (this.recovered ?? -LOST_AGAIN_MS) < LOST_AGAIN_MS) return false;
+    this.recovered = performance.now();
+    for (let tries = 1; ; tries++) {
+      try {
+        this.gpu = await open(navigator.gpu);
+        break;
+      } catch (error) {
+        // A driver that is starting again has no adapter for a while.
+        if (tries === RECOVER_TRIES) throw error;
+        await new Promise((done) => { setTimeout(done, RECOVER_MS); });
+      }
+    }
+    for (const [k, { scene }] of this.list.entries()) this.list[k].painter = await Drawn.make(this.gpu, TEXTS, scene, this.canvases[k]);
+    return true;
   }
 
   get scenes() { return this.list.map(({ scene }) => scene); }

@@ -1,6 +1,6 @@
 // Two ways to a picture: drawn here on WebGPU, or drawn by the server and sent.
 
-import { Viewer } from './viewer.js';
+import { Viewer, largest } from './viewer.js';
 import { nearOf } from './scene.js';
 
 const trainedNear = (scene, view) => view.near ?? nearOf(scene, view);
@@ -11,7 +11,9 @@ export class Drawn {
     const format = navigator.gpu.getPreferredCanvasFormat();
     const context = canvas.getContext('webgpu');
     context.configure({ device: gpu.device, format, alphaMode: 'opaque' });
-    Object.assign(self, { canvas, context, scene, viewer: await Viewer.make(gpu, texts, scene, format) });
+    const what = `${scene.count.toLocaleString('en')} Gaussians`;
+    const viewer = await gpu.withRoom(what, largest(scene), () => Viewer.make(gpu, texts, scene, format));
+    Object.assign(self, { canvas, context, scene, viewer });
     return self;
   }
 
@@ -19,14 +21,20 @@ export class Drawn {
   async draw(view, t01, how) {
     const { canvas, context, viewer, scene } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) Object.assign(canvas, { width: view.width, height: view.height });
+    await viewer.prepare(how);
+    // Meanwhile a better one may have taken its place.
+    if (viewer.gone) return true;
     viewer.frame(view, t01, context.getCurrentTexture().createView(), { ...how, near: trainedNear(scene, view) });
     await viewer.gpu.done();
-    const [error] = viewer.gpu.errors;
+    const error = viewer.gpu.errors.shift();
     if (error) throw new Error(`The graphics device says: ${error}`);
     return how.mode === 'tiles' && await viewer.lacked();
   }
 
-  pixels(view, t01, how) { return this.viewer.pixels(view, t01, { ...how, near: trainedNear(this.scene, view) }); }
+  async pixels(view, t01, how) {
+    await this.viewer.prepare(how);
+    return this.viewer.pixels(view, t01, { ...how, near: trainedNear(this.scene, view) });
+  }
 }
 
 export const request = (kind, model, { near, ...view }, t01, more = {}) =>

@@ -1,12 +1,12 @@
 // Two ways from Gaussians to pixels. `Projector` runs the trainer's project.wgsl, `Tiles` the trainer's tile lists and
 // blending (its shape for GPUs), `Quads` instanced quads with alpha blending.
 
+import { SH_STRIDE } from './header.js';
 import { Plan, PLAN_BYTES, BLOCK_GROUPS } from './sort.js';
 
 const THREADS = 64;
 const TILE = 16;
 const ceil = (a, b) => Math.ceil(a / b);
-export const SH_STRIDE = [4, 12, 28, 48];
 
 // The uniform of raster/shared/view.wgsl; the twin of `ViewUniform` in the trainer.
 export function viewUniform(view, scene, { near = 0.2, nearSigmas = 3, background = [0, 0, 0], deltaRows = 0, room = 0, lowPass = 0.3 } = {}) {
@@ -113,44 +113,64 @@ export class Tiles {
   async wanted() { return (await this.gpu.read(this.offsetPlan, Uint32Array, 13))[12]; }
 }
 
+// Bits of the keys of depth_keys.wgsl.
+export const KEY_BITS = 16;
+// Quads that an instance draws.
+const BATCH = 128;
+// What quads show.
+const LOOKS = { colours: 0, depth: 1, ellipsoids: 2 };
+
 export class Quads {
   static async make(gpu, texts, sorter, scene, format) {
     const self = new Quads();
     const [view, splat, keys, quads] = await Promise.all([texts.train(part('shared/view')), texts.train(part('shared/splat')), texts.own('depth_keys.wgsl'), texts.own('quads.wgsl')]);
-    const over = { srcFactor: 'one', dstFactor: 'one-minus-src-alpha', operation: 'add' };
-    [self.keys, self.pipeline] = await Promise.all([
-      gpu.kernel('depth keys', [`const THREADS = ${THREADS}u;`, view, splat, keys]),
-      gpu.kept('quads', [view, splat, quads].join('\n'), (module) => gpu.device.createRenderPipelineAsync({
-        label: 'quads', layout: 'auto',
-        vertex: { module, entryPoint: 'corner' },
-        fragment: { module, entryPoint: 'shade', targets: [{ format, blend: { color: over, alpha: over } }] },
-        primitive: { topology: 'triangle-strip' },
-      }), format)]);
-    Object.assign(self, { gpu, sorter, count: scene.count });
+    Object.assign(self, { gpu, sorter, format, count: scene.count, parts: [view, splat, quads], passes: new Map() });
+    const constants = `const THREADS = ${THREADS}u;\nconst BATCH = ${BATCH}u;`;
+    [self.keys] = await Promise.all([gpu.kernel('depth keys', [constants, view, splat, keys]), self.prepare('colours')]);
     self.plan = gpu.storageFrom(Plan.sort(scene.count));
     self.byDepth = sorter.sortBuffers(gpu, scene.count);
-    self.draw = gpu.storageFrom(Uint32Array.of(4, 0, 0, 0));
-    self.look = gpu.uniform(16);
-    self.pass = { label: 'quads', layout: self.pipeline.getBindGroupLayout(0), groups: new Map() };
+    self.draw = gpu.storage(32);
+    self.depths = gpu.uniform(16);
+    self.range = gpu.uniform(16);
+    self.indices = gpu.device.createBuffer({ size: 12 * BATCH, usage: GPUBufferUsage.INDEX | GPUBufferUsage.COPY_DST });
+    gpu.upload(self.indices, Uint16Array.from({ length: 6 * BATCH }, (_, k) => 4 * Math.floor(k / 6) + [0, 1, 2, 2, 1, 3][k % 6]));
     return self;
   }
 
-  // `look`: what is shown, and the range of depths that colours tell apart (see quads.wgsl).
-  record(commands, projector, target, background, look) {
+  // Makes what a look needs.
+  async prepare(look) {
+    if (this.passes.has(look)) return;
+    const { gpu, format } = this;
+    const over = { srcFactor: 'one', dstFactor: 'one-minus-src-alpha', operation: 'add' };
+    const code = [`const BATCH = ${BATCH}u;\nconst LOOK = ${LOOKS[look]}u;`, ...this.parts].join('\n');
+    const pipeline = await gpu.kept('quads', code, (module) => gpu.device.createRenderPipelineAsync({
+      label: 'quads', layout: 'auto',
+      vertex: { module, entryPoint: 'corner' },
+      fragment: { module, entryPoint: 'shade', targets: [{ format, blend: { color: over, alpha: over } }] },
+      primitive: { topology: 'triangle-list' },
+    }), format);
+    this.passes.set(look, { label: 'quads', pipeline, layout: pipeline.getBindGroupLayout(0), groups: new Map() });
+  }
+
+  // `look`: what is shown; `depths`: between which colours tell depths apart; `range`: the nearest and the furthest depth there can be.
+  record(commands, projector, target, background, { look, depths, range: [near, far] }) {
     const { view, splats } = projector;
-    this.gpu.upload(this.look, Float32Array.from([...look, 0]));
-    this.gpu.upload(this.draw, Uint32Array.of(4, 0, 0, 0));
-    commands.dispatch(this.keys, [view, splats, this.byDepth.keys, this.byDepth.values, this.draw], ceil(this.count, THREADS));
-    this.sorter.sort(commands, this.plan, this.byDepth, 32);
-    const group = this.gpu.bindGroup(this.pass, [view, splats, this.byDepth.values, this.look]);
+    this.gpu.upload(this.range, Float32Array.of(Math.log2(near), 65534 / Math.log2(Math.max(2, far / near)), 0, 0));
+    this.gpu.upload(this.depths, Float32Array.from([...depths, 0, 0]));
+    this.gpu.upload(this.draw, Uint32Array.of(6 * BATCH, 0, 0, 0, 0, 0));
+    commands.dispatch(this.keys, [view, splats, this.byDepth.keys, this.byDepth.values, this.draw, this.range], ceil(this.count, THREADS));
+    this.sorter.sort(commands, this.plan, this.byDepth, KEY_BITS);
+    const shown = this.passes.get(look);
+    const group = this.gpu.bindGroup(shown, [view, splats, this.byDepth.values, this.depths]);
     const [r, g, b] = background;
     const pass = commands.encoder.beginRenderPass({
       label: 'quads',
       colorAttachments: [{ view: target, loadOp: 'clear', storeOp: 'store', clearValue: { r, g, b, a: 1 } }],
     });
-    pass.setPipeline(this.pipeline);
+    pass.setPipeline(shown.pipeline);
     pass.setBindGroup(0, group);
-    pass.drawIndirect(this.draw, 0);
+    pass.setIndexBuffer(this.indices, 'uint16');
+    pass.drawIndexedIndirect(this.draw, 0);
     pass.end();
   }
 }

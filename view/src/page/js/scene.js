@@ -1,70 +1,122 @@
-// A scene file: the magic ERFGS4D1, the length of a JSON header (u32), the header, sections in the header's order.
+// A scene file: a magic, the length of a JSON header (u32), the header, sections in the header's order. The most important Gaussians
+// come first, so that a picture of them is there before the rest is.
 
-const MAGIC = 'ERFGS4D1';
-const FOREIGN = 'This is no scene of erfgs, or one of a later version.';
+import { SH_STRIDE, checked } from './header.js';
+import { CUT_OFF, DAMAGED, FOREIGN, READERS, isCount, need, sizeOf } from './codings.js';
+import { rowFloats } from './trajectory.js';
 
-export function parse(buffer) {
-  const bytes = new Uint8Array(buffer);
-  if (bytes.length < 12 || new TextDecoder('latin1').decode(bytes.subarray(0, 8)) !== MAGIC) throw new Error(FOREIGN);
-  const length = new DataView(buffer).getUint32(8, true);
-  const header = JSON.parse(new TextDecoder().decode(bytes.subarray(12, 12 + length)));
-  const vectors = new Map();
-  let at = 12 + length;
-  for (const { name, floats, coding } of header.sections) {
-    const size = sizeOf(coding, floats);
-    if (at + size > bytes.length) throw new Error('The scene is cut off: load it again.');
-    vectors.set(name, READERS[coding.kind](bytes.slice(at, at + size), floats, coding));
-    at += size;
+// The first version had each section whole.
+const MAGICS = ['ERFGS4D1', 'ERFGS4D2'];
+
+// Takes the bytes of a scene as they come, of which there are `total`.
+export class SceneReader {
+  constructor(total) {
+    need(isCount(total));
+    // How much can be shown: nothing, 1 for the header alone, one more for each coarse part, Infinity for all; and how much of that
+    // was given away.
+    Object.assign(this, { bytes: new Uint8Array(total), at: 0, read: 0, sections: 0, best: 0, given: 0, vectors: new Map() });
   }
-  const { motion } = header;
-  const field = motion.kind !== 'hexplane' ? null : {
-    ...motion, vectors,
-    times: vectors.get('grid.level0.xt').length / motion.features / (motion.spatial_resolution * motion.levels[0]),
-  };
-  return {
-    header, motion, field,
-    count: header.count, dynamic: header.dynamic, shDegree: header.sh_degree, activeShDegree: header.active_sh_degree,
-    core: vectors.get('core'), sh: vectors.get('sh'), rows: vectors.get('motion'), points: vectors.get('points'),
-  };
-}
 
-function sizeOf(coding, floats) {
-  if (coding.kind === 'exact') return 4 * floats;
-  if (coding.kind === 'half') return 2 * floats;
-  if (coding.kind !== 'blocks') throw new Error(FOREIGN);
-  const { rows, columns } = coding;
-  const count = floats / columns.length;
-  return Math.ceil(count / rows) * 8 * columns.length + count * columns.reduce((sum, size) => sum + size, 0);
-}
+  get share() { return this.bytes.length ? this.at / this.bytes.length : 1; }
 
-const READERS = {
-  exact: (bytes) => new Float32Array(bytes.buffer),
+  push(bytes) {
+    need(this.at + bytes.length <= this.bytes.length, 'The scene is longer than it was said to be: load the page again.');
+    this.bytes.set(bytes, this.at);
+    this.at += bytes.length;
+    try {
+      this.#parse();
+    } catch (error) {
+      // What the header lacks shows where it is used.
+      throw error instanceof TypeError || error instanceof RangeError || error instanceof SyntaxError ? new Error(DAMAGED) : error;
+    }
+    this.#wake();
+  }
 
-  half: (bytes, floats) => Float32Array.from(new Uint16Array(bytes.buffer, 0, floats), (code) => {
-    const [exponent, fraction] = [code >> 10 & 31, code & 1023];
-    const size = exponent === 0 ? fraction * 2 ** -24 : (1024 + fraction) * 2 ** (exponent - 25);
-    return code >> 15 ? -size : size;
-  }),
+  // No more bytes come: all is there, or `error` says why not.
+  end(error) {
+    this.failed = error ?? (this.best === Infinity ? null : new Error(CUT_OFF));
+    this.#wake();
+  }
 
-  // For each block of rows and column the least value and the step; then, by columns, the codes: upper bytes, lower bytes.
-  blocks: (bytes, floats, { rows, columns }) => {
-    const width = columns.length;
-    const count = floats / width;
-    const blocks = Math.ceil(count / rows);
-    const ranges = new Float32Array(bytes.buffer, 0, 2 * blocks * width);
-    const values = new Float32Array(floats);
-    let at = ranges.byteLength;
-    columns.forEach((size, column) => {
-      for (let row = 0; row < count; row++) {
-        const range = 2 * (Math.floor(row / rows) * width + column);
-        const code = size === 2 ? bytes[at + row] << 8 | bytes[at + count + row] : size === 1 ? bytes[at + row] : 0;
-        values[row * width + column] = ranges[range] + ranges[range + 1] * code;
+  // Waits for more than what was given last, and for `least` of it; gives the scene as far as it is there.
+  async better(least = 1) {
+    while (this.best <= this.given || this.best < least) {
+      if (this.failed) throw this.failed;
+      await new Promise((wake) => { this.wake = wake; });
+    }
+    this.given = this.best;
+    return this.#scene();
+  }
+
+  #wake() {
+    if (this.best > this.given || this.failed) this.wake?.();
+  }
+
+  #parse() {
+    const { bytes } = this;
+    if (!this.header) {
+      if (this.at < 12) return need(bytes.length >= 12, FOREIGN);
+      need(MAGICS.includes(new TextDecoder('latin1').decode(bytes.subarray(0, 8))), FOREIGN);
+      const end = 12 + new DataView(bytes.buffer).getUint32(8, true);
+      need(end <= bytes.length);
+      if (this.at < end) return undefined;
+      this.header = checked(JSON.parse(new TextDecoder().decode(bytes.subarray(12, end))), bytes.length - end);
+      this.read = end;
+      this.best = 1;
+    }
+    const { sections, coarse = [] } = this.header;
+    while (this.sections < sections.length) {
+      const { name, floats, coding, at = 0 } = sections[this.sections];
+      const end = this.read + sizeOf(coding, floats);
+      if (this.at < end) return undefined;
+      const values = READERS[coding.kind](bytes.slice(this.read, end), floats, coding);
+      if (!this.vectors.has(name)) {
+        const length = lengthOf(sections, name);
+        this.vectors.set(name, floats === length ? values : new Float32Array(length));
       }
-      at += size * count;
-    });
-    return values;
-  },
-};
+      if (floats !== this.vectors.get(name).length) this.vectors.get(name).set(values, at);
+      this.read = end;
+      this.sections += 1;
+      const level = coarse.findIndex((part) => part.sections === this.sections);
+      if (level >= 0) this.best = 2 + level;
+    }
+    this.best = Infinity;
+    return undefined;
+  }
+
+  #scene() {
+    const { header, vectors, best } = this;
+    const whole = best === Infinity;
+    const count = { moving: header.dynamic, standing: header.count - header.dynamic };
+    const there = whole ? count : best === 1 ? { moving: 0, standing: 0 } : { moving: header.coarse[best - 2].dynamic, standing: header.coarse[best - 2].still };
+    // Of rows of so many numbers, those that are there: the first that move and the first that stand still.
+    const rows = (name, floats, standing = there.standing) => {
+      const all = vectors.get(name);
+      if (whole || !all) return all;
+      const some = new Float32Array(floats * (there.moving + standing));
+      some.set(all.subarray(0, floats * there.moving));
+      some.set(all.subarray(floats * count.moving, floats * (count.moving + standing)), floats * there.moving);
+      return some;
+    };
+    // What a field moves stands still until the field is there.
+    const planes = header.sections.slice(this.sections).every(({ name }) => ROWS.includes(name));
+    const motion = header.motion.kind === 'hexplane' && !planes ? { kind: 'still' } : header.motion;
+    const field = motion.kind !== 'hexplane' ? null : {
+      ...motion, vectors,
+      times: vectors.get('grid.level0.xt').length / motion.features / (motion.spatial_resolution * motion.levels[0]),
+    };
+    return {
+      header, motion, field, whole,
+      count: there.moving + there.standing, dynamic: motion.kind === 'still' ? 0 : there.moving,
+      shDegree: header.sh_degree, activeShDegree: header.active_sh_degree,
+      core: rows('core', 12), sh: rows('sh', SH_STRIDE[header.sh_degree]), rows: rows('motion', rowFloats(header.motion), 0), points: vectors.get('points'),
+    };
+  }
+}
+
+// Sections of rows of Gaussians.
+const ROWS = ['core', 'sh', 'motion'];
+const lengthOf = (sections, name) => Math.max(...sections.filter((section) => section.name === name).map(({ at = 0, floats }) => at + floats));
 
 // Depths (metres, ascending) of the initial points that a view sees.
 export function depthsOf(scene, { rotation: r, translation: t, width, height, fx, fy, cx, cy }) {

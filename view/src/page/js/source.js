@@ -1,5 +1,7 @@
 // Where scenes and texts come from: the server, or this page itself where it is one file.
 
+import { CUT_OFF } from './codings.js';
+
 const own = globalThis.ERFGS;
 export const alone = Boolean(own);
 
@@ -17,22 +19,11 @@ export function text(path) {
   return kept.get(path);
 }
 
-// The bytes of a scene, telling how many of `total` are there.
-export async function scene(model, total, told) {
-  const stream = own ? unpacked(document.getElementById(`scene${model}`).textContent) : await fetched(`api/scene/${model}`);
+// The bytes of a scene as they come.
+export async function* scene(model) {
+  const stream = own ? unpacked(model) : await fetched(`api/scene/${model}`);
   const reader = stream.getReader();
-  const bytes = new Uint8Array(total);
-  let at = 0;
-  for (;;) {
-    const { done, value } = await reader.read();
-    if (done) break;
-    if (at + value.length > total) throw new Error('The scene is longer than it was said to be.');
-    bytes.set(value, at);
-    at += value.length;
-    told(at / total);
-  }
-  if (at < total) throw new Error('The scene is cut off: load the page again.');
-  return bytes.buffer;
+  for (let next = await reader.read(); !next.done; next = await reader.read()) yield next.value;
 }
 
 export const bytes = async (url) => new Response(await fetched(url)).arrayBuffer();
@@ -43,7 +34,30 @@ async function fetched(url) {
   return response.body;
 }
 
-function unpacked(base64) {
-  const packed = Uint8Array.from(atob(base64.trim()), (c) => c.charCodeAt(0));
-  return new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip'));
+// How often a page of one file looks whether more of it is there.
+const LOOK_MS = 20;
+
+// A page of one file holds a scene in pieces, each of which can be used before the next has come.
+function unpacked(model) {
+  let index = 0;
+  const packed = new ReadableStream({
+    async pull(controller) {
+      const piece = await whole(`scene${model}.${index}`);
+      if (!piece) throw new Error(CUT_OFF);
+      controller.enqueue(Uint8Array.from(atob(piece.textContent.trim()), (c) => c.charCodeAt(0)));
+      index += 1;
+      if (index === own.pieces[model]) controller.close();
+    },
+  });
+  return packed.pipeThrough(new DecompressionStream('gzip'));
+}
+
+// An element of this page, once the browser has read it to its end; nothing if the page ends without it.
+async function whole(id) {
+  for (;;) {
+    const loaded = document.readyState !== 'loading';
+    const element = document.getElementById(id);
+    if (loaded || element?.nextSibling) return element;
+    await new Promise((done) => { setTimeout(done, LOOK_MS); });
+  }
 }

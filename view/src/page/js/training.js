@@ -30,7 +30,8 @@ export class Training {
         const state = await answer.json();
         this.rows.push(...state.rows);
         this.show(state);
-        if (state.version !== this.version) {
+        // A page that nobody sees needs no new scene.
+        if (state.version !== this.version && (!document.hidden || state.ended)) {
           await this.renewed();
           this.version = state.version;
           this.panel.dataset.version = this.version;

@@ -4,16 +4,24 @@ import { Sorter } from './sort.js';
 import { Projector, Tiles, Quads, Blit, viewUniform } from './raster.js';
 import { Field } from './field.js';
 import { Rows } from './rows.js';
+import { centreOf, distance } from './camera.js';
 import { depthsOf } from './scene.js';
 
 // Back to front, eight bits lose 3 dB and more: quads are summed in half precision.
 const ACCUMULATE = 'rgba16float';
 // Square pixels of the images that were trained on.
 const LOW_PASS = 0.3;
-// What a quad shows.
-const LOOKS = { colours: 0, depth: 1, ellipsoids: 2 };
 // An opacity of nothing, as a logit.
 const GONE = -100;
+
+// What blend_gpu.wgsl takes.
+const TILES_WORKGROUP_BYTES = 16416;
+
+// Bytes of the largest buffer that a scene takes on the device, all of which is bound at once.
+export function largest({ count, dynamic, sh, rows, field }) {
+  const moving = Math.max(48, 4 * (rows?.length ?? 0) / Math.max(1, dynamic), field ? 4 * field.features * field.levels.length : 0);
+  return Math.max(64 * count, sh.byteLength, moving * dynamic);
+}
 
 // Destroys the buffers that an object of the page owns, and those of the objects that it holds only for that.
 function release(part) {
@@ -27,18 +35,30 @@ export class Viewer {
   static async make(gpu, texts, scene, format) {
     const self = new Viewer();
     const uploaded = { ...scene, core: gpu.storageFrom(scene.core), sh: gpu.storageFrom(scene.sh) };
-    Object.assign(self, { gpu, format, scene: uploaded, host: scene });
+    Object.assign(self, { gpu, texts, format, scene: uploaded, host: scene });
     self.sorter = await Sorter.make(gpu, texts);
-    [self.projector, self.tiles, self.quads, self.motion, self.blit, self.blitTexture] = await Promise.all([
+    [self.projector, self.quads, self.motion, self.blitTexture] = await Promise.all([
       Projector.make(gpu, texts, uploaded),
-      Tiles.make(gpu, texts, self.sorter, uploaded),
       Quads.make(gpu, texts, self.sorter, uploaded, ACCUMULATE),
       scene.dynamic === 0 ? null : scene.field ? Field.make(gpu, texts, uploaded) : Rows.make(gpu, texts, uploaded),
-      Blit.make(gpu, texts, format, 'blit.wgsl'),
       Blit.make(gpu, texts, format, 'blit_texture.wgsl')]);
     // Seen k times as large as in training, a splat needs k^2 times the low pass, or thin ones shrink to needles.
     self.trainedFocal = Math.max(1e-3, ...scene.header.cameras.map((camera) => camera.fx));
     return self;
+  }
+
+  // Makes what a mode or a look needs: kernels and memory that most pages never use.
+  async prepare({ mode, look = 'colours' }) {
+    if (look !== 'colours' || mode !== 'tiles') {
+      await this.quads.prepare(look);
+      return;
+    }
+    if (this.tiles) return;
+    const { gpu, texts, format } = this;
+    const most = gpu.device.limits.maxComputeWorkgroupStorageSize;
+    if (most < TILES_WORKGROUP_BYTES) throw new Error(`This graphics device cannot draw exactly: its workgroups have ${most} bytes of memory, not ${TILES_WORKGROUP_BYTES}.`);
+    this.blit = await Blit.make(gpu, texts, format, 'blit.wgsl');
+    this.tiles = await Tiles.make(gpu, texts, this.sorter, this.scene);
   }
 
   // The parameters of those that are shown: `all`, or those that `move` or `stand` alone.
@@ -57,6 +77,23 @@ export class Viewer {
     const all = depthsOf(this.host, view);
     const share = (at) => all[Math.floor(at * (all.length - 1))];
     return all.length > 10 ? [share(0.02), Math.max(1.01 * share(0.02), share(0.98))] : [0.1, 10];
+  }
+
+  // The nearest depth that there can be, and one that is further than all: what moves leaves the box of the places by less than its size.
+  range(view, near) {
+    const { core, count } = this.host;
+    if (!this.box) {
+      const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+      for (let k = 0; k < 12 * count; k += 12) {
+        for (let i = 0; i < 3; i++) {
+          low[i] = Math.min(low[i], core[k + i]);
+          high[i] = Math.max(high[i], core[k + i]);
+        }
+      }
+      this.box = { middle: low.map((v, i) => (v + high[i]) / 2), size: Math.hypot(...low.map((v, i) => high[i] - v)) };
+    }
+    const nearest = Math.max(near, 1e-6);
+    return [nearest, Math.max(2 * nearest, distance(centreOf(view), this.box.middle) + 1.5 * this.box.size || 0)];
   }
 
   // Draws into `target`, a view of a texture, at `t01`, with the near plane `near`, metres; `mode`: `quads` or `tiles`; `look`
@@ -84,7 +121,8 @@ export class Viewer {
         this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
       }
       const sums = this.sums.createView();
-      this.quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, [LOOKS[look], ...this.depths(view)]);
+      const depths = look === 'depth' ? this.depths(view) : [1, 2];
+      this.quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, { look, depths, range: this.range(view, near) });
       this.blitTexture.record(commands, this.sums, () => [sums], target);
     }
     commands.submit();
@@ -99,10 +137,13 @@ export class Viewer {
 
   // After a frame of tiles: whether intersections were left out for want of room, which there is the next time.
   async lacked() {
-    if (this.gone || !this.tiles.image) return false;
+    if (this.gone || !this.tiles?.image) return false;
     const wanted = await this.tiles.wanted();
     if (wanted <= this.tiles.room) return false;
-    this.room = Math.ceil(1.25 * wanted);
+    // A list of numbers must fit one binding.
+    const most = Math.floor(Math.min(this.gpu.device.limits.maxStorageBufferBindingSize, this.gpu.device.limits.maxBufferSize) / 4);
+    if (wanted > most) throw new Error(`From here ${wanted.toLocaleString('en')} tiles are covered, and the graphics device has room for ${most.toLocaleString('en')}: draw fast.`);
+    this.room = Math.min(most, Math.ceil(1.25 * wanted));
     return true;
   }
 
