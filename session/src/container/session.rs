@@ -245,18 +245,19 @@ impl<R: Read + Seek> Session<R> {
 
     /// What lacks in the file, all of which was just read.
     fn lacking(&self) -> Vec<String> {
-        // Totals of streams none of which is here: all were given other names since.
-        let declared = &self.walk.layout.streams;
-        let known = |totals: &&Totals| {
-            declared.is_empty() || declared.iter().any(|stream| totals.streams.contains_key(&stream.description.id))
-        };
-        let totals = self.said.as_ref().filter(|_| self.summary.is_session).filter(known);
+        let totals = self.said.as_ref().filter(|said| self.summary.is_session && self.know(said));
         self.walk.lacking(self.summary.is_session, totals, self.index.counts.as_ref())
     }
 
     /// Gives the file back.
     pub fn into_inner(self) -> R {
         self.walk.framing.into_inner()
+    }
+
+    /// Whether totals are of any of the streams that are here; otherwise all were given other names since.
+    fn know(&self, totals: &Totals) -> bool {
+        let declared = &self.walk.layout.streams;
+        declared.is_empty() || declared.iter().any(|stream| totals.streams.contains_key(&stream.description.id))
     }
 
     /// Reads what the end of the file says. `false` if it says nothing, or not enough.
@@ -293,10 +294,8 @@ impl<R: Read + Seek> Session<R> {
             }
         }
         for stream in &mut self.walk.layout.streams {
-            match self.summary.totals.streams.get(&stream.description.id) {
-                Some(totals) => stream.totals = *totals,
-                // The streams were given other names since.
-                None => totals_found = false,
+            if let Some(totals) = self.summary.totals.streams.get(&stream.description.id) {
+                stream.totals = *totals;
             }
         }
         let ordered = self.chunks.windows(2).all(|pair| pair[0].offset < pair[1].offset);
@@ -304,7 +303,7 @@ impl<R: Read + Seek> Session<R> {
         self.summary.chunks = self.chunks.len();
         self.summary.whole_bytes = summary_start;
         // The streams of a ROS 2 recording are known from their packets alone, also in a repaired copy, which has totals.
-        Ok(totals_found && ordered && self.summary.is_session)
+        Ok(totals_found && ordered && self.summary.is_session && self.know(&self.summary.totals))
     }
 
     /// Reads the file through.
