@@ -32,6 +32,14 @@ if [ ${#build[@]} -eq 0 ]; then
   alone session file pictures export exr rosbag2
   alone rig evk4 davis346 frames trigger
 fi
+# Cargo takes a package of a version for what it was when that version was first unpacked and built here.
+target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
+rm -rf "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/erfgs-*
+built=$(grep -sl 'registry/src/-' "$target"/debug/deps/erfgs_*.d || true)
+for file in $built; do
+  hash=${file##*-}
+  rm -rf "$target"/debug/.fingerprint/erfgs-*-"${hash%.d}"
+done
 # Whether it is committed is not asked: the check is for what lies here. What is built goes to the folder of all builds.
 # shellcheck disable=SC2068
 cargo package --locked --quiet --allow-dirty "${build[@]}" ${crates[@]/#/-p erfgs-}
@@ -45,7 +53,6 @@ count() {
 }
 
 row() { printf '%-16s %8s %8s   %s\n' "$@"; }
-target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
 row package kB crates features
 for crate in "${crates[@]}"; do
   bytes=$(cat "$target"/package/"erfgs-$crate"-*.crate | wc -c)

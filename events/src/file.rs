@@ -133,6 +133,7 @@ impl EventFile {
         }
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
         let extension = extension.to_ascii_lowercase();
+        #[cfg_attr(not(feature = "npz"), expect(unused_mut, reason = "only archives have members"))]
         let mut member = None;
         let (format, size, header, body) = match &head[..] {
             _ if extension == "dat" => dat(path, &head)?,
