@@ -1,7 +1,7 @@
 //! Fits of clocks on hours, milliseconds, drifts, late arrivals and broken samples, against the clock that the samples were drawn
 //! from.
 
-use erfgs_base::random::{key, normal, uniform};
+use erfgs_base::random::{exponential, key, normal, uniform};
 use erfgs_session::clock::{Clock, Epoch, Epochs, Errors, Evidence, Sample};
 use erfgs_sync::{Arrived, even};
 
@@ -72,10 +72,6 @@ impl Crystal {
     }
 }
 
-fn exponential(k: u64) -> f64 {
-    -(1.0 - uniform(key(5, &[k, 1]))).ln()
-}
-
 /// An edge is told in whole ticks.
 fn in_ticks(k: u64) -> f64 {
     1000.0 * uniform(key(5, &[k, 2])) - 500.0
@@ -138,7 +134,7 @@ pub fn cases(size: Size) -> Vec<Case> {
     let hour = 3600.0;
     let edges = |of: Crystal, seconds: f64, count| of.samples(seconds, count, in_ticks);
     let broken = |k: u64| if k % 10 == 3 { 1e9 * normal(key(5, &[k, 3])) } else { in_ticks(k) };
-    let late = |k: u64| 80e3 + 200e3 * exponential(k);
+    let late = |k: u64| 80e3 + 200e3 * exponential(key(5, &[k, 1]));
     let early = Crystal { first: i64::MAX / 4, offset_ns: 0.0, ..steady };
     let mut cases = vec![
         case("an hour of edges, 100 ppm", TICK, steady, Errors::Symmetric, edges(steady, hour, 108_000)),

@@ -90,13 +90,8 @@ impl Scene {
     fn check_place(&self) -> Result<(), SceneError> {
         for (camera, of) in self.dataset.manifest.cameras.iter().zip(&self.views) {
             let centre = camera.world_to_camera.centre();
-            let mut depths: Vec<f64> =
-                self.points.iter().map(|(point, _)| centre.distance(glam::Vec3::from(*point).as_dvec3())).collect();
-            let middle = depths.len() / 2;
-            let depth = match depths.is_empty() {
-                true => f64::from(self.extent),
-                false => *depths.select_nth_unstable_by(middle, f64::total_cmp).1,
-            };
+            let points = self.points.iter().map(|(point, _)| point);
+            let depth = median_distance(centre, points).unwrap_or(f64::from(self.extent));
             let away = centre.abs().max_element();
             let apart = away * f64::from(f32::EPSILON);
             let pixels = apart * f64::from(of.view.fx) / depth;
@@ -237,13 +232,14 @@ pub(crate) fn extent(dataset: &Dataset, without_points: bool) -> Result<f32, Dat
         return Ok((1.1 * largest) as f32);
     }
     let Some(cloud) = dataset.read_points()? else { return Ok(0.0) };
-    let away = |point: &[f32; 3]| glam::Vec3::from(*point).as_dvec3().distance(mean);
-    let mut distances: Vec<f64> = cloud.positions.iter().map(away).collect();
+    Ok(median_distance(mean, cloud.positions.iter()).unwrap_or(0.0) as f32)
+}
+
+/// The median distance of points from a place, metres; `None` without points.
+fn median_distance<'a>(from: glam::DVec3, points: impl Iterator<Item = &'a [f32; 3]>) -> Option<f64> {
+    let mut distances: Vec<f64> = points.map(|point| from.distance(glam::Vec3::from(*point).as_dvec3())).collect();
     let middle = distances.len() / 2;
-    if distances.is_empty() {
-        return Ok(0.0);
-    }
-    Ok(*distances.select_nth_unstable_by(middle, f64::total_cmp).1 as f32)
+    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]
