@@ -1,6 +1,7 @@
-//! `erfgs bench`: how fast the stages are on this machine, and what they do at their extremes.
+//! `erfgs bench`: how fast the stages are on this machine, what precision costs, and what they do at their extremes.
 
 mod decode;
+mod precision;
 mod raster;
 mod simulate;
 mod stability;
@@ -23,6 +24,8 @@ pub enum Command {
     Train(train::Arguments),
     /// Every numerical stage at its extremes, each case against its bound.
     Stability(stability::Arguments),
+    /// The error of every numerical component against its processor time, over its own knobs.
+    Precision(precision::Arguments),
 }
 
 /// Runs the command.
@@ -33,5 +36,6 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Raster(arguments) => raster::run(arguments, terminal),
         Command::Train(arguments) => train::run(arguments, terminal),
         Command::Stability(arguments) => stability::run(arguments, terminal),
+        Command::Precision(arguments) => precision::run(arguments, terminal),
     }
 }

@@ -50,7 +50,7 @@ pub struct Plot {
 }
 
 /// The style of a run's line.
-fn stroke(run: usize) -> String {
+pub(super) fn stroke(run: usize) -> String {
     let dash = DASHES[(run / COLOURS + run) % DASHES.len()];
     format!("stroke=\"var(--run-{})\" stroke-dasharray=\"{dash}\"", run % COLOURS)
 }

@@ -19,6 +19,12 @@ impl Gpu {
     ///
     /// A WGSL error surfaces at the next [`Gpu::wait`].
     pub fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
+        self.kernel_with(label, parts, &[])
+    }
+
+    /// Compiles a kernel as [`Gpu::kernel`] does, with values for what its text declares with `override`; what is not named keeps
+    /// its default.
+    pub fn kernel_with(&self, label: &str, parts: &[&str], constants: &[(&str, f64)]) -> Kernel {
         let source = parts.join("\n");
         let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(label),
@@ -31,7 +37,7 @@ impl Gpu {
             entry_point: Some("main"),
             compilation_options: wgpu::PipelineCompilationOptions {
                 zero_initialize_workgroup_memory: false,
-                ..Default::default()
+                constants,
             },
             cache: None,
         });

@@ -34,6 +34,8 @@ pub(super) struct Grid {
     pub(super) tiles: [u32; 2],
     /// Whether splats are bounded by the squares that the 3DGS code uses.
     pub(super) three_sigma: bool,
+    /// How far a splat reaches otherwise.
+    pub(super) negligible_alpha: f32,
 }
 
 impl Grid {
@@ -214,8 +216,8 @@ fn spans_of(splat: &Splat, index: u32, grid: &Grid, spans: &mut Vec<Span>) {
     if top >= bottom {
         return;
     }
-    // In natural units, alpha = 1/255 is where -2 ln 2 power = reach.
-    let reach = (2.0 * LN_2 * (splat.log_opacity + 255f32.log2()) * 1.0001 + 1e-4).max(0.0);
+    // In natural units, a negligible alpha is where -2 ln 2 power = reach.
+    let reach = (2.0 * LN_2 * (splat.log_opacity - grid.negligible_alpha.log2()) * 1.0001 + 1e-4).max(0.0);
     let [a, b, _] = splat.power;
     let half_widest = reach / (-2.0 * LN_2 * a);
     let slant = -0.5 * b / a;
@@ -275,7 +277,7 @@ mod tests {
 
     #[test]
     fn lists_hold_the_splats_that_touch_each_tile_by_depth() {
-        let grid = Grid { image: [93, 70], tile: 16, tiles: [6, 5], three_sigma: false };
+        let grid = Grid { image: [93, 70], tile: 16, tiles: [6, 5], three_sigma: false, negligible_alpha: 1.0 / 255.0 };
         let splats: Vec<Splat> = (0..300).map(|seed| ellipse(seed, grid.image)).collect();
         let bins = bin(&splats, &grid, None);
         let (mut needed, mut listed) = (0, 0);
@@ -300,7 +302,7 @@ mod tests {
 
     #[test]
     fn the_longest_lists_come_first() {
-        let grid = Grid { image: [64, 64], tile: 16, tiles: [4, 4], three_sigma: false };
+        let grid = Grid { image: [64, 64], tile: 16, tiles: [4, 4], three_sigma: false, negligible_alpha: 1.0 / 255.0 };
         let splats: Vec<Splat> = (0..50).map(|seed| ellipse(seed, grid.image)).collect();
         let lists = bin(&splats, &grid, None).lists;
         assert!(lists.is_sorted_by_key(|list| u32::MAX - (list[2] - list[1])));

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use wgpu::Buffer;
 
 use super::{
-    Frame, RasterError,
+    Frame, RasterError, Thresholds,
     frame::grow,
     kernels::{THREADS, stage},
     rasteriser::{Render, Sums},
@@ -68,13 +68,13 @@ impl Scratch {
 }
 
 impl DeviceLists {
-    pub(super) fn new(gpu: &Gpu) -> Result<Self, RasterError> {
+    pub(super) fn new(gpu: &Gpu, thresholds: &Thresholds) -> Result<Self, RasterError> {
         let threads = format!("const THREADS = {THREADS}u;");
-        let per_gaussian = |label, text| stage(gpu, label, &threads, &[TILES, text]);
-        let with_plan = |label, text| stage(gpu, label, crate::sort::SHARED, &[text]);
+        let per_gaussian = |label, text| stage(gpu, thresholds, label, &threads, &[TILES, text]);
+        let with_plan = |label, text| stage(gpu, thresholds, label, crate::sort::SHARED, &[text]);
         let blend = |label, with_depth: bool| {
             let constants = format!("const WITH_DEPTH = {with_depth};");
-            stage(gpu, label, &constants, &[TILES, include_str!("blend_gpu.wgsl")])
+            stage(gpu, thresholds, label, &constants, &[TILES, include_str!("blend_gpu.wgsl")])
         };
         Ok(Self {
             intersect: per_gaussian("intersect", include_str!("intersect.wgsl")),
@@ -84,7 +84,13 @@ impl DeviceLists {
             tile_ranges: with_plan("tile ranges", include_str!("tile_ranges.wgsl")),
             blend: blend("blend", false),
             blend_with_depth: blend("blend with depth", true),
-            blend_backward: stage(gpu, "blend backward", "", &[TILES, include_str!("blend_backward_gpu.wgsl")]),
+            blend_backward: stage(
+                gpu,
+                thresholds,
+                "blend backward",
+                "",
+                &[TILES, include_str!("blend_backward_gpu.wgsl")],
+            ),
             prefix_sum: PrefixSum::new(gpu),
             sort: RadixSort::new(gpu),
             no_depth: gpu.storage("no depth", 16)?,

@@ -17,7 +17,9 @@ pub use buffers::Deltas;
 pub use frame::Frame;
 pub use rasteriser::Rasteriser;
 pub use region::Region;
-pub use types::{CORE_STRIDE, GaussianBuffers, Gradients, LOW_PASS, RasterError, RenderOptions, View, sh_stride};
+pub use types::{
+    CORE_STRIDE, GaussianBuffers, Gradients, LOW_PASS, RasterError, RenderOptions, Thresholds, View, sh_stride,
+};
 
 #[cfg(test)]
 mod tests;

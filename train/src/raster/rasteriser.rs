@@ -8,7 +8,7 @@ use std::{
 use wgpu::Buffer;
 
 use super::{
-    Deltas, Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, View,
+    Deltas, Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, Thresholds, View,
     bins::Grid,
     device_lists::{self, DeviceLists},
     frame::grow,
@@ -23,6 +23,7 @@ use crate::gpu::{Commands, Gpu, Shape};
 pub struct Rasteriser {
     stages: GaussianStages,
     lists: Lists,
+    thresholds: Thresholds,
     // Bound where a kernel has a binding that a render does not need. They differ, because a kernel may write two.
     unused: [Buffer; 3],
     sums: Mutex<Sums>,
@@ -60,13 +61,14 @@ pub(super) struct Render {
 }
 
 impl Render {
-    fn new(gpu: &Gpu, values: ViewUniform, options: &RenderOptions) -> Self {
+    fn new(gpu: &Gpu, values: ViewUniform, options: &RenderOptions, thresholds: &Thresholds) -> Self {
         let [width, height, columns, rows] = values.size;
         let grid = Grid {
             image: [width, height],
             tile: tile_side(gpu.shape),
             tiles: [columns, rows],
             three_sigma: options.three_sigma,
+            negligible_alpha: thresholds.negligible_alpha,
         };
         Self { values, uniform: gpu.uniform("view", &values), grid }
     }
@@ -90,16 +92,32 @@ impl Rasteriser {
     /// # Errors
     /// [`RasterError::Gpu`].
     pub fn new(gpu: &Gpu) -> Result<Self, RasterError> {
-        let stages = GaussianStages::new(gpu);
+        Self::with_thresholds(gpu, Thresholds::default())
+    }
+
+    /// Compiles the kernels with other thresholds than those of the 3DGS code.
+    ///
+    /// # Errors
+    /// [`RasterError::Arguments`] where one is not within 0 to 1, 0 excluded; [`RasterError::Gpu`].
+    pub fn with_thresholds(gpu: &Gpu, thresholds: Thresholds) -> Result<Self, RasterError> {
+        let Thresholds { negligible_alpha, least_transmittance } = thresholds;
+        let normal = |value: f32| value.is_normal() && (0.0..=1.0).contains(&value);
+        if !normal(negligible_alpha) || !normal(least_transmittance) {
+            let reason =
+                format!("alpha {negligible_alpha} and transmittance {least_transmittance} are not within 0 to 1");
+            return Err(RasterError::Arguments { doing: "compile the rasteriser with these thresholds", reason });
+        }
+        let stages = GaussianStages::new(gpu, &thresholds);
         let lists = match gpu.shape {
-            Shape::Cpu => Lists::Host(HostLists::new(gpu)?),
-            Shape::Gpu => Lists::Device(Box::new(DeviceLists::new(gpu)?)),
+            Shape::Cpu => Lists::Host(HostLists::new(gpu, &thresholds)?),
+            Shape::Gpu => Lists::Device(Box::new(DeviceLists::new(gpu, &thresholds)?)),
         };
         gpu.wait("compiling the rasteriser")?;
         let small = |label| gpu.storage(label, 16);
         Ok(Self {
             stages,
             lists,
+            thresholds,
             unused: [small("unused 0")?, small("unused 1")?, small("unused 2")?],
             sums: Mutex::new(Sums { sums: small("sums")?, d_splats: small("d_splats")? }),
         })
@@ -154,7 +172,7 @@ impl Rasteriser {
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
         values.outputs[2] = frame.range_count;
-        let render = Render::new(gpu, values, options);
+        let render = Render::new(gpu, values, options, &self.thresholds);
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();
@@ -199,7 +217,7 @@ impl Rasteriser {
         } else if frame.depth.as_ref().is_none_or(|depth| depth.size() < 4 * pixels) {
             frame.depth = Some(gpu.storage("frame.depth", 4 * pixels)?);
         }
-        Ok(Render::new(gpu, values, options))
+        Ok(Render::new(gpu, values, options, &self.thresholds))
     }
 
     fn project(&self, gpu: &Gpu, gaussians: &GaussianBuffers, deltas: Option<&Deltas>, render: &Render, frame: &Frame) {
@@ -320,7 +338,7 @@ impl Rasteriser {
         lap("blend")?;
         let mut values = render.values;
         values.outputs[2] = frame.range_count;
-        let render = Render::new(gpu, values, options);
+        let render = Render::new(gpu, values, options, &self.thresholds);
         let mut sums = self.sums.lock().unwrap_or_else(PoisonError::into_inner);
         sums.make_room(gpu, frame.room, gaussians.count)?;
         let mut commands = gpu.commands();

@@ -203,10 +203,26 @@ pub struct RenderOptions {
     /// Also render the alpha-weighted depth.
     pub depth: bool,
     /// Cut Gaussians at the 16 x 16 tiles that their 3 sigma square touches, as the 3DGS code does. Otherwise they
-    /// reach as far as their alpha is at least 1/255.
+    /// reach as far as their alpha is at least [`Thresholds::negligible_alpha`].
     pub three_sigma: bool,
     /// On the GPU shape: tile intersections that a new frame has room for; a guess by default.
     pub first_room: Option<u32>,
+}
+
+/// What the blending leaves out. Compiled into the kernels: see [`super::Rasteriser::with_thresholds`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds {
+    /// A splat is left out of a pixel where its alpha is less; it reaches as far as that.
+    pub negligible_alpha: f32,
+    /// A pixel is finished before the splat that would bring its transmittance below this.
+    pub least_transmittance: f32,
+}
+
+impl Default for Thresholds {
+    /// Those of the 3DGS code.
+    fn default() -> Self {
+        Self { negligible_alpha: 1.0 / 255.0, least_transmittance: 1e-4 }
+    }
 }
 
 impl Default for RenderOptions {

@@ -25,8 +25,10 @@ struct View {
 
 // In place of a Gaussian's index.
 const NOBODY = 0xffffffffu;
-const NEGLIGIBLE_ALPHA = 1.0 / 255.0;
-const LEAST_TRANSMITTANCE = 1e-4;
+// What `Thresholds` on the Rust side sets; the defaults are those of 3DGS.
+override NEGLIGIBLE_ALPHA: f32 = 1.0 / 255.0;
+override LOG2_NEGLIGIBLE_ALPHA: f32 = -7.9943534368588578;
+override LEAST_TRANSMITTANCE: f32 = 1e-4;
 
 // A test that holds whatever a compiler assumes about NaN.
 fn is_finite(x: f32) -> bool {

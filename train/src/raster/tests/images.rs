@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use super::scenes::{FORMS, Form, Scene, camera, device};
-use crate::raster::{Frame, GaussianBuffers, RasterError, Region, RenderOptions, View};
+use crate::raster::{
+    Frame, GaussianBuffers, LOW_PASS, RasterError, Rasteriser, Region, RenderOptions, Thresholds, View,
+};
 
 /// Largest difference of a colour or transmittance between the device and the twin, and of the depth.
 fn differences(scene: &Scene, form: Form) -> (f64, f64) {
@@ -182,5 +184,49 @@ fn outside_a_region_there_is_the_background_alone_and_no_gradient() {
         let off = whole.d_core.iter().zip(&part.d_core).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let largest = whole.d_core.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
         assert!(off < 1e-5 * largest, "{form:?}: {off} of {largest}");
+    }
+}
+
+#[test]
+fn thresholds_bound_what_a_splat_reaches_and_how_deep_a_pixel_goes() {
+    let covered = |form: Form, thresholds: Thresholds| {
+        let gpu = &device(form).0;
+        let rasteriser = Rasteriser::with_thresholds(gpu, thresholds).expect("kernels that compile");
+        let view = View {
+            translation: [0.0; 3],
+            rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            ..camera(33, 33)
+        };
+        // Ten round splats of an opacity of 0.9, one behind another, of 2 pixels.
+        let core = |layer: u8| {
+            let z = 2.0 + 0.1 * f32::from(layer);
+            let size = ((4.0_f32 - LOW_PASS).sqrt() * z / view.fx).ln();
+            [0.0, 0.0, z, size, size, size, 1.0, 0.0, 0.0, 0.0, 9_f32.ln(), 0.0]
+        };
+        let core: Vec<f32> = (0..10).flat_map(core).collect();
+        let gaussians = GaussianBuffers::from_slices(gpu, 0, &core, &[0.0; 40]).expect("buffers");
+        let mut frame = Frame::new(gpu).expect("a frame");
+        let options = RenderOptions { sh_degree: 0, ..RenderOptions::default() };
+        rasteriser.forward(gpu, &gaussians, None, &view, &options, &mut frame).expect("a picture");
+        let image: Vec<[f32; 4]> = gpu.download(&frame.image, 33 * 33).expect("pixels");
+        let least = image.iter().map(|pixel| pixel[3]).fold(1.0, f32::min);
+        (image.iter().filter(|pixel| pixel[3] < 1.0).count(), least)
+    };
+    for form in [Form::Cpu, Form::Gpu] {
+        let usual = Thresholds::default();
+        let (area, least) = covered(form, usual);
+        let (wide, _) = covered(form, Thresholds { negligible_alpha: 1e-5, ..usual });
+        let (narrow, _) = covered(form, Thresholds { negligible_alpha: 0.3, ..usual });
+        // A circle of radius 2 sqrt(2 ln(0.9 / threshold)) pixels.
+        for (pixels, threshold) in [(area, 1.0 / 255.0), (wide, 1e-5), (narrow, 0.3)] {
+            let circle = std::f64::consts::TAU * 4.0 * (0.9_f64 / threshold).ln();
+            assert!((pixels as f64 / circle - 1.0).abs() < 0.1, "{form:?} {threshold}: {pixels} and {circle}");
+        }
+        let (_, deep) = covered(form, Thresholds { least_transmittance: 1e-9, ..usual });
+        assert!(least >= 1e-4 && deep < 1e-8, "{form:?}: {least} {deep}");
+    }
+    for wrong in [0.0, -1.0, f32::NAN, 1.5] {
+        let thresholds = Thresholds { negligible_alpha: wrong, ..Thresholds::default() };
+        assert!(Rasteriser::with_thresholds(&device(Form::Cpu).0, thresholds).is_err(), "{wrong}");
     }
 }

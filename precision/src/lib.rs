@@ -1,0 +1,29 @@
+//! Work-precision diagrams: the error of every numerical component against the processor time that it takes, over its own knobs.
+//!
+//! A [`Component`] is run with each of its settings against a truth that is finer than any of them: a formula, double precision,
+//! or a much smaller step. A [`Curve`] is what one knob does while the others stay where they are; the setting that the program
+//! has by default is marked on it. [`report`] writes the curves as a table of numbers, a document and a page, and says where a
+//! default is beaten by another setting of the same knob.
+//!
+//! | module | component | truth |
+//! |---|---|---|
+//! | [`raster`] | the rasteriser | every Gaussian at every pixel in `f64`, with no rule that leaves any out |
+//! | [`sensor`] | the event simulator | the stage's intensity at a much smaller step, through a pixel in `f64` |
+
+mod component;
+mod exact;
+mod matching;
+pub mod raster;
+pub mod report;
+pub mod sensor;
+mod stopwatch;
+
+pub use component::{Component, Curve, Measure, Outcome, Place, Result, Spent, Study};
+pub use erfgs_stability::{Bench, Refusal, Size};
+pub use stopwatch::Stopwatch;
+
+/// All components of a size, in the order of the document.
+#[must_use]
+pub fn components(size: Size) -> Vec<Component> {
+    vec![raster::component(size), sensor::component(size)]
+}

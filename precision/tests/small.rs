@@ -1,0 +1,37 @@
+//! Every component runs in small, and its curves are what they must be.
+
+use erfgs_precision::{Bench, Size, Spent, components};
+use erfgs_train::gpu::{AdapterChoice, Gpu};
+
+#[test]
+fn every_setting_of_the_small_components_runs_and_each_curve_has_its_default() {
+    let bench = Bench::new(Gpu::open(&AdapterChoice::default()).expect("an adapter")).expect("kernels");
+    for component in components(Size::Small) {
+        let outcome = component.run(&bench, 0.0, |_| {});
+        let name = outcome.about.name;
+        assert_eq!(outcome.refused().collect::<Vec<_>>(), [[""; 3]; 0], "{name}");
+        for curve in &outcome.curves {
+            let marked = curve.places.iter().filter(|place| place.default).count();
+            assert!(marked == 1 && curve.places.len() > 1, "{name}, {}: {marked} defaults", curve.knob);
+        }
+        let error = |knob: &str, setting: &str, measure: usize| {
+            let curve = outcome.curves.iter().find(|curve| curve.knob == knob).expect(knob);
+            let place = curve.places.iter().find(|place| place.setting == setting).expect(setting);
+            let spent: &Spent = place.came.as_ref().expect("an outcome");
+            spent.errors[measure]
+        };
+        // What must be finer is finer.
+        match name {
+            "rasteriser" => {
+                assert!(error("negligible alpha", "1/512", 0) < error("negligible alpha", "1/128", 0));
+                assert!(error("negligible alpha", "1/255", 1) < 1e-4, "rounding in single precision");
+            }
+            "event simulator" => {
+                let rate = |mode, fps| error(&format!("frames a second, {mode}"), fps, 0);
+                assert!(rate("enhanced", "5000 /s") < rate("enhanced", "500 /s"));
+                assert!(rate("enhanced", "5000 /s") < rate("parity", "5000 /s"));
+            }
+            other => panic!("nothing is asked of {other}"),
+        }
+    }
+}
