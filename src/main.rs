@@ -121,6 +121,7 @@ Examples:
   erfgs bench simulate
   erfgs bench raster
   erfgs bench train ds
+  erfgs bench precision --out curves
   erfgs bench stability --out stability.md"
     )]
     Bench(bench::Command),

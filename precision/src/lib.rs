@@ -9,7 +9,11 @@
 //! |---|---|---|
 //! | [`raster`] | the rasteriser | every Gaussian at every pixel in `f64`, with no rule that leaves any out |
 //! | [`sensor`] | the event simulator | the stage's intensity at a much smaller step, through a pixel in `f64` |
+//! | [`clocks`] | the fit of a clock | the clock that the samples were drawn from |
+//! | [`bundle`] | bundle adjustment | the rig that its observations were projected with |
 
+pub mod bundle;
+pub mod clocks;
 mod component;
 mod exact;
 mod matching;
@@ -25,5 +29,5 @@ pub use stopwatch::Stopwatch;
 /// All components of a size, in the order of the document.
 #[must_use]
 pub fn components(size: Size) -> Vec<Component> {
-    vec![raster::component(size), sensor::component(size)]
+    vec![raster::component(size), sensor::component(size), clocks::component(size), bundle::component(size)]
 }

@@ -7,6 +7,7 @@ mod events;
 mod inputs;
 mod page;
 mod pipeline;
+mod precision;
 mod resume;
 mod simulate;
 #[cfg(target_os = "linux")]

@@ -9,11 +9,22 @@ use super::fit::{ClockFit, Evidence, FitError, Residuals, Sample};
 /// A crystal that is farther off is none: such a slope comes from samples that lie too close together, and the nominal
 /// rate is the better guess.
 const MAX_RATE_ERROR: f64 = 1e-3;
-/// The robust start looks at so many samples at most, evenly chosen.
-const START_SAMPLES: usize = 201;
-/// Samples farther from the line than so many times the median distance are outliers. For a normal distribution, of
-/// which the median distance is 0.67 standard deviations, one sample in 10^8 is.
-const OUTLIER_FACTOR: f64 = 9.0;
+
+/// How outliers are kept from a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Robust {
+    /// The robust start looks at so many samples at most, evenly chosen; its work grows with their square.
+    pub start_samples: usize,
+    /// Samples farther from the line than so many times the median distance are outliers. For a normal distribution, of
+    /// which the median distance is 0.67 standard deviations, one sample in 10^8 is farther than 9 times.
+    pub outlier_factor: f64,
+}
+
+impl Default for Robust {
+    fn default() -> Self {
+        Self { start_samples: 201, outlier_factor: 9.0 }
+    }
+}
 
 /// Samples in small numbers.
 struct Centred {
@@ -83,9 +94,9 @@ impl Centred {
 
     /// A line that bears almost half of the samples lying anywhere: for every sample the median of the slopes to all
     /// others, of these the median (Siegel's repeated medians).
-    fn robust(&self) -> Line {
+    fn robust(&self, robust: &Robust) -> Line {
         let count = self.points.len();
-        let step = count.div_ceil(START_SAMPLES).max(1);
+        let step = count.div_ceil(robust.start_samples.max(1)).max(1);
         // The middle of each run, so that the ends are not favoured.
         let chosen: Vec<(f64, f64)> = self.points.iter().copied().skip((step - 1) / 2).step_by(step).collect();
         let slopes = chosen.iter().filter_map(|&(x, y)| {
@@ -118,14 +129,19 @@ impl Centred {
 ///
 /// # Errors
 /// Without samples. One sample, or several at one tick, give the nominal rate.
-pub fn fit_line(samples: &[Sample], nominal_ns_per_tick: f64, evidence: Evidence) -> Result<ClockFit, FitError> {
+pub fn fit_line(
+    samples: &[Sample],
+    nominal_ns_per_tick: f64,
+    evidence: Evidence,
+    robust: &Robust,
+) -> Result<ClockFit, FitError> {
     let centred = Centred::new(samples, nominal_ns_per_tick)?;
-    let mut line = centred.robust();
+    let mut line = centred.robust(robust);
     let mut inliers = centred.points.clone();
     for _ in 0..4 {
         let typical = median(centred.points.iter().map(|&point| line.distance(point).abs()).collect());
         // Time stamps are whole ticks, so that a distance of a tick is none.
-        let limit = (OUTLIER_FACTOR * typical).max(nominal_ns_per_tick.abs());
+        let limit = (robust.outlier_factor * typical).max(nominal_ns_per_tick.abs());
         inliers = centred.points.iter().copied().filter(|&point| line.distance(point).abs() <= limit).collect();
         line = centred.least_squares(&inliers);
     }
@@ -141,11 +157,12 @@ pub fn fit_lower_envelope(
     samples: &[Sample],
     nominal_ns_per_tick: f64,
     evidence: Evidence,
+    robust: &Robust,
 ) -> Result<ClockFit, FitError> {
     let centred = Centred::new(samples, nominal_ns_per_tick)?;
-    let start = centred.robust();
+    let start = centred.robust(robust);
     let typical = median(centred.points.iter().map(|&point| start.distance(point).abs()).collect());
-    let limit = (OUTLIER_FACTOR * typical).max(nominal_ns_per_tick.abs());
+    let limit = (robust.outlier_factor * typical).max(nominal_ns_per_tick.abs());
     let inliers: Vec<(f64, f64)> =
         centred.points.iter().copied().filter(|&point| start.distance(point) >= -limit).collect();
     let mean_x = inliers.iter().map(|point| point.0).sum::<f64>() / inliers.len() as f64;

@@ -16,4 +16,5 @@ mod tests;
 pub use dated::Dated;
 pub use epochs::{Epoch, EpochCursor, Epochs};
 pub use fit::{ClockFit, Evidence, FitError, Residuals, Sample};
+pub use line::Robust;
 pub use pieces::{Clock, Errors};

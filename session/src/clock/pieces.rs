@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::fit::{ClockFit, Evidence, FitError, Residuals, Sample};
-use super::line::{fit_line, fit_lower_envelope};
+use super::line::{Robust, fit_line, fit_lower_envelope};
 
 /// The chain is kept if it takes the mean distance of the samples below this share of what one line leaves.
 const WORTH: f64 = 0.9;
@@ -57,9 +57,24 @@ impl Clock {
         errors: Errors,
         window_ns: i64,
     ) -> Result<Self, FitError> {
+        Self::fit_with(samples, nominal_ns_per_tick, evidence, errors, window_ns, &Robust::default())
+    }
+
+    /// As [`Clock::fit`], with another way to keep outliers out.
+    ///
+    /// # Errors
+    /// Without samples.
+    pub fn fit_with(
+        samples: &[Sample],
+        nominal_ns_per_tick: f64,
+        evidence: Evidence,
+        errors: Errors,
+        window_ns: i64,
+        robust: &Robust,
+    ) -> Result<Self, FitError> {
         let fit = |samples: &[Sample]| match errors {
-            Errors::Symmetric => fit_line(samples, nominal_ns_per_tick, evidence),
-            Errors::Late => fit_lower_envelope(samples, nominal_ns_per_tick, evidence),
+            Errors::Symmetric => fit_line(samples, nominal_ns_per_tick, evidence, robust),
+            Errors::Late => fit_lower_envelope(samples, nominal_ns_per_tick, evidence, robust),
         };
         let line = Self::line(fit(samples)?, nominal_ns_per_tick);
         let Some(mut chain) = Self::chain(samples, nominal_ns_per_tick, window_ns, fit) else { return Ok(line) };

@@ -102,7 +102,7 @@ fn three_outliers_in_ten_change_nothing() {
             sample.session_ns += (uniform(n as u64, 1) * 400e6) as i64 - 100_000_000;
         }
     }
-    let fit = fit_line(&samples, 1000.0, Evidence::TriggerEdges).unwrap();
+    let fit = fit_line(&samples, 1000.0, Evidence::TriggerEdges, &Robust::default()).unwrap();
     assert!((fit.rate_error_ppm(1000.0) - 100.0).abs() < 0.05, "{}", fit.rate_error_ppm(1000.0));
     assert!((480..=600).contains(&fit.outliers), "{}", fit.outliers);
     let error = errors_ns(&Clock::line(fit, 1000.0), &edges(60.0, 100.0, 0.0), 100.0, 0.0);
@@ -115,7 +115,7 @@ fn device_times_damaged_upwards_do_not_pull_the_envelope_down() {
     for n in (100..samples.len()).step_by(1000) {
         samples[n].ticks += 4_000_000;
     }
-    let fit = fit_lower_envelope(&samples, 1000.0, Evidence::Arrival).unwrap();
+    let fit = fit_lower_envelope(&samples, 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
     assert!(fit.outliers >= 19, "{}", fit.outliers);
     let error = errors_ns(&Clock::line(fit, 1000.0), &arrivals(20.0, 30.0, 0.0), 30.0, 0.0);
     assert!(error.max_ns < 200.0 * US, "{error:?}");
