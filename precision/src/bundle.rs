@@ -177,7 +177,7 @@ pub fn component(size: Size) -> Component {
     let default = Setting { rig, options };
     let iterations = [1, 2, 3, 4, 5, 7, 10, 20, 100];
     let iterations = iterations.into_iter().filter(|of| !few || [2, 100].contains(of));
-    let study = Study::new(ABOUT, run).weighing(|setting| (setting.rig.cameras / 8).pow(2).max(1) as f64).knob(
+    let study = Study::new(ABOUT, run).knob(
         "most iterations",
         &default,
         iterations
@@ -191,7 +191,6 @@ pub fn component(size: Size) -> Component {
     let losses = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0].map(cauchy).into_iter().chain([loss("squares", Loss::Squared)]);
     let clean = Rig { wrong: 0.0, ..rig };
     let on_clean = |(name, setting): (String, Setting)| (name, Setting { rig: clean, ..setting });
-    let many = Rig { cameras: 170, boards: 12, wrong: 0.02 };
     let by = |rig: Rig| {
         let of = |method: Method| Setting { rig, options: Options { method, ..options } };
         [
@@ -212,6 +211,5 @@ pub fn component(size: Size) -> Component {
         .knob("loss, one corner in fifty is wrong", &default, losses.clone())
         .knob("the cameras' system, 8 cameras", &default, by(rig))
         .knob("loss, no corner is wrong", &on_clean((String::new(), default)).1, losses.map(on_clean))
-        .knob("the cameras' system, 170 cameras", &Setting { rig: many, options }, by(many))
         .component()
 }
