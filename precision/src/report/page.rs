@@ -25,7 +25,11 @@ pub fn page(outcomes: &[Outcome], made: &Made) -> String {
 
 fn section(outcome: &Outcome) -> String {
     let about = &outcome.about;
-    let mut body = format!("<p>{} Processor time is that of {}.</p>\n", Escaped(about.truth), Escaped(about.work));
+    let mut body = format!(
+        "<p>{} Processor time is that of {}.</p>\n",
+        Escaped(&about.truth.replace('`', "")),
+        Escaped(about.work)
+    );
     body.push_str(&legend(outcome.curves.iter().enumerate().map(|(index, curve)| (index, curve.knob.as_str()))));
     body.push_str("<div class=\"plots\">\n");
     for (index, measure) in about.measures.iter().enumerate() {
