@@ -156,12 +156,14 @@ impl Outcome {
     }
 }
 
+type Judge<C> = dyn Fn(&Bench, &mut Stopwatch, &C) -> Result<Vec<f64>> + Send + Sync;
+
 /// A component in the making, by configurations of type `C`.
 pub struct Study<C> {
     about: About,
     curves: Vec<Curve<usize>>,
     configurations: Vec<C>,
-    run: Arc<dyn Fn(&Bench, &mut Stopwatch, &C) -> Result<Vec<f64>> + Send + Sync>,
+    run: Arc<Judge<C>>,
     weigh: fn(&C) -> f64,
 }
 

@@ -33,7 +33,7 @@ fn section(outcome: &Outcome) -> String {
     body.push_str(&legend(outcome.curves.iter().enumerate().map(|(index, curve)| (index, curve.knob.as_str()))));
     body.push_str("<div class=\"plots\">\n");
     for (index, measure) in about.measures.iter().enumerate() {
-        let _ = write!(body, "<figure>{}</figure>\n", plot(outcome, index, measure.logarithmic));
+        let _ = writeln!(body, "<figure>{}</figure>", plot(outcome, index, measure.logarithmic));
     }
     body.push_str("</div>\n");
     let mut notes = String::new();
@@ -51,7 +51,7 @@ fn section(outcome: &Outcome) -> String {
         let _ = write!(notes, "<li>{} {}: {}</li>", Escaped(knob), Escaped(setting), Escaped(why));
     }
     if !notes.is_empty() {
-        let _ = write!(body, "<ul>{notes}</ul>\n");
+        let _ = writeln!(body, "<ul>{notes}</ul>");
     }
     let id = about.name.replace(' ', "-");
     html::section("", &id, &capital(about.name), &body)
