@@ -124,13 +124,13 @@ fn device_times_damaged_upwards_do_not_pull_the_envelope_down() {
 #[test]
 fn no_sample_is_an_error_and_one_gives_the_nominal_rate() {
     for fit in [fit_line, fit_lower_envelope] {
-        assert_eq!(fit(&[], 1000.0, Evidence::Arrival), Err(FitError::NoSamples));
+        assert_eq!(fit(&[], 1000.0, Evidence::Arrival, &Robust::default()), Err(FitError::NoSamples));
         let one = Sample { ticks: 5_000_000_000_000, session_ns: -3 };
-        let single = fit(&[one], 1000.0, Evidence::Arrival).unwrap();
+        let single = fit(&[one], 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
         assert_eq!((single.session_ns(one.ticks), single.ns_per_tick), (-3, 1000.0));
         assert_eq!(single.session_ns(one.ticks + 2), 1997);
         assert_eq!(single.ticks(1997), one.ticks + 2);
-        let same = fit(&[one; 7], 1000.0, Evidence::Arrival).unwrap();
+        let same = fit(&[one; 7], 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
         assert_eq!((same.session_ns(one.ticks), same.ns_per_tick, same.samples), (-3, 1000.0, 7));
     }
 }
@@ -139,10 +139,11 @@ fn no_sample_is_an_error_and_one_gives_the_nominal_rate() {
 fn two_samples_give_their_line_unless_no_crystal_can_be_that_far_off() {
     let at = |ticks, session_ns| Sample { ticks, session_ns };
     for fit in [fit_line, fit_lower_envelope] {
-        let line = fit(&[at(0, 10), at(1_000_000, 1_000_100_010)], 1000.0, Evidence::Arrival).unwrap();
+        let line =
+            fit(&[at(0, 10), at(1_000_000, 1_000_100_010)], 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
         assert!((line.ns_per_tick - 1000.1).abs() < 1e-9);
         assert_eq!(line.residuals.max_ns.round(), 0.0);
-        let jitter = fit(&[at(0, 0), at(1000, 3_000_000)], 1000.0, Evidence::Arrival).unwrap();
+        let jitter = fit(&[at(0, 0), at(1000, 3_000_000)], 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
         assert_eq!(jitter.ns_per_tick, 1000.0);
     }
 }
