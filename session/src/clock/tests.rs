@@ -157,7 +157,7 @@ fn ten_hours_at_500_ppm_are_exact_to_the_tick() {
         })
         .collect();
     for fit in [fit_line, fit_lower_envelope] {
-        let line = fit(&samples, 1000.0, Evidence::Arrival).unwrap();
+        let line = fit(&samples, 1000.0, Evidence::Arrival, &Robust::default()).unwrap();
         for sample in &samples {
             assert!((line.session_ns(sample.ticks) - sample.session_ns).abs() <= 1);
         }
