@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use erfgs_base::random;
-use erfgs_hardware_mocks::usb::{
-    Reply, Urb, UsbDevice, Uvc,
-    uvc::STREAM,
-};
+use erfgs_hardware_mocks::usb::{Reply, Urb, UsbDevice, Uvc, uvc::STREAM};
 use erfgs_rig::frame::FrameConfig;
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::source::{Description, Encoding, FrameStamp, Outlet, Packet, StampClock, StampPoint};
@@ -63,7 +60,13 @@ pub fn description(config: &FrameConfig, exposure_us: f64) -> Description {
 impl UvcHost {
     /// Sets exposure, format and rate as a driver would, and starts the stream.
     #[must_use]
-    pub fn start(mut device: Uvc, description: Description, rate_hz: f64, outlet: Arc<dyn Outlet>, now_ns: i64) -> Self {
+    pub fn start(
+        mut device: Uvc,
+        description: Description,
+        rate_hz: f64,
+        outlet: Arc<dyn Outlet>,
+        now_ns: i64,
+    ) -> Self {
         let exposure_us = description.exposure_ns().map_or(0, |ns| ns / 1000);
         let units = u32::try_from(exposure_us / 100).unwrap_or(1);
         let mut set = |value: u16, index: u16, data: &[u8]| {

@@ -214,7 +214,8 @@ impl Plan {
             };
         }
         let exposure_us = self.exposure_us(Kind::Uvc { triggered: true }, act);
-        let leds = if act == Act::Wand { LEDS_HZ.map(|hz| format!("{hz:.4}")) } else { [(); 3].map(|()| "\"off\"".into()) };
+        let leds =
+            if act == Act::Wand { LEDS_HZ.map(|hz| format!("{hz:.4}")) } else { [(); 3].map(|()| "\"off\"".into()) };
         let _ = writeln!(
             text,
             "\n[[trigger]]\nid = \"board\"\nport = \"/dev/ttyACM0\"\nrate_hz = {:.1}\nexposure_us = {exposure_us:.1}\n\

@@ -68,11 +68,15 @@ impl Screen {
                 let mut sum = [0.0; 2];
                 for sample in 0..SAMPLES * SAMPLES {
                     let sub = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
-                    let at = DVec2::new((pixel % width) as f64 + sub(sample % SAMPLES), (pixel / width) as f64 + sub(sample / SAMPLES));
+                    let at = DVec2::new(
+                        (pixel % width) as f64 + sub(sample % SAMPLES),
+                        (pixel / width) as f64 + sub(sample / SAMPLES),
+                    );
                     let Ok(ray) = self.lens.unproject(at) else { continue };
                     let along = turn * ray;
                     let distance = -from.z / along.z;
-                    let Some(ink) = (distance > 0.0).then(|| ink((from + along * distance).truncate())).flatten() else {
+                    let Some(ink) = (distance > 0.0).then(|| ink((from + along * distance).truncate())).flatten()
+                    else {
                         continue;
                     };
                     sum[0] += f32::from(u8::from(ink));

@@ -137,9 +137,8 @@ fn stage(plan: &Plan) -> &'static Stage {
 }
 
 fn on_bus(rig: &RigConfig) -> Vec<DeviceConfig> {
-    let of_bus = |device: &&DeviceConfig| {
-        matches!(device.settings, DeviceSettings::Evk4(_) | DeviceSettings::Davis346(_))
-    };
+    let of_bus =
+        |device: &&DeviceConfig| matches!(device.settings, DeviceSettings::Evk4(_) | DeviceSettings::Davis346(_));
     rig.devices.iter().filter(of_bus).cloned().collect()
 }
 
@@ -181,7 +180,8 @@ impl Scenes<'_> {
     }
 
     fn event_camera(&self, index: usize, camera: &Camera, wires: &Wires) -> Result<Box<dyn UsbDevice>, TakeError> {
-        let faults = Faults { clock: camera.clock, jitter_mean_us: 150.0, jitter_seed: index as u64, ..Faults::default() };
+        let faults =
+            Faults { clock: camera.clock, jitter_mean_us: 150.0, jitter_seed: index as u64, ..Faults::default() };
         let (trigger, events) = (wires.events.clone(), self.events(index, camera)?);
         Ok(if camera.kind == Kind::Evk4 {
             // Serial numbers are of the plan, and are numbers.

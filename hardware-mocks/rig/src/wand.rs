@@ -143,7 +143,8 @@ impl EventScene for WandEvents {
                 let Some(middle) = self.wand.lights(at_ns)[light] else { continue };
                 let key = random::key(self.seed, &[light as u64, at_ns.unsigned_abs()]);
                 for (x, y, bright) in self.wand.around(middle) {
-                    let late = (20_000.0 * random::uniform(random::extend(key, u64::from(y) << 16 | u64::from(x)))) as i64;
+                    let late =
+                        (20_000.0 * random::uniform(random::extend(key, u64::from(y) << 16 | u64::from(x)))) as i64;
                     for count in 0..((1.0 + bright).ln() / THRESHOLD) as i64 {
                         self.waiting.push((at_ns + 20_000 + late + 30_000 * count, x as u16, y as u16, on));
                     }

@@ -102,9 +102,7 @@ impl BlinkDetector {
 
     /// Takes the next event; times never decrease. Pixels outside of the sensor are passed over.
     pub fn event(&mut self, t_us: i64, x: u16, y: u16, on: bool) {
-        while let Some((window, samples)) =
-            self.complete(t_us)
-        {
+        while let Some((window, samples)) = self.complete(t_us) {
             self.close(window, samples);
         }
         let index = usize::from(y) * usize::from(self.width) + usize::from(x);
