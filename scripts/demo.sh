@@ -107,6 +107,12 @@ fi
 # the middle of its exposure, so that what differs is what events add; the model of the exposure does not pay in so short a time.
 options=(--iterations 3000+14000 --set blur.model=off)
 [ -n "$recording" ] && options=()
+# The event cameras of a rig have more pixels, so that an iteration takes longer.
+if [ -n "$rig" ]; then
+  iterations=1000+4000
+  [ ${#small[@]} -gt 0 ] && iterations=150+350
+  options=(--iterations "$iterations" --set blur.model=off)
+fi
 for method in 4dgs erf-gs; do
   run=$out/run-$method
   if [ ! -e "$run/metrics.json" ]; then

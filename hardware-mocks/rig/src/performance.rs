@@ -57,19 +57,26 @@ pub struct StageEvents {
 }
 
 impl StageEvents {
-    /// Records the performance ahead, with a sensor whose response is that of real ones: the logarithm of light. `told` hears
-    /// the share that is done.
+    /// Records the performance ahead, with a sensor whose response is that of real ones: the logarithm of light, in steps of the
+    /// `thresholds` of ON and OFF events. `told` hears the share that is done.
     ///
     /// # Errors
     /// If an option is out of range.
     pub fn record(
         view: &StageView<'_>,
         [begin_ns, length_ns]: [i64; 2],
+        [threshold_on, threshold_off]: [f64; 2],
         seed: u64,
         stream: u64,
         told: &(dyn Fn(f64) + Sync),
     ) -> Result<Self, StageError> {
-        let options = EventOptions { linear_light: true, lin_log_threshold: 2.0, ..EventOptions::default() };
+        let options = EventOptions {
+            threshold_on,
+            threshold_off,
+            linear_light: true,
+            lin_log_threshold: 2.0,
+            ..EventOptions::default()
+        };
         let events = events::record(view, [0, length_ns], &options, seed, stream, told)?;
         Ok(Self { events, begin_us: begin_ns / 1000, next: 0 })
     }

@@ -38,6 +38,13 @@ impl Kind {
     pub fn sees_events(self) -> bool {
         !matches!(self, Self::Uvc { .. })
     }
+
+    /// Contrast thresholds of ON and OFF events, natural logarithm of intensity: some percent beside what the makers state,
+    /// as those of real sensors are.
+    #[must_use]
+    pub fn thresholds(self) -> [f64; 2] {
+        if self == Self::Davis346 { [0.135, 0.21] } else { [0.23, 0.215] }
+    }
 }
 
 /// A camera of the rig: what it is, and what only calibration can find.

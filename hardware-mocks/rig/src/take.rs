@@ -174,7 +174,15 @@ impl Scenes<'_> {
                 let view = StageView::new(self.stage, &camera.lens, &camera.place)?;
                 let what = format!("events of {}", camera.id);
                 let told = |share| (self.told)(&what, share);
-                Box::new(StageEvents::record(&view, self.performance(), self.plan.seed, index as u64, &told)?)
+                let thresholds = camera.kind.thresholds();
+                Box::new(StageEvents::record(
+                    &view,
+                    self.performance(),
+                    thresholds,
+                    self.plan.seed,
+                    index as u64,
+                    &told,
+                )?)
             }
         })
     }
