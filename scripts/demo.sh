@@ -1,26 +1,37 @@
 #!/usr/bin/env bash
 # Films a small scene with RGB and event cameras at different viewpoints, trains 4DGS and ERF-GS for equal time, and
-# writes a report that compares them. With the folder of a PanopticSports recording, does the same with that recording.
+# writes a report that compares them. With the folder of a PanopticSports recording, does the same with that recording; with
+# --rig, with what a rig of emulated cameras records, from its calibration on.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--frames A..B] [--out FOLDER] [--minutes M]
+usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--frames A..B] [--rig [--small]] [--out FOLDER] [--minutes M]
 
   PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball; without it, the stage is filmed
   --frames A..B    the frames of the recording to take, both ends included (default: all)
-  --out FOLDER     where everything goes (default: demo, or demo-panoptic); what is there already is not made again
-  --minutes M      training time of each method (default: 4, or 18 for a recording)"
-recording= frames=() out= minutes=
+  --rig            a rig of emulated cameras records a calibration and the stage, as a real one would; cameras, clocks and
+                   exposures are known from these sessions alone
+  --small          a rig of seven cameras and short takes, trained for 10 s
+  --out FOLDER     where everything goes (default: demo, demo-panoptic or demo-rig); what is there already is not made again
+  --minutes M      training time of each method (default: 4, or 18 for a recording, or 3 with --rig)"
+recording= frames=() out= minutes= rig= small=()
 while [ $# -gt 0 ]; do
   case "$1" in
-    -h|--help) sed -n '2,3p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
+    -h|--help) sed -n '2,4p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
     --frames) frames=(--frames "${2:?$usage}"); shift 2 ;;
+    --rig) rig=1; shift ;;
+    --small) small=(--small); shift ;;
     --out) out=${2:?$usage}; shift 2 ;;
     --minutes) minutes=${2:?$usage}; shift 2 ;;
     -*) echo "demo.sh: unknown option $1" >&2; echo "$usage" >&2; exit 2 ;;
     *) recording=$1; shift ;;
   esac
 done
+if [ -n "$recording${frames[*]-}" ] && [ -n "$rig" ] || { [ -z "$rig" ] && [ ${#small[@]} -gt 0 ]; }; then
+  echo "demo.sh: --rig takes no recording, and --small goes with --rig" >&2
+  echo "$usage" >&2
+  exit 2
+fi
 if [ -n "$recording" ] && [ ! -e "$recording/train_meta.json" ]; then
   echo "demo.sh: $recording holds no train_meta.json, so it is no PanopticSports recording" >&2
   exit 2
@@ -29,7 +40,7 @@ fi
 scripts/setup.sh
 . scripts/driver.sh
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
-cargo build --release --locked -p erfgs -p erfgs-stage --bins
+cargo build --release --locked -p erfgs -p erfgs-stage -p erfgs-emulated-rig --bins
 PATH=$PWD/target/release:$PATH
 erfgs doctor
 
@@ -45,6 +56,37 @@ if [ -n "$recording" ]; then
   if [ ! -e "$out/ds/dataset.json" ]; then
     say "keeping each fourth frame, blurred over three; four cameras keep their events alone"
     erfgs dataset variant "$out/full" --subsample 4 --blur 3 --event-only 4 --out "$out/ds"
+  fi
+elif [ -n "$rig" ]; then
+  out=${out:-demo-rig} minutes=${minutes:-$([ ${#small[@]} -gt 0 ] && echo 0.17 || echo 3)}
+  mkdir -p "$out"
+  for take in screen wand performance; do
+    if [ ! -e "$out/$take.mcap" ]; then
+      say "recording: $take"
+      rm -f "$out/$take.part.mcap"
+      erfgs-emulated-rig "$take" "$out/$take.part.mcap" "${small[@]}"
+      mv "$out/$take.part.mcap" "$out/$take.mcap"
+    fi
+  done
+  if [ ! -e "$out/lenses.json" ]; then
+    say "lenses, from a board that blinks on a screen"
+    erfgs calibrate board "$out/screen.mcap" --target chessboard:9x6:0.03 --blink 15 --intrinsics-only --out "$out/lenses.json"
+  fi
+  if [ ! -e "$out/rig.json" ]; then
+    say "poses and clocks, from a wand that is waved"
+    erfgs calibrate wand "$out/wand.mcap" --wand 0.13+0.26 --led-hz 385,500,625 --rig "$out/lenses.json" --out "$out/rig.json"
+  fi
+  if [ ! -e "$out/ds/dataset.json" ]; then
+    say "the recording becomes a dataset"
+    # An EVK4 has four times as many columns as the other cameras. The cameras that run freely are held out.
+    if [ ${#small[@]} -gt 0 ]; then
+      options=(--scale 0.5 --scale-of event0=0.125 --seconds 0.2 --test free0)
+    else
+      options=(--scale 0.5 --scale-of event0=0.25 --scale-of event1=0.25 --seconds 0.5 --test free0,free1)
+    fi
+    rm -rf "$out/recorded"
+    erfgs dataset import session "$out/performance.mcap" --rig "$out/rig.json" --from 1.5 "${options[@]}" --out "$out/recorded"
+    erfgs dataset undistort "$out/recorded" --out "$out/ds"
   fi
 else
   out=${out:-demo} minutes=${minutes:-4}
@@ -65,6 +107,12 @@ fi
 # the middle of its exposure, so that what differs is what events add; the model of the exposure does not pay in so short a time.
 options=(--iterations 3000+14000 --set blur.model=off)
 [ -n "$recording" ] && options=()
+# The event cameras of a rig have more pixels, so that an iteration takes longer.
+if [ -n "$rig" ]; then
+  iterations=1000+4000
+  [ ${#small[@]} -gt 0 ] && iterations=150+350
+  options=(--iterations "$iterations" --set blur.model=off)
+fi
 for method in 4dgs erf-gs; do
   run=$out/run-$method
   if [ ! -e "$run/metrics.json" ]; then

@@ -87,7 +87,7 @@ impl LayoutName {
     }
 }
 
-fn scale(text: &str) -> Result<f64, String> {
+pub fn scale(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(scale) if scale > 0.0 && scale <= 16.0 => Ok(scale),
         _ => Err("a factor above 0 and at most 16 is needed, for example 0.5".into()),

@@ -10,6 +10,7 @@ use erfgs_dataset::{
 use erfgs_scene::{Distortion, rig_file::RigFile};
 use erfgs_session::container::Session;
 
+use super::import::scale;
 use crate::{parse::Thresholds, sync, terminal::Terminal};
 
 /// What comes on top of the importer's options.
@@ -31,9 +32,17 @@ pub struct SessionArguments {
     /// without it.
     #[arg(long, value_name = "ON,OFF", requires = "rig")]
     pub threshold: Option<Thresholds>,
+    /// Session: another --scale for this camera. May be given for several: sensors of a rig differ by far in their pixels.
+    #[arg(long, value_name = "CAMERA=FACTOR", requires = "rig", value_parser = scale_of)]
+    pub scale_of: Vec<(String, f64)>,
     /// Session: take frames without colour, too, where other cameras see colours.
     #[arg(long, requires = "rig")]
     pub grey: bool,
+}
+
+fn scale_of(text: &str) -> Result<(String, f64), String> {
+    let (camera, factor) = text.split_once('=').ok_or("write CAMERA=FACTOR, for example event-left=0.25")?;
+    Ok((camera.to_owned(), scale(factor)?))
 }
 
 /// Imports and tells what was left out.
@@ -55,6 +64,7 @@ pub fn run(
     options.every = arguments.every.unwrap_or(1) as usize;
     options.thresholds = arguments.threshold.map(|given| given.0);
     options.grey = arguments.grey;
+    options.scales = arguments.scale_of.iter().cloned().collect();
     let progress = terminal.progress("importing");
     let mut notes: Vec<SessionNote> = Vec::new();
     let mut note = |note| notes.push(note);

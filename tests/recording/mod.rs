@@ -1,6 +1,7 @@
 //! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised; event files of other
 //! programs, and what is said of wrong input.
 
+mod chain;
 mod damage;
 mod dataset;
 mod event_files;

@@ -1,5 +1,7 @@
 //! Blinking lights in a stream of events.
 
+use std::collections::BTreeMap;
+
 use super::{
     Lights,
     spot::{Sample, spots},
@@ -7,6 +9,8 @@ use super::{
 
 /// So many periods in a row make a pixel one of a LED's.
 const STREAK: u8 = 2;
+/// Events of a pixel that may wait for its streak.
+const MOST_EARLY: usize = 64;
 /// The lights of a frequency that are kept.
 const KEPT: usize = 8;
 
@@ -58,7 +62,7 @@ impl BlinkOptions {
     }
 }
 
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 struct Pixel {
     /// When the light last rose, microseconds; 0 before the first time.
     rose_us: i64,
@@ -66,6 +70,8 @@ struct Pixel {
     /// The frequency that the last periods have, counted from 1; 0 for none.
     frequency: u8,
     streak: u8,
+    /// Its events since the first rise of the streak, microseconds, until the streak is long enough.
+    early: Vec<i64>,
 }
 
 /// Finds blinking lights in the events of one camera, window by window.
@@ -73,9 +79,11 @@ pub struct BlinkDetector {
     options: BlinkOptions,
     width: u16,
     pixels: Vec<Pixel>,
-    window: Option<i64>,
-    /// Events of lit pixels in the window, by frequency.
-    samples: Vec<Vec<Sample>>,
+    /// Events of lit pixels by window, and in it by frequency.
+    windows: BTreeMap<i64, Vec<Vec<Sample>>>,
+    /// How long a window may still get events after its end, microseconds: a pixel's first ones count once its streak is long
+    /// enough. Without them a light that moves would be seen where it was.
+    hold_us: i64,
     found: Vec<Lights>,
 }
 
@@ -86,17 +94,16 @@ impl BlinkDetector {
     /// As [`BlinkOptions::check`].
     pub fn new(width: u16, height: u16, options: BlinkOptions) -> Result<Self, String> {
         options.check()?;
-        let samples = vec![Vec::new(); options.led_hz.len()];
         let pixels = vec![Pixel::default(); usize::from(width) * usize::from(height)];
-        Ok(Self { options, width, pixels, window: None, samples, found: Vec::new() })
+        let slowest_hz = options.led_hz.iter().copied().fold(f64::INFINITY, f64::min);
+        let hold_us = (1.2e6 * f64::from(STREAK) / slowest_hz) as i64;
+        Ok(Self { options, width, pixels, windows: BTreeMap::new(), hold_us, found: Vec::new() })
     }
 
     /// Takes the next event; times never decrease. Pixels outside of the sensor are passed over.
     pub fn event(&mut self, t_us: i64, x: u16, y: u16, on: bool) {
-        let window = t_us.div_euclid(self.options.window_us);
-        if self.window != Some(window) {
-            self.flush();
-            self.window = Some(window);
+        while let Some((window, samples)) = self.complete(t_us) {
+            self.close(window, samples);
         }
         let index = usize::from(y) * usize::from(self.width) + usize::from(x);
         let Some(pixel) = self.pixels.get_mut(index).filter(|_| x < self.width) else { return };
@@ -111,17 +118,30 @@ impl BlinkDetector {
             } else {
                 1
             };
+            if pixel.streak == 0 {
+                pixel.early.clear();
+            }
             pixel.frequency = frequency;
             pixel.rose_us = t_us;
         }
         pixel.on = on;
-        if pixel.streak >= STREAK {
-            let which = usize::from(pixel.frequency) - 1;
-            let period_us = 1e6 / self.options.led_hz[which];
-            if ((t_us - pixel.rose_us) as f64) < 1.2 * period_us {
-                let middle = (window as f64 + 0.5) * self.options.window_us as f64;
-                self.samples[which].push(Sample { x, y, weight: 1.0, t: t_us as f64 - middle });
+        if pixel.streak < STREAK {
+            if pixel.early.len() < MOST_EARLY {
+                pixel.early.push(t_us);
             }
+            return;
+        }
+        let which = usize::from(pixel.frequency) - 1;
+        let period_us = 1e6 / self.options.led_hz[which];
+        let rose_us = pixel.rose_us;
+        let mut times = std::mem::take(&mut pixel.early);
+        times.extend(((t_us - rose_us) as f64 <= 1.2 * period_us).then_some(t_us));
+        for t_us in times {
+            let window = t_us.div_euclid(self.options.window_us);
+            let middle = (window as f64 + 0.5) * self.options.window_us as f64;
+            let frequencies = self.options.led_hz.len();
+            let samples = self.windows.entry(window).or_insert_with(|| vec![Vec::new(); frequencies]);
+            samples[which].push(Sample { x, y, weight: 1.0, t: t_us as f64 - middle });
         }
     }
 
@@ -133,23 +153,27 @@ impl BlinkDetector {
     /// The same, with the window that was begun.
     #[must_use]
     pub fn finish(mut self) -> Vec<Lights> {
-        self.flush();
+        while let Some((window, samples)) = self.windows.pop_first() {
+            self.close(window, samples);
+        }
         self.found
     }
 
-    fn flush(&mut self) {
-        let Some(window) = self.window else { return };
-        let by_frequency: Vec<_> = self
-            .samples
-            .iter_mut()
-            .map(|samples| {
-                let mut lights = spots(samples, 2, self.options.least_pixels);
-                samples.clear();
-                lights.retain(|light| light.weight >= self.options.least_events);
-                lights.truncate(KEPT);
-                lights
-            })
-            .collect();
+    /// The first window that will get no more events.
+    fn complete(&mut self, t_us: i64) -> Option<(i64, Vec<Vec<Sample>>)> {
+        let first = self.windows.first_entry()?;
+        let end_us = (first.key() + 1) * self.options.window_us;
+        (end_us + self.hold_us <= t_us).then(|| first.remove_entry())
+    }
+
+    fn close(&mut self, window: i64, samples: Vec<Vec<Sample>>) {
+        let lights_of = |samples: Vec<Sample>| {
+            let mut lights = spots(&samples, 2, self.options.least_pixels);
+            lights.retain(|light| light.weight >= self.options.least_events);
+            lights.truncate(KEPT);
+            lights
+        };
+        let by_frequency: Vec<_> = samples.into_iter().map(lights_of).collect();
         if by_frequency.iter().any(|lights| !lights.is_empty()) {
             let t = window * self.options.window_us + self.options.window_us / 2;
             self.found.push(Lights { t, by_frequency });

@@ -58,7 +58,9 @@ fn events(led_hz: &[f64; 3]) -> Vec<(i64, u16, u16, bool)> {
     events
 }
 
-fn detect(led_hz: [f64; 3], options: BlinkOptions) -> (usize, f64) {
+/// In how many windows the wand was found, the standard deviation of lights' places (pixels), and how far behind the lights
+/// they lie in the mean, seconds.
+fn detect(led_hz: [f64; 3], options: BlinkOptions) -> (usize, f64, f64) {
     let mut detector = BlinkDetector::new(320, 240, options).unwrap();
     let mut lights = Vec::new();
     for (t_us, x, y, on) in events(&led_hz) {
@@ -66,7 +68,8 @@ fn detect(led_hz: [f64; 3], options: BlinkOptions) -> (usize, f64) {
         lights.extend(detector.take());
     }
     lights.extend(detector.finish());
-    let (mut found, mut squares, mut count) = (0, 0.0, 0);
+    let (mut found, mut squares, mut behind, mut count) = (0, 0.0, 0.0, 0);
+    let velocity = leds(1.0)[0] - leds(0.0)[0];
     for lights in &lights {
         let Some(seen) = choose(&stick(), &intrinsics(), &lights.by_frequency) else { continue };
         found += usize::from(seen.iter().all(Option::is_some));
@@ -74,26 +77,31 @@ fn detect(led_hz: [f64; 3], options: BlinkOptions) -> (usize, f64) {
             if let Some(pixel) = pixel {
                 assert!((*pixel - known).length() < 1.5, "{} {pixel} {known}", lights.t);
                 squares += (*pixel - known).length_squared();
+                behind += (known - *pixel).dot(velocity) / velocity.length_squared();
                 count += 2;
             }
         }
     }
-    (found, (squares / f64::from(count)).sqrt())
+    (found, (squares / f64::from(count)).sqrt(), 2.0 * behind / f64::from(count))
 }
 
 #[test]
 fn blinking_leds_are_found_and_told_apart_by_frequency() {
     let hz = [400.0, 520.0, 680.0];
-    let (found, sigma_px) = detect(hz, BlinkOptions { led_hz: hz.to_vec(), ..BlinkOptions::default() });
+    let (found, sigma_px, behind_s) = detect(hz, BlinkOptions { led_hz: hz.to_vec(), ..BlinkOptions::default() });
     assert!(found >= 96, "{found} of 100 windows");
     assert!(sigma_px < 0.15, "{sigma_px} px");
+    // Events come 0.1 ms after the light; what is found must not be where the light was some periods ago.
+    assert!(behind_s.abs() < 5e-4, "{behind_s} s behind");
 }
 
 #[test]
 fn leds_of_one_frequency_are_told_apart_by_their_gaps() {
-    let (found, sigma_px) = detect([500.0; 3], BlinkOptions::default());
+    let (found, sigma_px, behind_s) = detect([500.0; 3], BlinkOptions::default());
     assert!(found >= 96, "{found} of 100 windows");
     assert!(sigma_px < 0.15, "{sigma_px} px");
+    // Events come 0.1 ms after the light; what is found must not be where the light was some periods ago.
+    assert!(behind_s.abs() < 5e-4, "{behind_s} s behind");
 }
 
 #[test]

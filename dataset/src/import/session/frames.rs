@@ -107,7 +107,8 @@ pub(super) fn write(
             if [image.width, image.height] != [d.width, d.height] {
                 return Ok(false);
             }
-            save(&views[planned.view], image, options.scale, options.resample, task.place, root)?;
+            let scale = options.scale_of(&views[planned.view]);
+            save(&views[planned.view], image, scale, options.resample, task.place, root)?;
             Ok(true)
         };
         let whole = in_parallel(options.jobs, batch, ("frames", 0), work, &mut |_| {})?;

@@ -69,6 +69,8 @@ pub struct SessionOptions {
     /// Size of the imported images, as a fraction of the camera's. With event cameras one half, one third and so on: so
     /// many pixels each way become one, whose contrast threshold is smaller by their number.
     pub scale: f64,
+    /// Other sizes for cameras of these names: sensors of a rig may differ by far in their pixels.
+    pub scales: BTreeMap<String, f64>,
     /// How images are resized.
     pub resample: Resample,
     /// Contrast thresholds of ON and OFF events, natural logarithm of intensity; what is usual for each camera's sensor where
@@ -88,12 +90,25 @@ impl Default for SessionOptions {
             window_ns: None,
             every: 1,
             scale: 1.0,
+            scales: BTreeMap::new(),
             resample: Resample::Area,
             thresholds: None,
             grey: false,
             test_cameras: None,
             jobs: None,
         }
+    }
+}
+
+impl SessionOptions {
+    /// The size of a camera's images, as a fraction of the camera's.
+    pub(super) fn scale_of(&self, view: &Viewpoint) -> f64 {
+        self.scales.get(&view.camera).copied().unwrap_or(self.scale)
+    }
+
+    /// How many pixels of an event camera become one, each way.
+    fn merged(&self, view: &Viewpoint) -> u32 {
+        (1.0 / self.scale_of(view)).round().max(1.0) as u32
     }
 }
 
@@ -110,7 +125,7 @@ pub fn import(
     note: &mut dyn FnMut(SessionNote),
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Dataset, ImportError> {
-    let merged = check(options, views)?;
+    check(options, views)?;
     let streams = streams(session, views)?;
     let building = DatasetError::new_folder(out)?;
 
@@ -138,7 +153,8 @@ pub fn import(
             continue;
         }
         let window = [first_ns.unwrap_or(window[0]).max(window[0]), window[1]];
-        let found = events::gather(session, streams[view], viewpoint, window, merged, grey, progress)?;
+        let found =
+            events::gather(session, streams[view], viewpoint, window, options.merged(viewpoint), grey, progress)?;
         match found {
             Some(found) => gathered.push((view, found)),
             None => {
@@ -155,6 +171,7 @@ pub fn import(
     for (view, found) in &mut gathered {
         let pictures = std::mem::take(&mut found.pictures);
         if !pictures.is_empty() {
+            let merged = options.merged(&views[*view]);
             written.push(frames::write_pictures(*view, &views[*view], pictures, merged, building.path())?);
         }
     }
@@ -183,6 +200,7 @@ pub fn import(
                 let failed =
                     |source| ImportError::Events { camera: viewpoint.stream.clone(), source: Box::new(source) };
                 npz::write_events(&building.path().join(&file), &events).map_err(failed)?;
+                let merged = options.merged(viewpoint);
                 let [threshold_on, threshold_off] =
                     viewpoint.thresholds.map(|threshold| threshold / f64::from(merged * merged));
                 Some(CameraEvents {
@@ -211,7 +229,7 @@ pub fn import(
                 continue;
             }
         };
-        let intrinsics = scaled(&viewpoint.intrinsics, options.scale);
+        let intrinsics = scaled(&viewpoint.intrinsics, options.scale_of(viewpoint));
         let (name, world_to_camera) = (viewpoint.camera.clone(), viewpoint.pose);
         cameras.push(Camera { name, modality, split: Split::Train, intrinsics, world_to_camera, frames, events });
     }
@@ -231,11 +249,19 @@ pub fn import(
 /// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.
 const LIN_LOG: f64 = 2.0;
 
-/// Refuses what makes no sense; how many pixels of an event camera become one, each way.
-fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<u32, ImportError> {
-    let scale = options.scale;
-    if !(scale > 0.0 && scale <= 16.0) {
+/// Refuses what makes no sense.
+fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<(), ImportError> {
+    if let Some(scale) =
+        std::iter::once(&options.scale).chain(options.scales.values()).find(|s| !(**s > 0.0 && **s <= 16.0))
+    {
         return Err(ImportError::Options(format!("--scale {scale} makes no image; give a fraction such as 0.5")));
+    }
+    if let Some(name) = options.scales.keys().find(|name| views.iter().all(|view| view.camera != **name)) {
+        let known: Vec<&str> = views.iter().map(|view| view.camera.as_str()).collect();
+        return Err(ImportError::Options(format!(
+            "--scale-of {name}: no camera of this name is imported; there are {}",
+            known.join(", ")
+        )));
     }
     if let Some([from, to]) = options.window_ns
         && from >= to
@@ -255,19 +281,20 @@ fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<u32, ImportErr
         return Err(ImportError::Options(what));
     }
     let events = views.iter().filter(|view| !view.timing.epochs.are_undated());
-    let merged = (1.0 / scale).round().max(1.0);
     for view in events {
         let k = &view.intrinsics;
+        let scale = options.scale_of(view);
+        let merged = (1.0 / scale).round().max(1.0);
         let whole = [k.width, k.height].iter().all(|side| side.is_multiple_of(merged as u32));
         if (scale * merged - 1.0).abs() > 1e-6 || !whole {
             return Err(ImportError::Options(format!(
                 "camera {}: events of {} x {} pixels cannot be scaled by {scale}; take one half, one third and so on, of \
-                 which both sides are multiples",
-                view.stream, k.width, k.height
+                 which both sides are multiples (--scale-of {} for this camera alone)",
+                view.stream, k.width, k.height, view.camera
             )));
         }
     }
-    Ok(merged as u32)
+    Ok(())
 }
 
 /// The number of each view's stream.
@@ -328,6 +355,7 @@ fn manifest(session: &Session, cameras: Vec<Camera>, span_ns: [i64; 2], options:
     given.extend(options.window_ns.map(|window| ("window_s".to_owned(), json!(window.map(|t| t as f64 * 1e-9)))));
     given.insert("every".to_owned(), json!(options.every));
     given.insert("scale".to_owned(), json!(options.scale));
+    given.extend((!options.scales.is_empty()).then(|| ("scales".to_owned(), json!(options.scales))));
     given.extend(options.test_cameras.as_ref().map(|names| ("test_cameras".to_owned(), json!(names))));
     Manifest {
         format: Manifest::FORMAT.to_owned(),

@@ -22,6 +22,31 @@ pub trait Clock: Send + Sync {
 
     /// Lets time pass.
     fn pass(&self, duration: Duration);
+
+    /// Whether it offers a stream's transfers by itself; a thread does otherwise.
+    fn take_over(&self, _offer: &Arc<Offer>) -> bool {
+        false
+    }
+}
+
+/// What an offer came to.
+pub enum Step {
+    Moved,
+    Idle,
+    Ended,
+}
+
+/// The transfers of a stream, offered to its device one at a time.
+pub struct Offer {
+    step: Mutex<Box<dyn FnMut() -> Step + Send>>,
+    stopping: AtomicBool,
+}
+
+impl Offer {
+    pub fn step(&self) -> Step {
+        let mut step = lock(&self.step);
+        if self.stopping.load(Ordering::SeqCst) { Step::Ended } else { step() }
+    }
 }
 
 /// A device that a bus and a test share.
@@ -271,29 +296,37 @@ impl Transport for EmulatedTransport {
             return self.failed("stream", Fault::Memory(erfgs_rig::usb::memory_advice()));
         }
         let (port, gone, clock) = (Arc::clone(&self.port), Arc::clone(&self.gone), Arc::clone(&self.clock));
-        let stopping = Arc::new(AtomicBool::new(false));
-        let stop = Arc::clone(&stopping);
-        let thread = thread::spawn(move || {
-            let urb = Urb::bulk_in(endpoint, flight.bytes);
-            while !stop.load(Ordering::SeqCst) {
-                match submit(&port, &gone, &*clock, &urb) {
-                    Ok(Reply::Data(bytes)) if !bytes.is_empty() => {
-                        let host_ns = clock.now_ns();
-                        receiver(Arrival::Data { host_ns, bytes: &bytes });
-                    }
-                    Ok(_) => {
-                        clock.pass(Duration::from_millis(1));
-                        // Leaves the processor to the test, which a simulated clock does not.
-                        thread::sleep(Duration::from_micros(100));
-                    }
-                    Err(fault) => {
-                        receiver(Arrival::Ended(fault));
-                        return;
+        let of_clock = Arc::clone(&clock);
+        let urb = Urb::bulk_in(endpoint, flight.bytes);
+        let step = move || match submit(&port, &gone, &*of_clock, &urb) {
+            Ok(Reply::Data(bytes)) if !bytes.is_empty() => {
+                receiver(Arrival::Data { host_ns: of_clock.now_ns(), bytes: &bytes });
+                Step::Moved
+            }
+            Ok(_) => Step::Idle,
+            Err(fault) => {
+                receiver(Arrival::Ended(fault));
+                Step::Ended
+            }
+        };
+        let offer = Arc::new(Offer { step: Mutex::new(Box::new(step)), stopping: AtomicBool::new(false) });
+        let thread = (!clock.take_over(&offer)).then(|| {
+            let offer = Arc::clone(&offer);
+            thread::spawn(move || {
+                loop {
+                    match offer.step() {
+                        Step::Moved => {}
+                        Step::Idle => {
+                            clock.pass(Duration::from_millis(1));
+                            // Leaves the processor to the test, which a simulated clock does not.
+                            thread::sleep(Duration::from_micros(100));
+                        }
+                        Step::Ended => return,
                     }
                 }
-            }
+            })
         });
-        Ok(Box::new(Pump { granted, stopping, thread: Some(thread) }))
+        Ok(Box::new(Pump { granted, offer, thread }))
     }
 
     fn wait(&self, duration: Duration) {
@@ -312,7 +345,7 @@ impl Drop for EmulatedTransport {
 
 struct Pump {
     granted: usize,
-    stopping: Arc<AtomicBool>,
+    offer: Arc<Offer>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -322,9 +355,11 @@ impl Stream for Pump {
     }
 
     fn stop(&mut self) {
-        self.stopping.store(true, Ordering::SeqCst);
-        if let Some(thread) = self.thread.take() {
-            thread.join().unwrap();
+        self.offer.stopping.store(true, Ordering::SeqCst);
+        match self.thread.take() {
+            Some(thread) => thread.join().unwrap(),
+            // One that is under way is over when this is free.
+            None => drop(lock(&self.offer.step)),
         }
     }
 }

@@ -1,0 +1,106 @@
+//! `erfgs-emulated-rig`: records the takes of a rig of emulated devices.
+
+use std::{
+    error::Error,
+    io::{IsTerminal, Write},
+    path::PathBuf,
+    process::ExitCode,
+    sync::Mutex,
+    time::{Duration, Instant},
+};
+
+use clap::{Parser, ValueEnum};
+use erfgs_emulated_rig::{Act, Plan, record};
+
+/// Records a take of a rig of emulated cameras and a trigger board into a session. Nothing but what a real rig would record
+/// comes out; the rig file is to be found by calibration.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Examples:
+  erfgs-emulated-rig screen lenses.mcap        a board blinks on a screen: erfgs calibrate board --blink 15
+  erfgs-emulated-rig wand wand.mcap            a wand is waved: erfgs calibrate wand
+  erfgs-emulated-rig performance throw.mcap    a ball is thrown: erfgs dataset import session
+  erfgs-emulated-rig performance --rig-toml    what a user of such a rig would write into RIG.toml"
+)]
+struct Cli {
+    /// What is done before the cameras.
+    act: Take,
+    /// The session to write.
+    #[arg(value_name = "S.mcap", required_unless_present = "rig_toml")]
+    out: Option<PathBuf>,
+    /// Fewer cameras, smaller pictures, shorter takes.
+    #[arg(long)]
+    small: bool,
+    /// Print the rig file of the take, and do nothing else.
+    #[arg(long)]
+    rig_toml: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Take {
+    /// A board blinks on a screen before each camera.
+    Screen,
+    /// A wand with three lights is waved on the stage.
+    Wand,
+    /// A ball is thrown, a fan spins, a pendulum swings.
+    Performance,
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("erfgs-emulated-rig: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
+    let act = match cli.act {
+        Take::Screen => Act::Screen,
+        Take::Wand => Act::Wand,
+        Take::Performance => Act::Performance,
+    };
+    let plan = if cli.small { Plan::small()? } else { Plan::full()? };
+    if cli.rig_toml {
+        print!("{}", plan.rig_toml(act));
+        return Ok(());
+    }
+    let Some(out) = &cli.out else { return Ok(()) };
+    let shown = Shown { is_terminal: std::io::stderr().is_terminal(), said: Mutex::default() };
+    record(&plan, act, out, &|what, share| shown.tell(what, share))?;
+    shown.done();
+    Ok(())
+}
+
+/// What was said last, and when: on a terminal one line that moves, elsewhere a line every ten seconds.
+struct Shown {
+    is_terminal: bool,
+    said: Mutex<Option<Instant>>,
+}
+
+impl Shown {
+    fn tell(&self, what: &str, share: f64) {
+        let every = Duration::from_millis(if self.is_terminal { 200 } else { 10_000 });
+        let Ok(mut said) = self.said.lock() else { return };
+        if said.is_some_and(|at| at.elapsed() < every) {
+            return;
+        }
+        *said = Some(Instant::now());
+        let percent = 100.0 * share;
+        if self.is_terminal {
+            eprint!("\r\x1b[2K{what}: {percent:.0} %");
+            let _ = std::io::stderr().flush();
+        } else {
+            eprintln!("{what}: {percent:.0} %");
+        }
+    }
+
+    fn done(&self) {
+        if self.is_terminal {
+            eprint!("\r\x1b[2K");
+        }
+    }
+}
