@@ -20,9 +20,11 @@ use crate::{
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where colours of cameras are learned; without them, a file is of [`ROWS`] where the motion model keeps rows
+/// The version where levels of event cameras' pixels are learned. Without them, a file is of [`COLOURS`] where colours of cameras are
+/// learned; without those, too, it is of [`ROWS`] where the motion model keeps rows
 /// for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
+const COLOURS: u32 = 3;
 const ROWS: u32 = 2;
 const PLAIN: u32 = 1;
 
@@ -72,6 +74,8 @@ pub struct Checkpoint {
     pub seen: Vec<Seen>,
     /// How the cameras show colours, where that is learned.
     pub camera_colours: Option<CameraColourState>,
+    /// What is known of the levels of each event camera's pixels, where that is learned ([`crate::losses::Levels::read`]).
+    pub levels: Vec<Vec<f32>>,
     /// What the run leaves out.
     pub left_out: Vec<LeftOut>,
 }
@@ -90,8 +94,14 @@ struct Header {
     field_step: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     camera_colour_steps: Option<Vec<u32>>,
+    #[serde(default, skip_serializing_if = "is_none")]
+    event_cameras: usize,
     left_out: Vec<LeftOut>,
     vectors: Vec<(String, usize)>,
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
 }
 
 impl Checkpoint {
@@ -139,12 +149,15 @@ impl Checkpoint {
                 ("camera-colours.v".into(), second),
             ]);
         }
+        vectors.extend(self.levels.iter().map(|levels| ("levels".into(), &levels[..])));
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if self.camera_colours.is_some() {
+            version: if !self.levels.is_empty() {
                 VERSION
+            } else if self.camera_colours.is_some() {
+                COLOURS
             } else if gaussians.motion_floats > 0 {
                 ROWS
             } else {
@@ -159,6 +172,7 @@ impl Checkpoint {
             field_box: self.field_box,
             field_step: self.field.as_ref().map(|field| field.step),
             camera_colour_steps: self.camera_colours.as_ref().map(|colours| colours.steps.clone()),
+            event_cameras: self.levels.len(),
             left_out: self.left_out.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
         })?;
@@ -238,6 +252,10 @@ impl Checkpoint {
                 Some(CameraColourState { steps, values, moments })
             }
         };
+        let mut levels = Vec::new();
+        for _ in 0..header.event_cameras {
+            levels.push(next("levels")?);
+        }
         let count = gaussians.len();
         let motion = header.dynamic.checked_mul(header.motion_floats);
         let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
@@ -262,6 +280,7 @@ impl Checkpoint {
             field,
             seen,
             camera_colours,
+            levels,
             left_out: header.left_out,
         })
     }
@@ -286,6 +305,7 @@ mod tests {
             }),
             seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
             camera_colours: None,
+            levels: Vec::new(),
             left_out: Vec::new(),
         }
     }
@@ -309,6 +329,14 @@ mod tests {
         checkpoint.camera_colours.as_mut().expect("colours").steps.pop();
         let bytes = checkpoint.to_bytes().expect("bytes");
         assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
+    }
+
+    #[test]
+    fn levels_of_event_cameras_come_back() {
+        let mut checkpoint = checkpoint();
+        checkpoint.levels = vec![vec![1.5, 9.0, -2.0, 0.0], vec![0.5, 1.0]];
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
     }
 
     #[test]

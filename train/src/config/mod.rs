@@ -257,6 +257,8 @@ pub enum Pairing {
     FrameAnchored,
     /// t is any bin boundary, t' any later one up to an RGB interval away.
     Any,
+    /// t is any bin boundary, and there is no other: what a pixel's light was where its counts begin is learned beside the scene.
+    Level,
 }
 
 /// The norm of the event loss.

@@ -169,6 +169,8 @@ impl Config {
         config.background = [0.0; 3];
         config.sh.max_degree = 1;
         config.motion = MotionModel::Auto;
+        // A parabola cannot follow what events see of it between frames.
+        config.free_time.knots = 2;
         // Ten times the published rate, for a quarter to a seventh of the published iterations.
         config.learning_rate.position = [1.6e-3, 1.6e-5];
         config.learning_rate.decay_steps = 0;
@@ -187,10 +189,10 @@ impl Config {
         config.density.max_gaussians = 0;
         config.density.prune_above = 0;
         config.density.max_extent = 0.5;
-        config.earl.weight = 0.05;
+        config.earl.weight = 0.2;
         config.earl.share = 0.5;
         config.earl.quantise = Quantise::DeadZone;
-        config.earl.pairing = Pairing::Any;
+        config.earl.pairing = Pairing::Level;
         config.earl.denoise = false;
         config.eds.max_gaussians = 0;
         config.eds.from = 300;
@@ -203,7 +205,8 @@ impl Config {
         config.eds.both_ends = false;
         config.eds.own_deformation = false;
         config.camera_colour.enabled = true;
-        config.blur = BlurConfig { model: Switch::Auto, samples: 3, one_gradient: true, instant: None };
+        // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
+        config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;
         config

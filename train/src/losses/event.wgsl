@@ -31,25 +31,6 @@ struct Parameters {
 // Each thread's own sum, added to.
 @group(0) @binding(6) var<storage, read_write> loss: array<f32>;
 
-// Of display values (BT.601, as v2e and OpenCV), and of linear light (sRGB's primaries).
-const LUMA = vec3f(0.299, 0.587, 0.114);
-const LUMINANCE = vec3f(0.2126, 0.7152, 0.0722);
-
-// The gradient of the lin-log intensity of a display colour, and the intensity itself.
-fn lin_log(colour: vec3f) -> vec4f {
-    var x = 255.0 * dot(LUMA, colour);
-    var slope = 255.0 * LUMA;
-    if (p.linear_light != 0u) {
-        x = 255.0 * dot(LUMINANCE, vec3f(to_linear(colour.r), to_linear(colour.g), to_linear(colour.b)));
-        slope = 255.0 * LUMINANCE * vec3f(d_to_linear(colour.r), d_to_linear(colour.g), d_to_linear(colour.b));
-    }
-    if (x <= p.lin_log) {
-        let linear = log(p.lin_log) / p.lin_log;
-        return vec4f(slope * linear, x * linear);
-    }
-    return vec4f(slope / x, log(x));
-}
-
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) lane: u32) {
     let thread = (group.y * groups.x + group.x) * 64u + lane;

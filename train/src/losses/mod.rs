@@ -4,12 +4,13 @@
 //! on the order of the threads.
 
 mod colour;
+pub(crate) mod level;
 
 use bytemuck::{Pod, Zeroable};
 use erfgs_scene::srgb;
 use wgpu::Buffer;
 
-pub use self::colour::ColourChange;
+pub use self::{colour::ColourChange, level::Levels};
 use crate::{
     camera_colour::CameraColours,
     config::{EarlConfig, Norm, Quantise},
@@ -18,6 +19,7 @@ use crate::{
 
 const ACCUMULATE: &str = include_str!("accumulate.wgsl");
 const EVENT: &str = include_str!("event.wgsl");
+const LIN_LOG: &str = include_str!("lin_log.wgsl");
 const PHOTOMETRIC: &str = include_str!("photometric.wgsl");
 const SPREAD: &str = include_str!("spread.wgsl");
 const TRANSFER: &str = include_str!("transfer.wgsl");
@@ -125,6 +127,7 @@ pub struct Losses {
     photometric: Kernel,
     spread: Kernel,
     event: Kernel,
+    event_level: Kernel,
     colour: Kernel,
 }
 
@@ -167,7 +170,8 @@ impl Losses {
             accumulate: gpu.kernel("accumulate", &[TRANSFER, ACCUMULATE]),
             photometric: gpu.kernel("photometric", &[TRANSFER, PHOTOMETRIC]),
             spread: gpu.kernel("spread", &[TRANSFER, SPREAD]),
-            event: gpu.kernel("event", &[TRANSFER, EVENT]),
+            event: gpu.kernel("event", &[TRANSFER, LIN_LOG, EVENT]),
+            event_level: gpu.kernel("event level", &[&level::constants(), TRANSFER, LIN_LOG, level::EVENT_LEVEL]),
             colour: gpu.kernel("colour", &[colour::COLOUR]),
         }
     }

@@ -7,6 +7,7 @@ use crate::{
 };
 
 mod colour;
+mod level;
 
 const PIXELS: u32 = 150;
 

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::{
     config::{EarlConfig, Norm, Quantise},
-    losses::Sensor,
+    losses::{Sensor, level},
     raster::CORE_STRIDE,
     reference::raster,
 };
@@ -87,6 +87,18 @@ pub fn event(before: &[[f64; 3]], after: &[[f64; 3]], count: &[f64], sensor: &Se
             }
     });
     each.sum()
+}
+
+/// The event loss of one pixel's rendering against the count that its level and its events make, and the level thereafter, which was
+/// seen in `seen` renderings before.
+#[must_use]
+pub fn event_level(colour: &[f64; 3], count: f64, [level, seen]: [f64; 2], sensor: &Sensor) -> (f64, f64) {
+    let away = lin_log(colour, sensor) / f64::from(sensor.threshold) - count - level;
+    if seen < f64::from(level::FIRST) {
+        return (0.0, level + away / (seen + 1.0));
+    }
+    let rate = f64::from(level::RATE);
+    ((away.abs() - f64::from(level::DEAD)).max(0.0), level + away.clamp(-rate, rate))
 }
 
 /// The colours of deformed Gaussians (`core`: rows of [`CORE_STRIDE`], `sh`: as many rows) as a camera at `centre` sees

@@ -1,6 +1,7 @@
 //! The training loop.
 
 mod grow;
+mod level;
 mod model;
 mod progress;
 mod render;
@@ -32,6 +33,7 @@ use crate::{
     field::{FieldError, FieldState},
     gaussians::Gaussians,
     gpu::Gpu,
+    losses::Levels,
     motion::Motion,
     optimiser::FiniteCheck,
     raster::{Region, View},
@@ -88,6 +90,8 @@ pub struct Trainer<'a> {
     statistics: Statistics,
     finite: FiniteCheck,
     work: Workspace,
+    /// The levels of the event cameras' pixels, where they are learned.
+    levels: Vec<Levels>,
     /// How the cameras show colours.
     colours: CameraColours,
     /// Whether that is learned.
@@ -133,7 +137,7 @@ impl<'a> Trainer<'a> {
         checkpoint: Checkpoint,
         options: &TrainOptions,
     ) -> Result<Self, TrainError> {
-        let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, left_out } =
+        let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, levels, left_out } =
             checkpoint;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
         trainer.find_regions();
@@ -157,6 +161,7 @@ impl<'a> Trainer<'a> {
             }
             trainer.colours.restore(gpu, state);
         }
+        trainer.levels = level::levels(gpu, &trainer.scene, trainer.config.earl.pairing, &levels)?;
         trainer.left_out = left_out;
         Ok(trainer)
     }
@@ -184,6 +189,7 @@ impl<'a> Trainer<'a> {
             statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
             finite: FiniteCheck::new(gpu)?,
             work,
+            levels: level::levels(gpu, &scene, config.earl.pairing, &[])?,
             colours,
             colours_differ,
             left_out: Vec::new(),
@@ -449,6 +455,7 @@ impl<'a> Trainer<'a> {
                 true => Some(self.colour_state()?),
                 false => None,
             },
+            levels: self.levels.iter().map(|levels| levels.read(self.gpu)).collect::<Result<_, _>>()?,
             left_out: self.left_out.clone(),
         })
     }

@@ -74,7 +74,7 @@ fn event_pairs(scene: &Scene, config: &Config) -> usize {
     match config.earl.pairing {
         // The last frame has no interval after it.
         Pairing::FrameAnchored => scene.bins.anchors.len().saturating_sub(1),
-        Pairing::Any => scene.bins.len(),
+        Pairing::Any | Pairing::Level => scene.bins.len(),
     }
 }
 
@@ -83,11 +83,14 @@ fn event(scene: &Scene, config: &Config, stage: u64, at: u64, pair: usize) -> Sa
     let (view, start) = (pair / starts, pair % starts);
     let from = match config.earl.pairing {
         Pairing::FrameAnchored => scene.bins.anchors[start],
-        Pairing::Any => start,
+        Pairing::Any | Pairing::Level => start,
     };
     // Within what the camera recorded.
     let [first, last] = scene.events[view].covers;
     let from = from.clamp(first, last - 1);
+    if config.earl.pairing == Pairing::Level {
+        return Sample::Event { view, from, to: from + 1 };
+    }
     let longest = scene.bins.per_interval.min(last - from).max(1);
     let length = random::uniform(random::key(config.seed, &[EVENT, stage, at])) * longest as f64;
     Sample::Event { view, from, to: from + 1 + (length as usize).min(longest - 1) }

@@ -14,7 +14,7 @@ use crate::{
     gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
     motion::{Motion, Witness},
-    raster::{RenderOptions, View},
+    raster::{Region, RenderOptions, View},
     scene::TrainFrame,
     schedule::Stage,
 };
@@ -24,12 +24,12 @@ const EXPOSURE: u64 = 0x6578_706f;
 /// Buffers and kernels of an iteration.
 #[derive(Debug)]
 pub(super) struct Workspace {
-    losses: Losses,
-    renderings: Vec<Rendering>,
+    pub(super) losses: Losses,
+    pub(super) renderings: Vec<Rendering>,
     mean: Buffer,
     frame: Buffer,
-    count: Buffer,
-    gradients: [Buffer; 2],
+    pub(super) count: Buffer,
+    pub(super) gradients: [Buffer; 2],
     before: Tape,
     after: Tape,
     /// Sums of the losses since the last row of the curve.
@@ -78,7 +78,7 @@ impl Workspace {
         })
     }
 
-    fn renderings(&mut self, gpu: &Gpu, count: usize) -> Result<(), TrainError> {
+    pub(super) fn renderings(&mut self, gpu: &Gpu, count: usize) -> Result<(), TrainError> {
         while self.renderings.len() < count {
             self.renderings.push(Rendering::new(gpu)?);
         }
@@ -232,11 +232,14 @@ impl Trainer<'_> {
     }
 
     /// How many samples share the weight of an event sample.
-    fn event_batch(&self) -> f32 {
+    pub(super) fn event_batch(&self) -> f32 {
         if self.config.earl.share > 0.0 { 1.0 } else { self.config.batch as f32 }
     }
 
     fn learn_events(&mut self, index: usize, from: usize, to: usize) -> Result<(), TrainError> {
+        if self.config.earl.pairing == Pairing::Level {
+            return self.learn_level(index, to);
+        }
         let gpu = self.gpu;
         let events = &self.scene.events[index];
         let view: View = self.scene.views[events.view].view;
@@ -244,14 +247,7 @@ impl Trainer<'_> {
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();
-        let mut counts = events.between(from, to);
-        if let Some(region) = &region {
-            for (count, index) in counts.iter_mut().zip(0..) {
-                if !region.contains(index % view.width, index / view.width) {
-                    *count = LEFT_OUT;
-                }
-            }
-        }
+        let counts = within(region.as_deref(), view.width, events.between(from, to));
         gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 2)?;
         for (slot, &time) in times.iter().enumerate() {
@@ -352,6 +348,18 @@ impl Trainer<'_> {
             work.sums.colour_samples += 1.0;
         }
     }
+}
+
+/// Event counts where the image of `width` pixels has a region; elsewhere they are left out.
+pub(super) fn within(region: Option<&Region>, width: u32, mut counts: Vec<f32>) -> Vec<f32> {
+    if let Some(region) = region {
+        for (count, index) in counts.iter_mut().zip(0..) {
+            if !region.contains(index % width, index / width) {
+                *count = LEFT_OUT;
+            }
+        }
+    }
+    counts
 }
 
 /// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant.

@@ -1,0 +1,67 @@
+//! Learning from an event camera at one time, against the levels of its pixels.
+
+use super::{TrainError, Trainer, model::Said, step::within};
+use crate::{
+    config::Pairing,
+    gpu::Gpu,
+    losses::Levels,
+    motion::Witness,
+    scene::{EventView, Scene},
+};
+
+/// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown.
+pub(super) fn levels(
+    gpu: &Gpu,
+    scene: &Scene,
+    pairing: Pairing,
+    saved: &[Vec<f32>],
+) -> Result<Vec<Levels>, TrainError> {
+    if pairing != Pairing::Level {
+        return Ok(Vec::new());
+    }
+    let pixels = |events: &EventView| {
+        let view = &scene.views[events.view].view;
+        view.width as usize * view.height as usize
+    };
+    let each = scene.events.iter().enumerate().map(|(index, events)| {
+        let pixels = pixels(events);
+        match saved.get(index) {
+            Some(saved) if saved.len() == 2 * pixels => Levels::restore(gpu, saved),
+            _ => Levels::new(gpu, pixels),
+        }
+    });
+    Ok(each.collect::<Result<_, _>>()?)
+}
+
+impl Trainer<'_> {
+    /// Renders event view `index` at edge `to` and compares it with what the camera says of the light there.
+    pub(super) fn learn_level(&mut self, index: usize, to: usize) -> Result<(), TrainError> {
+        let (gpu, options) = (self.gpu, self.options());
+        let events = &self.scene.events[index];
+        let view = self.scene.views[events.view].view;
+        let region = self.regions.get(events.view).cloned().flatten();
+        let counts = within(region.as_deref(), view.width, events.between(events.covers[0], to));
+        gpu.upload(&self.work.count, 0, &counts);
+        self.work.renderings(gpu, 1)?;
+        self.work.renderings[0].frame.region = region;
+        let time = self.scene.bins.edges[to];
+        self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[0], &mut self.times)?;
+        let pixels = view.width * view.height;
+        let scale = self.config.earl.weight / (pixels as f32 * self.event_batch());
+        let work = &mut self.work;
+        let mut commands = gpu.commands();
+        let (image, d_image, sum) = (&work.renderings[0].frame.image, &work.gradients[0], &work.sums.event);
+        let (count, levels) = (&work.count, &self.levels[index]);
+        work.losses.event_level(gpu, &mut commands, image, count, levels, d_image, sum, scale, &events.sensor);
+        commands.submit();
+        self.times.lap(gpu, "event loss")?;
+        work.sums.event_values += f64::from(pixels);
+        let rendering = &self.work.renderings[0];
+        let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, statistics: true };
+        self.model.backward_raster(gpu, &view, &options, rendering, said)?;
+        self.times.lap(gpu, "raster backward")?;
+        self.model.backward_motion(gpu, rendering, Witness::Events)?;
+        self.times.lap(gpu, "motion backward")?;
+        Ok(())
+    }
+}
