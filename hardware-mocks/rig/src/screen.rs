@@ -110,7 +110,7 @@ fn place(index: usize) -> Pose {
     let draw = |word: u64| 2.0 * random::uniform(random::extend(key, word)) - 1.0;
     let distance = [0.42, 0.6, 0.5, 0.85][index % 4];
     let around = 2.4 * index as f64;
-    let aside = distance * if index % 2 == 0 { 0.12 } else { 0.33 };
+    let aside = distance * if index.is_multiple_of(2) { 0.12 } else { 0.33 };
     let turn = DVec3::new(0.55 * draw(0), 0.55 * draw(1), 0.5 * draw(2));
     let middle = DVec3::new(1.3 * aside * around.cos(), 0.8 * aside * around.sin(), distance);
     let of_board = DVec3::new(0.5 * SQUARE_M * (CORNERS[0] - 1.0), 0.5 * SQUARE_M * (CORNERS[1] - 1.0), 0.0);
@@ -144,7 +144,7 @@ impl FrameScene for ScreenFrames {
         let picture = self.kept.entry(key).or_insert_with(|| {
             let mut rgb = vec![ROOM as u8; 3 * (width * height) as usize];
             if let Some(index) = held {
-                let ink_light = if key % 2 == 0 { INK } else { PAPER };
+                let ink_light = if key.is_multiple_of(2) { INK } else { PAPER };
                 for (index, (pixel, [ink, seen])) in rgb.chunks_exact_mut(3).zip(screen.cover(index)).enumerate() {
                     let (ink, seen) = (f64::from(ink), f64::from(seen));
                     let light = ROOM * (1.0 - seen) + PAPER * (seen - ink) + ink_light * ink;
