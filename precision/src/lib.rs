@@ -1,4 +1,4 @@
-//! Work-precision diagrams: the error of every numerical component against the processor time that it takes, over its own knobs.
+//! Work-precision diagrams: the error of numerical components against the processor time that it takes, over its own knobs.
 //!
 //! A [`Component`] is run with each of its settings against a truth that is finer than any of them: a formula, double precision,
 //! or a much smaller step. A [`Curve`] is what one knob does while the others stay where they are; the setting that the program

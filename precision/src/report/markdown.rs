@@ -8,7 +8,7 @@ use crate::Outcome;
 pub fn markdown(outcomes: &[Outcome], made: &Made) -> String {
     let mut text = format!(
         "# Work and precision\n\n\
-         The error of every numerical component against the processor time that it takes, over its own knobs. `{}` made this file \
+         The error of numerical components against the processor time that it takes, over its own knobs. `{}` made this file \
          (version {}, kernels on {}); run it again for the figures of your machine. `precision.html` beside it draws the same as \
          curves, `precision.csv` has the numbers.\n\n\
          A knob is turned while the others stay where they are. Processor time is that of all threads, without what is set up before \

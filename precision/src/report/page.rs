@@ -14,7 +14,7 @@ use crate::{Outcome, Spent};
 #[must_use]
 pub fn page(outcomes: &[Outcome], made: &Made) -> String {
     let head = format!(
-        "<p>The error of every numerical component against the processor time that it takes, over its own knobs; what the program has \
+        "<p>The error of numerical components against the processor time that it takes, over its own knobs; what the program has \
          by default is ringed. Down and to the left is better. Made by <code>{}</code>, kernels on {}.</p>\n",
         Escaped(&made.command),
         Escaped(&made.adapter)

@@ -245,7 +245,8 @@ mod tests {
         table.remove("motion").expect("a field");
         table.remove("free_time").expect("a section");
         let old = toml::to_string(&table).expect("text");
-        let of_the_field = Config { motion: MotionModel::HexPlane, ..Config::default() };
+        let free_time = crate::motion::FreeTimeOptions::default();
+        let of_the_field = Config { motion: MotionModel::HexPlane, free_time, ..Config::default() };
         assert_eq!(Config::from_toml(&old).expect("read"), of_the_field);
     }
 
