@@ -24,7 +24,7 @@ pub enum Command {
     Train(train::Arguments),
     /// Every numerical stage at its extremes, each case against its bound.
     Stability(stability::Arguments),
-    /// The error of every numerical component against its processor time, over its own knobs.
+    /// The error of numerical components against their processor time, over their own knobs.
     Precision(precision::Arguments),
 }
 
