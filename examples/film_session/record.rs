@@ -69,16 +69,7 @@ pub fn write(dataset: &Dataset, path: &Path) -> Result<(), Box<dyn Error>> {
             all.push((stream, stamp + 4_000_000, Some(stamp), dataset.read_image(camera, frame)?.data));
         }
     }
-    let board = Description {
-        id: "board".into(),
-        model: "erfgs trigger board".into(),
-        serial: String::new(),
-        encoding: Encoding::TriggerLines,
-        width: 0,
-        height: 0,
-        start_order: 100,
-        settings: serde_json::Map::new(),
-    };
+    let board = Description::trigger_board("board", serde_json::Map::new());
     let stream = streams.len();
     streams.push(writer.add_stream(&board)?);
     for (index, &[rise, width]) in (0_u64..).zip(&pulses) {

@@ -5,21 +5,13 @@ mod markdown;
 mod page;
 
 pub use csv::csv;
+pub use erfgs_stability::report::Made;
 pub use markdown::markdown;
 pub use page::page;
 
-use crate::{Curve, Outcome, Place, Spent};
+use erfgs_stability::report::figure;
 
-/// How the curves were made.
-#[derive(Clone, Debug)]
-pub struct Made {
-    /// The command that made them.
-    pub command: String,
-    /// The program's version.
-    pub version: String,
-    /// The adapter that the kernels ran on.
-    pub adapter: String,
-}
+use crate::{Curve, Outcome, Place, Spent};
 
 /// From here on something is cheaper, or better, than something else, and not only by the noise of a measurement.
 const CLEARLY: f64 = 0.8;
@@ -67,19 +59,6 @@ pub fn cells(outcome: &Outcome, curve: &Curve<Result<Spent, String>>) -> Vec<Vec
         [vec![setting], errors, time].concat()
     };
     curve.places.iter().map(row).collect()
-}
-
-/// Three digits: `0.0123`, `1.2e-7`.
-fn figure(value: f64) -> String {
-    match value.abs() {
-        0.0 => "0".into(),
-        size if (1e-2..1e4).contains(&size) => {
-            let digits = (2 - size.log10().floor() as i32).clamp(0, 4) as usize;
-            let text = format!("{value:.digits$}");
-            if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-        }
-        _ => format!("{value:.1e}"),
-    }
 }
 
 /// A time in the unit that fits.

@@ -34,6 +34,21 @@ pub struct Description {
 }
 
 impl Description {
+    /// A trigger board, whose packets are lines.
+    #[must_use]
+    pub fn trigger_board(id: &str, settings: serde_json::Map<String, serde_json::Value>) -> Self {
+        Self {
+            id: id.into(),
+            model: "erfgs trigger board".into(),
+            serial: String::new(),
+            encoding: Encoding::TriggerLines,
+            width: 0,
+            height: 0,
+            start_order: 100,
+            settings,
+        }
+    }
+
     /// How the stream's frames are to be decoded; `None` where its packets are no frames.
     #[must_use]
     pub fn frame_format(&self) -> Option<FrameFormat> {

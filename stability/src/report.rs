@@ -30,8 +30,9 @@ pub fn cells(row: &Row) -> [String; 5] {
     [must, why, measured, not_finite, cpu]
 }
 
-/// Three digits: `0.0123`, `1.20e-7`.
-fn figure(value: f64) -> String {
+/// Three digits: `0.0123`, `1.2e-7`.
+#[must_use]
+pub fn figure(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
         size if (1e-2..1e4).contains(&size) => {

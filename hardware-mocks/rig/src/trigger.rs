@@ -9,7 +9,7 @@ use erfgs_hardware_mocks::{
 };
 use erfgs_rig::trigger::TriggerSettings;
 use erfgs_session::{
-    source::{Description, Encoding, Outlet, Packet},
+    source::{Description, Outlet, Packet},
     trigger::protocol::{BAUD, Command, EXPOSURE_MIN_TICKS, TICK_HZ},
 };
 use serde_json::json;
@@ -53,16 +53,7 @@ pub fn description(id: &str, settings: &TriggerSettings) -> Description {
         "exposure_us": settings.exposure_us(),
         "outputs": settings.outputs,
     });
-    Description {
-        id: id.into(),
-        model: "erfgs trigger board".into(),
-        serial: String::new(),
-        encoding: Encoding::TriggerLines,
-        width: 0,
-        height: 0,
-        start_order: 100,
-        settings: told.as_object().cloned().unwrap_or_default(),
-    }
+    Description::trigger_board(id, told.as_object().cloned().unwrap_or_default())
 }
 
 /// How long bytes take on the line: ten bits each.

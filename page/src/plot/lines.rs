@@ -9,12 +9,12 @@ use crate::html::{Escaped, number};
 pub const COLOURS: usize = 8;
 const DASHES: [&str; 4] = ["", "7 3", "2 3", "9 3 2 3"];
 
-const WIDTH: f64 = 560.0;
+pub(super) const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 290.0;
-const LEFT: f64 = 70.0;
+pub(super) const LEFT: f64 = 70.0;
 const RIGHT: f64 = 20.0;
-const TOP: f64 = 34.0;
-const BOTTOM: f64 = 44.0;
+pub(super) const TOP: f64 = 34.0;
+pub(super) const BOTTOM: f64 = 44.0;
 
 /// One line.
 #[derive(Clone, Debug)]
@@ -76,6 +76,30 @@ pub fn legend<'a>(runs: impl Iterator<Item = (usize, &'a str)>) -> String {
     html + "</p>\n"
 }
 
+/// A picture of a plot begins, with what its axes are of.
+pub(super) fn opened(class: &str, height: f64, y_label: &str, x_label: &str) -> String {
+    format!(
+        "<svg class=\"{class}\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"{0} against {1}\">\
+         <text class=\"label\" x=\"{LEFT}\" y=\"16\">{0}</text>",
+        Escaped(y_label),
+        Escaped(x_label)
+    )
+}
+
+/// The lines and figures of the y axis.
+pub(super) fn rows(svg: &mut String, y: &Scale, right: f64, bottom: f64) {
+    for (value, text) in &y.ticks {
+        let at = bottom - y.place(*value);
+        let _ = write!(
+            svg,
+            "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right}\"/>\
+             <text class=\"tick\" text-anchor=\"end\" x=\"{:.1}\" y=\"{:.1}\">{text}</text>",
+            LEFT - 7.0,
+            at + 4.0
+        );
+    }
+}
+
 impl Plot {
     /// The figure, or nothing where there is nothing to draw.
     #[must_use]
@@ -99,12 +123,7 @@ impl Plot {
         let Some(y) = y else { return String::new() };
 
         let (right, bottom) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
-        let mut svg = format!(
-            "<svg class=\"plot\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0} against {1}\">\
-             <text class=\"label\" x=\"{LEFT}\" y=\"16\">{0}</text>",
-            Escaped(&self.y_label),
-            Escaped(&self.x_label)
-        );
+        let mut svg = opened("plot", HEIGHT, &self.y_label, &self.x_label);
         for band in &self.bands {
             let [from, to] = band.map(|at| (LEFT + x.place(at)).clamp(LEFT, right));
             if to > from {
@@ -115,16 +134,7 @@ impl Plot {
                 );
             }
         }
-        for (value, text) in &y.ticks {
-            let at = bottom - y.place(*value);
-            let _ = write!(
-                svg,
-                "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right}\"/>\
-                 <text class=\"tick\" text-anchor=\"end\" x=\"{:.1}\" y=\"{:.1}\">{text}</text>",
-                LEFT - 7.0,
-                at + 4.0
-            );
-        }
+        rows(&mut svg, &y, right, bottom);
         for (value, text) in &x.ticks {
             let at = LEFT + x.place(*value);
             if self.marks.len() <= 1 && at > LEFT + 1.0 {

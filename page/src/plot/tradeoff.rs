@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-use super::{COLOURS, lines::stroke, scale::Scale};
+use super::{
+    COLOURS,
+    lines::{BOTTOM, LEFT, TOP, WIDTH, opened, rows, stroke},
+    scale::Scale,
+};
 use crate::html::Escaped;
 
-const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 340.0;
-const LEFT: f64 = 70.0;
 const RIGHT: f64 = 60.0;
-const TOP: f64 = 34.0;
-const BOTTOM: f64 = 44.0;
 
 /// A setting.
 #[derive(Clone, Debug)]
@@ -57,22 +57,8 @@ impl Tradeoff {
             return String::new();
         };
         let (right, bottom) = (WIDTH - RIGHT, HEIGHT - BOTTOM);
-        let mut svg = format!(
-            "<svg class=\"plot tradeoff\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0} against {1}\">\
-             <text class=\"label\" x=\"{LEFT}\" y=\"16\">{0}</text>",
-            Escaped(&self.error_label),
-            Escaped(&self.cost_label)
-        );
-        for (value, text) in &y.ticks {
-            let at = bottom - y.place(*value);
-            let _ = write!(
-                svg,
-                "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right}\"/>\
-                 <text class=\"tick\" text-anchor=\"end\" x=\"{:.1}\" y=\"{:.1}\">{text}</text>",
-                LEFT - 7.0,
-                at + 4.0
-            );
-        }
+        let mut svg = opened("plot tradeoff", HEIGHT, &self.error_label, &self.cost_label);
+        rows(&mut svg, &y, right, bottom);
         for (value, text) in &x.ticks {
             let at = LEFT + x.place(*value);
             let _ = write!(

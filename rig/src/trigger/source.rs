@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Source, SourceError};
+use erfgs_session::source::{Counters, Description, Incident, Outlet, Source, SourceError};
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -78,16 +78,7 @@ impl TriggerBoard {
         identity: &Identity,
     ) -> Result<Self, TriggerError> {
         configure(&mut link, &settings, ANY_PULSE, &mut |_| {})?;
-        let description = Description {
-            id: config.id.clone(),
-            model: "erfgs trigger board".into(),
-            serial: String::new(),
-            encoding: Encoding::TriggerLines,
-            width: 0,
-            height: 0,
-            start_order: 100,
-            settings: described(&settings, &link, identity),
-        };
+        let description = Description::trigger_board(&config.id, described(&settings, &link, identity));
         Ok(Self { description, settings, link: Some(link), state: Arc::default(), thread: None })
     }
 }

@@ -1,13 +1,7 @@
 //! Learning from an event camera at one time, against the levels of its pixels.
 
 use super::{TrainError, Trainer, model::Said, step::within};
-use crate::{
-    config::Pairing,
-    gpu::Gpu,
-    losses::Levels,
-    motion::Witness,
-    scene::{EventView, Scene},
-};
+use crate::{config::Pairing, gpu::Gpu, losses::Levels, motion::Witness, scene::Scene};
 
 /// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown.
 pub(super) fn levels(
@@ -19,12 +13,9 @@ pub(super) fn levels(
     if pairing != Pairing::Level {
         return Ok(Vec::new());
     }
-    let pixels = |events: &EventView| {
-        let view = &scene.views[events.view].view;
-        view.width as usize * view.height as usize
-    };
     let each = scene.events.iter().enumerate().map(|(index, events)| {
-        let pixels = pixels(events);
+        let view = &scene.views[events.view].view;
+        let pixels = view.width as usize * view.height as usize;
         match saved.get(index) {
             Some(saved) if saved.len() == 2 * pixels => Levels::restore(gpu, saved),
             _ => Levels::new(gpu, pixels),
