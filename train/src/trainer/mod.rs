@@ -122,7 +122,7 @@ impl<'a> Trainer<'a> {
         let gaussians = Gaussians::from_points(&points, config.sh.max_degree, config.init.opacity);
         let moments = Moments::zero(&gaussians);
         let population = Population { gaussians, moments };
-        let mut trainer = Self::assemble(gpu, scene, config, options, &population, Clock::default())?;
+        let mut trainer = Self::assemble(gpu, scene, config, options, &population, Clock::default(), &[])?;
         trainer.find_regions();
         Ok(trainer)
     }
@@ -139,7 +139,7 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, TrainError> {
         let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, levels, left_out } =
             checkpoint;
-        let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock)?;
+        let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
         trainer.find_regions();
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
@@ -161,7 +161,6 @@ impl<'a> Trainer<'a> {
             }
             trainer.colours.restore(gpu, state);
         }
-        trainer.levels = level::levels(gpu, &trainer.scene, trainer.config.earl.pairing, &levels)?;
         trainer.left_out = left_out;
         Ok(trainer)
     }
@@ -173,6 +172,7 @@ impl<'a> Trainer<'a> {
         options: &TrainOptions,
         population: &Population,
         clock: Clock,
+        levels: &[Vec<f32>],
     ) -> Result<Self, TrainError> {
         let work = Workspace::new(gpu, scene.max_pixels())?;
         let takes = |view: usize| scene.frames.iter().any(|frame| frame.view == view);
@@ -189,7 +189,7 @@ impl<'a> Trainer<'a> {
             statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
             finite: FiniteCheck::new(gpu)?,
             work,
-            levels: level::levels(gpu, &scene, config.earl.pairing, &[])?,
+            levels: level::levels(gpu, &scene, config.earl.pairing, levels)?,
             colours,
             colours_differ,
             left_out: Vec::new(),
