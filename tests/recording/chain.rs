@@ -53,11 +53,13 @@ fn a_rig_that_nobody_knows_is_calibrated_and_what_it_saw_is_reconstructed() {
     let dataset = figures(folder, "dataset undistort recorded --out ds");
     assert!(dataset["events"].as_u64() > Some(10_000), "{dataset}");
     figures(folder, "dataset points ds");
-    for method in ["4dgs", "erf-gs"] {
+    let [without, with] = ["4dgs", "erf-gs"].map(|method| {
         figures(folder, &format!("train ds --method {method} --iterations 100+100 --seed 1 --out {method}"));
         let metrics = figures(folder, &format!("eval {method}"));
         // A grey picture of this scene has about 14 dB.
-        assert!(metrics["psnr"].as_f64() > Some(15.0), "{metrics}");
-    }
+        metrics["psnr"].as_f64().filter(|psnr| *psnr > 15.0).unwrap_or_else(|| panic!("{method}: {metrics}"))
+    });
+    // So few iterations show no gain; events in wrong units, or in wrong places, lose half a decibel and more.
+    assert!(with > without - 0.3, "{with} dB with events, {without} dB without");
     figures(folder, "report 4dgs erf-gs --out report.html");
 }

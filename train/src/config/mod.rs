@@ -277,7 +277,7 @@ pub enum Norm {
 pub struct EarlConfig {
     /// Whether events are used in the loss.
     pub enabled: bool,
-    /// Weight of the event loss.
+    /// Weight of the event loss. An error of so much light costs the same for sensors of all thresholds: one of 20 % is the unit.
     pub weight: f32,
     /// Weight of the trajectory regulariser.
     pub weight_trajectory: f32,

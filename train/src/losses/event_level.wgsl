@@ -1,6 +1,6 @@
 // The event loss of one rendering: its log luma, in contrast thresholds, against what each pixel's level and its signed event count
 // since the beginning say. The level, which the count began at, is not known: it follows what the renderings say of it.
-// FIRST, RATE and DEAD are those of `level.rs`.
+// FIRST is that of `level.rs`.
 
 struct Parameters {
     pixels: u32,
@@ -11,8 +11,9 @@ struct Parameters {
     // 1 / contrast threshold.
     inverse_threshold: f32,
     scale: f32,
-    unused_a: u32,
-    unused_b: u32,
+    // The most that a level is moved by, and half the width of what is no error, contrast thresholds.
+    rate: f32,
+    dead: f32,
 }
 
 @group(0) @binding(0) var<uniform> p: Parameters;
@@ -38,10 +39,10 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         let found = seen.w * p.inverse_threshold - count[pixel];
         let away = found - known.x;
         // The first renderings make a mean, the later ones a median.
-        let step = select(clamp(away, -RATE, RATE), away / (known.y + 1.0), known.y < FIRST);
+        let step = select(clamp(away, -p.rate, p.rate), away / (known.y + 1.0), known.y < FIRST);
         level[pixel] = vec2f(known.x + step, known.y + 1.0);
         if (known.y < FIRST) { continue; }
-        let error = sign(away) * max(abs(away) - DEAD, 0.0);
+        let error = sign(away) * max(abs(away) - p.dead, 0.0);
         sum += abs(error);
         d_image[pixel] = vec4f(sign(error) * p.scale * p.inverse_threshold * seen.xyz, 0.0);
     }

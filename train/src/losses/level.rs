@@ -14,16 +14,16 @@ pub(super) const EVENT_LEVEL: &str = include_str!("event_level.wgsl");
 /// The first renderings of a pixel make its level, as their mean, and are not held against it.
 pub const FIRST: u32 = 8;
 
-/// Later ones move it by at most this, contrast thresholds: it then is a running median.
+/// Later ones move it by at most this, [units](super::unit) of error: it then is a running median.
 pub const RATE: f32 = 0.1;
 
-/// Half the width of what is no error, contrast thresholds: since its last event a pixel may have changed by one either way, and by
-/// half on average.
+/// Half the width of what is no error, units of error: since its last event a pixel of a threshold of one unit may have changed by one
+/// either way, and by half on average. Those of finer sensors know more; but holding renderings to that costs more than it brings.
 pub const DEAD: f32 = 0.5;
 
 /// What the kernel is told as it is made.
 pub(super) fn constants() -> String {
-    format!("const FIRST = {FIRST}.0;\nconst RATE = {RATE:?};\nconst DEAD = {DEAD:?};\n")
+    format!("const FIRST = {FIRST}.0;\n")
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -35,7 +35,8 @@ struct EventLevelParameters {
     lin_log: f32,
     inverse_threshold: f32,
     scale: f32,
-    unused: [u32; 2],
+    rate: f32,
+    dead: f32,
 }
 
 /// The levels of an event camera's pixels.
@@ -96,7 +97,8 @@ impl Losses {
             lin_log: sensor.lin_log,
             inverse_threshold: 1.0 / sensor.threshold,
             scale,
-            unused: [0; 2],
+            rate: RATE / sensor.worth(),
+            dead: DEAD / sensor.worth(),
         };
         let parameters = gpu.uniform("event level", &parameters);
         let bindings = [&parameters, image, count, &levels.values, d_image, &loss.partial];

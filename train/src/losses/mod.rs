@@ -104,7 +104,21 @@ pub struct Sensor {
     pub linear_light: bool,
 }
 
+/// What an error of one is, natural-log intensity: the contrast threshold that simulators take, in display values; in linear light,
+/// whose logarithm is as many times steeper, the same of what is seen.
+#[must_use]
+pub fn unit(linear_light: bool) -> f32 {
+    if linear_light { 0.45 } else { 0.2 }
+}
+
 impl Sensor {
+    /// What an error of one threshold is worth. A weight of the event loss then means the same for all sensors: one with half the
+    /// threshold would otherwise ask twice as much of the scene.
+    #[must_use]
+    pub fn worth(&self) -> f32 {
+        self.threshold / unit(self.linear_light)
+    }
+
     /// Lin-log intensity of a display colour (0 to 1, red, green, blue), as `event.wgsl` computes it.
     #[must_use]
     pub fn lin_log(&self, colour: &[f32; 3]) -> f32 {

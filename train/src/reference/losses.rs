@@ -97,8 +97,8 @@ pub fn event_level(colour: &[f64; 3], count: f64, [level, seen]: [f64; 2], senso
     if seen < f64::from(level::FIRST) {
         return (0.0, level + away / (seen + 1.0));
     }
-    let rate = f64::from(level::RATE);
-    ((away.abs() - f64::from(level::DEAD)).max(0.0), level + away.clamp(-rate, rate))
+    let [rate, dead] = [level::RATE, level::DEAD].map(|units| f64::from(units) / f64::from(sensor.worth()));
+    ((away.abs() - dead).max(0.0), level + away.clamp(-rate, rate))
 }
 
 /// The colours of deformed Gaussians (`core`: rows of [`CORE_STRIDE`], `sh`: as many rows) as a camera at `centre` sees

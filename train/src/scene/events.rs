@@ -3,7 +3,7 @@
 use erfgs_dataset::Camera;
 use erfgs_events::Events;
 
-use crate::losses::Sensor;
+use crate::losses::{Sensor, unit};
 
 /// Edges of the bins, microseconds, ascending. Bin `k` holds the events with `edges[k] < t <= edges[k + 1]`: an event
 /// that a simulator stamps with a frame's time belongs to the change up to that frame.
@@ -90,19 +90,23 @@ impl Bins {
     }
 }
 
+/// The least change of light that is counted as one, units of error. Pixels that were made of many have far smaller thresholds,
+/// each of which tells no more than that one of the many fired.
+const LEAST: f64 = 0.5;
+
 /// An event camera.
 #[derive(Debug)]
 pub struct EventView {
     /// Index into the scene's views.
     pub view: usize,
-    /// How its sensor turns light into events.
+    /// How its sensor turns light into events; the threshold is the change that counts as one.
     pub sensor: Sensor,
     /// How many events it saw.
     pub count: u64,
     /// The edges from and up to which the camera was there; before and after nothing is known.
     pub covers: [usize; 2],
     width: usize,
-    /// Signed counts from the first edge up to each edge, in units of the mean threshold.
+    /// Signed counts from the first edge up to each edge, in units of the sensor's threshold.
     cumulative: Vec<Vec<f32>>,
 }
 
@@ -111,7 +115,8 @@ impl EventView {
     #[must_use]
     pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, denoise: bool) -> Option<Self> {
         let file = camera.events.as_ref()?;
-        let threshold = 0.5 * (file.threshold_on + file.threshold_off);
+        let threshold =
+            (0.5 * (file.threshold_on + file.threshold_off)).max(LEAST * f64::from(unit(file.linear_light)));
         let sensor = Sensor {
             threshold: threshold as f32,
             lin_log: file.lin_log_threshold as f32,
@@ -284,6 +289,30 @@ mod tests {
         assert_eq!(view.between(0, 1)[5], 1.0);
         assert_eq!(view.between(1, 2)[5], 0.0);
         assert_eq!(view.between(0, 5)[5], 2.0);
+    }
+
+    #[test]
+    fn pixels_that_were_made_of_many_count_changes_of_light_and_not_firings() {
+        let mut camera = camera();
+        let file = camera.events.as_mut().expect("events");
+        // Of 8 x 8 pixels with a threshold of 0.24 each.
+        (file.threshold_on, file.threshold_off) = (0.24 / 64.0, 0.24 / 64.0);
+        let mut events = Events::new(4, 2);
+        (1..65).for_each(|t_us| events.push(Event { t_us, x: 1, y: 1, on: true }));
+        events.push(Event { t_us: 90, x: 2, y: 1, on: false });
+        let counts = |camera: &Camera| {
+            let view = EventView::new(0, camera, &events, &bins(), false).expect("an event camera");
+            (view.sensor, view.between(0, 1))
+        };
+        let (sensor, seen) = counts(&camera);
+        assert!((seen[5] * sensor.threshold - 0.24).abs() < 1e-6, "all of it: {}", seen[5]);
+        assert!(seen[6].abs() < 0.05, "one of 64 tells little: {}", seen[6]);
+        // What an error of so much light costs does not depend on how many pixels were made one.
+        let file = camera.events.as_mut().expect("events");
+        (file.threshold_on, file.threshold_off) = (0.24, 0.24);
+        let (whole, _) = counts(&camera);
+        let cost = |sensor: &Sensor| sensor.worth() / sensor.threshold;
+        assert!((cost(&whole) - cost(&sensor)).abs() < 1e-6 && whole.threshold > 2.0 * sensor.threshold);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::{
     samples::{self, Sample},
 };
 use crate::{
-    config::{Pairing, Switch},
+    config::{Norm, Pairing, Switch},
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
@@ -255,7 +255,11 @@ impl Trainer<'_> {
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let sensor = events.sensor;
-        let scale = self.config.earl.weight / (pixels as f32 * self.event_batch());
+        let worth = match self.config.earl.norm {
+            Norm::L1 => sensor.worth(),
+            Norm::L2 => sensor.worth().powi(2),
+        };
+        let scale = self.config.earl.weight * worth / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
         let [before, after] = [&work.renderings[0].frame.image, &work.renderings[1].frame.image];
         let [d_before, d_after] = &work.gradients;
