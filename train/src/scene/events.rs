@@ -3,6 +3,7 @@
 use erfgs_dataset::Camera;
 use erfgs_events::Events;
 
+use super::counts::Counts;
 use crate::losses::{Sensor, unit};
 
 /// Edges of the bins, microseconds, ascending. Bin `k` holds the events with `edges[k] < t <= edges[k + 1]`: an event
@@ -106,8 +107,9 @@ pub struct EventView {
     /// The edges from and up to which the camera was there; before and after nothing is known.
     pub covers: [usize; 2],
     width: usize,
-    /// Signed counts from the first edge up to each edge, in units of the sensor's threshold.
-    cumulative: Vec<Vec<f32>>,
+    /// What an ON and an OFF event change, units of the sensor's threshold.
+    step: [f32; 2],
+    counts: Counts,
 }
 
 impl EventView {
@@ -127,12 +129,8 @@ impl EventView {
             return None;
         }
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
-        let step = [(file.threshold_off / threshold) as f32, (file.threshold_on / threshold) as f32];
-        let mut sum = vec![0.0f32; width * height];
-        let mut cumulative = Vec::with_capacity(bins.edges.len());
-        if !bins.edges_us.is_empty() {
-            cumulative.push(sum.clone());
-        }
+        let step = [file.threshold_on, file.threshold_off].map(|one| (one / threshold) as f32);
+        let mut counts = Counts::new(width * height);
         let mut total = vec![0u32; if denoise { width * height } else { 0 }];
         for edges in bins.edges_us.windows(2) {
             let range = events.between(edges[0] + 1, edges[1] + 1);
@@ -145,13 +143,13 @@ impl EventView {
             for index in range {
                 let (x, y) = (usize::from(events.x[index]), usize::from(events.y[index]));
                 if !denoise || neighbourhood(&total, width, height, x, y) >= 2 {
-                    let on = events.on[index];
-                    sum[y * width + x] += if on { step[1] } else { -step[0] };
+                    counts.push(y * width + x, events.on[index]);
                 }
             }
-            cumulative.push(sum.clone());
+            counts.edge();
         }
-        Some(Self { view, sensor, count: events.len() as u64, covers, width, cumulative })
+        let (count, counts) = (events.len() as u64, counts.finish());
+        Some(Self { view, sensor, count, covers, width, step, counts })
     }
 
     /// Whether the camera was there from one edge to another.
@@ -160,10 +158,11 @@ impl EventView {
         from >= self.covers[0] && to <= self.covers[1]
     }
 
-    /// The signed count of every pixel between two edges.
+    /// The signed count of every pixel between two edges, units of the sensor's threshold.
     #[must_use]
     pub fn between(&self, from: usize, to: usize) -> Vec<f32> {
-        self.cumulative[to].iter().zip(&self.cumulative[from]).map(|(to, from)| to - from).collect()
+        let signed = |[on, off]: [u32; 2]| on as f32 * self.step[0] - off as f32 * self.step[1];
+        self.counts.between(from, to).into_iter().map(signed).collect()
     }
 
     /// The absolute signed count between two edges, averaged over 3 x 3 pixels where `smooth`.
