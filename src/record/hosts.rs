@@ -4,7 +4,10 @@ use std::{fs, path::Path, str::FromStr, sync::Arc};
 
 use anyhow::Context;
 use erfgs_base::names::printable;
-use erfgs_recorder::hosts::{HostEnd, HostLink, HostTake, HostView, Hosts, merge_commands};
+use erfgs_recorder::{
+    StreamState, StreamStatus,
+    hosts::{HostEnd, HostLink, HostTake, HostView, Hosts, merge_commands},
+};
 use serde::Serialize;
 
 use crate::{
@@ -75,6 +78,11 @@ pub fn connect(with: &[With], terminal: &Terminal) -> anyhow::Result<Option<Arc<
         };
         let rig = printable(&status.rig);
         terminal.note(format!("with host {}: rig '{rig}', {streams}", host.name));
+        let silent = |stream: &&StreamStatus| matches!(stream.state, StreamState::Lost | StreamState::Stalled);
+        for stream in status.streams.iter().filter(silent) {
+            let id = printable(&stream.id);
+            terminal.note(format!("WARNING host {}: no data come from '{id}': see its messages there", host.name));
+        }
     }
     Ok(Some(Arc::new(hosts)))
 }

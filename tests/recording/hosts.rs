@@ -1,13 +1,15 @@
 //! Several hosts recorded together: two emulated rigs whose clocks disagree, and two programs of which one is killed.
 
 use std::{
-    fs,
+    env, fs,
     io::{BufRead, BufReader, Read},
+    net::TcpListener,
     path::{Path, PathBuf},
     process::{Child, ChildStderr, Command, Stdio},
     sync::{
         Arc,
         atomic::{AtomicI64, Ordering::SeqCst},
+        mpsc,
     },
     thread::{self, JoinHandle},
     time::{Duration, Instant},
@@ -131,15 +133,89 @@ impl Host {
         Self { folder, recorder, monitor }
     }
 
-    fn page(&self) -> LivePage {
-        let address = "127.0.0.1:0".parse().expect("an address");
+    /// Its page, behind a cable where this process has networks of its own.
+    fn page(&self) -> Served {
+        let (listener, cable) = match env::var_os(NETWORKS) {
+            Some(_) => elsewhere(),
+            None => (LivePage::listen("127.0.0.1:0".parse().expect("an address")).expect("free"), None),
+        };
+        let address = listener.local_addr().expect("an address");
         let options = PageOptions { address, names: Vec::new(), open: false };
-        LivePage::serve(Arc::clone(&self.recorder), Arc::clone(&self.monitor), &options).expect("a page")
+        let (recorder, monitor) = (Arc::clone(&self.recorder), Arc::clone(&self.monitor));
+        Served { page: LivePage::serve_at(listener, recorder, monitor, &options).expect("a page"), cable }
     }
 
     fn written(&self) -> Vec<u64> {
         self.recorder.status().streams.iter().map(|stream| stream.written).collect()
     }
+}
+
+/// Says to a test that it is run with networks of its own.
+const NETWORKS: &str = "ERFGS_TEST_NETWORKS";
+
+/// Runs a test of this file again as a process that has networks of its own, where the system lets one, and says whether it did.
+/// Elsewhere the hosts speak over the loopback.
+fn ran_with_networks(test: &str) -> bool {
+    if env::var_os(NETWORKS).is_some() {
+        return false;
+    }
+    let mut can = Command::new("unshare");
+    can.args(["-rn", "ip", "link", "set", "lo", "up"]).stdout(Stdio::null()).stderr(Stdio::null());
+    if !can.status().is_ok_and(|status| status.success()) {
+        return false;
+    }
+    let mut again = Command::new("unshare");
+    again.arg("-rn").arg(env::current_exe().expect("this program"));
+    again.args(["--exact", &format!("recording::hosts::{test}"), "--nocapture"]).env(NETWORKS, "1");
+    let output = again.output().expect("unshare");
+    let said = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+    assert!(output.status.success() && said[0].contains("1 passed"), "{}\n{}", said[0], said[1]);
+    true
+}
+
+/// A page, and the end of its host's network cable at this side, if there is one.
+struct Served {
+    page: LivePage,
+    cable: Option<String>,
+}
+
+impl Served {
+    /// Pulls the cable: nothing is answered any more, and nothing refused.
+    fn cut(self) -> Option<LivePage> {
+        ip(&["link", "set", &self.cable?, "down"]);
+        Some(self.page)
+    }
+}
+
+fn ip(words: &[&str]) {
+    assert!(Command::new("ip").args(words).status().expect("ip").success(), "ip {words:?}");
+}
+
+/// Listens in another network namespace, which a cable connects with this one: a socket stays in the namespace that it was made in.
+#[cfg(target_os = "linux")]
+fn elsewhere() -> (TcpListener, Option<String>) {
+    let (told, thread_there) = mpsc::channel();
+    let (connected, cable_there) = mpsc::channel::<String>();
+    let there = thread::spawn(move || {
+        nix::sched::unshare(nix::sched::CloneFlags::CLONE_NEWNET).expect("a network namespace");
+        told.send(fs::read_link("/proc/thread-self").expect("a thread")).expect("told");
+        let cable = cable_there.recv().expect("a cable");
+        ip(&["addr", "add", "10.9.0.2/24", "dev", &cable]);
+        ip(&["link", "set", &cable, "up"]);
+        LivePage::listen("10.9.0.2:0".parse().expect("an address")).expect("free")
+    });
+    let thread_there = thread_there.recv().expect("a thread");
+    let number = thread_there.file_name().and_then(|name| name.to_str()).expect("its number");
+    ip(&["link", "add", "here", "type", "veth", "peer", "name", "there", "netns", number]);
+    ip(&["addr", "add", "10.9.0.1/24", "dev", "here"]);
+    ip(&["link", "set", "here", "up"]);
+    connected.send("there".into()).expect("told");
+    (there.join().expect("a listener"), Some("here".into()))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn elsewhere() -> (TcpListener, Option<String>) {
+    unreachable!("there are network namespaces on Linux alone")
 }
 
 /// Two hosts before one board, whose pulses the event camera of each sees. The board is on the left one.
@@ -164,8 +240,8 @@ fn pass(world: &AtomicI64, to_ns: i64) {
 }
 
 /// Recorded together from before the first pulse to after `seconds`.
-fn led(left: &Host, page: &LivePage) -> Hosts {
-    let hosts = Hosts::connect(vec![HostLink::parse(&page.url()).expect("a link")]).expect("the other host");
+fn led(left: &Host, served: &Served) -> Hosts {
+    let hosts = Hosts::connect(vec![HostLink::parse(&served.page.url()).expect("a link")]).expect("the other host");
     hosts.lead(&left.recorder);
     hosts.start(&left.recorder, &left.folder.path().join("take.mcap"), None).expect("all record");
     hosts
@@ -173,6 +249,9 @@ fn led(left: &Host, page: &LivePage) -> Hosts {
 
 #[test]
 fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses() {
+    if ran_with_networks("rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses") {
+        return;
+    }
     let world = Arc::new(AtomicI64::new(0));
     let [left, right] = two_hosts(&world);
     let page = right.page();
@@ -185,7 +264,14 @@ fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses(
 
     // By the very words that it tells.
     let commands = erfgs_recorder::hosts::merge_commands(&own, &takes);
-    let [command] = &commands[..] else { panic!("nothing is to be fetched here: {commands:?}") };
+    let (command, fetch) = commands.split_last().expect("a command");
+    // What lies on another host is fetched; here it is in another folder.
+    assert_eq!(fetch.len(), usize::from(page.cable.is_some()), "{commands:?}");
+    for scp in fetch {
+        let [_, from, to] = scp.split(' ').collect::<Vec<_>>()[..] else { panic!("{scp}") };
+        let from = Path::new(from.strip_prefix("10.9.0.2:").expect("the other host"));
+        fs::copy(from, Path::new(to).join(from.file_name().expect("a file"))).expect("copied");
+    }
     let mut words: Vec<&str> = command.split(' ').skip(1).collect();
     words.push("--json");
     let told = json(left.folder.path(), &words);
@@ -206,6 +292,9 @@ fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses(
 
 #[test]
 fn a_host_that_crashes_costs_its_own_streams_only() {
+    if ran_with_networks("a_host_that_crashes_costs_its_own_streams_only") {
+        return;
+    }
     let world = Arc::new(AtomicI64::new(0));
     let [left, right] = two_hosts(&world);
     let page = right.page();
@@ -219,7 +308,7 @@ fn a_host_that_crashes_costs_its_own_streams_only() {
         let session = Session::open(&left_behind).expect("a session that runs can be read");
         session.summary().streams[0].totals.packets > 1500
     });
-    drop(page);
+    let _silent = page.cut();
     pass(&world, (SECONDS * 1000 + 100) * MS);
     wait_until("all packets of the other", || left.written()[0] == 4000);
     hosts.stop(&left.recorder, "enough").expect("recorded");

@@ -45,10 +45,14 @@ impl HostLink {
         if host.is_empty() {
             return Err(wrong("it names no host"));
         }
+        let port = match authority.as_str().strip_prefix(host.as_str()).and_then(|rest| rest.strip_prefix(':')) {
+            None => PORT,
+            Some(port) => port.parse().ok().filter(|port| *port > 0).ok_or_else(|| wrong("its port is no port"))?,
+        };
         let query = uri.query().unwrap_or_default();
         let token = query.split('&').find_map(|part| part.strip_prefix("token="));
         let token = token.map(|token| Token::given(token).ok_or_else(|| wrong("its token is not a whole one")));
-        Ok(Self { host, port: authority.port_u16().unwrap_or(PORT), token: token.transpose()? })
+        Ok(Self { host, port, token: token.transpose()? })
     }
 
     /// `HOST:PORT`, as which the host is told of.

@@ -160,6 +160,12 @@ fn where_one_host_does_not_record_none_does() {
     assert!(!own.is_recording() && !right.is_recording() && !path.exists());
     assert_eq!(std::fs::read(folders[1].path().join("take-lab-2.mcap")).unwrap(), b"of somebody");
 
+    // Its disk would be full before the end.
+    wait_until("data come", || hosts.views().iter().all(|view| view.status().unwrap().disk.seconds_left.is_some()));
+    let error = hosts.start(&own, &path, Some(Duration::from_secs(1 << 40))).unwrap_err();
+    let StartError::Host { error: HostError::Disk { host, .. }, stopped } = &error else { panic!("{error}") };
+    assert!(*host == link(&right_page).name() && stopped.is_empty() && !right.is_recording(), "{error}");
+
     // This host's own session is in the way.
     std::fs::remove_file(folders[1].path().join("take-lab-2.mcap")).unwrap();
     std::fs::remove_file(folders[1].path().join("take-lab.mcap")).unwrap();
