@@ -14,8 +14,8 @@ use std::{
 use anyhow::Context;
 use erfgs_recorder as record;
 use erfgs_recorder::{
-    Alarm, AlarmKind, Before, Input, Level, MachineFacts, Options, RecordConfig, RecordError, Recorder, RigConfig,
-    SessionFiles, SessionInfo, Status, Summary, folder_of,
+    Alarm, AlarmKind, Before, Input, Level, MachineFacts, Message, Options, RecordConfig, RecordError, Recorder,
+    RigConfig, SessionFiles, SessionInfo, Status, Summary, folder_of,
     hosts::{HostView, Hosts},
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
     preflight::{self, Finding, Plan, Verdict},
@@ -395,7 +395,7 @@ fn record_until_told(
     recorder.stop_sources();
     let reason = if stopped { "stopped by Ctrl-C" } else { "the time was over" };
     let summary = end(reason).ok().or_else(|| recorder.last());
-    screen.messages(&recorder.status());
+    screen.messages(&recorder.messages());
     drop(page);
     let Some(summary) = summary else {
         terminal.note("nothing was recorded");
@@ -466,7 +466,7 @@ impl Screen {
     }
 
     fn show(&mut self, status: &Status, hosts: &[HostView]) {
-        self.messages(status);
+        self.messages(&status.messages);
         let between = LINE[usize::from(!self.is_terminal)];
         if self.quiet || self.last_line.is_some_and(|at| at.elapsed() < between) {
             return;
@@ -482,9 +482,9 @@ impl Screen {
     }
 
     /// Prints messages that are new.
-    fn messages(&mut self, status: &Status) {
+    fn messages(&mut self, messages: &[Message]) {
         let shown = self.last_message;
-        for message in status.messages.iter().filter(|message| message.number > shown) {
+        for message in messages.iter().filter(|message| message.number > shown) {
             if !self.quiet || message.level == Level::Error {
                 self.clear();
                 let who = if message.stream.is_empty() { String::new() } else { format!("{}: ", message.stream) };
@@ -496,7 +496,7 @@ impl Screen {
                 eprintln!("{mark}{who}{}", message.text);
             }
         }
-        self.last_message = status.messages.last().map_or(self.last_message, |message| message.number);
+        self.last_message = messages.last().map_or(self.last_message, |message| message.number);
     }
 
     fn clear(&mut self) {

@@ -416,8 +416,9 @@ fn two_programs_record_as_one_and_the_loss_of_one_is_told() {
 
     // Killed in the middle, as by a power cut.
     let killed = thread::spawn({
-        let session = right.path().join("takes/take2-right.mcap");
+        let (session, own) = (right.path().join("takes/take2-right.mcap"), left.path().join("take2.mcap"));
         move || {
+            wait_until("all record", || own.exists());
             wait_until("some of it is on the disk", || fs::metadata(&session).is_ok_and(|about| about.len() > 20_000));
             other.process.kill().expect("killed");
             other
@@ -459,8 +460,9 @@ fn one_page_has_the_cameras_of_two_hosts() {
     browser.wait("cards.get('left-eye').image.naturalWidth > 0");
     browser.evaluate("$('name').value = 'take'; $('button').click()");
     // Both lamps, and the time that goes on.
-    browser.wait("document.body.classList.contains('recording') && /^0:0[1-9]/.test($('state').textContent)");
-    browser.wait("/^0:0[1-9] ·/.test(document.querySelector('#hosts .doing').textContent)");
+    let counts = |text: &str| format!("/^\\d+:\\d\\d ·/.test({text}) && !{text}.startsWith('0:00')");
+    browser.wait(&format!("document.body.classList.contains('recording') && {}", counts("$('state').textContent")));
+    browser.wait(&counts("document.querySelector('#hosts .doing').textContent"));
     browser.evaluate(&format!("cards.get('{name} right-eye').image.click()"));
     browser.wait("$('large').open && $('large-image').naturalWidth === 160");
     browser.evaluate("$('large-close').click()");

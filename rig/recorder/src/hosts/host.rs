@@ -24,8 +24,8 @@ use crate::{Level, Status, Summary};
 
 /// Between two questions how it fares.
 pub(super) const ASK: Duration = Duration::from_millis(250);
-/// A status is short, and is at hand.
-const STATUS: Duration = Duration::from_secs(2);
+/// A status is short and at hand, and its host may be busy.
+const STATUS: Duration = Duration::from_secs(4);
 /// An order may wait for a disk.
 const ORDER: Duration = Duration::from_secs(10);
 /// A host that was silent for so long is lost, for the time being.
@@ -177,7 +177,12 @@ impl Host {
     pub fn view(&self) -> HostView {
         let state = self.state();
         let name = self.link.name();
-        HostView { page: format!("http://{name}/"), name, lost: state.silent.clone(), told: state.told.clone() }
+        HostView {
+            page: format!("http://{name}/"),
+            name,
+            lost: state.silent.clone().filter(|_| state.lost),
+            told: state.told.clone(),
+        }
     }
 
     /// The name of its rig, once it was heard of.
