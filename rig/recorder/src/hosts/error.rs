@@ -116,9 +116,24 @@ pub enum HostError {
         /// The host.
         host: String,
     },
+    /// Several of them do not.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; and "))]
+    Several(Vec<HostError>),
     /// This host's system.
     #[error("cannot start to watch other hosts: {0}")]
     System(#[from] io::Error),
+}
+
+impl HostError {
+    /// What kept hosts from something, if anything did.
+    pub(super) fn any_of<T>(answers: Vec<Result<T, Self>>) -> Result<(), Self> {
+        let mut errors: Vec<Self> = answers.into_iter().filter_map(Result::err).collect();
+        match errors.len() {
+            0 => Ok(()),
+            1 => Err(errors.swap_remove(0)),
+            _ => Err(Self::Several(errors)),
+        }
+    }
 }
 
 /// Why a recording of several hosts does not start.

@@ -83,7 +83,7 @@ impl Hosts {
         })?;
         let hosts = Self { shared, runtime: handle, starting: Mutex::new(()), quit: Some(quit), thread: Some(thread) };
         let shared = Arc::clone(&hosts.shared);
-        hosts.wait_for(async move { shared.each(|host| async move { host.is_ready(None).await }).await })??;
+        hosts.wait_for(async move { shared.are_ready(None).await })??;
         for host in &hosts.shared.hosts {
             hosts.runtime.spawn(watch(Arc::clone(&hosts.shared), Arc::clone(host)));
         }
@@ -190,12 +190,11 @@ impl Drop for Hosts {
 }
 
 impl Shared {
-    /// Does something with all hosts at once; the first error, in their order.
-    async fn each<T, E, F>(&self, what: impl Fn(Arc<Host>) -> F) -> Result<Vec<T>, E>
+    /// Does something with all hosts at once; what came of it, in their order.
+    async fn each<T, F>(&self, what: impl Fn(Arc<Host>) -> F) -> Vec<T>
     where
         T: Send + 'static,
-        E: Send + 'static,
-        F: Future<Output = Result<T, E>> + Send + 'static,
+        F: Future<Output = T> + Send + 'static,
     {
         let mut tasks = JoinSet::new();
         for (index, host) in self.hosts.iter().enumerate() {
@@ -207,17 +206,22 @@ impl Shared {
         answers.into_iter().map(|(_, answer)| answer).collect()
     }
 
+    /// Whether all can record, for so long.
+    async fn are_ready(&self, length: Option<Duration>) -> Result<(), HostError> {
+        HostError::any_of(self.each(|host| async move { host.is_ready(length).await }).await)
+    }
+
     async fn start(&self, stem: &str, length: Option<Duration>) -> Result<(), StartError> {
         let _alone = self.order.lock().await;
         let refused = |error| StartError::Host { error, stopped: Vec::new() };
-        self.each(|host| async move { host.is_ready(length).await }).await.map_err(refused)?;
+        self.are_ready(length).await.map_err(refused)?;
         self.hosts.iter().for_each(|host| host.forget());
         let names = self.names(stem);
         let started = self.each(|host| {
             let name = names.get(&host.link.name()).cloned().unwrap_or_default();
             async move { host.start(&name).await }
         });
-        let Err(error) = started.await else { return Ok(()) };
+        let Err(error) = HostError::any_of(started.await) else { return Ok(()) };
         let stopped = self.all_stopped().await.into_iter();
         let stopped = stopped.filter(|take| !matches!(take.end, HostEnd::Unknown { .. })).map(|take| take.path);
         Err(StartError::Host { error, stopped: stopped.collect() })
@@ -239,8 +243,7 @@ impl Shared {
     }
 
     async fn all_stopped(&self) -> Vec<HostTake> {
-        let takes = self.each(|host| async move { Ok::<_, std::convert::Infallible>(host.stop().await) }).await;
-        takes.map_or_else(|never| match never {}, |takes| takes.into_iter().flatten().collect())
+        self.each(|host| async move { host.stop().await }).await.into_iter().flatten().collect()
     }
 
     /// Ends what the others record, and says what there is of it.

@@ -98,6 +98,11 @@ fn hosts_that_cannot_record_are_named_with_what_to_do() {
     assert!(matches!(error, HostError::Unreachable { .. }), "{error}");
     assert!(error.to_string().contains(&nobody.to_string()) && error.to_string().contains("--live"), "{error}");
 
+    // All that fail are named.
+    let also = { TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port() };
+    let error = refused(vec![at(nobody, token), at(also, token)]).to_string();
+    assert!(error.contains(&nobody.to_string()) && error.contains(&also.to_string()), "{error}");
+
     // Another token, as of a recorder that was started again.
     let (recorder, served) = serve(folder.path(), "0.0.0.0:0");
     let error = refused(vec![at(served.address().port(), token)]);
@@ -163,8 +168,9 @@ fn where_one_host_does_not_record_none_does() {
     // Its disk would be full before the end.
     wait_until("data come", || hosts.views().iter().all(|view| view.status().unwrap().disk.seconds_left.is_some()));
     let error = hosts.start(&own, &path, Some(Duration::from_secs(1 << 40))).unwrap_err();
-    let StartError::Host { error: HostError::Disk { host, .. }, stopped } = &error else { panic!("{error}") };
-    assert!(*host == link(&right_page).name() && stopped.is_empty() && !right.is_recording(), "{error}");
+    let StartError::Host { error: HostError::Several(errors), stopped } = &error else { panic!("{error}") };
+    assert!(errors.len() == 2 && errors.iter().all(|error| matches!(error, HostError::Disk { .. })), "{error}");
+    assert!(stopped.is_empty() && !right.is_recording(), "{error}");
 
     // This host's own session is in the way.
     std::fs::remove_file(folders[1].path().join("take-lab-2.mcap")).unwrap();
