@@ -1,5 +1,7 @@
 //! `erfgs record`: a rig into a session file.
 
+mod hosts;
+
 use std::{
     io::{IsTerminal, Write},
     net::{SocketAddr, TcpListener},
@@ -12,12 +14,14 @@ use std::{
 use anyhow::Context;
 use erfgs_recorder as record;
 use erfgs_recorder::{
-    Alarm, AlarmKind, Before, Input, Level, MachineFacts, Options, RecordConfig, RecordError, Recorder, RigConfig,
-    SessionFiles, SessionInfo, Status, Summary, folder_of,
+    Alarm, AlarmKind, Before, Input, Level, MachineFacts, Message, Options, RecordConfig, RecordError, Recorder,
+    RigConfig, SessionFiles, SessionInfo, Status, Summary, folder_of,
+    hosts::{HostView, Hosts},
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
     preflight::{self, Finding, Plan, Verdict},
 };
 use erfgs_session::{container::Settings, source::Description};
+use serde::Serialize;
 
 use crate::{
     errors::{Stopped, Usage},
@@ -43,6 +47,11 @@ Examples:
   erfgs record RIG.toml --out takes/ --before 5 --after 2 --live       Enter or the page keeps the last 5 s and 2 s more
   erfgs record RIG.toml --out takes/ --before 1 --after 1 --on rate:4  as does a rise of an event camera's rate
   erfgs record RIG.toml --out boards.mcap --live --quick chessboard:9x6:0.025
+
+Examples: several hosts with one trigger board
+  erfgs record right.toml --out takes/ --wait --live 0.0.0.0:8100      on each of the others: it prints the link
+  erfgs record left.toml --out take1.mcap --seconds 30 --with 'http://right:8100/?token=TOKEN'
+  erfgs record left.toml --out takes/ --wait --live --with hosts.txt   one page for all; a link a line
 
 With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder \
 of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
@@ -78,6 +87,11 @@ pub struct Arguments {
     /// Such a recording ends by itself after so many seconds; without it, when it is stopped on the page or by Enter.
     #[arg(long, value_name = "SECONDS", value_parser = held, requires = "before")]
     after: Option<f64>,
+    /// Record with another host: the link of its live page, where it waits with --wait; or a file with a link a line, which other
+    /// users of this machine cannot read off the command line. May be given more than once. All others are started first and
+    /// stopped with this one, and the page shows their cameras, too.
+    #[arg(long, value_name = "URL", conflicts_with = "before")]
+    with: Vec<hosts::With>,
     /// What asks for it besides: rate:TIMES (an event camera's data come more than so many times as fast as in the two
     /// seconds before), edge (the trigger input of an event camera rises), edge:ID (of this one). May be given twice.
     #[arg(long, value_name = "RISE", value_parser = alarm, requires = "before")]
@@ -147,6 +161,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return Err(Usage(what).into());
     }
     let listener = arguments.live.map(LivePage::listen).transpose()?;
+    let hosts = hosts::connect(&arguments.with, terminal)?;
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder '{}'", folder.display()))?;
     terminal.note(format!("opening {} devices", rig.devices.len()));
     let inputs = record::open(&rig)?;
@@ -174,7 +189,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let recorder = Arc::new(Recorder::new(inputs, options)?);
     let _ = told.set(Arc::downgrade(&recorder));
-    record_until_told(arguments, terminal, &recorder, monitor, listener, out)
+    if let Some(hosts) = &hosts {
+        hosts.lead(&recorder);
+    }
+    record_until_told(arguments, terminal, &recorder, monitor, listener, hosts, out)
 }
 
 /// How much of the past is held.
@@ -319,6 +337,7 @@ fn record_until_told(
     recorder: &Arc<Recorder>,
     monitor: Arc<Monitor>,
     listener: Option<TcpListener>,
+    hosts: Option<Arc<Hosts>>,
     out: &Path,
 ) -> anyhow::Result<()> {
     let stop = interrupt::stop_flag("the session is being completed")?;
@@ -331,16 +350,27 @@ fn record_until_told(
     };
     if let Some(page) = &page {
         terminal.note(format!("live page: {}", page.url()));
+        if let Some(hosts) = &hosts {
+            page.lead(Arc::clone(hosts));
+        }
     }
+    let hosts = hosts.as_deref();
     if let Some(seconds) = arguments.before {
         terminal.note(format!("the last {seconds} s are held in memory: Enter keeps them"));
         keep_at_enter(recorder)?;
     } else if !arguments.wait {
-        recorder.start_recording(out)?;
+        match hosts {
+            Some(hosts) => hosts.start(recorder, out, arguments.seconds.map(Duration::from_secs_f64))?,
+            None => recorder.start_recording(out)?,
+        }
     }
+    let end = |reason| match hosts {
+        Some(hosts) => hosts.stop(recorder, reason),
+        None => recorder.stop_recording(reason),
+    };
     if let Err(error) = recorder.start_sources() {
         // A file without a packet would only be in the way of the next try.
-        let empty = recorder.stop_recording("a device did not start");
+        let empty = end("a device did not start");
         if let Ok(summary) = empty
             && summary.streams.iter().all(|stream| stream.written == 0)
         {
@@ -355,7 +385,7 @@ fn record_until_told(
     let stays = (page.is_some() && arguments.seconds.is_none()) || arguments.before.is_some();
     let goes_on = || stays || recorder.is_recording();
     while !stop.load(Ordering::SeqCst) && !timed_out() && goes_on() {
-        screen.show(&recorder.status());
+        screen.show(&recorder.status(), &hosts.map(Hosts::views).unwrap_or_default());
         thread::sleep(Duration::from_millis(50));
     }
     let stopped = stop.load(Ordering::SeqCst);
@@ -364,14 +394,17 @@ fn record_until_told(
     let recorded = recorder.is_recording();
     recorder.stop_sources();
     let reason = if stopped { "stopped by Ctrl-C" } else { "the time was over" };
-    let summary = recorder.stop_recording(reason).ok().or_else(|| recorder.last());
-    screen.messages(&recorder.status());
+    let summary = end(reason).ok().or_else(|| recorder.last());
+    screen.messages(&recorder.messages());
     drop(page);
     let Some(summary) = summary else {
         terminal.note("nothing was recorded");
         return Ok(());
     };
-    terminal.result(&summary, || report(&summary))?;
+    let others = hosts.map(hosts::Others::of);
+    terminal.result(&Recorded { summary: &summary, others: others.as_ref() }, || {
+        report(&summary) + &others.as_ref().map(hosts::Others::report).unwrap_or_default()
+    })?;
     if let Some(failure) = &summary.failure {
         anyhow::bail!("{failure}");
     }
@@ -381,7 +414,16 @@ fn record_until_told(
     if stopped && arguments.seconds.is_some() && !timed_out() {
         return Err(Stopped(format!("stopped; '{}' is complete up to here", summary.path.display())).into());
     }
-    Ok(())
+    others.map_or(Ok(()), |others| others.fault())
+}
+
+/// What is told with `--json`.
+#[derive(Serialize)]
+struct Recorded<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    #[serde(flatten)]
+    others: Option<&'a hosts::Others>,
 }
 
 /// What a recording holds, for humans.
@@ -423,14 +465,14 @@ impl Screen {
         Self { quiet: terminal.is_quiet(), is_terminal, last_line: None, last_message: 0 }
     }
 
-    fn show(&mut self, status: &Status) {
-        self.messages(status);
+    fn show(&mut self, status: &Status, hosts: &[HostView]) {
+        self.messages(&status.messages);
         let between = LINE[usize::from(!self.is_terminal)];
         if self.quiet || self.last_line.is_some_and(|at| at.elapsed() < between) {
             return;
         }
         self.last_line = Some(Instant::now());
-        let line = line(status);
+        let line = line(status) + &hosts::line(hosts);
         if self.is_terminal {
             eprint!("\r\x1b[2K{line}");
             let _ = std::io::stderr().flush();
@@ -440,9 +482,9 @@ impl Screen {
     }
 
     /// Prints messages that are new.
-    fn messages(&mut self, status: &Status) {
+    fn messages(&mut self, messages: &[Message]) {
         let shown = self.last_message;
-        for message in status.messages.iter().filter(|message| message.number > shown) {
+        for message in messages.iter().filter(|message| message.number > shown) {
             if !self.quiet || message.level == Level::Error {
                 self.clear();
                 let who = if message.stream.is_empty() { String::new() } else { format!("{}: ", message.stream) };
@@ -454,7 +496,7 @@ impl Screen {
                 eprintln!("{mark}{who}{}", message.text);
             }
         }
-        self.last_message = status.messages.last().map_or(self.last_message, |message| message.number);
+        self.last_message = messages.last().map_or(self.last_message, |message| message.number);
     }
 
     fn clear(&mut self) {

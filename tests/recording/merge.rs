@@ -2,7 +2,7 @@
 
 #[path = "../../rig/sync/tests/it/breaks/support.rs"]
 #[allow(dead_code)]
-mod support;
+pub mod support;
 
 use std::{fs, path::Path};
 

@@ -7,6 +7,7 @@ mod dataset;
 mod event_files;
 mod excerpt;
 mod files;
+mod hosts;
 mod live;
 mod merge;
 mod names;

@@ -15,6 +15,7 @@ mod config;
 mod error;
 mod gate;
 mod host;
+pub mod hosts;
 pub mod live;
 mod log;
 mod meter;

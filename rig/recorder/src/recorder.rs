@@ -117,6 +117,8 @@ pub(super) struct Shared {
     ending: Mutex<()>,
     pub last: Mutex<Option<Summary>>,
     pub status: Mutex<Arc<Status>>,
+    /// Held while the status is brought up to date, so that an older one never takes the place of a newer one.
+    pub refreshing: Mutex<()>,
     pub quit: AtomicBool,
 }
 
@@ -179,6 +181,7 @@ impl Recorder {
             ending: Mutex::new(()),
             last: Mutex::new(None),
             status: Mutex::default(),
+            refreshing: Mutex::new(()),
             quit: AtomicBool::new(false),
         });
         watchdog::refresh(&shared);
@@ -327,6 +330,9 @@ impl Recorder {
         self.say(Level::Info, "", format!("recording into '{}'{before}", path.display()));
         let ends_at = length.map(|length| started + length);
         *recording = Some(RunningRecording { path, queue, progress, started, past_s, meter, ends_at, writer });
+        drop(recording);
+        // Who asks next is told so.
+        watchdog::refresh(shared);
         Ok(())
     }
 
@@ -445,6 +451,7 @@ impl Shared {
         lock(&self.log).say(text.0, "", text.1);
         *lock(&self.last) = Some(summary.clone());
         *lock(&self.finishing) = None;
+        watchdog::refresh(self);
         Some(summary)
     }
 }

@@ -79,6 +79,7 @@ pub(super) fn read_devices(shared: &Shared) {
 
 /// Brings the status up to date.
 pub(super) fn refresh(shared: &Shared) {
+    let _alone = lock(&shared.refreshing);
     let now = Instant::now();
     for slot in &shared.slots {
         look(shared, slot, now);

@@ -9,7 +9,7 @@ use erfgs_session::{
     container::{hand_over, sensor_size},
     source::{Description, Encoding, Packet},
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     clock::ClockWatch,
@@ -55,7 +55,7 @@ impl Inbox {
 }
 
 /// What the page is told of a stream's picture.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Look {
     /// The stream.
     pub id: String,

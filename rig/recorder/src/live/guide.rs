@@ -1,10 +1,10 @@
 //! What somebody who knows more than the page, such as a calibration that runs beside the recording, adds to it.
 
 use erfgs_session::source::Packet;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What the page shows over and below one camera's preview. Places are shares of the image's width and height, from 0 to 1.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Guidance {
     /// The stream.
     pub id: String,

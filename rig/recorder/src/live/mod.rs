@@ -16,6 +16,6 @@ mod server;
 pub use crate::names::{NameError, RecordingFile, recordings};
 pub use erfgs_page::serve::{PageError, PageOptions};
 pub use guide::{Guidance, Guide};
-pub use monitor::{Monitor, MonitorOptions};
+pub use monitor::{Look, Monitor, MonitorOptions};
 pub use playback::{Playback, PlaybackOrder, PlaybackStatus};
 pub use server::LivePage;

@@ -13,7 +13,7 @@ use axum::{
     Json, Router,
     body::{Body, Bytes},
     extract::{DefaultBodyLimit, Path, Query, State},
-    http::{StatusCode, header},
+    http::{StatusCode, Uri, header},
     middleware,
     response::{
         IntoResponse, Response, Sse,
@@ -32,6 +32,7 @@ use super::{
 };
 use crate::{
     AdjustError, Level, RecordError, Recorder, SinkError, Status,
+    hosts::{HostView, Hosts, StartError},
     names::{self, NameError},
 };
 
@@ -46,6 +47,8 @@ pub(super) struct Site {
     pub monitor: Arc<Monitor>,
     pub access: Arc<Access>,
     pub playback: OnceLock<Arc<dyn Playback>>,
+    /// Other hosts that record with this one.
+    pub hosts: OnceLock<Arc<Hosts>>,
 }
 
 type Shared = State<Arc<Site>>;
@@ -76,6 +79,7 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/api/knobs/{id}", get(knobs))
         .route("/api/adjust", post(adjust))
         .route("/api/keep-settings", post(keep_settings))
+        .route("/api/hosts/{host}/{*what}", get(of_host).post(order_host))
         .route("/recordings/{name}", get(download))
         .layer(DefaultBodyLimit::max(4096))
         .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
@@ -96,11 +100,14 @@ struct Numbers<'a> {
     /// Pictures of events show the last so many microseconds.
     span_us: u64,
     playback: Option<PlaybackStatus>,
+    hosts: Vec<HostView>,
 }
 
 fn numbers_now(site: &Site) -> String {
     let status = site.recorder.status();
-    let folder = site.recorder.folder().display().to_string();
+    // Whole, for somebody on another host.
+    let folder = site.recorder.folder();
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned()).display().to_string();
     let numbers = Numbers {
         status: &status,
         looks: site.monitor.looks(),
@@ -108,6 +115,7 @@ fn numbers_now(site: &Site) -> String {
         folder,
         span_us: site.monitor.span_us(),
         playback: site.playback.get().map(|playback| playback.status()),
+        hosts: site.hosts.get().map(|hosts| hosts.views()).unwrap_or_default(),
     };
     serde_json::to_string(&numbers).unwrap_or_default()
 }
@@ -167,12 +175,16 @@ async fn start(State(site): Shared, Json(asked): Json<Start>) -> Response {
         Ok(path) => path,
         Err(error) => return refuse(StatusCode::BAD_REQUEST, &error.to_string()),
     };
-    let started = blocking(move || site.recorder.start_recording(&path)).await;
-    match started {
+    let started = blocking(move || match site.hosts.get() {
+        Some(hosts) => hosts.start(&site.recorder, &path, None),
+        None => Ok(site.recorder.start_recording(&path)?),
+    });
+    match started.await {
         Some(Ok(())) => Json(serde_json::json!({ "started": true })).into_response(),
-        Some(Err(error @ (RecordError::Busy(_) | RecordError::Sink(SinkError::Exists(_))))) => {
+        Some(Err(error @ StartError::Own(RecordError::Busy(_) | RecordError::Sink(SinkError::Exists(_))))) => {
             refuse(StatusCode::CONFLICT, &error.to_string())
         }
+        Some(Err(error @ StartError::Host { .. })) => refuse(StatusCode::BAD_GATEWAY, &error.to_string()),
         Some(Err(error)) => refuse(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
         None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
     }
@@ -195,7 +207,11 @@ async fn keep(State(site): Shared, Json(Keep {}): Json<Keep>) -> Response {
 
 async fn stop(State(site): Shared, Json(Stop {}): Json<Stop>) -> Response {
     let stopped = blocking(move || {
-        let stopped = site.recorder.stop_recording("stopped from the live page");
+        let reason = "stopped from the live page";
+        let stopped = match site.hosts.get() {
+            Some(hosts) => hosts.stop(&site.recorder, reason),
+            None => site.recorder.stop_recording(reason),
+        };
         if stopped.is_err() {
             site.recorder.say(Level::Info, "", "asked to stop, but no recording runs");
         }
@@ -272,6 +288,41 @@ fn told<T: Serialize>(answer: Option<Result<T, AdjustError>>) -> Response {
         Some(Err(error @ AdjustError::Unknown(_))) => refuse(StatusCode::NOT_FOUND, &error.to_string()),
         Some(Err(error)) => refuse(StatusCode::BAD_REQUEST, &error.to_string()),
         None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed: see the terminal"),
+    }
+}
+
+/// Pictures and settings of cameras of another host, as it answers.
+async fn of_host(State(site): Shared, Path((host, what)): Path<(usize, String)>, uri: Uri) -> Response {
+    let id = what.strip_prefix("preview/").or_else(|| what.strip_prefix("knobs/"));
+    if !id.is_some_and(crate::is_id) {
+        return refuse(StatusCode::NOT_FOUND, "nothing of that name is asked of other hosts");
+    }
+    let large = uri.query().is_some_and(|query| query.split('&').any(|part| part == "large=true"));
+    relay(&site, host, format!("/api/{what}{}", if large { "?large=true" } else { "" }), None).await
+}
+
+/// Lets another host change the settings of its cameras, or what its pictures show.
+async fn order_host(
+    State(site): Shared,
+    Path((host, what)): Path<(usize, String)>,
+    Json(json): Json<serde_json::Value>,
+) -> Response {
+    if !matches!(what.as_str(), "adjust" | "keep-settings" | "span") {
+        return refuse(StatusCode::NOT_FOUND, "nothing of that name is asked of other hosts");
+    }
+    relay(&site, host, format!("/api/{what}"), Some(json.to_string())).await
+}
+
+async fn relay(site: &Site, host: usize, path: String, json: Option<String>) -> Response {
+    let Some(hosts) = site.hosts.get() else { return refuse(StatusCode::NOT_FOUND, "there are no other hosts") };
+    match hosts.relay(host, &path, json).await {
+        // A kind of its own choice could make a browser run what it says.
+        Some(Ok((code, kind, body))) => {
+            let kind = ["image/jpeg", "application/json"].into_iter().find(|known| kind == *known);
+            (code, [(header::CONTENT_TYPE, kind.unwrap_or("text/plain; charset=utf-8"))], body).into_response()
+        }
+        Some(Err(error)) => refuse(StatusCode::BAD_GATEWAY, &error.to_string()),
+        None => refuse(StatusCode::NOT_FOUND, "there is no such host"),
     }
 }
 

@@ -15,7 +15,7 @@ use super::{
     playback::Playback,
     routes::{self, Site},
 };
-use crate::Recorder;
+use crate::{Recorder, hosts::Hosts};
 
 /// A page that is being served; ends when dropped.
 pub struct LivePage {
@@ -53,7 +53,13 @@ impl LivePage {
         options: &PageOptions,
     ) -> Result<Self, PageError> {
         let access = Arc::new(Access::new(options)?);
-        let site = Arc::new(Site { recorder, monitor, access: Arc::clone(&access), playback: OnceLock::new() });
+        let site = Arc::new(Site {
+            recorder,
+            monitor,
+            access: Arc::clone(&access),
+            playback: OnceLock::new(),
+            hosts: OnceLock::new(),
+        });
         let server = Server::start(listener, routes::router(Arc::clone(&site)), "live page")?;
         Ok(Self { server, access, site })
     }
@@ -61,6 +67,11 @@ impl LivePage {
     /// Lets the page steer a playback. The first one stays.
     pub fn steer(&self, playback: Arc<dyn Playback>) {
         let _ = self.site.playback.set(playback);
+    }
+
+    /// Lets the page show other hosts, too, and start and stop them with this one. The first ones stay.
+    pub fn lead(&self, hosts: Arc<Hosts>) {
+        let _ = self.site.hosts.set(hosts);
     }
 
     /// Where it listens.

@@ -15,18 +15,18 @@ use erfgs_recorder::{
 };
 
 /// An answer of the server.
-struct Answer {
-    code: u16,
-    head: String,
-    body: Vec<u8>,
+pub struct Answer {
+    pub code: u16,
+    pub head: String,
+    pub body: Vec<u8>,
 }
 
 impl Answer {
-    fn text(&self) -> String {
+    pub fn text(&self) -> String {
         String::from_utf8_lossy(&self.body).into_owned()
     }
 
-    fn json(&self) -> serde_json::Value {
+    pub fn json(&self) -> serde_json::Value {
         serde_json::from_slice(&self.body).unwrap()
     }
 }
@@ -50,16 +50,30 @@ fn ask(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)], 
     Answer { code, head, body: bytes[end + 4..].to_vec() }
 }
 
-fn get(address: SocketAddr, path: &str) -> Answer {
+pub fn get(address: SocketAddr, path: &str) -> Answer {
     ask(address, "GET", path, &[], "")
 }
 
-fn post(address: SocketAddr, path: &str, body: &str) -> Answer {
+pub fn post(address: SocketAddr, path: &str, body: &str) -> Answer {
     ask(address, "POST", path, &[("content-type", "application/json")], body)
 }
 
 /// A rig of two patterns, served.
-fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
+pub fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
+    let (recorder, monitor) = rig(folder, "lab", 0);
+    let page = page(&recorder, monitor, address);
+    (recorder, page)
+}
+
+/// The page of a rig, with a token where others could reach it.
+pub fn page(recorder: &Arc<Recorder>, monitor: Arc<Monitor>, address: &str) -> LivePage {
+    let options =
+        PageOptions { address: address.parse().unwrap(), names: Vec::new(), open: address.starts_with("127") };
+    LivePage::serve(Arc::clone(recorder), monitor, &options).unwrap()
+}
+
+/// A rig of two patterns that runs, on a disk of which so much is never used.
+pub fn rig(folder: &Path, name: &str, reserve_bytes: u64) -> (Arc<Recorder>, Arc<Monitor>) {
     let input = |id: &str, delivers| {
         let config = PatternConfig { delivers, width: 160, height: 120, ..PatternConfig::default() };
         Input { source: Box::new(Pattern::open(id, config).unwrap()), queue_bytes: 16 << 20, stall_after: None }
@@ -68,9 +82,9 @@ fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
     let descriptions: Vec<_> = inputs.iter().map(|input| input.source.description().clone()).collect();
     let monitor = Monitor::new(&descriptions, MonitorOptions::default()).unwrap();
     let options = Options {
-        info: SessionInfo { rig: "lab".into(), ..SessionInfo::default() },
+        info: SessionInfo { rig: name.into(), ..SessionInfo::default() },
         flush_every: Duration::from_millis(50),
-        reserve_bytes: 0,
+        reserve_bytes,
         folder: folder.into(),
         opener: Box::new(SessionFiles::default()),
         subscriber: Some(Arc::clone(&monitor) as _),
@@ -80,13 +94,10 @@ fn serve(folder: &Path, address: &str) -> (Arc<Recorder>, LivePage) {
     };
     let recorder = Arc::new(Recorder::new(inputs, options).unwrap());
     recorder.start_sources().unwrap();
-    let options =
-        PageOptions { address: address.parse().unwrap(), names: Vec::new(), open: address.starts_with("127") };
-    let page = LivePage::serve(Arc::clone(&recorder), monitor, &options).unwrap();
-    (recorder, page)
+    (recorder, monitor)
 }
 
-fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !holds() {
         assert!(begun.elapsed() < Duration::from_secs(60), "waited too long for: {what}");

@@ -1,4 +1,5 @@
 //! The recorder with puppets for devices, and the live page.
 
+mod hosts;
 mod live;
 mod record;

@@ -46,8 +46,12 @@ const STATES = {
 // Whether a recording is played, and no camera is there.
 let replayed = false;
 
-function card(stream) {
-  let found = cards.get(stream.id);
+// Where a camera is: of this host, whose cards are keyed by the camera alone, or of another one.
+const here = { key: (id) => id, base: '/api/', grid: () => $('streams') };
+
+function card(stream, place = here) {
+  const key = place.key(stream.id);
+  let found = cards.get(key);
   if (found) return found;
   const node = $('card').content.firstElementChild.cloneNode(true);
   text(node.querySelector('h3'), stream.id);
@@ -58,12 +62,12 @@ function card(stream) {
   image.alt = `preview of ${stream.id}`;
   // The view takes the shape of its picture.
   image.addEventListener('load', () => { node.querySelector('.view').style.aspectRatio = `${image.naturalWidth} / ${image.naturalHeight}`; });
-  image.addEventListener('click', () => enlarge(stream.id));
-  image.addEventListener('keydown', (event) => { if (event.key === 'Enter') enlarge(stream.id); });
-  found = { node, image, version: 0, loading: false, history: [], rows: new Map(), visible: true };
+  image.addEventListener('click', () => enlarge(key));
+  image.addEventListener('keydown', (event) => { if (event.key === 'Enter') enlarge(key); });
+  found = { node, image, id: stream.id, base: place.base, version: 0, loading: false, history: [], rows: new Map(), visible: true };
   new IntersectionObserver((seen) => { found.visible = seen.at(-1).isIntersecting; }).observe(node);
-  $('streams').append(node);
-  cards.set(stream.id, found);
+  place.grid().append(node);
+  cards.set(key, found);
   return found;
 }
 
@@ -106,12 +110,12 @@ function spark(found, value) {
   context.fill();
 }
 
-async function preview(id, found, version) {
+async function preview(found, version) {
   if (found.loading || !found.visible || document.hidden) return;
   if (version && version === found.version) return;
   found.loading = true;
   try {
-    const response = await fetch(`/api/preview/${encodeURIComponent(id)}`);
+    const response = await fetch(`${found.base}preview/${encodeURIComponent(found.id)}`);
     if (response.ok) {
       const url = URL.createObjectURL(await response.blob());
       const old = found.image.src;
@@ -129,24 +133,26 @@ let enlarged = null;
 let largeVersion = 0;
 let largeLoading = false;
 
-function enlarge(id) {
-  if (!cards.get(id)?.pictures) return;
-  [enlarged, largeVersion] = [id, -1];
-  text($('large-name'), id);
-  $('large-image').src = cards.get(id).image.src;
-  $('large-image').alt = `enlarged preview of ${id}`;
+function enlarge(key) {
+  const found = cards.get(key);
+  if (!found?.pictures) return;
+  [enlarged, largeVersion] = [key, -1];
+  text($('large-name'), key);
+  $('large-image').src = found.image.src;
+  $('large-image').alt = `enlarged preview of ${key}`;
   $('large').showModal();
   showLarge(null);
-  openKnobs(id);
+  openKnobs(key);
 }
 
 async function showLarge(version) {
   if (!enlarged || largeLoading || document.hidden || version !== null && version === largeVersion) return;
   largeLoading = true;
-  const id = enlarged;
+  const key = enlarged;
+  const { base, id } = cards.get(key);
   try {
-    const response = await fetch(`/api/preview/${encodeURIComponent(id)}?large=true`);
-    if (response.ok && id === enlarged) {
+    const response = await fetch(`${base}preview/${encodeURIComponent(id)}?large=true`);
+    if (response.ok && key === enlarged) {
       const url = URL.createObjectURL(await response.blob());
       const image = $('large-image');
       const old = image.dataset.url;
@@ -164,16 +170,16 @@ $('large-close').addEventListener('click', () => $('large').close());
 
 // How often a still version is asked for anyway, which keeps the previews being drawn.
 const ASK_MS = 1000;
-setInterval(() => { cards.forEach((found, id) => { if (found.pictures) preview(id, found, null); }); showLarge(null); }, ASK_MS);
+setInterval(() => { cards.forEach((found) => { if (found.pictures) preview(found, null); }); showLarge(null); }, ASK_MS);
 
-function show(stream, look) {
-  const found = card(stream);
+function show(stream, look, place = here) {
+  const found = card(stream, place);
   const [label, classes] = STATES[stream.state] || [stream.state, ''];
   found.node.className = `card ${classes}`;
   text(found.node.querySelector('.badge'), stream.state === 'running' && replayed ? 'replay' : label);
   found.pictures = stream.encoding !== 'trigger-lines';
-  if (found.pictures && look) preview(stream.id, found, look.version);
-  if (stream.id === enlarged && look) {
+  if (found.pictures && look) preview(found, look.version);
+  if (place.key(stream.id) === enlarged && look) {
     showLarge(look.version);
     text($('large-figures'), `${stream.width} × ${stream.height} · ${stream.events_per_s == null ? `${stream.packets_per_s.toFixed(1)} /s` : scaled(stream.events_per_s, 'ev/s')}`);
   }
@@ -249,20 +255,70 @@ function guide(found, told) {
 
 // The whole ---------------------------------------------------------------------------------------------------------
 
-function update({ status, looks, guidance, folder, span_us: span, playback: played }) {
+function showAll(status, looks, guidance, place = here) {
+  const byId = new Map(looks.map((look) => [look.id, look]));
+  const told = new Map(guidance.map((of) => [of.id, of]));
+  status.streams.forEach((stream) => {
+    show(stream, byId.get(stream.id), place);
+    guide(card(stream, place), told.get(stream.id));
+  });
+}
+
+// Other hosts that record with this one: a heading and their cameras each.
+const places = new Map();
+function placeOf(host, index) {
+  let place = places.get(host.name);
+  if (place) return place;
+  const node = $('host').content.firstElementChild.cloneNode(true);
+  text(node.querySelector('h2'), host.name);
+  const link = node.querySelector('a');
+  link.href = host.page;
+  $('hosts').append(node);
+  place = { key: (id) => `${host.name} ${id}`, base: `/api/hosts/${index}/`, grid: () => node.querySelector('.streams'), node };
+  places.set(host.name, place);
+  return place;
+}
+
+function showHost(host, index) {
+  const place = placeOf(host, index);
+  const { status } = host;
+  place.node.classList.toggle('lost', host.lost !== null);
+  place.node.classList.toggle('recording', host.lost === null && Boolean(status?.recording));
+  const left = status?.disk.seconds_left;
+  const disk = status ? ` · disk ${scaled(status.disk.free, 'B')}${left == null ? '' : `, ${longSpan(left)}`}` : '';
+  const doing = !status ? 'not heard of yet'
+    : status.recording ? `${span(status.recording.seconds)} · ${scaled(status.recording.bytes, 'B')}`
+      : status.finishing ? 'writing what waits' : 'not recording';
+  text(place.node.querySelector('.rig'), status ? status.rig : '');
+  text(place.node.querySelector('.doing'), host.lost !== null ? 'lost' : doing + disk);
+  text(place.node.querySelector('.why'), host.lost ?? '');
+  if (status) showAll(status, host.looks, host.guidance, place);
+}
+
+function update({ status, looks, guidance, folder, span_us: pastUs, playback: played, hosts }) {
   document.body.classList.remove('offline');
   replayed = status.replay;
   text($('rig'), status.rig);
-  text($('link'), `${status.streams.length} ${status.streams.length === 1 ? 'stream' : 'streams'}, ${replayed ? 'replay' : 'live'}`);
+  hosts.forEach(showHost);
+  text($('own'), hosts.length ? 'this host' : '');
+  const heard = [status, ...hosts.filter((host) => host.lost === null && host.status).map((host) => host.status)];
+  const streams = heard.flatMap((of) => of.streams);
+  const lostHosts = hosts.length + 1 - heard.length;
+  const of = hosts.length ? ` of ${heard.length} hosts` : '';
+  text($('link'), `${streams.length} ${streams.length === 1 ? 'stream' : 'streams'}${of}, ${replayed ? 'replay' : 'live'}${lostHosts ? `, ${lostHosts} lost` : ''}`);
+  $('link').classList.toggle('bad', lostHosts > 0);
   document.title = `${status.recording ? '● ' : ''}${status.rig} – erfgs ${replayed ? 'replay' : 'live'}`;
-  const sum = (of) => status.streams.reduce((total, stream) => total + of(stream), 0);
+  const sum = (of) => streams.reduce((total, stream) => total + of(stream), 0);
   text($('rate'), scaled(sum((stream) => stream.bytes_per_s), 'B/s'));
   text($('events'), scaled(sum((stream) => stream.events_per_s ?? 0), 'ev/s'));
   const lost = sum((stream) => stream.drops.driver + stream.drops.queue + stream.drops.writer);
   text($('dropped'), lost ? `${lost} packets` : 'none');
   $('dropped').classList.toggle('bad', lost > 0);
-  text($('disk'), scaled(status.disk.free, 'B'));
-  const left = status.disk.seconds_left;
+  // The one that is full first.
+  const lasts = (disk) => disk.seconds_left ?? Infinity;
+  const disk = heard.map((host) => host.disk).reduce((least, disk) => lasts(disk) < lasts(least) ? disk : least);
+  text($('disk'), scaled(disk.free, 'B'));
+  const left = disk.seconds_left;
   if (left !== null && left !== undefined) {
     const small = document.createElement('small');
     small.textContent = ` ${longSpan(left)}`;
@@ -284,21 +340,18 @@ function update({ status, looks, guidance, folder, span_us: span, playback: play
   text($('button'), recording ? 'Stop recording' : 'Start recording');
   $('button').disabled = busy || finishing;
   text($('folder'), `in ${folder}`);
-  const byId = new Map(looks.map((look) => [look.id, look]));
-  const told = new Map(guidance.map((of) => [of.id, of]));
-  status.streams.forEach((stream) => {
-    show(stream, byId.get(stream.id));
-    guide(card(stream), told.get(stream.id));
-  });
-  $('tools').hidden = !status.streams.some((stream) => stream.events_per_s != null || /^(evt|davis|aedat)/.test(stream.encoding));
-  if (document.activeElement !== $('span')) $('span').value = String(span);
+  showAll(status, looks, guidance);
+  $('tools').hidden = !streams.some((stream) => stream.events_per_s != null || /^(evt|davis|aedat)/.test(stream.encoding));
+  if (document.activeElement !== $('span')) $('span').value = String(pastUs);
   playback(played);
   warnings(status.unread);
   messages(status);
 }
 
 $('span').addEventListener('change', () => {
-  fetch('/api/span', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ us: Number($('span').value) }) }).catch(() => {});
+  const body = JSON.stringify({ us: Number($('span').value) });
+  const bases = ['/api/', ...[...places.values()].map((place) => place.base)];
+  bases.forEach((base) => fetch(`${base}span`, { method: 'POST', headers: { 'content-type': 'application/json' }, body }).catch(() => {}));
   $('span').blur();
 });
 

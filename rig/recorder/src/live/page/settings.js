@@ -80,11 +80,12 @@ function showKnobs(found) {
   }));
 }
 
-async function openKnobs(id) {
+async function openKnobs(key) {
+  const { base, id } = cards.get(key);
   showKnobs([]);
   text($('knob-answer'), '');
-  const response = await fetch(`/api/knobs/${encodeURIComponent(id)}`);
-  if (response.ok && id === enlarged) showKnobs(await response.json());
+  const response = await fetch(`${base}knobs/${encodeURIComponent(id)}`);
+  if (response.ok && key === enlarged) showKnobs(await response.json());
 }
 
 $('knobs').addEventListener('submit', async (event) => {
@@ -92,15 +93,16 @@ $('knobs').addEventListener('submit', async (event) => {
   const changed = changes();
   if (!Object.keys(changed).length) { text($('knob-answer'), 'nothing was changed'); return; }
   text($('knob-answer'), 'changing');
-  const id = enlarged;
+  const { base, id } = cards.get(enlarged);
   try {
-    showKnobs(await post('/api/adjust', { stream: id, changed }));
+    showKnobs(await post(`${base}adjust`, { stream: id, changed }));
     text($('knob-answer'), 'changed, and noted in the recording');
   } catch (error) { text($('knob-answer'), error.message); }
 });
 $('knob-keep').addEventListener('click', async () => {
   try {
-    await post('/api/keep-settings', { stream: enlarged });
+    const { base, id } = cards.get(enlarged);
+    await post(`${base}keep-settings`, { stream: id });
     text($('knob-answer'), 'written into the rig’s file');
   } catch (error) { text($('knob-answer'), error.message); }
 });
