@@ -3,7 +3,8 @@
 # kernel. usage: scripts/emulation.sh [build] [host] [CHECK...]
 #   build    builds what the checks run, and nothing else unless it is named (without it, that is done first)
 #   run      the checks alone: what they run is built
-#   CHECK    a job of scripts/guest/jobs; all of them without
+#   CHECK    a job of scripts/guest/jobs; without any, the host, and the guest with the job devices (three others in one boot) and
+#            with the job show
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
@@ -24,7 +25,8 @@ build() {
   # Without what debuggers read, which is most of them: in the guest every byte passes an emulated processor.
   local program
   for program in erfgs erfgs-usbd; do strip -o target/emulation/$program target/debug/$program; done
-  CARGO_TARGET_DIR=target/independent cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
+  # These are others' crates.
+  CARGO_TARGET_DIR=target/independent env -u RUSTC_WORKSPACE_WRAPPER cargo build --locked --release --manifest-path tests/guest/independent/Cargo.toml
 }
 
 # The emulated cameras on this machine, without a kernel module.
@@ -82,7 +84,7 @@ case "${1:-}" in
   run) shift ;;
   *) build ;;
 esac
-[ $# -gt 0 ] || set -- host independent uvc cameras show
+[ $# -gt 0 ] || set -- host devices show
 # In the guest's own time, so that it does not matter what this machine does besides.
 export GUEST_CLOCK=instructions GUEST_SECONDS=900
 for check in "$@"; do
@@ -90,7 +92,7 @@ for check in "$@"; do
   started=$SECONDS
   case $check in
     host) host ;;
-    cameras) scripts/guest/run.sh cameras target/emulation/guest_cameras ;;
+    devices | cameras) scripts/guest/run.sh "$check" target/emulation/guest_cameras ;;
     show) scripts/guest/run.sh show target/emulation ;;
     *) scripts/guest/run.sh "$check" ;;
   esac

@@ -15,6 +15,8 @@ esac
 
 crates=(base events scene session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
+# .ci/run has had clippy look at them.
+unset RUSTC_WORKSPACE_WRAPPER
 
 # Each feature alone, and none.
 alone() { # alone CRATE FEATURE...

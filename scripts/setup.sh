@@ -40,7 +40,7 @@ if ! command -v apt-get >/dev/null; then
   exit 1
 fi
 
-install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev libsqlite3-dev
+install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev libsqlite3-dev libzstd-dev
 
 # The trigger board's firmware and its simulator; libclang reads the kernel's V4L2 header for the camera driver.
 install gcc-avr avr-libc simavr libsimavr-dev libelf-dev libclang1-14 libclang-common-14-dev
@@ -90,7 +90,7 @@ if [ "$slurm" = yes ]; then
 fi
 
 if [ "$oracles" = yes ]; then
-  install python3 python3-venv libzstd-dev
+  install python3 python3-venv
   venv=target/oracles
   stamp="$venv/requirements.stamp"
   if ! cmp -s tests/oracles/requirements.txt "$stamp"; then

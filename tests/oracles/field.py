@@ -1,11 +1,17 @@
 """Oracle of the deformation field: HexPlane, trunk and heads (4DGS, Wu et al. 2024), with every gradient."""
 
+from collections import namedtuple
+from functools import partial
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 PAIRS = ("xy", "xz", "xt", "yz", "yt", "zt")
 # Head: column of the core deltas that its first output goes to.
 CORE_HEADS = {"position": 0, "scale": 3, "rotation": 6, "opacity": 10}
+# What the equations are compiled for.
+Form = namedtuple("Form", "levels depth heads sh_stride upper_half")
 
 
 def sample(plane, u, v):
@@ -28,13 +34,13 @@ def linear(parameters, name, value):
     return parameters[name + ".weight"] @ value + parameters[name + ".bias"]
 
 
-def features(parameters, question, mean):
-    lower, upper = jnp.array(question["aabb"])
-    t = jnp.clip(question["t01"], 0.0, 1.0)
+def features(form, parameters, aabb, t01, mean):
+    lower, upper = aabb
+    t = jnp.clip(t01, 0.0, 1.0)
     at = dict(zip("xyz", (mean - lower) / (upper - lower)))
-    at["t"] = 0.5 + 0.5 * t if question["upper_half"] else t
+    at["t"] = 0.5 + 0.5 * t if form.upper_half else t
     levels = []
-    for level in range(question["levels"]):
+    for level in range(form.levels):
         product = 1.0
         for pair in PAIRS:
             plane = parameters[f"grid.level{level}.{pair}"]
@@ -43,15 +49,15 @@ def features(parameters, question, mean):
     return jnp.concatenate(levels)
 
 
-def deltas(parameters, question, mean):
-    hidden = features(parameters, question, mean)
-    for layer in range(max(question["depth"], 1)):
+def deltas(form, parameters, aabb, t01, mean):
+    hidden = features(form, parameters, aabb, t01, mean)
+    for layer in range(max(form.depth, 1)):
         if layer > 0:
             hidden = jax.nn.relu(hidden)
         hidden = linear(parameters, f"trunk.{layer}", hidden)
     core = jnp.zeros(12)
-    sh = jnp.zeros(question["sh_stride"])
-    for head in question["heads"]:
+    sh = jnp.zeros(form.sh_stride)
+    for head in form.heads:
         inner = linear(parameters, f"head.{head}.0", jax.nn.relu(hidden))
         out = linear(parameters, f"head.{head}.1", jax.nn.relu(inner))
         if head == "sh":
@@ -62,10 +68,10 @@ def deltas(parameters, question, mean):
     return core, sh
 
 
-def plane_losses(parameters, question):
+def plane_losses(form, parameters):
     """Second differences of the spatial planes along their rows, of the time planes along time, |1 - p| of the latter."""
     space = time = time_l1 = 0.0
-    for level in range(question["levels"]):
+    for level in range(form.levels):
         for pair in PAIRS:
             plane = parameters[f"grid.level{level}.{pair}"]
             smooth = jnp.mean((plane[2:] - 2.0 * plane[1:-1] + plane[:-2]) ** 2)
@@ -77,32 +83,32 @@ def plane_losses(parameters, question):
     return space, time, time_l1
 
 
-def run(question):
-    parameters = {
-        name: jnp.array(entry["values"]).reshape(entry["shape"]) for name, entry in question["parameters"].items()
-    }
-    means = jnp.array(question["means"])
-    d_core, d_sh = jnp.array(question["d_core"]), jnp.array(question["d_sh"])
-
-    def forward(parameters, means):
-        return jax.vmap(lambda mean: deltas(parameters, question, mean))(means)
-
+@partial(jax.jit, static_argnums=0)
+def answer(form, parameters, means, aabb, t01, d_core, d_sh, plane_weights):
     def loss(parameters, means):
-        core, sh = forward(parameters, means)
-        return jnp.sum(core * d_core) + jnp.sum(sh * d_sh)
-
-    weights = question["plane_weights"]
+        core, sh = jax.vmap(lambda mean: deltas(form, parameters, aabb, t01, mean))(means)
+        return jnp.sum(core * d_core) + jnp.sum(sh * d_sh), (core, sh)
 
     def regulariser(parameters):
-        return sum(weight * value for weight, value in zip(weights, plane_losses(parameters, question)))
+        losses = jnp.array(plane_losses(form, parameters))
+        return plane_weights @ losses, losses
 
-    core, sh = jax.jit(forward)(parameters, means)
-    d_parameters, d_means = jax.jit(jax.grad(loss, argnums=(0, 1)))(parameters, means)
+    (d_parameters, d_means), (core, sh) = jax.grad(loss, argnums=(0, 1), has_aux=True)(parameters, means)
+    d_planes, losses = jax.grad(regulariser, has_aux=True)(parameters)
     return {
         "core": core,
         "sh": sh,
         "d_parameters": d_parameters,
         "d_means": d_means,
-        "plane_losses": jnp.array(plane_losses(parameters, question)),
-        "d_planes": jax.jit(jax.grad(regulariser))(parameters),
+        "plane_losses": losses,
+        "d_planes": d_planes,
     }
+
+
+def run(question):
+    form = Form(*(tuple(value) if isinstance(value, list) else value for value in map(question.get, Form._fields)))
+    parameters = {
+        name: np.array(entry["values"]).reshape(entry["shape"]) for name, entry in question["parameters"].items()
+    }
+    asked = (np.array(question[name]) for name in ("means", "aabb", "t01", "d_core", "d_sh", "plane_weights"))
+    return answer(form, parameters, *asked)

@@ -12,6 +12,10 @@ NEGLIGIBLE = 1.0 / 255.0
 LARGEST_ALPHA = 0.99
 LEAST_TRANSMITTANCE = 1e-4
 LOW_PASS = 0.3
+# Coefficients of a Gaussian at degree 3, which all questions are brought to, and the number of Gaussians that they are
+# filled up to: a program is compiled for sizes, and that takes far longer than computing.
+COEFFICIENTS = 48
+ROOM = 150
 
 
 def quaternion_to_matrix(q):
@@ -21,26 +25,23 @@ def quaternion_to_matrix(q):
     return jnp.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
 
 
-def harmonics(d, degree):
-    """The real spherical harmonics of the unit vector d, with the Condon-Shortley phase that 3DGS keeps."""
+def harmonics(d):
+    """The real spherical harmonics of the unit vector d to degree 3, with the Condon-Shortley phase that 3DGS keeps."""
     x, y, z = d
     pi = np.pi
-    basis = [0.5 * np.sqrt(1 / pi)]
-    if degree >= 1:
-        c = np.sqrt(3 / (4 * pi))
-        basis += [-c * y, c * z, -c * x]
-    if degree >= 2:
-        c = 0.5 * np.sqrt(15 / pi)
-        basis += [
+    e, c = np.sqrt(3 / (4 * pi)), 0.5 * np.sqrt(15 / pi)
+    a, b = 0.25 * np.sqrt(35 / (2 * pi)), 0.25 * np.sqrt(21 / (2 * pi))
+    return jnp.array(
+        [
+            0.5 * np.sqrt(1 / pi),
+            -e * y,
+            e * z,
+            -e * x,
             c * x * y,
             -c * y * z,
             0.25 * np.sqrt(5 / pi) * (3 * z * z - 1),
             -c * x * z,
             0.5 * c * (x * x - y * y),
-        ]
-    if degree >= 3:
-        a, b = 0.25 * np.sqrt(35 / (2 * pi)), 0.25 * np.sqrt(21 / (2 * pi))
-        basis += [
             -a * y * (3 * x * x - y * y),
             0.5 * np.sqrt(105 / pi) * x * y * z,
             -b * y * (5 * z * z - 1),
@@ -49,17 +50,15 @@ def harmonics(d, degree):
             0.25 * np.sqrt(105 / pi) * z * (x * x - y * y),
             -a * x * (x * x - 3 * y * y),
         ]
-    return jnp.array(basis)
+    )
 
 
-def splat(view, options, core, sh):
+def splat(view, core, sh):
     """One Gaussian in the image: mean, inverse covariance, opacity, colour, depth, whether it is in front."""
-    rotation = jnp.array(view["rotation"])
-    camera = rotation @ core[0:3] + jnp.array(view["translation"])
-    focal = jnp.array([view["fx"], view["fy"]])
-    centre = jnp.array([view["cx"], view["cy"]])
-    size = jnp.array([view["width"], view["height"]], dtype=jnp.float64)
-    in_front = camera[2] > options["near"]
+    rotation, translation = view["rotation"], view["translation"]
+    focal, centre, size = view["focal"], view["centre"], view["size"]
+    camera = rotation @ core[0:3] + translation
+    in_front = camera[2] > view["near"]
     z = jnp.where(in_front, camera[2], 1.0)
     mean = focal * camera[:2] / z + centre
 
@@ -74,22 +73,22 @@ def splat(view, options, core, sh):
     projected = jacobian @ rotation @ covariance @ rotation.T @ jacobian.T + LOW_PASS * jnp.eye(2)
     conic = jnp.linalg.inv(projected)
 
-    eye = -rotation.T @ jnp.array(view["translation"])
+    eye = -rotation.T @ translation
     direction = core[0:3] - eye
-    basis = harmonics(direction / jnp.linalg.norm(direction), options["sh_degree"])
-    coefficients = sh[: 3 * len(basis)].reshape(-1, 3)
-    colour = jnp.maximum(0.5 + basis @ coefficients, 0.0)
+    basis = harmonics(direction / jnp.linalg.norm(direction))
+    active = jnp.arange(len(basis)) < (view["sh_degree"] + 1) ** 2
+    colour = jnp.maximum(0.5 + jnp.where(active, basis, 0.0) @ sh.reshape(-1, 3), 0.0)
     return mean, conic, jax.nn.sigmoid(core[10]), colour, camera[2], in_front
 
 
-def render(view, options, core, sh, shift):
+def render(view, core, sh, exists, shift):
     """Image (r, g, b, transmittance), depth and how near each pixel came to a threshold. `shift` moves the means in the
     image, pixels; its gradient is that of the projected means."""
-    mean, conic, opacity, colour, depth, in_front = jax.vmap(lambda c, s: splat(view, options, c, s))(core, sh)
+    mean, conic, opacity, colour, depth, in_front = jax.vmap(splat, (None, 0, 0))(view, core, sh)
+    in_front = in_front & exists
     mean = mean + shift
     order = jnp.argsort(depth, stable=True)
-    x, y = jnp.meshgrid(jnp.arange(view["width"]) + 0.5, jnp.arange(view["height"]) + 0.5)
-    pixels = jnp.stack([x.ravel(), y.ravel()], axis=-1)
+    pixels = view["pixels"]
 
     def blend(state, index):
         image, depths, transmittance, closed, margin = state
@@ -124,37 +123,63 @@ def render(view, options, core, sh, shift):
         jnp.full(count, jnp.inf),
     )
     (image, depths, transmittance, _, margin), _ = lax.scan(blend, start, order)
-    image = image + transmittance[:, None] * jnp.array(options["background"])
+    image = image + transmittance[:, None] * view["background"]
     return jnp.concatenate([image, transmittance[:, None]], axis=-1), depths, margin
+
+
+def loss(differentiated, view, exists, d_image, margin):
+    """sum(d_image * image * clear), and with it image, depth and clear."""
+    core, sh, delta_core, delta_sh, shift = differentiated
+    image, depth, margins = render(view, core + delta_core, sh + delta_sh, exists, shift)
+    clear = (margins > margin).astype(jnp.float64)
+    return jnp.sum(d_image * image * clear[:, None]), (image, depth, clear)
+
+
+compiled = jax.jit(jax.grad(loss, has_aux=True))
+
+
+def padded(rows, height, width):
+    """Rows with zeros beside and below."""
+    out = np.zeros((height, width))
+    for row, values in zip(out, rows):
+        row[: len(values)] = values
+    return out
 
 
 def run(question):
     """Answers with image, depth, `clear` (1 where no threshold is near, so that every precision decides alike) and the
     gradients of sum(d_image * image * clear)."""
-    view, options = question["view"], question["options"]
-    core = jnp.array(question["core"])
-    sh = jnp.array(question["sh"])
-    rows = question["delta_rows"]
-    delta_core = jnp.array(question["delta_core"]).reshape(rows, core.shape[1])
-    delta_sh = jnp.array(question["delta_sh"]).reshape(rows, sh.shape[1])
-    d_image = jnp.array(question["d_image"])
-
-    def deformed(core, sh, delta_core, delta_sh):
-        return core.at[:rows].add(delta_core), sh.at[:rows].add(delta_sh)
-
-    def forward(core, sh, delta_core, delta_sh, shift):
-        return render(view, options, *deformed(core, sh, delta_core, delta_sh), shift)
-
-    shift = jnp.zeros((core.shape[0], 2))
-    arguments = (core, sh, delta_core, delta_sh, shift)
-    image, depth, margin = jax.jit(forward)(*arguments)
-    clear = (margin > question["margin"]).astype(jnp.float64)
-
-    def loss(*arguments):
-        image, _, _ = forward(*arguments)
-        return jnp.sum(d_image * image * clear[:, None])
-
-    gradients = jax.jit(jax.grad(loss, argnums=(0, 1, 2, 3, 4)))(*arguments)
-    names = ("d_core", "d_sh", "d_delta_core", "d_delta_sh", "d_mean2d")
-    answer = {"image": image, "depth": depth, "clear": clear}
-    return answer | dict(zip(names, gradients))
+    asked, options = question["view"], question["options"]
+    x, y = np.meshgrid(np.arange(asked["width"]) + 0.5, np.arange(asked["height"]) + 0.5)
+    view = {
+        "rotation": np.array(asked["rotation"]),
+        "translation": np.array(asked["translation"]),
+        "focal": np.array([asked["fx"], asked["fy"]]),
+        "centre": np.array([asked["cx"], asked["cy"]]),
+        "size": np.array([asked["width"], asked["height"]], dtype=np.float64),
+        "pixels": np.stack([x.ravel(), y.ravel()], axis=-1),
+        "near": options["near"],
+        "sh_degree": options["sh_degree"],
+        "background": np.array(options["background"]),
+    }
+    count, rows, width = len(question["core"]), question["delta_rows"], len(question["sh"][0])
+    room = -(-count // ROOM) * ROOM
+    # Those that fill the room do not exist and are computed all the same: copies of the first.
+    core, sh = (question[name] + question[name][:1] * (room - count) for name in ("core", "sh"))
+    differentiated = (
+        padded(core, room, 12),
+        padded(sh, room, COEFFICIENTS),
+        padded(question["delta_core"], room, 12),
+        padded(question["delta_sh"], room, COEFFICIENTS),
+        np.zeros((room, 2)),
+    )
+    exists = np.arange(room) < count
+    gradients, seen = compiled(differentiated, view, exists, np.array(question["d_image"]), question["margin"])
+    d_core, d_sh, d_delta_core, d_delta_sh, d_mean2d = gradients
+    return dict(zip(("image", "depth", "clear"), seen)) | {
+        "d_core": d_core[:count],
+        "d_sh": d_sh[:count, :width],
+        "d_delta_core": d_delta_core[:rows],
+        "d_delta_sh": d_delta_sh[:rows, :width],
+        "d_mean2d": d_mean2d[:count],
+    }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, MatrixXx6, SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::{Bundle, Loss, Parameter, Prior, residual::row};
@@ -62,7 +62,7 @@ pub(super) struct Block {
     /// Derivatives of the cost by the placement's own parameters.
     pub gradient: Vector6,
     /// The cameras that see it, and their mixed second derivatives: a camera's parameters by the placement's six.
-    pub cameras: Vec<(usize, DMatrix<f64>)>,
+    pub cameras: Vec<(usize, MatrixXx6<f64>)>,
 }
 
 /// The normal equations.
@@ -227,7 +227,7 @@ fn linearise_part(bundle: &Bundle, loss: Loss, first: usize, placements: &[Vec<u
             let weight = loss.weight(squared);
             let free = free(camera);
             if !block.cameras.iter().any(|(seen, _)| *seen == camera) {
-                block.cameras.push((camera, DMatrix::zeros(free, 6)));
+                block.cameras.push((camera, MatrixXx6::zeros(free)));
             }
             let mixed = block.cameras.iter_mut().find(|(seen, _)| *seen == camera).map(|(_, mixed)| mixed);
             let Some(mixed) = mixed else { continue };

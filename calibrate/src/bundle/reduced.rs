@@ -4,7 +4,7 @@
 //! system in the cameras' parameters. It is formed and factored where it is small (exact: Cholesky); where there are
 //! thousands of parameters it is never formed, and solved by conjugate gradients (approximate, to a relative 1e-8).
 
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, MatrixXx6};
 use rayon::prelude::*;
 
 use super::normal::{Block, Layout, Matrix6, Normal, Vector6};
@@ -129,12 +129,15 @@ pub(super) fn schur(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>])
         .map(|(blocks, inverses)| {
             let mut matrix = DMatrix::zeros(layout.shared, layout.shared);
             for (block, inverse) in blocks.iter().zip(inverses) {
-                for (a, mixed_a) in &block.cameras {
-                    let left = mixed_a * inverse;
-                    for (b, mixed_b) in &block.cameras {
-                        let (rows, columns) = (&layout.columns[*a], &layout.columns[*b]);
-                        let mut to = matrix.view_mut((rows.start, columns.start), (rows.len(), columns.len()));
-                        to -= &left * mixed_b.transpose();
+                let solved: Vec<MatrixXx6<f64>> = block.cameras.iter().map(|(_, mixed)| mixed * inverse).collect();
+                for (index, (a, _)) in block.cameras.iter().enumerate() {
+                    for (b, mixed_b) in &block.cameras[..=index] {
+                        let (a, b) = (layout.columns[*a].start, layout.columns[*b].start);
+                        if a >= b {
+                            subtract_product(&mut matrix, [a, b], &solved[index], mixed_b);
+                        } else {
+                            subtract_product(&mut matrix, [b, a], mixed_b, &solved[index]);
+                        }
                     }
                 }
             }
@@ -145,8 +148,30 @@ pub(super) fn schur(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>])
     for part in parts {
         matrix += part;
     }
-    // Symmetric to the last digit, whatever the order of the sums.
-    (&matrix + matrix.transpose()) * 0.5
+    // Symmetric to the last digit: what is above the diagonal was not summed up.
+    matrix.fill_upper_triangle_with_lower_triangle();
+    matrix
+}
+
+/// Subtracts `left * right^T` from the block of `matrix` that begins at a row and a column. Made for a few rows and six
+/// columns, which a general product prepares for longer than it computes.
+fn subtract_product(
+    matrix: &mut DMatrix<f64>,
+    [row, column]: [usize; 2],
+    left: &MatrixXx6<f64>,
+    right: &MatrixXx6<f64>,
+) {
+    let height = matrix.nrows();
+    for j in 0..right.nrows() {
+        let to = &mut matrix.as_mut_slice()[(column + j) * height + row..][..left.nrows()];
+        for (k, from) in left.column_iter().enumerate() {
+            let factor = right[(j, k)];
+            // A point has only three parameters.
+            if factor != 0.0 {
+                to.iter_mut().zip(&from).for_each(|(to, from)| *to -= factor * from);
+            }
+        }
+    }
 }
 
 fn conjugate_gradients(

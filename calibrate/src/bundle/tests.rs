@@ -2,7 +2,12 @@ use erfgs_base::random;
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
 
-use super::{residual::row, *};
+use super::{
+    normal::{Layout, linearise},
+    reduced::step,
+    residual::row,
+    *,
+};
 
 fn lens() -> Intrinsics {
     let distortion = Distortion::BrownConrady([-0.1, 0.05, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0]);
@@ -138,6 +143,19 @@ fn a_disturbed_rig_comes_back_exactly_by_either_method() {
         assert!(solution.steps.last().unwrap().rms_px < 1e-5);
         assert!(solution.steps.len() < 60, "{}", solution.steps.len());
     }
+}
+
+#[test]
+fn both_methods_take_the_same_step_whatever_the_order_of_what_was_seen() {
+    let mut bundle = wands(&arc(5), 30, 0.5, 1);
+    disturb(&mut bundle, 0.01);
+    bundle.observations.sort_by_key(|seen| random::key(5, &[seen.camera as u64, seen.placement as u64]));
+    let layout = Layout::new(&bundle);
+    let normal = linearise(&bundle, Loss::Squared, &layout);
+    let [exact, approximate] = [Method::Cholesky, Method::ConjugateGradients]
+        .map(|method| step(&normal, &layout, 1e-3, method).unwrap().shared);
+    let apart = (&exact - approximate).norm() / exact.norm();
+    assert!(apart < 1e-6, "{apart}");
 }
 
 #[test]

@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# The compiler of the workspace's own crates in .ci/run, which names it in RUSTC_WORKSPACE_WRAPPER: before a crate is compiled,
+# clippy looks at it and, where it has documentation, rustdoc. What either warns of is an error. `cargo clippy` and `cargo doc`
+# find the same, but read all dependencies once more for it. usage: checked-rustc.sh RUSTC [ARGUMENT...]
+set -euo pipefail
+
+# Cargo asks the compiler what it is, too.
+if [ -z "${CARGO_CRATE_NAME:-}" ]; then exec "$@"; fi
+
+# What the two write is looked at by nobody.
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+arguments=() previous='' form=test source=''
+for argument in "${@:2}"; do
+  case $previous=$argument in
+    --out-dir=*) argument=$scratch ;;
+    --crate-type=lib) form=library ;;
+    --crate-type=bin) form=program ;;
+    =--emit=*) argument=--emit=metadata ;;
+    # Of a file that is written cargo hears from the compiler, which writes its own.
+    =--json=*) argument=${argument/artifacts,/} ;;
+    =*.rs) source=$argument ;;
+  esac
+  previous=
+  case $argument in --out-dir | --crate-type) previous=$argument ;; esac
+  arguments+=("$argument")
+done
+
+clippy-driver "$1" "${arguments[@]}" -D warnings
+
+# Neither tests nor examples nor build scripts are documented, and of a program what is private, too.
+case $form:$source in
+  test:* | *examples/* | *build.rs) ;;
+  *)
+    for at in "${!arguments[@]}"; do
+      case ${arguments[at]} in --emit=metadata) unset "arguments[at]" ;; esac
+    done
+    if [ $form = program ]; then arguments+=(--document-private-items); fi
+    rustdoc "${arguments[@]}" -D warnings
+    ;;
+esac
+
+"$@"
