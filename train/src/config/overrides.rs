@@ -259,7 +259,7 @@ mod tests {
         assert!(matches!(config.set("batch=0"), Err(ConfigError::OutOfRange { .. })));
         assert!(config.set("earl.norm=l7").is_err());
         assert!(config.set("motion=sideways").is_err());
-        assert!(config.set("free_time.first_life=0.5").is_err(), "not shorter than the least");
+        assert!(config.set("free_time.first_life=0.25").is_err(), "not shorter than the least");
         assert!(config.set("free_time.life=nan").is_err());
         assert_eq!(config, before);
     }

@@ -77,8 +77,8 @@ pub struct FreeTimeOptions {
 impl Default for FreeTimeOptions {
     fn default() -> Self {
         Self {
-            least_life: 0.5,
-            first_life: 1.0,
+            least_life: 0.25,
+            first_life: 0.5,
             opacity: 0.2,
             fastest: 0.5,
             knots: 0,
