@@ -64,8 +64,10 @@ fn compared(served: &Served, count: usize) -> Vec<(String, f64)> {
 fn a_browser_shows_what_the_trainer_would() {
     let folder = Folder::new();
     film_small(&folder);
-    // Paths through knots; parabolas are those of the exported page.
-    for (motion, run) in [("free-time --set free_time.knots=2", "explicit"), ("hexplane", "field")] {
+    // Paths through knots; parabolas are those of the exported page. Lives reach from a frame to the next, since the page is looked
+    // at between frames, when nothing was born there yet.
+    let explicit = "free-time --set free_time.knots=2 --set free_time.first_life=1 --set free_time.least_life=0.5";
+    for (motion, run) in [(explicit, "explicit"), ("hexplane", "field")] {
         folder.succeed(&format!("train ds --out {run} --motion {motion} --iterations 20+20 -q"));
     }
     let served = Served::start(&folder, "explicit field");
