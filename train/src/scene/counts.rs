@@ -20,6 +20,15 @@ pub(super) struct Counts {
     now: Vec<Pair>,
 }
 
+/// Known counts, and the events between them and an edge.
+struct Nearest<'a> {
+    /// Nothing where all are 0, at the first edge.
+    counts: Option<&'a [Pair]>,
+    way: Range<usize>,
+    /// Whether they are those of the edge or of an earlier one.
+    before: bool,
+}
+
 impl Counts {
     /// None yet, at the first edge.
     pub fn new(pixels: usize) -> Self {
@@ -51,40 +60,35 @@ impl Counts {
 
     /// The counts of all pixels between two edges.
     pub fn between(&self, from: usize, to: usize) -> Vec<Pair> {
-        let direct = self.begins[from]..self.begins[to.max(from)];
-        let [(start, before), (end, after)] = [from, to.max(from)].map(|edge| self.nearest(edge));
-        let ways = [self.way(from, start), self.way(to.max(from), end)];
-        if direct.len() <= ways[0].0.len() + ways[1].0.len() + self.pixels {
+        let to = to.max(from);
+        let direct = self.begins[from]..self.begins[to];
+        let [start, end] = [from, to].map(|edge| self.nearest(edge));
+        if direct.len() <= start.way.len() + end.way.len() + self.pixels {
             let mut sums = vec![[0; 2]; self.pixels];
             self.add(&mut sums, direct, true);
             return sums;
         }
-        let mut sums = after.map_or_else(|| vec![[0; 2]; self.pixels], <[Pair]>::to_vec);
-        for (sum, before) in sums.iter_mut().zip(before.unwrap_or_default()) {
+        let mut sums = end.counts.map_or_else(|| vec![[0; 2]; self.pixels], <[Pair]>::to_vec);
+        for (sum, before) in sums.iter_mut().zip(start.counts.unwrap_or_default()) {
             *sum = [0, 1].map(|kind| sum[kind].wrapping_sub(before[kind]));
         }
-        let [(back, later), (forth, earlier)] = ways;
-        self.add(&mut sums, back, !later);
-        self.add(&mut sums, forth, earlier);
+        self.add(&mut sums, start.way, !start.before);
+        self.add(&mut sums, end.way, end.before);
         sums
     }
 
-    /// The edge whose counts are known with the fewest events between it and `edge`, and these counts; the first, where all are 0.
-    fn nearest(&self, edge: usize) -> (usize, Option<&[Pair]>) {
+    /// The known counts with the fewest events between them and an edge.
+    fn nearest(&self, edge: usize) -> Nearest<'_> {
+        let begins = self.begins[edge];
         let after = self.known.partition_point(|(known, _)| *known <= edge);
-        let at = |index: usize| self.known.get(index).map(|(edge, counts)| (*edge, Some(&counts[..])));
-        let before = after.checked_sub(1).and_then(at).unwrap_or((0, None));
-        let events = |other: usize| self.begins[other].abs_diff(self.begins[edge]);
-        match at(after) {
-            Some(after) if events(after.0) < events(before.0) => after,
-            _ => before,
+        let earlier = after.checked_sub(1).map(|index| &self.known[index]);
+        let earlier_begins = earlier.map_or(0, |(known, _)| self.begins[*known]);
+        match self.known.get(after).map(|(known, counts)| (self.begins[*known], counts)) {
+            Some((later_begins, counts)) if later_begins - begins < begins - earlier_begins => {
+                Nearest { counts: Some(counts), way: begins..later_begins, before: false }
+            }
+            _ => Nearest { counts: earlier.map(|(_, counts)| &counts[..]), way: earlier_begins..begins, before: true },
         }
-    }
-
-    /// The events between an edge and a known one, and whether the edge is the later of the two.
-    fn way(&self, edge: usize, known: usize) -> (Range<usize>, bool) {
-        let [edge_begins, known_begins] = [edge, known].map(|edge| self.begins[edge]);
-        (edge_begins.min(known_begins)..edge_begins.max(known_begins), edge >= known)
     }
 
     /// Adds events to sums, or takes them away. In between sums may be below zero, which wraps and comes back.
