@@ -2,6 +2,8 @@
 
 #[cfg(feature = "serve")]
 pub mod access;
+#[cfg(feature = "serve")]
+pub mod background;
 pub mod html;
 pub mod picture;
 pub mod plot;

@@ -11,7 +11,6 @@ use std::{
         Arc,
         atomic::{AtomicBool, Ordering},
     },
-    thread::{self, JoinHandle},
     time::Duration,
 };
 
@@ -20,10 +19,11 @@ use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::{
     net::TcpStream,
-    sync::oneshot,
     task::{AbortHandle, JoinSet},
 };
 use tower_service::Service;
+
+use crate::background::Background;
 
 /// How long a connection may take until its next request is whole.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -70,8 +70,8 @@ pub enum PageError {
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
-    quit: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    /// Streams of numbers never end by themselves, so that nothing waits for them.
+    _background: Background,
 }
 
 impl Server {
@@ -101,24 +101,14 @@ impl Server {
         patience: Duration,
     ) -> Result<Self, PageError> {
         let address = listener.local_addr()?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
-        let (quit, told) = oneshot::channel();
-        let thread = thread::Builder::new().name(name.into()).spawn(move || {
-            let serve = async move {
-                let listener = match tokio::net::TcpListener::from_std(listener) {
-                    Ok(listener) => listener,
-                    Err(error) => return tracing::error!("the {name} does not start: {error}"),
-                };
-                // Streams of numbers never end by themselves, so that nothing waits for them.
-                tokio::select! {
-                    () = accept(listener, router, patience) => {}
-                    _ = told => {}
-                }
-            };
-            runtime.block_on(serve);
-            runtime.shutdown_background();
-        })?;
-        Ok(Self { address, quit: Some(quit), thread: Some(thread) })
+        let background = Background::start(name)?;
+        background.spawn(async move {
+            match tokio::net::TcpListener::from_std(listener) {
+                Ok(listener) => accept(listener, router, patience).await,
+                Err(error) => tracing::error!("the {name} does not start: {error}"),
+            }
+        });
+        Ok(Self { address, _background: background })
     }
 
     /// Where it listens.
@@ -175,17 +165,6 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, asked: Ar
     // Who goes away in the middle of an answer is no error of ours.
     if let Err(error) = connection.await {
         tracing::debug!("a connection ended: {error}");
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        if let Some(quit) = self.quit.take() {
-            let _ = quit.send(());
-        }
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

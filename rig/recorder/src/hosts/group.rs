@@ -6,13 +6,14 @@ use std::{
     io,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak, mpsc},
-    thread::{self, JoinHandle},
+    thread,
     time::Duration,
 };
 
 use axum::{body::Bytes, http::StatusCode};
 use erfgs_base::names::file_name;
-use tokio::{runtime, sync::oneshot, task::JoinSet, time::sleep};
+use erfgs_page::background::Background;
+use tokio::{task::JoinSet, time::sleep};
 
 use super::{
     client::ask,
@@ -32,11 +33,9 @@ const NAME: usize = 100;
 /// See the module. Ends to watch when it is dropped; recordings go on.
 pub struct Hosts {
     shared: Arc<Shared>,
-    runtime: runtime::Handle,
+    background: Background,
     /// One recording is begun at a time.
     starting: Mutex<()>,
-    quit: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
 }
 
 struct Shared {
@@ -74,20 +73,13 @@ impl Hosts {
             leads: Mutex::new(None),
             last: Mutex::new(None),
         });
-        let runtime = runtime::Builder::new_current_thread().enable_all().max_blocking_threads(4).build()?;
-        let handle = runtime.handle().clone();
-        let (quit, told) = oneshot::channel();
-        let thread = thread::Builder::new().name("hosts".into()).spawn(move || {
-            let _ = runtime.block_on(told);
-            runtime.shutdown_background();
-        })?;
-        let hosts = Self { shared, runtime: handle, starting: Mutex::new(()), quit: Some(quit), thread: Some(thread) };
+        let hosts = Self { shared, background: Background::start("hosts")?, starting: Mutex::new(()) };
         let shared = Arc::clone(&hosts.shared);
         hosts.wait_for(async move { shared.are_ready(None).await })??;
         for host in &hosts.shared.hosts {
-            hosts.runtime.spawn(watch(Arc::clone(&hosts.shared), Arc::clone(host)));
+            hosts.background.spawn(watch(Arc::clone(&hosts.shared), Arc::clone(host)));
         }
-        hosts.runtime.spawn(follow(Arc::clone(&hosts.shared)));
+        hosts.background.spawn(follow(Arc::clone(&hosts.shared)));
         Ok(hosts)
     }
 
@@ -168,24 +160,13 @@ impl Hosts {
     /// Lets the thread of the hosts do something, and waits for what comes of it.
     fn wait_for<T: Send + 'static>(&self, what: impl Future<Output = T> + Send + 'static) -> Result<T, HostError> {
         let (done, answer) = mpsc::sync_channel(1);
-        self.runtime.spawn(async move {
+        self.background.spawn(async move {
             let _ = done.send(what.await);
         });
         // The thread ends with `self`, so that only a fault of ours gets here.
         answer
             .recv()
             .map_err(|_| HostError::System(io::Error::other("the thread of the hosts ended: this is a bug of erfgs")))
-    }
-}
-
-impl Drop for Hosts {
-    fn drop(&mut self) {
-        if let Some(quit) = self.quit.take() {
-            let _ = quit.send(());
-        }
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 
