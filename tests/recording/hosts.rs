@@ -239,23 +239,35 @@ fn pass(world: &AtomicI64, to_ns: i64) {
     }
 }
 
-/// Recorded together from before the first pulse to after `seconds`.
-fn led(left: &Host, served: &Served) -> Hosts {
-    let hosts = Hosts::connect(vec![HostLink::parse(&served.page.url()).expect("a link")]).expect("the other host");
-    hosts.lead(&left.recorder);
-    hosts.start(&left.recorder, &left.folder.path().join("take.mcap"), None).expect("all record");
-    hosts
+/// Two hosts that record, the left one leading, from before the first pulse on.
+struct Together {
+    world: Arc<AtomicI64>,
+    left: Host,
+    right: Host,
+    page: Served,
+    hosts: Hosts,
+}
+
+impl Together {
+    /// Nothing where `test` was run again with networks of its own.
+    fn begin(test: &str) -> Option<Self> {
+        if ran_with_networks(test) {
+            return None;
+        }
+        let world = Arc::new(AtomicI64::new(0));
+        let [left, right] = two_hosts(&world);
+        let page = right.page();
+        let hosts = Hosts::connect(vec![HostLink::parse(&page.page.url()).expect("a link")]).expect("the other host");
+        hosts.lead(&left.recorder);
+        hosts.start(&left.recorder, &left.folder.path().join("take.mcap"), None).expect("all record");
+        Some(Self { world, left, right, page, hosts })
+    }
 }
 
 #[test]
 fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses() {
-    if ran_with_networks("rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses") {
-        return;
-    }
-    let world = Arc::new(AtomicI64::new(0));
-    let [left, right] = two_hosts(&world);
-    let page = right.page();
-    let hosts = led(&left, &page);
+    let test = "rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses";
+    let Some(Together { world, left, right, page, hosts }) = Together::begin(test) else { return };
     pass(&world, (SECONDS * 1000 + 100) * MS);
     wait_until("all packets", || left.written()[0] == 4000 && right.written()[0] == 4000);
     hosts.stop(&left.recorder, "enough").expect("recorded");
@@ -292,13 +304,8 @@ fn rigs_whose_clocks_disagree_are_recorded_by_one_host_and_merged_by_the_pulses(
 
 #[test]
 fn a_host_that_crashes_costs_its_own_streams_only() {
-    if ran_with_networks("a_host_that_crashes_costs_its_own_streams_only") {
-        return;
-    }
-    let world = Arc::new(AtomicI64::new(0));
-    let [left, right] = two_hosts(&world);
-    let page = right.page();
-    let hosts = led(&left, &page);
+    let test = "a_host_that_crashes_costs_its_own_streams_only";
+    let Some(Together { world, left, right, page, hosts }) = Together::begin(test) else { return };
     pass(&world, 2_000 * MS);
     // What a crash would leave: its session as it is on the disk now, and nobody who answers.
     let there = right.folder.path().join("take-right.mcap");
