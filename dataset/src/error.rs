@@ -145,6 +145,16 @@ pub enum DatasetError {
         /// What is wrong.
         problem: Box<Problem>,
     },
+    /// A dataset cannot be made wrong in this way.
+    #[error("{option} is {value}; it may be {allowed}")]
+    Disturbance {
+        /// What was asked for.
+        option: &'static str,
+        /// How it was given.
+        value: String,
+        /// What it may be.
+        allowed: &'static str,
+    },
     /// A file is not the one that the manifest was written for.
     #[error("{} has changed since the dataset was made; copy it again or make the dataset anew", path.display())]
     Changed {

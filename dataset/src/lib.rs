@@ -8,6 +8,7 @@
 //! ds/points.ply                   the initial point cloud, where made
 //! ```
 
+pub mod disturb;
 mod error;
 pub mod export;
 mod files;

@@ -88,7 +88,8 @@ pub struct Provenance {
     pub erfgs: String,
 }
 
-/// One step that made this dataset from another: `subsample`, `blur`, `event_only`, `simulate`, `undistort`.
+/// One step that made this dataset from another: `subsample`, `blur`, `event_only`, `simulate`, `undistort`,
+/// `disturb`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantStep {
     /// Name of the step.

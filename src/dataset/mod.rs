@@ -1,6 +1,7 @@
 //! `erfgs dataset`: make, vary, complete and check datasets.
 
 mod check;
+mod disturb;
 mod import;
 pub mod points;
 mod session;
@@ -22,6 +23,8 @@ pub enum Command {
     Points(points::Arguments),
     /// Read every file of a dataset and check it against the manifest.
     Check(check::Arguments),
+    /// Make a dataset wrong by a known amount: poses, lenses, clocks, thresholds, noise, lost packets.
+    Disturb(Box<disturb::Arguments>),
     /// Make a dataset of ideal pinhole cameras.
     Undistort(undistort::Arguments),
 }
@@ -33,6 +36,7 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Variant(arguments) => variant::run(arguments, terminal),
         Command::Points(arguments) => points::run(arguments, terminal),
         Command::Check(arguments) => check::run(arguments, terminal),
+        Command::Disturb(arguments) => disturb::run(arguments, terminal),
         Command::Undistort(arguments) => undistort::run(arguments, terminal),
     }
 }
