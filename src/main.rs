@@ -122,7 +122,8 @@ Examples:
   erfgs bench raster
   erfgs bench train ds
   erfgs bench precision --out curves
-  erfgs bench stability --out stability.md"
+  erfgs bench stability --out stability.md
+  erfgs bench budget --out budget"
     )]
     Bench(bench::Command),
 }

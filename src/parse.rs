@@ -1,6 +1,6 @@
 //! Values of options that clap has no type for.
 
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 use erfgs_events::SensorSize;
 
@@ -11,6 +11,15 @@ pub struct Iterations {
     pub coarse: Option<u32>,
     /// Of the fine stage.
     pub fine: u32,
+}
+
+impl fmt::Display for Iterations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.coarse {
+            Some(coarse) => write!(f, "{coarse}+{}", self.fine),
+            None => write!(f, "{}", self.fine),
+        }
+    }
 }
 
 impl FromStr for Iterations {

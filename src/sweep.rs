@@ -102,15 +102,18 @@ fn manifest(arguments: &Arguments) -> anyhow::Result<Manifest> {
         return Ok(Manifest::load(&arguments.plan)?);
     }
     let plan = Plan::load(&arguments.plan)?;
-    let check = |job: &Job| {
-        let dataset = job.dataset.to_string_lossy().into_owned();
-        let words = [dataset, "--out".into(), "run".into(), "--resume".into()];
-        train::check(words.into_iter().chain(job.arguments.iter().cloned()))
-    };
     Ok(Manifest::of_plan(&plan, &arguments.plan, check)?)
 }
 
-fn program() -> anyhow::Result<PathBuf> {
+/// Says what is wrong with the options of a run, if something is.
+pub fn check(job: &Job) -> Result<(), String> {
+    let dataset = job.dataset.to_string_lossy().into_owned();
+    let words = [dataset, "--out".into(), "run".into(), "--resume".into()];
+    train::check(words.into_iter().chain(job.arguments.iter().cloned()))
+}
+
+/// This program, which jobs start.
+pub fn program() -> anyhow::Result<PathBuf> {
     std::env::current_exe().context("cannot find out where this program lies, which jobs are to start")
 }
 

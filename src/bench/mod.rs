@@ -1,5 +1,6 @@
 //! `erfgs bench`: how fast the stages are on this machine, what precision costs, and what they do at their extremes.
 
+mod budget;
 mod decode;
 mod precision;
 mod raster;
@@ -26,6 +27,8 @@ pub enum Command {
     Stability(stability::Arguments),
     /// The error of numerical components against their processor time, over their own knobs.
     Precision(precision::Arguments),
+    /// What each error of a rig costs in the quality of its reconstructions.
+    Budget(budget::Arguments),
 }
 
 /// Runs the command.
@@ -37,5 +40,6 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Train(arguments) => train::run(arguments, terminal),
         Command::Stability(arguments) => stability::run(arguments, terminal),
         Command::Precision(arguments) => precision::run(arguments, terminal),
+        Command::Budget(arguments) => budget::run(arguments, terminal),
     }
 }

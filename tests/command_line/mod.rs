@@ -1,6 +1,7 @@
 //! The program as its user meets it: whole pipelines, resuming, and what it says about bad input.
 
 pub mod browser;
+mod budget;
 mod calibrate;
 mod colours;
 mod events;

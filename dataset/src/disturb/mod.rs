@@ -83,8 +83,7 @@ impl Disturbance {
 
     /// Whether points made before would know better than the cameras do.
     fn moves_frames(&self) -> bool {
-        [self.frame_clock_s, self.place_m, self.direction_deg, self.focal].iter().any(|size| *size > 0.0)
-            || self.cameras.is_some()
+        [self.place_m, self.direction_deg, self.focal].iter().any(|size| *size > 0.0) || self.cameras.is_some()
     }
 
     fn changes_events(&self) -> bool {
@@ -103,11 +102,14 @@ impl Disturbance {
             let normal = self.drawn(&name, kind);
             DVec3::new(normal(0), normal(1), normal(2))
         };
-        let pose = &mut camera.world_to_camera;
-        let centre = pose.centre() + self.place_m * three("disturbed place");
-        let turn = self.direction_deg.to_radians() * three("disturbed direction");
-        pose.rotation = (DQuat::from_scaled_axis(turn) * pose.rotation).normalize();
-        pose.translation = -(pose.rotation * centre);
+        // What is not wrong stays as it is, to the last digit.
+        if self.place_m > 0.0 || self.direction_deg > 0.0 {
+            let pose = &mut camera.world_to_camera;
+            let centre = pose.centre() + self.place_m * three("disturbed place");
+            let turn = self.direction_deg.to_radians() * three("disturbed direction");
+            pose.rotation = (DQuat::from_scaled_axis(turn) * pose.rotation).normalize();
+            pose.translation = -(pose.rotation * centre);
+        }
         let focal = 1.0 + self.focal * self.drawn(&name, "disturbed focal length")(0);
         camera.intrinsics.fx *= focal;
         camera.intrinsics.fy *= focal;

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use super::RigCamera;
+
 /// Why something could not be rendered or filmed.
 #[derive(Debug, Error)]
 pub enum StageError {
@@ -69,6 +71,13 @@ pub enum StageError {
 }
 
 impl StageError {
+    /// That `rig` has no camera of this name, with the names that it has.
+    #[must_use]
+    pub fn unknown(name: &str, rig: &[RigCamera]) -> Self {
+        let known = rig.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ");
+        Self::UnknownCamera { name: name.to_owned(), known }
+    }
+
     /// `value` if it satisfies `valid` (never true of NaN comparisons), else the error that names it.
     pub(crate) fn check(what: &'static str, value: f64, valid: bool, range: &'static str) -> Result<f64, Self> {
         if valid && value.is_finite() { Ok(value) } else { Err(Self::Range { what, value, range }) }

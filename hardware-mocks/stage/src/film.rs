@@ -48,6 +48,8 @@ pub struct FilmOptions {
     pub test_fps: f64,
     /// How many points of the true surfaces to put into `truth_points.ply`; 0 for no such file.
     pub truth_points: usize,
+    /// Names of the cameras of the rig that film; all of them without it.
+    pub cameras: Option<Vec<String>>,
     /// Name of the dataset in reports.
     pub name: String,
 }
@@ -64,6 +66,7 @@ impl Default for FilmOptions {
             exposure_ns: 33_000_000,
             test_fps: 60.0,
             truth_points: 20_000,
+            cameras: None,
             name: "stage".to_owned(),
         }
     }
@@ -105,13 +108,22 @@ impl FilmOptions {
             .collect()
     }
 
-    /// The scene and the cameras that these options describe.
+    /// The scene and the cameras that these options describe, filming or not.
     ///
     /// # Errors
-    /// If the rig is impossible.
+    /// If the rig is impossible, or has no camera of a name.
     pub fn set_up(&self) -> Result<(Stage, Vec<RigCamera>), StageError> {
         let stage = Stage::new(StageOptions { seed: self.seed, ..self.stage.clone() });
-        Ok((stage, self.rig.cameras(self.seed)?))
+        let rig = self.rig.cameras(self.seed)?;
+        let unknown = |name: &&String| rig.iter().all(|camera| camera.name != **name);
+        if let Some(name) = self.cameras.iter().flatten().find(unknown) {
+            return Err(StageError::unknown(name, &rig));
+        }
+        Ok((stage, rig))
+    }
+
+    fn films(&self, camera: &RigCamera) -> bool {
+        self.cameras.as_ref().is_none_or(|names| names.contains(&camera.name))
     }
 }
 
@@ -155,7 +167,9 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
         Role::Event => EVENT_PARTS,
         Role::Test => test_times.len() as u64,
     };
-    let total = rig.iter().map(|camera| work(camera.role)).sum();
+    // A camera's number is that in the rig, so that its noise is the same whichever others film.
+    let filming = || rig.iter().enumerate().filter(|(_, camera)| options.films(camera));
+    let total = filming().map(|(_, camera)| work(camera.role)).sum();
     let done = AtomicU64::new(0);
     // One lock around the callback, so that it sees the count grow.
     let gate = Mutex::new(());
@@ -179,7 +193,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
         total_time: Duration::ZERO,
     };
     let mut points = PointCloud::default();
-    for (number, camera) in rig.iter().enumerate() {
+    for (number, camera) in filming() {
         let start = Instant::now();
         let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         report.room_time += start.elapsed();

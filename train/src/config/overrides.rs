@@ -3,7 +3,7 @@
 use erfgs_dataset::{Dataset, DatasetError};
 
 use super::{Config, MotionModel};
-use crate::scene::extent;
+use crate::scene::{displacement, extent};
 
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
@@ -95,8 +95,8 @@ impl Config {
         Ok(())
     }
 
-    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for; and brings the near
-    /// plane closer where the scene is small. `without_points` says that the dataset's points are not used.
+    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for and how long Gaussians
+    /// live; and brings the near plane closer where the scene is small. `without_points` says that the dataset's points are not used.
     ///
     /// # Errors
     /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
@@ -110,6 +110,14 @@ impl Config {
             self.blur.instant = self.blur.instant.or(Some(0.5));
         }
         let extent = extent(dataset, without_points)?;
+        let free = &mut self.free_time;
+        if free.first_life == 0.0 {
+            let moved = match self.motion {
+                MotionModel::FreeTime if !without_points => displacement(dataset, free.fastest * extent)?,
+                _ => None,
+            };
+            free.live(moved);
+        }
         if extent > 0.0 {
             self.near_m = self.near_m.min(NEAREST * extent);
         }
@@ -179,10 +187,10 @@ impl Config {
             "0 or more RGB intervals",
         )?;
         check(
-            free.first_life.is_finite() && free.first_life > free.least_life,
+            free.first_life == 0.0 || (free.first_life.is_finite() && free.first_life > free.least_life),
             "free_time.first_life",
             free.first_life.to_string(),
-            "more than free_time.least_life",
+            "0, or more than free_time.least_life",
         )?;
         check(
             free.opacity > 0.0 && free.opacity < 1.0,

@@ -5,6 +5,7 @@
 //! from where it is thought to go, and takes the mean displacement of the points around it, of ever fewer of them (iterated
 //! closest points, from rigid to free).
 
+use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
@@ -57,6 +58,15 @@ pub fn gaussians(
     }
     all.dynamic = all.core.len() / CORE;
     all
+}
+
+/// Places of points that move, and how fast they go, metres an interval; none faster than `fastest`.
+#[must_use]
+pub fn speeds(points: &[MovingPoint], fastest: f32) -> Vec<([f32; 3], f32)> {
+    let instants = by_instant(points);
+    let velocities = velocities(&instants, &flows(&instants, fastest));
+    let places = instants.iter().flat_map(|(_, points)| points.iter().map(|(place, _)| *place));
+    places.zip(velocities.into_iter().flatten().map(|velocity| Vec3::from(velocity).length())).collect()
 }
 
 type Instant = (f64, Vec<Point>);

@@ -1,6 +1,7 @@
 //! A dataset as the trainer uses it: views, frames packed for the device, binned events, held-out frames.
 
 mod counts;
+mod displacement;
 mod events;
 mod load;
 mod motion;
@@ -10,6 +11,7 @@ use std::path::PathBuf;
 
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
+pub(crate) use displacement::displacement;
 pub use events::{Bins, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};

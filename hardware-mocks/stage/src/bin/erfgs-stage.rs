@@ -120,6 +120,9 @@ struct Film {
     /// How many points of the true surfaces to write to truth_points.ply, for tests.
     #[arg(long, default_value_t = 20_000)]
     points: usize,
+    /// Only these cameras film (rgb00, event01, test00), names separated by commas; all of the rig without it.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    cameras: Option<Vec<String>>,
     /// Name of the dataset in reports.
     #[arg(long, default_value = "stage")]
     name: String,
@@ -197,6 +200,7 @@ impl Film {
             exposure_ns: nanoseconds(self.exposure_ms),
             test_fps: self.test_fps,
             truth_points: self.points,
+            cameras: self.cameras.clone(),
             name: self.name.clone(),
             ..self.set.film_options()
         }
@@ -247,10 +251,7 @@ impl FrameCommand {
         let (stage, rig) = self.set.film_options().set_up()?;
         let numbered = self.camera.parse::<usize>().ok().and_then(|number| rig.get(number));
         let named = || rig.iter().find(|camera| camera.name == self.camera);
-        let camera = numbered.or_else(named).ok_or_else(|| StageError::UnknownCamera {
-            name: self.camera.clone(),
-            known: rig.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", "),
-        })?;
+        let camera = numbered.or_else(named).ok_or_else(|| StageError::unknown(&self.camera, &rig))?;
         let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
         let (t, exposure) = (nanoseconds(self.t_ms), nanoseconds(self.exposure_ms.max(0.0)));
         let shutter = [t.saturating_sub(exposure / 2), t.saturating_add(exposure / 2)];

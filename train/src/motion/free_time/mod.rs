@@ -44,9 +44,10 @@ const MOST_KNOTS: u32 = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FreeTimeOptions {
-    /// The shortest life (standard deviation of the presence), RGB intervals.
+    /// The shortest life (standard deviation of the presence), RGB intervals; half the first where that is left to the data.
     pub least_life: f32,
-    /// The life that a Gaussian starts with, RGB intervals; more than the shortest.
+    /// The life that a Gaussian starts with, RGB intervals; more than the shortest. 0 leaves it to the data: half an interval, and a
+    /// quarter where the fastest things go farther than a sixth of the picture's width from frame to frame.
     pub first_life: f32,
     /// The opacity that a Gaussian starts with.
     pub opacity: f32,
@@ -78,7 +79,7 @@ impl Default for FreeTimeOptions {
     fn default() -> Self {
         Self {
             least_life: 0.25,
-            first_life: 0.5,
+            first_life: 0.0,
             opacity: 0.2,
             fastest: 0.5,
             knots: 0,
@@ -95,7 +96,21 @@ impl Default for FreeTimeOptions {
     }
 }
 
+/// Where things go farther than this share of the picture's width from frame to frame, no path that can be learned leads from one to the
+/// next, and Gaussians live half as long.
+const FAR: f64 = 1.0 / 6.0;
+/// The life that a Gaussian starts with where things go less far, RGB intervals.
+const FIRST_LIFE: f32 = 0.5;
+
 impl FreeTimeOptions {
+    /// Decides on lives where the fastest things go by `displacement` (a share of the picture's width) from frame to frame, if that
+    /// is known.
+    pub(crate) fn live(&mut self, displacement: Option<f64>) {
+        let far = displacement.is_some_and(|displacement| displacement > FAR);
+        self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
+        self.least_life = 0.5 * self.first_life;
+    }
+
     /// Whether rows can have such a path.
     ///
     /// # Errors
@@ -157,7 +172,8 @@ impl FreeTimeOptions {
 
     /// What a row stores of the life that a Gaussian starts with.
     fn log_life(&self) -> f32 {
-        (self.first_life - self.least_life).max(1e-3).ln()
+        let first = if self.first_life == 0.0 { FIRST_LIFE } else { self.first_life };
+        (first - self.least_life).max(1e-3).ln()
     }
 
     /// The row of a Gaussian that is born at `instant` with a velocity, metres an interval.

@@ -264,3 +264,17 @@ fn a_path_through_knots_passes_them_and_follows_a_parabola_exactly() {
     let at = |dt: f64| twin::moved(&row, &moment, dt, 1);
     assert!((at(2.5) - 2.0 * at(2.0) + at(1.5)).abs() < 1e-12);
 }
+
+#[test]
+fn lives_are_half_as_long_where_things_go_far() {
+    let lives = |displacement| {
+        let mut options = FreeTimeOptions::default();
+        options.live(displacement);
+        [options.least_life, options.first_life]
+    };
+    assert_eq!([lives(None), lives(Some(0.1)), lives(Some(0.2))], [[0.25, 0.5], [0.25, 0.5], [0.125, 0.25]]);
+    // What nobody decided on is what things that go less far get.
+    let born = |options: &FreeTimeOptions| options.born(0.0, [0.0; 3]);
+    let decided = FreeTimeOptions { first_life: 0.5, ..FreeTimeOptions::default() };
+    assert_eq!(born(&FreeTimeOptions::default()), born(&decided));
+}

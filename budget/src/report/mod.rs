@@ -1,0 +1,111 @@
+//! The budget as numbers, as a document and as a page.
+
+mod csv;
+mod markdown;
+mod page;
+
+pub use csv::csv;
+pub use markdown::markdown;
+pub use page::page;
+
+use erfgs_stability::report::figure;
+
+use crate::{Budget, Costs, Tolerated};
+
+/// How the budget was made.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// The command.
+    pub command: String,
+    /// The program's version.
+    pub version: String,
+    /// The adapter that trained.
+    pub adapter: String,
+    /// What was trained: the base and the iterations, in words.
+    pub what: String,
+}
+
+/// Costs that the summary tells sizes of, dB.
+pub const LIMITS: [f64; 2] = [0.1, 0.5];
+
+/// A size with its unit.
+#[must_use]
+pub fn sized(costs: &Costs, size: f64) -> String {
+    format!("{} {}", figure(size), costs.unit).trim_end().to_owned()
+}
+
+/// Up to where a cause is cheap, in words.
+#[must_use]
+pub fn tolerated(costs: &Costs, tolerated: Option<Tolerated>) -> String {
+    match tolerated {
+        None => "-".into(),
+        // Two digits: the steps are a factor of three apart.
+        Some(Tolerated::Size(size)) => {
+            let scale = 10_f64.powf(size.log10().floor() - 1.0);
+            sized(costs, (size / scale).round() * scale)
+        }
+        Some(Tolerated::LessThan(size)) => format!("less than {}", sized(costs, size)),
+        Some(Tolerated::MoreThan(size)) => format!("more than {}", sized(costs, size)),
+    }
+}
+
+/// What was compared with, in a sentence or two.
+fn base(budget: &Budget) -> String {
+    let usual = budget.usual();
+    let seeds = match budget.base.len() {
+        1 => "one seed".to_owned(),
+        count => format!("the mean of {count} seeds"),
+    };
+    let noise = budget.noise_db().map_or(String::new(), |noise| {
+        format!(" Each step is one run: a difference below {} dB may be its seed.", figure(noise))
+    });
+    format!("With nothing wrong: DPSNR {:.2} dB, PSNR {:.2} dB ({seeds}).{noise}", usual.dpsnr, usual.psnr)
+}
+
+/// The cells of a step, without its size: what it moves, what it costs, what it comes to.
+fn cells(budget: &Budget, row: &crate::Row) -> [String; 6] {
+    let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2}"));
+    let usual = budget.usual();
+    let cost = |usual: Option<f64>, value: Option<f64>| {
+        usual.zip(value).map_or("-".into(), |(usual, value)| format!("{:+.2}", usual - value))
+    };
+    let quality = &row.quality;
+    [
+        row.moved_px.map_or("-".into(), figure),
+        cost(Some(usual.dpsnr), Some(quality.dpsnr)),
+        cost(usual.between, quality.between),
+        cost(usual.still, quality.still),
+        decibels(Some(quality.dpsnr)),
+        decibels(Some(quality.psnr)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::outcome::tests::budget;
+
+    fn made() -> Made {
+        Made {
+            command: "erfgs bench budget --out <folder>".into(),
+            version: "1".into(),
+            adapter: "a | card".into(),
+            what: "the stage".into(),
+        }
+    }
+
+    #[test]
+    fn all_three_forms_tell_the_same() {
+        let budget = budget(&[0.0, 0.2, 2.0]);
+        let table = csv(&budget);
+        let lines: Vec<&str> = table.lines().collect();
+        assert_eq!(lines.len(), 1 + 3 + 3, "{table}");
+        assert!(lines[0].starts_with("cause,unit,size,moved_px,"));
+        assert!(lines.contains(&"place,mm,100,10,18,26,17,,2"), "{table}");
+        let document = markdown(&budget, &made());
+        assert!(document.contains("| 100 mm | 10 | +2.00 | +2.00 | - | 18.00 | 26.00 |"), "{document}");
+        assert!(document.contains("| place | 3.2 mm | 15 mm |"), "{document}");
+        let page = page(&budget, &made());
+        assert!(page.contains("&lt;folder&gt;") && !page.contains("<folder>") && page.contains("<svg"), "{page}");
+    }
+}

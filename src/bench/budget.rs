@@ -1,0 +1,313 @@
+//! `erfgs bench budget`.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::Context;
+use erfgs_base::Progress;
+use erfgs_budget::{Base, Budget, Cause, Costs, Quality, Size, Step, causes, moved_px, report};
+use erfgs_dataset::Dataset;
+use erfgs_points::{CloudOptions, Method};
+use erfgs_scene::PointCloud;
+use erfgs_sweep::{JobState, Manifest, Overview, Plan, run_here};
+
+use crate::{
+    dataset::points,
+    device::Adapter,
+    errors::{Stopped, Usage},
+    interrupt::stop_flag,
+    parse::Iterations,
+    sweep,
+    terminal::{Terminal, table},
+};
+
+const ITERATIONS: Iterations = Iterations { coarse: Some(300), fine: 1500 };
+const SEEDS: u64 = 3;
+
+/// Measure what each error of a rig costs in the quality of its reconstructions.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Poses, lenses, clocks, thresholds, noise and lost packets are made wrong in steps, each alone, in the training cameras of a dataset \
+whose truth is known; each is trained with events and measured on the held-out cameras. Without a dataset the stage is filmed, and \
+exposures, thresholds and numbers of cameras are varied, too.
+
+The folder holds the datasets, the trainings as sweeps (base, wrong, without-events), and budget.html, budget.md and budget.csv. The \
+same command at any later time goes on with what is not done; on half a hundred trainings that is a matter of hours on two cores.
+
+Examples:
+  erfgs bench budget --out budget
+  erfgs bench budget --out budget --only 'place' --only 'events late'
+  erfgs bench budget ds --out budget-of-ds
+  erfgs bench budget --small --out try")]
+pub struct Arguments {
+    /// A dataset with held-out cameras; the stage without it.
+    dataset: Option<PathBuf>,
+    /// The folder for datasets, trainings and the report.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Only errors whose name contains this, ignoring case; may be given again.
+    #[arg(long, value_name = "TEXT")]
+    only: Vec<String>,
+    /// Iterations of each training.
+    #[arg(long, value_name = "[COARSE+]FINE", default_value_t = ITERATIONS)]
+    iterations: Iterations,
+    /// How many seeds the undisturbed dataset is trained with, which tells what is noise.
+    #[arg(long, value_name = "N", default_value_t = SEEDS, value_parser = clap::value_parser!(u64).range(1..100))]
+    seeds: u64,
+    /// Trainings at a time.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    at_once: usize,
+    /// A tiny stage and the least step of each error, to see that everything works.
+    #[arg(long, conflicts_with = "dataset")]
+    small: bool,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+/// Makes the datasets, trains, and tells what it came to.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let adapter = arguments.adapter.open()?.info;
+    let stop = stop_flag("what runs is saved")?;
+    let folder = std::path::absolute(&arguments.out).context("cannot find the current folder")?;
+    let datasets = folder.join("datasets");
+    let base = base(arguments, &datasets, terminal)?;
+    let causes = chosen(arguments, &base)?;
+    let work = Work { arguments, terminal, stop, folder: &folder, datasets: &datasets };
+    let (base, points) = work.with_points(base)?;
+    let mut made: BTreeMap<String, Dataset> = BTreeMap::new();
+    for step in causes.iter().flat_map(|cause| &cause.steps) {
+        made.insert(step.name.clone(), work.step(&base, step)?);
+    }
+    let place = base.dataset.root.clone();
+    let seeds: Vec<u64> = (1..=arguments.seeds).collect();
+    let usual = work.train("base", if base.has_events() { "erf-gs" } else { "4dgs" }, vec![place], &seeds)?;
+    let of = |events: bool| {
+        let steps = causes.iter().flat_map(|cause| &cause.steps).filter(|step| step.events == events);
+        steps.filter_map(|step| Some(made.get(&step.name)?.root.clone())).collect::<Vec<_>>()
+    };
+    let mut qualities = work.train("wrong", if base.has_events() { "erf-gs" } else { "4dgs" }, of(true), &[1])?;
+    qualities.extend(work.train("without-events", "4dgs", of(false), &[1])?);
+    let mut budget = Budget { base: usual.into_iter().map(|(_, quality)| quality).collect(), causes: Vec::new() };
+    for cause in &causes {
+        let mut costs = Costs::of(cause);
+        for step in &cause.steps {
+            let found = qualities.iter().find(|(name, _)| *name == step.name);
+            let (_, quality) = found.with_context(|| format!("{} was not trained", step.name))?;
+            let moved = made.get(&step.name).and_then(|dataset| moved_px(&base.dataset, dataset, &points));
+            costs.add(step, moved, *quality);
+        }
+        budget.causes.push(costs);
+    }
+    let made = report::Made {
+        command: command(arguments),
+        version: env!("CARGO_PKG_VERSION").into(),
+        adapter: format!("{} ({} {})", adapter.name, adapter.driver, adapter.driver_info),
+        what: what(arguments, &base),
+    };
+    for (name, text) in [
+        ("budget.csv", report::csv(&budget)),
+        ("budget.md", report::markdown(&budget, &made)),
+        ("budget.html", report::page(&budget, &made)),
+    ] {
+        let path = folder.join(name);
+        erfgs_base::atomic::write(&path, text.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    terminal.result(&budget, || describe(&budget, &folder))
+}
+
+fn base(arguments: &Arguments, datasets: &Path, terminal: &Terminal) -> anyhow::Result<Base> {
+    if let Some(path) = &arguments.dataset {
+        let dataset = Dataset::load(path)?;
+        let held_out = dataset.cameras(erfgs_dataset::Split::Test).any(|camera| !camera.frames.is_empty());
+        if !held_out {
+            let words =
+                format!("{} has no held-out camera to measure quality on; import it with --test", path.display());
+            return Err(Usage(words).into());
+        }
+        return Ok(Base::of_dataset(dataset));
+    }
+    let size = if arguments.small { Size::Small } else { Size::Full };
+    std::fs::create_dir_all(datasets).with_context(|| format!("cannot make {}", datasets.display()))?;
+    let bar = terminal.progress("filming the stage");
+    Ok(Base::of_stage(size, datasets, &|step: Progress| bar.update(step.done, step.total, step.what))?)
+}
+
+fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
+    let mut causes = causes(base);
+    let names: Vec<&str> = causes.iter().map(|cause| cause.name).collect();
+    let known = format!("there are {}", names.join(", "));
+    let named = |cause: &Cause| {
+        let has = |text: &String| cause.name.to_lowercase().contains(&text.to_lowercase());
+        arguments.only.is_empty() || arguments.only.iter().any(has)
+    };
+    causes.retain(named);
+    if causes.is_empty() {
+        return Err(Usage(format!("no error is called so; {known}")).into());
+    }
+    if arguments.small {
+        causes.iter_mut().for_each(|cause| cause.steps.truncate(1));
+    }
+    Ok(causes)
+}
+
+struct Work<'a> {
+    arguments: &'a Arguments,
+    terminal: &'a Terminal,
+    stop: &'static AtomicBool,
+    folder: &'a Path,
+    datasets: &'a Path,
+}
+
+impl Work<'_> {
+    /// The base and its initial points.
+    fn with_points(&self, mut base: Base) -> anyhow::Result<(Base, PointCloud)> {
+        self.points(&mut base.dataset)?;
+        let points = base.dataset.read_points()?.unwrap_or_default();
+        Ok((base, points))
+    }
+
+    /// The dataset of a step, with its points.
+    fn step(&self, base: &Base, step: &Step) -> anyhow::Result<Dataset> {
+        let bar = self.terminal.progress(&step.name);
+        let mut dataset =
+            step.make(base, self.datasets, &|step: Progress| bar.update(step.done, step.total, step.what))?;
+        drop(bar);
+        self.points(&mut dataset)?;
+        Ok(dataset)
+    }
+
+    fn points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+        }
+        if dataset.manifest.points.is_some() {
+            return Ok(());
+        }
+        let mut options = CloudOptions::default();
+        if self.arguments.small {
+            // Features need larger pictures.
+            options.method = Method::Sweep;
+        }
+        points::make(dataset, &options, self.terminal).map(drop)
+    }
+
+    /// Trains datasets as a sweep, and gives the quality of each by its name.
+    fn train(
+        &self,
+        name: &str,
+        method: &str,
+        datasets: Vec<PathBuf>,
+        seeds: &[u64],
+    ) -> anyhow::Result<Vec<(String, Quality)>> {
+        if datasets.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut options = vec![("method", method.to_owned()), ("iterations", self.arguments.iterations.to_string())];
+        options.extend(self.arguments.adapter.adapter.clone().map(|adapter| ("adapter", adapter)));
+        let plan = Plan {
+            name: name.to_owned(),
+            out: self.folder.join(name),
+            datasets,
+            takes: Vec::new(),
+            seeds: seeds.into(),
+            evaluate: true,
+            train: options.into_iter().map(|(key, value)| (key.to_owned(), value.into())).collect(),
+            set: BTreeMap::new(),
+            slurm: Default::default(),
+        };
+        let manifest = Manifest::of_plan(&plan, &plan.out, sweep::check)?;
+        manifest.save()?;
+        let bar = self.terminal.progress(&format!("training, {name}"));
+        let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
+        let overview = run_here(&manifest, &sweep::program()?, self.arguments.at_once, self.stop, told)?;
+        drop(bar);
+        let left = overview.jobs.len() - overview.count(JobState::Done);
+        if left > 0 && self.stop.load(Ordering::Relaxed) {
+            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+        }
+        if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
+            let why = job.failed.as_deref().unwrap_or("it was not trained");
+            let log = manifest.log(manifest.job(&job.name)?);
+            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+        }
+        let quality = |job: &erfgs_sweep::Job| {
+            let metrics = manifest.run(job).read_metrics()?;
+            let name = job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Ok((name, Quality::from(&metrics)))
+        };
+        manifest.jobs.iter().map(quality).collect()
+    }
+}
+
+/// What was trained, in words.
+fn what(arguments: &Arguments, base: &Base) -> String {
+    let Iterations { coarse, fine } = arguments.iterations;
+    let training =
+        format!("{} iterations of {}", coarse.unwrap_or(0) + fine, if base.has_events() { "ERF-GS" } else { "4DGS" });
+    let manifest = &base.dataset.manifest;
+    let count =
+        |of: &dyn Fn(&erfgs_dataset::Camera) -> bool| manifest.cameras.iter().filter(|camera| of(camera)).count();
+    let training_camera = |camera: &erfgs_dataset::Camera| camera.split == erfgs_dataset::Split::Train;
+    let frames = count(&|camera| training_camera(camera) && !camera.frames.is_empty());
+    let events = count(&|camera| training_camera(camera) && camera.events.is_some());
+    let seconds = 1e-9 * (manifest.span_ns[1] - manifest.span_ns[0]) as f64;
+    format!(
+        "The scene is {}: {seconds:.1} s, {frames} training cameras with frames and {events} with events; {training}.",
+        manifest.name
+    )
+}
+
+/// The command as it can be given again.
+fn command(arguments: &Arguments) -> String {
+    let mut words = "erfgs bench budget".to_owned();
+    if let Some(dataset) = &arguments.dataset {
+        words.push_str(&format!(" {}", dataset.display()));
+    }
+    for only in &arguments.only {
+        words.push_str(&format!(" --only '{only}'"));
+    }
+    if arguments.small {
+        words.push_str(" --small");
+    }
+    if arguments.iterations != ITERATIONS {
+        words.push_str(&format!(" --iterations {}", arguments.iterations));
+    }
+    if arguments.seeds != SEEDS {
+        words.push_str(&format!(" --seeds {}", arguments.seeds));
+    }
+    words.push_str(&format!(" --out {}", arguments.out.display()));
+    words
+}
+
+fn describe(budget: &Budget, folder: &Path) -> String {
+    let usual = budget.usual();
+    let mut rows = vec![["error", "size", "cost, dB", "DPSNR, dB", "PSNR, dB"].map(String::from).to_vec()];
+    rows.push(vec![
+        "nothing".into(),
+        String::new(),
+        String::new(),
+        format!("{:.2}", usual.dpsnr),
+        format!("{:.2}", usual.psnr),
+    ]);
+    for costs in &budget.causes {
+        rows.extend(costs.rows.iter().map(|row| {
+            vec![
+                costs.name.to_owned(),
+                report::sized(costs, row.size),
+                format!("{:+.2}", budget.cost_db(row)),
+                format!("{:.2}", row.quality.dpsnr),
+                format!("{:.2}", row.quality.psnr),
+            ]
+        }));
+    }
+    let mut text = table(&rows);
+    if let Some(noise) = budget.noise_db() {
+        text.push_str(&format!("\na difference below {noise:.2} dB may be the seed"));
+    }
+    text.push_str(&format!("\n{}", folder.join("budget.html").display()));
+    text
+}

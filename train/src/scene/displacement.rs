@@ -1,0 +1,139 @@
+//! How far things go from one frame to the next, before anything is trained.
+
+use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
+use glam::{DVec3, Vec3};
+
+use crate::motion::birth;
+
+/// Points of an instant that are followed, at most: enough to know how fast the fast ones are.
+const FOLLOWED: usize = 400;
+/// The share of the points that are slower than what counts: few things are fast, and they are what is hard.
+const SLOWER: f64 = 0.95;
+
+/// How far what moves fastest goes from one frame to the next, as a share of the width of the training cameras' pictures; `None` where
+/// no points are known to move, or no camera has two frames. Nothing is faster than `fastest`, metres an interval.
+///
+/// # Errors
+/// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
+pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64>, DatasetError> {
+    let Some(runs) = dataset.point_runs()? else { return Ok(None) };
+    let Some((interval_ns, cloud)) = interval_ns(dataset).zip(dataset.read_points()?) else { return Ok(None) };
+    let mut points = Vec::new();
+    let mut first = 0;
+    for run in &runs {
+        let count = run.count as usize;
+        if run.moving {
+            let step = count.div_ceil(FOLLOWED).max(1);
+            let time = run.t_ns as f64 / interval_ns;
+            points.extend(
+                (first..first + count).step_by(step).map(|at| ((cloud.positions[at], cloud.colours[at]), time)),
+            );
+        }
+        first += count;
+    }
+    let cameras: Vec<&Camera> = dataset.cameras(Split::Train).filter(|camera| !camera.frames.is_empty()).collect();
+    let share = |(place, speed): ([f32; 3], f32)| {
+        let place = Vec3::from(place).as_dvec3();
+        let scales: Vec<f64> = cameras.iter().filter_map(|camera| widths_a_metre(camera, place)).collect();
+        (!scales.is_empty()).then(|| f64::from(speed) * scales.iter().sum::<f64>() / scales.len() as f64)
+    };
+    let mut moved: Vec<f64> = birth::speeds(&points, fastest).into_iter().filter_map(share).collect();
+    let fast = ((SLOWER * moved.len() as f64) as usize).min(moved.len().saturating_sub(1));
+    Ok((!moved.is_empty()).then(|| *moved.select_nth_unstable_by(fast, f64::total_cmp).1))
+}
+
+/// How many widths of the picture a metre across the view is at a place; `None` behind the camera.
+fn widths_a_metre(camera: &Camera, place: DVec3) -> Option<f64> {
+    let depth = camera.world_to_camera.transform(place).z;
+    (depth > 1e-6).then(|| camera.intrinsics.fx / (depth * f64::from(camera.intrinsics.width)))
+}
+
+/// The median time from a frame of a training camera to its next, nanoseconds.
+fn interval_ns(dataset: &Dataset) -> Option<f64> {
+    let steps = dataset.cameras(Split::Train).flat_map(|camera| camera.frames.windows(2));
+    let mut steps: Vec<i64> = steps.map(|pair| pair[1].t_ns - pair[0].t_ns).filter(|step| *step > 0).collect();
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable(middle).1 as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_base::random;
+    use erfgs_dataset::{Frame, Manifest, PointCloudFile, PointRun, Provenance};
+    use erfgs_scene::{Distortion, Intrinsics, Modality, PointCloud, Pose};
+
+    use super::*;
+
+    /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it: a fifth of them by
+    /// `fast` metres an interval, the others by a centimetre.
+    fn dataset(root: &std::path::Path, fast: f64, frames: i64) -> Dataset {
+        let frame = |index: i64| Frame {
+            file: format!("{index}.png").into(),
+            t_ns: 50_000_000 * index,
+            exposure_ns: [50_000_000 * index; 2],
+            mask: None,
+        };
+        let camera = Camera {
+            name: "a".into(),
+            modality: Modality::Rgb,
+            split: Split::Train,
+            intrinsics: Intrinsics {
+                width: 100,
+                height: 100,
+                fx: 100.0,
+                fy: 100.0,
+                cx: 50.0,
+                cy: 50.0,
+                distortion: Distortion::None,
+            },
+            world_to_camera: Pose { translation: DVec3::Z * 2.0, ..Pose::IDENTITY },
+            frames: (0..frames).map(frame).collect(),
+            events: None,
+        };
+        let manifest = Manifest {
+            format: Manifest::FORMAT.into(),
+            version: Manifest::VERSION,
+            name: "moving".into(),
+            provenance: Provenance::default(),
+            span_ns: [0, 1_000_000_000],
+            seed: 0,
+            variant: Vec::new(),
+            linear_exposure: false,
+            points: None,
+            cameras: vec![camera],
+            sha256: Default::default(),
+        };
+        let mut dataset = Dataset::new(root, manifest);
+        let mut cloud = PointCloud::default();
+        let mut runs = Vec::new();
+        for t in 0..3_u32 {
+            for point in 0..250_u8 {
+                let quick = point < 50;
+                let at = |axis: u64| random::range(random::key(7, &[point.into(), axis]), -0.1, 0.1);
+                let (speed, colour, aside) =
+                    if quick { (fast, [250, 10, 10], 0.9) } else { (0.01, [10, 10, 250], 0.0) };
+                let place = [speed * f64::from(t) + at(0), aside + at(1), at(2)];
+                cloud.positions.push(place.map(|p| p as f32));
+                cloud.colours.push(colour);
+            }
+            runs.push(PointRun { t_ns: 50_000_000 * i64::from(t), found_again: false, moving: true, count: 250 });
+        }
+        let parameters = [(PointCloudFile::RUNS.to_owned(), serde_json::json!(runs))].into();
+        std::fs::create_dir_all(root).unwrap();
+        dataset.set_points(&cloud, "test", parameters).unwrap();
+        dataset
+    }
+
+    #[test]
+    fn the_fast_fifth_counts_as_a_share_of_the_width() {
+        let folder = tempfile::tempdir().unwrap();
+        for fast in [0.05, 0.3] {
+            let found = displacement(&dataset(folder.path(), fast, 3), 10.0).unwrap().unwrap();
+            assert!((found - fast / 2.0).abs() < 0.2 * fast, "{found} of {}", fast / 2.0);
+        }
+        assert_eq!(displacement(&dataset(folder.path(), 0.3, 1), 10.0).unwrap(), None, "a single frame");
+        let mut still = dataset(folder.path(), 0.3, 3);
+        still.manifest.points = None;
+        assert_eq!(displacement(&still, 10.0).unwrap(), None, "no points");
+    }
+}
