@@ -4,6 +4,9 @@ use erfgs_dataset::{Camera, Dataset, Split};
 use erfgs_scene::PointCloud;
 use glam::{DVec2, DVec3};
 
+/// Less than this is rounding.
+const LEAST_PX: f64 = 1e-6;
+
 /// The root mean square of how far `points` are, in the images of `to`'s training cameras, from where the same cameras of `from` see
 /// them, pixels; none where no point is seen, or nothing moved.
 #[must_use]
@@ -19,7 +22,8 @@ pub fn moved_px(from: &Dataset, to: &Dataset, points: &PointCloud) -> Option<f64
             }
         }
     }
-    (sum > 0.0).then(|| (sum / count as f64).sqrt())
+    let moved = (sum / count as f64).sqrt();
+    (moved > LEAST_PX).then_some(moved)
 }
 
 /// Where a camera sees a point; none where it does not.

@@ -3,6 +3,7 @@
 mod cameras;
 mod choose;
 mod drift;
+mod enough;
 mod events;
 mod overlays;
 mod pairs;
@@ -41,6 +42,7 @@ pub fn page(rig: &RigFile, evidence: &Evidence) -> String {
     let section = |id: &str, heading: &str, body: String| html::section("", id, heading, &body);
     let body = [
         section("cameras", "Cameras", cameras::tables(rig)),
+        section("enough", "What it is good enough for", enough::table(rig)),
         section("rig", "Where they stand", rig::picture(rig, &evidence.outlines)),
         section("residuals", "Residuals", residuals::maps(rig, evidence)),
         section("pictures", "Pictures, and without distortion", previews::figures(rig, evidence)),
