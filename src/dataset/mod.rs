@@ -1,6 +1,7 @@
 //! `erfgs dataset`: make, vary, complete and check datasets.
 
 mod check;
+mod fit;
 mod import;
 pub mod points;
 mod session;
@@ -20,7 +21,7 @@ pub enum Command {
     Variant(Box<variant::Arguments>),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
-    /// Read every file of a dataset and check it against the manifest.
+    /// Read every file of a dataset and check it against the manifest, and the poses against the pictures.
     Check(check::Arguments),
     /// Make a dataset of ideal pinhole cameras.
     Undistort(undistort::Arguments),

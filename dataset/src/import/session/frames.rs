@@ -194,3 +194,34 @@ fn save(
     let failed = |source| ImportError::Image { camera: view.stream.clone(), source };
     image.write_png(&root.join(layout::image(&view.camera, place))).map_err(failed)
 }
+
+/// Frames that a camera should have taken.
+pub(super) struct Gap {
+    /// About how many.
+    pub frames: u64,
+    /// Between which of its frames, or the beginning or the end of those of others, session nanoseconds.
+    pub between: [i64; 2],
+}
+
+/// The gaps in the frames of a camera: before its first and after its last frame, where others have frames, and between them.
+/// Times are still those of the session.
+pub(super) fn gaps(frames: &[Frame], all: &[Written]) -> Vec<Gap> {
+    let mut apart: Vec<i64> = frames.windows(2).map(|pair| pair[1].t_ns - pair[0].t_ns).collect();
+    let middle = apart.len() / 2;
+    if apart.is_empty() {
+        return Vec::new();
+    }
+    let usual_ns = (*apart.select_nth_unstable(middle).1).max(1);
+    let times = || all.iter().flat_map(|one| one.frames.iter().map(|frame| frame.t_ns));
+    let (Some(first), Some(last)) = (times().min(), times().max()) else { return Vec::new() };
+    let inner = frames.windows(2).map(|pair| ([pair[0].t_ns, pair[1].t_ns], 1));
+    let outer = [([first, frames[0].t_ns], 0), ([frames[frames.len() - 1].t_ns, last], 0)];
+    let gap = |(between, known): ([i64; 2], i64)| {
+        let length = between[1] - between[0];
+        // At the ends a whole interval must lack, and a little for jitter; between frames half of one more tells.
+        let missing =
+            if known == 1 { (length + usual_ns / 2) / usual_ns - 1 } else { (length - usual_ns / 4) / usual_ns };
+        (missing > 0).then_some(Gap { frames: missing.unsigned_abs(), between })
+    };
+    outer[..1].iter().copied().chain(inner).chain(outer[1..].iter().copied()).filter_map(gap).collect()
+}
