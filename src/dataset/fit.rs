@@ -6,6 +6,7 @@ use erfgs_calibrate::{
     sfm::{FitOptions, SfmError, fit, read_still_views},
 };
 use erfgs_dataset::Dataset;
+use erfgs_points::{Cloud, EventFit, event_fit};
 
 use crate::terminal::Terminal;
 
@@ -50,5 +51,32 @@ pub fn check(dataset: &Dataset, colmap: &ColmapProgram, terminal: &Terminal) -> 
     };
     anyhow::bail!(
         "{complaint}. Calibrate again{remedy}; `erfgs dataset points --trust-poses` takes the poses as they are"
+    );
+}
+
+/// Holds event cameras against the points of what moves.
+///
+/// # Errors
+/// If a camera hangs upside down.
+pub fn check_events(dataset: &Dataset, cloud: &Cloud) -> anyhow::Result<()> {
+    let found = event_fit(dataset, &cloud.points)?;
+    let wrong: Vec<_> = found.iter().filter(|found| found.is_upside_down()).collect();
+    if wrong.is_empty() {
+        return Ok(());
+    }
+    let list: Vec<String> = wrong
+        .iter()
+        .map(|EventFit { camera, upright, upside_down }| {
+            format!(
+                "{camera} hangs upside down: its events agree with what moves if it is turned by half a turn (correlation \
+                 {upside_down:.2}) and not by its pose ({upright:.2})"
+            )
+        })
+        .collect();
+    let without: Vec<String> = wrong.iter().map(|found| format!("--without {}", found.camera)).collect();
+    anyhow::bail!(
+        "{}. Calibrate again, or leave it out at the import ({}); `erfgs dataset points --trust-poses` takes the poses as they are",
+        list.join("; "),
+        without.join(" ")
     );
 }

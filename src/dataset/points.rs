@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use erfgs_dataset::{Dataset, PointCloudFile};
-use erfgs_points::{CloudOptions, ColmapProgram, FrameChoice, HullOptions, Method, attach, initial_cloud};
+use erfgs_points::{Cloud, CloudOptions, ColmapProgram, FrameChoice, HullOptions, Method, attach, initial_cloud};
 
 use super::fit;
 use crate::{
@@ -16,7 +16,8 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The poses of the dataset are kept. Held-out cameras and event-only cameras take no part. First the poses of all cameras with \
-frames are held against what stands still in their pictures; those that do not fit are refused.
+frames are held against what stands still in their pictures, and event cameras that hang upside down are found by what moves; those \
+that do not fit are refused.
 
 Methods:
   colmap        features and triangulation by COLMAP 3.8 or 4.x, matched along epipolar lines
@@ -122,7 +123,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let mut dataset = Dataset::load(&arguments.dataset)?;
     let file = if arguments.choice.trust_poses {
-        make_as_it_is(&mut dataset, &arguments.options(), terminal)?
+        let cloud = cloud(&dataset, &arguments.options(), terminal)?;
+        attach(&mut dataset, &cloud)?
     } else {
         make(&mut dataset, &arguments.options(), terminal)?
     };
@@ -139,19 +141,20 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     })
 }
 
-/// Holds the poses against the pictures, then makes the cloud.
+/// Holds the poses against the pictures and the events, makes the cloud, writes it and names it in the manifest.
 pub fn make(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<PointCloudFile> {
     fit::check(dataset, &options.colmap.program, terminal)?;
-    make_as_it_is(dataset, options, terminal)
+    let cloud = cloud(dataset, options, terminal)?;
+    fit::check_events(dataset, &cloud)?;
+    Ok(attach(dataset, &cloud)?)
 }
 
-/// Makes the cloud, writes it and names it in the manifest.
-fn make_as_it_is(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<PointCloudFile> {
+fn cloud(dataset: &Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<Cloud> {
     let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("initial point cloud");
     let cloud = initial_cloud(dataset, options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());
     })?;
     drop(progress);
-    Ok(attach(dataset, &cloud)?)
+    Ok(cloud)
 }

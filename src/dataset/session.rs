@@ -69,6 +69,11 @@ pub fn run(
     options.grey = arguments.grey;
     options.without.clone_from(&arguments.without);
     options.scales = arguments.scale_of.iter().cloned().collect();
+    let summary = session.summary();
+    if let (false, Some([_, last])) = (summary.complete, summary.span_ns()) {
+        let ends_s = summary.start.session_ns(last) as f64 * 1e-9;
+        terminal.note(format!("{} was cut off: what is left of it ends at {ends_s:.3} s", path.display()));
+    }
     let progress = terminal.progress("importing");
     let mut notes: Vec<SessionNote> = Vec::new();
     let mut note = |note| notes.push(note);

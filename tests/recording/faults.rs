@@ -109,6 +109,7 @@ fn a_session_that_was_cut_off_is_imported_as_far_as_it_goes() {
     fs::write(folder.join("cut.mcap"), &bytes[..bytes.len() * 4 / 5]).expect("written");
     let words = "dataset import session cut.mcap --rig rig.json --from 0.5 --seconds 1.2 --test free0 --out cut";
     let told = fail(folder, 1, words);
+    assert!(told.contains("cut.mcap was cut off: what is left of it ends at 1."), "{told}");
     assert!(told.contains("what is whole was imported") && told.contains("it was not ended"), "{told}");
     let [cut, whole] = [("cut.mcap", "cut"), ("take.mcap", "whole")].map(|(file, out)| {
         if out == "whole" {
@@ -158,6 +159,12 @@ fn a_calibration_that_does_not_fit_what_cameras_see_is_refused_by_name() {
         _ => *pose,
     });
     assert!(hung.contains("free0 sees") && hung.contains("°: upside down"), "{hung}");
+    fs::write(folder.join("good/dataset.json"), &original).expect("restored");
+    let hung = wrong("dataset points good", &|name, pose| match name {
+        "davis" => turned(pose, DVec3::Z * PI, DVec3::ZERO),
+        _ => *pose,
+    });
+    assert!(hung.contains("davis hangs upside down") && !folder.join("good/points.ply").exists(), "{hung}");
     fs::write(folder.join("good/dataset.json"), &original).expect("restored");
     let other_day = wrong("dataset check good", &|name, pose| {
         let seed = name.bytes().map(f64::from).sum::<f64>();

@@ -121,6 +121,11 @@ impl BoardLines {
     }
 }
 
+/// `step` of `steps` equal parts of what passed.
+fn between(passed: u64, step: u64, steps: u64) -> u64 {
+    u64::try_from(u128::from(passed) * u128::from(step) / u128::from(steps.max(1))).unwrap_or(passed)
+}
+
 /// More pulses in a row than these are not restored where their lines are lost.
 const MOST_RESTORED: u64 = 1000;
 
@@ -170,12 +175,14 @@ impl Board {
             let Some(period) = period.filter(|_| (2..=MOST_RESTORED).contains(&steps) && a.width == b.width) else {
                 continue;
             };
-            if b.tick.checked_sub(a.tick) != period.checked_mul(steps) {
+            // Of a rate that is no whole number of ticks each interval may be a tick longer.
+            let passed = b.tick.saturating_sub(a.tick);
+            if passed.abs_diff(period.saturating_mul(steps)) > steps {
                 continue;
             }
             for step in 1..steps {
                 let index = u32::try_from(before + step).unwrap_or(u32::MAX);
-                self.pulses.insert(before + step, Pulse { index, tick: a.tick + step * period, ..a });
+                self.pulses.insert(before + step, Pulse { index, tick: a.tick + between(passed, step, steps), ..a });
                 self.restored += 1;
             }
         }

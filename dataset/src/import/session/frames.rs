@@ -218,10 +218,49 @@ pub(super) fn gaps(frames: &[Frame], all: &[Written]) -> Vec<Gap> {
     let outer = [([first, frames[0].t_ns], 0), ([frames[frames.len() - 1].t_ns, last], 0)];
     let gap = |(between, known): ([i64; 2], i64)| {
         let length = between[1] - between[0];
-        // At the ends a whole interval must lack, and a little for jitter; between frames half of one more tells.
+        // At the ends a whole interval must lack, give or take what times are rounded by; between frames half of one more tells.
         let missing =
-            if known == 1 { (length + usual_ns / 2) / usual_ns - 1 } else { (length - usual_ns / 4) / usual_ns };
+            if known == 1 { (length + usual_ns / 2) / usual_ns - 1 } else { (length + usual_ns / 50) / usual_ns };
         (missing > 0).then_some(Gap { frames: missing.unsigned_abs(), between })
     };
     outer[..1].iter().copied().chain(inner).chain(outer[1..].iter().copied()).filter_map(gap).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(times_ms: &[i64]) -> Written {
+        let frame = |t_ms: &i64| Frame {
+            file: "a".into(),
+            t_ns: t_ms * 1_000_000,
+            exposure_ns: [t_ms * 1_000_000; 2],
+            mask: None,
+        };
+        Written { view: 0, frames: times_ms.iter().map(frame).collect(), lost: 0 }
+    }
+
+    #[test]
+    fn frames_that_lack_before_after_and_between_are_counted_and_those_that_are_not_due_are_not() {
+        let all = [
+            taken(&[0, 50, 100, 150, 200, 250]),
+            taken(&[100, 150]),
+            // Not at the same instants, and faster.
+            taken(&[7, 24, 40, 57, 74, 90, 107, 124, 140, 157, 174, 190, 207, 224, 240]),
+            taken(&[130]),
+        ];
+        let found: Vec<Vec<(u64, [i64; 2])>> = all
+            .iter()
+            .map(|one| {
+                gaps(&one.frames, &all).iter().map(|gap| (gap.frames, gap.between.map(|t| t / 1_000_000))).collect()
+            })
+            .collect();
+        assert_eq!(found[0], []);
+        assert_eq!(found[1], [(2, [0, 100]), (2, [150, 250])]);
+        assert_eq!((found[2].len(), found[3].len()), (0, 0));
+        let mut gone = taken(&[0, 50, 100, 150, 200, 450, 500]);
+        assert_eq!(gaps(&gone.frames, &all).iter().map(|gap| gap.frames).collect::<Vec<_>>(), [4]);
+        gone.frames.truncate(3);
+        assert_eq!(gaps(&gone.frames, &all).iter().map(|gap| gap.between[1]).collect::<Vec<_>>(), [250_000_000]);
+    }
 }
