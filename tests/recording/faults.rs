@@ -95,8 +95,8 @@ fn of_cameras_that_drop_out_what_came_before_is_used_and_what_is_lost_is_said() 
     assert!(events.covers_ns[0] == 0 && (1.39..1.42).contains(&zero_s), "{:?}", events.covers_ns);
     assert!(events.count > 10_000, "{}", events.count);
     // What is left is reconstructed.
-    json(folder, &["dataset", "points", "ds", "--json"]);
-    json(folder, &["train", "ds", "--iterations", "10+10", "--seed", "1", "--out", "run", "--json"]);
+    said(folder, "dataset points ds --method random");
+    json(folder, &["train", "ds", "--iterations", "2+2", "--seed", "1", "--out", "run", "--json"]);
     let metrics = json(folder, &["eval", "run", "--json"]);
     assert!(metrics["psnr"].as_f64().is_some_and(f64::is_finite), "{metrics}");
 }
@@ -160,7 +160,7 @@ fn a_calibration_that_does_not_fit_what_cameras_see_is_refused_by_name() {
     });
     assert!(hung.contains("free0 sees") && hung.contains("°: upside down"), "{hung}");
     fs::write(folder.join("good/dataset.json"), &original).expect("restored");
-    let hung = wrong("dataset points good", &|name, pose| match name {
+    let hung = wrong("dataset points good --method random", &|name, pose| match name {
         "davis" => turned(pose, DVec3::Z * PI, DVec3::ZERO),
         _ => *pose,
     });
@@ -176,7 +176,7 @@ fn a_calibration_that_does_not_fit_what_cameras_see_is_refused_by_name() {
     });
     assert!(other_day.contains("too few fit each other") && other_day.contains("Calibrate again;"), "{other_day}");
     // What a user knows better can be taken, and a camera be left out.
-    json(folder, &["dataset", "points", "good", "--trust-poses", "--json"]);
+    said(folder, "dataset points good --method random --trust-poses");
     let words = format!(
         "dataset import session take.mcap --rig rig.json {WINDOW} --without rgb1 --without davis --out without"
     );

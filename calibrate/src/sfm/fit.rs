@@ -201,22 +201,26 @@ impl Room<'_> {
     fn judge(&self) -> RigFit {
         let mut wrong = Vec::new();
         let mut left: Vec<usize> = (0..self.cameras.len()).collect();
-        let mut found = self.all(&left, &vec![None; self.cameras.len()]);
+        let mut found = self.each(&left, &left, &vec![None; self.cameras.len()]);
         loop {
             let mut off: Vec<usize> = left.iter().copied().filter(|&view| self.off_px(found[view]) > 0.0).collect();
             if off.is_empty() || left.len() <= FEWEST_VIEWS {
                 break;
             }
             off.sort_by(|&a, &b| self.off_px(found[b]).total_cmp(&self.off_px(found[a])));
-            let without = |view: usize| {
-                let rest: Vec<usize> = left.iter().copied().filter(|&other| other != view).collect();
-                let found = self.all(&rest, &found);
-                (rest.iter().map(|&other| self.off_px(found[other])).sum::<f64>(), view, rest, found)
+            let rest =
+                |of: &[usize], view: usize| of.iter().copied().filter(|&other| other != view).collect::<Vec<_>>();
+            // Without one of them, how far off are the others that were?
+            let without = |view: usize| -> f64 {
+                let others = rest(&off, view);
+                let found = self.each(&others, &rest(&left, view), &found);
+                others.into_iter().map(|other| self.off_px(found[other])).sum()
             };
-            let tried = off.into_iter().take(TRIED).map(without);
-            let Some((_, view, rest, next)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            let tried = off.iter().take(TRIED).map(|&view| (without(view), view));
+            let Some((_, view)) = tried.min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
             wrong.push(view);
-            (left, found) = (rest, next);
+            left = rest(&left, view);
+            found = self.each(&left, &left, &found);
         }
         let fits = |view: &usize| found[*view].is_some() && self.off_px(found[*view]) == 0.0;
         let right = left.iter().copied().filter(fits).collect();
@@ -224,15 +228,18 @@ impl Room<'_> {
         RigFit { cameras: found, wrong, right }
     }
 
-    /// Each of some cameras against the others of them; of the rest, what was found before.
-    fn all(&self, some: &[usize], before: &[Option<CameraFit>]) -> Vec<Option<CameraFit>> {
+    /// Each of some cameras `among` others against these; of the rest, what was found before.
+    fn each(&self, some: &[usize], among: &[usize], before: &[Option<CameraFit>]) -> Vec<Option<CameraFit>> {
         let mut found = before.to_vec();
+        if some.is_empty() {
+            return found;
+        }
         let mut shared = vec![0; found.len()];
-        for (view, _) in self.points(some).iter().flat_map(|point| &point.seen) {
+        for (view, _) in self.points(among).iter().flat_map(|point| &point.seen) {
             shared[*view] += 1;
         }
         for &view in some {
-            let others: Vec<usize> = some.iter().copied().filter(|&other| other != view).collect();
+            let others: Vec<usize> = among.iter().copied().filter(|&other| other != view).collect();
             found[view] = self.against_others(view, &others, shared[view]);
         }
         found
