@@ -87,8 +87,8 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
         Ok(board) => {
             if board.resets > 0 {
                 sync.faults.push(format!(
-                    "the board was reset {} times; the longest run counts, and what was triggered in others has no time",
-                    board.resets
+                    "the board was reset {}; the longest run counts, and what was triggered in others has no time",
+                    times(board.resets)
                 ));
             }
             // The first line may be half a line.
@@ -153,13 +153,16 @@ fn fit_events(description: &Description, events: Events, board: Option<&Board>) 
     (sync, lit)
 }
 
+fn times(count: u64) -> String {
+    if count == 1 { "once".to_owned() } else { format!("{count} times") }
+}
+
 /// What the user should know of the epochs of an event camera.
 fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, faults: &mut Vec<String>) {
     let several = fitted.len() > 1;
     if several {
-        let times = fitted.len() - 1;
-        let times = if times == 1 { "once".to_owned() } else { format!("{times} times") };
-        faults.push(format!("the time of the camera breaks {times}: a clock for each part"));
+        let breaks = times(fitted.len() as u64 - 1);
+        faults.push(format!("the time of the camera breaks {breaks}: a clock for each part"));
     }
     for fitted in fitted.iter().take(TOLD_EPOCHS) {
         let part =
