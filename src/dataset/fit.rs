@@ -38,8 +38,12 @@ pub fn check(dataset: &Dataset, colmap: &ColmapProgram, terminal: &Terminal) -> 
         }
         found => found?,
     };
-    if !found.tells() {
-        terminal.note("whether the cameras stand where the calibration says cannot be told: they share too few points");
+    if found.wrong.is_empty() && 2 * found.judged() < cameras.len() {
+        terminal.note(format!(
+            "whether the cameras stand where the calibration says can be told of {} of {} only: they share too few points",
+            found.judged(),
+            cameras.len()
+        ));
     }
     let names: Vec<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
     let Some(complaint) = found.complaint(&names) else { return Ok(()) };

@@ -79,10 +79,10 @@ impl RigFit {
         self.right.len() >= FEWEST_VIEWS && self.right.len() > self.wrong.len()
     }
 
-    /// Whether any camera could be judged.
+    /// How many cameras could be judged.
     #[must_use]
-    pub fn tells(&self) -> bool {
-        self.cameras.iter().any(Option::is_some)
+    pub fn judged(&self) -> usize {
+        self.cameras.iter().flatten().count()
     }
 
     /// What speaks against the poses of `names`, cameras in the order of the views; `None` where nothing does.
@@ -235,7 +235,7 @@ impl Room<'_> {
             return found;
         }
         let mut shared = vec![0; found.len()];
-        for (view, _) in self.points(among).iter().flat_map(|point| &point.seen) {
+        for (view, _) in self.points(among, BANDS_PX[0]).iter().flat_map(|point| &point.seen) {
             shared[*view] += 1;
         }
         for &view in some {
@@ -256,17 +256,17 @@ impl Room<'_> {
     }
 
     /// The points that three of some cameras and more agree on.
-    fn points(&self, some: &[usize]) -> Vec<Track> {
+    fn points(&self, some: &[usize], limit_px: f64) -> Vec<Track> {
         let takes_part = |view: usize| some.contains(&view);
         let matches: Vec<PairMatches> =
             self.matches.iter().filter(|((a, b), _)| takes_part(*a) && takes_part(*b)).cloned().collect();
         let joined = components(self.features, &matches, FEWEST_VIEWS);
-        triangulate(self.features, self.cameras, &joined, FEWEST_VIEWS, self.band_px)
+        triangulate(self.features, self.cameras, &joined, FEWEST_VIEWS, limit_px)
     }
 
     /// A camera against the points of the `others`.
     fn against_others(&self, view: usize, others: &[usize], shared: usize) -> Option<CameraFit> {
-        let points = self.points(others);
+        let points = self.points(others, self.band_px);
         let own = self.cameras[view].as_ref()?;
         let known = Known::new(&points, self.features);
         let resected = known.place(&own.intrinsics, &self.features[view], view as u64)?;
