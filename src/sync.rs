@@ -70,7 +70,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         rows.extend(sync.streams.iter().flat_map(StreamSync::rows).map(row));
         let mut text = table(&rows);
         for stream in &sync.streams {
-            for note in &stream.notes {
+            for note in stream.faults.iter().chain(&stream.notes) {
                 text.push_str(&format!("{}: {note}\n", stream.id));
             }
         }

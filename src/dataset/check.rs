@@ -1,12 +1,14 @@
-//! `erfgs dataset check`: every file read, every number of the manifest checked.
+//! `erfgs dataset check`: every file read, every number of the manifest checked, and the poses held against the pictures.
 
 use std::path::PathBuf;
 
+use erfgs_calibrate::colmap::ColmapProgram;
 use erfgs_dataset::Dataset;
 
+use super::fit;
 use crate::{info, terminal::Terminal};
 
-/// Read every file of a dataset and check it against the manifest.
+/// Read every file of a dataset and check it against the manifest, and the poses against the pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -18,6 +20,9 @@ pub struct Arguments {
 }
 
 /// Checks and says what the dataset holds.
+///
+/// # Errors
+/// If a file is not as the manifest says, or a camera does not stand where its calibration has it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let dataset = Dataset::load(&arguments.dataset)?;
     dataset.verify()?;
@@ -34,5 +39,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     dataset.read_points()?;
     drop(progress);
     terminal.note("every file is as the manifest says");
-    info::dataset(&dataset, terminal)
+    info::dataset(&dataset, terminal)?;
+    fit::check(&dataset, &ColmapProgram::default(), terminal)
 }

@@ -109,8 +109,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let scale = arguments.scale.unwrap_or(1.0);
         let options =
             SessionOptions { scale, resample, test_cameras, jobs: arguments.jobs, ..SessionOptions::default() };
-        let dataset = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
-        return info::dataset(&dataset, terminal);
+        let (dataset, faults) = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
+        info::dataset(&dataset, terminal)?;
+        return faults;
     };
     anyhow::ensure!(
         arguments.session.rig.is_none(),

@@ -2,6 +2,7 @@
 
 mod check;
 mod disturb;
+mod fit;
 mod import;
 pub mod points;
 mod session;
@@ -21,7 +22,7 @@ pub enum Command {
     Variant(Box<variant::Arguments>),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
-    /// Read every file of a dataset and check it against the manifest.
+    /// Read every file of a dataset and check it against the manifest, and the poses against the pictures.
     Check(check::Arguments),
     /// Make a dataset wrong by a known amount: poses, lenses, clocks, thresholds, noise, lost packets.
     Disturb(Box<disturb::Arguments>),

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use erfgs_dataset::{Dataset, PointCloudFile};
-use erfgs_points::{CloudOptions, ColmapProgram, FrameChoice, HullOptions, Method, attach, initial_cloud};
+use erfgs_points::{Cloud, CloudOptions, ColmapProgram, FrameChoice, HullOptions, Method, attach, initial_cloud};
 
+use super::fit;
 use crate::{
     errors::Usage,
     terminal::{Terminal, table, thousands},
@@ -14,7 +15,9 @@ use crate::{
 /// Make the initial point cloud of a dataset.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The poses of the dataset are kept. Held-out cameras and event-only cameras take no part.
+The poses of the dataset are kept. Held-out cameras and event-only cameras take no part. First the poses of all cameras with \
+frames are held against what stands still in their pictures, and event cameras that hang upside down are found by what moves; those \
+that do not fit are refused.
 
 Methods:
   colmap        features and triangulation by COLMAP 3.8 or 4.x, matched along epipolar lines
@@ -71,6 +74,9 @@ pub struct Choice {
     /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
+    /// Take the poses of the cameras as they are, whatever the cameras see of each other.
+    #[arg(long)]
+    trust_poses: bool,
 }
 
 fn depth_range(text: &str) -> Result<[f64; 2], String> {
@@ -116,7 +122,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return Err(Usage("--instants must be at least 1".into()).into());
     }
     let mut dataset = Dataset::load(&arguments.dataset)?;
-    let file = make(&mut dataset, &arguments.options(), terminal)?;
+    let file = if arguments.choice.trust_poses {
+        make_trusting(&mut dataset, &arguments.options(), terminal)?
+    } else {
+        make(&mut dataset, &arguments.options(), terminal)?
+    };
     terminal.result(&file, || {
         let mut rows = vec![
             vec!["points".into(), thousands(file.count)],
@@ -130,13 +140,30 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     })
 }
 
-/// Makes the cloud, writes it and names it in the manifest.
+/// Makes the cloud by the poses as they are, writes it and names it in the manifest.
+pub fn make_trusting(
+    dataset: &mut Dataset,
+    options: &CloudOptions,
+    terminal: &Terminal,
+) -> anyhow::Result<PointCloudFile> {
+    let cloud = cloud(dataset, options, terminal)?;
+    Ok(attach(dataset, &cloud)?)
+}
+
+/// Holds the poses against the pictures and the events, makes the cloud, writes it and names it in the manifest.
 pub fn make(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<PointCloudFile> {
+    fit::check(dataset, &options.colmap.program, terminal)?;
+    let cloud = cloud(dataset, options, terminal)?;
+    fit::check_events(dataset, &cloud)?;
+    Ok(attach(dataset, &cloud)?)
+}
+
+fn cloud(dataset: &Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<Cloud> {
     let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("initial point cloud");
     let cloud = initial_cloud(dataset, options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());
     })?;
     drop(progress);
-    Ok(attach(dataset, &cloud)?)
+    Ok(cloud)
 }

@@ -35,6 +35,9 @@ pub struct SessionArguments {
     /// Session: another --scale for this camera. May be given for several: sensors of a rig differ by far in their pixels.
     #[arg(long, value_name = "CAMERA=FACTOR", requires = "rig", value_parser = scale_of)]
     pub scale_of: Vec<(String, f64)>,
+    /// Session: leave this camera out. May be given for several.
+    #[arg(long, value_name = "CAMERA", requires = "rig")]
+    pub without: Vec<String>,
     /// Session: take frames without colour, too, where other cameras see colours.
     #[arg(long, requires = "rig")]
     pub grey: bool,
@@ -45,14 +48,14 @@ fn scale_of(text: &str) -> Result<(String, f64), String> {
     Ok((camera.to_owned(), scale(factor)?))
 }
 
-/// Imports and tells what was left out.
+/// Imports and tells what was left out. An error besides the dataset says what is cut or damaged of the session.
 pub fn run(
     path: &Path,
     out: &Path,
     mut options: SessionOptions,
     arguments: &SessionArguments,
     terminal: &Terminal,
-) -> anyhow::Result<Dataset> {
+) -> anyhow::Result<(Dataset, anyhow::Result<()>)> {
     let rig = arguments.rig.as_deref().context(
         "a session says nothing of where its cameras stood: give the calibrated rig with --rig rig.json (erfgs calibrate \
          makes it)",
@@ -64,20 +67,40 @@ pub fn run(
     options.every = arguments.every.unwrap_or(1) as usize;
     options.thresholds = arguments.threshold.map(|given| given.0);
     options.grey = arguments.grey;
+    options.without.clone_from(&arguments.without);
     options.scales = arguments.scale_of.iter().cloned().collect();
+    let summary = session.summary();
+    if let (false, Some([_, last])) = (summary.complete, summary.span_ns()) {
+        let ends_s = summary.start.session_ns(last) as f64 * 1e-9;
+        terminal.note(format!("{} was cut off: what is left of it ends at {ends_s:.3} s", path.display()));
+    }
     let progress = terminal.progress("importing");
     let mut notes: Vec<SessionNote> = Vec::new();
     let mut note = |note| notes.push(note);
+    let faults =
+        sync.streams.iter().flat_map(|stream| stream.faults.iter().map(|what| format!("{}: {what}", stream.id)));
+    faults.for_each(|fault| terminal.note(fault));
     let imported = import_recording(&mut session, &sync, &rig, &options, out, &mut note, &mut |step| {
         progress.update(step.done, step.total, step.what);
     });
     drop(progress);
     // What was left out may be why nothing was imported.
     notes.iter().for_each(|note| terminal.note(note.to_string()));
-    let dataset = imported?;
+    let damage: Vec<String> = notes
+        .iter()
+        .filter_map(|note| match note {
+            SessionNote::Damage { what, .. } => Some(what.clone()),
+            _ => None,
+        })
+        .collect();
+    let faults = crate::export::complain_of("imported", path, session.summary(), &damage);
+    let dataset = match (imported, session.summary().faults().first()) {
+        (Err(error), Some(fault)) => return Err(error).context(format!("{}: {fault}", path.display())),
+        (imported, _) => imported?,
+    };
     if dataset.manifest.cameras.iter().any(|camera| camera.intrinsics.distortion != Distortion::None) {
         let ds = out.display();
         terminal.note(format!("before training: erfgs dataset undistort {ds} --out {ds}-pinhole"));
     }
-    Ok(dataset)
+    Ok((dataset, faults))
 }

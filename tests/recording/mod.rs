@@ -6,6 +6,7 @@ mod damage;
 mod dataset;
 mod event_files;
 mod excerpt;
+mod faults;
 mod files;
 mod hosts;
 mod live;

@@ -4,6 +4,7 @@
 
 mod colmap;
 mod error;
+mod event_fit;
 mod hull;
 mod options;
 mod photo;
@@ -22,6 +23,7 @@ use serde_json::{Value, json};
 pub use erfgs_calibrate::colmap::{Colmap, ColmapProgram};
 
 pub use error::CloudError;
+pub use event_fit::{EventFit, event_fit};
 pub use options::{CloudOptions, ColmapOptions, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions};
 
 /// One point of the cloud.

@@ -23,6 +23,9 @@ pub struct Resection {
 
 /// Triples of points that propose poses.
 const TRIPLES: u64 = 3000;
+/// A pose that is proposed is held against so many correspondences at first, evenly taken; and the best of them against all.
+const LOOKED_AT: usize = 256;
+const LOOKED_AT_AGAIN: usize = 100;
 /// Fewer correspondences prove nothing: three always fit.
 const FEWEST: usize = 5;
 
@@ -43,13 +46,13 @@ pub fn resect(intrinsics: &Intrinsics, seen: &[(DVec3, DVec2)], limit_px: f64, s
     }
     let rays: Vec<Option<DVec3>> = seen.iter().map(|(_, pixel)| intrinsics.unproject(*pixel).ok()).collect();
     let key = random::key(seed, &[random::purpose("resection")]);
-    let score = |pose: &Pose| -> f64 {
-        let cost = |&(point, pixel): &(DVec3, DVec2)| {
-            let error = intrinsics.project(pose.transform(point)).map_or(f64::INFINITY, |at| at.distance(pixel));
-            if error < limit_px { 1.0 - (error / limit_px).powi(2) } else { 0.0 }
-        };
-        seen.iter().map(cost).sum()
+    let cost = |pose: &Pose, &(point, pixel): &(DVec3, DVec2)| {
+        let error = intrinsics.project(pose.transform(point)).map_or(f64::INFINITY, |at| at.distance(pixel));
+        if error < limit_px { 1.0 - (error / limit_px).powi(2) } else { 0.0 }
     };
+    let score = |pose: &Pose| -> f64 { seen.iter().map(|seen| cost(pose, seen)).sum() };
+    let step = seen.len().div_ceil(LOOKED_AT);
+    let first_score = |pose: &Pose| -> f64 { seen.iter().step_by(step).map(|seen| cost(pose, seen)).sum() };
     let proposals = (0..TRIPLES).into_par_iter().filter_map(|triple| {
         let pick = |word| random::below(random::extend(key, 3 * triple + word), seen.len() as u64) as usize;
         let chosen = [pick(0), pick(1), pick(2)];
@@ -58,10 +61,15 @@ pub fn resect(intrinsics: &Intrinsics, seen: &[(DVec3, DVec2)], limit_px: f64, s
         }
         let rays = [rays[chosen[0]]?, rays[chosen[1]]?, rays[chosen[2]]?];
         let poses = three_points(chosen.map(|index| seen[index].0), rays);
-        poses.into_iter().map(|pose| (score(&pose), triple, pose)).max_by(|a, b| a.0.total_cmp(&b.0))
+        poses.into_iter().map(|pose| (first_score(&pose), triple, pose)).max_by(|a, b| a.0.total_cmp(&b.0))
     });
     // The earlier triple wins a tie, whatever the threads do.
-    let (mut best, _, mut pose) = proposals.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+    let order = |a: &(f64, u64, Pose), b: &(f64, u64, Pose)| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1));
+    let mut proposals: Vec<(f64, u64, Pose)> = proposals.collect();
+    proposals.sort_unstable_by(order);
+    proposals.truncate(LOOKED_AT_AGAIN);
+    let again = proposals.into_par_iter().map(|(_, triple, pose)| (score(&pose), triple, pose));
+    let (mut best, _, mut pose) = again.min_by(order)?;
     for _ in 0..3 {
         let inliers = within(intrinsics, &pose, seen, limit_px);
         let members: Vec<(DVec3, DVec2)> =

@@ -9,6 +9,7 @@
 mod agree;
 pub mod align;
 mod error;
+mod fit;
 mod options;
 mod place;
 mod refine;
@@ -25,9 +26,10 @@ use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
 pub use error::SfmError;
+pub use fit::{CameraFit, FitOptions, RigFit, fit};
 pub use options::{Setting, SfmOptions};
 pub use register::{RegisterOptions, register};
-pub use views::{CameraView, KnownIntrinsics, read_model_views, read_views};
+pub use views::{CameraView, KnownIntrinsics, read_model_views, read_still_views, read_views};
 
 use self::{
     agree::{Agreement, Candidate, agree, alike},

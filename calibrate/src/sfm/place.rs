@@ -31,6 +31,8 @@ pub(super) struct Resected {
     /// Correspondences that were tried.
     pub tried: usize,
     pub rms_px: f64,
+    /// Those that bear it out: points and where they are seen.
+    pub seen: Vec<(DVec3, DVec2)>,
 }
 
 impl<'a> Known<'a> {
@@ -74,6 +76,8 @@ impl<'a> Known<'a> {
         points.dedup();
         debug_assert!(points.len() <= self.tracks.len());
         let placed = Placed { intrinsics: *intrinsics, pose: found.pose, points: points.len() };
-        Some(Resected { placed, tried: seen.len(), rms_px: found.rms_px })
+        let tried = seen.len();
+        let seen = seen.into_iter().zip(&found.inliers).filter(|(_, inlier)| **inlier).map(|(seen, _)| seen).collect();
+        Some(Resected { placed, tried, rms_px: found.rms_px, seen })
     }
 }

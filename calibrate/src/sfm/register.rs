@@ -51,7 +51,7 @@ impl Default for RegisterOptions {
 const RIG: Pass = Pass { name: "rig", band_px: 2.0 };
 const NEW: [Pass; 2] = [Pass { name: "wide", band_px: 4.0 }, Pass { name: "narrow", band_px: 2.0 }];
 /// Nearest and farthest depth before points tell, as share of the rig's size.
-const DEPTHS: [f64; 2] = [0.1, 20.0];
+pub(super) const DEPTHS: [f64; 2] = [0.1, 20.0];
 
 /// Adds the cameras of `new` (with intrinsics) to `rig`, of whose cameras `model` has images.
 ///

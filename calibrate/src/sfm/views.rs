@@ -6,7 +6,7 @@ use std::{
 };
 
 use erfgs_base::FileError;
-use erfgs_dataset::Dataset;
+use erfgs_dataset::{Dataset, DatasetError};
 use erfgs_scene::{Intrinsics, Modality, image::ImageGrey8};
 
 use super::SfmError;
@@ -94,6 +94,36 @@ pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Res
         })
         .collect()
 }
+
+/// What each camera of a dataset with frames shows of what stands still: the median of frames spread over the recording.
+///
+/// # Errors
+/// If a frame cannot be read.
+pub fn read_still_views(dataset: &Dataset) -> Result<Vec<CameraView>, SfmError> {
+    let with_frames = dataset.manifest.cameras.iter().filter(|camera| !camera.frames.is_empty());
+    with_frames
+        .map(|camera| {
+            let count = camera.frames.len();
+            let frames = (0..count.min(STILL_OF))
+                .map(|place| &camera.frames[(2 * place + 1) * count / (2 * count.min(STILL_OF))]);
+            let images: Vec<ImageGrey8> = frames
+                .map(|frame| Ok(dataset.read_image(camera, frame)?.grey()))
+                .collect::<Result<_, DatasetError>>()?;
+            let k = camera.intrinsics;
+            let pixel = |at: usize| {
+                let mut levels: Vec<u8> = images.iter().map(|image| image.data[at]).collect();
+                let middle = levels.len() / 2;
+                *levels.select_nth_unstable(middle).1
+            };
+            let image =
+                ImageGrey8 { width: k.width, height: k.height, data: (0..images[0].data.len()).map(pixel).collect() };
+            Ok(CameraView { name: camera.name.clone(), modality: camera.modality, image, intrinsics: Some(k) })
+        })
+        .collect()
+}
+
+/// From so many frames at most.
+const STILL_OF: usize = 9;
 
 impl CameraView {
     /// Whether the image is of the size that the intrinsics are for.

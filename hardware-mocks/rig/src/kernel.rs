@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use erfgs_base::random;
-use erfgs_hardware_mocks::usb::{Reply, Urb, UsbDevice, Uvc, uvc::STREAM};
+use erfgs_hardware_mocks::usb::{Plug, Reply, Urb, UsbDevice, Uvc, uvc::STREAM};
 use erfgs_rig::frame::FrameConfig;
 use erfgs_scene::pixel::PixelFormat;
-use erfgs_session::source::{Description, Encoding, FrameStamp, Outlet, Packet, StampClock, StampPoint};
+use erfgs_session::source::{Description, Encoding, FrameStamp, Incident, Outlet, Packet, StampClock, StampPoint};
 use serde_json::json;
 
 use crate::world::Stepped;
@@ -25,7 +25,8 @@ const EXPOSURE: u16 = 0x0400;
 
 /// A camera and what has arrived of it.
 pub struct UvcHost {
-    device: Uvc,
+    device: Plug<Uvc>,
+    is_gone: bool,
     description: Description,
     outlet: Arc<dyn Outlet>,
     at_ns: i64,
@@ -61,7 +62,7 @@ impl UvcHost {
     /// Sets exposure, format and rate as a driver would, and starts the stream.
     #[must_use]
     pub fn start(
-        mut device: Uvc,
+        mut device: Plug<Uvc>,
         description: Description,
         rate_hz: f64,
         outlet: Arc<dyn Outlet>,
@@ -84,7 +85,7 @@ impl UvcHost {
         }
         let key = description.serial.bytes().fold(7, |key, byte| random::extend(key, byte.into()));
         let (frame, stamp_ns, sequence) = (Vec::new(), None, 0);
-        Self { device, description, outlet, at_ns: now_ns, frame, stamp_ns, sequence, key }
+        Self { device, is_gone: false, description, outlet, at_ns: now_ns, frame, stamp_ns, sequence, key }
     }
 
     /// A payload that came at a time: 12 bytes of header, and a piece of a frame.
@@ -126,7 +127,13 @@ impl Stepped for UvcHost {
         while at_ns <= now_ns {
             match self.device.submit(&Urb::bulk_in(STREAM, PAYLOAD_BYTES), at_ns) {
                 Reply::Data(bytes) => self.payload(&bytes, at_ns),
-                Reply::Gone => break,
+                Reply::Gone => {
+                    if !std::mem::replace(&mut self.is_gone, true) {
+                        let reason = format!("camera {} was unplugged", self.description.id);
+                        self.outlet.report(Incident::Lost { reason });
+                    }
+                    break;
+                }
                 _ => at_ns = self.device.wake_ns(at_ns).max(at_ns + 50_000),
             }
         }

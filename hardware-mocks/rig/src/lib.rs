@@ -14,10 +14,12 @@
 //! | [`world`] | the simulated clock, and whose turn it is |
 //! | [`kernel`] | the host of a UVC camera |
 //! | [`trigger`] | the host of the trigger board, and the wires from it |
+//! | [`fault`] | what goes wrong in a take, on demand |
 //! | [`take`] | a session of a take |
 
 #[path = "../../../rig/tests/it/usb_cameras/support/bus.rs"]
 mod bus;
+pub mod fault;
 pub mod kernel;
 pub mod performance;
 pub mod plan;
@@ -27,5 +29,6 @@ pub mod trigger;
 pub mod wand;
 pub mod world;
 
+pub use fault::Fault;
 pub use plan::{Act, Plan};
 pub use take::{TakeError, record};

@@ -7,6 +7,8 @@ use erfgs_scene::{Intrinsics, Pose};
 use erfgs_stage::{RigOptions, StageError};
 use glam::{DQuat, DVec3};
 
+use crate::fault::Fault;
+
 /// What is done before the cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Act {
@@ -95,6 +97,8 @@ pub struct Plan {
     pub samples: u32,
     /// Seed of noise and jitter.
     pub seed: u64,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
     /// Whether progress is worth the words: a small rig is done before it can be read.
     pub small: bool,
 }
@@ -164,7 +168,11 @@ impl Plan {
                 lens: camera.intrinsics,
                 place: camera.world_to_camera,
                 bench: bench(index),
-                clock: ClockError { offset_ppm: 9.0 * spread(7), drift_ppm_per_min: 0.1 * spread(3) },
+                clock: ClockError {
+                    offset_ppm: 9.0 * spread(7),
+                    drift_ppm_per_min: 0.1 * spread(3),
+                    ..ClockError::default()
+                },
             }
         });
         Ok(Self {
@@ -177,6 +185,7 @@ impl Plan {
             boards: 16,
             samples: 2,
             seed: 1,
+            faults: Vec::new(),
             small: false,
         })
     }

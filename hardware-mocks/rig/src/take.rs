@@ -8,9 +8,9 @@ use std::{
 };
 
 use erfgs_hardware_mocks::{
-    trigger::{Board, Clock as BoardClock, Faults as BoardFaults},
+    trigger::{Board, Clock as BoardClock},
     usb::{
-        Davis346, Davis346Options, Evk4, Evk4Options, Faults, UsbDevice, Uvc, UvcOptions,
+        Davis346, Davis346Options, Evk4, Evk4Options, Faults, Plug, UsbDevice, Uvc, UvcOptions,
         evk4::Stimulus,
         scene::{EventScene, FrameScene, PatternFrames},
         uvc::Format,
@@ -26,6 +26,7 @@ use erfgs_stage::{Stage, StageError, StageOptions, StageView};
 
 use crate::{
     bus::{Clock as _, EmulatedBus},
+    fault,
     kernel::{self, UvcHost},
     performance::{StageEvents, StageFrames},
     plan::{Act, BEFORE_S, Camera, Kind, Plan},
@@ -117,7 +118,7 @@ pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sy
         let settings = config.settings()?;
         let outlet = session.outlet(&trigger::description(&device.id, &settings), &world)?;
         let clock = BoardClock { ppm: -38.0, drift_ppm_per_minute: 0.2 };
-        let board = Board::new(clock, BoardFaults::default(), PLUGGED_NS);
+        let board = Board::new(clock, fault::of_board(&plan.faults), PLUGGED_NS);
         // First: a pulse reaches the cameras in the step in which it comes.
         devices.insert(0, Box::new(TriggerHost::start(board, &settings, wires.clone(), outlet, world.now_ns())));
     }
@@ -188,10 +189,12 @@ impl Scenes<'_> {
     }
 
     fn event_camera(&self, index: usize, camera: &Camera, wires: &Wires) -> Result<Box<dyn UsbDevice>, TakeError> {
-        let faults =
+        let mut faults =
             Faults { clock: camera.clock, jitter_mean_us: 150.0, jitter_seed: index as u64, ..Faults::default() };
+        fault::of_camera(&self.plan.faults, &camera.id, 1e-9 * (SET_NS - STARTED_NS) as f64, &mut faults);
+        let cable = faults.clone();
         let (trigger, events) = (wires.events.clone(), self.events(index, camera)?);
-        Ok(if camera.kind == Kind::Evk4 {
+        let device: Box<dyn UsbDevice> = if camera.kind == Kind::Evk4 {
             // Serial numbers are of the plan, and are numbers.
             let serial = u32::from_str_radix(&camera.serial, 16).unwrap_or_default();
             let options = Evk4Options { serial, trigger, faults, queue_bytes: 64 << 20, ..Evk4Options::default() };
@@ -200,10 +203,11 @@ impl Scenes<'_> {
             let serial = camera.serial.clone();
             let options = Davis346Options { serial, trigger, faults, ..Davis346Options::default() };
             Box::new(Davis346::new(options, events, Box::new(PatternFrames::new())))
-        })
+        };
+        Ok(Box::new(Plug::new(device, &cable)))
     }
 
-    fn frame_camera(&self, index: usize, camera: &Camera, rate_hz: f64, wires: &Wires) -> Result<Uvc, TakeError> {
+    fn frame_camera(&self, index: usize, camera: &Camera, rate_hz: f64, wires: &Wires) -> Result<Plug<Uvc>, TakeError> {
         let seed = self.plan.seed + index as u64;
         let frames: Box<dyn FrameScene> = match self.act {
             Act::Screen => Box::new(ScreenFrames::new(self.screen(camera))),
@@ -214,6 +218,9 @@ impl Scenes<'_> {
                 Box::new(StageFrames::new(view, begin_ns, length_ns))
             }
         };
+        let mut faults = Faults { clock: camera.clock, jitter_mean_us: 100.0, jitter_seed: seed, ..Faults::default() };
+        fault::of_camera(&self.plan.faults, &camera.id, 0.0, &mut faults);
+        let cable = faults.clone();
         let is_triggered = camera.kind == Kind::Uvc { triggered: true };
         let options = UvcOptions {
             name: format!("Emulated camera {}", camera.id),
@@ -222,10 +229,10 @@ impl Scenes<'_> {
             sizes: vec![(camera.lens.width, camera.lens.height)],
             rates_hz: vec![rate_hz],
             trigger: is_triggered.then(|| wires.frames.clone()),
-            faults: Faults { clock: camera.clock, jitter_mean_us: 100.0, jitter_seed: seed, ..Faults::default() },
+            faults,
             ..UvcOptions::default()
         };
-        Ok(Uvc::new(options, frames))
+        Ok(Plug::new(Uvc::new(options, frames), &cable))
     }
 }
 

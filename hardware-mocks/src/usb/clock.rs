@@ -12,6 +12,10 @@ pub struct ClockError {
     pub offset_ppm: f64,
     /// Change of the offset, parts per million per minute.
     pub drift_ppm_per_min: f64,
+    /// When the count jumps, seconds after power-on.
+    pub jump_at_s: f64,
+    /// By how much it jumps then, microseconds; positive: ahead.
+    pub jump_us: f64,
 }
 
 /// A crystal that has run since power-on.
@@ -34,7 +38,8 @@ impl Crystal {
         let true_ns = now_ns - self.powered_ns;
         let tau = true_ns as f64;
         let per_ns = self.error.drift_ppm_per_min * 1e-6 / 60e9;
-        true_ns + (tau * (self.error.offset_ppm * 1e-6 + 0.5 * per_ns * tau)).round() as i64
+        let jumped_ns = if tau < 1e9 * self.error.jump_at_s { 0.0 } else { 1e3 * self.error.jump_us };
+        true_ns + (tau * (self.error.offset_ppm * 1e-6 + 0.5 * per_ns * tau) + jumped_ns).round() as i64
     }
 }
 
@@ -138,16 +143,23 @@ mod tests {
 
     #[test]
     fn an_offset_and_a_drift_add_up() {
-        let error = ClockError { offset_ppm: 100.0, drift_ppm_per_min: 1.0 };
+        let error = ClockError { offset_ppm: 100.0, drift_ppm_per_min: 1.0, ..ClockError::default() };
         let crystal = Crystal::new(error, 5);
         // One minute: 100 ppm are 6 ms; the drift adds half a ppm on average, 30 us.
         assert_eq!(crystal.elapsed_ns(60_000_000_005), 60_006_030_000);
     }
 
     #[test]
+    fn a_count_that_jumps_goes_on_from_there() {
+        let error = ClockError { jump_at_s: 2.0, jump_us: -500.0, ..ClockError::default() };
+        let crystal = Crystal::new(error, 0);
+        assert_eq!([1_999_999_999, 2_000_000_000].map(|t| crystal.elapsed_ns(t)), [1_999_999_999, 1_999_500_000]);
+    }
+
+    #[test]
     fn a_slave_counts_nothing_until_its_master_runs_and_then_the_masters_ticks() {
         let wire = SyncWire::new();
-        let fast = ClockError { offset_ppm: 200.0, drift_ppm_per_min: 0.0 };
+        let fast = ClockError { offset_ppm: 200.0, ..ClockError::default() };
         let mut master = TimeBase::new(Crystal::new(fast, 0), wire.clone());
         let mut slave = TimeBase::new(Crystal::new(ClockError::default(), 0), wire);
         slave.start(ClockMode::Slave, 1_000_000);

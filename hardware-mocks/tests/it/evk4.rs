@@ -317,7 +317,7 @@ fn edges_arrive_when_the_input_is_enabled_and_dropped_pulses_do_not() {
 #[test]
 fn a_crystal_that_is_off_shifts_the_stamps() {
     let train = PulseTrain { first_ns: 0, period_ns: 1_000_000_000, high_ns: 1_000_000 };
-    let clock = ClockError { offset_ppm: 100.0, drift_ppm_per_min: 0.0 };
+    let clock = ClockError { offset_ppm: 100.0, ..ClockError::default() };
     let faults = Faults { clock, ..Faults::default() };
     let options = Evk4Options { trigger: TriggerLine::train(train), faults, ..Evk4Options::default() };
     let mut host = Bench::new(Evk4::new(options, scene(0)));
@@ -338,7 +338,7 @@ fn a_slave_shares_the_time_of_its_master() {
     let train = PulseTrain { first_ns: 0, period_ns: 50_000_000, high_ns: 1_000_000 };
     let line = TriggerLine::train(train);
     let unit = |ppm| {
-        let clock = ClockError { offset_ppm: ppm, drift_ppm_per_min: 0.0 };
+        let clock = ClockError { offset_ppm: ppm, ..ClockError::default() };
         let faults = Faults { clock, ..Faults::default() };
         let options = Evk4Options { trigger: line.clone(), sync: wire.clone(), faults, ..Evk4Options::default() };
         Bench::new(Evk4::new(options, scene(10_000)))

@@ -121,7 +121,7 @@ fn grey_and_the_luma_of_others_show_the_scene() {
 
 #[test]
 fn presentation_times_count_the_cameras_own_clock() {
-    let clock = ClockError { offset_ppm: 100.0, drift_ppm_per_min: 0.0 };
+    let clock = ClockError { offset_ppm: 100.0, ..ClockError::default() };
     let mut host = camera(UvcOptions { faults: Faults { clock, ..Faults::default() }, ..UvcOptions::default() });
     commit(&mut host, 4, 2, 333_333);
     let frames = frames(&mut host, 2000);

@@ -114,9 +114,20 @@ impl BoardLines {
             }
             Bounds::Within { half_ns: half }
         };
-        Ok(Board { pulses: epoch.pulses, clock, bounds, resets, damaged_lines: self.damaged_lines })
+        let mut board =
+            Board { pulses: epoch.pulses, clock, bounds, resets, damaged_lines: self.damaged_lines, restored: 0 };
+        board.restore();
+        Ok(board)
     }
 }
+
+/// `step` of `steps` equal parts of what passed.
+fn between(passed: u64, step: u64, steps: u64) -> u64 {
+    u64::try_from(u128::from(passed) * u128::from(step) / u128::from(steps.max(1))).unwrap_or(passed)
+}
+
+/// More pulses in a row than these are not restored where their lines are lost.
+const MOST_RESTORED: u64 = 1000;
 
 /// What commands and answers say of the board's clock as a whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +150,7 @@ pub enum Bounds {
 /// The trigger board of a session.
 #[derive(Clone, Debug)]
 pub struct Board {
-    /// The pulses by their index. Lines that were lost are missing.
+    /// The pulses by their index. Those at the ends whose lines were lost are missing.
     pub pulses: BTreeMap<u64, Pulse>,
     /// From the board's ticks to session time.
     pub clock: Clock,
@@ -149,9 +160,34 @@ pub struct Board {
     pub resets: u64,
     /// Lines that do not parse.
     pub damaged_lines: u64,
+    /// Pulses whose lines were lost, between others that tell when they were.
+    pub restored: u64,
 }
 
 impl Board {
+    /// Puts in the pulses whose lines were lost: the board counts them, and counts ticks between them, always the same.
+    fn restore(&mut self) {
+        let period = self.period_ticks();
+        let known: Vec<(u64, Pulse)> = self.pulses.iter().map(|(&index, pulse)| (index, *pulse)).collect();
+        for pair in known.windows(2) {
+            let [(before, a), (after, b)] = [pair[0], pair[1]];
+            let steps = after - before;
+            let Some(period) = period.filter(|_| (2..=MOST_RESTORED).contains(&steps) && a.width == b.width) else {
+                continue;
+            };
+            // Of a rate that is no whole number of ticks each interval may be a tick longer.
+            let passed = b.tick.saturating_sub(a.tick);
+            if passed.abs_diff(period.saturating_mul(steps)) > steps {
+                continue;
+            }
+            for step in 1..steps {
+                let index = u32::try_from(before + step).unwrap_or(u32::MAX);
+                self.pulses.insert(before + step, Pulse { index, tick: a.tick + between(passed, step, steps), ..a });
+                self.restored += 1;
+            }
+        }
+    }
+
     /// The session time of a pulse's rising edge.
     #[must_use]
     pub fn rise_ns(&self, pulse: &Pulse) -> i64 {
@@ -167,6 +203,10 @@ impl Board {
     /// The typical time from one pulse to the next, nanoseconds; `None` for fewer than two pulses.
     #[must_use]
     pub fn period_ns(&self) -> Option<i64> {
+        self.period_ticks().map(|ticks| (ticks as f64 * NS_PER_TICK).round() as i64)
+    }
+
+    fn period_ticks(&self) -> Option<u64> {
         let pulses: Vec<(&u64, &Pulse)> = self.pulses.iter().collect();
         let mut periods: Vec<u64> = pulses
             .windows(2)
@@ -174,6 +214,6 @@ impl Board {
             .map(|pair| pair[1].1.tick - pair[0].1.tick)
             .collect();
         let middle = periods.len() / 2;
-        (!periods.is_empty()).then(|| (*periods.select_nth_unstable(middle).1 as f64 * NS_PER_TICK).round() as i64)
+        (!periods.is_empty()).then(|| *periods.select_nth_unstable(middle).1)
     }
 }

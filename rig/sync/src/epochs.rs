@@ -14,6 +14,7 @@ use super::{
     board::Board,
     edges::{self, Matched},
     events::Stretch,
+    jumps,
     lamp::Counts,
 };
 
@@ -44,7 +45,7 @@ pub(super) struct Fitted {
 /// Fits the stretches of a stream.
 pub(super) fn fit(stretches: Vec<Stretch>, encoding: Encoding, board: Option<&Board>) -> Vec<Fitted> {
     let mut epochs: Vec<Fitted> = Vec::new();
-    for stretch in stretches {
+    for stretch in stretches.into_iter().flat_map(|stretch| jumps::split(stretch, board)) {
         let next = Fitted::new(stretch, board);
         match epochs.last_mut() {
             Some(last) if last.goes_on_in(&next, encoding) => last.take(next),
@@ -60,14 +61,14 @@ pub(super) fn fit(stretches: Vec<Stretch>, encoding: Encoding, board: Option<&Bo
 
 impl Fitted {
     fn new(stretch: Stretch, board: Option<&Board>) -> Self {
-        let Stretch { place: (first_sequence, first_break), arrived_ns, edges, arrivals, counts } = stretch;
+        let Stretch { place: (first_sequence, first_break), arrived_ns, edges, arrivals, counts, .. } = stretch;
         let (known, matched) = board.map(|board| edges::read(&edges, board)).unzip();
         let mut fitted = Self {
             epoch: Epoch { first_sequence, first_break, arrived_ns, clock: None },
             edges,
             matched,
             known: known.unwrap_or_default(),
-            arrivals,
+            arrivals: arrivals.into_iter().map(|(_, arrival)| arrival).collect(),
             delay_ns: 0.0,
             fitted: 0,
             counts: counts.into_iter().collect(),

@@ -16,8 +16,10 @@ pub(super) struct Stretch {
     /// When that packet arrived, session nanoseconds.
     pub arrived_ns: i64,
     pub edges: Vec<Edge>,
-    /// For each packet the last time in it, and its arrival.
-    pub arrivals: Vec<Sample>,
+    /// The packet of each edge.
+    packets: Vec<u64>,
+    /// For each packet its number, the last time in it, and its arrival.
+    pub arrivals: Vec<(u64, Sample)>,
     /// If a lamp is looked for.
     pub counts: Option<Counts>,
 }
@@ -25,6 +27,24 @@ pub(super) struct Stretch {
 impl Stretch {
     fn is_empty(&self) -> bool {
         self.edges.is_empty() && self.arrivals.is_empty()
+    }
+
+    /// What comes before a packet, and what comes from it on.
+    pub fn cut(mut self, sequence: u64) -> (Self, Self) {
+        let edge = self.packets.partition_point(|&of| of < sequence);
+        let arrival = self.arrivals.partition_point(|&(of, _)| of < sequence);
+        let arrivals = self.arrivals.split_off(arrival);
+        let after = Self {
+            place: (sequence, 0),
+            arrived_ns: arrivals.first().map_or(self.arrived_ns, |(_, first)| first.session_ns),
+            edges: self.edges.split_off(edge),
+            packets: self.packets.split_off(edge),
+            arrivals,
+            counts: None,
+        };
+        // Events of both clocks were counted together.
+        self.counts = None;
+        (self, after)
     }
 }
 
@@ -60,7 +80,7 @@ impl Stretches {
     pub fn end(&mut self) {
         let sample = self.last_us.take().and_then(|t_us| i64::try_from(t_us).ok());
         if let (Some(ticks), Some(stretch)) = (sample, self.found.last_mut()) {
-            stretch.arrivals.push(Sample { ticks, session_ns: self.arrival_ns });
+            stretch.arrivals.push((self.at.0, Sample { ticks, session_ns: self.arrival_ns }));
         }
     }
 
@@ -110,6 +130,7 @@ impl Sink for Stretches {
         self.saw(edge.t_us);
         if let Some(stretch) = self.found.last_mut() {
             stretch.edges.push(edge);
+            stretch.packets.push(self.at.0);
         }
     }
 

@@ -17,6 +17,7 @@ mod events;
 mod exposures;
 mod flash;
 mod frames;
+mod jumps;
 mod kept;
 mod lamp;
 mod plot;

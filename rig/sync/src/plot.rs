@@ -35,7 +35,7 @@ pub fn page(sync: &Synchronisation) -> String {
     let mut body = html::table("streams", head, &rows);
     for stream in &sync.streams {
         let mut about = String::new();
-        for note in &stream.notes {
+        for note in stream.faults.iter().chain(&stream.notes) {
             let _ = writeln!(about, "<p class=\"caption\">{}</p>", Escaped(note));
         }
         if stream.points.len() > 1 {

@@ -68,7 +68,10 @@ pub struct StreamSync {
     /// Its frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposures: Option<Exposures>,
-    /// What the user should know.
+    /// What is not as it should be: what was lost, and what cannot be relied on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<String>,
+    /// What else the user should know.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Points for the plot: session time in seconds, distance in nanoseconds.

@@ -14,6 +14,7 @@ use super::{
     edges::Matched,
     epochs::{self, Fitted},
     even::{Even, even},
+    exposures::Exposures,
     frames::{self, Arrived},
     lamp::Lamp,
     report::{StreamSync, Tier},
@@ -23,6 +24,8 @@ use super::{
 const MAX_POINTS: usize = 4000;
 /// A clock that sets a larger share of its samples aside deserves a look.
 const MANY_OUTLIERS: f64 = 0.03;
+/// So many pulses that a camera saw and nobody can number are usual at the ends of a recording.
+const MANY_UNKNOWN: u64 = 4;
 /// Epochs that notes tell of one by one.
 const TOLD_EPOCHS: usize = 8;
 
@@ -72,6 +75,7 @@ fn empty(id: &str, tier: Tier) -> StreamSync {
         epochs: Epochs::default(),
         matched: None,
         exposures: None,
+        faults: Vec::new(),
         notes: Vec::new(),
         points: Vec::new(),
     }
@@ -82,11 +86,20 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
     match lines.finish() {
         Ok(board) => {
             if board.resets > 0 {
-                sync.notes.push(format!("the board was reset {} times; the longest run counts", board.resets));
+                sync.faults.push(format!(
+                    "the board was reset {}; the longest run counts, and what was triggered in others has no time",
+                    times(board.resets)
+                ));
             }
             // The first line may be half a line.
             if board.damaged_lines > 1 {
-                sync.notes.push(format!("{} lines were damaged", board.damaged_lines));
+                sync.faults.push(format!("{} lines were damaged", board.damaged_lines));
+            }
+            if board.restored > 0 {
+                sync.faults.push(format!(
+                    "what it said of {} pulses was lost; they were put in between those before and after them",
+                    board.restored
+                ));
             }
             sync.notes.push(match board.bounds {
                 Bounds::Within { half_ns } => format!("common to all triggered streams: ±{:.0} µs", half_ns / 1000.0),
@@ -101,7 +114,7 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
             (Some(board), sync)
         }
         Err(error) => {
-            sync.notes.push(error.to_string());
+            sync.faults.push(error.to_string());
             (None, sync)
         }
     }
@@ -111,14 +124,22 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
 fn fit_events(description: &Description, events: Events, board: Option<&Board>) -> (StreamSync, Vec<[i64; 2]>) {
     let mut sync = empty(&description.id, Tier::FreeRunning);
     if events.decoder.is_none() {
-        sync.notes.push("erfgs cannot decode the stream".into());
+        sync.faults.push("erfgs cannot decode the stream".into());
         return (sync, Vec::new());
     }
     let fitted = epochs::fit(events.stretches.finish(), description.encoding, board);
     sync.matched = fitted.iter().filter_map(|epoch| epoch.matched).reduce(Matched::and);
     // The worst of the epochs: it holds for the whole stream.
     sync.tier = fitted.iter().filter_map(|fitted| fitted.epoch.clock.as_ref()).map(Tier::of).max().unwrap_or(sync.tier);
-    tell_epochs(&fitted, board, &mut sync.notes);
+    tell_epochs(&fitted, board, &mut sync.faults);
+    if let Some(Matched { seen, matched, .. }) = sync.matched
+        && matched > 0
+        && seen - matched.min(seen) > MANY_UNKNOWN.max(seen / 20)
+    {
+        sync.faults.push(format!(
+            "pulses of the board were lost or doubled on the way to it: {matched} of the {seen} that it saw date it"
+        ));
+    }
     let samples: usize = fitted.iter().map(|fitted| fitted.evidence().len()).sum();
     let step = samples.div_ceil(MAX_POINTS).max(1);
     let mut lit = Vec::new();
@@ -132,17 +153,22 @@ fn fit_events(description: &Description, events: Events, board: Option<&Board>) 
     (sync, lit)
 }
 
+fn times(count: u64) -> String {
+    if count == 1 { "once".to_owned() } else { format!("{count} times") }
+}
+
 /// What the user should know of the epochs of an event camera.
-fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, notes: &mut Vec<String>) {
+fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, faults: &mut Vec<String>) {
     let several = fitted.len() > 1;
     if several {
-        notes.push(format!("the time of the camera breaks {} times: a clock for each part", fitted.len() - 1));
+        let breaks = times(fitted.len() as u64 - 1);
+        faults.push(format!("the time of the camera breaks {breaks}: a clock for each part"));
     }
     for fitted in fitted.iter().take(TOLD_EPOCHS) {
         let part =
             if several { format!("from {:.3} s on: ", fitted.epoch.arrived_ns as f64 * 1e-9) } else { String::new() };
         let Some(clock) = &fitted.epoch.clock else {
-            notes.push(format!("{part}no clock: no events and no edges"));
+            faults.push(format!("{part}no clock: no events and no edges"));
             continue;
         };
         if board.is_some() && Tier::of(clock) == Tier::FreeRunning {
@@ -151,14 +177,14 @@ fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, notes: &mut Vec<String>
                 edges => format!("{edges} edges, of which none told its pulse"),
             };
             let remedy = if several { "" } else { "; check the wire to the trigger input" };
-            notes.push(format!("{part}{what}: dated by the arrival of its data{remedy}"));
+            faults.push(format!("{part}{what}: dated by the arrival of its data{remedy}"));
         }
         if let Some(outliers) = many_outliers(clock) {
-            notes.push(format!("{part}{outliers}"));
+            faults.push(format!("{part}{outliers}"));
         }
     }
     if fitted.len() > TOLD_EPOCHS {
-        notes.push(format!("and {} more parts", fitted.len() - TOLD_EPOCHS));
+        faults.push(format!("and {} more parts", fitted.len() - TOLD_EPOCHS));
     }
 }
 
@@ -182,8 +208,9 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
     if let (Some(board), true) = (board, description.is_triggered()) {
         let exposures = frames::match_pulses(arrived, board, exposure_ns);
         if exposures.pulse.is_empty() {
-            sync.notes.push("no frame matched a pulse: check the wire to the camera's trigger".into());
+            sync.faults.push("no frame matched a pulse: check the wire to the camera's trigger".into());
         } else {
+            sync.faults.extend(tell_triggers(&exposures));
             sync.tier = Tier::HardwareTriggered;
             sync.exposures = Some(exposures);
         }
@@ -227,6 +254,21 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
             .collect();
     }
     sync
+}
+
+/// What was lost between pulses and frames.
+fn tell_triggers(exposures: &Exposures) -> Vec<String> {
+    let mut faults = Vec::new();
+    if exposures.missed_pulses > 0 {
+        faults.push(format!("{} pulses between its first and its last frame gave no frame", exposures.missed_pulses));
+    }
+    if exposures.unmatched > 0 {
+        faults.push(format!(
+            "{} frames belong to no pulse that the board told of: they have no time",
+            exposures.unmatched
+        ));
+    }
+    faults
 }
 
 /// The lag that a flash tells and how it was found, or why it tells none; `None` if no lamp was looked for.

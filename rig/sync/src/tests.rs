@@ -317,3 +317,21 @@ fn edges_without_their_partners_are_pulses_without_a_width() {
     assert_eq!((seen[0].rise, seen[0].width_ns), (10, None));
     assert_eq!((seen[1].rise, seen[1].width_ns), (20, Some(80_000)));
 }
+
+#[test]
+fn pulses_whose_lines_were_lost_are_put_in_while_the_board_went_on() {
+    let crystal = Crystal { ppm: 20.0, drift: 0.0 };
+    let board = |lost: fn(u64) -> bool| {
+        let mut lines = BoardLines::default();
+        board_packets(crystal, 5.0, lost).iter().for_each(|packet| lines.take(packet, START_NS));
+        lines.finish().unwrap()
+    };
+    let whole = board(|_| false);
+    let restored = board(|index| (40..45).contains(&index) || index < 3);
+    assert_eq!(restored.restored, 5);
+    assert_eq!(restored.pulses.len(), whole.pulses.len() - 3, "before the first nothing is known");
+    for index in 40..45 {
+        let apart = restored.pulses[&index].tick.abs_diff(whole.pulses[&index].tick);
+        assert!(apart <= 1, "pulse {index}: {apart} ticks");
+    }
+}

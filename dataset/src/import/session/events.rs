@@ -2,9 +2,13 @@
 
 use super::{ImportError, Timing, Viewpoint};
 use erfgs_base::progress::Progress;
-use erfgs_events::{ApsFrame, CdEvent, Event, Events, Sink};
+use erfgs_events::{ApsFrame, CdEvent, Edge, Event, Events, Sink};
 use erfgs_scene::{ImageRgb8, srgb};
-use erfgs_session::{clock::EpochCursor, container::Session, source::LATE_NS};
+use erfgs_session::{
+    clock::{Epoch, EpochCursor},
+    container::Session,
+    source::LATE_NS,
+};
 
 /// What an event camera recorded within the window.
 pub(super) struct Gathered {
@@ -12,7 +16,14 @@ pub(super) struct Gathered {
     events: Events,
     /// Exposures in nanoseconds of session time, and what they gave.
     pub pictures: Vec<([i64; 2], ImageRgb8)>,
+    /// Where the camera was there and its time is known, session nanoseconds.
+    stretches: Vec<[i64; 2]>,
+    /// What could not be read of the file.
+    pub damage: Vec<String>,
 }
+
+/// Of a break that is no longer than this it is taken that nothing happened in it, nanoseconds.
+const BREAK_NS: i64 = 20_000_000;
 
 /// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part
 /// of it is dated.
@@ -26,11 +37,17 @@ pub(super) fn gather(
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Option<Gathered>, ImportError> {
     let Timing { epochs, offset_ns, .. } = &view.timing;
+    let begun: Vec<u64> = epochs.as_slice().iter().skip(1).map(|epoch| epoch.first_sequence).collect();
     if epochs.are_undated() {
         return Ok(None);
     }
     let start_ns = session.summary().start.host_ns;
-    let total = session.summary().streams[stream].totals.bytes;
+    let totals = &session.summary().streams[stream].totals;
+    let total = totals.bytes;
+    let dated = |epoch: Option<&Epoch>| epoch.is_some_and(|epoch| epoch.clock.is_some());
+    let (first, last) = (dated(epochs.as_slice().first()), dated(epochs.as_slice().last()));
+    let there = [totals.first_host_ns.filter(|_| first), totals.last_host_ns.filter(|_| last)]
+        .map(|host_ns| Some(host_ns?.saturating_sub(start_ns)));
     let [from, to] = window;
     // Long enough before, that a decoder has begun, and after, that the last events have arrived.
     let arrival = [from.saturating_sub(LATE_NS), to.saturating_add(LATE_NS)].map(|t_ns| t_ns.saturating_add(start_ns));
@@ -41,14 +58,30 @@ pub(super) fn gather(
         window,
         merged: merged as u16,
         last_us: i64::MIN,
-        found: Gathered { events: Events::new(width, height), pictures: Vec::new() },
+        found: Gathered {
+            events: Events::new(width, height),
+            pictures: Vec::new(),
+            stretches: Vec::new(),
+            damage: Vec::new(),
+        },
         pictures,
+        begun,
+        is_broken: false,
     };
     let whole = from == i64::MIN && to == i64::MAX;
-    session.decode_events(stream, (!whole).then_some(arrival), &mut sink, |done| {
+    let decoded = session.decode_events(stream, (!whole).then_some(arrival), &mut sink, |done| {
         progress(Progress { what: "bytes of events", done, total: if whole { total } else { 0 } });
     })?;
-    Ok(Some(sink.found))
+    let mut found = sink.found;
+    found.damage = decoded.map(|decoded| decoded.damage).unwrap_or_default();
+    // Where nothing moves there is nothing to send.
+    if let (Some(stretch), Some(first)) = (found.stretches.first_mut(), there[0]) {
+        stretch[0] = stretch[0].min(first);
+    }
+    if let (Some(stretch), Some(last)) = (found.stretches.last_mut(), there[1]) {
+        stretch[1] = stretch[1].max(last);
+    }
+    Ok(Some(found))
 }
 
 /// Takes what lies within the window.
@@ -60,21 +93,43 @@ struct Window<'a> {
     last_us: i64,
     found: Gathered,
     pictures: bool,
+    /// The packets with which other epochs than the first begin.
+    begun: Vec<u64>,
+    /// Whether something is not known since the last time that was told.
+    is_broken: bool,
 }
 
 impl Window<'_> {
-    fn session_ns(&self, t_us: u64) -> Option<i64> {
-        Some(self.cursor.session_ns(t_us)?.saturating_add(self.offset_ns))
+    fn session_ns(&mut self, t_us: u64) -> Option<i64> {
+        let Some(t_ns) = self.cursor.session_ns(t_us) else {
+            self.is_broken = true;
+            return None;
+        };
+        let t_ns = t_ns.saturating_add(self.offset_ns);
+        match self.found.stretches.last_mut() {
+            Some(last) if !self.is_broken || t_ns.saturating_sub(last[1]) <= BREAK_NS => last[1] = last[1].max(t_ns),
+            _ => self.found.stretches.push([t_ns; 2]),
+        }
+        self.is_broken = false;
+        Some(t_ns)
     }
 }
 
 impl Sink for Window<'_> {
     fn packet(&mut self, sequence: u64) {
+        let last = self.begun.partition_point(|&begun| begun <= sequence);
+        self.is_broken |= last > 0;
+        self.begun.drain(..last);
         self.cursor.packet(sequence);
     }
 
     fn discontinuity(&mut self, _t_us: u64) {
         self.cursor.discontinuity();
+        self.is_broken = true;
+    }
+
+    fn edge(&mut self, edge: Edge) {
+        self.session_ns(edge.t_us);
     }
 
     fn event(&mut self, event: CdEvent) {
@@ -136,18 +191,23 @@ impl Gathered {
         self.events.t_us.last().map(|t_us| t_us * 1000)
     }
 
-    /// The events from `zero_ns` of session time on, for as long as `span_ns`, counted from there.
-    pub fn finish(&mut self, zero_ns: i64, span_ns: i64) -> Events {
+    /// The events from `zero_ns` of session time on, for as long as `span_ns`, counted from there, and which part of it they
+    /// cover: without a break, and as long as there is one.
+    pub fn finish(&mut self, zero_ns: i64, span_ns: i64) -> (Events, [i64; 2]) {
+        let within = |[from, to]: &[i64; 2]| [from, to].map(|t_ns| t_ns.saturating_sub(zero_ns).clamp(0, span_ns));
+        let covers = self.stretches.iter().map(within).max_by_key(|[from, to]| to - from).unwrap_or([0, 0]);
         let zero_us = zero_ns.div_euclid(1000);
-        let range = self.events.between(zero_us, zero_us.saturating_add(span_ns / 1000 + 1));
+        let [from, to] = covers.map(|t_ns| zero_us.saturating_add(t_ns / 1000));
+        let range = self.events.between(from, to.saturating_add(1));
         let all = std::mem::take(&mut self.events);
-        Events {
+        let events = Events {
             width: all.width,
             height: all.height,
             t_us: all.t_us[range.clone()].iter().map(|t_us| t_us - zero_us).collect(),
             x: all.x[range.clone()].to_vec(),
             y: all.y[range.clone()].to_vec(),
             on: all.on[range].to_vec(),
-        }
+        };
+        (events, covers)
     }
 }

@@ -194,3 +194,73 @@ fn save(
     let failed = |source| ImportError::Image { camera: view.stream.clone(), source };
     image.write_png(&root.join(layout::image(&view.camera, place))).map_err(failed)
 }
+
+/// Frames that a camera should have taken.
+pub(super) struct Gap {
+    /// About how many.
+    pub frames: u64,
+    /// Between which of its frames, or the beginning or the end of those of others, session nanoseconds.
+    pub between: [i64; 2],
+}
+
+/// The gaps in the frames of a camera: before its first and after its last frame, where others have frames, and between them.
+/// Times are still those of the session.
+pub(super) fn gaps(frames: &[Frame], all: &[Written]) -> Vec<Gap> {
+    let mut apart: Vec<i64> = frames.windows(2).map(|pair| pair[1].t_ns - pair[0].t_ns).collect();
+    let middle = apart.len() / 2;
+    if apart.is_empty() {
+        return Vec::new();
+    }
+    let usual_ns = (*apart.select_nth_unstable(middle).1).max(1);
+    let times = || all.iter().flat_map(|one| one.frames.iter().map(|frame| frame.t_ns));
+    let (Some(first), Some(last)) = (times().min(), times().max()) else { return Vec::new() };
+    let inner = frames.windows(2).map(|pair| ([pair[0].t_ns, pair[1].t_ns], 1));
+    let outer = [([first, frames[0].t_ns], 0), ([frames[frames.len() - 1].t_ns, last], 0)];
+    let gap = |(between, known): ([i64; 2], i64)| {
+        let length = between[1] - between[0];
+        // At the ends a whole interval must lack, give or take what times are rounded by; between frames half of one more tells.
+        let missing =
+            if known == 1 { (length + usual_ns / 2) / usual_ns - 1 } else { (length + usual_ns / 50) / usual_ns };
+        (missing > 0).then_some(Gap { frames: missing.unsigned_abs(), between })
+    };
+    outer[..1].iter().copied().chain(inner).chain(outer[1..].iter().copied()).filter_map(gap).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(times_ms: &[i64]) -> Written {
+        let frame = |t_ms: &i64| Frame {
+            file: "a".into(),
+            t_ns: t_ms * 1_000_000,
+            exposure_ns: [t_ms * 1_000_000; 2],
+            mask: None,
+        };
+        Written { view: 0, frames: times_ms.iter().map(frame).collect(), lost: 0 }
+    }
+
+    #[test]
+    fn frames_that_lack_before_after_and_between_are_counted_and_those_that_are_not_due_are_not() {
+        let all = [
+            taken(&[0, 50, 100, 150, 200, 250]),
+            taken(&[100, 150]),
+            // Not at the same instants, and faster.
+            taken(&[7, 24, 40, 57, 74, 90, 107, 124, 140, 157, 174, 190, 207, 224, 240]),
+            taken(&[130]),
+        ];
+        let found: Vec<Vec<(u64, [i64; 2])>> = all
+            .iter()
+            .map(|one| {
+                gaps(&one.frames, &all).iter().map(|gap| (gap.frames, gap.between.map(|t| t / 1_000_000))).collect()
+            })
+            .collect();
+        assert_eq!(found[0], []);
+        assert_eq!(found[1], [(2, [0, 100]), (2, [150, 250])]);
+        assert_eq!((found[2].len(), found[3].len()), (0, 0));
+        let mut gone = taken(&[0, 50, 100, 150, 200, 450, 500]);
+        assert_eq!(gaps(&gone.frames, &all).iter().map(|gap| gap.frames).collect::<Vec<_>>(), [4]);
+        gone.frames.truncate(3);
+        assert_eq!(gaps(&gone.frames, &all).iter().map(|gap| gap.between[1]).collect::<Vec<_>>(), [250_000_000]);
+    }
+}

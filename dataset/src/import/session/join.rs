@@ -51,6 +51,12 @@ fn views(
 ) -> Result<Vec<Viewpoint>, ImportError> {
     let summary = session.summary();
     let mut views = Vec::new();
+    if let Some(unknown) = options.without.iter().find(|name| summary.stream(name).is_none()) {
+        let known: Vec<&str> = summary.streams.iter().map(|stream| stream.description.id.as_str()).collect();
+        let what =
+            format!("--without {unknown}: the session has no stream of this name; there are {}", known.join(", "));
+        return Err(ImportError::Options(what));
+    }
     let mut names = FileNames::default();
     for recorded in &summary.streams {
         let d = &recorded.description;
@@ -58,6 +64,9 @@ fn views(
             continue;
         }
         let stream = d.id.clone();
+        if options.without.contains(&stream) {
+            continue;
+        }
         match rig.camera(&stream).map(|camera| (camera, camera.pose)) {
             Some((camera, Some(pose))) => views.push(Viewpoint {
                 camera: names.give(&stream),

@@ -16,7 +16,7 @@ use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Proven
 use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_events::npz;
 use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
-use erfgs_session::{clock::Epochs, container::Session};
+use erfgs_session::{clock::Epochs, container::Session, source::Incident};
 use erfgs_sync::Exposure;
 
 mod events;
@@ -78,6 +78,8 @@ pub struct SessionOptions {
     pub thresholds: Option<[f64; 2]>,
     /// Whether frames without colour are taken although other cameras see colours.
     pub grey: bool,
+    /// Cameras that are left out.
+    pub without: Vec<String>,
     /// Names of the test cameras; each eighth of four and more frame cameras where absent.
     pub test_cameras: Option<Vec<String>>,
     /// Threads to work with; one for each core where absent.
@@ -94,6 +96,7 @@ impl Default for SessionOptions {
             resample: Resample::Area,
             thresholds: None,
             grey: false,
+            without: Vec::new(),
             test_cameras: None,
             jobs: None,
         }
@@ -179,6 +182,17 @@ pub fn import(
     for one in written.iter().filter(|one| one.lost > 0) {
         note(SessionNote::LostFrames { stream: views[one.view].stream.clone(), frames: one.lost });
     }
+    for one in &written {
+        let stream = &views[one.view].stream;
+        for gap in frames::gaps(&one.frames, &written) {
+            note(SessionNote::NoFrames {
+                stream: stream.clone(),
+                frames: gap.frames,
+                between: gap.between,
+                why: lost(session, stream),
+            });
+        }
+    }
     let last_ns = written.iter().filter_map(|one| one.frames.last().map(|frame| frame.exposure_ns[1])).max();
     let last_ns = last_ns.or(gathered.iter().filter_map(|(_, found)| found.last_ns()).max()).unwrap_or(zero_ns);
     // A single instant has no length.
@@ -195,7 +209,19 @@ pub fn import(
         let own = gathered.iter_mut().find(|(of, _)| *of == view).map(|(_, found)| found);
         let events = match own {
             Some(found) => {
-                let events = found.finish(zero_ns, span_ns[1]);
+                let (events, covers_ns) = found.finish(zero_ns, span_ns[1]);
+                let lacks = [covers_ns[0], span_ns[1] - covers_ns[1]].into_iter().max().unwrap_or(0);
+                if lacks > UNTOLD_NS {
+                    note(SessionNote::EventsOfPart {
+                        stream: viewpoint.stream.clone(),
+                        part: [zero_ns + covers_ns[0], zero_ns + covers_ns[1]],
+                        of: [zero_ns, zero_ns + span_ns[1]],
+                        why: lost(session, &viewpoint.stream),
+                    });
+                }
+                for what in std::mem::take(&mut found.damage) {
+                    note(SessionNote::Damage { stream: viewpoint.stream.clone(), what });
+                }
                 let file = layout::events(&viewpoint.camera);
                 let failed =
                     |source| ImportError::Events { camera: viewpoint.stream.clone(), source: Box::new(source) };
@@ -210,7 +236,7 @@ pub fn import(
                     threshold_off,
                     lin_log_threshold: LIN_LOG,
                     linear_light: true,
-                    covers_ns: span_ns,
+                    covers_ns,
                     simulator: None,
                 })
             }
@@ -248,6 +274,19 @@ pub fn import(
 
 /// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.
 const LIN_LOG: f64 = 2.0;
+
+/// Events that lack no more than this at an end of a dataset are not worth words, nanoseconds.
+const UNTOLD_NS: i64 = 20_000_000;
+
+/// What the session says of the loss of a stream.
+fn lost(session: &Session, stream: &str) -> Option<String> {
+    session.summary().totals.incidents.iter().filter(|entry| entry.stream == stream).find_map(|entry| {
+        match &entry.incident {
+            Incident::Lost { reason } => Some(reason.clone()),
+            _ => None,
+        }
+    })
+}
 
 /// Refuses what makes no sense.
 fn check(options: &SessionOptions, views: &[Viewpoint]) -> Result<(), ImportError> {

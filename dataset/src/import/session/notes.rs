@@ -35,6 +35,35 @@ pub enum SessionNote {
         /// The stream.
         stream: String,
     },
+    /// Frames that a camera should have taken are not there.
+    NoFrames {
+        /// The stream.
+        stream: String,
+        /// About how many.
+        frames: u64,
+        /// Between which times of the recording, nanoseconds.
+        between: [i64; 2],
+        /// What the recording says of it.
+        why: Option<String>,
+    },
+    /// An event camera was there, or its time is known, for a part only.
+    EventsOfPart {
+        /// The stream.
+        stream: String,
+        /// The part that is used, nanoseconds of the recording.
+        part: [i64; 2],
+        /// What is imported.
+        of: [i64; 2],
+        /// What the recording says of it.
+        why: Option<String>,
+    },
+    /// A part of the file cannot be read.
+    Damage {
+        /// The stream that was read.
+        stream: String,
+        /// What is wrong.
+        what: String,
+    },
     /// Frames that should be there are damaged or not in the file.
     LostFrames {
         /// The stream.
@@ -55,9 +84,34 @@ impl fmt::Display for SessionNote {
             }
             Self::NoClock { stream } => write!(f, "{stream}: left out, its clock is not fitted to the session's"),
             Self::Nothing { stream } => write!(f, "{stream}: left out, it recorded nothing within the window"),
+            Self::NoFrames { stream, frames, between, why } => {
+                let [from, to] = between.map(seconds);
+                let frames = if *frames == 1 { "a frame is".to_owned() } else { format!("{frames} frames are") };
+                write!(f, "{stream}: {frames} missing between {from:.3} s and {to:.3} s of the recording")?;
+                because(f, why.as_deref())
+            }
+            Self::EventsOfPart { stream, part, of, why } => {
+                let ([from, to], [first, last]) = (part.map(seconds), of.map(seconds));
+                write!(
+                    f,
+                    "{stream}: its events from {from:.3} s to {to:.3} s of the recording are used, of {first:.3} s to {last:.3} s: \
+                     of the rest it is not known what it saw"
+                )?;
+                because(f, why.as_deref())
+            }
+            Self::Damage { stream, what } => write!(f, "{stream}: damaged: {what}"),
             Self::LostFrames { stream, frames } => {
                 write!(f, "{stream}: {frames} frames are damaged or missing in the file")
             }
         }
     }
+}
+
+fn seconds(t_ns: i64) -> f64 {
+    t_ns as f64 * 1e-9
+}
+
+/// What the recording says of it, if it does.
+fn because(f: &mut fmt::Formatter<'_>, why: Option<&str>) -> fmt::Result {
+    why.map_or(Ok(()), |why| write!(f, " (the recording says: {why})"))
 }

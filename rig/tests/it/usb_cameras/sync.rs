@@ -80,7 +80,7 @@ fn wire(edges: &[(i64, bool)]) -> TriggerLine {
 
 /// A sensor that is 100 ppm slow and becomes slower, and whose transfers are late.
 fn faults() -> Faults {
-    let clock = ClockError { offset_ppm: -100.0, drift_ppm_per_min: -1.0 };
+    let clock = ClockError { offset_ppm: -100.0, drift_ppm_per_min: -1.0, ..ClockError::default() };
     Faults { clock, jitter_mean_us: 300.0, jitter_seed: 5, ..Faults::default() }
 }
 

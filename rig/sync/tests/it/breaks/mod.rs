@@ -50,7 +50,7 @@ fn a_free_running_camera_that_restarts_is_within_a_millisecond() {
     let (found, off) = fitted(Encoding::Events(EventEncoding::Evt3), &parts, true, false);
     assert!(off < MS, "{off}");
     assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::FreeRunning, 2));
-    assert!(found.notes[0].contains("breaks 1 times"), "{:?}", found.notes);
+    assert!(found.faults[0].contains("breaks once"), "{:?}", found.faults);
 }
 
 #[test]
@@ -74,9 +74,11 @@ fn an_epoch_without_edges_is_dated_by_arrival_and_says_so() {
     assert_eq!(found.tier, Tier::FreeRunning, "the worst of its epochs");
     let tiers: Vec<Tier> = found.rows().iter().map(|row| row.tier).collect();
     assert_eq!(tiers, [Tier::HardwareTriggered, Tier::FreeRunning]);
-    let told =
-        found.notes.iter().any(|note| note.starts_with("from 10.") && note.contains("no edges: dated by the arrival"));
-    assert!(told, "{:?}", found.notes);
+    let told = found
+        .faults
+        .iter()
+        .any(|fault| fault.starts_with("from 10.") && fault.contains("no edges: dated by the arrival"));
+    assert!(told, "{:?}", found.faults);
 }
 
 #[test]
@@ -89,9 +91,9 @@ fn a_clock_that_sets_many_edges_aside_is_told() {
     );
     let share = found.rows()[0].outliers.unwrap();
     assert!((0.06..0.10).contains(&share), "{share}");
-    assert!(found.notes.iter().any(|note| note.contains("do not fit its clock")), "{:?}", found.notes);
+    assert!(found.faults.iter().any(|fault| fault.contains("do not fit its clock")), "{:?}", found.faults);
     let (found, _) = fitted(Encoding::Events(EventEncoding::Evt3), &[part(0, 12, -3_000 * MS, 90.0)], true, true);
-    assert_eq!((found.rows()[0].outliers, found.notes.len()), (Some(0.0), 0), "{:?}", found.notes);
+    assert_eq!((found.rows()[0].outliers, found.faults.len()), (Some(0.0), 0), "{:?}", found.faults);
 }
 
 #[test]
