@@ -118,6 +118,8 @@ pub fn causes(base: &Base) -> Vec<Cause> {
         causes.extend(filmed(film));
         causes.extend(other_cameras(base));
     }
+    // A small stage has no other numbers of cameras.
+    causes.retain(|cause| !cause.steps.is_empty());
     causes
 }
 
