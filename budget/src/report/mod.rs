@@ -25,13 +25,15 @@ pub struct Made {
     pub what: String,
 }
 
-/// Costs that the summary tells sizes of, dB.
-pub const LIMITS: [f64; 2] = [0.1, 0.5];
+/// Costs that the summary tells sizes of, dB: what is less than the first is hardly more than the seed.
+pub const LIMITS: [f64; 2] = [0.25, 0.5];
 
 /// A size with its unit.
 #[must_use]
 pub fn sized(costs: &Costs, size: f64) -> String {
-    format!("{} {}", figure(size), costs.unit).trim_end().to_owned()
+    let whole = size >= 1e3 && size.fract() == 0.0;
+    let figure = if whole { size.to_string() } else { figure(size) };
+    format!("{figure} {}", costs.unit).trim_end().to_owned()
 }
 
 /// Up to where a cause is cheap, in words.
@@ -104,7 +106,7 @@ mod tests {
         assert!(lines.contains(&"place,mm,100,10,18,26,17,,2"), "{table}");
         let document = markdown(&budget, &made());
         assert!(document.contains("| 100 mm | 10 | +2.00 | +2.00 | - | 18.00 | 26.00 |"), "{document}");
-        assert!(document.contains("| place | 3.2 mm | 15 mm |"), "{document}");
+        assert!(document.contains("| place | 11 mm | 15 mm |"), "{document}");
         let page = page(&budget, &made());
         assert!(page.contains("&lt;folder&gt;") && !page.contains("<folder>") && page.contains("<svg"), "{page}");
     }

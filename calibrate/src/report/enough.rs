@@ -23,7 +23,7 @@ const STILL: &str = "where nothing moves";
 /// The mean (geometric) of places, directions and focal lengths in `docs/budget.md`.
 const COSTS: [Cost; 3] = [
     Cost { moved_px: 0.32, lost_db: 0.5, place: STILL },
-    Cost { moved_px: 0.55, lost_db: 0.1, place: MOVING },
+    Cost { moved_px: 0.76, lost_db: 0.25, place: MOVING },
     Cost { moved_px: 1.26, lost_db: 0.5, place: MOVING },
 ];
 
@@ -80,7 +80,7 @@ pub(super) fn table(rig: &RigFile) -> String {
         return String::new();
     }
     let limits = COSTS
-        .map(|cost| format!("<th>{} dB <small>{}, px wide</small></th>", number(cost.lost_db, 1), cost.place))
+        .map(|cost| format!("<th>{} dB <small>{}, px wide</small></th>", number(cost.lost_db, 2), cost.place))
         .concat();
     let head = format!(
         "<tr><th>Camera</th><th>Place <small>px</small></th><th>Direction <small>px</small></th><th>Focal length \
