@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun};
-use erfgs_base::FileError;
+use erfgs_base::{FileError, atomic::NewFolder};
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
     image::{ImageGrey8, ImageRgb8},
@@ -129,6 +129,19 @@ impl Dataset {
             return Err(DatasetError::PointCount { path, found: cloud.len() as u64, named: file.count });
         }
         Ok(Some(cloud))
+    }
+
+    /// Puts a dataset that was written into `folder` in its place `out`: files hashed, manifest saved and validated.
+    ///
+    /// # Errors
+    /// If a file cannot be read or written, or the manifest makes no sense.
+    pub(crate) fn complete(mut self, folder: NewFolder, out: &Path) -> Result<Self, DatasetError> {
+        self.hash_files()?;
+        self.save()?;
+        self.validate()?;
+        folder.finish().map_err(FileError::when("write", out))?;
+        self.root = out.to_owned();
+        Ok(self)
     }
 
     /// Copies a file that the manifest names, making the folder of the copy where needed.

@@ -14,10 +14,7 @@ use glam::DVec2;
 use serde_json::json;
 
 use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Problem, VariantStep, layout};
-use erfgs_base::{
-    FileError,
-    progress::{Progress, in_parallel},
-};
+use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_events::{Event, Events, npz};
 use erfgs_scene::{
     Distortion, Intrinsics,
@@ -77,12 +74,7 @@ pub fn undistort(dataset: &Dataset, out: &Path, progress: &mut dyn FnMut(Progres
         .collect();
     let parameters = [("cameras".to_owned(), json!(factors))].into();
     new.manifest.variant.push(VariantStep { step: "undistort".to_owned(), parameters });
-    new.hash_files()?;
-    new.save()?;
-    new.validate()?;
-    folder.finish().map_err(FileError::when("write", out))?;
-    new.root = out.to_owned();
-    Ok(new)
+    new.complete(folder, out)
 }
 
 /// One file of one camera.

@@ -10,7 +10,6 @@ mod sensor;
 use std::path::Path;
 
 use erfgs_base::{
-    FileError,
     progress::{Progress, in_parallel},
     random,
 };
@@ -18,7 +17,7 @@ use erfgs_events::npz;
 use glam::{DQuat, DVec3};
 use serde::Serialize;
 
-use crate::{Camera, CameraEvents, Dataset, DatasetError, Split, VariantStep};
+use crate::{Camera, Dataset, DatasetError, Split, VariantStep};
 
 /// What is wrong, and by how much; nothing by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -160,7 +159,10 @@ pub fn disturb(
     let files: Vec<_> = new.files().into_iter().collect();
     let of_events: Vec<Option<&Camera>> = files
         .iter()
-        .map(|file| dataset.cameras(Split::Train).find(|camera| events_in(camera).is_some_and(|of| of.file == *file)))
+        .map(|file| {
+            let holds = |camera: &&Camera| camera.events.as_ref().is_some_and(|events| events.file == *file);
+            dataset.cameras(Split::Train).find(holds)
+        })
         .collect();
     let tasks: Vec<_> = files.iter().zip(of_events).collect();
     let work = |(file, camera): &(&std::path::PathBuf, Option<&Camera>), tick: &dyn Fn()| {
@@ -182,16 +184,7 @@ pub fn disturb(
     let parameters = serde_json::to_value(disturbance).ok().and_then(|value| value.as_object().cloned());
     let parameters = parameters.into_iter().flatten().collect();
     new.manifest.variant.push(VariantStep { step: "disturb".to_owned(), parameters });
-    new.hash_files()?;
-    new.save()?;
-    new.validate()?;
-    folder.finish().map_err(FileError::when("write", out))?;
-    new.root = out.to_owned();
-    Ok(new)
-}
-
-fn events_in(camera: &Camera) -> Option<&CameraEvents> {
-    camera.events.as_ref()
+    new.complete(folder, out)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 use std::path::PathBuf;
 
 use super::*;
-use crate::{Frame, Manifest, Provenance, layout};
+use crate::{CameraEvents, Frame, Manifest, Provenance, layout};
 use erfgs_events::{Event, Events};
 use erfgs_scene::{Distortion, ImageRgb8, Intrinsics, Modality, PointCloud, Pose};
 

@@ -105,12 +105,7 @@ pub(super) fn write(
     if let Some((points, method)) = &recording.points {
         dataset.set_points(points, method, BTreeMap::new())?;
     }
-    dataset.hash_files()?;
-    dataset.save()?;
-    dataset.validate()?;
-    building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
-    dataset.root = out.to_owned();
-    Ok(Imported { dataset, notes: recording.notes })
+    Ok(Imported { dataset: dataset.complete(building, out)?, notes: recording.notes })
 }
 
 /// How large the images of a view are and shall be.

@@ -263,13 +263,8 @@ pub fn import(
     if cameras.is_empty() {
         return Err(nothing(session, options));
     }
-    let mut dataset = Dataset::new(building.path(), manifest(session, cameras, span_ns, options));
-    dataset.hash_files()?;
-    dataset.save()?;
-    dataset.validate()?;
-    building.finish().map_err(|source| ImportError::Io { doing: "write", path: out.to_owned(), source })?;
-    dataset.root = out.to_owned();
-    Ok(dataset)
+    let dataset = Dataset::new(building.path(), manifest(session, cameras, span_ns, options));
+    Ok(dataset.complete(building, out)?)
 }
 
 /// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.
