@@ -3,6 +3,7 @@
 use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use glam::{DVec3, Vec3};
 
+use super::load::period_ns;
 use crate::motion::birth;
 
 /// Points of an instant that are followed, at most: enough to know how fast the fast ones are.
@@ -17,14 +18,14 @@ const SLOWER: f64 = 0.95;
 /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
 pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64>, DatasetError> {
     let Some(runs) = dataset.point_runs()? else { return Ok(None) };
-    let Some((interval_ns, cloud)) = interval_ns(dataset).zip(dataset.read_points()?) else { return Ok(None) };
+    let Some((period_ns, cloud)) = period_ns(dataset).zip(dataset.read_points()?) else { return Ok(None) };
     let mut points = Vec::new();
     let mut first = 0;
     for run in &runs {
         let count = run.count as usize;
         if run.moving {
             let step = count.div_ceil(FOLLOWED).max(1);
-            let time = run.t_ns as f64 / interval_ns;
+            let time = run.t_ns as f64 / period_ns;
             points.extend(
                 (first..first + count).step_by(step).map(|at| ((cloud.positions[at], cloud.colours[at]), time)),
             );
@@ -46,14 +47,6 @@ pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64
 fn widths_a_metre(camera: &Camera, place: DVec3) -> Option<f64> {
     let depth = camera.world_to_camera.transform(place).z;
     (depth > 1e-6).then(|| camera.intrinsics.fx / (depth * f64::from(camera.intrinsics.width)))
-}
-
-/// The median time from a frame of a training camera to its next, nanoseconds.
-fn interval_ns(dataset: &Dataset) -> Option<f64> {
-    let steps = dataset.cameras(Split::Train).flat_map(|camera| camera.frames.windows(2));
-    let mut steps: Vec<i64> = steps.map(|pair| pair[1].t_ns - pair[0].t_ns).filter(|step| *step > 0).collect();
-    let middle = steps.len() / 2;
-    (!steps.is_empty()).then(|| *steps.select_nth_unstable(middle).1 as f64)
 }
 
 #[cfg(test)]

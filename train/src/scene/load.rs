@@ -208,17 +208,18 @@ impl Scene {
 
 /// How many instants of all training cameras there are from a camera's frame to its next one: 1 where they film together.
 fn instants(dataset: &Dataset, times_ns: &[i64]) -> usize {
+    let (Some(period), [first, .., last]) = (period_ns(dataset), times_ns) else { return 1 };
+    let apart = (last - first) as f64 / (times_ns.len() - 1) as f64;
+    ((period / apart).round() as usize).max(1)
+}
+
+/// The time from a frame of a training camera to its next: the median, nanoseconds; `None` where none has two.
+pub(super) fn period_ns(dataset: &Dataset) -> Option<f64> {
     let frames = dataset.cameras(Split::Train).map(|camera| &camera.frames);
     let mut periods: Vec<i64> =
         frames.flat_map(|frames| frames.windows(2).map(|pair| pair[1].t_ns - pair[0].t_ns)).collect();
-    let [first, .., last] = times_ns else { return 1 };
-    if periods.is_empty() {
-        return 1;
-    }
     let middle = periods.len() / 2;
-    let period = *periods.select_nth_unstable(middle).1 as f64;
-    let apart = (last - first) as f64 / (times_ns.len() - 1) as f64;
-    ((period / apart).round() as usize).max(1)
+    (!periods.is_empty()).then(|| *periods.select_nth_unstable(middle).1 as f64)
 }
 
 /// The unit of learning rates and sizes, metres: 1.1 times the largest distance of a training camera from the mean of their
