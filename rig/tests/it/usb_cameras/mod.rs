@@ -3,5 +3,6 @@
 mod davis346;
 mod davis346_stream;
 mod evk4;
+mod evk4_settings;
 mod support;
 mod sync;

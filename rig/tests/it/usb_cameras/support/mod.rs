@@ -4,6 +4,7 @@ mod bucket;
 mod bus;
 mod clock;
 pub mod davis346;
+pub mod evk4;
 
 pub use bucket::Bucket;
 pub use bus::{Clock, EmulatedBus};
