@@ -9,7 +9,7 @@ use erfgs_dataset::{
 };
 use erfgs_stage::{FilmOptions, StageError, film};
 
-use crate::stage::Base;
+use crate::stage::{Base, Filmed};
 
 /// Which part of a rig is to blame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -26,6 +26,9 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All of them, in the order in which they are told.
+    pub const ALL: [Self; 4] = [Self::Calibration, Self::Clocks, Self::Sensors, Self::Cameras];
+
     /// Its name.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -38,9 +41,9 @@ impl Kind {
     }
 }
 
-/// One thing that may be wrong.
-#[derive(Clone, Debug)]
-pub struct Cause {
+/// What there is to know of a cause.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct About {
     /// What it is called.
     pub name: &'static str,
     /// Its unit.
@@ -51,6 +54,13 @@ pub struct Cause {
     pub kind: Kind,
     /// Its size in the base.
     pub usual: f64,
+}
+
+/// One thing that may be wrong.
+#[derive(Clone, Debug)]
+pub struct Cause {
+    /// What there is to know of it.
+    pub about: About,
     /// Sizes, from the least to the greatest.
     pub steps: Vec<Step>,
 }
@@ -85,8 +95,7 @@ pub enum BudgetError {
 }
 
 impl Step {
-    /// Makes the dataset of the step from `source` (the base, or all cameras of the stage where other cameras are chosen), or finds it
-    /// made. It has its initial points only where these are not touched.
+    /// Makes the dataset of the step in `folder`, or finds it made. It has its initial points only where these are not touched.
     ///
     /// # Errors
     /// [`BudgetError`].
@@ -114,9 +123,9 @@ impl Step {
 #[must_use]
 pub fn causes(base: &Base) -> Vec<Cause> {
     let mut causes = put_in(base);
-    if let Some(film) = base.film() {
-        causes.extend(filmed(film));
-        causes.extend(other_cameras(base));
+    if let Some(stage) = &base.stage {
+        causes.extend(filmed(&stage.film));
+        causes.extend(other_cameras(stage));
     }
     // A small stage has no other numbers of cameras.
     causes.retain(|cause| !cause.steps.is_empty());
@@ -140,7 +149,7 @@ fn disturbed(
         events: true,
         how: How::Disturb(Box::new(Disturbance { seed: 1, ..wrong(size) })),
     };
-    Cause { name, unit, meaning, kind, usual: 0.0, steps: sizes.iter().map(step).collect() }
+    Cause { about: About { name, unit, meaning, kind, usual: 0.0 }, steps: sizes.iter().map(step).collect() }
 }
 
 fn put_in(base: &Base) -> Vec<Cause> {
@@ -224,60 +233,53 @@ fn filmed(film: &FilmOptions) -> Vec<Cause> {
     };
     vec![
         Cause {
-            name: "exposure",
-            unit: "ms",
-            meaning: "how long the RGB cameras' shutters are open",
-            kind: Kind::Sensors,
-            usual: 1e-6 * film.exposure_ns as f64,
+            about: About {
+                name: "exposure",
+                unit: "ms",
+                meaning: "how long the RGB cameras' shutters are open",
+                kind: Kind::Sensors,
+                usual: 1e-6 * film.exposure_ns as f64,
+            },
             steps: [1.0, 5.0, 40.0, 60.0].iter().map(exposure).collect(),
         },
         Cause {
-            name: "threshold",
-            unit: "log intensity",
-            meaning: "the sensors' contrast threshold, which is stated rightly",
-            kind: Kind::Sensors,
-            usual: film.events.threshold_on,
+            about: About {
+                name: "threshold",
+                unit: "log intensity",
+                meaning: "the sensors' contrast threshold, which is stated rightly",
+                kind: Kind::Sensors,
+                usual: film.events.threshold_on,
+            },
             steps: [0.1, 0.4, 0.8].iter().map(threshold).collect(),
         },
     ]
 }
 
 /// What fewer and more cameras cost, at places that are spread as evenly.
-fn other_cameras(base: &Base) -> Vec<Cause> {
-    let step = |cause: &str, [rgb, event]: [usize; 2]| Step {
-        size: if cause == "RGB cameras" { rgb } else { event } as f64,
-        name: name(cause, if cause == "RGB cameras" { rgb } else { event } as f64),
-        events: event > 0,
-        how: How::Disturb(Box::new(Disturbance { cameras: Some(base.spread(rgb, event)), ..Disturbance::default() })),
-    };
-    let [rgb, event] = base.cameras();
-    let [most_rgb, most_event] = base.most_cameras();
-    let others = |most: usize, usual: usize, sizes: &[usize]| -> Vec<usize> {
-        sizes.iter().copied().filter(|&size| size <= most && size != usual).collect()
-    };
-    let cause = |name, meaning, usual: usize, steps| Cause {
-        name,
-        unit: "",
-        meaning,
-        kind: Kind::Cameras,
-        usual: usual as f64,
-        steps,
-    };
+fn other_cameras(stage: &Filmed) -> Vec<Cause> {
+    let ([rgb, event], [most_rgb, most_event]) = (stage.cameras, stage.most);
+    let cause =
+        |[name, meaning]: [&'static str; 2], usual: usize, counts: &[usize], rig: &dyn Fn(usize) -> [usize; 2]| {
+            let step = |&count: &usize| {
+                let [rgb, event] = rig(count);
+                let wrong = Disturbance { cameras: Some(stage.spread(rgb, event)), ..Disturbance::default() };
+                let size = count as f64;
+                Step { size, name: self::name(name, size), events: event > 0, how: How::Disturb(Box::new(wrong)) }
+            };
+            let about = About { name, unit: "", meaning, kind: Kind::Cameras, usual: usual as f64 };
+            Cause { about, steps: counts.iter().filter(|&&count| count != usual).map(step).collect() }
+        };
+    let up_to =
+        |most: usize, counts: &[usize]| counts.iter().copied().filter(|&count| count <= most).collect::<Vec<_>>();
     vec![
+        cause(["RGB cameras", "how many there are, on the same arc"], rgb, &up_to(most_rgb, &[4, 8, 16]), &|count| {
+            [count, event]
+        }),
         cause(
-            "RGB cameras",
-            "how many there are, on the same arc",
-            rgb,
-            others(most_rgb, rgb, &[4, 8, 16]).into_iter().map(|count| step("RGB cameras", [count, event])).collect(),
-        ),
-        cause(
-            "event cameras",
-            "how many there are, on the same arc; without any it is the method without events",
+            ["event cameras", "how many there are, on the same arc; without any it is the method without events"],
             event,
-            others(most_event, event, &[0, 1, 3, 6])
-                .into_iter()
-                .map(|count| step("event cameras", [rgb, count]))
-                .collect(),
+            &up_to(most_event, &[0, 1, 3, 6]),
+            &|count| [rgb, count],
         ),
     ]
 }

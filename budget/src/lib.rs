@@ -16,7 +16,7 @@ mod pixels;
 pub mod report;
 mod stage;
 
-pub use cause::{BudgetError, Cause, Kind, Step, causes};
+pub use cause::{About, BudgetError, Cause, Kind, Step, causes};
 pub use outcome::{Budget, Costs, Quality, Row, Tolerated};
 pub use pixels::moved_px;
 pub use stage::{Base, Size};

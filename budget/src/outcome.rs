@@ -3,7 +3,7 @@
 use erfgs_run::Metrics;
 use serde::Serialize;
 
-use crate::{Cause, Kind, Step};
+use crate::{About, Cause, Step};
 
 /// The quality of a reconstruction on the held-out cameras, dB.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -43,16 +43,9 @@ pub struct Row {
 /// A cause and its steps.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Costs {
-    /// What it is called.
-    pub name: &'static str,
-    /// Its unit.
-    pub unit: &'static str,
-    /// What its size means.
-    pub meaning: &'static str,
-    /// Which part of a rig is to blame.
-    pub kind: Kind,
-    /// Its size in the base.
-    pub usual: f64,
+    /// What there is to know of it.
+    #[serde(flatten)]
+    pub about: About,
     /// The steps, from the least to the greatest.
     pub rows: Vec<Row>,
 }
@@ -82,8 +75,7 @@ impl Costs {
     /// A cause, with nothing measured yet.
     #[must_use]
     pub fn of(cause: &Cause) -> Self {
-        let Cause { name, unit, meaning, kind, usual, .. } = *cause;
-        Self { name, unit, meaning, kind, usual, rows: Vec::new() }
+        Self { about: cause.about, rows: Vec::new() }
     }
 
     /// Adds what a step came to.
@@ -94,7 +86,7 @@ impl Costs {
     /// Whether its size is an error, which is 0 in the base, and not a choice.
     #[must_use]
     pub fn is_an_error(&self) -> bool {
-        self.usual == 0.0
+        self.about.usual == 0.0
     }
 }
 
@@ -129,6 +121,14 @@ impl Budget {
         self.usual().dpsnr - row.quality.dpsnr
     }
 
+    /// What a step costs where things move, where they do between frames, and where nothing moves, dB.
+    #[must_use]
+    pub fn costs_db(&self, row: &Row) -> [Option<f64>; 3] {
+        let (usual, here) = (self.usual(), &row.quality);
+        let lost = |usual: Option<f64>, here: Option<f64>| Some(usual? - here?);
+        [Some(self.cost_db(row)), lost(usual.between, here.between), lost(usual.still, here.still)]
+    }
+
     /// Up to where an error costs at most `limit` dB at every step from there down; between two steps by a straight line over the
     /// logarithm of the size. None without steps.
     #[must_use]
@@ -158,14 +158,14 @@ pub(crate) mod tests {
         let rows = [1.0, 10.0, 100.0].iter().zip(costs);
         let row =
             |(size, cost): (&f64, &f64)| Row { size: *size, moved_px: Some(0.1 * size), quality: quality(20.0 - cost) };
-        let place = Costs {
+        let about = About {
             name: "place",
             unit: "mm",
             meaning: "how far a camera stands off",
-            kind: Kind::Calibration,
+            kind: crate::Kind::Calibration,
             usual: 0.0,
-            rows: rows.map(row).collect(),
         };
+        let place = Costs { about, rows: rows.map(row).collect() };
         Budget { base: [19.9, 20.0, 20.1].map(quality).into(), causes: vec![place] }
     }
 

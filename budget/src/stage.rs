@@ -25,16 +25,27 @@ pub enum Size {
 pub struct Base {
     /// The dataset.
     pub dataset: Dataset,
-    stage: Option<Filmed>,
+    pub(crate) stage: Option<Filmed>,
 }
 
-/// All cameras that the stage was filmed with, and how the base's were.
+/// What the base was filmed with.
 #[derive(Clone, Debug)]
-struct Filmed {
-    all: Dataset,
-    film: FilmOptions,
-    cameras: [usize; 2],
-    most: [usize; 2],
+pub(crate) struct Filmed {
+    /// All cameras.
+    pub all: Dataset,
+    /// How those of the base were filmed.
+    pub film: FilmOptions,
+    /// How many RGB and event cameras the base has.
+    pub cameras: [usize; 2],
+    /// How many there are.
+    pub most: [usize; 2],
+}
+
+impl Filmed {
+    /// Names of so many cameras, spread evenly.
+    pub fn spread(&self, rgb: usize, event: usize) -> Vec<String> {
+        spread(rgb, event, self.most)
+    }
 }
 
 /// RGB and event cameras of the base, and of the film that it is taken from.
@@ -104,29 +115,9 @@ impl Base {
         Self { dataset, stage: None }
     }
 
-    /// How the base was filmed, where it was.
-    pub(crate) fn film(&self) -> Option<&FilmOptions> {
-        self.stage.as_ref().map(|stage| &stage.film)
-    }
-
     /// The dataset that cameras can be chosen from.
     pub(crate) fn all_cameras(&self) -> &Dataset {
         self.stage.as_ref().map_or(&self.dataset, |stage| &stage.all)
-    }
-
-    /// How many RGB and event cameras there are.
-    pub(crate) fn cameras(&self) -> [usize; 2] {
-        self.stage.as_ref().map_or([0, 0], |stage| stage.cameras)
-    }
-
-    /// How many there may be.
-    pub(crate) fn most_cameras(&self) -> [usize; 2] {
-        self.stage.as_ref().map_or([0, 0], |stage| stage.most)
-    }
-
-    /// Names of so many cameras, spread evenly.
-    pub(crate) fn spread(&self, rgb: usize, event: usize) -> Vec<String> {
-        spread(rgb, event, self.most_cameras())
     }
 
     /// Whether a training camera has events.

@@ -9,7 +9,7 @@ use std::{
 use anyhow::Context;
 use erfgs_base::Progress;
 use erfgs_budget::{Base, Budget, Cause, Costs, Quality, Size, Step, causes, moved_px, report};
-use erfgs_dataset::Dataset;
+use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method};
 use erfgs_scene::PointCloud;
 use erfgs_sweep::{JobState, Manifest, Overview, Plan, run_here};
@@ -81,14 +81,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     for step in causes.iter().flat_map(|cause| &cause.steps) {
         made.insert(step.name.clone(), work.step(&base, step)?);
     }
-    let place = base.dataset.root.clone();
+    let method = if base.has_events() { "erf-gs" } else { "4dgs" };
     let seeds: Vec<u64> = (1..=arguments.seeds).collect();
-    let usual = work.train("base", if base.has_events() { "erf-gs" } else { "4dgs" }, vec![place], &seeds)?;
+    let usual = work.train("base", method, vec![base.dataset.root.clone()], &seeds)?;
     let of = |events: bool| {
         let steps = causes.iter().flat_map(|cause| &cause.steps).filter(|step| step.events == events);
         steps.filter_map(|step| Some(made.get(&step.name)?.root.clone())).collect::<Vec<_>>()
     };
-    let mut qualities = work.train("wrong", if base.has_events() { "erf-gs" } else { "4dgs" }, of(true), &[1])?;
+    let mut qualities = work.train("wrong", method, of(true), &[1])?;
     qualities.extend(work.train("without-events", "4dgs", of(false), &[1])?);
     let mut budget = Budget { base: usual.into_iter().map(|(_, quality)| quality).collect(), causes: Vec::new() };
     for cause in &causes {
@@ -105,24 +105,29 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         command: command(arguments),
         version: env!("CARGO_PKG_VERSION").into(),
         adapter: format!("{} ({} {})", adapter.name, adapter.driver, adapter.driver_info),
-        what: what(arguments, &base),
+        what: what(arguments, &base, method),
     };
+    write(&folder, &budget, &made)?;
+    terminal.result(&budget, || describe(&budget, &folder))
+}
+
+fn write(folder: &Path, budget: &Budget, made: &report::Made) -> anyhow::Result<()> {
     for (name, text) in [
-        ("budget.csv", report::csv(&budget)),
-        ("budget.md", report::markdown(&budget, &made)),
-        ("budget.html", report::page(&budget, &made)),
+        ("budget.csv", report::csv(budget)),
+        ("budget.md", report::markdown(budget, made)),
+        ("budget.html", report::page(budget, made)),
     ] {
         let path = folder.join(name);
         erfgs_base::atomic::write(&path, text.as_bytes())
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    terminal.result(&budget, || describe(&budget, &folder))
+    Ok(())
 }
 
 fn base(arguments: &Arguments, datasets: &Path, terminal: &Terminal) -> anyhow::Result<Base> {
     if let Some(path) = &arguments.dataset {
         let dataset = Dataset::load(path)?;
-        let held_out = dataset.cameras(erfgs_dataset::Split::Test).any(|camera| !camera.frames.is_empty());
+        let held_out = dataset.cameras(Split::Test).any(|camera| !camera.frames.is_empty());
         if !held_out {
             let words =
                 format!("{} has no held-out camera to measure quality on; import it with --test", path.display());
@@ -138,10 +143,10 @@ fn base(arguments: &Arguments, datasets: &Path, terminal: &Terminal) -> anyhow::
 
 fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
     let mut causes = causes(base);
-    let names: Vec<&str> = causes.iter().map(|cause| cause.name).collect();
+    let names: Vec<&str> = causes.iter().map(|cause| cause.about.name).collect();
     let known = format!("there are {}", names.join(", "));
     let named = |cause: &Cause| {
-        let has = |text: &String| cause.name.to_lowercase().contains(&text.to_lowercase());
+        let has = |text: &String| cause.about.name.to_lowercase().contains(&text.to_lowercase());
         arguments.only.is_empty() || arguments.only.iter().any(has)
     };
     causes.retain(named);
@@ -245,20 +250,18 @@ impl Work<'_> {
 }
 
 /// What was trained, in words.
-fn what(arguments: &Arguments, base: &Base) -> String {
+fn what(arguments: &Arguments, base: &Base, method: &str) -> String {
     let Iterations { coarse, fine } = arguments.iterations;
-    let training =
-        format!("{} iterations of {}", coarse.unwrap_or(0) + fine, if base.has_events() { "ERF-GS" } else { "4DGS" });
     let manifest = &base.dataset.manifest;
-    let count =
-        |of: &dyn Fn(&erfgs_dataset::Camera) -> bool| manifest.cameras.iter().filter(|camera| of(camera)).count();
-    let training_camera = |camera: &erfgs_dataset::Camera| camera.split == erfgs_dataset::Split::Train;
-    let frames = count(&|camera| training_camera(camera) && !camera.frames.is_empty());
-    let events = count(&|camera| training_camera(camera) && camera.events.is_some());
-    let seconds = 1e-9 * (manifest.span_ns[1] - manifest.span_ns[0]) as f64;
+    let training = || base.dataset.cameras(Split::Train);
+    let frames = training().filter(|camera| camera.modality.has_frames()).count();
+    let events = training().filter(|camera| camera.modality.has_events()).count();
     format!(
-        "The scene is {}: {seconds:.1} s, {frames} training cameras with frames and {events} with events; {training}.",
-        manifest.name
+        "The scene is {}: {:.1} s, {frames} training cameras with frames and {events} with events; {} iterations of {}.",
+        manifest.name,
+        1e-9 * (manifest.span_ns[1] - manifest.span_ns[0]) as f64,
+        coarse.unwrap_or(0) + fine,
+        method.to_uppercase()
     )
 }
 
@@ -297,7 +300,7 @@ fn describe(budget: &Budget, folder: &Path) -> String {
     for costs in &budget.causes {
         rows.extend(costs.rows.iter().map(|row| {
             vec![
-                costs.name.to_owned(),
+                costs.about.name.to_owned(),
                 report::sized(costs, row.size),
                 format!("{:+.2}", budget.cost_db(row)),
                 format!("{:.2}", row.quality.dpsnr),

@@ -19,7 +19,12 @@ pub fn csv(budget: &Budget) -> String {
     }
     for costs in &budget.causes {
         for row in &costs.rows {
-            line([costs.name, costs.unit, &row.size.to_string()], row.moved_px, &row.quality, budget.cost_db(row));
+            line(
+                [costs.about.name, costs.about.unit, &row.size.to_string()],
+                row.moved_px,
+                &row.quality,
+                budget.cost_db(row),
+            );
         }
     }
     text

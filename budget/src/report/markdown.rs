@@ -29,10 +29,10 @@ pub fn markdown(budget: &Budget, made: &Made) -> String {
     );
     for costs in budget.causes.iter().filter(|costs| costs.is_an_error()) {
         let sizes = LIMITS.map(|limit| tolerated(costs, budget.tolerated(costs, limit)));
-        let _ = writeln!(text, "| {} | {} |", costs.name, sizes.join(" | "));
+        let _ = writeln!(text, "| {} | {} |", costs.about.name, sizes.join(" | "));
     }
-    for kind in [Kind::Calibration, Kind::Clocks, Kind::Sensors, Kind::Cameras] {
-        let of_kind: Vec<_> = budget.causes.iter().filter(|costs| costs.kind == kind).collect();
+    for kind in Kind::ALL {
+        let of_kind: Vec<_> = budget.causes.iter().filter(|costs| costs.about.kind == kind).collect();
         if of_kind.is_empty() {
             continue;
         }
@@ -41,14 +41,14 @@ pub fn markdown(budget: &Budget, made: &Made) -> String {
             let usual = if costs.is_an_error() {
                 String::new()
             } else {
-                format!("; {} where nothing else is said", sized(costs, costs.usual))
+                format!("; {} where nothing else is said", sized(costs, costs.about.usual))
             };
             let _ = write!(
                 text,
                 "\n**{}**: {}{usual}.\n\n\
                  | size | moved, px | cost, dB | between frames | where nothing moves | DPSNR, dB | PSNR, dB |\n\
                  |---|---|---|---|---|---|---|\n",
-                costs.name, costs.meaning
+                costs.about.name, costs.about.meaning
             );
             for row in &costs.rows {
                 let _ = writeln!(text, "| {} | {} |", sized(costs, row.size), cells(budget, row).join(" | "));

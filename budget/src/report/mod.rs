@@ -10,7 +10,7 @@ pub use page::page;
 
 use erfgs_stability::report::figure;
 
-use crate::{Budget, Costs, Tolerated};
+use crate::{Budget, Costs, Row, Tolerated};
 
 /// How the budget was made.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub const LIMITS: [f64; 2] = [0.25, 0.5];
 pub fn sized(costs: &Costs, size: f64) -> String {
     let whole = size >= 1e3 && size.fract() == 0.0;
     let figure = if whole { size.to_string() } else { figure(size) };
-    format!("{figure} {}", costs.unit).trim_end().to_owned()
+    format!("{figure} {}", costs.about.unit).trim_end().to_owned()
 }
 
 /// Up to where a cause is cheap, in words.
@@ -65,21 +65,11 @@ fn base(budget: &Budget) -> String {
 }
 
 /// The cells of a step, without its size: what it moves, what it costs, what it comes to.
-fn cells(budget: &Budget, row: &crate::Row) -> [String; 6] {
-    let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2}"));
-    let usual = budget.usual();
-    let cost = |usual: Option<f64>, value: Option<f64>| {
-        usual.zip(value).map_or("-".into(), |(usual, value)| format!("{:+.2}", usual - value))
-    };
-    let quality = &row.quality;
-    [
-        row.moved_px.map_or("-".into(), figure),
-        cost(Some(usual.dpsnr), Some(quality.dpsnr)),
-        cost(usual.between, quality.between),
-        cost(usual.still, quality.still),
-        decibels(Some(quality.dpsnr)),
-        decibels(Some(quality.psnr)),
-    ]
+fn cells(budget: &Budget, row: &Row) -> Vec<String> {
+    let mut cells = vec![row.moved_px.map_or("-".into(), figure)];
+    cells.extend(budget.costs_db(row).map(|cost| cost.map_or("-".into(), |cost| format!("{cost:+.2}"))));
+    cells.extend([row.quality.dpsnr, row.quality.psnr].map(|decibels| format!("{decibels:.2}")));
+    cells
 }
 
 #[cfg(test)]

@@ -21,8 +21,8 @@ pub fn page(budget: &Budget, made: &Made) -> String {
     );
     let mut body = summary(budget);
     body.push_str(&of_pixels(budget));
-    for kind in [Kind::Calibration, Kind::Clocks, Kind::Sensors, Kind::Cameras] {
-        let of_kind: Vec<&Costs> = budget.causes.iter().filter(|costs| costs.kind == kind).collect();
+    for kind in Kind::ALL {
+        let of_kind: Vec<&Costs> = budget.causes.iter().filter(|costs| costs.about.kind == kind).collect();
         if !of_kind.is_empty() {
             body.push_str(&section(budget, kind, &of_kind));
         }
@@ -35,7 +35,7 @@ fn summary(budget: &Budget) -> String {
     for costs in budget.causes.iter().filter(|costs| costs.is_an_error()) {
         let cells =
             LIMITS.map(|limit| format!("<td>{}</td>", Escaped(&tolerated(costs, budget.tolerated(costs, limit)))));
-        rows.push_str(&format!("<tr><th>{}</th>{}</tr>\n", Escaped(costs.name), cells.join("")));
+        rows.push_str(&format!("<tr><th>{}</th>{}</tr>\n", Escaped(costs.about.name), cells.join("")));
     }
     let body = format!(
         "<p>Up to this size an error costs no more than so much where things move.</p>\n<table>\n{rows}</table>\n"
@@ -52,7 +52,7 @@ fn of_pixels(budget: &Budget) -> String {
     }
     let curve = |(colour, costs): (usize, &&Costs)| {
         let at = |row: &Row| Some(setting(sized(costs, row.size), row.moved_px?, budget.cost_db(row), false));
-        (costs.name.to_owned(), colour, costs.rows.iter().filter_map(at).collect())
+        (costs.about.name.to_owned(), colour, costs.rows.iter().filter_map(at).collect())
     };
     let plot = Tradeoff {
         error_label: "lost DPSNR, dB".into(),
@@ -60,7 +60,7 @@ fn of_pixels(budget: &Budget) -> String {
         logarithmic: false,
         curves: moved.iter().enumerate().map(curve).collect(),
     };
-    let names = legend(moved.iter().enumerate().map(|(colour, costs)| (colour, costs.name)));
+    let names = legend(moved.iter().enumerate().map(|(colour, costs)| (colour, costs.about.name)));
     let body = format!(
         "<p>Errors of the cameras by how far they move what is seen. What costs nothing is drawn at zero.</p>\n{names}<div \
          class=\"plots\"><figure>{}</figure></div>\n",
@@ -74,37 +74,32 @@ fn section(budget: &Budget, kind: Kind, all: &[&Costs]) -> String {
     let mut body = legend(measures.iter().enumerate().map(|(colour, name)| (colour, *name)));
     body.push_str("<div class=\"plots\">\n");
     for costs in all {
-        let usual = budget.usual();
         let curves = measures.iter().enumerate().map(|(colour, name)| {
-            let cost = |row: &Row| {
-                let [usual, here] = [&usual, &row.quality].map(|quality| match colour {
-                    0 => Some(quality.dpsnr),
-                    1 => quality.between,
-                    _ => quality.still,
-                });
-                Some(usual? - here?)
-            };
             let label = |row: &Row| if colour == 0 { sized(costs, row.size) } else { String::new() };
             let mut settings: Vec<Setting> = costs
                 .rows
                 .iter()
                 .filter(|row| row.size > 0.0)
-                .filter_map(|row| Some(setting(label(row), row.size, cost(row)?, false)))
+                .filter_map(|row| Some(setting(label(row), row.size, budget.costs_db(row)[colour]?, false)))
                 .collect();
             if !costs.is_an_error() {
-                let name = if colour == 0 { sized(costs, costs.usual) } else { String::new() };
-                settings.push(setting(name, costs.usual, 0.0, true));
+                let name = if colour == 0 { sized(costs, costs.about.usual) } else { String::new() };
+                settings.push(setting(name, costs.about.usual, 0.0, true));
                 settings.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             }
             ((*name).to_owned(), colour, settings)
         });
         let plot = Tradeoff {
             error_label: "lost, dB".into(),
-            cost_label: format!("{}, {}", costs.name, costs.unit).trim_end_matches(", ").to_owned(),
+            cost_label: format!("{}, {}", costs.about.name, costs.about.unit).trim_end_matches(", ").to_owned(),
             logarithmic: false,
             curves: curves.collect(),
         };
-        body.push_str(&format!("<figure>{}<figcaption>{}</figcaption></figure>\n", plot.svg(), Escaped(costs.meaning)));
+        body.push_str(&format!(
+            "<figure>{}<figcaption>{}</figcaption></figure>\n",
+            plot.svg(),
+            Escaped(costs.about.meaning)
+        ));
     }
     body.push_str("</div>\n");
     html::section("", &kind.name().to_lowercase(), kind.name(), &body)
