@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Context;
 use erfgs_dataset::{
     Dataset,
-    import::session::{SessionNote, SessionOptions, import_recording, window_ns},
+    import::session::{Response, SessionNote, SessionOptions, import_recording, window_ns},
 };
 use erfgs_scene::{Distortion, rig_file::RigFile};
 use erfgs_session::container::Session;
@@ -32,6 +32,9 @@ pub struct SessionArguments {
     /// without it.
     #[arg(long, value_name = "ON,OFF", requires = "rig")]
     pub threshold: Option<Thresholds>,
+    /// Session: what event cameras answer to.
+    #[arg(long, value_enum, requires = "rig", default_value = "light")]
+    pub response: ResponseName,
     /// Session: another --scale for this camera. May be given for several: sensors of a rig differ by far in their pixels.
     #[arg(long, value_name = "CAMERA=FACTOR", requires = "rig", value_parser = scale_of)]
     pub scale_of: Vec<(String, f64)>,
@@ -41,6 +44,16 @@ pub struct SessionArguments {
     /// Session: take frames without colour, too, where other cameras see colours.
     #[arg(long, requires = "rig")]
     pub grey: bool,
+}
+
+/// What event cameras answer to.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum ResponseName {
+    /// The logarithm of light, as real ones do.
+    Light,
+    /// The logarithm of display values, linear in the dark: events that v2e's model simulated and that were played into the
+    /// recording.
+    Display,
 }
 
 fn scale_of(text: &str) -> Result<(String, f64), String> {
@@ -66,6 +79,10 @@ pub fn run(
     options.window_ns = window_ns(&session, arguments.from, arguments.seconds);
     options.every = arguments.every.unwrap_or(1) as usize;
     options.thresholds = arguments.threshold.map(|given| given.0);
+    options.response = match arguments.response {
+        ResponseName::Light => Response::Light,
+        ResponseName::Display => Response::Display,
+    };
     options.grey = arguments.grey;
     options.without.clone_from(&arguments.without);
     options.scales = arguments.scale_of.iter().cloned().collect();

@@ -8,6 +8,7 @@ mod event_files;
 mod excerpt;
 mod faults;
 mod files;
+mod film;
 mod hosts;
 mod live;
 mod merge;

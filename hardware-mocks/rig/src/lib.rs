@@ -6,7 +6,8 @@
 //!
 //! A rig makes three takes: a screen with a blinking board on a bench before each camera ([`screen`]), a wand that is waved
 //! where the performance will be ([`wand`]), and the performance ([`performance`]). Nothing but the sessions comes out: the
-//! rig file has to be found by calibration.
+//! rig file has to be found by calibration. Before a rig of another kind a dataset is played ([`film`]), so that what recording
+//! costs can be told.
 //!
 //! | module | what it knows |
 //! |---|---|
@@ -14,12 +15,14 @@
 //! | [`world`] | the simulated clock, and whose turn it is |
 //! | [`kernel`] | the host of a UVC camera |
 //! | [`trigger`] | the host of the trigger board, and the wires from it |
+//! | [`film`] | a dataset as a film before the cameras |
 //! | [`fault`] | what goes wrong in a take, on demand |
 //! | [`take`] | a session of a take |
 
 #[path = "../../../rig/tests/it/usb_cameras/support/bus.rs"]
 mod bus;
 pub mod fault;
+pub mod film;
 pub mod kernel;
 pub mod performance;
 pub mod plan;
@@ -30,5 +33,6 @@ pub mod wand;
 pub mod world;
 
 pub use fault::Fault;
+pub use film::{Film, FilmError};
 pub use plan::{Act, Plan};
 pub use take::{TakeError, record};

@@ -1,13 +1,13 @@
 //! Which cameras a rig has, where they stand, and what a user writes into its `RIG.toml`.
 
-use std::fmt::Write as _;
+use std::{fmt::Write as _, sync::Arc};
 
 use erfgs_hardware_mocks::usb::clock::ClockError;
 use erfgs_scene::{Intrinsics, Pose};
 use erfgs_stage::{RigOptions, StageError};
 use glam::{DQuat, DVec3};
 
-use crate::fault::Fault;
+use crate::{fault::Fault, film::Film};
 
 /// What is done before the cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +18,8 @@ pub enum Act {
     Wand,
     /// The ball is thrown.
     Performance,
+    /// The plan's film is shown to each camera.
+    Film,
 }
 
 /// What a camera is.
@@ -101,6 +103,8 @@ pub struct Plan {
     pub faults: Vec<Fault>,
     /// Whether progress is worth the words: a small rig is done before it can be read.
     pub small: bool,
+    /// What is shown in [`Act::Film`].
+    pub film: Option<Arc<Film>>,
 }
 
 /// Exposure of calibration takes, and of cameras that run freely, microseconds.
@@ -175,8 +179,13 @@ impl Plan {
                 },
             }
         });
-        Ok(Self {
-            cameras: cameras.collect(),
+        Ok(Self { cameras: cameras.collect(), ..Self::empty() })
+    }
+
+    /// A rig without a camera.
+    pub(crate) fn empty() -> Self {
+        Self {
+            cameras: Vec::new(),
             rate_hz: 20.0,
             exposure_us: 33_000.0,
             free_hz: 60.0,
@@ -187,7 +196,8 @@ impl Plan {
             seed: 1,
             faults: Vec::new(),
             small: false,
-        })
+            film: None,
+        }
     }
 
     /// How long a take is, seconds.
@@ -197,14 +207,19 @@ impl Plan {
             Act::Screen => self.boards as f64 * super::screen::EACH_S + 0.5,
             Act::Wand => self.wand_s,
             Act::Performance => BEFORE_S + self.performance_s + BEFORE_S,
+            // It begins with a pulse.
+            Act::Film => BEFORE_S + 1.0 / self.rate_hz + self.performance_s + BEFORE_S,
         }
     }
 
     /// Exposure of a camera in an act, microseconds.
     #[must_use]
     pub fn exposure_us(&self, kind: Kind, act: Act) -> f64 {
-        let is_long = act == Act::Performance && kind == Kind::Uvc { triggered: true };
-        if is_long { self.exposure_us } else { SHORT_US }
+        match (act, kind, &self.film) {
+            (Act::Film, Kind::Uvc { triggered }, Some(film)) => film.exposure_us(triggered),
+            (Act::Performance, Kind::Uvc { triggered: true }, _) => self.exposure_us,
+            _ => SHORT_US,
+        }
     }
 
     /// The rig file of an act, as a user of a real rig would write it.
@@ -223,7 +238,7 @@ impl Plan {
                 ),
                 Kind::Uvc { triggered } => writeln!(
                     text,
-                    "\n[[camera]]\nid = \"{id}\"\ncamera = \"{serial}\"\nwidth = {}\nheight = {}\nrate_hz = {:.1}\n\
+                    "\n[[camera]]\nid = \"{id}\"\ncamera = \"{serial}\"\nwidth = {}\nheight = {}\nrate_hz = {:.4}\n\
                      exposure_us = {exposure_us:.1}\ntriggered = {triggered}",
                     lens.width, lens.height, self.free_hz
                 ),
@@ -234,7 +249,7 @@ impl Plan {
             if act == Act::Wand { LEDS_HZ.map(|hz| format!("{hz:.4}")) } else { [(); 3].map(|()| "\"off\"".into()) };
         let _ = writeln!(
             text,
-            "\n[[trigger]]\nid = \"board\"\nport = \"/dev/ttyACM0\"\nrate_hz = {:.1}\nexposure_us = {exposure_us:.1}\n\
+            "\n[[trigger]]\nid = \"board\"\nport = \"/dev/ttyACM0\"\nrate_hz = {:.4}\nexposure_us = {exposure_us:.1}\n\
              leds = [{}]",
             self.rate_hz,
             leds.join(", ")

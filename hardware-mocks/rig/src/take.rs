@@ -27,6 +27,7 @@ use erfgs_stage::{Stage, StageError, StageOptions, StageView};
 use crate::{
     bus::{Clock as _, EmulatedBus},
     fault,
+    film::{Film, FilmError, FilmEvents, FilmFrames},
     kernel::{self, UvcHost},
     performance::{StageEvents, StageFrames},
     plan::{Act, BEFORE_S, Camera, Kind, Plan},
@@ -54,6 +55,12 @@ pub enum TakeError {
     /// The stage cannot be filmed.
     #[error(transparent)]
     Stage(#[from] StageError),
+    /// The film cannot be shown.
+    #[error(transparent)]
+    Film(#[from] FilmError),
+    /// A film was to be shown, and the plan has none.
+    #[error("the plan has no film")]
+    NoFilm,
     /// A driver does not start or stop its device.
     #[error("cannot {doing} '{id}': {source}")]
     Source {
@@ -78,6 +85,8 @@ const PLUGGED_NS: i64 = 3_000_000_000_000;
 const SET_NS: i64 = 20_000_000_000;
 /// So long before it the recording begins and sources are started, which takes half a second.
 const STARTED_NS: i64 = 1_000_000_000;
+/// When a recording begins, the world's time.
+pub(crate) const RECORDED_NS: i64 = PLUGGED_NS + SET_NS - STARTED_NS;
 
 /// Records an act into a session at `path`. `told` hears what is being done and the share of it that is done.
 ///
@@ -96,7 +105,7 @@ pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sy
     }
     let bus: Arc<dyn Bus> = Arc::new(bus);
     let mut event_cameras = open_on(&RigConfig { devices: on_bus(&rig), ..rig.clone() }, &bus)?;
-    world.run(begin_ns - STARTED_NS, &mut [], &mut |_| {});
+    world.run(RECORDED_NS, &mut [], &mut |_| {});
 
     let session = Recording::begin(path, &text, world.now_ns())?;
     for Input { source, .. } in &mut event_cameras {
@@ -104,23 +113,33 @@ pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sy
         let outlet = session.outlet(source.description(), &world)?;
         source.start(outlet).map_err(|source| TakeError::Source { doing: "start", id, source })?;
     }
+    let mut board = None;
+    for device in &rig.devices {
+        let DeviceSettings::Trigger(config) = &device.settings else { continue };
+        let settings = config.settings()?;
+        let outlet = session.outlet(&trigger::description(&device.id, &settings), &world)?;
+        let clock = BoardClock { ppm: -38.0, drift_ppm_per_minute: 0.2 };
+        let model = Board::new(clock, fault::of_board(&plan.faults), PLUGGED_NS);
+        let host = TriggerHost::start(model, &settings, wires.clone(), outlet, world.now_ns());
+        if let Some(film) = &plan.film {
+            film.begin(begin_ns + (1e9 * BEFORE_S) as i64, |ahead| host.rise_ns(ahead));
+        }
+        board = Some(host);
+    }
     let mut devices: Vec<Box<dyn Stepped>> = Vec::new();
+    // First: a pulse reaches the cameras in the step in which it comes.
+    devices.extend(board.map(|host| Box::new(host) as Box<dyn Stepped>));
     for (index, camera) in plan.cameras.iter().enumerate().filter(|(_, camera)| !camera.kind.sees_events()) {
         let device = device(&rig, &camera.id)?;
         let DeviceSettings::Camera(config) = &device.settings else { continue };
         let description = kernel::description(config, plan.exposure_us(camera.kind, act));
         let outlet = session.outlet(&description, &world)?;
         let model = scenes.frame_camera(index, camera, config.rate_hz, &wires)?;
-        devices.push(Box::new(UvcHost::start(model, description, config.rate_hz, outlet, world.now_ns())));
-    }
-    for device in &rig.devices {
-        let DeviceSettings::Trigger(config) = &device.settings else { continue };
-        let settings = config.settings()?;
-        let outlet = session.outlet(&trigger::description(&device.id, &settings), &world)?;
-        let clock = BoardClock { ppm: -38.0, drift_ppm_per_minute: 0.2 };
-        let board = Board::new(clock, fault::of_board(&plan.faults), PLUGGED_NS);
-        // First: a pulse reaches the cameras in the step in which it comes.
-        devices.insert(0, Box::new(TriggerHost::start(board, &settings, wires.clone(), outlet, world.now_ns())));
+        let begins_ns = match (&plan.film, camera.kind) {
+            (Some(film), Kind::Uvc { triggered: false }) => film.in_step_ns(world.now_ns()),
+            _ => world.now_ns(),
+        };
+        devices.push(Box::new(UvcHost::start(model, description, config.rate_hz, outlet, begins_ns)));
     }
     let end_ns = begin_ns + (1e9 * plan.seconds(act)) as i64;
     world.run(end_ns, &mut devices, &mut |share| told("recording", share));
@@ -129,7 +148,11 @@ pub fn record(plan: &Plan, act: Act, path: &Path, told: &(dyn Fn(&str, f64) + Sy
         source.stop().map_err(|source| TakeError::Source { doing: "stop", id, source })?;
     }
     drop((devices, event_cameras));
-    session.finish(world.now_ns())
+    session.finish(world.now_ns())?;
+    match plan.film.as_ref().and_then(|film| film.take_failure()) {
+        Some(error) => Err(FilmError::from(error).into()),
+        None => Ok(()),
+    }
 }
 
 /// The stage lives as long as the program: its views are handed to devices.
@@ -166,11 +189,16 @@ impl Scenes<'_> {
         [self.begin_ns + (1e9 * BEFORE_S) as i64, (1e9 * self.plan.performance_s) as i64]
     }
 
+    fn film(&self) -> Result<Arc<Film>, TakeError> {
+        self.plan.film.clone().ok_or(TakeError::NoFilm)
+    }
+
     fn events(&self, index: usize, camera: &Camera) -> Result<Box<dyn EventScene>, TakeError> {
         let seed = self.plan.seed + index as u64;
         Ok(match self.act {
             Act::Screen => Box::new(ScreenEvents::new(self.screen(camera), seed)),
             Act::Wand => Box::new(WandEvents::new(Wand::new(camera.lens, camera.place, self.begin_ns), seed)),
+            Act::Film => Box::new(FilmEvents::new(self.film()?, &camera.id)?),
             Act::Performance => {
                 let view = StageView::new(self.stage, &camera.lens, &camera.place)?;
                 let what = format!("events of {}", camera.id);
@@ -212,6 +240,7 @@ impl Scenes<'_> {
         let frames: Box<dyn FrameScene> = match self.act {
             Act::Screen => Box::new(ScreenFrames::new(self.screen(camera))),
             Act::Wand => Box::new(WandFrames::new(Wand::new(camera.lens, camera.place, self.begin_ns), seed)),
+            Act::Film => Box::new(FilmFrames::new(self.film()?, &camera.id)?),
             Act::Performance => {
                 let view = StageView::new(self.stage, &camera.lens, &camera.place)?;
                 let [begin_ns, length_ns] = self.performance();
@@ -230,6 +259,8 @@ impl Scenes<'_> {
             rates_hz: vec![rate_hz],
             trigger: is_triggered.then(|| wires.frames.clone()),
             faults,
+            // What is held out of a film is known at its instants, so that nothing may come between.
+            readout_ns: if self.act == Act::Film && !is_triggered { 0 } else { UvcOptions::default().readout_ns },
             ..UvcOptions::default()
         };
         Ok(Plug::new(Uvc::new(options, frames), &cable))

@@ -87,6 +87,12 @@ impl TriggerHost {
         Self { board, wires, outlet, sequence: 0, asked_ns: 0, sent: VecDeque::new(), key: 5 }
     }
 
+    /// When a pulse comes, counted from the next one; `None` while there are none.
+    #[must_use]
+    pub fn rise_ns(&self, ahead: i64) -> Option<i64> {
+        self.board.rise_ns(ahead)
+    }
+
     /// Hands on what the board has said by a time.
     fn hear(&mut self, said_ns: i64) {
         let said = self.board.take_said();

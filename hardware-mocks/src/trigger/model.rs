@@ -232,6 +232,12 @@ impl Board {
         }
     }
 
+    /// When a pulse comes, counted from the next one, in the caller's nanoseconds; `None` while the board is stopped.
+    #[must_use]
+    pub fn rise_ns(&self, ahead: i64) -> Option<i64> {
+        self.next.map(|tick| self.powered_ns + self.clock.time_ns(tick + ahead * i64::from(self.period)))
+    }
+
     /// Gives every pulse that is due until `now_ns`.
     pub fn advance(&mut self, now_ns: i64) {
         while let Some(tick) = self.next.filter(|&tick| tick <= self.tick(now_ns)) {

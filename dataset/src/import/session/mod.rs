@@ -59,6 +59,27 @@ pub struct Timing {
     pub offset_ns: i64,
 }
 
+/// What event cameras answer to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Response {
+    /// The logarithm of light, as a photodiode's is; linear where its dark current outweighs the light.
+    #[default]
+    Light,
+    /// The logarithm of display values, linear in the dark, as v2e's simulation has it: a session into which simulated events
+    /// were played.
+    Display,
+}
+
+impl Response {
+    /// Below which level of 255 it is linear.
+    fn lin_log_threshold(self) -> f64 {
+        match self {
+            Self::Light => 2.0,
+            Self::Display => 20.0,
+        }
+    }
+}
+
 /// What of a session is imported.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SessionOptions {
@@ -76,6 +97,8 @@ pub struct SessionOptions {
     /// Contrast thresholds of ON and OFF events, natural logarithm of intensity; what is usual for each camera's sensor where
     /// absent.
     pub thresholds: Option<[f64; 2]>,
+    /// What event cameras answer to.
+    pub response: Response,
     /// Whether frames without colour are taken although other cameras see colours.
     pub grey: bool,
     /// Cameras that are left out.
@@ -95,6 +118,7 @@ impl Default for SessionOptions {
             scales: BTreeMap::new(),
             resample: Resample::Area,
             thresholds: None,
+            response: Response::default(),
             grey: false,
             without: Vec::new(),
             test_cameras: None,
@@ -234,8 +258,8 @@ pub fn import(
                     count: events.len() as u64,
                     threshold_on,
                     threshold_off,
-                    lin_log_threshold: LIN_LOG,
-                    linear_light: true,
+                    lin_log_threshold: options.response.lin_log_threshold(),
+                    linear_light: options.response == Response::Light,
                     covers_ns,
                     simulator: None,
                 })
@@ -266,9 +290,6 @@ pub fn import(
     let dataset = Dataset::new(building.path(), manifest(session, cameras, span_ns, options));
     Ok(dataset.complete(building, out)?)
 }
-
-/// Below this level of 255 the sensors' response is taken as linear: where a photodiode's dark current outweighs the light.
-const LIN_LOG: f64 = 2.0;
 
 /// Events that lack no more than this at an end of a dataset are not worth words, nanoseconds.
 const UNTOLD_NS: i64 = 20_000_000;
@@ -390,6 +411,7 @@ fn manifest(session: &Session, cameras: Vec<Camera>, span_ns: [i64; 2], options:
     given.insert("every".to_owned(), json!(options.every));
     given.insert("scale".to_owned(), json!(options.scale));
     given.extend((!options.scales.is_empty()).then(|| ("scales".to_owned(), json!(options.scales))));
+    given.extend((options.response == Response::Display).then(|| ("response".to_owned(), json!("display"))));
     given.extend(options.test_cameras.as_ref().map(|names| ("test_cameras".to_owned(), json!(names))));
     Manifest {
         format: Manifest::FORMAT.to_owned(),

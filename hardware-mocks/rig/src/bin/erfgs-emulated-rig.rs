@@ -10,7 +10,8 @@ use std::{
 };
 
 use clap::{Parser, ValueEnum};
-use erfgs_emulated_rig::{Act, Plan, record};
+use erfgs_dataset::Dataset;
+use erfgs_emulated_rig::{Act, Film, Plan, record};
 
 /// Records a take of a rig of emulated cameras and a trigger board into a session. Nothing but what a real rig would record
 /// comes out; the rig file is to be found by calibration.
@@ -21,7 +22,9 @@ use erfgs_emulated_rig::{Act, Plan, record};
   erfgs-emulated-rig screen lenses.mcap        a board blinks on a screen: erfgs calibrate board --blink 15
   erfgs-emulated-rig wand wand.mcap            a wand is waved: erfgs calibrate wand
   erfgs-emulated-rig performance throw.mcap    a ball is thrown: erfgs dataset import session
-  erfgs-emulated-rig performance --rig-toml    what a user of such a rig would write into RIG.toml"
+  erfgs-emulated-rig performance --rig-toml    what a user of such a rig would write into RIG.toml
+  erfgs-emulated-rig film throw.mcap --dataset ds-dv --rig rig.json
+                                               each camera is shown what the dataset has of it"
 )]
 struct Cli {
     /// What is done before the cameras.
@@ -32,6 +35,12 @@ struct Cli {
     /// Fewer cameras, smaller pictures, shorter takes.
     #[arg(long)]
     small: bool,
+    /// The dataset that is the film: of each camera frames or events.
+    #[arg(long, value_name = "DATASET", required_if_eq("act", "film"), conflicts_with = "small")]
+    dataset: Option<PathBuf>,
+    /// Where the cameras of the film stand is written into this rig file, as a calibration would tell it.
+    #[arg(long, value_name = "RIG.json", requires = "dataset")]
+    rig: Option<PathBuf>,
     /// Print the rig file of the take, and do nothing else.
     #[arg(long)]
     rig_toml: bool,
@@ -45,6 +54,8 @@ enum Take {
     Wand,
     /// A ball is thrown, a fan spins, a pendulum swings.
     Performance,
+    /// A dataset is shown to the cameras.
+    Film,
 }
 
 fn main() -> ExitCode {
@@ -62,8 +73,14 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
         Take::Screen => Act::Screen,
         Take::Wand => Act::Wand,
         Take::Performance => Act::Performance,
+        Take::Film => Act::Film,
     };
-    let plan = if cli.small { Plan::small()? } else { Plan::full()? };
+    let plan = match &cli.dataset {
+        Some(_) if act != Act::Film => return Err("--dataset is for the film alone".into()),
+        Some(dataset) => Film::plan(Dataset::load(dataset)?)?,
+        None if cli.small => Plan::small()?,
+        None => Plan::full()?,
+    };
     if cli.rig_toml {
         print!("{}", plan.rig_toml(act));
         return Ok(());
@@ -72,6 +89,13 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
     let shown = Shown { is_terminal: std::io::stderr().is_terminal(), said: Mutex::default() };
     record(&plan, act, out, &|what, share| shown.tell(what, share))?;
     shown.done();
+    if let Some(rig) = &cli.rig {
+        Film::rig_file(&plan).write(rig)?;
+    }
+    if let Some(film) = &plan.film {
+        let [from_s, seconds] = film.window_s();
+        eprintln!("the film in it: erfgs dataset import session --from {from_s:.4} --seconds {seconds:.4}");
+    }
     Ok(())
 }
 
