@@ -6,10 +6,7 @@ use std::{f64::consts::PI, fs, path::Path, sync::LazyLock};
 
 use erfgs_dataset::{Camera, Dataset};
 use erfgs_emulated_rig::{Act, Fault, Plan, plan::Kind, record};
-use erfgs_scene::{
-    Modality, Pose,
-    rig_file::{RigCamera, RigFile},
-};
+use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
 use crate::recording::{
@@ -37,12 +34,7 @@ static TAKE: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
         Fault::LostLines { pulses: 29..31 },
     ];
     record(&plan, Act::Performance, &folder.path().join("take.mcap"), &|_, _| {}).expect("a take");
-    let camera = |camera: &erfgs_emulated_rig::plan::Camera| {
-        let modality = if camera.kind.sees_events() { Modality::Event } else { Modality::Rgb };
-        RigCamera::new(&camera.id, modality, camera.lens, Some(camera.place))
-    };
-    let rig = RigFile::new("plan", true, plan.cameras.iter().map(camera).collect());
-    rig.write(&folder.path().join("rig.json")).expect("a rig");
+    plan.rig_file("plan").write(&folder.path().join("rig.json")).expect("a rig");
     folder
 });
 

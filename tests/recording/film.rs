@@ -35,7 +35,7 @@ fn what_a_film_shows_is_what_the_recording_of_it_holds() {
     let shown = Dataset::load(&folder.join("shown")).expect("a dataset");
     let plan = Film::plan(shown.clone()).expect("a plan");
     record(&plan, Act::Film, &folder.join("take.mcap"), &|_, _| {}).expect("a take");
-    Film::rig_file(&plan).write(&folder.join("rig.json")).expect("a rig");
+    plan.rig_file("film").write(&folder.join("rig.json")).expect("a rig");
     let [from_s, seconds] = plan.film.as_ref().expect("a film").window_s();
     let tests: Vec<&str> = shown.cameras(erfgs_dataset::Split::Test).map(|camera| camera.name.as_str()).collect();
     let event = shown.manifest.cameras.iter().find(|camera| camera.events.is_some()).expect("an event camera");

@@ -9,16 +9,14 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use erfgs_dataset::{Camera as Viewpoint, Dataset, DatasetError, Frame, Split};
 use erfgs_events::{CdEvent, Event, Events};
 use erfgs_hardware_mocks::usb::{
-    clock::{ClockError, TimeBase},
+    clock::TimeBase,
     scene::{EventScene, FrameScene, Picture},
 };
-use erfgs_scene::{
-    Intrinsics, Modality,
-    rig_file::{RigCamera, RigFile},
-};
+use erfgs_scene::Intrinsics;
 
 use crate::{
-    plan::{Camera, Kind, Plan},
+    performance::Played,
+    plan::{Camera, Kind, Plan, crystal},
     take,
 };
 
@@ -143,24 +141,20 @@ impl Film {
         let free = Steps::of(with_frames(Split::Test))?;
         let mut cameras = Vec::new();
         for (index, camera) in dataset.manifest.cameras.iter().enumerate() {
-            let size = [camera.intrinsics.width, camera.intrinsics.height];
             let (kind, serial, lens) = match (camera.frames.is_empty(), &camera.events) {
                 (false, None) => {
                     let kind = Kind::Uvc { triggered: camera.split == Split::Train };
                     (kind, format!("UVC{index:05}"), camera.intrinsics)
                 }
                 (true, Some(_)) => {
-                    let enlarged =
-                        enlargement(size).ok_or_else(|| FilmError::Size { camera: camera.name.clone(), size })?;
-                    (Kind::Evk4, format!("{:08x}", 0x0006_0101 + index), on_evk4(&camera.intrinsics, enlarged))
+                    let lens = on_evk4(&camera.intrinsics, side(camera)?);
+                    (Kind::Evk4, format!("{:08x}", 0x0006_0101 + index), lens)
                 }
                 (false, Some(_)) => return Err(FilmError::Both { camera: camera.name.clone() }),
                 (true, None) => continue,
             };
             let pose = camera.world_to_camera;
-            let spread = |step: usize| ((index * step) % 11) as f64 - 5.0;
-            let (offset_ppm, drift_ppm_per_min) = (9.0 * spread(7), 0.1 * spread(3));
-            let clock = ClockError { offset_ppm, drift_ppm_per_min, ..ClockError::default() };
+            let clock = crystal(index);
             cameras.push(Camera { id: camera.name.clone(), kind, serial, lens, place: pose, bench: pose, clock });
         }
         let [first, last] = dataset.manifest.span_ns;
@@ -181,17 +175,9 @@ impl Film {
         })
     }
 
-    /// Where the cameras stand, as the dataset says, for the sensors of the rig.
-    #[must_use]
-    pub fn rig_file(plan: &Plan) -> RigFile {
-        let cameras = plan.cameras.iter().map(Camera::told).collect();
-        RigFile::new("film", true, cameras)
-    }
-
-    /// Exposure of the cameras that wait for the trigger, or run freely, microseconds.
-    pub(crate) fn exposure_us(&self, is_triggered: bool) -> f64 {
-        let steps = if is_triggered { Some(&self.triggered) } else { self.free.as_ref() };
-        steps.map_or(SHORTEST_NS, |steps| steps.exposure_ns) as f64 / 1e3
+    /// Exposure of the cameras that run freely, microseconds.
+    pub(crate) fn free_exposure_us(&self) -> f64 {
+        self.free.as_ref().map_or(SHORTEST_NS, |steps| steps.exposure_ns) as f64 / 1e3
     }
 
     /// Begins with the first pulse after a time. `pulse` tells when a pulse of the board comes.
@@ -236,6 +222,12 @@ impl Film {
 fn enlargement([width, height]: [u32; 2]) -> Option<u32> {
     let most = (EVK4[0] / width.max(1)).min(EVK4[1] / height.max(1));
     (1..=most).rev().find(|times| EVK4.iter().all(|side| side.is_multiple_of(*times)))
+}
+
+/// The same for a camera.
+fn side(camera: &Viewpoint) -> Result<u32, FilmError> {
+    let size = [camera.intrinsics.width, camera.intrinsics.height];
+    enlargement(size).ok_or_else(|| FilmError::Size { camera: camera.name.clone(), size })
 }
 
 /// The lens of a camera before an EVK4: what the dataset has is in the corner where pixels are counted from.
@@ -285,15 +277,12 @@ impl FilmFrames {
 impl FrameScene for FilmFrames {
     fn frame(&mut self, _number: u64, exposure_ns: [i64; 2], width: u32, height: u32) -> (u64, Arc<Picture>) {
         let index = self.at(exposure_ns);
-        let picture = self.camera.frames.get(index).map(|frame| self.film.dataset.read_image(&self.camera, frame));
-        let rgb = match picture {
-            Some(Ok(image)) => image.data,
-            Some(Err(error)) => {
-                self.film.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-                vec![0; 3 * width as usize * height as usize]
-            }
-            None => vec![0; 3 * width as usize * height as usize],
-        };
+        let read = self.camera.frames.get(index).map(|frame| self.film.dataset.read_image(&self.camera, frame));
+        let image = read.transpose().unwrap_or_else(|error| {
+            self.film.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            None
+        });
+        let rgb = image.map_or_else(|| vec![0; 3 * width as usize * height as usize], |image| image.data);
         (index as u64, Arc::new(Picture { width, height, rgb }))
     }
 }
@@ -301,8 +290,7 @@ impl FrameScene for FilmFrames {
 /// The events of a camera.
 pub struct FilmEvents {
     film: Arc<Film>,
-    events: Events,
-    next: usize,
+    played: Played,
 }
 
 impl FilmEvents {
@@ -312,10 +300,9 @@ impl FilmEvents {
     /// If the camera's events cannot be read.
     pub fn new(film: Arc<Film>, name: &str) -> Result<Self, FilmError> {
         let camera = film.viewpoint(name)?;
-        let size = [camera.intrinsics.width, camera.intrinsics.height];
-        let times = enlargement(size).ok_or_else(|| FilmError::Size { camera: name.into(), size })?;
-        let events = enlarged(&film.dataset.read_events(camera)?.unwrap_or_default(), times as u16);
-        Ok(Self { film, events, next: 0 })
+        let events = film.dataset.read_events(camera)?.unwrap_or_default();
+        let played = Played::new(enlarged(&events, side(camera)? as u16));
+        Ok(Self { film, played })
     }
 }
 
@@ -323,25 +310,9 @@ impl EventScene for FilmEvents {
     fn begin(&mut self, _clock: &TimeBase, _now_ns: i64) {}
 
     fn until(&mut self, clock: &TimeBase, now_ns: i64, events: &mut Vec<CdEvent>) {
-        let Some(begins_ns) = self.film.begins_ns() else { return };
-        while self.next < self.events.len() {
-            let event = self.events.get(self.next);
-            let at_ns = begins_ns + 1000 * event.t_us;
-            if at_ns > now_ns {
-                return;
-            }
-            events.push(CdEvent { t_us: clock.ticks_us(at_ns), x: event.x, y: event.y, on: event.on });
-            self.next += 1;
+        if let Some(begins_ns) = self.film.begins_ns() {
+            self.played.until(begins_ns, clock, now_ns, events);
         }
-    }
-}
-
-impl Camera {
-    /// What a rig file says of the camera: where it stands, and its lens.
-    #[must_use]
-    pub fn told(&self) -> RigCamera {
-        let modality = if self.kind.sees_events() { Modality::Event } else { Modality::Rgb };
-        RigCamera::new(&self.id, modality, self.lens, Some(self.place))
     }
 }
 

@@ -51,9 +51,8 @@ impl FrameScene for StageFrames {
 
 /// The events of the performance.
 pub struct StageEvents {
-    events: Events,
-    begin_us: i64,
-    next: usize,
+    played: Played,
+    begin_ns: i64,
 }
 
 impl StageEvents {
@@ -78,19 +77,42 @@ impl StageEvents {
             ..EventOptions::default()
         };
         let events = events::record(view, [0, length_ns], &options, seed, stream, told)?;
-        Ok(Self { events, begin_us: begin_ns / 1000, next: 0 })
+        Ok(Self { played: Played::new(events), begin_ns })
     }
 }
 
 impl EventScene for StageEvents {
     fn begin(&mut self, _clock: &TimeBase, now_ns: i64) {
-        self.next = self.events.t_us.partition_point(|&t| self.begin_us + t <= now_ns / 1000);
+        self.played.skip(self.begin_ns, now_ns);
     }
 
     fn until(&mut self, clock: &TimeBase, now_ns: i64, events: &mut Vec<CdEvent>) {
+        self.played.until(self.begin_ns, clock, now_ns, events);
+    }
+}
+
+/// Events that are there already, and which of them comes next.
+pub(crate) struct Played {
+    events: Events,
+    next: usize,
+}
+
+impl Played {
+    /// All of them are still to come.
+    pub(crate) fn new(events: Events) -> Self {
+        Self { events, next: 0 }
+    }
+
+    /// Passes over those until `now_ns` of the world's time, where they begin at `begin_ns` of it.
+    fn skip(&mut self, begin_ns: i64, now_ns: i64) {
+        self.next = self.events.t_us.partition_point(|&t_us| at_ns(begin_ns, t_us) <= now_ns);
+    }
+
+    /// Appends those until `now_ns`, stamped with the sensor's clock.
+    pub(crate) fn until(&mut self, begin_ns: i64, clock: &TimeBase, now_ns: i64, events: &mut Vec<CdEvent>) {
         while self.next < self.events.len() {
             let event = self.events.get(self.next);
-            let at_ns = (self.begin_us + event.t_us) * 1000;
+            let at_ns = at_ns(begin_ns, event.t_us);
             if at_ns > now_ns {
                 return;
             }
@@ -98,4 +120,8 @@ impl EventScene for StageEvents {
             self.next += 1;
         }
     }
+}
+
+fn at_ns(begin_ns: i64, t_us: i64) -> i64 {
+    begin_ns + 1000 * t_us
 }

@@ -3,7 +3,10 @@
 use std::{fmt::Write as _, sync::Arc};
 
 use erfgs_hardware_mocks::usb::clock::ClockError;
-use erfgs_scene::{Intrinsics, Pose};
+use erfgs_scene::{
+    Intrinsics, Modality, Pose,
+    rig_file::{RigCamera, RigFile},
+};
 use erfgs_stage::{RigOptions, StageError};
 use glam::{DQuat, DVec3};
 
@@ -163,21 +166,14 @@ impl Plan {
             let serial = format!("{:08x}", 0x0005_0101 + index);
             cameras.push((format!("event{}", index - usize::from(index > middle)), Kind::Evk4, serial, camera));
         }
-        let cameras = cameras.into_iter().enumerate().map(|(index, (id, kind, serial, camera))| {
-            let spread = |step: i32| f64::from((index as i32 * step) % 11 - 5);
-            Camera {
-                id,
-                kind,
-                serial,
-                lens: camera.intrinsics,
-                place: camera.world_to_camera,
-                bench: bench(index),
-                clock: ClockError {
-                    offset_ppm: 9.0 * spread(7),
-                    drift_ppm_per_min: 0.1 * spread(3),
-                    ..ClockError::default()
-                },
-            }
+        let cameras = cameras.into_iter().enumerate().map(|(index, (id, kind, serial, camera))| Camera {
+            id,
+            kind,
+            serial,
+            lens: camera.intrinsics,
+            place: camera.world_to_camera,
+            bench: bench(index),
+            clock: crystal(index),
         });
         Ok(Self { cameras: cameras.collect(), ..Self::empty() })
     }
@@ -212,12 +208,22 @@ impl Plan {
         }
     }
 
+    /// Where the cameras stand, and their lenses, as a calibration without error would tell. `method`: how it is known.
+    #[must_use]
+    pub fn rig_file(&self, method: &str) -> RigFile {
+        let told = |camera: &Camera| {
+            let modality = if camera.kind.sees_events() { Modality::Event } else { Modality::Rgb };
+            RigCamera::new(&camera.id, modality, camera.lens, Some(camera.place))
+        };
+        RigFile::new(method, true, self.cameras.iter().map(told).collect())
+    }
+
     /// Exposure of a camera in an act, microseconds.
     #[must_use]
     pub fn exposure_us(&self, kind: Kind, act: Act) -> f64 {
         match (act, kind, &self.film) {
-            (Act::Film, Kind::Uvc { triggered }, Some(film)) => film.exposure_us(triggered),
-            (Act::Performance, Kind::Uvc { triggered: true }, _) => self.exposure_us,
+            (Act::Performance | Act::Film, Kind::Uvc { triggered: true }, _) => self.exposure_us,
+            (Act::Film, Kind::Uvc { triggered: false }, Some(film)) => film.free_exposure_us(),
             _ => SHORT_US,
         }
     }
@@ -256,6 +262,12 @@ impl Plan {
         );
         text
     }
+}
+
+/// The error of the crystal of a camera: up to 45 parts in a million, and drifting.
+pub(crate) fn crystal(index: usize) -> ClockError {
+    let spread = |step: usize| ((index * step) % 11) as f64 - 5.0;
+    ClockError { offset_ppm: 9.0 * spread(7), drift_ppm_per_min: 0.1 * spread(3), ..ClockError::default() }
 }
 
 /// Beside each other on a bench, some centimetres apart and not quite parallel.

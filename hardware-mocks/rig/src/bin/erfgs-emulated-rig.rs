@@ -90,7 +90,7 @@ fn run(cli: &Cli) -> Result<(), Box<dyn Error>> {
     record(&plan, act, out, &|what, share| shown.tell(what, share))?;
     shown.done();
     if let Some(rig) = &cli.rig {
-        Film::rig_file(&plan).write(rig)?;
+        plan.rig_file("film").write(rig)?;
     }
     if let Some(film) = &plan.film {
         let [from_s, seconds] = film.window_s();
