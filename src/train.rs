@@ -53,7 +53,9 @@ Motion:
   hexplane   a deformation field that all Gaussians share (4DGS)
   free-time  each Gaussian is born at an instant, with a velocity, and lives for a while (after FreeTimeGS); starts from the \
 points of what moves, which `erfgs dataset points` finds
-  auto       free-time where the dataset has such points, else hexplane; what the default preset does
+  still      nothing moves: no motion is learned, and events are not looked at
+  auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
+             hexplane; what the default preset does
 
 With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
@@ -154,7 +156,9 @@ pub enum MotionName {
     HexPlane,
     /// A trajectory and a life for each Gaussian.
     FreeTime,
-    /// By whether points are known to move.
+    /// Nothing moves.
+    Still,
+    /// By what the dataset shows.
     Auto,
 }
 
@@ -163,6 +167,7 @@ impl From<MotionName> for MotionModel {
         match name {
             MotionName::HexPlane => Self::HexPlane,
             MotionName::FreeTime => Self::FreeTime,
+            MotionName::Still => Self::Still,
             MotionName::Auto => Self::Auto,
         }
     }

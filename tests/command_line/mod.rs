@@ -14,6 +14,7 @@ mod simulate;
 #[cfg(target_os = "linux")]
 mod slurm;
 mod stability;
+mod still;
 mod sweep;
 mod variants;
 mod view;

@@ -55,6 +55,9 @@ impl StageView<'_> {
 
     fn bounds(&self, t: f64, half: f64) -> Vec<Bound> {
         let stage = self.stage;
+        if stage.actors() == Actors::NONE {
+            return Vec::new();
+        }
         let moment = Moment::at(stage, t, Actors::ALL);
         let (ball, fan, pendulum) = (&stage.ball, &stage.fan, &stage.pendulum);
         let bob = moment.pendulum.bob;

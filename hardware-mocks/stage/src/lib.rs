@@ -55,6 +55,7 @@ pub use rig::{RigCamera, RigOptions, Role};
 pub use view::StageView;
 
 use self::{
+    actors::Actors,
     light::Light,
     motion::{Ball, Fan, Pendulum},
     set::StageSet,
@@ -68,13 +69,15 @@ pub struct StageOptions {
     /// Whether the ball and the pendulum's bob cast shadows on the room, which then belong to the masks of what moves.
     /// (Furniture always casts them.)
     pub shadows: bool,
+    /// Whether nothing moves: the room without the ball, the fan's blades and the pendulum.
+    pub empty: bool,
     /// A pixel is the mean of `samples_per_axis` squared sub-pixel rays. At least 1.
     pub samples_per_axis: u32,
 }
 
 impl Default for StageOptions {
     fn default() -> Self {
-        Self { seed: 1, shadows: false, samples_per_axis: 3 }
+        Self { seed: 1, shadows: false, empty: false, samples_per_axis: 3 }
     }
 }
 
@@ -101,6 +104,11 @@ impl Stage {
         let (ball, fan, pendulum) = (Ball::default(), Fan::default(), Pendulum::default());
         let set = StageSet::new(options.seed, &fan, &pendulum);
         Self { options, ball, fan, pendulum, set, light: Light::default() }
+    }
+
+    /// What moves in it.
+    pub(crate) fn actors(&self) -> Actors {
+        if self.options.empty { Actors::NONE } else { Actors::ALL }
     }
 }
 

@@ -120,7 +120,7 @@ impl<'stage> StageView<'stage> {
         let (from, to) = (seconds(start), seconds(end.max(start)));
         let moments: Vec<Moment> = (0..samples)
             .map(|k| from + (to - from) * (f64::from(k) + 0.5) / f64::from(samples))
-            .map(|t| Moment::at(self.stage, t, Actors::ALL))
+            .map(|t| Moment::at(self.stage, t, self.stage.actors()))
             .collect();
         let changed: Vec<(usize, [f32; 3])> = self
             .reached(from, to)
@@ -151,7 +151,7 @@ impl<'stage> StageView<'stage> {
     /// image is that of the empty room.
     #[must_use]
     pub fn mask(&self, t_ns: i64) -> Vec<bool> {
-        let moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
+        let moment = Moment::at(self.stage, seconds(t_ns), self.stage.actors());
         let mut mask = vec![false; self.pixels()];
         for (pixel, actors) in self.reached(seconds(t_ns), seconds(t_ns)) {
             mask[pixel] = self.looker(pixel).colour(&moment, actors).is_some();
@@ -163,14 +163,14 @@ impl<'stage> StageView<'stage> {
     /// counts where it covers at least half of the ray.
     #[must_use]
     pub fn depth(&self, t_ns: i64) -> Vec<f32> {
-        let moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
+        let moment = Moment::at(self.stage, seconds(t_ns), self.stage.actors());
         (0..self.pixels())
             .into_par_iter()
             .map(|pixel| {
                 let ray = self.ray_through(pixel, [0.5, 0.5]);
                 let still =
                     self.stage.set.hit(ray.origin, ray.direction).map_or(f64::INFINITY, |(hit, _)| hit.distance);
-                let fragments = self.stage.fragments(&ray, &moment, Actors::ALL, still);
+                let fragments = self.stage.fragments(&ray, &moment, moment.actors, still);
                 let distance = fragments.iter().find(|f| f.cover >= 0.5).map_or(still, |f| f.distance);
                 (distance * self.pose.rotation.mul_vec3(ray.direction).z) as f32
             })
@@ -183,7 +183,7 @@ impl<'stage> StageView<'stage> {
         let ray = self.ray_through(0, [x, y]);
         let backdrop = self.trace_still(&ray, 0);
         let still = f64::from(backdrop.distance);
-        let fragments = self.stage.fragments(&ray, moment, Actors::ALL, still);
+        let fragments = self.stage.fragments(&ray, moment, moment.actors, still);
         let (distance, colour) = match fragments.iter().find(|f| f.cover >= 0.5) {
             Some(fragment) => (fragment.distance, fragment.colour),
             None => (still, backdrop.unshaded()),
@@ -193,7 +193,7 @@ impl<'stage> StageView<'stage> {
 
     /// Linear light of one pixel at an instant, seconds; none where nothing touches it.
     pub(crate) fn pixel_at(&self, pixel: usize, t: f64) -> Option<DVec3> {
-        self.looker(pixel).colour(&Moment::at(self.stage, t, Actors::ALL), Actors::ALL)
+        self.looker(pixel).colour(&Moment::at(self.stage, t, self.stage.actors()), self.stage.actors())
     }
 
     /// Linear light of one pixel of the empty room.

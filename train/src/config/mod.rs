@@ -43,7 +43,10 @@ pub enum MotionModel {
     HexPlane,
     /// An instant, a velocity, an acceleration and a life for each Gaussian (after FreeTimeGS).
     FreeTime,
-    /// `free-time` where the dataset has points that are known to move, else `hexplane`; see [`Config::settle`].
+    /// Nothing moves: no motion is learned, and events, which tell of nothing else, are not looked at.
+    Still,
+    /// `free-time` where the dataset has points that are known to move, `still` where neither frames nor events show that
+    /// anything does, else `hexplane`; see [`Config::settle`].
     Auto,
 }
 

@@ -3,7 +3,7 @@
 use erfgs_dataset::{Dataset, DatasetError};
 
 use super::{Config, MotionModel};
-use crate::scene::{displacement, extent};
+use crate::scene::{displacement, extent, stands_still};
 
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
@@ -99,11 +99,18 @@ impl Config {
     /// live; and brings the near plane closer where the scene is small. `without_points` says that the dataset's points are not used.
     ///
     /// # Errors
-    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
+    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged; where
+    /// no point is known to move, the same of the frames and events that are then looked at.
     pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), DatasetError> {
         if self.motion == MotionModel::Auto {
             let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
-            self.motion = if moving { MotionModel::FreeTime } else { MotionModel::HexPlane };
+            self.motion = if moving {
+                MotionModel::FreeTime
+            } else if stands_still(dataset, &self.dynamic)? {
+                MotionModel::Still
+            } else {
+                MotionModel::HexPlane
+            };
         }
         if self.motion == MotionModel::FreeTime {
             // Gaussians are born where things were in the middle of an exposure.

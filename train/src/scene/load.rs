@@ -5,7 +5,10 @@ use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
 use super::{Bins, EventView, HeldOutFrame, Point, Scene, SceneError, SceneView, TrainFrame};
-use crate::{config::Config, raster::View};
+use crate::{
+    config::{Config, MotionModel},
+    raster::View,
+};
 
 const RANDOM_POINTS: u64 = 0x706f_696e_7473;
 
@@ -69,7 +72,7 @@ impl Scene {
         scene.frame_times = scene.frames.iter().map(|frame| frame.instant(config.blur.instant)).collect();
         scene.frame_times.sort_unstable_by(f64::total_cmp);
         scene.frame_times.dedup();
-        if config.earl.enabled || config.eds.enabled {
+        if (config.earl.enabled || config.eds.enabled) && config.motion != MotionModel::Still {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
             scene.events = scene.read_events(config.earl.denoise)?;

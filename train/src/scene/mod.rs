@@ -6,6 +6,7 @@ mod events;
 mod load;
 mod motion;
 mod near;
+mod still;
 
 use std::path::PathBuf;
 
@@ -16,6 +17,7 @@ pub use events::{Bins, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
+pub(crate) use still::stands_still;
 
 use crate::raster::{RasterError, View};
 

@@ -32,6 +32,10 @@ impl Trainer<'_> {
         let masks = self.find_regions();
         population = match self.config.motion {
             MotionModel::FreeTime => self.born(population),
+            MotionModel::Still => {
+                population.gaussians.dynamic = 0;
+                population
+            }
             MotionModel::HexPlane | MotionModel::Auto if self.config.dynamic.skip_static => {
                 let moves = classify(&self.scene, &masks, &means, self.config.dynamic.share);
                 population.partition(&moves)
@@ -81,8 +85,11 @@ impl Trainer<'_> {
 
     /// Finds where things move, and keeps it for the views whose samples look there alone.
     pub(super) fn find_regions(&mut self) -> MotionMasks {
-        let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
         self.regions = vec![None; self.scene.views.len()];
+        if self.config.motion == MotionModel::Still {
+            return MotionMasks { masks: Vec::new() };
+        }
+        let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
         if self.config.dynamic.whole_image_every > 1 || self.config.dynamic.coarse_without_moving {
             // Where nothing moves in a view, its samples look at all of it: there is nothing else to learn.
             for (view, mask) in masks.masks.iter().filter(|(_, mask)| mask.contains(&true)) {
@@ -178,7 +185,13 @@ impl Trainer<'_> {
             self.left_out.push(LeftOut { what: what.into(), why, saves });
         };
         let (count, dynamic) = (gaussians.len(), gaussians.dynamic);
-        if self.config.motion == MotionModel::FreeTime {
+        if self.config.motion == MotionModel::Still {
+            note(
+                "motion",
+                "nothing moves, by frames, events and points, or as the configuration says".into(),
+                "the motion model and its gradients".into(),
+            );
+        } else if self.config.motion == MotionModel::FreeTime {
             note(
                 "the deformation field",
                 format!(
@@ -206,7 +219,7 @@ impl Trainer<'_> {
                 format!("{:.0} % of the pixels of those samples", 100.0 * (1.0 - share)),
             );
         }
-        if self.config.motion != MotionModel::FreeTime && !self.config.field.sh_head {
+        if matches!(self.config.motion, MotionModel::HexPlane | MotionModel::Auto) && !self.config.field.sh_head {
             note(
                 "the head that deforms colour",
                 "colours are taken to travel with their Gaussians, which leaves the colour regulariser nothing to hold"
@@ -221,8 +234,12 @@ impl Trainer<'_> {
         if self.scene.events.is_empty() {
             note(
                 "the event loss and event-guided densification",
-                if self.config.earl.enabled { "the dataset has no events" } else { "the method does not use events" }
-                    .into(),
+                match (self.config.earl.enabled, self.config.motion) {
+                    (false, _) => "the method does not use events",
+                    (true, MotionModel::Still) => "where nothing moves, events tell of noise and flicker alone",
+                    (true, _) => "the dataset has no events",
+                }
+                .into(),
                 "two renderings an event sample".into(),
             );
         }

@@ -117,7 +117,9 @@ impl<'a> Trainer<'a> {
             MotionModel::FreeTime if scene.moving_points().is_empty() => {
                 return Err(SceneError::NoMovingPoints { path: scene.dataset.root.clone() }.into());
             }
-            MotionModel::FreeTime => grow::thin(&scene.still_points(), config.init.max_points as usize),
+            MotionModel::FreeTime | MotionModel::Still => {
+                grow::thin(&scene.still_points(), config.init.max_points as usize)
+            }
         };
         let gaussians = Gaussians::from_points(&points, config.sh.max_degree, config.init.opacity);
         let moments = Moments::zero(&gaussians);

@@ -138,20 +138,21 @@ impl Model {
         scene: &Scene,
         field_box: [[f32; 3]; 2],
     ) -> Result<(), TrainError> {
-        self.motion = Some(match config.motion {
+        self.motion = match config.motion {
             MotionModel::HexPlane | MotionModel::Auto => {
                 let field_config = field_config(&config.field, self.gaussians.sh_degree, scene.frame_times.len());
-                Motion::HexPlane(Box::new(Field::new(gpu, &field_config, field_box, config.seed)?))
+                Some(Motion::HexPlane(Box::new(Field::new(gpu, &field_config, field_box, config.seed)?)))
             }
             MotionModel::FreeTime => {
                 let intervals = scene.intervals() as f32;
-                Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)))
+                Some(Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent))))
             }
-        });
+            MotionModel::Still => None,
+        };
         let events_move_only = config.motion == MotionModel::FreeTime && config.free_time.events_move_only;
         self.aside = events_move_only.then(|| self.beside(gpu)).transpose()?;
         self.field_box = field_box;
-        self.sh_head = config.motion != MotionModel::FreeTime && config.field.sh_head;
+        self.sh_head = matches!(self.motion, Some(Motion::HexPlane(_))) && config.field.sh_head;
         self.size_deltas(gpu)
     }
 

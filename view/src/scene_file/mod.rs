@@ -408,6 +408,7 @@ fn learned(field: FieldState, features: usize) -> impl Iterator<Item = Part> {
 fn motion(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
     let Trainer { scene, config, .. } = trainer;
     match config.motion {
+        MotionModel::Still => (HeaderMotion::Still, None),
         MotionModel::FreeTime => {
             let intervals = scene.intervals() as f32;
             let &FreeTimeOptions { least_life, knots, spacing, .. } = &config.free_time;

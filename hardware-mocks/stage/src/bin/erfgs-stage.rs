@@ -36,7 +36,8 @@ enum Command {
     #[command(after_help = "Examples:
   erfgs-stage film --out ds
   erfgs-stage film --out ds --rgb-fps 7.5 --exposure-ms 33 --event 4
-  erfgs-stage film --out clean --ideal --exposure-ms 0 --seed 3")]
+  erfgs-stage film --out clean --ideal --exposure-ms 0 --seed 3
+  erfgs-stage film --out still --empty --rgb-fps 4")]
     Film(Film),
     /// Render one frame, and its mask and depth where asked for.
     #[command(after_help = "Examples:
@@ -72,6 +73,9 @@ struct Set {
     /// Let the ball and the pendulum cast shadows on the room; the masks then cover these too.
     #[arg(long)]
     shadows: bool,
+    /// Nothing moves: the room without the ball, the fan's blades and the pendulum.
+    #[arg(long, conflicts_with = "shadows")]
+    empty: bool,
 }
 
 #[derive(Args)]
@@ -170,7 +174,12 @@ impl Set {
         let [width, height] = self.size;
         let (rgb, event, test) = (self.rgb, self.event, self.test);
         FilmOptions {
-            stage: StageOptions { shadows: self.shadows, samples_per_axis: self.samples, seed: self.seed },
+            stage: StageOptions {
+                shadows: self.shadows,
+                empty: self.empty,
+                samples_per_axis: self.samples,
+                seed: self.seed,
+            },
             rig: RigOptions { width, height, rgb, event, test, arc_degrees: self.arc_degrees, ..RigOptions::default() },
             seed: self.seed,
             ..FilmOptions::default()

@@ -277,3 +277,26 @@ fn the_command_films_and_explains_what_it_cannot() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(std::fs::metadata(folder.path().join("d.f32")).unwrap().len(), 16 * 12 * 4);
 }
+
+#[test]
+fn in_an_empty_room_nothing_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut options = small();
+    options.stage.empty = true;
+    options.events.shot_hz = 0.0;
+    options.events.leak_hz = 0.0;
+    let dataset = film(&folder.path().join("ds"), &options, &|_| {}).unwrap().dataset;
+    for camera in &dataset.manifest.cameras {
+        match dataset.read_events(camera).unwrap() {
+            Some(events) => assert!(events.is_empty(), "{} sees {} events", camera.name, events.len()),
+            None => {
+                let first = dataset.read_image(camera, &camera.frames[0]).unwrap();
+                for frame in &camera.frames {
+                    assert!(dataset.read_image(camera, frame).unwrap() == first, "{} sees a change", camera.name);
+                    let mask = dataset.read_mask(camera, frame).unwrap();
+                    assert!(mask.is_none_or(|mask| mask.data.iter().all(|value| *value == 0)));
+                }
+            }
+        }
+    }
+}

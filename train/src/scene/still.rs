@@ -1,0 +1,183 @@
+//! Whether anything moves at all, before anything is trained: by the frames of each training camera, and by its events.
+//!
+//! The answer errs towards motion: flicker, a lamp that is switched, or noise that comes in bursts count as such.
+
+use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
+use erfgs_events::Events;
+use erfgs_scene::ImageRgb8;
+use rayon::prelude::*;
+
+use crate::config::DynamicConfig;
+
+/// Places of one camera that may change without anything moving.
+const FEW: usize = 4;
+/// Events are counted in squares of so many pixels...
+const BLOCK: usize = 4;
+/// ...and in so many parts of the recording.
+const WINDOWS: usize = 64;
+/// A count that a steady source of its block's rate would have less often than once in 1e9 times is a burst: minus the logarithm.
+const UNLIKELY: f64 = 20.7;
+/// Noise of most pixels of a block does not fire so often, hertz; what turns or swings all the time has no bursts.
+const BUSY_HZ: f64 = 10.0;
+
+/// Whether neither frames nor events of the training cameras show that anything moves. Frames are read camera by camera, until one
+/// tells.
+///
+/// # Errors
+/// [`DatasetError`] where a file of the dataset cannot be read.
+pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result<bool, DatasetError> {
+    let cameras: Vec<&Camera> = dataset.cameras(Split::Train).collect();
+    let moves = |camera: &Camera| -> Result<bool, DatasetError> {
+        if frames_change(dataset, camera, options.motion_threshold)? {
+            return Ok(true);
+        }
+        let Some((events, file)) = dataset.read_events(camera)?.zip(camera.events.as_ref()) else { return Ok(false) };
+        Ok(events_tell_of_motion(&events, file.covers_ns.map(|t| t.div_euclid(1000))))
+    };
+    let told = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
+    told.map_or(Ok(true), |told| told.map(|moves| !moves))
+}
+
+/// Whether pixels beside each other differ by more than `threshold` (of 1) among the frames.
+fn frames_change(dataset: &Dataset, camera: &Camera, threshold: f32) -> Result<bool, DatasetError> {
+    let [first, others @ ..] = &camera.frames[..] else { return Ok(false) };
+    if others.is_empty() {
+        return Ok(false);
+    }
+    let ImageRgb8 { width, data: mut lowest, .. } = dataset.read_image(camera, first)?;
+    let mut highest = lowest.clone();
+    for frame in others {
+        let image = dataset.read_image(camera, frame)?;
+        for ((lowest, highest), &value) in lowest.iter_mut().zip(&mut highest).zip(&image.data) {
+            *lowest = value.min(*lowest);
+            *highest = value.max(*highest);
+        }
+    }
+    let limit = (threshold * 255.0).round() as u8;
+    let differs = |(low, high): (&[u8], &[u8])| low.iter().zip(high).any(|(low, high)| high - low > limit);
+    let changed: Vec<bool> = lowest.chunks_exact(3).zip(highest.chunks_exact(3)).map(differs).collect();
+    Ok(in_company(&changed, width as usize) > FEW)
+}
+
+/// How many pixels are set of which at least two of the eight around them are, too: one alone is a pixel's own noise.
+fn in_company(set: &[bool], width: usize) -> usize {
+    let height = set.len() / width.max(1);
+    let around = |x: usize, y: usize| {
+        let (columns, rows) = (x.saturating_sub(1)..(x + 2).min(width), y.saturating_sub(1)..(y + 2).min(height));
+        rows.flat_map(|row| columns.clone().map(move |column| row * width + column)).filter(|&at| set[at]).count()
+    };
+    (0..set.len()).filter(|&at| set[at] && around(at % width, at / width) >= 3).count()
+}
+
+/// Whether events come as no steady noise of each pixel, however strong, would have them: in bursts, or from whole blocks of pixels
+/// without a pause. The camera recorded during `covers_us`.
+fn events_tell_of_motion(events: &Events, covers_us: [i64; 2]) -> bool {
+    let (width, height) = (events.width as usize, events.height as usize);
+    let columns = width.div_ceil(BLOCK);
+    let blocks = columns * height.div_ceil(BLOCK);
+    let length = (covers_us[1] - covers_us[0]).max(1);
+    let mut counts = vec![[0_u32; WINDOWS]; blocks];
+    let mut pixels = vec![0_u32; width * height];
+    for event in events.iter() {
+        let (x, y) = (usize::from(event.x), usize::from(event.y));
+        let part = i128::from(event.t_us - covers_us[0]) * WINDOWS as i128 / i128::from(length);
+        counts[y / BLOCK * columns + x / BLOCK][part.clamp(0, WINDOWS as i128 - 1) as usize] += 1;
+        pixels[y * width + x] += 1;
+    }
+    let bursts = |counts: &[u32; WINDOWS]| {
+        let rate = f64::from(counts.iter().sum::<u32>()) / WINDOWS as f64;
+        // Chernoff's bound of a Poisson distribution's tail.
+        let surprise = |count: f64| count * (count / rate).ln() - (count - rate);
+        counts.iter().map(|&count| f64::from(count)).filter(|&count| count > rate && surprise(count) > UNLIKELY).count()
+    };
+    let busy = BUSY_HZ * length as f64 * 1e-6;
+    let mut busy_pixels = vec![0; blocks];
+    for (at, _) in pixels.iter().enumerate().filter(|(_, count)| f64::from(**count) >= busy.max(2.0)) {
+        busy_pixels[at / width / BLOCK * columns + at % width / BLOCK] += 1;
+    }
+    let without_pause = busy_pixels.iter().filter(|&&pixels| 2 * pixels > BLOCK * BLOCK).count();
+    counts.iter().map(bursts).sum::<usize>() + without_pause > FEW
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_base::random;
+    use erfgs_events::Event;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [64, 48];
+    const LENGTH_US: i64 = 1_000_000;
+
+    /// Noise of all pixels at `hz`, and a hot pixel at 5 kHz.
+    fn noise(hz: f64) -> Vec<Event> {
+        let pixels = SIZE[0] * SIZE[1];
+        let drawn = |index: u64, word: u64| random::uniform(random::key(3, &[index, word]));
+        let mut events: Vec<Event> = (0..(hz * f64::from(pixels)) as u64)
+            .map(|index| {
+                let pixel = (drawn(index, 0) * f64::from(pixels)) as u32;
+                let t_us = (drawn(index, 1) * LENGTH_US as f64) as i64;
+                Event { t_us, x: (pixel % SIZE[0]) as u16, y: (pixel / SIZE[0]) as u16, on: index % 2 == 0 }
+            })
+            .collect();
+        events.extend((0..5000).map(|index| Event { t_us: index * 200, x: 30, y: 20, on: true }));
+        events
+    }
+
+    fn tells(mut events: Vec<Event>) -> bool {
+        events.sort_by_key(|event| event.t_us);
+        let mut columns = Events::new(SIZE[0], SIZE[1]);
+        events.into_iter().for_each(|event| columns.push(event));
+        events_tell_of_motion(&columns, [0, LENGTH_US])
+    }
+
+    #[test]
+    fn noise_is_not_motion_however_strong() {
+        for hz in [0.0, 0.1, 1.0, 5.0] {
+            assert!(!tells(noise(hz)), "noise of {hz} Hz");
+        }
+    }
+
+    #[test]
+    fn a_thing_of_three_pixels_that_crosses_the_picture_once_is_motion() {
+        for hz in [0.1, 1.0] {
+            let mut events = noise(hz);
+            for step in 0..60_u16 {
+                let edge = |offset: u16, on: bool| {
+                    (0..3).flat_map(move |y| {
+                        (0..3).map(move |again| {
+                            let t_us = 400_000 + 2000 * i64::from(step) + again;
+                            Event { t_us, x: step + offset, y: 30 + y, on }
+                        })
+                    })
+                };
+                events.extend(edge(3, true).chain(edge(0, false)));
+            }
+            assert!(tells(events), "beside noise of {hz} Hz");
+        }
+    }
+
+    #[test]
+    fn what_turns_without_a_pause_is_motion() {
+        let mut events = noise(0.1);
+        for turn in 0..40 {
+            let pixel = |at: u16| Event {
+                t_us: turn * 25_000 + i64::from(at),
+                x: 8 + at % 12,
+                y: 8 + at / 12,
+                on: turn % 2 == 0,
+            };
+            events.extend((0..144).map(pixel));
+        }
+        assert!(tells(events));
+    }
+
+    #[test]
+    fn a_changed_pixel_counts_in_company() {
+        let mut set = vec![false; 100];
+        for at in [0, 35, 44, 45, 99] {
+            set[at] = true;
+        }
+        assert_eq!(in_company(&set, 10), 3);
+    }
+}
