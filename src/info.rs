@@ -226,7 +226,7 @@ fn describe_run(summary: &RunSummary<'_>) -> String {
         None => rows.push(("held out", "not measured; `erfgs eval` does".into())),
     }
     for left_out in &run.left_out {
-        rows.push(("left out", format!("{}: {} (saves {})", left_out.what, left_out.why, left_out.saves)));
+        rows.push(("left out", left_out.to_string()));
     }
     key_value(rows)
 }

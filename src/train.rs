@@ -13,7 +13,7 @@ use anyhow::Context;
 use clap::Parser as _;
 use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
-use erfgs_run::{CurveRow, RunFolder};
+use erfgs_run::{CurveRow, LeftOut, RunFolder};
 use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
@@ -303,6 +303,7 @@ struct Summary<'a> {
     dynamic: u64,
     psnr: Option<f64>,
     dpsnr: Option<f64>,
+    left_out: Vec<LeftOut>,
 }
 
 impl<'a> Summary<'a> {
@@ -321,6 +322,7 @@ impl<'a> Summary<'a> {
             dynamic: last.dynamic,
             psnr: look(|row| row.psnr),
             dpsnr: look(|row| row.dpsnr),
+            left_out: folder.read_info()?.left_out,
         })
     }
 }
@@ -423,6 +425,7 @@ fn drive(
         dynamic: last.map_or(0, |last| last.dynamic.into()),
         psnr: quality.0,
         dpsnr: quality.1,
+        left_out: trainer.left_out().to_vec(),
     };
     terminal.result(&summary, || describe(&summary))?;
     if outcome == Outcome::Stopped {
@@ -492,6 +495,7 @@ fn describe(summary: &Summary<'_>) -> String {
     for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
         rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));
     }
+    rows.extend(summary.left_out.iter().map(|left_out| ("left out", left_out.to_string())));
     table(&rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect::<Vec<_>>())
 }
 

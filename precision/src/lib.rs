@@ -11,16 +11,23 @@
 //! | [`sensor`] | the event simulator | the stage's intensity at a much smaller step, through a pixel in `f64` |
 //! | [`clocks`] | the fit of a clock | the clock that the samples were drawn from |
 //! | [`bundle`] | bundle adjustment | the rig that its observations were projected with |
+//! | [`points`] | the initial points | the stage's own depth |
+//! | [`training`] | trainings, their motion and their field | what held-out cameras see of the stage |
 
 pub mod bundle;
 pub mod clocks;
 mod component;
 mod exact;
+mod filmed;
 mod matching;
+pub mod points;
 pub mod raster;
 pub mod report;
 pub mod sensor;
 mod stopwatch;
+pub mod training;
+
+use std::sync::Arc;
 
 pub use component::{Component, Curve, Measure, Outcome, Place, Result, Spent, Study};
 pub use erfgs_stability::{Bench, Refusal, Size};
@@ -29,5 +36,15 @@ pub use stopwatch::Stopwatch;
 /// All components of a size, in the order of the document.
 #[must_use]
 pub fn components(size: Size) -> Vec<Component> {
-    vec![raster::component(size), sensor::component(size), clocks::component(size), bundle::component(size)]
+    let filmed = Arc::new(filmed::Filmed::to_train_on(size));
+    vec![
+        raster::component(size),
+        sensor::component(size),
+        clocks::component(size),
+        bundle::component(size),
+        points::component(size),
+        training::component(size, &filmed),
+        training::motion(size, &filmed),
+        training::field(size, &filmed),
+    ]
 }

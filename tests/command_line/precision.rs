@@ -18,3 +18,21 @@ fn curves_are_printed_and_written_as_a_page_a_document_and_numbers() {
     assert_eq!((page.matches("<svg class=\"plot tradeoff\"").count(), page.matches("class=\"ring\"").count()), (2, 2));
     assert!(folder.fail(2, "bench precision nothing-of-that-name").contains("there are rasteriser, event simulator"));
 }
+
+#[test]
+fn points_and_trainings_are_held_against_the_stage() {
+    let folder = Folder::new();
+    for (name, measures) in [("points", 3), ("training", 3), ("motion", 3), ("field", 3)] {
+        let figures = folder.figures(&format!("bench precision {name} --small"));
+        let curves = figures["components"][0]["curves"].as_array().expect("curves");
+        let place = &curves[0]["places"][0];
+        assert_eq!((curves.len(), place["default"].as_bool()), (1, Some(true)), "{figures}");
+        let errors: Vec<f64> = place["came"]["Ok"]["errors"]
+            .as_array()
+            .expect("errors")
+            .iter()
+            .filter_map(|error| error.as_f64())
+            .collect();
+        assert!(errors.len() == measures && errors.iter().all(|error| *error > 0.0 && *error < 1000.0), "{figures}");
+    }
+}

@@ -168,3 +168,16 @@ fn a_run_is_not_overwritten_and_a_damaged_checkpoint_is_named() {
         assert!(said.contains("checkpoint.bin"), "{words}: {said}");
     }
 }
+
+#[test]
+fn a_checkpoint_of_other_event_cameras_is_refused() {
+    let folder = Folder::with_stage("ds");
+    folder.succeed("train ds --iterations 2+4 --no-evaluation --out run");
+    let file = folder.path("run").join("checkpoint.bin");
+    let mut checkpoint = erfgs_train::checkpoint::Checkpoint::load(&file).expect("a checkpoint");
+    let last = checkpoint.levels.pop().expect("levels of an event camera");
+    checkpoint.levels.push(last[..last.len() - 2].to_vec());
+    checkpoint.save(&file).expect("saved");
+    let said = folder.fail(1, "train ds --iterations 2+8 --resume --change --no-evaluation --out run");
+    assert!(said.contains("at 3455 pixels of event cameras, and those of the dataset have 3456"), "{said}");
+}

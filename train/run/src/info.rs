@@ -15,6 +15,12 @@ pub struct LeftOut {
     pub saves: String,
 }
 
+impl std::fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {} (saves {})", self.what, self.why, self.saves)
+    }
+}
+
 /// How a camera shows colours, as training found it: `gain * scene + offset`, in display values (0 to 1); red, green, blue.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraColour {

@@ -3,7 +3,11 @@
 use super::{TrainError, Trainer, model::Said, step::within};
 use crate::{config::Pairing, gpu::Gpu, losses::Levels, motion::Witness, scene::Scene};
 
-/// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown.
+/// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown where it
+/// saved none.
+///
+/// # Errors
+/// [`TrainError::Levels`] where the checkpoint is of other event cameras.
 pub(super) fn levels(
     gpu: &Gpu,
     scene: &Scene,
@@ -13,15 +17,16 @@ pub(super) fn levels(
     if pairing != Pairing::Level {
         return Ok(Vec::new());
     }
-    let each = scene.events.iter().enumerate().map(|(index, events)| {
-        let view = &scene.views[events.view].view;
-        let pixels = view.width as usize * view.height as usize;
-        match saved.get(index) {
-            Some(saved) if saved.len() == 2 * pixels => Levels::restore(gpu, saved),
-            _ => Levels::new(gpu, pixels),
-        }
-    });
-    Ok(each.collect::<Result<_, _>>()?)
+    let views = scene.events.iter().map(|events| &scene.views[events.view].view);
+    let pixels: Vec<usize> = views.map(|view| view.width as usize * view.height as usize).collect();
+    if saved.is_empty() || pixels.is_empty() {
+        return Ok(pixels.into_iter().map(|pixels| Levels::new(gpu, pixels)).collect::<Result<_, _>>()?);
+    }
+    if !saved.iter().map(Vec::len).eq(pixels.iter().map(|pixels| 2 * pixels)) {
+        let [saved, pixels] = [saved.iter().map(|levels| levels.len() / 2).sum(), pixels.iter().sum()];
+        return Err(TrainError::Levels { saved, pixels });
+    }
+    Ok(saved.iter().map(|saved| Levels::restore(gpu, saved)).collect::<Result<_, _>>()?)
 }
 
 impl Trainer<'_> {

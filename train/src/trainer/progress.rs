@@ -108,6 +108,16 @@ pub enum TrainError {
         /// Cameras of the dataset.
         views: usize,
     },
+    /// The run was trained with other event cameras.
+    #[error(
+        "the checkpoint knows the light at {saved} pixels of event cameras, and those of the dataset have {pixels}, or as many in other sizes; resume with the dataset that the run began with"
+    )]
+    Levels {
+        /// Pixels of event cameras in the checkpoint.
+        saved: usize,
+        /// Pixels of the event cameras of the dataset.
+        pixels: usize,
+    },
     /// A number stopped being one.
     #[error(
         "training diverged at iteration {iteration}: the {what} are no longer finite; the last checkpoint is kept. Resume from it with a lower learning rate, for example `--resume --change --set {lower}`"
