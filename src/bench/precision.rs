@@ -27,9 +27,9 @@ Examples:
 pub struct Arguments {
     /// Only components whose name contains this, ignoring case.
     component: Option<String>,
-    /// No components whose name contains this, ignoring case.
+    /// No components whose name contains this, ignoring case; may be given again.
     #[arg(long, value_name = "TEXT")]
-    without: Option<String>,
+    without: Vec<String>,
     /// Some settings of small problems, in seconds.
     #[arg(long)]
     small: bool,
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let names: Vec<&str> = components.iter().map(|component| component.about.name).collect();
     let known = format!("there are {}", names.join(", "));
     components.retain(|component| arguments.component.as_ref().is_none_or(|only| has(component, only)));
-    components.retain(|component| !arguments.without.as_ref().is_some_and(|without| has(component, without)));
+    components.retain(|component| !arguments.without.iter().any(|without| has(component, without)));
     if components.is_empty() {
         return Err(Usage(format!("no component is called so; {known}")).into());
     }
@@ -114,7 +114,7 @@ fn command(arguments: &Arguments) -> String {
     if let Some(component) = &arguments.component {
         words.push_str(&format!(" '{component}'"));
     }
-    if let Some(without) = &arguments.without {
+    for without in &arguments.without {
         words.push_str(&format!(" --without '{without}'"));
     }
     if arguments.small {
