@@ -161,7 +161,7 @@ pub(crate) fn component(size: Size) -> Component {
     let sweep = |sweep: SweepOptions| CloudOptions { sweep, ..default.clone() };
     let hull = |hull: HullOptions| CloudOptions { hull, ..default.clone() };
     let (of_sweep, of_hull) = (default.sweep, default.hull);
-    let instants: &[u32] = if size == Size::Small { &[12] } else { &[3, 6, 9, 12] };
+    let instants: &[u32] = if size == Size::Small { &[3, 12] } else { &[3, 6, 9, 12] };
     let study = Study::new(ABOUT, run).knob(
         "instants of the hull",
         &default,

@@ -157,7 +157,8 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
     ];
     let study = study(TRAINING, filmed);
     if size == Size::Small {
-        return study.knob("method", &default, methods.into_iter().skip(3)).component();
+        let short = Setting { iterations: [5, 5], ..default.clone() };
+        return study.knob("iterations", &default, [("5+5", short), ("30+60", default.clone())]).component();
     }
     let long = Setting { iterations: [600, 4000], ..default.clone() };
     let iterations = [[50, 350], [100, 700], [200, 1400], [600, 4000]];
@@ -197,7 +198,8 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
 #[must_use]
 pub(crate) fn motion(size: Size, filmed: &Arc<Filmed>) -> Component {
     let default = Setting { motion: Some(MotionModel::FreeTime), ..Setting::new(size) };
-    let knots = turned(&default, "free_time.knots", if size == Size::Small { &["2"] } else { &["0", "2", "3", "4"] });
+    let knots =
+        turned(&default, "free_time.knots", if size == Size::Small { &["0", "2"] } else { &["0", "2", "3", "4"] });
     let mut study = study(MOTION, filmed).knob("knots of a path on either side", &default, knots);
     if size == Size::Small {
         return study.component();
@@ -222,7 +224,7 @@ pub(crate) fn motion(size: Size, filmed: &Arc<Filmed>) -> Component {
 #[must_use]
 pub(crate) fn field(size: Size, filmed: &Arc<Filmed>) -> Component {
     let default = Setting { motion: Some(MotionModel::HexPlane), ..Setting::new(size) };
-    let levels: &[&str] = if size == Size::Small { &["[1, 2]"] } else { &["[1]", "[1, 2]", "[1, 2, 4]"] };
+    let levels: &[&str] = if size == Size::Small { &["[1]", "[1, 2]"] } else { &["[1]", "[1, 2]", "[1, 2, 4]"] };
     let mut study =
         study(FIELD, filmed).knob("levels of the planes", &default, turned(&default, "field.levels", levels));
     if size == Size::Small {

@@ -35,6 +35,13 @@ fn every_setting_of_the_small_components_runs_and_each_curve_has_its_default() {
             "bundle adjustment" => {
                 assert!(error("most iterations", "100", 0) < 0.1 * error("most iterations", "2", 0));
             }
+            "initial points" => {
+                assert!(error("instants of the hull", "12", 1) < error("instants of the hull", "3", 1));
+            }
+            "training" => assert!(error("iterations", "30+60", 2) < error("iterations", "5+5", 2)),
+            // So short a training tells no setting from another, but it shows more than nothing.
+            "motion, free in time" => assert!(error("knots of a path on either side", "2", 0) < 0.3),
+            "deformation field" => assert!(error("levels of the planes", "[1, 2]", 0) < 0.3),
             other => panic!("nothing is asked of {other}"),
         }
     }

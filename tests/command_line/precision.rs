@@ -25,8 +25,8 @@ fn points_and_trainings_are_held_against_the_stage() {
     for (name, measures) in [("points", 3), ("training", 3), ("motion", 3), ("field", 3)] {
         let figures = folder.figures(&format!("bench precision {name} --small"));
         let curves = figures["components"][0]["curves"].as_array().expect("curves");
-        let place = &curves[0]["places"][0];
-        assert_eq!((curves.len(), place["default"].as_bool()), (1, Some(true)), "{figures}");
+        let places = curves[0]["places"].as_array().expect("places");
+        let place = places.iter().find(|place| place["default"] == true).expect("a default");
         let errors: Vec<f64> = place["came"]["Ok"]["errors"]
             .as_array()
             .expect("errors")
