@@ -6,7 +6,7 @@ use erfgs_base::random::{key, purpose, uniform};
 use erfgs_dataset::{Camera, Split};
 use erfgs_points::{CloudOptions, CloudPoint, HullOptions, Method, SweepOptions};
 use erfgs_stage::{FilmOptions, RigOptions, StageView};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::{
     Bench, Component, Measure, Result, Size, Stopwatch, Study,
@@ -51,7 +51,7 @@ impl Truth {
     fn of(filmed: &Filmed) -> Result<Self> {
         let (stage, _) = filmed.options().set_up()?;
         let cameras: Vec<Camera> = filmed.dataset()?.cameras(Split::Train).cloned().collect();
-        let mut truth = Self { cameras: Vec::new(), seen: Vec::new(), still: Vec::new(), moving: Vec::new() };
+        let (mut seen, mut still, mut moving) = (Vec::new(), Vec::new(), Vec::<(i64, Vec<DVec3>)>::new());
         for (index, camera) in cameras.iter().enumerate() {
             let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
             for (instant, frame) in camera.frames.iter().enumerate() {
@@ -63,18 +63,17 @@ impl Truth {
                 };
                 let place = |pixel: usize| unproject(camera, pixel, f64::from(depth[pixel]));
                 if instant == 0 {
-                    truth.still.extend((0..PLACES).map(drawn).filter(|&pixel| !mask[pixel]).map(place));
+                    still.extend((0..PLACES).map(drawn).filter(|&pixel| !mask[pixel]).map(place));
                 }
-                let moving = (0..40 * PLACES).map(drawn).filter(|&pixel| mask[pixel]).take(PLACES as usize).map(place);
-                match truth.moving.iter_mut().find(|(t_ns, _)| *t_ns == frame.t_ns) {
-                    Some((_, places)) => places.extend(moving),
-                    None => truth.moving.push((frame.t_ns, moving.collect())),
+                let then = (0..40 * PLACES).map(drawn).filter(|&pixel| mask[pixel]).take(PLACES as usize).map(place);
+                match moving.iter_mut().find(|(t_ns, _)| *t_ns == frame.t_ns) {
+                    Some((_, places)) => places.extend(then),
+                    None => moving.push((frame.t_ns, then.collect())),
                 }
-                truth.seen.push(Seen { camera: index, t_ns: frame.t_ns, depth });
+                seen.push(Seen { camera: index, t_ns: frame.t_ns, depth });
             }
         }
-        truth.cameras = cameras;
-        Ok(truth)
+        Ok(Self { cameras, seen, still, moving })
     }
 
     /// How far a point lies from what cameras see, along a ray, metres; none where no camera sees past its place.
@@ -84,7 +83,7 @@ impl Truth {
             let camera = &self.cameras[seen.camera];
             let place = camera.world_to_camera.transform(point.position);
             let lens = &camera.intrinsics;
-            let (x, y) = (lens.fx * place.x / place.z + lens.cx, lens.fy * place.y / place.z + lens.cy);
+            let DVec2 { x, y } = lens.project_pinhole(place);
             let inside =
                 place.z > 0.0 && x >= 0.0 && y >= 0.0 && x < f64::from(lens.width) && y < f64::from(lens.height);
             let pixel = y as usize * lens.width as usize + x as usize;
@@ -129,7 +128,7 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
 fn unproject(camera: &Camera, pixel: usize, depth: f64) -> DVec3 {
     let lens = &camera.intrinsics;
     let [x, y] = [pixel % lens.width as usize, pixel / lens.width as usize].map(|at| at as f64 + 0.5);
-    let place = DVec3::new((x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy, 1.0) * depth;
+    let place = lens.unproject_pinhole(DVec2::new(x, y), depth);
     camera.world_to_camera.inverse().transform(place)
 }
 

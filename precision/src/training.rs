@@ -19,39 +19,15 @@ const MEASURES: &[Measure] = &[
 ];
 const WORK: &str = "the trainings of all seeds, one after another";
 
-/// What all trainings have in common; so that each component's text stands alone.
-macro_rules! held_against {
-    ($rest:literal) => {
-        concat!(
-            "0.4 s of the stage at 96 x 72: eight RGB cameras at 20 frames a second with 10 ms of exposure, three event cameras. The truth \
-             is what two held-out cameras see 80 times a second. Each setting is trained with three seeds, and the errors are of their \
-             mean PSNR: by chance it differs by 0.1 dB where things move and 0.2 dB of pictures (standard deviation), which are 1.5 and \
-             3 % of an error. ",
-            $rest
-        )
-    };
-}
+/// What all trainings have in common.
+const TRUTH: &str = "0.4 s of the stage at 96 x 72: eight RGB cameras at 20 frames a second with 10 ms of exposure, three event cameras. \
+    The truth is what two held-out cameras see 80 times a second. Each setting is trained with three seeds, and the errors are of their \
+    mean PSNR: by chance it differs by 0.1 dB where things move and 0.2 dB of pictures (standard deviation), which are 1.5 and 3 % of an \
+    error. 100+700 iterations, a sixth of what the default has.";
 
-const TRAINING: About = About {
-    name: "training",
-    truth: held_against!(
-        "Except where the number of iterations is turned, there are 100+700 of them, a sixth of what the default has."
-    ),
-    work: WORK,
-    measures: MEASURES,
-};
-const MOTION: About = About {
-    name: "motion, free in time",
-    truth: held_against!("100+700 iterations, a sixth of what the default has."),
-    work: WORK,
-    measures: MEASURES,
-};
-const FIELD: About = About {
-    name: "deformation field",
-    truth: held_against!("100+700 iterations, a sixth of what the default has, with `motion = \"hexplane\"`."),
-    work: WORK,
-    measures: MEASURES,
-};
+const TRAINING: About = About { name: "training", truth: TRUTH, work: WORK, measures: MEASURES };
+const MOTION: About = About { name: "motion, free in time", truth: TRUTH, work: WORK, measures: MEASURES };
+const FIELD: About = About { name: "deformation field", truth: TRUTH, work: WORK, measures: MEASURES };
 
 /// How the film is trained on.
 #[derive(Clone, Debug, PartialEq)]
@@ -88,9 +64,7 @@ impl Setting {
         config.motion = self.motion.unwrap_or(config.motion);
         config.seed = seed;
         [config.coarse_iterations, config.fine_iterations] = self.iterations;
-        config.evaluation.count = 0;
-        config.evaluation.checkpoint_every = 0;
-        config.evaluation.checkpoint_minutes = 0.0;
+        config.evaluation.leave_alone();
         self.set.iter().try_for_each(|assignment| config.set(assignment))?;
         Ok(config)
     }
@@ -148,6 +122,11 @@ fn turned<'a>(of: &'a Setting, key: &'a str, values: &'a [&'a str]) -> impl Iter
 #[must_use]
 pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
     let default = Setting::new(size);
+    let study = study(TRAINING, filmed);
+    if size == Size::Small {
+        let short = Setting { iterations: [5, 5], ..default.clone() };
+        return study.knob("iterations", &default, [("5+5", short), ("30+60", default.clone())]).component();
+    }
     let with = |assignments: &[&str]| assignments.iter().fold(default.clone(), |setting, one| setting.with(one));
     let methods = [
         ("4DGS", Setting { method: Method::FourDgs, ..default.clone() }),
@@ -155,11 +134,6 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
         ("ERF-GS without EDS", with(&["eds.enabled=false"])),
         ("ERF-GS", default.clone()),
     ];
-    let study = study(TRAINING, filmed);
-    if size == Size::Small {
-        let short = Setting { iterations: [5, 5], ..default.clone() };
-        return study.knob("iterations", &default, [("5+5", short), ("30+60", default.clone())]).component();
-    }
     let long = Setting { iterations: [600, 4000], ..default.clone() };
     let iterations = [[50, 350], [100, 700], [200, 1400], [600, 4000]];
     let preset = |(name, preset)| (name, Setting { preset, ..default.clone() });

@@ -86,8 +86,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     config.coarse_iterations = WARM_UP;
     config.fine_iterations = WARM_UP + arguments.iterations;
-    config.evaluation.checkpoint_every = 0;
-    config.evaluation.checkpoint_minutes = 0.0;
+    config.evaluation.leave_alone();
     config.evaluation.log_every = u32::MAX;
     let (method, preset) = (arguments.method.name(), arguments.preset.name());
     let dataset = Dataset::load(&arguments.dataset)?;

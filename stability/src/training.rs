@@ -71,9 +71,7 @@ impl Training {
         config.motion = self.motion;
         config.seed = self.seed;
         [config.coarse_iterations, config.fine_iterations] = self.iterations;
-        config.evaluation.count = 0;
-        config.evaluation.checkpoint_every = 0;
-        config.evaluation.checkpoint_minutes = 0.0;
+        config.evaluation.leave_alone();
         self.set.iter().try_for_each(|assignment| config.set(assignment))?;
         Ok(config)
     }

@@ -55,9 +55,6 @@ impl StageView<'_> {
 
     fn bounds(&self, t: f64, half: f64) -> Vec<Bound> {
         let stage = self.stage;
-        if stage.actors() == Actors::NONE {
-            return Vec::new();
-        }
         let moment = Moment::at(stage, t, Actors::ALL);
         let (ball, fan, pendulum) = (&stage.ball, &stage.fan, &stage.pendulum);
         let bob = moment.pendulum.bob;
@@ -84,6 +81,7 @@ impl StageView<'_> {
             bounds.push(bound(Actors::BALL_SHADOW, moment.ball, ball_reach, 2.0 * ball.centre_speed_limit()));
             bounds.push(bound(Actors::BOB_SHADOW, bob, bob_reach, 2.0 * pendulum.speed_limit()));
         }
+        bounds.retain(|bound| moment.actors.has(bound.actor));
         bounds
     }
 

@@ -64,7 +64,7 @@ impl BitOrAssign for Actors {
     }
 }
 
-/// Where the moving objects are at one time: those asked for alone.
+/// Where the moving objects are at one time: those asked for alone, and none in an empty room.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     pub actors: Actors,
@@ -76,6 +76,7 @@ pub(crate) struct Moment {
 
 impl Moment {
     pub(crate) fn at(stage: &Stage, t: f64, actors: Actors) -> Self {
+        let actors = if stage.options.empty { Actors::NONE } else { actors };
         let mut moment = Self {
             actors,
             ball: DVec3::ZERO,

@@ -55,7 +55,6 @@ pub use rig::{RigCamera, RigOptions, Role};
 pub use view::StageView;
 
 use self::{
-    actors::Actors,
     light::Light,
     motion::{Ball, Fan, Pendulum},
     set::StageSet,
@@ -104,11 +103,6 @@ impl Stage {
         let (ball, fan, pendulum) = (Ball::default(), Fan::default(), Pendulum::default());
         let set = StageSet::new(options.seed, &fan, &pendulum);
         Self { options, ball, fan, pendulum, set, light: Light::default() }
-    }
-
-    /// What moves in it.
-    pub(crate) fn actors(&self) -> Actors {
-        if self.options.empty { Actors::NONE } else { Actors::ALL }
     }
 }
 

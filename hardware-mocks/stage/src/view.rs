@@ -120,7 +120,7 @@ impl<'stage> StageView<'stage> {
         let (from, to) = (seconds(start), seconds(end.max(start)));
         let moments: Vec<Moment> = (0..samples)
             .map(|k| from + (to - from) * (f64::from(k) + 0.5) / f64::from(samples))
-            .map(|t| Moment::at(self.stage, t, self.stage.actors()))
+            .map(|t| Moment::at(self.stage, t, Actors::ALL))
             .collect();
         let changed: Vec<(usize, [f32; 3])> = self
             .reached(from, to)
@@ -151,7 +151,7 @@ impl<'stage> StageView<'stage> {
     /// image is that of the empty room.
     #[must_use]
     pub fn mask(&self, t_ns: i64) -> Vec<bool> {
-        let moment = Moment::at(self.stage, seconds(t_ns), self.stage.actors());
+        let moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
         let mut mask = vec![false; self.pixels()];
         for (pixel, actors) in self.reached(seconds(t_ns), seconds(t_ns)) {
             mask[pixel] = self.looker(pixel).colour(&moment, actors).is_some();
@@ -163,7 +163,7 @@ impl<'stage> StageView<'stage> {
     /// counts where it covers at least half of the ray.
     #[must_use]
     pub fn depth(&self, t_ns: i64) -> Vec<f32> {
-        let moment = Moment::at(self.stage, seconds(t_ns), self.stage.actors());
+        let moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
         (0..self.pixels())
             .into_par_iter()
             .map(|pixel| {
@@ -193,7 +193,7 @@ impl<'stage> StageView<'stage> {
 
     /// Linear light of one pixel at an instant, seconds; none where nothing touches it.
     pub(crate) fn pixel_at(&self, pixel: usize, t: f64) -> Option<DVec3> {
-        self.looker(pixel).colour(&Moment::at(self.stage, t, self.stage.actors()), self.stage.actors())
+        self.looker(pixel).colour(&Moment::at(self.stage, t, Actors::ALL), Actors::ALL)
     }
 
     /// Linear light of one pixel of the empty room.

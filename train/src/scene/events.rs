@@ -230,7 +230,8 @@ fn neighbourhood(total: &[u32], width: usize, height: usize, x: usize, y: usize)
     around(width, height, x, y).map(|index| total[index]).sum()
 }
 
-fn around(width: usize, height: usize, x: usize, y: usize) -> impl Iterator<Item = usize> {
+/// The pixels around (and with) one, inside the picture.
+pub(super) fn around(width: usize, height: usize, x: usize, y: usize) -> impl Iterator<Item = usize> {
     let (x0, x1) = (x.saturating_sub(1), (x + 2).min(width));
     let (y0, y1) = (y.saturating_sub(1), (y + 2).min(height));
     (y0..y1).flat_map(move |y| (x0..x1).map(move |x| y * width + x))

@@ -7,6 +7,7 @@ use erfgs_events::Events;
 use erfgs_scene::ImageRgb8;
 use rayon::prelude::*;
 
+use super::events::around;
 use crate::config::DynamicConfig;
 
 /// Places of one camera that may change without anything moving.
@@ -62,11 +63,8 @@ fn frames_change(dataset: &Dataset, camera: &Camera, threshold: f32) -> Result<b
 /// How many pixels are set of which at least two of the eight around them are, too: one alone is a pixel's own noise.
 fn in_company(set: &[bool], width: usize) -> usize {
     let height = set.len() / width.max(1);
-    let around = |x: usize, y: usize| {
-        let (columns, rows) = (x.saturating_sub(1)..(x + 2).min(width), y.saturating_sub(1)..(y + 2).min(height));
-        rows.flat_map(|row| columns.clone().map(move |column| row * width + column)).filter(|&at| set[at]).count()
-    };
-    (0..set.len()).filter(|&at| set[at] && around(at % width, at / width) >= 3).count()
+    let company = |at: usize| around(width, height, at % width, at / width).filter(|&at| set[at]).count();
+    (0..set.len()).filter(|&at| set[at] && company(at) >= 3).count()
 }
 
 /// Whether events come as no steady noise of each pixel, however strong, would have them: in bursts, or from whole blocks of pixels
