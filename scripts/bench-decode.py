@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Compare the decoding of event files with faery and expelliarmus, on one core, in one run.
 
-usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] [EVT3.raw EVT2.raw ...]
+usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] [EVT3.raw EVT2.raw DAVIS.aedat4 ...]
 
-A dense EVT 3 file is made besides, and measured last: vectors alone, about a word for each event, as a sensor sends them that sees
-much at once.
+A dense EVT 3 file is made besides, and measured after them: vectors alone, about a word for each event, as a sensor sends them that sees
+much at once. The first file of all and the dense one are also measured as AEDAT 4, which expelliarmus
+does not read.
 
 The three take turns; for each the fastest CPU time counts (wall time on a busy machine measures its neighbours). faery and
 expelliarmus come from PyPI into target/bench-decode. They read the files from the page cache, erfgs from memory.
@@ -24,10 +25,10 @@ PACKAGES = ["faery==0.7.1", "expelliarmus==1.1.12"]
 OTHERS = r"""
 import json, sys, time
 tool, path, runs = sys.argv[1], sys.argv[2], int(sys.argv[3])
-kind = "evt3" if b"evt 3.0" in open(path, "rb").read(4096) else "evt2"
+kind = "evt2" if b"evt 2.0" in open(path, "rb").read(4096) else "evt3"
 if tool == "faery":
     import faery
-    size = (1280, 720) if kind == "evt3" else (640, 480)
+    size = (640, 480) if kind == "evt2" else (1280, 720)
     def decode():
         return sum(len(events) for events in faery.events_stream_from_file(path, dimensions_fallback=size))
 else:
@@ -82,6 +83,13 @@ def dense() -> str:
     return str(path)
 
 
+def aedat4(erfgs: str, path: str) -> str:
+    """The same events as AEDAT 4."""
+    copy = ROOT / "target/bench-decode" / (pathlib.Path(path).stem + ".aedat4")
+    subprocess.run([erfgs, "export", path, "--to", "aedat4", "--out", copy, "--force"], check=True, capture_output=True)
+    return str(copy)
+
+
 def figures(command: list) -> dict:
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
@@ -91,17 +99,21 @@ def main() -> None:
     parser.add_argument("--erfgs", default=str(ROOT / "target/release/erfgs"), help="the program to measure")
     parser.add_argument("--runs", type=int, default=15, help="runs of each tool in a round")
     parser.add_argument("--rounds", type=int, default=3, help="how often the tools take turns")
-    parser.add_argument("files", nargs="*", help="RAW files with EVT 2 or EVT 3")
+    parser.add_argument("files", nargs="*", help="RAW files with EVT 2 or EVT 3, AEDAT 4 files")
     arguments = parser.parse_args()
     python, runs = environment(), str(arguments.runs)
     heading = ["file", "events", "erfgs", "faery", "expelliarmus", "/ faery", "/ expelliarmus"]
     print("Mev/s on one core\n\n| " + " | ".join(heading) + " |\n|" + "---|" * len(heading))
-    for path in [*arguments.files, dense()]:
+    files = [*arguments.files, dense()]
+    copies = [aedat4(arguments.erfgs, path) for path in dict.fromkeys([files[0], files[-1]]) if not path.endswith(".aedat4")]
+    for path in files + copies:
         commands = {
             "erfgs": [arguments.erfgs, "bench", "decode", path, "--json", "--runs", runs],
             "faery": [python, "-c", OTHERS, "faery", path, runs],
             "expelliarmus": [python, "-c", OTHERS, "expelliarmus", path, runs],
         }
+        if path.endswith(".aedat4"):
+            del commands["expelliarmus"]
         speed, events = dict.fromkeys(commands, 0.0), {}
         for _ in range(arguments.rounds):
             for tool, command in commands.items():
@@ -110,8 +122,10 @@ def main() -> None:
                 events[tool] = found["events"]
         if len(set(events.values())) != 1:
             sys.exit(f"bench-decode.py: the tools disagree on the number of events: {events}")
-        ratios = [f"{speed['erfgs'] / speed[tool]:.2f}" for tool in ("faery", "expelliarmus")]
-        cells = [pathlib.Path(path).name, f"{events['erfgs']:,}", *(f"{rate:.0f}" for rate in speed.values()), *ratios]
+        tools = ("erfgs", "faery", "expelliarmus")
+        rates = [f"{speed[tool]:.0f}" if tool in speed else "" for tool in tools]
+        ratios = [f"{speed['erfgs'] / speed[tool]:.2f}" if tool in speed else "" for tool in tools[1:]]
+        cells = [pathlib.Path(path).name, f"{events['erfgs']:,}", *rates, *ratios]
         print("| " + " | ".join(cells) + " |")
 
 

@@ -73,7 +73,7 @@ fn lens(camera: &RigCamera) -> String {
         Distortion::KannalaBrandt(k) => format!("fisheye: {}", coefficients(&["k1", "k2", "k3", "k4"], k)),
     };
     format!(
-        "<tr><td>{}</td><td>{}×{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+        "<tr><td>{}</td><td>{}×{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"words\">{}</td></tr>\n",
         Escaped(&camera.name),
         i.width,
         i.height,

@@ -6,6 +6,9 @@ use super::{
     flat::Table,
 };
 
+/// Events that are decoded at once.
+const EVENTS: usize = 64;
+
 /// Decodes a packet without compression and without its length; `None` if it is damaged.
 pub(super) fn decode(
     kind: Aedat4Kind,
@@ -25,20 +28,11 @@ pub(super) fn decode(
     };
     match kind {
         Aedat4Kind::Events => {
-            for event in root.structures::<16>(0)? {
-                let [t @ .., _, _, _, _, _, _, _, _] = *event;
-                let [_, _, _, _, _, _, _, _, x0, x1, y0, y1, on, _, _, _] = *event;
-                let Some(t_us) = time(i64::from_le_bytes(t), anomalies) else {
-                    anomalies.undated += 1;
-                    continue;
-                };
-                // Addresses are signed in the file; negative ones become large and lie outside.
-                let (x, y) = (u16::from_le_bytes([x0, x1]), u16::from_le_bytes([y0, y1]));
-                if x < size.width && y < size.height {
-                    stage.room(1, sink);
-                    stage.push(t_us, x, y, on != 0);
-                } else {
-                    anomalies.outside += 1;
+            for events in root.structures::<16>(0)?.chunks(EVENTS) {
+                stage.room(EVENTS, sink);
+                if let Some(columns) = stage.take() {
+                    let good = decode_events(events, size, columns, last_us, anomalies);
+                    stage.give_back(EVENTS - good);
                 }
             }
             stage.flush(sink);
@@ -76,6 +70,33 @@ pub(super) fn decode(
         }
     }
     Some(())
+}
+
+/// Decodes at most [`EVENTS`] events into columns, one after the other without a branch; says how many are good.
+fn decode_events(
+    events: &[[u8; 16]],
+    size: SensorSize,
+    (times, xs, ys, ons): (&mut [u64; EVENTS], &mut [u16; EVENTS], &mut [u16; EVENTS], &mut [bool; EVENTS]),
+    last_us: &mut u64,
+    anomalies: &mut Anomalies,
+) -> usize {
+    let (mut good, mut undated, mut backward, mut last) = (0, 0, 0, *last_us);
+    for event in events {
+        let event = u128::from_le_bytes(*event);
+        // Addresses are signed in the file; negative ones become large and lie outside.
+        let (t_us, x, y, on) = (event as u64, (event >> 64) as u16, (event >> 80) as u16, (event >> 96) as u8 != 0);
+        let dated = t_us <= i64::MAX as u64;
+        backward += u64::from(dated & (t_us < last));
+        last = if dated { t_us } else { last };
+        undated += u64::from(!dated);
+        (times[good % EVENTS], xs[good % EVENTS], ys[good % EVENTS], ons[good % EVENTS]) = (t_us, x, y, on);
+        good += usize::from(dated & (x < size.width) & (y < size.height));
+    }
+    *last_us = last;
+    anomalies.time_backward += backward;
+    anomalies.undated += undated;
+    anomalies.outside += events.len() as u64 - undated - good as u64;
+    good
 }
 
 /// A frame. Its format is OpenCV's: depth in the low 3 bits (0 = 8 bits, 2 = 16 bits), channels less one above. `None`

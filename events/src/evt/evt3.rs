@@ -18,30 +18,13 @@ use super::{
         state::{BitReader, BitWriter},
     },
     evt3_blocks::{BYTES, Masks, WORDS},
+    evt3_vectors::{GROUP, Rows, columns, group},
 };
 
 const NO_ROW: u16 = u16::MAX;
 const NO_BASE: u16 = u16::MAX;
 /// Bases stay below this, so that they never meet [`NO_BASE`].
 const MAX_BASE: u16 = 0x7000;
-
-/// Columns of the bits that are set in a byte, lowest first; the rest is 0.
-const COLUMNS: [[u8; 8]; 256] = {
-    let mut table = [[0; 8]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut bit, mut count) = (0, 0);
-        while bit < 8 {
-            if mask >> bit & 1 == 1 {
-                table[mask][count] = bit as u8;
-                count += 1;
-            }
-            bit += 1;
-        }
-        mask += 1;
-    }
-    table
-};
 
 /// A report of the sensor on itself, of which not all words came yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,17 +44,6 @@ fn report(block: &[u8; BYTES], at: u32) -> Option<(u16, u32)> {
     }
     let bits = |from: u32, mask: u64| (words >> from & mask) as u32;
     Some((bits(0, 0xFFF) as u16, bits(16, 0xFFF) | bits(32, 0xFFF) << 12 | bits(48, 0xF) << 24))
-}
-
-/// The base and the 32 bits of three vectors that follow it from word `at` of the block on, as sensors send them.
-#[inline(always)]
-fn vectors(block: &[u8; BYTES], at: u32) -> Option<(u16, u32)> {
-    let words = u64::from_le_bytes(*block.get(2 * at as usize..)?.first_chunk()?);
-    if words & 0xF000_F000_F000_F000 != 0x5000_4000_4000_3000 {
-        return None;
-    }
-    let bits = |from: u32, mask: u64| (words >> from & mask) as u32;
-    Some((words as u16 & 0xFFF, bits(16, 0xFFF) | bits(32, 0xFFF) << 12 | bits(48, 0xFF) << 24))
 }
 
 /// Decodes EVT 3.0.
@@ -217,18 +189,28 @@ impl Evt3Decoder {
             lows &= !below;
             // All words of other types that follow each other.
             let run = (masks.other >> at).trailing_ones();
-            let mut vectors_end = at;
+            let mut done = at;
             for index in at..at + run {
-                if index < vectors_end {
+                if index < done {
                     continue;
                 }
-                if let Some(vectors) = vectors(block, index)
-                    && self.four(vectors, sink)
-                {
-                    vectors_end = index + 4;
-                    continue;
+                let (word, rest) = (word(index), &block[2 * index as usize..]);
+                if word >> 12 == 3 {
+                    let (first, more) = (group(rest), rest.get(GROUP..).and_then(group));
+                    // Where more vectors follow, or may do so in the next block, all are decoded at once.
+                    if index > 0 && (rest.len() < GROUP || first.is_some() && more.is_some()) {
+                        return 2 * index as usize;
+                    }
+                    if let Some(group) = first
+                        && self.clock.dated()
+                    {
+                        self.end_monitor(sink);
+                        if self.rows(|rows, stage| rows.group(group, stage, sink)) {
+                            done = index + 4;
+                            continue;
+                        }
+                    }
                 }
-                let word = word(index);
                 self.word(word, sink);
                 if word >> 12 == 8 {
                     // Which time words say nothing new is different now.
@@ -307,42 +289,14 @@ impl Evt3Decoder {
         }
     }
 
-    /// Decodes a base and the three vectors after it, if all of their columns lie on the sensor; `false` if they are to be taken
-    /// one by one.
+    /// Has rows of vectors decoded that follow what was decoded so far.
     #[inline(always)]
-    fn four(&mut self, (base, mask): (u16, u32), sink: &mut impl Sink) -> bool {
-        let (first, y, on) = (base & 0x7FF, self.row, base & 0x800 != 0);
-        if y >= self.height || first + 32 > self.width || !self.clock.dated() {
-            return false;
-        }
-        if self.monitor.words > 0 {
-            self.end_monitor(sink);
-        }
-        (self.base, self.base_on) = (first + 32, on);
-        let t = self.time_us();
-        self.stage.room(32, sink);
-        if let Some((times, xs, ys, ons)) = self.stage.take::<32>() {
-            let mut count = 0;
-            for (from, byte) in (first..).step_by(8).zip(mask.to_le_bytes()) {
-                if let Some(xs) = xs[count..].first_chunk_mut::<8>() {
-                    *xs = COLUMNS[usize::from(byte)].map(|column| from + u16::from(column));
-                } else {
-                    // Of the last columns no more is left than there are events.
-                    let columns = COLUMNS[usize::from(byte)].map(|column| from + u16::from(column));
-                    let left = 32 - count;
-                    xs[count..].copy_from_slice(&columns[..left]);
-                }
-                count += byte.count_ones() as usize;
-            }
-            // By eights, of which there are seldom all four.
-            let eights =
-                times.as_chunks_mut::<8>().0.iter_mut().zip(ys.as_chunks_mut::<8>().0).zip(ons.as_chunks_mut::<8>().0);
-            for ((times, ys), ons) in eights.take(count.div_ceil(8)) {
-                (*times, *ys, *ons) = ([t; 8], [y; 8], [on; 8]);
-            }
-            self.stage.give_back(32 - count);
-        }
-        true
+    fn rows<R>(&mut self, decode: impl FnOnce(&mut Rows, &mut Stage) -> R) -> R {
+        let Self { width, height, row, base, base_on: on, .. } = *self;
+        let mut rows = Rows { width, height, t_us: self.time_us(), row, base, on };
+        let decoded = decode(&mut rows, &mut self.stage);
+        (self.row, self.base, self.base_on) = (rows.row, rows.base, rows.on);
+        decoded
     }
 
     /// Decodes a vector of events: bit i of `mask` stands for column `base + i`.
@@ -385,7 +339,7 @@ impl Evt3Decoder {
                 && let Some((times, xs, ys, ons)) = self.stage.take::<8>()
             {
                 *times = [t; 8];
-                *xs = COLUMNS[usize::from(byte)].map(|column| first + u16::from(column));
+                *xs = columns(first, byte as u8);
                 *ys = [y; 8];
                 *ons = [on; 8];
                 self.stage.give_back(8 - byte.count_ones() as usize);
@@ -429,9 +383,12 @@ impl Decoder for Evt3Decoder {
             self.word(u16::from_le_bytes([first, *second]), sink);
             bytes = rest;
         }
-        while let Some(block) = bytes.first_chunk() {
-            let decoded = self.block(block, sink);
-            bytes = &bytes[decoded..];
+        loop {
+            if self.clock.settled() && self.monitor.words == 0 {
+                bytes = &bytes[self.rows(|rows, stage| rows.decode(bytes, stage, sink))..];
+            }
+            let Some(block) = bytes.first_chunk() else { break };
+            bytes = &bytes[self.block(block, sink)..];
         }
         self.words(bytes, sink);
         if !bytes.len().is_multiple_of(2) {

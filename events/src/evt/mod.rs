@@ -5,6 +5,7 @@ mod evt21;
 mod evt3;
 mod evt3_blocks;
 mod evt3_encode;
+mod evt3_vectors;
 mod header;
 
 pub use evt2::{Evt2Decoder, Evt2Encoder};

@@ -31,9 +31,15 @@ fn evt3_words() -> impl Strategy<Value = Vec<u8>> {
         2 => prop_oneof![Just(0xE014_u16), Just(0xF123), Just(0xF456), Just(0x7007)],
         1 => any::<u16>(),
     ];
+    // Rows as sensors send them that see much at once.
+    let vectors = (0_u16..4096, any::<[u16; 3]>())
+        .prop_map(|(base, [a, b, c])| vec![0x3000 | base, 0x4000 | a >> 4, 0x4000 | b >> 4, 0x5000 | c >> 8]);
+    let row = (proptest::option::weighted(0.9, 0_u16..740), proptest::collection::vec(vectors, 1..5))
+        .prop_map(|(row, vectors)| row.into_iter().chain(vectors.concat()).collect::<Vec<u16>>());
     let groups = prop_oneof![
         6 => word.prop_map(|word| vec![word]),
         1 => content.prop_map(|content| vec![0xE000 | content, 0xF111, 0xF222, 0x7003]),
+        1 => proptest::collection::vec(row, 1..9).prop_map(|rows| rows.concat()),
         3 => (0_u16..1300, 0_u16..740).prop_map(|(x, y)| vec![0x8FA0, 0x8FA0, 0x6000 | x, y, 0x2000 | x]),
     ];
     proptest::collection::vec(groups, 0..120)
