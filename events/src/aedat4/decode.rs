@@ -6,7 +6,7 @@ use super::{
     super::{Anomalies, Decoder, SensorSize, Sink, stage::Stage},
     AEDAT4_MAGIC, Aedat4Compression, Aedat4Kind, Aedat4Stream, MAX_PACKET, description,
     flat::Table,
-    packets,
+    lz4, packets,
 };
 
 /// What the header of a file says.
@@ -184,7 +184,6 @@ impl Aedat4Decoder {
                 sink.discontinuity(self.last_us[kind as usize]);
             }
             let mut unpacked = std::mem::take(&mut self.unpacked);
-            unpacked.clear();
             let decoded = unpack(compression, body, &mut unpacked).and_then(|buffer| {
                 let (last_us, stage) = (&mut self.last_us[kind as usize], &mut self.stage);
                 packets::decode(kind, size, buffer, last_us, stage, &mut self.anomalies, sink)
@@ -207,17 +206,14 @@ impl Aedat4Decoder {
     }
 }
 
-/// Takes the compression and the length off a packet; `None` if it is damaged.
+/// Takes the compression and the length off a packet, in a buffer whose content does not matter; `None` if it is damaged.
 fn unpack<'a>(compression: Aedat4Compression, body: &'a [u8], buffer: &'a mut Vec<u8>) -> Option<&'a [u8]> {
-    let limit = MAX_PACKET as u64;
     let whole: &[u8] = match compression {
         Aedat4Compression::None => body,
-        Aedat4Compression::Lz4 => {
-            lz4_flex::frame::FrameDecoder::new(body).take(limit).read_to_end(buffer).ok()?;
-            buffer
-        }
+        Aedat4Compression::Lz4 => lz4::unpack(body, MAX_PACKET, buffer)?,
         Aedat4Compression::Zstd => {
-            ruzstd::decoding::StreamingDecoder::new(body).ok()?.take(limit).read_to_end(buffer).ok()?;
+            buffer.clear();
+            ruzstd::decoding::StreamingDecoder::new(body).ok()?.take(MAX_PACKET as u64).read_to_end(buffer).ok()?;
             buffer
         }
     };

@@ -12,6 +12,7 @@ mod decode;
 mod description;
 mod encode;
 mod flat;
+mod lz4;
 mod packets;
 
 pub use decode::{Aedat4Decoder, Aedat4Header};
