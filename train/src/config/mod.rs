@@ -6,7 +6,10 @@ mod presets;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::{camera_colour::CameraColourOptions, motion::FreeTimeOptions};
+pub use crate::{
+    camera_colour::CameraColourOptions,
+    motion::{FreeTimeOptions, Guide},
+};
 pub use overrides::ConfigError;
 
 /// What is trained.

@@ -2,11 +2,13 @@
 
 use erfgs_dataset::{Dataset, DatasetError};
 
-use super::{Config, MotionModel};
-use crate::scene::{displacement, extent, stands_still};
+use super::{Config, FreeTimeOptions, Guide, MotionModel};
+use crate::scene::{displacement, exposed, extent, stands_still};
 
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
+/// Where exposures leave less unseen than this share of the picture's width from frame to frame, frames tell of paths.
+const LITTLE: f64 = 1.0 / 15.0;
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -95,8 +97,8 @@ impl Config {
         Ok(())
     }
 
-    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for and how long Gaussians
-    /// live; and brings the near plane closer where the scene is small. `without_points` says that the dataset's points are not used.
+    /// Decides what was left to the data: how things move and, with it, which instant a frame stands for, what paths are fitted
+    /// to and how long Gaussians live; and brings the near plane closer where the scene is small. `without_points` says that the dataset's points are not used.
     ///
     /// # Errors
     /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged; where
@@ -117,18 +119,32 @@ impl Config {
             self.blur.instant = self.blur.instant.or(Some(0.5));
         }
         let extent = extent(dataset, without_points)?;
-        let free = &mut self.free_time;
-        if free.first_life == 0.0 {
-            let moved = match self.motion {
-                MotionModel::FreeTime if !without_points => displacement(dataset, free.fastest * extent)?,
-                _ => None,
-            };
-            free.live(moved);
+        let moved = match self.motion {
+            MotionModel::FreeTime if !without_points => displacement(dataset, self.free_time.fastest * extent)?,
+            _ => None,
+        };
+        if self.free_time.guide == Guide::Auto {
+            let unseen = moved.map(|moved| moved * (1.0 - exposed(dataset)));
+            let little = unseen.is_some_and(|unseen| unseen < LITTLE) && !self.paths_by_hand();
+            self.free_time.guide = if little { Guide::Frames } else { Guide::Events };
+        }
+        if self.free_time.guide == Guide::Frames && !self.paths_by_hand() {
+            self.free_time.follow_frames();
+        }
+        if self.free_time.first_life == 0.0 {
+            self.free_time.live(moved);
         }
         if extent > 0.0 {
             self.near_m = self.near_m.min(NEAREST * extent);
         }
         Ok(())
+    }
+
+    /// Whether a setting that [`Guide`] decides is another than the preset has it.
+    fn paths_by_hand(&self) -> bool {
+        let preset = Self::preset(self.method, self.preset).free_time;
+        let paths = |free: &FreeTimeOptions| (free.knots, free.first_life, free.least_life);
+        paths(&self.free_time) != paths(&preset)
     }
 
     /// Whether every number makes sense.

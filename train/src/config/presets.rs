@@ -2,8 +2,8 @@
 
 use super::{
     BlurConfig, CameraColourOptions, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig,
-    EvaluationConfig, FieldOptions, FreeTimeOptions, InitConfig, LearningRates, Method, MotionModel, Norm, Pairing,
-    Preset, Quantise, ShConfig, Switch, Uniqueness,
+    EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig, LearningRates, Method, MotionModel, Norm,
+    Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
 };
 
 impl Config {
@@ -169,6 +169,7 @@ impl Config {
         config.background = [0.0; 3];
         config.sh.max_degree = 1;
         config.motion = MotionModel::Auto;
+        config.free_time.guide = Guide::Auto;
         // A parabola cannot follow what events see of it between frames.
         config.free_time.knots = 2;
         // Ten times the published rate, for a quarter to a seventh of the published iterations.

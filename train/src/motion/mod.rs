@@ -11,7 +11,7 @@ mod track;
 
 use wgpu::Buffer;
 
-pub use free_time::{FreeTime, FreeTimeOptions};
+pub use free_time::{FreeTime, FreeTimeOptions, Guide};
 
 use crate::{
     field::{Field, FieldError, Outputs, Tape},

@@ -43,6 +43,17 @@ pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64
     Ok((!moved.is_empty()).then(|| *moved.select_nth_unstable_by(fast, f64::total_cmp).1))
 }
 
+/// The share of the time during which a training camera exposes, in the mean; 0 where no camera has two frames.
+pub(crate) fn exposed(dataset: &Dataset) -> f64 {
+    let Some(period_ns) = period_ns(dataset) else { return 0.0 };
+    let frames = dataset.cameras(Split::Train).flat_map(|camera| &camera.frames);
+    let (sum, count) = frames.fold((0.0, 0), |(sum, count), frame| {
+        let [start, end] = frame.exposure_ns;
+        (sum + ((end - start) as f64 / period_ns).clamp(0.0, 1.0), count + 1)
+    });
+    sum / f64::from(count.max(1))
+}
+
 /// How many widths of the picture a metre across the view is at a place; `None` behind the camera.
 fn widths_a_metre(camera: &Camera, place: DVec3) -> Option<f64> {
     let depth = camera.world_to_camera.transform(place).z;
@@ -56,6 +67,7 @@ mod tests {
     use erfgs_scene::{Distortion, Intrinsics, Modality, PointCloud, Pose};
 
     use super::*;
+    use crate::config::{Config, Guide, MotionModel};
 
     /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it: a fifth of them by
     /// `fast` metres an interval, the others by a centimetre.
@@ -118,6 +130,38 @@ mod tests {
     }
 
     #[test]
+    fn what_exposures_miss_decides_what_paths_are_fitted_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let settled = |fast: f64, exposure_ns: i64, set: &[&str]| {
+            let mut dataset = dataset(folder.path(), fast, 3);
+            for frame in dataset.manifest.cameras.iter_mut().flat_map(|camera| &mut camera.frames) {
+                frame.exposure_ns[1] += exposure_ns;
+            }
+            assert!((exposed(&dataset) - exposure_ns as f64 / 5e7).abs() < 1e-12);
+            let mut config = Config { motion: MotionModel::FreeTime, ..Config::default() };
+            config.free_time.fastest = 1e3;
+            set.iter().for_each(|set| config.set(set).unwrap());
+            config.settle(&dataset, false).unwrap();
+            config
+        };
+        // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 3 %.
+        let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 40_000_000, &[]));
+        assert_eq!(
+            (short.free_time.guide, short.free_time.knots, short.earl.pairing),
+            (Guide::Events, 2, Pairing::Level)
+        );
+        assert_eq!(long.free_time.guide, Guide::Frames);
+        assert_eq!((long.free_time.knots, long.free_time.first_life, long.free_time.least_life), (0, 1.0, 0.5));
+        // What is set is kept.
+        for set in ["free_time.guide=events", "free_time.knots=3", "free_time.first_life=0.6"] {
+            let config = settled(0.3, 40_000_000, &[set]);
+            assert_eq!(config.free_time.guide, Guide::Events, "{set}");
+            assert!(config.free_time.knots >= 2, "{set}");
+        }
+        assert_eq!(settled(0.3, 10_000_000, &["free_time.guide=frames"]).free_time.knots, 0);
+    }
+
+    #[test]
     fn the_fast_fifth_counts_as_a_share_of_the_width() {
         let folder = tempfile::tempdir().unwrap();
         for fast in [0.05, 0.3] {
@@ -125,6 +169,7 @@ mod tests {
             assert!((found - fast / 2.0).abs() < 0.2 * fast, "{found} of {}", fast / 2.0);
         }
         assert_eq!(displacement(&dataset(folder.path(), 0.3, 1), 10.0).unwrap(), None, "a single frame");
+        assert_eq!(exposed(&dataset(folder.path(), 0.3, 1)), 0.0);
         let mut still = dataset(folder.path(), 0.3, 3);
         still.manifest.points = None;
         assert_eq!(displacement(&still, 10.0).unwrap(), None, "no points");

@@ -6,7 +6,7 @@ use erfgs_base::random;
 
 use super::{Model, TrainError, Trainer};
 use crate::{
-    config::{MotionModel, Switch},
+    config::{Guide, MotionModel, Switch},
     density::{Measures, Moments, Population, densify},
     eds,
     gaussians::Gaussians,
@@ -199,6 +199,14 @@ impl Trainer<'_> {
                 ),
                 "planes, network and their regularisers".into(),
             );
+            if self.config.free_time.guide == Guide::Frames && self.config.free_time.knots == 0 {
+                note(
+                    "knots of paths",
+                    "exposures leave little unseen of how things move, so that a parabola tells it (free_time.guide)"
+                        .into(),
+                    "half of the numbers of a path".into(),
+                );
+            }
         } else if self.config.dynamic.skip_static {
             note(
                 "the deformation field for static Gaussians",

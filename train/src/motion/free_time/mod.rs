@@ -40,6 +40,20 @@ pub const GONE: f32 = -30.0;
 /// Most knots on either side of an instant.
 const MOST_KNOTS: u32 = 16;
 
+/// What paths are fitted to between the middles of two exposures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Guide {
+    /// The frames where exposures leave little unseen of how things move (less than a fifteenth of the picture's width from frame to
+    /// frame, where the fastest are), else the events, as where a setting that this would decide was chosen by hand.
+    Auto,
+    /// The frames: paths are parabolas, and lives reach the frames before and after.
+    Frames,
+    /// The events: paths and lives are as the other settings have them.
+    #[default]
+    Events,
+}
+
 /// How Gaussians that are free in time start and learn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -53,6 +67,8 @@ pub struct FreeTimeOptions {
     pub opacity: f32,
     /// Faster than this nothing is taken to be at the start, extents of the scene an interval.
     pub fastest: f32,
+    /// What paths are fitted to between the middles of two exposures.
+    pub guide: Guide,
     /// Knots of a path on either side of its instant, 2 or more; 0: a path is a parabola.
     pub knots: u32,
     /// RGB intervals from a knot to the next.
@@ -82,6 +98,7 @@ impl Default for FreeTimeOptions {
             first_life: 0.0,
             opacity: 0.2,
             fastest: 0.5,
+            guide: Guide::Events,
             knots: 0,
             spacing: 1.0,
             velocity: 0.5,
@@ -109,6 +126,12 @@ impl FreeTimeOptions {
         let far = displacement.is_some_and(|displacement| displacement > FAR);
         self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
         self.least_life = 0.5 * self.first_life;
+    }
+
+    /// Lets frames alone tell of paths: they leave so little unseen that a parabola through three of them is better known than any
+    /// path between two.
+    pub(crate) fn follow_frames(&mut self) {
+        (self.knots, self.first_life, self.least_life) = (0, 1.0, 0.5);
     }
 
     /// Whether rows can have such a path.
