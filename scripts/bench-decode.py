@@ -3,7 +3,7 @@
 
 usage: scripts/bench-decode.py [--erfgs BINARY] [--runs N] [--rounds N] [EVT3.raw EVT2.raw DAVIS.aedat4 ...]
 
-A dense EVT 3 file is made besides, and measured after them: vectors alone, about a word for each event, as a sensor sends them that sees
+A dense EVT 3 file is made besides, and measured after them: vectors alone, 0.7 words for each event, as a sensor sends them that sees
 much at once. The first file of all and the dense one are also measured as AEDAT 4, which expelliarmus
 does not read.
 

@@ -146,10 +146,7 @@ mod tests {
         };
         // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 3 %.
         let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 40_000_000, &[]));
-        assert_eq!(
-            (short.free_time.guide, short.free_time.knots, short.earl.pairing),
-            (Guide::Events, 2, Pairing::Level)
-        );
+        assert_eq!((short.free_time.guide, short.free_time.knots), (Guide::Events, 2));
         assert_eq!(long.free_time.guide, Guide::Frames);
         assert_eq!((long.free_time.knots, long.free_time.first_life, long.free_time.least_life), (0, 1.0, 0.5));
         // What is set is kept.
