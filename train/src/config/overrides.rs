@@ -8,7 +8,7 @@ use crate::scene::{displacement, exposed, extent, stands_still};
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
 /// Where exposures leave less unseen than this share of the picture's width from frame to frame, frames tell of paths.
-const LITTLE: f64 = 1.0 / 15.0;
+const LITTLE: f64 = 0.01;
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]

@@ -144,14 +144,14 @@ mod tests {
             config.settle(&dataset, false).unwrap();
             config
         };
-        // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 3 %.
-        let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 40_000_000, &[]));
+        // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 0.6 %.
+        let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 48_000_000, &[]));
         assert_eq!((short.free_time.guide, short.free_time.knots), (Guide::Events, 2));
         assert_eq!(long.free_time.guide, Guide::Frames);
         assert_eq!((long.free_time.knots, long.free_time.first_life, long.free_time.least_life), (0, 1.0, 0.5));
         // What is set is kept.
         for set in ["free_time.guide=events", "free_time.knots=3", "free_time.first_life=0.6"] {
-            let config = settled(0.3, 40_000_000, &[set]);
+            let config = settled(0.3, 48_000_000, &[set]);
             assert_eq!(config.free_time.guide, Guide::Events, "{set}");
             assert!(config.free_time.knots >= 2, "{set}");
         }

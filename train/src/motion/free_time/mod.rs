@@ -44,7 +44,7 @@ const MOST_KNOTS: u32 = 16;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Guide {
-    /// The frames where exposures leave little unseen of how things move (less than a fifteenth of the picture's width from frame to
+    /// The frames where exposures leave little unseen of how things move (less than a hundredth of the picture's width from frame to
     /// frame, where the fastest are), else the events, as where a setting that this would decide was chosen by hand.
     Auto,
     /// The frames: paths are parabolas, and lives reach the frames before and after.
