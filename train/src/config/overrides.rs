@@ -98,7 +98,8 @@ impl Config {
     }
 
     /// Decides what was left to the data: how things move and, with it, which instant a frame stands for, what paths are fitted
-    /// to and how long Gaussians live; and brings the near plane closer where the scene is small. `without_points` says that the dataset's points are not used.
+    /// to and how long Gaussians live; and brings the near plane closer where the scene is small. `without_points` says that the
+    /// dataset's points are not used.
     ///
     /// # Errors
     /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged; where

@@ -49,7 +49,7 @@ pub(crate) fn exposed(dataset: &Dataset) -> f64 {
     let frames = dataset.cameras(Split::Train).flat_map(|camera| &camera.frames);
     let (sum, count) = frames.fold((0.0, 0), |(sum, count), frame| {
         let [start, end] = frame.exposure_ns;
-        (sum + ((end - start) as f64 / period_ns).clamp(0.0, 1.0), count + 1)
+        (sum + (end.saturating_sub(start) as f64 / period_ns).clamp(0.0, 1.0), count + 1)
     });
     sum / f64::from(count.max(1))
 }

@@ -47,7 +47,7 @@ pub enum Guide {
     /// The frames where exposures leave little unseen of how things move (less than a hundredth of the picture's width from frame to
     /// frame, where the fastest are), else the events, as where a setting that this would decide was chosen by hand.
     Auto,
-    /// The frames: paths are parabolas, and lives reach the frames before and after.
+    /// The frames: paths are parabolas, and lives reach the frames before and after, unless either was chosen by hand.
     Frames,
     /// The events: paths and lives are as the other settings have them.
     #[default]
