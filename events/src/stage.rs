@@ -5,6 +5,30 @@ use super::sink::{EventBatch, Sink};
 /// Capacity: a power of two.
 const CAPACITY: usize = 1024;
 
+/// Which bits of a byte are set, lowest first; the rest is 0.
+const BITS: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut bit, mut count) = (0, 0);
+        while bit < 8 {
+            if mask >> bit & 1 == 1 {
+                table[mask][count] = bit as u8;
+                count += 1;
+            }
+            bit += 1;
+        }
+        mask += 1;
+    }
+    table
+};
+
+/// The columns from `first` on whose bits are set in a byte; the rest is `first`.
+#[inline(always)]
+pub(super) fn columns(first: u16, byte: u8) -> [u16; 8] {
+    BITS[usize::from(byte)].map(|bit| first + u16::from(bit))
+}
+
 /// A batch that is being filled.
 #[derive(Clone, Debug)]
 pub(super) struct Stage {
@@ -37,6 +61,30 @@ impl Stage {
         self.y[at] = y;
         self.on[at] = on;
         self.length += 1;
+    }
+
+    /// Appends the events of a row: bit i of `mask` stands for column `first + i`.
+    #[inline(always)]
+    pub fn push_columns(&mut self, t_us: u64, first: u16, y: u16, on: bool, mask: u32, sink: &mut impl Sink) {
+        // All columns, and what the last eight write beyond their events.
+        const ROOM: usize = 32 + 8;
+        self.room(ROOM, sink);
+        let Some((times, xs, ys, ons)) = self.take::<ROOM>() else { return };
+        // Events before each byte, which the next need not wait for.
+        let before = [0, mask & 0xFF, mask & 0xFFFF, mask & 0xFF_FFFF].map(|bits| bits.count_ones() as usize);
+        for ((from, byte), before) in (first..).step_by(8).zip(mask.to_le_bytes()).zip(before) {
+            if let Some(xs) = xs[before..].first_chunk_mut() {
+                *xs = columns(from, byte);
+            }
+        }
+        let count = mask.count_ones() as usize;
+        let halves =
+            times.as_chunks_mut::<16>().0.iter_mut().zip(ys.as_chunks_mut::<16>().0).zip(ons.as_chunks_mut::<16>().0);
+        // There are seldom events for both.
+        for ((times, ys), ons) in halves.take(if count > 16 { 2 } else { 1 }) {
+            (*times, *ys, *ons) = ([t_us; 16], [y; 16], [on; 16]);
+        }
+        self.give_back(ROOM - count);
     }
 
     /// Makes room for `count` events (at most [`CAPACITY`]).

@@ -76,13 +76,14 @@ pub(super) fn unpack<'a>(mut frame: &[u8], limit: usize, buffer: &'a mut Vec<u8>
         }
         let (before, free) = buffer.split_at_mut(length);
         let free = &mut free[..descriptor.block];
-        length += match packed {
-            true if descriptor.independent || before.is_empty() => decompress_into(body, free).ok()?,
-            true => decompress_into_with_dict(body, free, &before[before.len().saturating_sub(WINDOW)..]).ok()?,
-            false => {
-                free[..stored].copy_from_slice(body);
-                stored
-            }
+        let window = if descriptor.independent { &[] } else { &before[before.len().saturating_sub(WINDOW)..] };
+        length += if !packed {
+            free[..stored].copy_from_slice(body);
+            stored
+        } else if window.is_empty() {
+            decompress_into(body, free).ok()?
+        } else {
+            decompress_into_with_dict(body, free, window).ok()?
         };
         if length > limit {
             return None;

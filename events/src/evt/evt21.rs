@@ -117,13 +117,9 @@ impl Evt21Decoder {
             return;
         }
         let inside = if y < self.height { self.width.saturating_sub(base).min(32) } else { 0 };
-        let mut visible = mask & ((1_u64 << inside) - 1) as u32;
+        let visible = mask & ((1_u64 << inside) - 1) as u32;
         self.anomalies.outside += u64::from((mask & !visible).count_ones());
-        self.stage.room(32, sink);
-        while visible != 0 {
-            self.stage.push(t_us, base + visible.trailing_zeros() as u16, y, on);
-            visible &= visible - 1;
-        }
+        self.stage.push_columns(t_us, base, y, on, visible, sink);
     }
 }
 

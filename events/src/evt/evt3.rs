@@ -14,11 +14,11 @@ use super::{
     super::{
         Anomalies, Decoder, Edge, SensorSize, Sink,
         clock::{Flags, LoopClock, Step},
-        stage::Stage,
+        stage::{Stage, columns},
         state::{BitReader, BitWriter},
     },
     evt3_blocks::{BYTES, Masks, WORDS},
-    evt3_vectors::{GROUP, Rows, columns, group},
+    evt3_vectors::{GROUP, Rows, group},
 };
 
 const NO_ROW: u16 = u16::MAX;

@@ -7,32 +7,6 @@ use super::super::{Sink, stage::Stage};
 const COLUMNS: u16 = 32;
 /// Bytes of a base and three vectors.
 pub(super) const GROUP: usize = 8;
-/// Places in the stage that a group may write to: all of its columns, and what its last eight write beyond their events.
-const ROOM: usize = COLUMNS as usize + 8;
-
-/// Which bits of a byte are set, lowest first; the rest is 0.
-const BITS: [[u8; 8]; 256] = {
-    let mut table = [[0; 8]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut bit, mut count) = (0, 0);
-        while bit < 8 {
-            if mask >> bit & 1 == 1 {
-                table[mask][count] = bit as u8;
-                count += 1;
-            }
-            bit += 1;
-        }
-        mask += 1;
-    }
-    table
-};
-
-/// The columns from `first` on whose bits are set in a byte; the rest is `first`.
-#[inline(always)]
-pub(super) fn columns(first: u16, byte: u8) -> [u16; 8] {
-    BITS[usize::from(byte)].map(|bit| first + u16::from(bit))
-}
 
 /// The content of a base, and the bits of the three vectors after it.
 #[inline(always)]
@@ -130,23 +104,7 @@ impl Rows {
             return false;
         }
         (self.base, self.on) = (first + COLUMNS, on);
-        stage.room(ROOM, sink);
-        let Some((times, xs, ys, ons)) = stage.take::<ROOM>() else { return true };
-        // Events before each byte, which the next need not wait for.
-        let before = [0, mask & 0xFF, mask & 0xFFFF, mask & 0xFF_FFFF].map(|bits| bits.count_ones() as usize);
-        for ((from, byte), before) in (first..).step_by(8).zip(mask.to_le_bytes()).zip(before) {
-            if let Some(xs) = xs[before..].first_chunk_mut() {
-                *xs = columns(from, byte);
-            }
-        }
-        let count = mask.count_ones() as usize;
-        let halves =
-            times.as_chunks_mut::<16>().0.iter_mut().zip(ys.as_chunks_mut::<16>().0).zip(ons.as_chunks_mut::<16>().0);
-        // There are seldom events for both.
-        for ((times, ys), ons) in halves.take(if count > 16 { 2 } else { 1 }) {
-            (*times, *ys, *ons) = ([self.t_us; 16], [self.row; 16], [on; 16]);
-        }
-        stage.give_back(ROOM - count);
+        stage.push_columns(self.t_us, first, self.row, on, mask, sink);
         true
     }
 }

@@ -120,16 +120,19 @@ impl Config {
             self.blur.instant = self.blur.instant.or(Some(0.5));
         }
         let extent = extent(dataset, without_points)?;
+        let undecided = self.free_time.guide == Guide::Auto || self.free_time.first_life == 0.0;
         let moved = match self.motion {
-            MotionModel::FreeTime if !without_points => displacement(dataset, self.free_time.fastest * extent)?,
+            MotionModel::FreeTime if undecided && !without_points => {
+                displacement(dataset, self.free_time.fastest * extent)?
+            }
             _ => None,
         };
+        let by_hand = self.paths_by_hand();
         if self.free_time.guide == Guide::Auto {
-            let unseen = moved.map(|moved| moved * (1.0 - exposed(dataset)));
-            let little = unseen.is_some_and(|unseen| unseen < LITTLE) && !self.paths_by_hand();
-            self.free_time.guide = if little { Guide::Frames } else { Guide::Events };
+            let little = moved.is_some_and(|moved| moved * (1.0 - exposed(dataset)) < LITTLE);
+            self.free_time.guide = if little && !by_hand { Guide::Frames } else { Guide::Events };
         }
-        if self.free_time.guide == Guide::Frames && !self.paths_by_hand() {
+        if self.free_time.guide == Guide::Frames && !by_hand {
             self.free_time.follow_frames();
         }
         if self.free_time.first_life == 0.0 {
