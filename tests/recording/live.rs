@@ -2,10 +2,11 @@
 
 use std::{
     fs,
-    io::{BufRead, BufReader, Lines, Read, Write},
+    io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
     path::Path,
-    process::{Child, ChildStderr, Command, Stdio},
+    process::{Child, Command, Stdio},
+    sync::{Arc, Mutex},
     thread,
     time::Duration,
 };
@@ -33,8 +34,8 @@ mod blinking;
 struct Played {
     process: Child,
     address: String,
-    /// Kept open, so that the program can write there.
-    _stderr: Lines<BufReader<ChildStderr>>,
+    /// What the program said since; a thread reads it, so that the program never waits to say it.
+    said: Arc<Mutex<String>>,
 }
 
 impl Played {
@@ -52,7 +53,12 @@ impl Played {
             let (_, rest) = line.split_once("live page: http://")?;
             Some(rest.split(['/', ' ']).next()?.to_owned())
         });
-        Self { process, address: address.expect("an address"), _stderr: stderr }
+        let said = Arc::new(Mutex::new(String::new()));
+        thread::spawn({
+            let said = Arc::clone(&said);
+            move || stderr.map_while(Result::ok).for_each(|line| *said.lock().expect("the words") += &(line + "\n"))
+        });
+        Self { process, address: address.expect("an address"), said }
     }
 
     fn get(&self, path: &str) -> Vec<u8> {
@@ -88,14 +94,14 @@ impl Drop for Played {
 
 #[test]
 fn a_recording_is_shown_on_the_live_page() {
-    let (kept, _) = recorded();
+    let (kept, summary) = recorded();
     let page = Played::start(kept.path(), "take.mcap", &[]);
     assert!(String::from_utf8_lossy(&page.get("/")).contains("Start recording"));
     let shows = page.comes_to(|page| {
         let answer = page.get("/api/preview/camera");
         answer.starts_with(b"HTTP/1.1 200") && answer.windows(3).any(|bytes| bytes == [0xff, 0xd8, 0xff])
     });
-    assert!(shows, "no picture of the camera");
+    assert!(shows, "no picture of the camera\n{}\n{summary}\n{}", page.status(), page.said.lock().expect("the words"));
     assert_eq!(page.status()["guidance"], serde_json::json!([]));
     // By its pixels: previews in their own shape, and rates that are drawn.
     let mut browser = Browser::start();

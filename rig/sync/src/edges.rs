@@ -21,7 +21,8 @@ pub struct Matched {
     pub seen: u64,
     /// Pulses of known index on both sides.
     pub matched: u64,
-    /// Pulses that the camera saw with a width that is no symbol, or without a falling edge.
+    /// Pulses that the camera saw with a width that is no symbol, or without a falling edge; a pulse that was high when the
+    /// stream ended is not counted.
     pub unreadable: u64,
     /// Places where pulses were lost or doubled on the way to the camera.
     pub breaks: u64,

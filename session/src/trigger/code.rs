@@ -54,7 +54,8 @@ pub struct Seen {
 pub struct Decoded {
     /// For each pulse seen, its index modulo [`PERIOD`]; `None` where the edges do not tell.
     pub indices: Vec<Option<u64>>,
-    /// Pulses that stand for no symbol (no falling edge, or an odd width).
+    /// Pulses that stand for no symbol (no falling edge, or an odd width). The last pulse without a falling edge is none of
+    /// them: the stream ended while it was high.
     pub unreadable: usize,
     /// Places between two pulses of known index that are not one after the other (pulses were lost, or doubled, or the
     /// train was started again), counted.
@@ -85,7 +86,9 @@ pub fn decode(seen: &[Seen]) -> Decoded {
             (left, right) => left.or(right),
         })
         .collect();
-    Decoded { unreadable: symbols.iter().filter(|symbol| symbol.is_none()).count(), breaks: breaks(&indices), indices }
+    let cut_off = usize::from(seen.last().is_some_and(|last| last.width_ns.is_none()));
+    let unreadable = symbols.iter().filter(|symbol| symbol.is_none()).count() - cut_off;
+    Decoded { unreadable, breaks: breaks(&indices), indices }
 }
 
 /// Neighbours among the pulses of known index that do not follow one another.

@@ -69,6 +69,19 @@ fn an_unreadable_pulse_between_whole_groups_keeps_its_index() {
 }
 
 #[test]
+fn a_last_pulse_that_the_end_cuts_off_has_its_index_and_is_no_fault() {
+    let mut seen = train(0, 144);
+    seen[143].width_ns = None;
+    let decoded = decode(&seen);
+    assert_eq!(decoded.indices, (0..144).map(Some).collect::<Vec<_>>());
+    assert_eq!((decoded.breaks, decoded.unreadable), (0, 0));
+    // A last pulse of an odd width is one, and so is a lost falling edge before it.
+    seen[143].width_ns = Some(1_000);
+    seen[100].width_ns = None;
+    assert_eq!(decode(&seen).unreadable, 2);
+}
+
+#[test]
 fn a_doubled_pulse_is_noticed_and_misleads_nobody() {
     for at in 0..32 {
         let mut seen = train(800, 32);
