@@ -18,7 +18,8 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Writes metrics.json, per_view.json and pictures into the run folder. DPSNR is the PSNR over moving pixels: with the masks \
-of the dataset, or with masks made from the motion of the ground truth, which metrics.json says.
+of the dataset, or with masks made from the motion of the ground truth, which metrics.json says. What is fast is the tenth of \
+them that changes most from one held-out frame to the next.
 
 LPIPS needs network weights, which are not part of erfgs; docs/run.md says how to make the file. It is null without.
 
@@ -66,11 +67,17 @@ fn describe(metrics: &Metrics) -> String {
     let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2} dB"));
     let part = |part: &Part| match part.frames {
         0 => "no frame".to_owned(),
-        frames => format!("{}, moving {}, over {frames} frames", decibels(part.psnr), decibels(part.dpsnr)),
+        frames => format!(
+            "{}, moving {}, fast {}, over {frames} frames",
+            decibels(part.psnr),
+            decibels(part.dpsnr),
+            decibels(part.psnr_fast)
+        ),
     };
     let rows = [
         ("PSNR", decibels(Some(metrics.psnr))),
         ("DPSNR", format!("{} (masks: {})", decibels(metrics.dpsnr), metrics.dpsnr_mask)),
+        ("fast", format!("{} in the tenth of it that changes most from frame to frame", decibels(metrics.psnr_fast))),
         ("static", format!("{} where nothing moves", decibels(metrics.psnr_static))),
         ("at frames", part(&metrics.at_frames)),
         ("between", part(&metrics.between_frames)),

@@ -114,6 +114,8 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
     let parts = ["at_frames", "between_frames", "outside_frames"].map(|part| measured[part]["frames"].as_u64());
     assert_eq!(parts.iter().flatten().sum::<u64>(), 13, "{measured}");
     assert!(measured["colour_corrected"]["psnr"].as_f64() > Some(1.0), "{measured}");
+    let fast = measured["psnr_fast"].as_f64().expect("something is fast");
+    assert!(fast > 1.0 && Some(fast) < measured["psnr"].as_f64(), "{measured}");
     let files = folder.figures("export run --instants 3");
     assert_eq!(files.as_array().map(Vec::len), Some(4), "{files}");
 }

@@ -56,6 +56,7 @@ fn columns(scene: &Scene) -> Vec<Column> {
         column("PSNR", "dB", |m| Some(m.psnr), two, Better::Higher, Against::Difference(2)),
         column(&scene.dpsnr_name(), "dB", |m| m.dpsnr, two, Better::Higher, Against::Difference(2)),
         column("DPSNR between frames", "dB", |m| m.between_frames.dpsnr, two, Better::Higher, Against::Difference(2)),
+        column("PSNR, fast", "dB", |m| m.psnr_fast, two, Better::Higher, Against::Difference(2)),
         column("PSNR, static", "dB", |m| m.psnr_static, two, Better::Higher, Against::Difference(2)),
         column(
             "PSNR, colours matched",

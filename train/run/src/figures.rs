@@ -32,6 +32,9 @@ pub struct Part {
     pub psnr: Option<f64>,
     /// Mean over frames of the PSNR over moving pixels, dB; null where nothing moves.
     pub dpsnr: Option<f64>,
+    /// The PSNR over the fast pixels of all of them together, dB; null where nothing is fast.
+    #[serde(default)]
+    pub psnr_fast: Option<f64>,
 }
 
 /// Figures after an affine map of the colours of each held-out camera, fitted on the pixels of it that stand still: what
@@ -61,6 +64,10 @@ pub struct Metrics {
     /// Mean over frames of the PSNR over pixels that stand still, dB; null where everything moves.
     #[serde(default)]
     pub psnr_static: Option<f64>,
+    /// The PSNR over the fast pixels of all frames together, dB: the tenth of the moving ones that changes most from frame to frame
+    /// (see `erfgs_train::metrics::Changes`); null where nothing is fast.
+    #[serde(default)]
+    pub psnr_fast: Option<f64>,
     /// Frames taken while a training frame was exposed.
     #[serde(default)]
     pub at_frames: Part,

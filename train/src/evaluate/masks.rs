@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::read;
 use crate::{
-    metrics::{MotionMaskOptions, motion_masks},
+    metrics::{Changes, MotionMaskOptions, fast_from, motion_masks},
     scene::{HeldOutFrame, Scene, SceneError},
     trainer::TrainError,
 };
@@ -41,10 +41,7 @@ impl HeldOutMasks {
         }
         let mut masks = BTreeMap::new();
         for (view, frames) in by_view {
-            let images = frames
-                .iter()
-                .map(|frame| Ok(read(&scene.dataset, frame)?.data))
-                .collect::<Result<Vec<_>, TrainError>>()?;
+            let images = read_all(scene, &frames)?;
             let size = scene.views[view].view;
             let bytes: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
             let made = motion_masks(size.width, size.height, &bytes, &MotionMaskOptions::default())?;
@@ -53,9 +50,42 @@ impl HeldOutMasks {
         Ok(Self { kind: MaskKind::Motion, masks })
     }
 
+    /// The pixels of each held-out frame that are fast (see [`Changes`]), in the order of the scene's; none where nothing changes.
+    ///
+    /// # Errors
+    /// [`TrainError`] where a frame cannot be read.
+    pub(super) fn fast(&self, scene: &Scene) -> Result<Vec<Vec<bool>>, TrainError> {
+        let mut by_view: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (at, frame) in scene.held_out.iter().enumerate() {
+            by_view.entry(frame.view).or_default().push(at);
+        }
+        let mut changes = Vec::with_capacity(by_view.len());
+        for (view, of_view) in &mut by_view {
+            of_view.sort_by_key(|&at| scene.held_out[at].t_ns);
+            let frames: Vec<&HeldOutFrame> = of_view.iter().map(|&at| &scene.held_out[at]).collect();
+            let images = read_all(scene, &frames)?;
+            let bytes: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
+            let masks: Vec<&[bool]> = frames.iter().map(|frame| self.of(frame)).collect();
+            let size = scene.views[*view].view;
+            changes.push(Changes::of(size.width, size.height, &bytes, &masks)?);
+        }
+        let mut fast = vec![Vec::new(); scene.held_out.len()];
+        let Some(least) = fast_from(&changes) else { return Ok(fast) };
+        for (changes, of_view) in changes.iter().zip(by_view.values()) {
+            for (index, &at) in of_view.iter().enumerate() {
+                fast[at] = changes.mask(index, self.of(&scene.held_out[at]), least);
+            }
+        }
+        Ok(fast)
+    }
+
     /// The mask of a frame, row-major; true where it moves.
     #[must_use]
     pub fn of(&self, frame: &HeldOutFrame) -> &[bool] {
         self.masks.get(&(frame.view, frame.index)).map_or(&[], Vec::as_slice)
     }
+}
+
+fn read_all(scene: &Scene, frames: &[&HeldOutFrame]) -> Result<Vec<Vec<u8>>, TrainError> {
+    frames.iter().map(|frame| Ok(read(&scene.dataset, frame)?.data)).collect()
 }

@@ -63,6 +63,7 @@ impl Trainer<'_> {
         on_progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Metrics, TrainError> {
         let masks = HeldOutMasks::new(&self.scene)?;
+        let fast = masks.fast(&self.scene)?;
         let held_out = self.scene.held_out.clone();
         let mut views = Vec::with_capacity(held_out.len());
         let mut dpsnr = Dpsnr::default();
@@ -80,7 +81,7 @@ impl Trainer<'_> {
             let b = Picture::new(truth.width, truth.height, &unit)?;
             let (view, error) = self.compare(frame, [a, b], mask, options)?;
             dpsnr.add(error);
-            parts.add(when(&self.scene, frame.t01), frame.view, [a, b], mask, error)?;
+            parts.add(when(&self.scene, frame.t01), frame.view, [a, b], [mask, &fast[done]], error)?;
             let index = frame.index as u32;
             if options.picture_stride > 0 && index.is_multiple_of(options.picture_stride) {
                 pictures::write_frame(run, &view, &rendered, &truth, mask)?;
@@ -99,6 +100,7 @@ impl Trainer<'_> {
             dpsnr_pooled: dpsnr.pooled(),
             dpsnr_mask: masks.kind,
             psnr_static: parts.psnr_static(),
+            psnr_fast: parts.psnr_fast(),
             at_frames: parts.part(When::AtFrame),
             between_frames: parts.part(When::Between),
             outside_frames: parts.part(When::Outside),

@@ -13,6 +13,7 @@ struct Seen {
     camera: usize,
     moving: MaskedError,
     still: MaskedError,
+    fast: MaskedError,
     moving_colours: ColourSums,
     still_colours: ColourSums,
 }
@@ -24,13 +25,14 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Adds a frame of `camera`, as rendered and as it was, whose error where it moves is `moving`.
+    /// Adds a frame of `camera`, as rendered and as it was, with its masks of what moves and of what is fast (or none of the
+    /// latter), whose error where it moves is `moving`.
     pub fn add(
         &mut self,
         when: When,
         camera: usize,
         [a, b]: [Picture<'_>; 2],
-        mask: &[bool],
+        [mask, fast]: [&[bool]; 2],
         moving: MaskedError,
     ) -> Result<(), MetricError> {
         let still: Vec<bool> = mask.iter().map(|moves| !moves).collect();
@@ -39,6 +41,7 @@ impl Parts {
             camera,
             moving,
             still: masked_error(a, b, &still)?,
+            fast: if fast.is_empty() { MaskedError::default() } else { masked_error(a, b, fast)? },
             moving_colours: ColourSums::of(a, b, mask, true)?,
             still_colours: ColourSums::of(a, b, mask, false)?,
         });
@@ -50,6 +53,11 @@ impl Parts {
         mean(self.frames.iter().map(|frame| frame.still))
     }
 
+    /// The PSNR over the pixels of all frames that are fast, dB.
+    pub fn psnr_fast(&self) -> Option<f64> {
+        pooled(self.frames.iter().map(|frame| frame.fast))
+    }
+
     /// The frames of one kind.
     pub fn part(&self, when: When) -> Part {
         let of = || self.frames.iter().filter(|frame| frame.when == when);
@@ -57,6 +65,7 @@ impl Parts {
             frames: of().count() as u64,
             psnr: mean(of().map(|frame| both(frame.moving, frame.still))),
             dpsnr: mean(of().map(|frame| frame.moving)),
+            psnr_fast: pooled(of().map(|frame| frame.fast)),
         }
     }
 
@@ -87,4 +96,8 @@ fn mean(errors: impl Iterator<Item = MaskedError>) -> Option<f64> {
     let mut all = Dpsnr::default();
     errors.for_each(|error| all.add(error));
     all.mean()
+}
+
+fn pooled(errors: impl Iterator<Item = MaskedError>) -> Option<f64> {
+    errors.fold(MaskedError::default(), both).psnr()
 }

@@ -4,12 +4,14 @@
 //! is what is written to disk: see [`to_bytes`] and [`to_unit`].
 
 mod colour;
+mod fast;
 mod lpips;
 mod motion;
 mod psnr;
 mod ssim;
 
 pub use colour::{ColourMap, ColourSums};
+pub use fast::{Changes, fast_from};
 pub use lpips::{Lpips, LpipsError, LpipsWeights};
 pub use motion::{MotionMaskOptions, motion_masks};
 pub use psnr::{Dpsnr, MAX_PSNR, MaskedError, masked_error, psnr};
