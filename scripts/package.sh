@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
-# Packs the crates that are published, builds each from its package alone, and prints what each costs: the size of its package,
+# Packs the crates that are published, compiles each from its package alone, and prints what each costs: the size of its package,
 # and the crates that it depends on (itself included, on Linux) by default and with as few features as a use of it takes.
 # Before that it looks whether each feature compiles alone.
-# usage: scripts/package.sh [--sizes]   (--sizes packs and counts, and builds nothing)
+# usage: scripts/package.sh [--sizes]   (--sizes packs and counts, and compiles nothing)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-build=()
+compile=true
 case "${1:-}" in
   "") ;;
-  --sizes) build=(--no-verify) ;;
+  --sizes) compile=false ;;
   *) sed -n '2,5p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
 esac
 
@@ -27,24 +27,37 @@ alone() { # alone CRATE FEATURE...
       || { echo "package.sh: erfgs-$crate does not compile with the features '$feature' alone" >&2; return 1; }
   done
 }
-if [ ${#build[@]} -eq 0 ]; then
+if $compile; then
   alone base files parallel
   alone events aedat4 npz digest serde
   alone scene cameras images formats exr
   alone session file pictures export exr rosbag2
   alone rig evk4 davis346 frames trigger
 fi
-# Cargo takes a package of a version for what it was when that version was first unpacked and built here.
 target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
-rm -rf "${CARGO_HOME:-$HOME/.cargo}"/registry/{src,cache}/-*/erfgs-*
-built=$(grep -sl 'registry/src/-' "$target"/debug/deps/erfgs_*.d || true)
-for file in $built; do
-  hash=${file##*-}
-  rm -rf "$target"/debug/.fingerprint/erfgs-*-"${hash%.d}"
-done
-# Whether it is committed is not asked: the check is for what lies here. What is built goes to the folder of all builds.
-# shellcheck disable=SC2068
-cargo package --locked --quiet --allow-dirty "${build[@]}" ${crates[@]/#/-p erfgs-}
+# Whether it is committed is not asked: the check is for what lies here. Cargo's own look at the packages would build all that they
+# depend on once more, in another profile.
+cargo package --locked --quiet --allow-dirty --no-verify "${crates[@]/#/-perfgs-}"
+
+# A workspace of nothing but what the packages hold, each in place of what the registry has of that name. With the profiles of
+# this one, so that dependencies that were read above are not read again.
+if $compile; then
+  unpacked=$target/unpacked
+  rm -rf "$unpacked"
+  mkdir -p "$unpacked"
+  {
+    printf '[workspace]\nresolver = "3"\nmembers = ["*"]\n[patch.crates-io]\n'
+    for crate in "${crates[@]}"; do
+      tar -xzf "$target"/package/"erfgs-$crate"-*.crate -C "$unpacked"
+      printf 'erfgs-%s = { path = "%s" }\n' "$crate" "$(cd "$unpacked" && echo "erfgs-$crate"-*)"
+    done
+    sed -n '/^\[profile/,$p' Cargo.toml
+  } >"$unpacked/Cargo.toml"
+  cp Cargo.lock "$unpacked"
+  for crate in "${crates[@]}"; do
+    cargo check --quiet --manifest-path "$unpacked/Cargo.toml" --target-dir "$target" -p "erfgs-$crate"
+  done
+fi
 
 # count CRATE [ARGUMENT...]
 count() {

@@ -136,7 +136,8 @@ impl Config {
             self.free_time.follow_frames();
         }
         if self.free_time.first_life == 0.0 {
-            self.free_time.live(moved);
+            // Without events nothing is between frames but what outlives one.
+            self.free_time.live(moved.filter(|_| self.earl.enabled));
         }
         if extent > 0.0 {
             self.near_m = self.near_m.min(NEAREST * extent);

@@ -61,7 +61,7 @@ pub struct FreeTimeOptions {
     /// The shortest life (standard deviation of the presence), RGB intervals; half the first where that is left to the data.
     pub least_life: f32,
     /// The life that a Gaussian starts with, RGB intervals; more than the shortest. 0 leaves it to the data: half an interval, and a
-    /// quarter where the fastest things go farther than a sixth of the picture's width from frame to frame.
+    /// quarter where events teach and the fastest things go farther than a sixth of the picture's width from frame to frame.
     pub first_life: f32,
     /// The opacity that a Gaussian starts with.
     pub opacity: f32,
@@ -121,7 +121,7 @@ const FIRST_LIFE: f32 = 0.5;
 
 impl FreeTimeOptions {
     /// Decides on lives where the fastest things go by `displacement` (a share of the picture's width) from frame to frame, if that
-    /// is known.
+    /// is known and events tell what is between.
     pub(crate) fn live(&mut self, displacement: Option<f64>) {
         let far = displacement.is_some_and(|displacement| displacement > FAR);
         self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
