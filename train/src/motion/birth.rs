@@ -5,6 +5,8 @@
 //! from where it is thought to go, and takes the mean displacement of the points around it, of ever fewer of them (iterated
 //! closest points, from rigid to free).
 
+use std::iter::zip;
+
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -29,8 +31,8 @@ const FARTHEST_M: f32 = 1e12;
 /// A point that moves, and the instant it was there, RGB intervals.
 pub type MovingPoint = (Point, f64);
 
-/// The Gaussians of `points`, in the order of their instants: of the size of the spacing of their instant's points. The
-/// points are from frames that were exposed for `exposure` RGB intervals.
+/// The Gaussians of `points`: of the size of the spacing of their instant's points, and `options.between` times more on their ways to the
+/// next instant, where these are known. The points are from frames that were exposed for `exposure` RGB intervals.
 #[must_use]
 pub fn gaussians(
     points: &[MovingPoint],
@@ -46,18 +48,48 @@ pub fn gaussians(
     let reach = options.knots as f32 * options.spacing;
     let trees: Vec<Tree> = if options.knots == 0 { Vec::new() } else { instants.par_iter().map(tree).collect() };
     for (index, ((time, points), velocities)) in instants.iter().zip(velocities).enumerate() {
-        let born = Gaussians::from_points(&shrunk(points, &velocities, exposure), sh_degree, options.opacity);
-        all.core.extend(born.core);
-        all.sh.extend(born.sh);
+        let time = *time as f32;
+        let there = shrunk(points, &velocities, exposure);
         if options.knots == 0 {
-            all.motion.extend(velocities.into_iter().flat_map(|velocity| options.born(*time as f32, velocity)));
-        } else {
-            let tracks = tracks(&instants, &flows, &trees, index, reach);
-            all.motion.extend(tracks.iter().flat_map(|track| options.bent(*time as f32, |dt| along(track, dt))));
+            place(&mut all, &there, options.opacity);
+            all.motion.extend(velocities.into_iter().flat_map(|velocity| options.born(time, velocity)));
+            continue;
+        }
+        let tracks = tracks(&instants, &flows, &trees, index, reach);
+        follow(&mut all, &there, &tracks, [time, 0.0], options);
+        let Some((away, moved)) = &flows[index][1] else { continue };
+        let known = |at: usize| moved[at].is_some();
+        for step in 1..=options.between {
+            let since = away * step as f32 / (options.between + 1) as f32;
+            let (points, tracks): (Vec<Point>, Vec<Track>) = zip(there.iter().copied(), tracks.iter().cloned())
+                .enumerate()
+                .filter_map(|(at, pair)| known(at).then_some(pair))
+                .unzip();
+            follow(&mut all, &points, &tracks, [time, since], options);
         }
     }
     all.dynamic = all.core.len() / CORE;
     all
+}
+
+/// Adds Gaussians at `points`.
+fn place(all: &mut Gaussians, points: &[Point], opacity: f32) {
+    let born = Gaussians::from_points(points, all.sh_degree, opacity);
+    all.core.extend(born.core);
+    all.sh.extend(born.sh);
+}
+
+/// Adds Gaussians where `points` of the instant `time` are `since` intervals later on their `tracks`, and go on from there.
+fn follow(all: &mut Gaussians, points: &[Point], tracks: &[Track], [time, since]: [f32; 2], options: &FreeTimeOptions) {
+    let moved: Vec<Point> = zip(points, tracks)
+        .map(|((place, colour), track)| ((Vec3::from(*place) + Vec3::from(along(track, since))).to_array(), *colour))
+        .collect();
+    place(all, &moved, options.opacity);
+    for track in tracks {
+        let from = Vec3::from(along(track, since));
+        let path = |dt: f32| (Vec3::from(along(track, since + dt)) - from).to_array();
+        all.motion.extend(options.bent(time + since, path));
+    }
 }
 
 /// Places of points that move, and how fast they go, metres an interval; none faster than `fastest`.
@@ -111,7 +143,7 @@ fn velocities(instants: &[Instant], flows: &[[Option<Flow>; 2]]) -> Vec<Vec<[f32
         let (away, moved) = side.as_ref()?;
         Some((*away, moved[at]?.map(|moved| moved / away)))
     };
-    std::iter::zip(instants, flows)
+    zip(instants, flows)
         .map(|((_, points), [before, after])| {
             (0..points.len())
                 .map(|at| match (speed(before, at), speed(after, at)) {
@@ -203,7 +235,7 @@ fn displacements(points: &[Point], others: &[Point], farthest: f32) -> Vec<Optio
         .collect();
     let mut moved = vec![[0.0_f32; 3]; points.len()];
     for together in TOGETHER.into_iter().flat_map(|(together, rounds)| std::iter::repeat_n(together, rounds)) {
-        let from: Vec<[f32; 6]> = std::iter::zip(points, &moved)
+        let from: Vec<[f32; 6]> = zip(points, &moved)
             .map(|((place, colour), moved)| joint(std::array::from_fn(|k| place[k] + moved[k]), *colour, tint))
             .collect();
         let source_tree = Tree::new_from_slice(&from);
@@ -313,6 +345,37 @@ mod tests {
                         (x - went).abs() < 0.08 && (y - fell).abs() < 0.08,
                         "{index} at {dt}: {x} {y}, not {went} {fell}"
                     );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn between_two_instants_it_is_born_where_its_path_leads() {
+        let at = |t: f32| [0.4 * t, 0.5 - 0.2 * t + 0.05 * t * t];
+        let points: Vec<MovingPoint> = (0..5)
+            .flat_map(|t| {
+                let [x, y] = at(t as f32);
+                ball(t, [x, y, 0.0], [200, 20, 20]).map(move |point| (point, t as f64))
+            })
+            .collect();
+        let options = FreeTimeOptions { knots: 2, between: 1, ..FreeTimeOptions::default() };
+        let born = gaussians(&points, 0, 4.0, 0.0, &options);
+        let rows: Vec<&[f32]> = born.motion.chunks_exact(options.floats()).collect();
+        // Nothing is known of the way after the last instant.
+        assert_eq!((born.len(), rows.len()), (540, 540));
+        for (group, row) in rows.chunks(60).enumerate() {
+            let t = 0.5 * group as f32;
+            assert!(row.iter().all(|row| row[3] == t), "the instant of group {group}");
+            let core = &born.core[group * 60 * CORE..][..60 * CORE];
+            let mean = |axis: usize| core.iter().skip(axis).step_by(CORE).sum::<f32>() / 60.0;
+            let [x, y] = at(t);
+            assert!((mean(0) - x).abs() < 0.03 && (mean(1) - y).abs() < 0.03, "{t}: {} {}", mean(0), mean(1));
+            for dt in [-1.0, -0.5, 0.5, 1.0].into_iter().filter(|dt| (0.0..=4.0).contains(&(t + dt))) {
+                let [then_x, then_y] = at(t + dt);
+                for row in row {
+                    let [went, rose, _] = options.moved(row, dt);
+                    assert!((went - then_x + x).abs() < 0.08 && (rose - then_y + y).abs() < 0.08, "{t} and {dt}");
                 }
             }
         }

@@ -156,11 +156,12 @@ mod tests {
             assert!(config.free_time.knots >= 2, "{set}");
         }
         assert_eq!(settled(0.3, 10_000_000, &["free_time.guide=frames"]).free_time.knots, 0);
-        // Where things go far, lives are short, but only with events to tell what is between frames.
-        let lives = |config: Config| (config.free_time.first_life, config.free_time.least_life);
-        assert_eq!(lives(settled(0.3, 10_000_000, &[])), (0.5, 0.25));
-        assert_eq!(lives(settled(0.8, 10_000_000, &[])), (0.25, 0.125));
-        assert_eq!(lives(settled(0.8, 10_000_000, &["earl.enabled=false"])), (0.5, 0.25));
+        // Where things go far, lives are short, and some begin between frames, but only with events to tell what is there.
+        let lives =
+            |config: Config| (config.free_time.first_life, config.free_time.least_life, config.free_time.between);
+        assert_eq!(lives(settled(0.3, 10_000_000, &[])), (0.5, 0.25, 0));
+        assert_eq!(lives(settled(0.8, 10_000_000, &[])), (0.25, 0.125, 1));
+        assert_eq!(lives(settled(0.8, 10_000_000, &["earl.enabled=false"])), (0.5, 0.25, 0));
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub const GONE: f32 = -30.0;
 
 /// Most knots on either side of an instant.
 const MOST_KNOTS: u32 = 16;
+/// Most births between two instants.
+const MOST_BETWEEN: u32 = 16;
 
 /// What paths are fitted to between the middles of two exposures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,6 +65,9 @@ pub struct FreeTimeOptions {
     /// The life that a Gaussian starts with, RGB intervals; more than the shortest. 0 leaves it to the data: half an interval, and a
     /// quarter where events teach and the fastest things go farther than a sixth of the picture's width from frame to frame.
     pub first_life: f32,
+    /// How many times Gaussians are born between two instants of the points, on their paths through knots: what is seen by events alone has
+    /// its own. Once at least where the first life is left to the data and things go as far as that says.
+    pub between: u32,
     /// The opacity that a Gaussian starts with.
     pub opacity: f32,
     /// Faster than this nothing is taken to be at the start, extents of the scene an interval.
@@ -96,6 +101,7 @@ impl Default for FreeTimeOptions {
         Self {
             least_life: 0.25,
             first_life: 0.0,
+            between: 0,
             opacity: 0.2,
             fastest: 0.5,
             guide: Guide::Events,
@@ -120,12 +126,14 @@ const FAR: f64 = 1.0 / 6.0;
 const FIRST_LIFE: f32 = 0.5;
 
 impl FreeTimeOptions {
-    /// Decides on lives where the fastest things go by `displacement` (a share of the picture's width) from frame to frame, if that
+    /// Decides on lives and on births between frames where the fastest things go by `displacement` (a share of the picture's width) from frame to frame, if that
     /// is known and events tell what is between.
     pub(crate) fn live(&mut self, displacement: Option<f64>) {
         let far = displacement.is_some_and(|displacement| displacement > FAR);
         self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
         self.least_life = 0.5 * self.first_life;
+        // So short that half way between two frames there would be little.
+        self.between = self.between.max(u32::from(far));
     }
 
     /// Lets frames alone tell of paths: they leave so little unseen that a parabola through three of them is better known than any
@@ -142,6 +150,9 @@ impl FreeTimeOptions {
         let refuse = |key, value, reason| Err(ConfigError::OutOfRange { key, value, reason });
         if self.knots == 1 || self.knots > MOST_KNOTS {
             return refuse("free_time.knots", self.knots.to_string(), "0 (a parabola), or 2 to 16 on either side");
+        }
+        if self.between > MOST_BETWEEN {
+            return refuse("free_time.between", self.between.to_string(), "0 to 16");
         }
         // What is shorter than that has no square in single precision.
         if !(self.spacing >= 1e-3 && self.spacing.is_finite()) {

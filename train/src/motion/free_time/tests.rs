@@ -266,13 +266,14 @@ fn a_path_through_knots_passes_them_and_follows_a_parabola_exactly() {
 }
 
 #[test]
-fn lives_are_half_as_long_where_things_go_far() {
+fn lives_are_half_as_long_where_things_go_far_and_some_begin_between_frames() {
     let lives = |displacement| {
         let mut options = FreeTimeOptions::default();
         options.live(displacement);
-        [options.least_life, options.first_life]
+        (options.least_life, options.first_life, options.between)
     };
-    assert_eq!([lives(None), lives(Some(0.1)), lives(Some(0.2))], [[0.25, 0.5], [0.25, 0.5], [0.125, 0.25]]);
+    let [unknown, near, far] = [None, Some(0.1), Some(0.2)].map(lives);
+    assert_eq!([unknown, near, far], [(0.25, 0.5, 0), (0.25, 0.5, 0), (0.125, 0.25, 1)]);
     // What nobody decided on is what things that go less far get.
     let born = |options: &FreeTimeOptions| options.born(0.0, [0.0; 3]);
     let decided = FreeTimeOptions { first_life: 0.5, ..FreeTimeOptions::default() };
