@@ -35,12 +35,9 @@ impl HeldOutMasks {
     }
 
     fn from_motion(scene: &Scene) -> Result<Self, TrainError> {
-        let mut by_view: BTreeMap<usize, Vec<&HeldOutFrame>> = BTreeMap::new();
-        for frame in &scene.held_out {
-            by_view.entry(frame.view).or_default().push(frame);
-        }
         let mut masks = BTreeMap::new();
-        for (view, frames) in by_view {
+        for (view, of_view) in by_view(scene) {
+            let frames: Vec<&HeldOutFrame> = of_view.iter().map(|&at| &scene.held_out[at]).collect();
             let images = read_all(scene, &frames)?;
             let size = scene.views[view].view;
             let bytes: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
@@ -55,13 +52,9 @@ impl HeldOutMasks {
     /// # Errors
     /// [`TrainError`] where a frame cannot be read.
     pub(super) fn fast(&self, scene: &Scene) -> Result<Vec<Vec<bool>>, TrainError> {
-        let mut by_view: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for (at, frame) in scene.held_out.iter().enumerate() {
-            by_view.entry(frame.view).or_default().push(at);
-        }
+        let by_view = by_view(scene);
         let mut changes = Vec::with_capacity(by_view.len());
-        for (view, of_view) in &mut by_view {
-            of_view.sort_by_key(|&at| scene.held_out[at].t_ns);
+        for (view, of_view) in &by_view {
             let frames: Vec<&HeldOutFrame> = of_view.iter().map(|&at| &scene.held_out[at]).collect();
             let images = read_all(scene, &frames)?;
             let bytes: Vec<&[u8]> = images.iter().map(Vec::as_slice).collect();
@@ -70,7 +63,7 @@ impl HeldOutMasks {
             changes.push(Changes::of(size.width, size.height, &bytes, &masks)?);
         }
         let mut fast = vec![Vec::new(); scene.held_out.len()];
-        let Some(least) = fast_from(&changes) else { return Ok(fast) };
+        let least = fast_from(&changes).unwrap_or(u16::MAX);
         for (changes, of_view) in changes.iter().zip(by_view.values()) {
             for (index, &at) in of_view.iter().enumerate() {
                 fast[at] = changes.mask(index, self.of(&scene.held_out[at]), least);
@@ -84,6 +77,16 @@ impl HeldOutMasks {
     pub fn of(&self, frame: &HeldOutFrame) -> &[bool] {
         self.masks.get(&(frame.view, frame.index)).map_or(&[], Vec::as_slice)
     }
+}
+
+/// The held-out frames of each view in the order of time, by their places among all of the scene's.
+fn by_view(scene: &Scene) -> BTreeMap<usize, Vec<usize>> {
+    let mut by_view: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (at, frame) in scene.held_out.iter().enumerate() {
+        by_view.entry(frame.view).or_default().push(at);
+    }
+    by_view.values_mut().for_each(|of_view| of_view.sort_by_key(|&at| scene.held_out[at].t_ns));
+    by_view
 }
 
 fn read_all(scene: &Scene, frames: &[&HeldOutFrame]) -> Result<Vec<Vec<u8>>, TrainError> {

@@ -25,8 +25,8 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Adds a frame of `camera`, as rendered and as it was, with its masks of what moves and of what is fast (or none of the
-    /// latter), whose error where it moves is `moving`.
+    /// Adds a frame of `camera`, as rendered and as it was, with its masks of what moves and of what is fast, whose error
+    /// where it moves is `moving`.
     pub fn add(
         &mut self,
         when: When,
@@ -41,7 +41,7 @@ impl Parts {
             camera,
             moving,
             still: masked_error(a, b, &still)?,
-            fast: if fast.is_empty() { MaskedError::default() } else { masked_error(a, b, fast)? },
+            fast: masked_error(a, b, fast)?,
             moving_colours: ColourSums::of(a, b, mask, true)?,
             still_colours: ColourSums::of(a, b, mask, false)?,
         });
@@ -55,7 +55,7 @@ impl Parts {
 
     /// The PSNR over the pixels of all frames that are fast, dB.
     pub fn psnr_fast(&self) -> Option<f64> {
-        pooled(self.frames.iter().map(|frame| frame.fast))
+        gathered(self.frames.iter().map(|frame| frame.fast)).pooled()
     }
 
     /// The frames of one kind.
@@ -65,7 +65,7 @@ impl Parts {
             frames: of().count() as u64,
             psnr: mean(of().map(|frame| both(frame.moving, frame.still))),
             dpsnr: mean(of().map(|frame| frame.moving)),
-            psnr_fast: pooled(of().map(|frame| frame.fast)),
+            psnr_fast: gathered(of().map(|frame| frame.fast)).pooled(),
         }
     }
 
@@ -93,11 +93,11 @@ fn both(a: MaskedError, b: MaskedError) -> MaskedError {
 }
 
 fn mean(errors: impl Iterator<Item = MaskedError>) -> Option<f64> {
-    let mut all = Dpsnr::default();
-    errors.for_each(|error| all.add(error));
-    all.mean()
+    gathered(errors).mean()
 }
 
-fn pooled(errors: impl Iterator<Item = MaskedError>) -> Option<f64> {
-    errors.fold(MaskedError::default(), both).psnr()
+fn gathered(errors: impl Iterator<Item = MaskedError>) -> Dpsnr {
+    let mut all = Dpsnr::default();
+    errors.for_each(|error| all.add(error));
+    all
 }

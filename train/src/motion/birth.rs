@@ -58,13 +58,10 @@ pub fn gaussians(
         let tracks = tracks(&instants, &flows, &trees, index, reach);
         follow(&mut all, &there, &tracks, [time, 0.0], options);
         let Some((away, moved)) = &flows[index][1] else { continue };
-        let known = |at: usize| moved[at].is_some();
+        let (points, tracks): (Vec<Point>, Vec<Track>) =
+            zip(zip(there, tracks), moved).filter_map(|(pair, moved)| moved.is_some().then_some(pair)).unzip();
         for step in 1..=options.between {
             let since = away * step as f32 / (options.between + 1) as f32;
-            let (points, tracks): (Vec<Point>, Vec<Track>) = zip(there.iter().copied(), tracks.iter().cloned())
-                .enumerate()
-                .filter_map(|(at, pair)| known(at).then_some(pair))
-                .unzip();
             follow(&mut all, &points, &tracks, [time, since], options);
         }
     }
@@ -81,12 +78,11 @@ fn place(all: &mut Gaussians, points: &[Point], opacity: f32) {
 
 /// Adds Gaussians where `points` of the instant `time` are `since` intervals later on their `tracks`, and go on from there.
 fn follow(all: &mut Gaussians, points: &[Point], tracks: &[Track], [time, since]: [f32; 2], options: &FreeTimeOptions) {
-    let moved: Vec<Point> = zip(points, tracks)
-        .map(|((place, colour), track)| ((Vec3::from(*place) + Vec3::from(along(track, since))).to_array(), *colour))
-        .collect();
+    let ways: Vec<Vec3> = tracks.iter().map(|track| along(track, since).into()).collect();
+    let moved: Vec<Point> =
+        zip(points, &ways).map(|((place, colour), way)| ((Vec3::from(*place) + *way).to_array(), *colour)).collect();
     place(all, &moved, options.opacity);
-    for track in tracks {
-        let from = Vec3::from(along(track, since));
+    for (track, from) in zip(tracks, ways) {
         let path = |dt: f32| (Vec3::from(along(track, since + dt)) - from).to_array();
         all.motion.extend(options.bent(time + since, path));
     }

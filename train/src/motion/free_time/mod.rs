@@ -126,8 +126,8 @@ const FAR: f64 = 1.0 / 6.0;
 const FIRST_LIFE: f32 = 0.5;
 
 impl FreeTimeOptions {
-    /// Decides on lives and on births between frames where the fastest things go by `displacement` (a share of the picture's width) from frame to frame, if that
-    /// is known and events tell what is between.
+    /// Decides on lives and on births between frames where the fastest things go by `displacement` (a share of the picture's width) from
+    /// frame to frame, if that is known and events tell what is between.
     pub(crate) fn live(&mut self, displacement: Option<f64>) {
         let far = displacement.is_some_and(|displacement| displacement > FAR);
         self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
