@@ -8,9 +8,9 @@ the time from opening the page to the first picture and to all of it, once as fa
 median time of a picture from a camera that moves, drawn fast and exactly; and what of it each part takes, each run alone. Beside each
 stands the mean time of the processor over all processes of the browser, which other programs on the machine do not change.
 
-With --peers the standing part alone is also drawn by viewers of others, from a PLY file of the same Gaussians (npm packages, fetched
-into target/bench-view; they draw with WebGL 2 on the same software renderer). They sort in a worker beside drawing, so that a picture
-may be in the order of an earlier view.
+With --peers the same Gaussians are also drawn by viewers of others (npm packages, fetched into target/bench-view; they draw with WebGL 2
+on the same software renderer): standing still, from a PLY file, by Spark and GaussianSplats3D; with a fifth that moves, from a `.splatv`
+file, by gsplat.js. They sort in a worker beside drawing, so that a picture may be in the order of an earlier view.
 """
 
 import argparse
@@ -34,7 +34,9 @@ import time
 from array import array
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-PEERS = ["three@0.187.0", "@sparkjsdev/spark@2.2.0", "@mkkellogg/gaussian-splats-3d@0.4.7"]
+PEERS = ["three@0.187.0", "@sparkjsdev/spark@2.2.0", "@mkkellogg/gaussian-splats-3d@0.4.7", "gsplat@1.2.9"]
+# Intervals between frames in a second of the made cloud, and the least life of a Gaussian, in intervals.
+INTERVALS, LEAST_LIFE = 5.0, 0.5
 FLAGS = """--no-sandbox --headless=new --enable-unsafe-webgpu --enable-features=Vulkan --use-vulkan=swiftshader --use-angle=swiftshader
     --no-first-run --disable-extensions --window-size=800,700 --remote-debugging-pipe about:blank""".split()
 SH_C0 = 0.28209479
@@ -106,7 +108,7 @@ def scene_file(made: dict, size: tuple[int, int], first: bool) -> bytes:
         if share < 1:
             coarse.append({"sections": len(sections), "dynamic": ends[0], "still": ends[1] - moving})
         before = ends
-    motion = {"kind": "free-time", "intervals": 5.0, "least_life": 0.5, "gone": -40.0, "knots": 0, "spacing": 1.0}
+    motion = {"kind": "free-time", "intervals": INTERVALS, "least_life": LEAST_LIFE, "gone": -40.0, "knots": 0, "spacing": 1.0}
     header = {
         "count": count, "dynamic": moving, "sh_degree": 0, "active_sh_degree": 0, "background": [0.0, 0.0, 0.0], "near": [0.1, 0.0],
         "near_sigmas": 3.0, "span_ns": [0, 1_000_000_000], "motion": motion if moving else {"kind": "still"}, "only_server": None,
@@ -127,6 +129,28 @@ def ply(made: dict) -> bytes:
     for core, rgb in zip(made["core"], made["colour"]):
         numbers.extend([*core[:3], *rgb, core[10], *core[3:6], *core[6:10]])
     return head.encode() + numbers.tobytes()
+
+
+def splatv(made: dict) -> bytes:
+    """The layout of splaTV, which gsplat.js reads: 16 words a Gaussian in rows of a texture, halves in pairs but for the place and colour.
+
+    What moves is at p + v dt + a dt^2 with opacity o exp(-(dt / s)^2), dt the time since its instant, in a film that takes 1."""
+    count = len(made["core"])
+    height = math.ceil(count / 1024)
+    rows = bytearray(height * 1024 * 64)
+    for row, (core, rgb) in enumerate(zip(made["core"], made["colour"])):
+        # What stands still lives for ever.
+        speed, instant, bend, life = [0.0] * 3, 0.0, [0.0] * 3, 60_000.0
+        if row < len(made["motion"]):
+            vx, vy, vz, instant, ax, ay, az, life = made["motion"][row]
+            speed, bend = [v * INTERVALS for v in (vx, vy, vz)], [a * INTERVALS**2 / 2 for a in (ax, ay, az)]
+            instant, life = instant / INTERVALS, (LEAST_LIFE + math.exp(life)) * math.sqrt(2) / INTERVALS
+        rotation = [part / math.hypot(*core[6:10]) for part in core[6:10]]
+        bytes_of = [*(0.5 + SH_C0 * c for c in rgb), 1 / (1 + math.exp(-core[10]))]
+        struct.pack_into("<3f4e3e2x4B9e2x4e2e", rows, 64 * row, *core[:3], *rotation, *map(math.exp, core[3:6]),
+                         *(round(255 * min(max(v, 0), 1)) for v in bytes_of), *speed, *bend, *[0.0] * 3, *[0.0] * 4, instant, life)
+    chunks = json.dumps([{"type": "splat", "size": len(rows), "texwidth": 4096, "texheight": height, "cameras": []}]).encode()
+    return struct.pack("<II", 0x674B, len(chunks)) + chunks + rows
 
 
 class Browser:
@@ -327,6 +351,41 @@ globalThis.bench = async () => {
 };
 </script>"""
 
+# The peer that plays what moves. It takes the time from the clock.
+MOVING_PEER_PAGE = """<!doctype html><meta charset="utf-8"><style>html,body{margin:0}canvas{display:block}</style><body><script type="module">
+import * as SPLAT from '/node_modules/gsplat/dist/index.es.js';
+const [width, height, frames] = SETTINGS;
+const canvas = document.body.appendChild(document.createElement('canvas'));
+const renderer = new SPLAT.WebGLRenderer(canvas, []);
+renderer.addProgram(new SPLAT.VideoRenderProgram(renderer, []));
+renderer.setSize(width, height);
+const [scene, camera] = [new SPLAT.Scene(), new SPLAT.Camera()];
+camera.data.fx = camera.data.fy = 0.8 * width;
+camera.data.setSize(width, height);
+await SPLAT.SplatvLoader.LoadAsync('/moving.splatv', scene, null);
+const gl = renderer.gl;
+const pixel = new Uint8Array(4);
+const once = async (k) => {
+  await new Promise(requestAnimationFrame);
+  const from = performance.now();
+  const [c, s] = [Math.cos(0.03 * k), Math.sin(0.03 * k)];
+  camera.position = new SPLAT.Vector3(3 * s, 0, -3 * c);
+  camera.rotation = new SPLAT.Quaternion(0, -Math.sin(0.015 * k), 0, Math.cos(0.015 * k));
+  // It draws the time sin(now) / 2 + 1 / 2, now in seconds.
+  const now = 1000 * Math.asin(2 * ((0.3 + 0.01 * k) % 1) - 1);
+  Date.now = () => now;
+  renderer.render(scene, camera);
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+  return performance.now() - from;
+};
+for (let k = 0; k < 5; k++) { await once(0); await new Promise((done) => { setTimeout(done, 300); }); }
+globalThis.bench = async () => {
+  const all = [];
+  for (let k = -1; k < frames; k++) all.push(await once(Math.max(k, 0)));
+  return all.slice(1).sort((a, b) => a - b)[frames >> 1];
+};
+</script>"""
+
 
 def served_by_erfgs(erfgs: str, path: pathlib.Path):
     command = [erfgs, "view", str(path), "--address", "127.0.0.1:0", "--no-browser", "--json"]
@@ -376,13 +435,7 @@ def peers(browser: Browser, arguments, count: int, folder: pathlib.Path) -> None
         (packages / "package.json").write_text('{"private": true}')
         subprocess.run(["npm", "install", "--silent", "--no-audit", "--no-fund", "--ignore-scripts", *PEERS], cwd=packages, check=True)
         stamp.write_text("\n".join(PEERS))
-    made = cloud(count, 0)
-    (packages / "still.ply").write_bytes(ply(made))
-    path = folder / "still.e4d"
-    path.write_bytes(gzip.compress(scene_file(made, arguments.size, False), 6))
-    for who in ("spark", "splats3d"):
-        settings = json.dumps([*arguments.size, arguments.frames, who])
-        (packages / f"{who}.html").write_text(PEER_PAGE.replace("SETTINGS", settings))
+    size, settings = "x".join(map(str, arguments.size)), [*arguments.size, arguments.frames]
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
         def log_message(self, *_):
@@ -390,28 +443,35 @@ def peers(browser: Browser, arguments, count: int, folder: pathlib.Path) -> None
 
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(packages)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    size = "x".join(map(str, arguments.size))
-    program, link = served_by_erfgs(arguments.erfgs, path)
-    rounds = {"erfgs": [], "spark": [], "splats3d": []}
-    # They take turns, for the machine may do other things besides.
-    for _ in range(arguments.rounds):
-        browser.open(f"{link}&renderer=webgpu#t=0.5")
-        browser.wait(ALL)
-        settings = json.dumps([*arguments.size, arguments.frames])
-        browser.evaluate(OURS.replace("SETTINGS", settings))
-        rounds["erfgs"].append(browser.timed("bench.fast()", arguments.frames + 1))
-        browser.picture(folder / "peer-erfgs.png")
-        for who in ("spark", "splats3d"):
-            browser.open(f"http://127.0.0.1:{server.server_address[1]}/{who}.html")
-            browser.wait("globalThis.bench")
-            rounds[who].append(browser.timed("bench()", arguments.frames + 1))
-            browser.picture(folder / f"peer-{who}.png")
-    program.terminate()
-    program.wait()
+    for who in ("spark", "splats3d"):
+        (packages / f"{who}.html").write_text(PEER_PAGE.replace("SETTINGS", json.dumps([*settings, who])))
+    (packages / "gsplat.html").write_text(MOVING_PEER_PAGE.replace("SETTINGS", json.dumps(settings)))
+    for what, moving, others in (("that stand still", 0, ("spark", "splats3d")), ("of which a fifth moves", count // 5, ("gsplat",))):
+        made = cloud(count, moving)
+        (packages / "still.ply").write_bytes(ply(made))
+        (packages / "moving.splatv").write_bytes(splatv(made))
+        path = folder / f"{'moving' if moving else 'still'}.e4d"
+        path.write_bytes(gzip.compress(scene_file(made, arguments.size, False), 6))
+        program, link = served_by_erfgs(arguments.erfgs, path)
+        rounds = {who: [] for who in ("erfgs", *others)}
+        # They take turns, for the machine may do other things besides.
+        for _ in range(arguments.rounds):
+            browser.open(f"{link}&renderer=webgpu#t=0.3")
+            browser.wait(ALL)
+            browser.evaluate(OURS.replace("SETTINGS", json.dumps(settings)))
+            rounds["erfgs"].append(browser.timed("bench.fast()", arguments.frames + 1))
+            browser.picture(folder / f"peer-{path.stem}-erfgs.png")
+            for who in others:
+                browser.open(f"http://127.0.0.1:{server.server_address[1]}/{who}.html")
+                browser.wait("globalThis.bench")
+                rounds[who].append(browser.timed("bench()", arguments.frames + 1))
+                browser.picture(folder / f"peer-{who}.png")
+        program.terminate()
+        program.wait()
+        for who, took in rounds.items():
+            wall, cpu = (statistics.median(column) for column in zip(*took))
+            print(f"{count} Gaussians {what}, {size}, {who}: {wall:.0f} ms a picture, {cpu:.0f} of the processor", flush=True)
     server.shutdown()
-    for who, took in rounds.items():
-        wall, cpu = (statistics.median(column) for column in zip(*took))
-        print(f"{count} Gaussians that stand still, {size}, {who}: {wall:.0f} ms a picture, {cpu:.0f} of the processor", flush=True)
 
 
 def main() -> None:
