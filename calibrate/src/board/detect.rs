@@ -50,17 +50,27 @@ impl Grey {
         Self { width, height, pixels }
     }
 
-    /// The picture at twice the size, bilinear.
+    /// The picture at twice the size, bilinear: each pixel lies a quarter of a pixel from the nearest one of the picture, in both
+    /// directions.
     fn doubled(&self) -> Self {
         let (width, height) = (2 * self.width, 2 * self.height);
-        let limit = |at: f64, size: usize| at.clamp(0.5, size as f64 - 0.5 - 1e-6);
-        let pixels = (0..width * height)
-            .map(|i| {
-                let place = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5) / 2.0;
-                let inside = DVec2::new(limit(place.x, self.width), limit(place.y, self.height));
-                self.sample(inside).unwrap_or(0.0).round() as u8
-            })
-            .collect();
+        // The nearest and the next nearest, which beyond the edge is the nearest itself.
+        let around = |at: usize, size: usize| {
+            let near = at / 2;
+            (near, if at % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(size - 1) })
+        };
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let (near, next) = around(y, self.height);
+            let row = |at: usize| &self.pixels[at * self.width..][..self.width];
+            // Of one row between the two, in quarters.
+            let between: Vec<u16> =
+                row(near).iter().zip(row(next)).map(|(&near, &next)| 3 * u16::from(near) + u16::from(next)).collect();
+            pixels.extend((0..width).map(|x| {
+                let (near, next) = around(x, self.width);
+                ((3 * between[near] + between[next] + 8) / 16) as u8
+            }));
+        }
         Self { width, height, pixels }
     }
 
@@ -289,6 +299,21 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_picture_at_twice_the_size_is_the_picture_between_its_pixels() {
+        let (width, height) = (7, 5);
+        let grey = Grey { width, height, pixels: (0..width * height).map(|i| (i * i * 37 % 256) as u8).collect() };
+        let twice = grey.doubled();
+        assert_eq!((twice.width, twice.height), (14, 10));
+        for (i, &pixel) in twice.pixels.iter().enumerate() {
+            let place = DVec2::new((i % 14) as f64 + 0.5, (i / 14) as f64 + 0.5) / 2.0;
+            // What is beyond the outermost centres is as they are.
+            let inside = |at: f64, size: usize| at.clamp(0.5, size as f64 - 0.5 - 1e-6);
+            let between = grey.sample(DVec2::new(inside(place.x, width), inside(place.y, height))).unwrap();
+            assert!((f64::from(pixel) - between).abs() < 0.501, "{pixel} is not {between}");
+        }
+    }
 
     #[test]
     fn stray_corners_beyond_the_outline_do_not_hide_a_board() {
