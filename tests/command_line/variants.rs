@@ -1,6 +1,6 @@
 use erfgs_dataset::Dataset;
 use erfgs_stage::{FilmOptions, RigOptions, StageOptions, film};
-use erfgs_train::{config::Config, scene::Scene};
+use erfgs_train::{checkpoint::Checkpoint, config::Config, gaussians::CORE, scene::Scene};
 
 use crate::command_line::Folder;
 
@@ -118,4 +118,28 @@ fn gaussians_that_are_free_in_time_are_born_from_silhouettes_and_go_on_after_a_s
     assert!(fast > 1.0 && Some(fast) < measured["psnr"].as_f64(), "{measured}");
     let files = folder.figures("export run --instants 3");
     assert_eq!(files.as_array().map(Vec::len), Some(4), "{files}");
+}
+
+#[test]
+fn what_stands_still_learns_from_frames_alone() {
+    let folder = Folder::new();
+    sharp_film(&folder);
+    folder.succeed("dataset variant ds --subsample 2 --blur 2 --event-only 2 --out ds-free");
+    folder.succeed("dataset points ds-free --method random --random-points 200");
+    // One iteration from the same start, in which events weigh little or much.
+    let after = |weight: &str, more: &str| {
+        let run = format!("run-{weight}{}", more.len());
+        folder.succeed(&format!(
+            "train ds-free --no-evaluation --deterministic --iterations 20+1 --set eds.enabled=false --set earl.share=1 \
+             --set earl.weight={weight} {more} --out {run}"
+        ));
+        let checkpoint = Checkpoint::load(&folder.path(&run).join("checkpoint.bin")).expect("a checkpoint");
+        let mut core = checkpoint.population.gaussians.core;
+        let still = core.split_off(CORE * checkpoint.population.gaussians.dynamic);
+        (core, still)
+    };
+    let (little, much, all) = (after("0.01", ""), after("5", ""), after("5", "--set earl.still_learn=true"));
+    assert!(little.0 != much.0, "events teach what moves");
+    assert!(!little.1.is_empty() && little.1 == much.1, "they do not teach what stands still");
+    assert!(much.1 != all.1, "where they do, it changes");
 }

@@ -57,7 +57,7 @@ impl Grey {
         // The nearest and the next nearest, which beyond the edge is the nearest itself.
         let around = |at: usize, size: usize| {
             let near = at / 2;
-            (near, if at % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(size - 1) })
+            (near, if at.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(size - 1) })
         };
         let mut pixels = Vec::with_capacity(width * height);
         for y in 0..height {

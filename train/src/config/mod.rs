@@ -306,6 +306,9 @@ pub struct EarlConfig {
     pub bins: u32,
     /// Drop events without a neighbour in their bin (3 x 3 mean of the count at most 0.2).
     pub denoise: bool,
+    /// Whether Gaussians that stand still learn from events, too.
+    #[serde(default = "yes")]
+    pub still_learn: bool,
 }
 
 /// Which candidates EDS keeps by their distance from the Gaussians.

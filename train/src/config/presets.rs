@@ -100,6 +100,7 @@ impl Config {
                 pairing: Pairing::FrameAnchored,
                 bins: 0,
                 denoise: true,
+                still_learn: true,
             },
             eds: EdsConfig {
                 enabled: true,
@@ -195,6 +196,8 @@ impl Config {
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Level;
         config.earl.denoise = false;
+        // What stands still makes no events: what moves and is not explained yet would be put down to it.
+        config.earl.still_learn = false;
         config.eds.max_gaussians = 0;
         config.eds.from = 300;
         config.eds.count = 200;

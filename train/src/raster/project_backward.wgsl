@@ -107,13 +107,14 @@ fn main(
     }
     let at = 10u * row;
     let index = d_splats[at + 9u];
-    if index == NOBODY {
+    let moves = index < view.counts.y;
+    if index == NOBODY || !(moves || (view.switches.z & STILL_LEARN) != 0u) {
         return;
     }
     var row0 = core[index * 3u];
     var row1 = core[index * 3u + 1u];
     var row2 = core[index * 3u + 2u];
-    if index < view.counts.y {
+    if moves {
         row0 += delta_core[index * 3u];
         row1 += delta_core[index * 3u + 1u];
         row2 += delta_core[index * 3u + 2u];
@@ -183,7 +184,7 @@ fn main(
         d_delta_core[3u * index + 1u] = d1;
         d_delta_core[3u * index + 2u] = d2;
     }
-    if view.switches.z != 0u {
+    if (view.switches.z & STATISTICS) != 0u {
         let before = screen[index];
         let moved = 0.5 * vec2f(view.size.xy) * d_pixel;
         screen[index] = vec4f(before.xy + moved, max(before.z, ceil(radius_of(p.covariance))), before.w + 1.0);

@@ -168,7 +168,7 @@ impl Rasteriser {
     ) -> Result<(), RasterError> {
         let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
         check_backward(&values, frame, d_image, gradients, delta_gradients)?;
-        values.switches[2] = u32::from(statistics);
+        values.switches[2] = u32::from(statistics) | u32::from(options.still_learn) << 1;
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
         values.outputs[2] = frame.range_count;

@@ -202,6 +202,8 @@ pub struct RenderOptions {
     pub low_pass: f32,
     /// Also render the alpha-weighted depth.
     pub depth: bool,
+    /// Whether Gaussians without deltas, which stand still, get gradients and statistics, too.
+    pub still_learn: bool,
     /// Cut Gaussians at the 16 x 16 tiles that their 3 sigma square touches, as the 3DGS code does. Otherwise they
     /// reach as far as their alpha is at least [`Thresholds::negligible_alpha`].
     pub three_sigma: bool,
@@ -234,6 +236,7 @@ impl Default for RenderOptions {
             near_sigmas: 0.0,
             low_pass: LOW_PASS,
             depth: false,
+            still_learn: true,
             three_sigma: false,
             first_room: None,
         }

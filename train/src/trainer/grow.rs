@@ -214,6 +214,13 @@ impl Trainer<'_> {
                 format!("{:.0} % of the field's evaluations", 100.0 * (count - dynamic) as f64 / count.max(1) as f64),
             );
         }
+        if self.config.earl.enabled && !self.config.earl.still_learn && dynamic > 0 && !self.scene.events.is_empty() {
+            note(
+                "what events say of what stands still",
+                "it makes none, and would be bent to explain what moves before it and is not right yet".into(),
+                format!("the gradients of {} Gaussians in event samples", count - dynamic),
+            );
+        }
         if self.config.dynamic.whole_image_every > 1 && self.regions.iter().any(Option::is_some) {
             let shares: Vec<f64> = self.regions.iter().flatten().map(|region| region.share()).collect();
             let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;

@@ -231,6 +231,11 @@ impl Trainer<'_> {
         Ok(())
     }
 
+    /// The same where events are learned from.
+    pub(super) fn event_options(&self) -> RenderOptions {
+        RenderOptions { still_learn: self.config.earl.still_learn, ..self.options() }
+    }
+
     /// How many samples share the weight of an event sample.
     pub(super) fn event_batch(&self) -> f32 {
         if self.config.earl.share > 0.0 { 1.0 } else { self.config.batch as f32 }
@@ -243,7 +248,7 @@ impl Trainer<'_> {
         let gpu = self.gpu;
         let events = &self.scene.events[index];
         let view: View = self.scene.views[events.view].view;
-        let options = self.options();
+        let options = self.event_options();
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();

@@ -4,7 +4,7 @@ use glam::{DVec3, DVec4};
 
 use super::scenes::{FORMS, Scene, camera};
 use crate::{
-    raster::{CORE_STRIDE, sh_stride},
+    raster::{CORE_STRIDE, RenderOptions, sh_stride},
     reference::raster::{blend_backward, project},
 };
 
@@ -91,6 +91,25 @@ fn gradients_of_deltas_are_those_of_the_rows_they_move() {
     for sh in [false, true] {
         let scene = Scene::random(200, 10, 1, camera(18, 15), 3.0).with_deltas(3, 6, sh);
         assert_gradients_agree(&format!("deltas, SH {sh}"), &scene);
+    }
+}
+
+#[test]
+fn what_stands_still_can_be_left_as_it_is() {
+    let all = Scene::random(200, 10, 1, camera(18, 15), 3.0).with_deltas(3, 6, true);
+    let options = RenderOptions { still_learn: false, ..all.options };
+    let moving = Scene { options, ..all.clone() };
+    for form in FORMS {
+        let (all, moving) = (all.run(form), moving.run(form));
+        let stride = sh_stride(1) as usize;
+        let [core, sh] = [6 * CORE_STRIDE as usize, 6 * stride];
+        assert_eq!(moving.image, all.image, "{form:?}");
+        assert_eq!((&moving.d_core[..core], &moving.d_sh[..sh]), (&all.d_core[..core], &all.d_sh[..sh]), "{form:?}");
+        assert_eq!((&moving.d_delta_core, &moving.d_delta_sh), (&all.d_delta_core, &all.d_delta_sh), "{form:?}");
+        assert_eq!(moving.screen[..6], all.screen[..6], "{form:?}");
+        let rest = moving.d_core[core..].iter().chain(&moving.d_sh[sh..]).chain(moving.screen[6..].as_flattened());
+        assert!(rest.clone().all(|&gradient| gradient == 0.0), "{form:?}");
+        assert!(all.d_core[core..].iter().any(|&gradient| gradient != 0.0), "{form:?}");
     }
 }
 
