@@ -131,7 +131,7 @@ fn what_stands_still_learns_from_frames_alone() {
         let run = format!("run-{weight}{}", more.len());
         folder.succeed(&format!(
             "train ds-free --no-evaluation --deterministic --iterations 20+1 --set eds.enabled=false --set earl.share=1 \
-             --set earl.weight={weight} {more} --out {run}"
+             --set earl.pairing=any --set earl.weight={weight} {more} --out {run}"
         ));
         let checkpoint = Checkpoint::load(&folder.path(&run).join("checkpoint.bin")).expect("a checkpoint");
         let mut core = checkpoint.population.gaussians.core;
