@@ -294,7 +294,24 @@ OURS = """(async () => {
 })()"""
 PARTS = ["fast", "exactly", "waiting", "motion", "projection", "sorting"]
 
-# A peer draws while its camera turns; each picture is waited for by reading a pixel.
+# A peer draws while its camera turns; each picture is waited for by reading a pixel. Of a page that has `gl`, `frames` and
+# `draw(k)`, which draws the k-th picture:
+TIMED = """
+const pixel = new Uint8Array(4);
+const once = async (k) => {
+  await new Promise(requestAnimationFrame);
+  const from = performance.now();
+  draw(k);
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+  return performance.now() - from;
+};
+// What is sorted in a worker comes after some pictures.
+for (let k = 0; k < 5; k++) { await once(0); await new Promise((done) => { setTimeout(done, 300); }); }
+globalThis.bench = async () => {
+  const all = [];
+  for (let k = -1; k < frames; k++) all.push(await once(Math.max(k, 0)));
+  return all.slice(1).sort((a, b) => a - b)[frames >> 1];
+};"""
 PEER_PAGE = """<!doctype html><meta charset="utf-8"><style>html,body{margin:0}canvas{display:block}</style>
 <script type="importmap">{"imports": {"three": "/node_modules/three/build/three.module.js", "three/addons/": "/node_modules/three/examples/jsm/",
   "spark": "/node_modules/@sparkjsdev/spark/dist/spark.module.js", "splats3d": "/node_modules/@mkkellogg/gaussian-splats-3d/build/gaussian-splats-3d.module.js"}}</script>
@@ -316,7 +333,6 @@ const turn = (k) => {
   camera.updateMatrixWorld();
 };
 const gl = renderer.getContext();
-const pixel = new Uint8Array(4);
 let draw;
 if (who === 'spark') {
   const { SparkRenderer, SplatMesh } = await import('spark');
@@ -326,29 +342,14 @@ if (who === 'spark') {
   const mesh = new SplatMesh({ url: '/still.ply' });
   await mesh.initialized;
   scene.add(mesh);
-  draw = () => renderer.render(scene, camera);
+  draw = (k) => { turn(k); renderer.render(scene, camera); };
 } else {
   const { Viewer, SceneRevealMode } = await import('splats3d');
   const viewer = new Viewer({ selfDrivenMode: false, renderer, camera, useBuiltInControls: false, sharedMemoryForWorkers: false, gpuAcceleratedSort: false, sphericalHarmonicsDegree: 0, sceneRevealMode: SceneRevealMode.Instant });
   await viewer.addSplatScene('/still.ply', { showLoadingUI: false });
-  draw = () => { viewer.update(); viewer.render(); };
+  draw = (k) => { turn(k); viewer.update(); viewer.render(); };
 }
-const once = async (k) => {
-  await new Promise(requestAnimationFrame);
-  const from = performance.now();
-  turn(k);
-  draw();
-  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-  return performance.now() - from;
-};
-turn(0);
-// What is sorted in a worker comes after some pictures.
-for (let k = 0; k < 5; k++) { await once(0); await new Promise((done) => { setTimeout(done, 300); }); }
-globalThis.bench = async () => {
-  const all = [];
-  for (let k = -1; k < frames; k++) all.push(await once(Math.max(k, 0)));
-  return all.slice(1).sort((a, b) => a - b)[frames >> 1];
-};
+TIMED
 </script>"""
 
 # The peer that plays what moves. It takes the time from the clock.
@@ -364,10 +365,7 @@ camera.data.fx = camera.data.fy = 0.8 * width;
 camera.data.setSize(width, height);
 await SPLAT.SplatvLoader.LoadAsync('/moving.splatv', scene, null);
 const gl = renderer.gl;
-const pixel = new Uint8Array(4);
-const once = async (k) => {
-  await new Promise(requestAnimationFrame);
-  const from = performance.now();
+const draw = (k) => {
   const [c, s] = [Math.cos(0.03 * k), Math.sin(0.03 * k)];
   camera.position = new SPLAT.Vector3(3 * s, 0, -3 * c);
   camera.rotation = new SPLAT.Quaternion(0, -Math.sin(0.015 * k), 0, Math.cos(0.015 * k));
@@ -375,15 +373,8 @@ const once = async (k) => {
   const now = 1000 * Math.asin(2 * ((0.3 + 0.01 * k) % 1) - 1);
   Date.now = () => now;
   renderer.render(scene, camera);
-  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-  return performance.now() - from;
 };
-for (let k = 0; k < 5; k++) { await once(0); await new Promise((done) => { setTimeout(done, 300); }); }
-globalThis.bench = async () => {
-  const all = [];
-  for (let k = -1; k < frames; k++) all.push(await once(Math.max(k, 0)));
-  return all.slice(1).sort((a, b) => a - b)[frames >> 1];
-};
+TIMED
 </script>"""
 
 
@@ -443,13 +434,14 @@ def peers(browser: Browser, arguments, count: int, folder: pathlib.Path) -> None
 
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(packages)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    for who in ("spark", "splats3d"):
-        (packages / f"{who}.html").write_text(PEER_PAGE.replace("SETTINGS", json.dumps([*settings, who])))
-    (packages / "gsplat.html").write_text(MOVING_PEER_PAGE.replace("SETTINGS", json.dumps(settings)))
+    for who, page in (("spark", PEER_PAGE), ("splats3d", PEER_PAGE), ("gsplat", MOVING_PEER_PAGE)):
+        (packages / f"{who}.html").write_text(page.replace("SETTINGS", json.dumps([*settings, who])).replace("TIMED", TIMED))
     for what, moving, others in (("that stand still", 0, ("spark", "splats3d")), ("of which a fifth moves", count // 5, ("gsplat",))):
         made = cloud(count, moving)
-        (packages / "still.ply").write_bytes(ply(made))
-        (packages / "moving.splatv").write_bytes(splatv(made))
+        if moving:
+            (packages / "moving.splatv").write_bytes(splatv(made))
+        else:
+            (packages / "still.ply").write_bytes(ply(made))
         path = folder / f"{'moving' if moving else 'still'}.e4d"
         path.write_bytes(gzip.compress(scene_file(made, arguments.size, False), 6))
         program, link = served_by_erfgs(arguments.erfgs, path)
