@@ -1,18 +1,20 @@
 //! Recording of dispatches.
 
-use super::{Binding, Gpu, Kernel};
+use super::{Binding, Bound, Gpu, Kernel};
 
 /// Commands recorded for one submission, run in order.
 #[derive(Debug)]
 pub struct Commands<'a> {
     gpu: &'a Gpu,
+    // Ends before what is recorded besides dispatches, and before the encoder.
+    pass: Option<wgpu::ComputePass<'static>>,
     encoder: wgpu::CommandEncoder,
 }
 
 impl Gpu {
     /// Starts a recording.
     pub fn commands(&self) -> Commands<'_> {
-        Commands { gpu: self, encoder: self.device.create_command_encoder(&Default::default()) }
+        Commands { gpu: self, pass: None, encoder: self.device.create_command_encoder(&Default::default()) }
     }
 }
 
@@ -26,15 +28,9 @@ impl<'a> Commands<'a> {
     /// Runs `groups` workgroups of `kernel`. Beyond 65,535 they are laid out in two dimensions: the kernel computes its
     /// linear workgroup index as `group.y * num_workgroups.x + group.x` and returns where it passes its count.
     pub fn dispatch(&mut self, kernel: &Kernel, bindings: &[Binding<'_>], groups: u32) {
-        if groups == 0 {
-            return;
+        if groups > 0 {
+            self.run(&self.gpu.bind(kernel, bindings), groups);
         }
-        let (x, y) = if groups > 65_535 { (32_768, groups.div_ceil(32_768)) } else { (groups, 1) };
-        let bind_group = self.bind_group(kernel, bindings);
-        let mut pass = self.pass(kernel);
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        pass.dispatch_workgroups(x, y, 1);
     }
 
     /// Runs as many workgroups as the three `u32` at byte `offset` of `arguments` say.
@@ -45,44 +41,47 @@ impl<'a> Commands<'a> {
         arguments: &wgpu::Buffer,
         offset: u64,
     ) {
-        let bind_group = self.bind_group(kernel, bindings);
-        let mut pass = self.pass(kernel);
-        pass.set_pipeline(&kernel.pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        pass.dispatch_workgroups_indirect(arguments, offset);
+        self.run_indirect(&self.gpu.bind(kernel, bindings), arguments, offset);
+    }
+
+    /// As [`Commands::dispatch`], of what is bound already.
+    pub fn run(&mut self, bound: &Bound, groups: u32) {
+        if groups == 0 {
+            return;
+        }
+        let (x, y) = if groups > 65_535 { (32_768, groups.div_ceil(32_768)) } else { (groups, 1) };
+        self.pass(bound).dispatch_workgroups(x, y, 1);
+    }
+
+    /// As [`Commands::dispatch_indirect`], of what is bound already.
+    pub fn run_indirect(&mut self, bound: &Bound, arguments: &wgpu::Buffer, offset: u64) {
+        self.pass(bound).dispatch_workgroups_indirect(arguments, offset);
     }
 
     /// Fills a buffer with zeros.
     pub fn clear(&mut self, buffer: &wgpu::Buffer) {
+        self.pass = None;
         self.encoder.clear_buffer(buffer, 0, None);
     }
 
     /// Copies the first `bytes` bytes (a multiple of 4).
     pub fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, bytes: u64) {
+        self.pass = None;
         self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
     /// Hands the recording to the device. The index says what to wait for.
-    pub fn submit(self) -> wgpu::SubmissionIndex {
+    pub fn submit(mut self) -> wgpu::SubmissionIndex {
+        self.pass = None;
         self.gpu.queue.submit([self.encoder.finish()])
     }
 
-    fn bind_group(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> wgpu::BindGroup {
-        let entries: Vec<_> = bindings
-            .iter()
-            .zip(0..)
-            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(&kernel.label),
-            layout: &kernel.layout,
-            entries: &entries,
-        })
-    }
-
-    fn pass(&mut self, kernel: &Kernel) -> wgpu::ComputePass<'static> {
-        self.encoder
-            .begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(&kernel.label), timestamp_writes: None })
-            .forget_lifetime()
+    /// The pass of dispatches that is open, each of which sees what those before it wrote.
+    fn pass(&mut self, bound: &Bound) -> &mut wgpu::ComputePass<'static> {
+        let pass =
+            self.pass.get_or_insert_with(|| self.encoder.begin_compute_pass(&Default::default()).forget_lifetime());
+        pass.set_pipeline(&bound.pipeline);
+        pass.set_bind_group(0, &bound.group, &[]);
+        pass
     }
 }

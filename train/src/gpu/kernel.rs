@@ -13,6 +13,13 @@ pub struct Kernel {
     pub(super) layout: wgpu::BindGroupLayout,
 }
 
+/// A kernel with its bindings, to run as it is again and again.
+#[derive(Debug)]
+pub struct Bound {
+    pub(super) pipeline: wgpu::ComputePipeline,
+    pub(super) group: wgpu::BindGroup,
+}
+
 impl Gpu {
     /// Compiles a kernel. `parts` are joined in order: constants first, then shared WGSL, then the stage itself, whose
     /// entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
@@ -43,5 +50,20 @@ impl Gpu {
         });
         let layout = pipeline.get_bind_group_layout(0);
         Kernel { label: label.into(), pipeline, layout }
+    }
+
+    /// Binds buffers to a kernel, in the order of its `@binding` numbers.
+    pub fn bind(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> Bound {
+        let entries: Vec<_> = bindings
+            .iter()
+            .zip(0..)
+            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(&kernel.label),
+            layout: &kernel.layout,
+            entries: &entries,
+        });
+        Bound { pipeline: kernel.pipeline.clone(), group }
     }
 }

@@ -12,4 +12,4 @@ mod kernel;
 pub use canary::{Canary, run_canary};
 pub use commands::Commands;
 pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
-pub use kernel::{Binding, Kernel};
+pub use kernel::{Binding, Bound, Kernel};

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     gpu::{Commands, Gpu, Kernel},
-    sort::{Plan, PrefixSum, RadixSort, ScanBuffers, SortBuffers},
+    sort::{Plan, RadixSort, ScanBuffers, SortBuffers},
 };
 
 /// Side of a tile, pixels.
@@ -30,7 +30,6 @@ pub(super) struct DeviceLists {
     blend: Kernel,
     blend_with_depth: Kernel,
     blend_backward: Kernel,
-    prefix_sum: PrefixSum,
     sort: RadixSort,
     no_depth: Buffer,
     scratch: Mutex<Scratch>,
@@ -43,27 +42,34 @@ struct Scratch {
     counts: Buffer,
     /// First emission index of each Gaussian, in order of depth.
     offsets: Buffer,
-    depth_plan: Buffer,
     offset_plan: Buffer,
-    tile_plan: Buffer,
     by_depth: SortBuffers,
     by_tile: SortBuffers,
     offset_scan: ScanBuffers,
 }
 
 impl Scratch {
-    fn new(gpu: &Gpu, gaussians: u32, intersections: u32) -> Result<Self, RasterError> {
-        let plan = |label| gpu.storage(label, size_of::<Plan>() as u64);
+    fn new(gpu: &Gpu, sort: &RadixSort, gaussians: u32, intersections: u32) -> Result<Self, RasterError> {
         Ok(Self {
             counts: gpu.storage("tile counts", 4 * u64::from(gaussians))?,
             offsets: gpu.storage("offsets", 4 * u64::from(gaussians))?,
-            depth_plan: plan("plan of the sort by depth")?,
-            offset_plan: plan("plan of the offsets")?,
-            tile_plan: plan("plan of the sort by tile")?,
-            by_depth: SortBuffers::new(gpu, "by depth", gaussians)?,
-            by_tile: SortBuffers::new(gpu, "by tile", intersections)?,
+            offset_plan: gpu.storage("plan of the offsets", size_of::<Plan>() as u64)?,
+            by_depth: sort.buffers(gpu, "by depth", gaussians)?,
+            by_tile: sort.buffers(gpu, "by tile", intersections)?,
             offset_scan: ScanBuffers::new(gpu, gaussians)?,
         })
+    }
+}
+
+/// The form that the device's subgroups allow.
+fn blend_backward(gpu: &Gpu, thresholds: &Thresholds) -> Kernel {
+    let label = "blend backward";
+    match gpu.subgroup.min(32) {
+        lanes if lanes >= 4 && lanes.is_power_of_two() => {
+            let constants = format!("const LANES = {lanes}u;");
+            stage(gpu, thresholds, label, &constants, &[TILES, include_str!("blend_backward_subgroups.wgsl")])
+        }
+        _ => stage(gpu, thresholds, label, "", &[TILES, include_str!("blend_backward_gpu.wgsl")]),
     }
 }
 
@@ -76,6 +82,8 @@ impl DeviceLists {
             let constants = format!("const WITH_DEPTH = {with_depth};");
             stage(gpu, thresholds, label, &constants, &[TILES, include_str!("blend_gpu.wgsl")])
         };
+        let sort = RadixSort::new(gpu);
+        let scratch = Mutex::new(Scratch::new(gpu, &sort, 0, 0)?);
         Ok(Self {
             intersect: per_gaussian("intersect", include_str!("intersect.wgsl")),
             order: per_gaussian("order", include_str!("order.wgsl")),
@@ -84,17 +92,10 @@ impl DeviceLists {
             tile_ranges: with_plan("tile ranges", include_str!("tile_ranges.wgsl")),
             blend: blend("blend", false),
             blend_with_depth: blend("blend with depth", true),
-            blend_backward: stage(
-                gpu,
-                thresholds,
-                "blend backward",
-                "",
-                &[TILES, include_str!("blend_backward_gpu.wgsl")],
-            ),
-            prefix_sum: PrefixSum::new(gpu),
-            sort: RadixSort::new(gpu),
+            blend_backward: blend_backward(gpu, thresholds),
+            sort,
             no_depth: gpu.storage("no depth", 16)?,
-            scratch: Mutex::new(Scratch::new(gpu, 0, 0)?),
+            scratch,
         })
     }
 
@@ -103,22 +104,23 @@ impl DeviceLists {
         let gaussians = render.gaussians();
         let mut scratch = self.scratch.lock().unwrap_or_else(PoisonError::into_inner);
         if scratch.by_depth.capacity < gaussians || scratch.by_tile.capacity < frame.room {
-            *scratch =
-                Scratch::new(gpu, gaussians.max(scratch.by_depth.capacity), frame.room.max(scratch.by_tile.capacity))?;
+            let [gaussians, room] =
+                [gaussians.max(scratch.by_depth.capacity), frame.room.max(scratch.by_tile.capacity)];
+            *scratch = Scratch::new(gpu, &self.sort, gaussians, room)?;
         }
         grow(gpu, &mut frame.entries, "frame.entries", 4 * u64::from(frame.room))?;
         grow(gpu, &mut frame.owners, "frame.owners", 4 * u64::from(frame.room))?;
-        gpu.upload(&scratch.depth_plan, 0, &[Plan::sort(gaussians)]);
+        gpu.upload(&scratch.by_depth.plan, 0, &[Plan::sort(gaussians)]);
         gpu.upload(&scratch.offset_plan, 0, &[Plan::scan(gaussians)]);
 
         let mut commands = gpu.commands();
         let groups = gaussians.div_ceil(THREADS);
-        let Scratch { counts, offsets, depth_plan, offset_plan, tile_plan, by_depth, by_tile, offset_scan } = &*scratch;
+        let Scratch { counts, offsets, offset_plan, by_depth, by_tile, offset_scan } = &*scratch;
         let (view, ranges) = (&render.uniform, &frame.ranges);
         commands.dispatch(&self.intersect, &[view, &frame.splats, counts, &by_depth.keys, &by_depth.values], groups);
-        self.sort.record(&mut commands, &self.prefix_sum, depth_plan, by_depth, 32);
+        by_depth.sort(&mut commands, 32, Some(gaussians));
         commands.dispatch(&self.order, &[view, counts, &by_depth.values, offsets], groups);
-        self.prefix_sum.record(&mut commands, offset_plan, offsets, offset_scan);
+        self.sort.prefix_sum.record(&mut commands, offset_plan, offsets, offset_scan);
         commands.dispatch(
             &self.emit,
             &[
@@ -134,16 +136,16 @@ impl DeviceLists {
             ],
             groups,
         );
-        commands.dispatch(&self.plan_tiles, &[view, offset_plan, tile_plan], 1);
+        commands.dispatch(&self.plan_tiles, &[view, offset_plan, &by_tile.plan], 1);
         // One key more than there are tiles: see emit.wgsl.
         let bits = u32::BITS - render.grid.count().leading_zeros();
-        self.sort.record(&mut commands, &self.prefix_sum, tile_plan, by_tile, bits);
+        by_tile.sort(&mut commands, bits, None);
         commands.copy(&by_tile.values, &frame.entries, 4 * u64::from(frame.room));
         commands.clear(&frame.lists);
         commands.dispatch_indirect(
             &self.tile_ranges,
-            &[view, tile_plan, &by_tile.keys, &frame.lists],
-            tile_plan,
+            &[view, &by_tile.plan, &by_tile.keys, &frame.lists],
+            &by_tile.plan,
             Plan::BLOCK_GROUPS,
         );
         commands.copy(offset_plan, &frame.counter, size_of::<Plan>() as u64);

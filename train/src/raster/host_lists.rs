@@ -32,7 +32,7 @@ impl HostLists {
             let constants = format!("const WITH_DEPTH = {with_depth};");
             stage(gpu, thresholds, label, &constants, &[SHARED, include_str!("blend_cpu.wgsl")])
         };
-        let lanes = if gpu.subgroups_of_eight { LANES_SUBGROUP } else { LANES_BARRIER };
+        let lanes = if gpu.subgroup >= 8 { LANES_SUBGROUP } else { LANES_BARRIER };
         let parts = [SHARED, lanes, include_str!("blend_backward_cpu.wgsl")];
         Ok(Self {
             blend: blend("blend", false),

@@ -2,8 +2,8 @@
 
 use wgpu::Buffer;
 
-use super::{BLOCK, DIGITS, Plan, PrefixSum, SHARED, ScanBuffers};
-use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+use super::{BLOCK, DIGITS, Plan, PrefixSum, SHARED, ScanBuffers, scan::BoundScan};
+use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel};
 
 /// The kernels of the sort.
 #[derive(Debug)]
@@ -11,6 +11,8 @@ pub struct RadixSort {
     count: Kernel,
     scatter: Kernel,
     shifts: [Buffer; 8],
+    /// The prefix sum that it works with.
+    pub prefix_sum: PrefixSum,
 }
 
 /// Keys and values, and what the sort works with.
@@ -20,32 +22,19 @@ pub struct SortBuffers {
     pub keys: Buffer,
     /// What goes with each key: a `u32`.
     pub values: Buffer,
-    other_keys: Buffer,
-    other_values: Buffer,
-    counts: Buffer,
-    scan: ScanBuffers,
+    /// How many there are: a [`Plan`] for a sort.
+    pub plan: Buffer,
     /// Pairs that there is room for.
     pub capacity: u32,
+    passes: Vec<Pass>,
 }
 
-impl SortBuffers {
-    /// Room for `capacity` pairs.
-    ///
-    /// # Errors
-    /// [`GpuError::TooLarge`].
-    pub fn new(gpu: &Gpu, label: &str, capacity: u32) -> Result<Self, GpuError> {
-        let pairs = |what: &str| gpu.storage(&format!("{label} {what}"), 4 * u64::from(capacity));
-        let counts = DIGITS * capacity.div_ceil(BLOCK);
-        Ok(Self {
-            keys: pairs("keys")?,
-            values: pairs("values")?,
-            other_keys: pairs("other keys")?,
-            other_values: pairs("other values")?,
-            counts: gpu.storage(&format!("{label} counts"), 4 * u64::from(counts))?,
-            scan: ScanBuffers::new(gpu, counts)?,
-            capacity,
-        })
-    }
+/// One digit's kernels, bound.
+#[derive(Debug)]
+struct Pass {
+    count: Bound,
+    scan: BoundScan,
+    scatter: Bound,
 }
 
 impl RadixSort {
@@ -55,30 +44,51 @@ impl RadixSort {
             count: gpu.kernel("radix count", &[SHARED, include_str!("radix_count.wgsl")]),
             scatter: gpu.kernel("radix scatter", &[SHARED, include_str!("radix_scatter.wgsl")]),
             shifts: std::array::from_fn(|pass| gpu.uniform("radix shift", &[4 * pass as u32, 0, 0, 0])),
+            prefix_sum: PrefixSum::new(gpu),
         }
     }
 
+    /// Room for `capacity` pairs.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`].
+    pub fn buffers(&self, gpu: &Gpu, label: &str, capacity: u32) -> Result<SortBuffers, GpuError> {
+        let pairs = |what: &str| gpu.storage(&format!("{label} {what}"), 4 * u64::from(capacity));
+        let most = DIGITS * capacity.div_ceil(BLOCK);
+        let near = [pairs("keys")?, pairs("values")?];
+        let far = [pairs("other keys")?, pairs("other values")?];
+        let plan = gpu.storage(&format!("{label} plan"), size_of::<Plan>() as u64)?;
+        let counts = gpu.storage(&format!("{label} counts"), 4 * u64::from(most))?;
+        let scan = ScanBuffers::new(gpu, most)?;
+        let bind = |(shift, pass): (&Buffer, usize)| {
+            let ([keys, values], [to_keys, to_values]) = if pass % 2 == 0 { (&near, &far) } else { (&far, &near) };
+            Pass {
+                count: gpu.bind(&self.count, &[&plan, shift, keys, &counts]),
+                scan: self.prefix_sum.bind(gpu, &plan, &counts, &scan, most),
+                scatter: gpu.bind(&self.scatter, &[&plan, shift, keys, values, &counts, to_keys, to_values]),
+            }
+        };
+        let passes = self.shifts.iter().zip(0..).map(bind).collect();
+        let [keys, values] = near;
+        Ok(SortBuffers { keys, values, plan, capacity, passes })
+    }
+}
+
+impl SortBuffers {
     /// Sorts the first `plan.count` pairs by the lowest `bits` bits of their keys, in place; equal keys keep their
-    /// order. `plan` holds a [`Plan`] for a sort.
-    pub fn record(
-        &self,
-        commands: &mut Commands<'_>,
-        prefix_sum: &PrefixSum,
-        plan: &Buffer,
-        buffers: &SortBuffers,
-        bits: u32,
-    ) {
+    /// order. `known` is their count where the host knows it.
+    pub fn sort(&self, commands: &mut Commands<'_>, bits: u32, known: Option<u32>) {
+        // A workgroup for each block of pairs.
+        let by_block = |commands: &mut Commands<'_>, bound: &Bound| match known {
+            Some(pairs) => commands.run(bound, pairs.div_ceil(BLOCK)),
+            None => commands.run_indirect(bound, &self.plan, Plan::BLOCK_GROUPS),
+        };
         // An even number of passes ends where it began.
         let passes = bits.div_ceil(4).next_multiple_of(2).min(8) as usize;
-        for (pass, shift) in self.shifts.iter().take(passes).enumerate() {
-            let near = (&buffers.keys, &buffers.values);
-            let far = (&buffers.other_keys, &buffers.other_values);
-            let (from, to) = if pass % 2 == 0 { (near, far) } else { (far, near) };
-            let at = Plan::BLOCK_GROUPS;
-            commands.dispatch_indirect(&self.count, &[plan, shift, from.0, &buffers.counts], plan, at);
-            prefix_sum.record(commands, plan, &buffers.counts, &buffers.scan);
-            let bindings = [plan, shift, from.0, from.1, &buffers.counts, to.0, to.1];
-            commands.dispatch_indirect(&self.scatter, &bindings, plan, at);
+        for Pass { count, scan, scatter } in &self.passes[..passes] {
+            by_block(commands, count);
+            scan.record(commands, &self.plan);
+            by_block(commands, scatter);
         }
     }
 }

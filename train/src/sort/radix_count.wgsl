@@ -5,7 +5,10 @@
 @group(0) @binding(2) var<storage, read> keys: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
 
-var<workgroup> histogram: array<atomic<u32>, DIGITS>;
+// Neighbours often have the same digit, and would wait for each other at one counter.
+const COPIES = 16u;
+
+var<workgroup> histogram: array<atomic<u32>, DIGITS * COPIES>;
 
 @compute @workgroup_size(THREADS)
 fn main(
@@ -14,18 +17,20 @@ fn main(
     @builtin(local_invocation_index) thread: u32,
 ) {
     let block = group.y * groups.x + group.x;
-    if thread < DIGITS {
-        atomicStore(&histogram[thread], 0u);
-    }
+    atomicStore(&histogram[thread], 0u);
     workgroupBarrier();
     for (var i = 0u; i < PER_THREAD; i++) {
         let at = block * BLOCK + i * THREADS + thread;
         if at < plan.count {
-            atomicAdd(&histogram[(keys[at] >> shift.x) & (DIGITS - 1u)], 1u);
+            atomicAdd(&histogram[((keys[at] >> shift.x) & (DIGITS - 1u)) * COPIES + thread % COPIES], 1u);
         }
     }
     workgroupBarrier();
     if thread < DIGITS && block < plan.blocks {
-        counts[thread * plan.blocks + block] = atomicLoad(&histogram[thread]);
+        var sum = 0u;
+        for (var copy = 0u; copy < COPIES; copy++) {
+            sum += atomicLoad(&histogram[thread * COPIES + copy]);
+        }
+        counts[thread * plan.blocks + block] = sum;
     }
 }

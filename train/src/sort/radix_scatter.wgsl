@@ -12,6 +12,8 @@
 const WORDS = DIGITS / 2u;
 
 var<workgroup> counters: array<u32, THREADS * WORDS>;
+// Where the block's pairs of each digit begin.
+var<workgroup> begins: array<u32, DIGITS>;
 
 @compute @workgroup_size(THREADS)
 fn main(
@@ -21,13 +23,25 @@ fn main(
 ) {
     let block = group.y * groups.x + group.x;
     let first = block * BLOCK + thread * PER_THREAD;
-    let end = min(first + PER_THREAD, plan.count);
+    let count = select(0u, min(PER_THREAD, plan.count - first), first < plan.count);
+    // What is read is asked for at once: memory answers late.
+    var own_keys = array<u32, PER_THREAD>();
+    var own_values = array<u32, PER_THREAD>();
+    for (var i = 0u; i < PER_THREAD; i++) {
+        if i < count {
+            own_keys[i] = keys[first + i];
+            own_values[i] = values[first + i];
+        }
+    }
+    if thread < DIGITS && block < plan.blocks {
+        begins[thread] = places[thread * plan.blocks + block];
+    }
     for (var word = 0u; word < WORDS; word++) {
         counters[word * THREADS + thread] = 0u;
     }
-    for (var i = first; i < end; i++) {
-        let digit = (keys[i] >> shift.x) & (DIGITS - 1u);
-        counters[(digit >> 1u) * THREADS + thread] += 1u << ((digit & 1u) * 16u);
+    for (var i = 0u; i < PER_THREAD; i++) {
+        let digit = (own_keys[i] >> shift.x) & (DIGITS - 1u);
+        counters[(digit >> 1u) * THREADS + thread] += select(0u, 1u << ((digit & 1u) * 16u), i < count);
     }
     var own: array<u32, WORDS>;
     for (var word = 0u; word < WORDS; word++) {
@@ -51,14 +65,16 @@ fn main(
     for (var word = 0u; word < WORDS; word++) {
         counters[word * THREADS + thread] -= own[word];
     }
-    for (var i = first; i < end; i++) {
-        let key = keys[i];
-        let digit = (key >> shift.x) & (DIGITS - 1u);
+    for (var i = 0u; i < PER_THREAD; i++) {
+        if i >= count {
+            break;
+        }
+        let digit = (own_keys[i] >> shift.x) & (DIGITS - 1u);
         let half = (digit & 1u) * 16u;
         let counter = (digit >> 1u) * THREADS + thread;
-        let place = places[digit * plan.blocks + block] + ((counters[counter] >> half) & 0xffffu);
+        let place = begins[digit] + ((counters[counter] >> half) & 0xffffu);
         counters[counter] += 1u << half;
-        sorted_keys[place] = key;
-        sorted_values[place] = values[i];
+        sorted_keys[place] = own_keys[i];
+        sorted_values[place] = own_values[i];
     }
 }

@@ -3,7 +3,7 @@
 use wgpu::Buffer;
 
 use super::{BLOCK, Plan, SHARED};
-use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel};
 
 const SCAN_SHARED: &str = include_str!("scan_shared.wgsl");
 
@@ -13,7 +13,11 @@ pub struct PrefixSum {
     reduce: Kernel,
     sums: Kernel,
     apply: Kernel,
+    whole: Kernel,
 }
+
+/// As many numbers one workgroup adds up while three kernels would still be waiting for each other.
+const FEW: u32 = 8 * BLOCK;
 
 /// What a prefix sum works with.
 #[derive(Debug)]
@@ -38,6 +42,7 @@ impl PrefixSum {
             reduce: gpu.kernel("scan reduce", &[SHARED, SCAN_SHARED, include_str!("scan_reduce.wgsl")]),
             sums: gpu.kernel("scan sums", &[SHARED, SCAN_SHARED, include_str!("scan_sums.wgsl")]),
             apply: gpu.kernel("scan apply", &[SHARED, SCAN_SHARED, include_str!("scan_apply.wgsl")]),
+            whole: gpu.kernel("scan whole", &[SHARED, SCAN_SHARED, include_str!("scan_whole.wgsl")]),
         }
     }
 
@@ -47,5 +52,50 @@ impl PrefixSum {
         commands.dispatch_indirect(&self.reduce, &[plan, numbers, &buffers.sums], plan, Plan::SCAN_GROUPS);
         commands.dispatch(&self.sums, &[plan, &buffers.sums], 1);
         commands.dispatch_indirect(&self.apply, &[plan, &buffers.sums, numbers], plan, Plan::SCAN_GROUPS);
+    }
+
+    /// A prefix sum of the first `plan.scanned` numbers, `most` at most, that is run again and again; it leaves no sum of all.
+    pub(super) fn bind(
+        &self,
+        gpu: &Gpu,
+        plan: &Buffer,
+        numbers: &Buffer,
+        buffers: &ScanBuffers,
+        most: u32,
+    ) -> BoundScan {
+        if most <= FEW {
+            return BoundScan::Whole(gpu.bind(&self.whole, &[plan, numbers]));
+        }
+        BoundScan::Steps(
+            [
+                gpu.bind(&self.reduce, &[plan, numbers, &buffers.sums]),
+                gpu.bind(&self.sums, &[plan, &buffers.sums]),
+                gpu.bind(&self.apply, &[plan, &buffers.sums, numbers]),
+            ]
+            .into(),
+        )
+    }
+}
+
+/// See [`PrefixSum::bind`].
+#[derive(Debug)]
+pub(super) enum BoundScan {
+    /// Few numbers, by one workgroup.
+    Whole(Bound),
+    /// Reduce, scan, apply.
+    Steps(Box<[Bound; 3]>),
+}
+
+impl BoundScan {
+    pub(super) fn record(&self, commands: &mut Commands<'_>, plan: &Buffer) {
+        match self {
+            Self::Whole(whole) => commands.run(whole, 1),
+            Self::Steps(steps) => {
+                let [reduce, sums, apply] = &**steps;
+                commands.run_indirect(reduce, plan, Plan::SCAN_GROUPS);
+                commands.run(sums, 1);
+                commands.run_indirect(apply, plan, Plan::SCAN_GROUPS);
+            }
+        }
     }
 }

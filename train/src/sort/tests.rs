@@ -27,6 +27,12 @@ fn prefix_sums_agree_with_a_loop() {
         commands.submit();
         assert_eq!(gpu.download::<u32>(&buffer, count as usize).expect("a read back"), expected, "{count}");
         assert_eq!(gpu.download::<Plan>(&plan, 1).expect("a read back")[0].total[0], sum, "{count}");
+        // By one workgroup, as a sort does where there are few.
+        gpu.upload(&buffer, 0, &numbers);
+        let mut commands = gpu.commands();
+        prefix_sum.bind(&gpu, &plan, &buffer, &scratch, 0).record(&mut commands, &plan);
+        commands.submit();
+        assert_eq!(gpu.download::<u32>(&buffer, count as usize).expect("a read back"), expected, "{count} at once");
     }
 }
 
@@ -47,22 +53,29 @@ fn sums_saturate() {
 #[test]
 fn pairs_are_sorted_stably() {
     let gpu = gpu();
-    let (prefix_sum, sort) = (PrefixSum::new(&gpu), RadixSort::new(&gpu));
-    for (count, bits) in [(0u32, 32), (1, 32), (2047, 32), (70_001, 32), (70_001, 6), (4097, 13)] {
+    let sort = RadixSort::new(&gpu);
+    // From 2,097,153 pairs on there are more counts than one workgroup adds up.
+    let cases =
+        [(0u32, 32, 0), (1, 32, 1), (2047, 32, 2047), (70_001, 32, 70_001), (70_001, 6, 80_000), (4097, 13, 2_100_000)];
+    for (count, bits, room) in cases {
         // Few distinct keys, so that stability matters.
         let mask = if bits == 32 { 0xf000_00ff } else { (1 << bits) - 1 };
         let keys: Vec<u32> = (0..u64::from(count)).map(|i| key(2, &[i]) as u32 & mask).collect();
         let mut expected: Vec<(u32, u32)> = keys.iter().copied().zip(0..).collect();
         expected.sort_by_key(|pair| pair.0);
-        let buffers = SortBuffers::new(&gpu, "test", count).expect("room");
-        gpu.upload(&buffers.keys, 0, &keys);
-        gpu.upload(&buffers.values, 0, &(0..count).collect::<Vec<u32>>());
-        let plan = gpu.storage_from("plan", &[Plan::sort(count)]).expect("room");
-        let mut commands = gpu.commands();
-        sort.record(&mut commands, &prefix_sum, &plan, &buffers, bits);
-        commands.submit();
-        let sorted = gpu.download::<u32>(&buffers.keys, count as usize).expect("a read back");
-        let values = gpu.download::<u32>(&buffers.values, count as usize).expect("a read back");
-        assert_eq!(sorted.into_iter().zip(values).collect::<Vec<_>>(), expected, "{count} pairs of {bits} bits");
+        let buffers = sort.buffers(&gpu, "test", room).expect("room");
+        gpu.upload(&buffers.plan, 0, &[Plan::sort(count)]);
+        // Where the host knows how many there are, and where the device alone does.
+        for known in [Some(count), None] {
+            gpu.upload(&buffers.keys, 0, &keys);
+            gpu.upload(&buffers.values, 0, &(0..count).collect::<Vec<u32>>());
+            let mut commands = gpu.commands();
+            buffers.sort(&mut commands, bits, known);
+            commands.submit();
+            let sorted = gpu.download::<u32>(&buffers.keys, count as usize).expect("a read back");
+            let values = gpu.download::<u32>(&buffers.values, count as usize).expect("a read back");
+            let pairs: Vec<_> = sorted.into_iter().zip(values).collect();
+            assert_eq!(pairs, expected, "{count} pairs of {bits} bits, known: {known:?}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::scenes::{FORMS, Form, Scene, camera, device};
+use crate::gpu::Shape;
 use crate::raster::{
     Frame, GaussianBuffers, LOW_PASS, RasterError, Rasteriser, Region, RenderOptions, Thresholds, View,
 };
@@ -180,7 +181,7 @@ fn outside_a_region_there_is_the_background_alone_and_no_gradient() {
         assert_eq!(wrong.count(), 0, "{form:?}");
         let far = |pixel: &usize| pixel % 70 > 48;
         let background = (0..70 * 45).filter(far).all(|pixel| part.image[pixel] == [0.2, 0.5, 0.9, 1.0]);
-        assert_eq!(background, form != Form::Gpu, "{form:?}");
+        assert_eq!(background, form.shape() == Shape::Cpu, "{form:?}");
         let off = whole.d_core.iter().zip(&part.d_core).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let largest = whole.d_core.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
         assert!(off < 1e-5 * largest, "{form:?}: {off} of {largest}");

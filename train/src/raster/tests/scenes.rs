@@ -20,17 +20,29 @@ pub(super) enum Form {
     /// The CPU shape on a device without subgroups of eight.
     CpuWithoutSubgroups,
     Gpu,
+    /// The GPU shape on a device without subgroups.
+    GpuWithoutSubgroups,
 }
 
-pub(super) const FORMS: [Form; 3] = [Form::Cpu, Form::CpuWithoutSubgroups, Form::Gpu];
+pub(super) const FORMS: [Form; 4] = [Form::Cpu, Form::CpuWithoutSubgroups, Form::Gpu, Form::GpuWithoutSubgroups];
+
+impl Form {
+    pub(super) fn shape(self) -> Shape {
+        match self {
+            Form::Cpu | Form::CpuWithoutSubgroups => Shape::Cpu,
+            Form::Gpu | Form::GpuWithoutSubgroups => Shape::Gpu,
+        }
+    }
+}
 
 /// A device with compiled kernels, shared by all tests.
 pub(super) fn device(form: Form) -> &'static (Gpu, Rasteriser) {
-    static DEVICES: [OnceLock<(Gpu, Rasteriser)>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
+    static DEVICES: [OnceLock<(Gpu, Rasteriser)>; 4] = [const { OnceLock::new() }; 4];
     DEVICES[form as usize].get_or_init(|| {
-        let shape = if form == Form::Gpu { Shape::Gpu } else { Shape::Cpu };
-        let mut gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(shape) }).expect("an adapter");
-        gpu.subgroups_of_eight &= form == Form::Cpu;
+        let mut gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(form.shape()) }).expect("an adapter");
+        if let Form::CpuWithoutSubgroups | Form::GpuWithoutSubgroups = form {
+            gpu.subgroup = 0;
+        }
         let rasteriser = Rasteriser::new(&gpu).expect("kernels that compile");
         (gpu, rasteriser)
     })
