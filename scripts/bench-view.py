@@ -250,7 +250,7 @@ class Browser:
 OURS = """(async () => {
   const [width, height, frames] = SETTINGS;
   const at = (name) => import(new URL(`file/js/${name}`, location.href));
-  const [{ open }, { SceneReader }, { Viewer }, { KEY_BITS }, source] = await Promise.all(['gpu.js', 'scene.js', 'viewer.js', 'raster.js', 'source.js'].map(at));
+  const [{ open }, { SceneReader }, { Viewer }, source] = await Promise.all(['gpu.js', 'scene.js', 'viewer.js', 'source.js'].map(at));
   const gpu = await open(navigator.gpu);
   const bytes = new Uint8Array(await (await fetch('api/scene/0')).arrayBuffer());
   const reader = new SceneReader(bytes.length);
@@ -279,16 +279,16 @@ OURS = """(async () => {
   const alone = (record) => median(() => { const commands = gpu.commands(); record(commands); commands.submit(); });
   await viewer.prepare({ mode: 'tiles' });
   await viewer.pixels(view(0), 0.5, { mode: 'tiles', near: 0.1 });
-  const { projector, motion, sorter, quads } = viewer;
+  const { projector, motion, quads } = viewer;
   const deltas = motion?.record(gpu.commands(), viewer.scene, 0.5);
-  const frame = (mode) => median((k) => viewer.frame(view(k), (0.3 + 0.01 * k) % 1, target, { mode, near: 0.1 }));
+  const frame = (mode) => median((k) => viewer.frame(view(k), (0.3 + 0.01 * k) % 1, () => target, { mode, near: 0.1 }));
   globalThis.bench = {
     fast: () => frame('quads'),
     exactly: () => frame('tiles'),
     waiting: () => alone(() => {}),
     motion: () => alone((commands) => motion?.record(commands, viewer.scene, 0.5)),
     projection: () => alone((commands) => projector.record(commands, viewer.scene, deltas)),
-    sorting: () => alone((commands) => sorter.sort(commands, quads.plan, quads.byDepth, KEY_BITS)),
+    sorting: () => (gpu.onProcessor ? median(() => quads.order()) : alone((commands) => quads.recordOrder(commands))),
   };
   return viewer.tiles.wanted();
 })()"""

@@ -17,8 +17,9 @@ pub struct Browser {
     program: Child,
     to: File,
     from: BufReader<File>,
-    /// The page that is open.
+    /// The page that is open, and the tab that it is in.
     session: Option<String>,
+    tab: Value,
     calls: u64,
     _folder: tempfile::TempDir,
 }
@@ -47,7 +48,7 @@ impl Browser {
         let program = command.spawn().expect("bash");
         let to = OpenOptions::new().write(true).open(to).expect("a pipe");
         let from = BufReader::new(File::open(from).expect("a pipe"));
-        Self { program, to, from, session: None, calls: 0, _folder: folder }
+        Self { program, to, from, session: None, tab: Value::Null, calls: 0, _folder: folder }
     }
 
     /// Opens a page in place of the one that is open.
@@ -56,6 +57,20 @@ impl Browser {
         let target = self.call("Target.createTarget", &json!({ "url": url }))["targetId"].clone();
         let attached = self.call("Target.attachToTarget", &json!({ "targetId": target, "flatten": true }));
         self.session = attached["sessionId"].as_str().map(str::to_owned);
+        self.tab = target;
+    }
+
+    /// Has another tab before the page while `meanwhile` looks at it.
+    pub fn hide(&mut self, meanwhile: impl FnOnce(&mut Self)) {
+        let session = self.session.take();
+        let other = self.call("Target.createTarget", &json!({ "url": "about:blank" }))["targetId"].clone();
+        self.session.clone_from(&session);
+        meanwhile(self);
+        self.session = None;
+        self.call("Target.closeTarget", &json!({ "targetId": other }));
+        let tab = self.tab.clone();
+        self.call("Target.activateTarget", &json!({ "targetId": tab }));
+        self.session = session;
     }
 
     /// The value of an expression on the page.

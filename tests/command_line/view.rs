@@ -81,12 +81,53 @@ fn a_browser_shows_what_the_trainer_would() {
     }
     the_page_shows_more_than_the_picture(&folder, &served, &mut browser);
     scenes_are_shown_as_they_come_and_damaged_ones_are_refused(&mut browser);
+    the_order_is_the_same_whoever_sorts(&mut browser);
     the_picture_fits_its_place_and_comes_back_after_the_device_was_lost(&mut browser);
+    a_page_that_is_hidden_rests(&mut browser);
     // Where the browser has no graphics processor, it is sent pictures: JPEG, which costs a little.
     browser.open(&format!("{}&check=1&renderer=server", served.page.link));
     for (mode, psnr) in compared(&served, 4) {
         assert!(psnr > 30.0, "{mode}, sent: {psnr} dB");
     }
+}
+
+/// On a software renderer the page sorts by itself.
+fn the_order_is_the_same_whoever_sorts(browser: &mut Browser) {
+    let seen = browser.evaluate(
+        "(async () => {
+           const at = (name) => import(new URL(`file/js/${name}`, location.href));
+           const [{ open, onProcessor }, { SceneReader }, { Viewer }, { sorted }, source] =
+             await Promise.all(['gpu.js', 'scene.js', 'viewer.js', 'sort.js', 'source.js'].map(at));
+           const gpu = await open(navigator.gpu);
+           const found = gpu.onProcessor;
+           const bytes = new Uint8Array(await (await fetch('api/scene/0')).arrayBuffer());
+           const reader = new SceneReader(bytes.length);
+           reader.push(bytes);
+           const scene = await reader.better(Infinity);
+           const texts = { train: (name) => source.text(`train/${name}`), own: (name) => source.text(`wgsl/${name}`) };
+           const viewer = await Viewer.make(gpu, texts, scene, 'rgba8unorm');
+           const view = { ...scene.header.cameras[0], near: 0.2 };
+           const pictures = [];
+           // Two that overlap take turns.
+           for (const here of [true, false]) {
+             gpu.onProcessor = here;
+             pictures.push(...await Promise.all([0.3, 0.8].map((t01) => viewer.pixels(view, t01, { mode: 'quads', near: 0.2 }))));
+           }
+           const same = (a, b) => a.length === b.length && a.every((value, k) => value === b[k]);
+           return {
+             found,
+             same: [same(pictures[0], pictures[2]), same(pictures[1], pictures[3]), same(pictures[0], pictures[1])],
+             bright: pictures[0].filter((value, k) => k % 4 < 3 && value > 60).length,
+             order: [...sorted(Uint32Array.of(3, 65535, 0, 3, 1), 16)],
+             other: onProcessor({ info: { vendor: 'nvidia', architecture: 'hopper', device: '', description: '' } }),
+           };
+         })()",
+    );
+    assert_eq!(seen["found"], true, "{seen}");
+    assert_eq!(seen["same"], serde_json::json!([true, true, false]), "{seen}");
+    assert!(seen["bright"].as_u64() > Some(500), "{seen}");
+    assert_eq!(seen["order"], serde_json::json!([2, 4, 0, 3, 1]));
+    assert_eq!(seen["other"], false);
 }
 
 /// The page's reader, with the scene that the page shows.
@@ -159,11 +200,30 @@ fn scenes_are_shown_as_they_come_and_damaged_ones_are_refused(browser: &mut Brow
     assert!(known[1..].iter().all(|known| said.keys().any(|what| what.starts_with(known))), "{said:?}");
 }
 
+fn drawn(browser: &mut Browser) -> u64 {
+    let count = browser.evaluate("document.body.dataset.drawn");
+    count.as_str().and_then(|count| count.parse().ok()).expect("a count")
+}
+
+fn a_page_that_is_hidden_rests(browser: &mut Browser) {
+    let before = drawn(browser);
+    browser.evaluate("document.getElementById('play').click()");
+    browser.wait(&format!("document.body.dataset.drawn > {}", before + 1));
+    browser.hide(|browser| {
+        browser.wait("document.hidden");
+        // A picture that was begun is ended.
+        std::thread::sleep(Duration::from_secs(2));
+        let (count, time) = (drawn(browser), browser.evaluate("location.hash"));
+        std::thread::sleep(Duration::from_secs(2));
+        assert_eq!((drawn(browser), browser.evaluate("location.hash")), (count, time));
+    });
+    let before = drawn(browser);
+    browser.wait(&format!("!document.hidden && document.body.dataset.drawn > {}", before + 1));
+    browser.wait("document.getElementById('trouble').hidden");
+    browser.evaluate("document.getElementById('play').click()");
+}
+
 fn the_picture_fits_its_place_and_comes_back_after_the_device_was_lost(browser: &mut Browser) {
-    let drawn = |browser: &mut Browser| -> u64 {
-        let count = browser.evaluate("document.body.dataset.drawn");
-        count.as_str().and_then(|count| count.parse().ok()).expect("a count")
-    };
     let fits = "document.getElementById('frame').clientHeight <= document.getElementById('stage').clientHeight";
     browser.wait(fits);
     let before = browser.evaluate("document.getElementById('stage').clientHeight");

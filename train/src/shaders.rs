@@ -33,5 +33,6 @@ texts![
     "sort/scan_reduce.wgsl",
     "sort/scan_shared.wgsl",
     "sort/scan_sums.wgsl",
+    "sort/scan_whole.wgsl",
     "sort/shared.wgsl",
 ];

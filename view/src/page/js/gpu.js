@@ -24,9 +24,15 @@ export async function open(gpu) {
   return new Gpu(await adapter.requestDevice({ requiredLimits }), adapter);
 }
 
+// Whether an adapter computes on the processor, as its browser says or by its name: many short passes are slow there.
+export function onProcessor({ isFallbackAdapter, info = {} }) {
+  const name = [info.vendor, info.architecture, info.device, info.description].join(' ');
+  return Boolean(isFallbackAdapter ?? info.isFallbackAdapter) || /swiftshader|llvmpipe|lavapipe|softpipe|basic render/i.test(name);
+}
+
 export class Gpu {
   constructor(device, adapter) {
-    Object.assign(this, { device, adapter, errors: [], compiled: new Map() });
+    Object.assign(this, { device, adapter, errors: [], compiled: new Map(), onProcessor: onProcessor(adapter) });
     device.addEventListener?.('uncapturederror', (event) => this.errors.push(event.error.message));
   }
 

@@ -24,7 +24,8 @@ export class Drawn {
     await viewer.prepare(how);
     // Meanwhile a better one may have taken its place.
     if (viewer.gone) return true;
-    viewer.frame(view, t01, context.getCurrentTexture().createView(), { ...how, near: trainedNear(scene, view) });
+    await viewer.frame(view, t01, () => context.getCurrentTexture().createView(), { ...how, near: trainedNear(scene, view) });
+    if (viewer.gone) return true;
     await viewer.gpu.done();
     const error = viewer.gpu.errors.shift();
     if (error) throw new Error(`The graphics device says: ${error}`);

@@ -2,7 +2,7 @@
 // blending (its shape for GPUs), `Quads` instanced quads with alpha blending.
 
 import { SH_STRIDE } from './header.js';
-import { Plan, PLAN_BYTES, BLOCK_GROUPS } from './sort.js';
+import { Plan, PLAN_BYTES, BLOCK_GROUPS, sorted } from './sort.js';
 
 const THREADS = 64;
 const TILE = 16;
@@ -98,7 +98,7 @@ export class Tiles {
     const { byDepth, byTile, depthPlan, offsetPlan, tilePlan } = this;
     const groups = ceil(this.count, THREADS);
     commands.dispatch(this.intersect, [view, splats, this.counts, byDepth.keys, byDepth.values], groups);
-    this.sorter.sort(commands, depthPlan, byDepth, 32);
+    this.sorter.sort(commands, depthPlan, byDepth, 32, this.count);
     commands.dispatch(this.order, [view, this.counts, byDepth.values, this.offsets], groups);
     this.sorter.scan(commands, offsetPlan, this.offsets, this.offsetScan);
     commands.dispatch(this.emit, [view, splats, this.counts, byDepth.values, this.offsets, this.splatRanges, byTile.keys, byTile.values, this.owners], groups);
@@ -152,14 +152,23 @@ export class Quads {
     this.passes.set(look, { label: 'quads', pipeline, layout: pipeline.getBindGroupLayout(0), groups: new Map() });
   }
 
-  // `look`: what is shown; `depths`: between which colours tell depths apart; `range`: the nearest and the furthest depth there can be.
-  record(commands, projector, target, background, { look, depths, range: [near, far] }) {
+  // What the order is by; `range`: the nearest and the furthest depth there can be.
+  recordKeys(commands, projector, [near, far]) {
     const { view, splats } = projector;
     this.gpu.upload(this.range, Float32Array.of(Math.log2(near), 65534 / Math.log2(Math.max(2, far / near)), 0, 0));
-    this.gpu.upload(this.depths, Float32Array.from([...depths, 0, 0]));
     this.gpu.upload(this.draw, Uint32Array.of(6 * BATCH, 0, 0, 0, 0, 0));
     commands.dispatch(this.keys, [view, splats, this.byDepth.keys, this.byDepth.values, this.draw, this.range], ceil(this.count, THREADS));
-    this.sorter.sort(commands, this.plan, this.byDepth, KEY_BITS);
+  }
+
+  recordOrder(commands) { this.sorter.sort(commands, this.plan, this.byDepth, KEY_BITS, this.count); }
+
+  // The same order, found by this program, of keys that were submitted.
+  async order() { return sorted(await this.gpu.read(this.byDepth.keys, Uint32Array, this.count), KEY_BITS); }
+
+  // `look`: what is shown; `depths`: between which colours tell depths apart.
+  record(commands, projector, target, background, { look, depths }) {
+    const { view, splats } = projector;
+    this.gpu.upload(this.depths, Float32Array.from([...depths, 0, 0]));
     const shown = this.passes.get(look);
     const group = this.gpu.bindGroup(shown, [view, splats, this.byDepth.values, this.depths]);
     const [r, g, b] = background;

@@ -1,9 +1,11 @@
-// The host side of train/src/sort: prefix sums and the radix sort, on the trainer's own WGSL.
+// The host side of train/src/sort: prefix sums and the radix sort, on the trainer's own WGSL; and a sort by this program.
 
 const BLOCK = 2048;
 const DIGITS = 16;
 export const BLOCK_GROUPS = 16;
 const SCAN_GROUPS = 32;
+// As many numbers one workgroup adds up while three kernels would still be waiting for each other.
+const FEW = 8 * BLOCK;
 export const PLAN_BYTES = 64;
 
 const blocks = (count) => Math.ceil(count / BLOCK);
@@ -22,12 +24,12 @@ export const Plan = {
 export class Sorter {
   static async make(gpu, texts) {
     const text = (name) => texts.train(`sort/${name}.wgsl`);
-    const [shared, scan, reduce, sums, apply, count, scatter] = await Promise.all(
-      ['shared', 'scan_shared', 'scan_reduce', 'scan_sums', 'scan_apply', 'radix_count', 'radix_scatter'].map(text));
+    const [shared, scan, reduce, sums, apply, whole, count, scatter] = await Promise.all(
+      ['shared', 'scan_shared', 'scan_reduce', 'scan_sums', 'scan_apply', 'scan_whole', 'radix_count', 'radix_scatter'].map(text));
     const self = new Sorter();
     const k = (label, ...parts) => gpu.kernel(label, [shared, ...parts]);
-    [self.reduce, self.sums, self.apply, self.count, self.scatter] = await Promise.all([
-      k('scan reduce', scan, reduce), k('scan sums', scan, sums), k('scan apply', scan, apply),
+    [self.reduce, self.sums, self.apply, self.whole, self.count, self.scatter] = await Promise.all([
+      k('scan reduce', scan, reduce), k('scan sums', scan, sums), k('scan apply', scan, apply), k('scan whole', scan, whole),
       k('radix count', count), k('radix scatter', scatter)]);
     self.shifts = Array.from({ length: 8 }, (_, pass) => gpu.uniformFrom(Uint32Array.of(4 * pass, 0, 0, 0)));
     self.shared = shared;
@@ -39,7 +41,7 @@ export class Sorter {
   sortBuffers(gpu, capacity) {
     const pairs = () => gpu.storage(4 * capacity);
     const counts = DIGITS * blocks(capacity);
-    return { keys: pairs(), values: pairs(), otherKeys: pairs(), otherValues: pairs(), counts: gpu.storage(4 * counts), scan: this.scanBuffers(gpu, counts) };
+    return { keys: pairs(), values: pairs(), otherKeys: pairs(), otherValues: pairs(), counts: gpu.storage(4 * counts), few: counts <= FEW, scan: this.scanBuffers(gpu, counts) };
   }
 
   scan(commands, plan, numbers, sums) {
@@ -48,15 +50,28 @@ export class Sorter {
     commands.dispatchIndirect(this.apply, [plan, sums, numbers], plan, SCAN_GROUPS);
   }
 
-  // By the lowest `bits` bits, in place.
-  sort(commands, plan, b, bits) {
+  // By the lowest `bits` bits, in place; `known`: how many there are, where that is known here.
+  sort(commands, plan, b, bits, known) {
     const passes = Math.min(8, 2 * Math.ceil(Math.ceil(bits / 4) / 2));
+    const byBlock = (kernel, bindings) => (known === undefined
+      ? commands.dispatchIndirect(kernel, bindings, plan, BLOCK_GROUPS) : commands.dispatch(kernel, bindings, blocks(known)));
     for (let pass = 0; pass < passes; pass++) {
       const [from, fromValues, to, toValues] = pass % 2
         ? [b.otherKeys, b.otherValues, b.keys, b.values] : [b.keys, b.values, b.otherKeys, b.otherValues];
-      commands.dispatchIndirect(this.count, [plan, this.shifts[pass], from, b.counts], plan, BLOCK_GROUPS);
-      this.scan(commands, plan, b.counts, b.scan);
-      commands.dispatchIndirect(this.scatter, [plan, this.shifts[pass], from, fromValues, b.counts, to, toValues], plan, BLOCK_GROUPS);
+      byBlock(this.count, [plan, this.shifts[pass], from, b.counts]);
+      if (b.few) commands.dispatch(this.whole, [plan, b.counts], 1);
+      else this.scan(commands, plan, b.counts, b.scan);
+      byBlock(this.scatter, [plan, this.shifts[pass], from, fromValues, b.counts, to, toValues]);
     }
   }
+}
+
+// Indices in the order of their keys of `bits` bits; equal keys keep their order.
+export function sorted(keys, bits) {
+  const places = new Uint32Array(2 ** bits + 1);
+  for (const key of keys) places[key + 1]++;
+  for (let key = 1; key < places.length; key++) places[key] += places[key - 1];
+  const order = new Uint32Array(keys.length);
+  for (let k = 0; k < keys.length; k++) order[places[keys[k]]++] = k;
+  return order;
 }

@@ -96,35 +96,50 @@ export class Viewer {
     return [nearest, Math.max(2 * nearest, distance(centreOf(view), this.box.middle) + 1.5 * this.box.size || 0)];
   }
 
-  // Draws into `target`, a view of a texture, at `t01`, with the near plane `near`, metres; `mode`: `quads` or `tiles`; `look`
-  // and `layer`: what of the scene is seen (quads alone have looks).
-  frame(view, t01, target, { mode: wanted = 'quads', near, look = 'colours', layer = 'all' }) {
+  // Draws into the view of a texture that `target` gives, at `t01`, with the near plane `near`, metres; `mode`: `quads` or `tiles`;
+  // `look` and `layer`: what of the scene is seen (quads alone have looks). One picture after the other, for they share buffers.
+  frame(...picture) {
+    this.last = (this.last ?? Promise.resolve()).catch(() => {}).then(() => this.#frame(...picture));
+    return this.last;
+  }
+
+  async #frame(view, t01, target, { mode: wanted = 'quads', near, look = 'colours', layer = 'all' }) {
+    if (this.gone) return;
     const mode = look === 'colours' ? wanted : 'quads';
     this.scene.core = this.core(layer);
-    const { gpu, scene } = this;
+    const { gpu, scene, quads } = this;
     const { background, near_sigmas: nearSigmas } = scene.header;
     const room = mode === 'tiles' ? this.tiles.fit(view.width, view.height, this.room) : 0;
     const lowPass = LOW_PASS * Math.max(1, view.fx / this.trainedFocal) ** 2;
     const deltaRows = this.motion ? scene.dynamic : 0;
     gpu.upload(this.projector.view, viewUniform(view, scene, { near, nearSigmas, background, deltaRows, room, lowPass }));
-    const commands = gpu.commands();
+    let commands = gpu.commands();
     const deltas = this.motion?.record(commands, scene, t01);
     this.projector.record(commands, scene, deltas);
     if (mode === 'tiles') {
       this.tiles.record(commands, this.projector);
       const size = () => gpu.uniformFrom(Uint32Array.of(view.width, view.height, 0, 0));
-      this.blit.record(commands, this.tiles.image, () => [{ buffer: size() }, { buffer: this.tiles.image }], target);
-    } else {
-      if (this.sums?.width !== view.width || this.sums?.height !== view.height) {
-        this.sums?.destroy();
-        const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING;
-        this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
-      }
-      const sums = this.sums.createView();
-      const depths = look === 'depth' ? this.depths(view) : [1, 2];
-      this.quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, { look, depths, range: this.range(view, near) });
-      this.blitTexture.record(commands, this.sums, () => [sums], target);
+      this.blit.record(commands, this.tiles.image, () => [{ buffer: size() }, { buffer: this.tiles.image }], target());
+      commands.submit();
+      return;
     }
+    quads.recordKeys(commands, this.projector, this.range(view, near));
+    if (gpu.onProcessor) {
+      commands.submit();
+      const order = await quads.order();
+      if (this.gone) return;
+      gpu.upload(quads.byDepth.values, order);
+      commands = gpu.commands();
+    } else quads.recordOrder(commands);
+    if (this.sums?.width !== view.width || this.sums?.height !== view.height) {
+      this.sums?.destroy();
+      const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.TEXTURE_BINDING;
+      this.sums = gpu.device.createTexture({ size: [view.width, view.height], format: ACCUMULATE, usage });
+    }
+    const sums = this.sums.createView();
+    const depths = look === 'depth' ? this.depths(view) : [1, 2];
+    quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, { look, depths });
+    this.blitTexture.record(commands, this.sums, () => [sums], target());
     commands.submit();
   }
 
@@ -152,7 +167,7 @@ export class Viewer {
     const { device } = this.gpu;
     const usage = GPUTextureUsage.RENDER_ATTACHMENT | GPUTextureUsage.COPY_SRC;
     const texture = device.createTexture({ size: [view.width, view.height], format: this.format, usage });
-    do this.frame(view, t01, texture.createView(), options);
+    do await this.frame(view, t01, () => texture.createView(), options);
     while (options.mode === 'tiles' && await this.lacked());
     const stride = Math.ceil(4 * view.width / 256) * 256;
     const copy = device.createBuffer({ size: stride * view.height, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
