@@ -63,7 +63,19 @@ struct Figures {
     dynamic: u32,
     iterations: u64,
     iterations_per_s: f64,
+    /// What passes to and from the device in an iteration, in the mean.
+    an_iteration: TrafficFigures,
     stages: Vec<StageFigures>,
+}
+
+#[derive(Serialize)]
+struct TrafficFigures {
+    submissions: f64,
+    dispatches: f64,
+    /// Buffers that the host reads, each of which it waits for.
+    maps: f64,
+    bytes_written: f64,
+    bytes_read: f64,
 }
 
 #[derive(Serialize)]
@@ -126,6 +138,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             mgaussians_per_s: f64::from(gaussians) * calls as f64 * 1e-6 / seconds.max(1e-12),
         })
         .collect();
+    let traffic = trainer.times.traffic;
+    let mean = |sum: u64| sum as f64 / iterations;
     let figures = Figures {
         adapter: gpu.info.name.clone(),
         driver: format!("{} {}", gpu.info.driver, gpu.info.driver_info),
@@ -135,6 +149,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         dynamic: trainer.model.dynamic,
         iterations: measured,
         iterations_per_s: iterations / (trainer.clock.seconds - started).max(1e-12),
+        an_iteration: TrafficFigures {
+            submissions: mean(traffic.submissions),
+            dispatches: mean(traffic.dispatches),
+            maps: mean(traffic.maps),
+            bytes_written: mean(traffic.written),
+            bytes_read: mean(traffic.read),
+        },
         stages,
     };
     terminal.result(&figures, || describe(&figures))
@@ -154,7 +175,8 @@ fn describe(figures: &Figures) -> String {
         ]
     }));
     format!(
-        "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n{}",
+        "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n\
+         an iteration: {:.1} submissions of {:.0} dispatches, {:.0} kB written, {:.1} buffers and {:.0} kB read back\n{}",
         figures.adapter,
         figures.driver,
         figures.method,
@@ -162,6 +184,11 @@ fn describe(figures: &Figures) -> String {
         thousands(figures.gaussians.into()),
         thousands(figures.dynamic.into()),
         figures.iterations_per_s,
+        figures.an_iteration.submissions,
+        figures.an_iteration.dispatches,
+        1e-3 * figures.an_iteration.bytes_written,
+        figures.an_iteration.maps,
+        1e-3 * figures.an_iteration.bytes_read,
         table(&rows)
     )
 }

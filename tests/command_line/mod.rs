@@ -16,6 +16,7 @@ mod slurm;
 mod stability;
 mod still;
 mod sweep;
+mod traffic;
 mod variants;
 mod view;
 mod watched;

@@ -8,13 +8,19 @@ pub struct Commands<'a> {
     gpu: &'a Gpu,
     // Ends before what is recorded besides dispatches, and before the encoder.
     pass: Option<wgpu::ComputePass<'static>>,
+    dispatches: u64,
     encoder: wgpu::CommandEncoder,
 }
 
 impl Gpu {
     /// Starts a recording.
     pub fn commands(&self) -> Commands<'_> {
-        Commands { gpu: self, pass: None, encoder: self.device.create_command_encoder(&Default::default()) }
+        Commands {
+            gpu: self,
+            pass: None,
+            dispatches: 0,
+            encoder: self.device.create_command_encoder(&Default::default()),
+        }
     }
 }
 
@@ -73,6 +79,7 @@ impl<'a> Commands<'a> {
     /// Hands the recording to the device. The index says what to wait for.
     pub fn submit(mut self) -> wgpu::SubmissionIndex {
         self.pass = None;
+        self.gpu.counters.submitted(self.dispatches);
         self.gpu.queue.submit([self.encoder.finish()])
     }
 

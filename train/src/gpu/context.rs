@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Pod;
 use wgpu::util::DeviceExt;
 
+use super::traffic::{Counters, Traffic};
+
 /// What can go wrong on the device.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
@@ -96,6 +98,7 @@ pub struct Gpu {
     pub mappable: bool,
     /// So many threads are always within one subgroup; 0 without subgroup operations.
     pub subgroup: u32,
+    pub(super) counters: Counters,
     failure: Arc<Mutex<Option<String>>>,
 }
 
@@ -170,7 +173,7 @@ impl Gpu {
         }));
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
         let subgroup = if features.contains(wgpu::Features::SUBGROUP) { info.subgroup_min_size } else { 0 };
-        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, failure })
+        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, counters: Counters::default(), failure })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
@@ -208,6 +211,7 @@ impl Gpu {
 
     /// A uniform buffer that holds `value`.
     pub fn uniform<T: Pod>(&self, label: &str, value: &T) -> wgpu::Buffer {
+        self.counters.written(size_of::<T>() as u64);
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some(label),
             contents: bytemuck::bytes_of(value),
@@ -221,6 +225,7 @@ impl Gpu {
         if bytes.is_empty() {
             return;
         }
+        self.counters.written(bytes.len() as u64);
         self.queue.write_buffer(buffer, offset, bytes);
     }
 
@@ -253,10 +258,12 @@ impl Gpu {
                     copy
                 })
                 .collect();
+            self.counters.submitted(0);
             self.queue.submit([encoder.finish()]);
             copies
         };
         for (buffer, (_, count)) in mapped.iter().zip(buffers) {
+            self.counters.mapped(bytes_of(*count));
             buffer.slice(..bytes_of(*count)).map_async(wgpu::MapMode::Read, |_| {});
         }
         self.wait("reading results back")?;
@@ -290,6 +297,34 @@ impl Gpu {
     /// [`GpuError::Failed`].
     pub fn download<T: Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
         self.read(&[(buffer, count)], |slices| slices[0].to_vec())
+    }
+
+    /// What has passed between the host and the device so far.
+    pub fn traffic(&self) -> Traffic {
+        self.counters.so_far()
+    }
+
+    /// Maps a buffer that was made for it, once what was submitted until then is done, and lends its bytes to `read`.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn read_mapped<R>(
+        &self,
+        buffer: &wgpu::Buffer,
+        submission: wgpu::SubmissionIndex,
+        doing: &str,
+        read: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R, GpuError> {
+        let failed = |message: String| GpuError::Failed { doing: doing.into(), message };
+        let slice = buffer.slice(..);
+        self.counters.mapped(buffer.size());
+        slice.map_async(wgpu::MapMode::Read, |_| {});
+        self.device
+            .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+            .map_err(|error| failed(error.to_string()))?;
+        let result = read(&slice.get_mapped_range().map_err(|error| failed(error.to_string()))?);
+        buffer.unmap();
+        Ok(result)
     }
 
     /// Waits until everything submitted is done, and reports what failed meanwhile.

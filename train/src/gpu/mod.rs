@@ -8,8 +8,10 @@ mod canary;
 mod commands;
 mod context;
 mod kernel;
+mod traffic;
 
 pub use canary::{Canary, run_canary};
 pub use commands::Commands;
 pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
 pub use kernel::{Binding, Bound, Kernel};
+pub use traffic::Traffic;

@@ -95,18 +95,9 @@ impl Frame {
     /// Tile intersections of the last render, where it has not been asked before. Makes room for them.
     pub(super) fn settle(&mut self, gpu: &Gpu) -> Result<Option<u32>, RasterError> {
         let Some(submission) = self.pending.take() else { return Ok(None) };
-        let failed = |message: String| GpuError::Failed { doing: "counting tile intersections".into(), message };
-        let slice = self.counter.slice(..);
-        slice.map_async(wgpu::MapMode::Read, |_| {});
         // Only what was submitted up to that render is waited for, which by the next render has usually been done.
-        gpu.device
-            .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
-            .map_err(|error| failed(error.to_string()))?;
-        let needed = {
-            let view = slice.get_mapped_range().map_err(|error| failed(error.to_string()))?;
-            bytemuck::from_bytes::<Plan>(&view).total[0]
-        };
-        self.counter.unmap();
+        let total = |bytes: &[u8]| bytemuck::from_bytes::<Plan>(bytes).total[0];
+        let needed = gpu.read_mapped(&self.counter, submission, "counting tile intersections", total)?;
         if needed > self.room {
             self.room = needed.saturating_add(needed / 4);
         }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, time::Instant};
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, Traffic};
 
 /// Seconds and calls of every stage, if they are asked for. Measuring waits for the device after every stage, which the
 /// training loop does not do otherwise.
@@ -10,6 +10,8 @@ use crate::gpu::{Gpu, GpuError};
 pub struct StageTimes {
     last: Option<Instant>,
     stages: BTreeMap<&'static str, (f64, u64)>,
+    /// What passed to and from the device in the iterations that were measured.
+    pub traffic: Traffic,
 }
 
 impl StageTimes {
@@ -31,6 +33,13 @@ impl StageTimes {
         stage.1 += 1;
         self.last = Some(now);
         Ok(())
+    }
+
+    /// Adds what passed in an iteration.
+    pub(super) fn passed(&mut self, traffic: Traffic) {
+        if self.last.is_some() {
+            self.traffic += traffic;
+        }
     }
 
     /// Name, seconds and calls of every stage.

@@ -89,6 +89,7 @@ impl Workspace {
 impl Trainer<'_> {
     /// Runs the next iteration of the stage.
     pub(super) fn iterate(&mut self) -> Result<(), TrainError> {
+        let before = self.gpu.traffic();
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
         for slot in 0..self.config.batch {
@@ -125,6 +126,7 @@ impl Trainer<'_> {
         };
         self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
         self.times.lap(self.gpu, "Adam")?;
+        self.times.passed(self.gpu.traffic().since(before));
         self.clock.iteration += 1;
         Ok(())
     }
