@@ -285,6 +285,9 @@ pub struct EarlConfig {
     pub enabled: bool,
     /// Weight of the event loss. An error of so much light costs the same for sensors of all thresholds: one of 20 % is the unit.
     pub weight: f32,
+    /// What that is multiplied by where frames tell of paths ([`Guide::Frames`]).
+    #[serde(default = "one")]
+    pub beside_frames: f32,
     /// Weight of the trajectory regulariser.
     pub weight_trajectory: f32,
     /// Weight of the colour regulariser.
@@ -309,6 +312,14 @@ pub struct EarlConfig {
     /// Whether Gaussians that stand still learn from events, too.
     #[serde(default = "yes")]
     pub still_learn: bool,
+}
+
+impl Config {
+    /// The weight of the event loss, by what tells of paths.
+    pub(crate) fn event_weight(&self) -> f32 {
+        let beside = self.motion == MotionModel::FreeTime && self.free_time.guide == Guide::Frames;
+        self.earl.weight * if beside { self.earl.beside_frames } else { 1.0 }
+    }
 }
 
 /// Which candidates EDS keeps by their distance from the Gaussians.
@@ -381,6 +392,10 @@ pub struct EdsConfig {
     pub max_distance: f32,
     /// Opacity logit of a new Gaussian.
     pub opacity_logit: f32,
+}
+
+fn one() -> f32 {
+    1.0
 }
 
 fn yes() -> bool {

@@ -3,12 +3,17 @@
 use erfgs_dataset::{Dataset, DatasetError};
 
 use super::{Config, FreeTimeOptions, Guide, MotionModel};
-use crate::scene::{displacement, exposed, extent, stands_still};
+use crate::{
+    motion::FAR,
+    scene::{exposed, extent, moves, stands_still},
+};
 
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
 /// Where exposures leave less unseen than this share of the picture's width from frame to frame, frames tell of paths.
 const LITTLE: f64 = 0.01;
+/// Where velocities change by less than this share of the speed from frame to frame, in the median, so do they. Pairs of chance have 1.41.
+const STRAIGHT: f64 = 1.1;
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -122,22 +127,23 @@ impl Config {
         let extent = extent(dataset, without_points)?;
         let undecided = self.free_time.guide == Guide::Auto || self.free_time.first_life == 0.0;
         let moved = match self.motion {
-            MotionModel::FreeTime if undecided && !without_points => {
-                displacement(dataset, self.free_time.fastest * extent)?
-            }
+            MotionModel::FreeTime if undecided && !without_points => moves(dataset, self.free_time.fastest * extent)?,
             _ => None,
         };
         let by_hand = self.paths_by_hand();
         if self.free_time.guide == Guide::Auto {
-            let little = moved.is_some_and(|moved| moved * (1.0 - exposed(dataset)) < LITTLE);
-            self.free_time.guide = if little && !by_hand { Guide::Frames } else { Guide::Events };
+            let told = moved.is_some_and(|moves| {
+                let little = moves.displacement * (1.0 - exposed(dataset)) < LITTLE;
+                little || moves.displacement <= FAR && moves.bend.is_some_and(|bend| bend < STRAIGHT)
+            });
+            self.free_time.guide = if told && !by_hand { Guide::Frames } else { Guide::Events };
         }
         if self.free_time.guide == Guide::Frames && !by_hand {
             self.free_time.follow_frames();
         }
         if self.free_time.first_life == 0.0 {
             // Without events nothing is between frames but what outlives one.
-            self.free_time.live(moved.filter(|_| self.earl.enabled));
+            self.free_time.live(moved.map(|moves| moves.displacement).filter(|_| self.earl.enabled));
         }
         if extent > 0.0 {
             self.near_m = self.near_m.min(NEAREST * extent);
@@ -178,6 +184,8 @@ impl Config {
         check(self.eds.neighbours >= 1, "eds.neighbours", self.eds.neighbours.to_string(), "at least 1")?;
         check((1..=16).contains(&self.blur.samples), "blur.samples", self.blur.samples.to_string(), "1 to 16")?;
         check((0.0..=1.0).contains(&self.earl.share), "earl.share", self.earl.share.to_string(), "0 to 1")?;
+        let beside = self.earl.beside_frames;
+        check((0.0..=1e3).contains(&beside), "earl.beside_frames", beside.to_string(), "0 to 1000")?;
         check(
             !self.field.levels.is_empty() && self.field.levels.iter().all(|&level| (1..=16).contains(&level)),
             "field.levels",

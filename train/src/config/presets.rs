@@ -90,6 +90,7 @@ impl Config {
             earl: EarlConfig {
                 enabled: true,
                 weight: 0.1,
+                beside_frames: 1.0,
                 weight_trajectory: 0.01,
                 weight_colour: 0.01,
                 share: 0.0,
@@ -192,6 +193,7 @@ impl Config {
         config.density.prune_above = 0;
         config.density.max_extent = 0.5;
         config.earl.weight = 0.2;
+        config.earl.beside_frames = 0.5;
         config.earl.share = 0.5;
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Level;

@@ -88,13 +88,36 @@ fn follow(all: &mut Gaussians, points: &[Point], tracks: &[Track], [time, since]
     }
 }
 
-/// Places of points that move, and how fast they go, metres an interval; none faster than `fastest`.
+/// How a point goes by its neighbouring instants.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Way {
+    /// Where it is at its own.
+    pub place: [f32; 3],
+    /// Metres an interval.
+    pub speed: f32,
+    /// How much its velocity changes from the instant before to the one after, as a share of the mean of both speeds; where it was
+    /// found at both. Pairs of chance have the square root of two in the median.
+    pub bend: Option<f32>,
+}
+
+/// How points that move go; none faster than `fastest`, metres an interval.
 #[must_use]
-pub fn speeds(points: &[MovingPoint], fastest: f32) -> Vec<([f32; 3], f32)> {
+pub fn ways(points: &[MovingPoint], fastest: f32) -> Vec<Way> {
     let instants = by_instant(points);
-    let velocities = velocities(&instants, &flows(&instants, fastest));
-    let places = instants.iter().flat_map(|(_, points)| points.iter().map(|(place, _)| *place));
-    places.zip(velocities.into_iter().flatten().map(|velocity| Vec3::from(velocity).length())).collect()
+    let flows = flows(&instants, fastest);
+    let velocities = velocities(&instants, &flows);
+    let mut ways = Vec::new();
+    for (((_, points), sides), velocities) in instants.iter().zip(&flows).zip(velocities) {
+        let side = |side: usize, at: usize| speed(&sides[side], at).map(|(_, velocity)| Vec3::from(velocity));
+        ways.extend(points.iter().zip(velocities).enumerate().map(|(at, ((place, _), velocity))| {
+            let bend = side(0, at).zip(side(1, at)).map(|(before, after)| {
+                let mean = 0.5 * (before.length() + after.length());
+                (after - before).length() / mean.max(f32::MIN_POSITIVE)
+            });
+            Way { place: *place, speed: Vec3::from(velocity).length(), bend }
+        }));
+    }
+    ways
 }
 
 type Instant = (f64, Vec<Point>);
@@ -135,10 +158,6 @@ fn flows(instants: &[Instant], fastest: f32) -> Vec<[Option<Flow>; 2]> {
 /// through the three places. The parabola's acceleration is left alone: its error grows with the square of the time, and Gaussians
 /// that started with it ended worse where things move.
 fn velocities(instants: &[Instant], flows: &[[Option<Flow>; 2]]) -> Vec<Vec<[f32; 3]>> {
-    let speed = |side: &Option<Flow>, at: usize| {
-        let (away, moved) = side.as_ref()?;
-        Some((*away, moved[at]?.map(|moved| moved / away)))
-    };
     zip(instants, flows)
         .map(|((_, points), [before, after])| {
             (0..points.len())
@@ -152,6 +171,12 @@ fn velocities(instants: &[Instant], flows: &[[Option<Flow>; 2]]) -> Vec<Vec<[f32
                 .collect()
         })
         .collect()
+}
+
+/// How far away the neighbouring instant is, intervals, and the velocity that a point has by it, metres an interval.
+fn speed(side: &Option<Flow>, at: usize) -> Option<(f32, [f32; 3])> {
+    let (away, moved) = side.as_ref()?;
+    Some((*away, moved[at]?.map(|moved| moved / away)))
 }
 
 /// A place and a colour as one place, in which white against black counts as much as a way of `255 tint` along each axis.

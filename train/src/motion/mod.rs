@@ -11,6 +11,7 @@ mod track;
 
 use wgpu::Buffer;
 
+pub(crate) use free_time::FAR;
 pub use free_time::{FreeTime, FreeTimeOptions, Guide};
 
 use crate::{

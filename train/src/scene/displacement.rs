@@ -11,12 +11,22 @@ const FOLLOWED: usize = 400;
 /// The share of the points that are slower than what counts: few things are fast, and they are what is hard.
 const SLOWER: f64 = 0.95;
 
-/// How far what moves fastest goes from one frame to the next, as a share of the width of the training cameras' pictures; `None` where
-/// no points are known to move, or no camera has two frames. Nothing is faster than `fastest`, metres an interval.
+/// How things move, as the points tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Moves {
+    /// How far what moves fastest goes from one frame to the next, as a share of the width of the training cameras' pictures.
+    pub displacement: f64,
+    /// How much a velocity changes from one frame to the next, as a share of the speed, in the median ([`birth::Way::bend`]); where
+    /// any point was found in three frames.
+    pub bend: Option<f64>,
+}
+
+/// How things move; `None` where no points are known to move, or no camera has two frames. Nothing is faster than `fastest`, metres an
+/// interval.
 ///
 /// # Errors
 /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged.
-pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64>, DatasetError> {
+pub(crate) fn moves(dataset: &Dataset, fastest: f32) -> Result<Option<Moves>, DatasetError> {
     let Some(runs) = dataset.point_runs()? else { return Ok(None) };
     let Some((period_ns, cloud)) = period_ns(dataset).zip(dataset.read_points()?) else { return Ok(None) };
     let mut points = Vec::new();
@@ -33,14 +43,21 @@ pub(crate) fn displacement(dataset: &Dataset, fastest: f32) -> Result<Option<f64
         first += count;
     }
     let cameras: Vec<&Camera> = dataset.cameras(Split::Train).filter(|camera| !camera.frames.is_empty()).collect();
-    let share = |(place, speed): ([f32; 3], f32)| {
-        let place = Vec3::from(place).as_dvec3();
+    let share = |way: &birth::Way| {
+        let place = Vec3::from(way.place).as_dvec3();
         let scales: Vec<f64> = cameras.iter().filter_map(|camera| widths_a_metre(camera, place)).collect();
-        (!scales.is_empty()).then(|| f64::from(speed) * scales.iter().sum::<f64>() / scales.len() as f64)
+        (!scales.is_empty()).then(|| f64::from(way.speed) * scales.iter().sum::<f64>() / scales.len() as f64)
     };
-    let mut moved: Vec<f64> = birth::speeds(&points, fastest).into_iter().filter_map(share).collect();
-    let fast = ((SLOWER * moved.len() as f64) as usize).min(moved.len().saturating_sub(1));
-    Ok((!moved.is_empty()).then(|| *moved.select_nth_unstable_by(fast, f64::total_cmp).1))
+    let ways = birth::ways(&points, fastest);
+    let displacement = quantile(ways.iter().filter_map(share).collect(), SLOWER);
+    let bend = quantile(ways.iter().filter_map(|way| way.bend.map(f64::from)).collect(), 0.5);
+    Ok(displacement.map(|displacement| Moves { displacement, bend }))
+}
+
+/// The value that a share of all are below.
+fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+    let at = ((share * values.len() as f64) as usize).min(values.len().saturating_sub(1));
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(at, f64::total_cmp).1)
 }
 
 /// The share of the time during which a training camera exposes, in the mean; 0 where no camera has two frames.
@@ -69,9 +86,9 @@ mod tests {
     use super::*;
     use crate::config::{Config, Guide, MotionModel};
 
-    /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it: a fifth of them by
-    /// `fast` metres an interval, the others by a centimetre.
-    fn dataset(root: &std::path::Path, fast: f64, frames: i64) -> Dataset {
+    /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it, straight on or round a
+    /// corner: a fifth of them by `fast` metres an interval, the others by a centimetre.
+    fn dataset(root: &std::path::Path, fast: f64, corner: bool, frames: i64) -> Dataset {
         let frame = |index: i64| Frame {
             file: format!("{index}.png").into(),
             t_ns: 50_000_000 * index,
@@ -117,7 +134,8 @@ mod tests {
                 let at = |axis: u64| random::range(random::key(7, &[point.into(), axis]), -0.1, 0.1);
                 let (speed, colour, aside) =
                     if quick { (fast, [250, 10, 10], 0.9) } else { (0.01, [10, 10, 250], 0.0) };
-                let place = [speed * f64::from(t) + at(0), aside + at(1), at(2)];
+                let (on, up) = if corner { (t.min(1), t.saturating_sub(1)) } else { (t, 0) };
+                let place = [speed * f64::from(on) + at(0), aside + speed * f64::from(up) + at(1), at(2)];
                 cloud.positions.push(place.map(|p| p as f32));
                 cloud.colours.push(colour);
             }
@@ -132,8 +150,8 @@ mod tests {
     #[test]
     fn what_exposures_miss_decides_what_paths_are_fitted_to() {
         let folder = tempfile::tempdir().unwrap();
-        let settled = |fast: f64, exposure_ns: i64, set: &[&str]| {
-            let mut dataset = dataset(folder.path(), fast, 3);
+        let settled_on = |fast: f64, corner: bool, exposure_ns: i64, set: &[&str]| {
+            let mut dataset = dataset(folder.path(), fast, corner, 3);
             for frame in dataset.manifest.cameras.iter_mut().flat_map(|camera| &mut camera.frames) {
                 frame.exposure_ns[1] += exposure_ns;
             }
@@ -144,11 +162,20 @@ mod tests {
             config.settle(&dataset, false).unwrap();
             config
         };
+        let settled = |fast, exposure_ns, set: &[&str]| settled_on(fast, true, exposure_ns, set);
         // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 0.6 %.
         let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 48_000_000, &[]));
         assert_eq!((short.free_time.guide, short.free_time.knots), (Guide::Events, 2));
         assert_eq!(long.free_time.guide, Guide::Frames);
         assert_eq!((long.free_time.knots, long.free_time.first_life, long.free_time.least_life), (0, 1.0, 0.5));
+        // Straight on, frames tell of it, too, but not of what goes 40 % of the width.
+        let straight = settled_on(0.3, false, 10_000_000, &[]);
+        assert_eq!(straight.free_time.guide, Guide::Frames);
+        // Beside frames that tell of paths events count half.
+        assert_eq!((short.event_weight(), straight.event_weight()), (short.earl.weight, 0.5 * short.earl.weight));
+        let set = settled_on(0.3, false, 10_000_000, &["earl.beside_frames=1"]);
+        assert_eq!(set.event_weight(), short.earl.weight);
+        assert_eq!(settled_on(0.8, false, 10_000_000, &[]).free_time.guide, Guide::Events);
         // What is set is kept.
         for set in ["free_time.guide=events", "free_time.knots=3", "free_time.first_life=0.6"] {
             let config = settled(0.3, 48_000_000, &[set]);
@@ -168,13 +195,16 @@ mod tests {
     fn the_fast_fifth_counts_as_a_share_of_the_width() {
         let folder = tempfile::tempdir().unwrap();
         for fast in [0.05, 0.3] {
-            let found = displacement(&dataset(folder.path(), fast, 3), 10.0).unwrap().unwrap();
+            let found = moves(&dataset(folder.path(), fast, false, 3), 10.0).unwrap().unwrap();
+            let bent = moves(&dataset(folder.path(), fast, true, 3), 10.0).unwrap().unwrap();
+            assert!(found.bend.unwrap() < 0.3 && (1.2..1.6).contains(&bent.bend.unwrap()), "{found:?} {bent:?}");
+            let found = found.displacement;
             assert!((found - fast / 2.0).abs() < 0.2 * fast, "{found} of {}", fast / 2.0);
         }
-        assert_eq!(displacement(&dataset(folder.path(), 0.3, 1), 10.0).unwrap(), None, "a single frame");
-        assert_eq!(exposed(&dataset(folder.path(), 0.3, 1)), 0.0);
-        let mut still = dataset(folder.path(), 0.3, 3);
+        assert_eq!(moves(&dataset(folder.path(), 0.3, false, 1), 10.0).unwrap(), None, "a single frame");
+        assert_eq!(exposed(&dataset(folder.path(), 0.3, false, 1)), 0.0);
+        let mut still = dataset(folder.path(), 0.3, false, 3);
         still.manifest.points = None;
-        assert_eq!(displacement(&still, 10.0).unwrap(), None, "no points");
+        assert_eq!(moves(&still, 10.0).unwrap(), None, "no points");
     }
 }

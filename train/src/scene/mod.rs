@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
-pub(crate) use displacement::{displacement, exposed};
+pub(crate) use displacement::{exposed, moves};
 pub use events::{Bins, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};

@@ -43,7 +43,7 @@ impl Trainer<'_> {
         let time = self.scene.bins.edges[to];
         self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[0], &mut self.times)?;
         let pixels = view.width * view.height;
-        let scale = self.config.earl.weight * events.sensor.worth() / (pixels as f32 * self.event_batch());
+        let scale = self.config.event_weight() * events.sensor.worth() / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
         let mut commands = gpu.commands();
         let (image, d_image, sum) = (&work.renderings[0].frame.image, &work.gradients[0], &work.sums.event);

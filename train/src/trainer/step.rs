@@ -266,7 +266,7 @@ impl Trainer<'_> {
             Norm::L1 => sensor.worth(),
             Norm::L2 => sensor.worth().powi(2),
         };
-        let scale = self.config.earl.weight * worth / (pixels as f32 * self.event_batch());
+        let scale = self.config.event_weight() * worth / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
         let [before, after] = [&work.renderings[0].frame.image, &work.renderings[1].frame.image];
         let [d_before, d_after] = &work.gradients;

@@ -47,7 +47,9 @@ const MOST_BETWEEN: u32 = 16;
 #[serde(rename_all = "kebab-case")]
 pub enum Guide {
     /// The frames where exposures leave little unseen of how things move (less than a hundredth of the picture's width from frame to
-    /// frame, where the fastest are), else the events, as where a setting that this would decide was chosen by hand.
+    /// frame, where the fastest are), or where ways are straight (the velocity of a point changes by less than 1.1 of its speed from
+    /// frame to frame, in the median) and the fastest go less than a sixth of the width; else the events, as where a setting that this
+    /// would decide was chosen by hand.
     Auto,
     /// The frames: paths are parabolas, and lives reach the frames before and after, unless either was chosen by hand.
     Frames,
@@ -121,7 +123,7 @@ impl Default for FreeTimeOptions {
 
 /// Where things go farther than this share of the picture's width from frame to frame, no path that can be learned leads from one to the
 /// next, and Gaussians live half as long.
-const FAR: f64 = 1.0 / 6.0;
+pub(crate) const FAR: f64 = 1.0 / 6.0;
 /// The life that a Gaussian starts with where things go less far, RGB intervals.
 const FIRST_LIFE: f32 = 0.5;
 
