@@ -214,7 +214,7 @@ impl Config {
         // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
         config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
-        config.dynamic.whole_image_every = 2;
+        config.dynamic.whole_image_every = 4;
         config
     }
 }

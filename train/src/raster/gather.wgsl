@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read> ranges: array<vec4u>;
 // Nine an entry: see `Sums` in `blend_backward_cpu.wgsl`.
 @group(0) @binding(3) var<storage, read> sums: array<f32>;
-// Ten a range: the bits of the nine sums, and the Gaussian (NOBODY where there was no entry).
+// Ten a range: the bits of the nine sums, and the Gaussian (NOBODY where there was no entry, or none that counts).
 @group(0) @binding(4) var<storage, read_write> d_splats: array<u32>;
 
 @compute @workgroup_size(THREADS)
@@ -33,6 +33,12 @@ fn main(
         moments0 += vec3f(sums[at], sums[at + 1u], sums[at + 2u]);
         moments1 += vec3f(sums[at + 3u], sums[at + 4u], sums[at + 5u]);
         d_colour += vec3f(sums[at + 6u], sums[at + 7u], sums[at + 8u]);
+    }
+    // Seen outside of that part alone, it is not seen.
+    let untold = all(moments0 == vec3f(0.0)) && all(moments1 == vec3f(0.0)) && all(d_colour == vec3f(0.0));
+    if untold && (view.switches.z & IN_PART) != 0u {
+        d_splats[to + 9u] = NOBODY;
+        return;
     }
     // A channel that was clamped at 0 passes nothing on.
     d_colour = select(vec3f(0.0), d_colour, splats[range.x].colour_depth.rgb > vec3f(0.0));

@@ -168,7 +168,9 @@ impl Rasteriser {
     ) -> Result<(), RasterError> {
         let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
         check_backward(&values, frame, d_image, gradients, delta_gradients)?;
-        values.switches[2] = u32::from(statistics) | u32::from(options.still_learn) << 1;
+        // The lists of the CPU shape leave out what is outside of a region, those of the GPU shape do not.
+        let in_part = gpu.shape == Shape::Gpu && frame.region.is_some();
+        values.switches[2] = u32::from(statistics) | u32::from(options.still_learn) << 1 | u32::from(in_part) << 2;
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
         values.outputs[2] = frame.range_count;

@@ -15,7 +15,7 @@ struct View {
     size: vec4u,
     // Gaussians, rows of the deltas, active SH degree, floats in a row of SH.
     counts: vec4u,
-    // Whether the deltas have SH; whether the 3 sigma square bounds a splat; the sum of STATISTICS and STILL_LEARN; room for
+    // Whether the deltas have SH; whether the 3 sigma square bounds a splat; the sum of STATISTICS, STILL_LEARN and IN_PART; room for
     // intersections.
     switches: vec4u,
     // Whether gradients of the deltas are wanted, and of their SH; ranges to gather; as the bits of a float, what is added to
@@ -23,9 +23,11 @@ struct View {
     outputs: vec4u,
 }
 
-// That statistics are kept; that Gaussians without deltas have gradients, too.
+// That statistics are kept; that Gaussians without deltas have gradients, too; that a part of the image alone is looked at, though all
+// of it was drawn.
 const STATISTICS = 1u;
 const STILL_LEARN = 2u;
+const IN_PART = 4u;
 // In place of a Gaussian's index.
 const NOBODY = 0xffffffffu;
 // What `Thresholds` on the Rust side sets; the defaults are those of 3DGS.

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::scenes::{FORMS, Form, Scene, camera, device};
+use super::scenes::{FORMS, Form, Rendered, Scene, camera, device};
 use crate::gpu::Shape;
 use crate::raster::{
-    Frame, GaussianBuffers, LOW_PASS, RasterError, Rasteriser, Region, RenderOptions, Thresholds, View,
+    CORE_STRIDE, Frame, GaussianBuffers, LOW_PASS, RasterError, Rasteriser, Region, RenderOptions, Thresholds, View,
 };
 
 /// Largest difference of a colour or transmittance between the device and the twin, and of the depth.
@@ -185,6 +185,15 @@ fn outside_a_region_there_is_the_background_alone_and_no_gradient() {
         let off = whole.d_core.iter().zip(&part.d_core).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let largest = whole.d_core.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
         assert!(off < 1e-5 * largest, "{form:?}: {off} of {largest}");
+        // What is outside was not seen: density control would take it for a place that is right.
+        let told = part.d_core.chunks_exact(CORE_STRIDE as usize).map(|row| row.iter().any(|&d| d != 0.0));
+        let counted: Vec<(bool, bool)> = told.zip(part.screen.iter().map(|row| row[3] > 0.0)).collect();
+        assert!(counted.iter().all(|&(told, counted)| counted || !told), "{form:?}: a gradient that is not counted");
+        let seen = |rendered: &Rendered| rendered.screen.iter().filter(|row| row[3] > 0.0).count();
+        assert!(2 * seen(&part) < seen(&whole) && seen(&part) > 10, "{form:?}: {} of {}", seen(&part), seen(&whole));
+        if form.shape() == Shape::Gpu {
+            assert!(counted.iter().all(|&(told, counted)| told == counted), "{form:?}");
+        }
     }
 }
 
