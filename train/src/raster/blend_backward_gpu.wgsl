@@ -6,19 +6,6 @@
 // registers, so that nothing is added up across threads. A thread that has seen all pixels goes on with the splat 256
 // entries further, without a gap.
 
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> splats: array<Splat>;
-@group(0) @binding(2) var<storage, read> entries: array<u32>;
-@group(0) @binding(3) var<storage, read> owners: array<u32>;
-@group(0) @binding(4) var<storage, read> lists: array<vec4u>;
-@group(0) @binding(5) var<storage, read> image: array<vec4f>;
-@group(0) @binding(6) var<storage, read> stops: array<u32>;
-@group(0) @binding(7) var<storage, read> d_image: array<vec4f>;
-// Nine an entry: see `Sums` in `blend_backward_cpu.wgsl`.
-@group(0) @binding(8) var<storage, read_write> sums: array<f32>;
-
-const PIXELS = 256u;
-
 // Per pixel: transmittance in front of what has been walked; what lies behind, weighted by dL/d image; dL/d image;
 // the entry at which the pixel had become opaque.
 var<workgroup> transmittance: array<f32, PIXELS>;
@@ -45,28 +32,15 @@ fn main(
     let entry_range = workgroupUniformLoad(&list);
     let corner = TILE * vec2u(tile % view.size.z, tile / view.size.z);
     let own = corner + vec2u(thread % TILE, thread / TILE);
-    transmittance[thread] = 1.0;
-    behind[thread] = 0.0;
-    d_pixel[thread] = vec4f(0.0);
-    stop[thread] = entry_range.x;
-    if own.x < view.size.x && own.y < view.size.y {
-        let at = own.y * view.size.x + own.x;
-        let d = d_image[at];
-        transmittance[thread] = image[at].w;
-        behind[thread] = dot(d.rgb, view.background.rgb) + d.w;
-        d_pixel[thread] = d;
-        stop[thread] = stops[at];
-    }
+    let begun = pixel_of(own, entry_range.x);
+    transmittance[thread] = begun.transmittance;
+    behind[thread] = begun.behind;
+    d_pixel[thread] = vec4f(begun.d_colour, 0.0);
+    stop[thread] = begun.stop;
     atomicMax(&furthest, stop[thread]);
     let last = workgroupUniformLoad(&furthest);
 
-    for (var entry = max(last, entry_range.x) + thread; entry < entry_range.y; entry += PIXELS) {
-        let at = 9u * entries[entry];
-        for (var i = 0u; i < 9u; i++) {
-            sums[at + i] = 0.0;
-        }
-    }
-
+    clear_sums(max(last, entry_range.x), entry_range.y, thread);
     let count = select(0u, last - entry_range.x, last > entry_range.x);
     let steps = select(0u, count + PIXELS - 1u, count > 0u);
     var splat: Splat;
@@ -103,7 +77,7 @@ fn main(
                 v_more += v * vec3f(d.x * d.x, d.x * d.y, d.y * d.y);
             }
             if pixel == PIXELS - 1u {
-                let at = 9u * emission;
+                let at = SUMS * emission;
                 for (var i = 0u; i < 3u; i++) {
                     sums[at + i] = v_sums[i];
                     sums[at + 3u + i] = v_more[i];

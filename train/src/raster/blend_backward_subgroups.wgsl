@@ -5,21 +5,6 @@
 // In the step after a thread has seen the last of its pixels its sums lie in shared memory. Once all threads have come that far, the
 // sums of all groups of LANES are added up.
 
-@group(0) @binding(0) var<uniform> view: View;
-@group(0) @binding(1) var<storage, read> splats: array<Splat>;
-@group(0) @binding(2) var<storage, read> entries: array<u32>;
-@group(0) @binding(3) var<storage, read> owners: array<u32>;
-@group(0) @binding(4) var<storage, read> lists: array<vec4u>;
-@group(0) @binding(5) var<storage, read> image: array<vec4f>;
-@group(0) @binding(6) var<storage, read> stops: array<u32>;
-@group(0) @binding(7) var<storage, read> d_image: array<vec4f>;
-// Nine an entry: see `Sums` in `blend_backward_cpu.wgsl`.
-@group(0) @binding(8) var<storage, read_write> sums: array<f32>;
-
-const PIXELS = 256u;
-const GROUPS = PIXELS / LANES;
-const SUMS = 9u;
-
 // Of each pixel: dL/d colour as bits, and the entry at which it had become opaque.
 var<workgroup> wanted: array<vec4u, PIXELS>;
 // Transmittance in front of all entries; what lies behind them, weighted by dL/d image.
@@ -49,27 +34,13 @@ fn main(
     let entry_range = workgroupUniformLoad(&list);
     let corner = TILE * vec2u(tile % view.size.z, tile / view.size.z);
     let own = corner + vec2u(thread % TILE, thread / TILE);
-    var d = vec4f(0.0);
-    var state = vec2f(1.0, 0.0);
-    var stop = entry_range.x;
-    if own.x < view.size.x && own.y < view.size.y {
-        let at = own.y * view.size.x + own.x;
-        d = d_image[at];
-        state = vec2f(image[at].w, dot(d.rgb, view.background.rgb) + d.w);
-        stop = stops[at];
-    }
-    wanted[thread] = vec4u(bitcast<vec3u>(d.rgb), stop);
-    behind_all[thread] = state;
-    atomicMax(&furthest, stop);
+    let begun = pixel_of(own, entry_range.x);
+    wanted[thread] = vec4u(bitcast<vec3u>(begun.d_colour), begun.stop);
+    behind_all[thread] = vec2f(begun.transmittance, begun.behind);
+    atomicMax(&furthest, begun.stop);
     let last = workgroupUniformLoad(&furthest);
 
-    for (var entry = max(last, entry_range.x) + thread; entry < entry_range.y; entry += PIXELS) {
-        let at = SUMS * entries[entry];
-        for (var i = 0u; i < SUMS; i++) {
-            sums[at + i] = 0.0;
-        }
-    }
-
+    clear_sums(max(last, entry_range.x), entry_range.y, thread);
     let count = select(0u, last - entry_range.x, last > entry_range.x);
     // Until the last thread has seen its last pixel.
     let rounds = (count + LANES - 1u) / LANES;
@@ -86,6 +57,7 @@ fn main(
     if LANES + lane < count {
         next_owner = owners[entries[last - 1u - LANES - lane]];
     }
+    var state = vec2f(1.0, 0.0);
     var splat = Splat();
     var v_sums = vec3f(0.0);
     var v_more = vec3f(0.0);

@@ -18,6 +18,7 @@ use crate::{
 /// Side of a tile, pixels.
 pub(super) const TILE: u32 = 16;
 const TILES: &str = include_str!("shared/tiles.wgsl");
+const BACKWARD: &str = include_str!("shared/backward_tiles.wgsl");
 
 /// The kernels and what they share from render to render.
 #[derive(Debug)]
@@ -67,9 +68,9 @@ fn blend_backward(gpu: &Gpu, thresholds: &Thresholds) -> Kernel {
     match gpu.subgroup.min(32) {
         lanes if lanes >= 4 && lanes.is_power_of_two() => {
             let constants = format!("const LANES = {lanes}u;");
-            stage(gpu, thresholds, label, &constants, &[TILES, include_str!("blend_backward_subgroups.wgsl")])
+            stage(gpu, thresholds, label, &constants, &[TILES, BACKWARD, include_str!("blend_backward_subgroups.wgsl")])
         }
-        _ => stage(gpu, thresholds, label, "", &[TILES, include_str!("blend_backward_gpu.wgsl")]),
+        _ => stage(gpu, thresholds, label, "", &[TILES, BACKWARD, include_str!("blend_backward_gpu.wgsl")]),
     }
 }
 
