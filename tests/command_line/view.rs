@@ -210,10 +210,10 @@ fn a_page_that_is_hidden_rests(browser: &mut Browser) {
     browser.evaluate("document.getElementById('play').click()");
     browser.wait(&format!("document.body.dataset.drawn > {}", before + 1));
     browser.hide(|browser| {
-        browser.wait("document.hidden");
         // A picture that was begun is ended.
-        std::thread::sleep(Duration::from_secs(2));
+        browser.wait("document.hidden && !document.body.dataset.busy");
         let (count, time) = (drawn(browser), browser.evaluate("location.hash"));
+        // That nothing happens is seen by time alone.
         std::thread::sleep(Duration::from_secs(2));
         assert_eq!((drawn(browser), browser.evaluate("location.hash")), (count, time));
     });

@@ -211,6 +211,7 @@ async function start() {
       if (!state.changed) return;
     } else idle = 0;
     busy = true;
+    document.body.dataset.busy = 'yes';
     state.changed = false;
     try {
       const from = performance.now();
@@ -241,6 +242,7 @@ async function start() {
       if (state.failed) trouble(error.message);
     }
     busy = false;
+    delete document.body.dataset.busy;
   }
   if (options.has('check')) {
     await models.whole;
