@@ -34,8 +34,10 @@ use crate::{
     interrupt::{stop_at_once, stop_flag},
     parse::Iterations,
     progress::{Progress as Bar, duration},
-    terminal::{Terminal, table, thousands},
+    terminal::{Terminal, bytes, table, thousands},
 };
+
+const GIBIBYTE: f64 = (1_u64 << 30) as f64;
 
 /// Train a dynamic scene from a dataset.
 #[derive(Debug, clap::Args)]
@@ -57,6 +59,9 @@ points of what moves, which `erfgs dataset points` finds
   auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
              hexplane; what the default preset does
 
+A dataset may be larger than memory: frames that do not fit in --memory are read again while others are trained on, by a thread for \
+each processor. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG.
+
 With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
 
@@ -72,6 +77,7 @@ Examples:
   erfgs train ds-dv --motion free-time --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --live
+  erfgs train ds-long --out run --memory 4
   erfgs train ds-dv --out run --resume")]
 pub struct Arguments {
     /// The dataset.
@@ -121,6 +127,10 @@ pub struct Arguments {
     /// Show the scene in a browser while it is trained, at this address; port 0 takes any free one.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8200")]
     live: Option<SocketAddr>,
+    /// GiB of memory that frames may take; half of what is free unless given. Frames that do not fit are read from the dataset again
+    /// each time, while others are trained on.
+    #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+    memory: Option<f64>,
     /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
     #[arg(long, value_name = "METHOD")]
     init: Option<CloudMethod>,
@@ -221,6 +231,13 @@ fn minutes(text: &str) -> Result<f64, String> {
     }
 }
 
+fn gibibytes(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(size) if (0.0..=1e6).contains(&size) => Ok(size),
+        _ => Err("a number of GiB is needed, as in `--memory 4`; 0 keeps no frame".into()),
+    }
+}
+
 impl Arguments {
     /// The settings of a new run.
     fn settings(&self) -> anyhow::Result<Config> {
@@ -280,6 +297,7 @@ impl Arguments {
         words.extend(self.cpu_minutes.map(|minutes| format!("--cpu-minutes {minutes}")));
         words.extend(self.deterministic.then(|| "--deterministic".into()));
         words.extend(self.no_evaluation.then(|| "--no-evaluation".into()));
+        words.extend(self.memory.map(|size| format!("--memory {size}")));
         words.extend((self.init == Some(CloudMethod::Random)).then(|| "--init random".into()));
         words.extend(self.adapter.adapter.as_ref().map(|name| format!("--adapter {}", shell_word(Path::new(name)))));
         words.join(" ")
@@ -381,7 +399,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             return terminal.result(&summary, || describe(&summary));
         }
     }
-    let scene = Scene::load(dataset, &config, without_points)?;
+    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
+    let scene = Scene::load_within(dataset, &config, without_points, memory)?;
+    if !scene.pictures.all_are_kept() {
+        let [kept, all] = scene.pictures.bytes().map(bytes);
+        terminal.note(format!(
+            "frames take {all}: {kept} of them are kept in memory (--memory), the others are read while training"
+        ));
+    }
     let gpu = arguments.adapter.open()?;
     let trainer = match checkpoint {
         Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
@@ -407,6 +432,10 @@ fn drive(
     drop(bar);
     if let Some(live) = live {
         live.end(&mut trainer, &outcome);
+    }
+    if let Err(TrainError::Scene(_)) = &outcome {
+        let command = arguments.resume_command();
+        terminal.note(format!("what was trained until then is saved; once the file can be read again: {command}"));
     }
     let outcome = outcome?;
     let gaussians = trainer.model.gaussians_still(gpu)?;

@@ -4,6 +4,7 @@
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`cpu`]: CPU time of a thread or of the process (feature `cpu`).
+//! - [`memory`]: how much memory is free.
 //! - [`names`]: names from files, as names of files and on a terminal.
 //! - [`npy`]: NumPy's arrays.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
@@ -15,6 +16,7 @@ pub mod calendar;
 #[cfg(feature = "cpu")]
 pub mod cpu;
 mod file_error;
+pub mod memory;
 pub mod names;
 pub mod npy;
 #[cfg(feature = "parallel")]

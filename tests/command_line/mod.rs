@@ -6,6 +6,7 @@ mod calibrate;
 mod colours;
 mod events;
 mod inputs;
+mod memory;
 mod page;
 mod pipeline;
 mod precision;

@@ -201,8 +201,8 @@ impl Trainer<'_> {
                 *pixel = std::array::from_fn(|c| gain[c] * pixel[c] + offset[c]);
             }
             let rendered = clamped(&rendered);
-            let bytes =
-                self.scene.frames[index].pixels.iter().flat_map(|pixel| pixel.to_le_bytes().into_iter().take(3));
+            let pixels = self.scene.pictures.get(index)?;
+            let bytes = pixels.iter().flat_map(|pixel| pixel.to_le_bytes().into_iter().take(3));
             let truth = to_unit(&bytes.collect::<Vec<u8>>());
             let size = self.scene.views[view].view;
             let a = Picture::new(size.width, size.height, &rendered)?;

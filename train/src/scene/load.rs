@@ -1,10 +1,10 @@
-//! Reading a dataset into memory.
+//! Reading a dataset, as much of it as memory is meant for.
 
-use erfgs_base::random;
+use erfgs_base::{memory, random};
 use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
-use super::{Bins, EventView, HeldOutFrame, Point, Scene, SceneError, SceneView, TrainFrame};
+use super::{Bins, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame};
 use crate::{
     config::{Config, MotionModel},
     raster::View,
@@ -12,16 +12,34 @@ use crate::{
 
 const RANDOM_POINTS: u64 = 0x706f_696e_7473;
 
+/// What frames may take where the system does not tell how much memory is free, bytes.
+const UNKNOWN: u64 = 8 << 30;
+
 /// Steps of single precision that are larger in a picture make the scene tremble.
 const MOST_PIXELS_APART: f64 = 0.25;
 
 impl Scene {
     /// Reads what training needs. With `random_init` the dataset's point cloud is not asked for: points are drawn in the
-    /// box that the cameras look into.
+    /// box that the cameras look into. Frames take no more than half of the memory that is free.
     ///
     /// # Errors
     /// [`SceneError`].
     pub fn load(dataset: Dataset, config: &Config, random_init: bool) -> Result<Self, SceneError> {
+        Self::load_within(dataset, config, random_init, None)
+    }
+
+    /// The same, where frames take no more than so many bytes of memory; those that do not fit are read again from the dataset while
+    /// it is trained on.
+    ///
+    /// # Errors
+    /// [`SceneError`].
+    pub fn load_within(
+        dataset: Dataset,
+        config: &Config,
+        random_init: bool,
+        most: Option<u64>,
+    ) -> Result<Self, SceneError> {
+        let most = most.unwrap_or_else(|| memory::available().map_or(UNKNOWN, |free| free / 2));
         let views = dataset
             .manifest
             .cameras
@@ -34,9 +52,20 @@ impl Scene {
             .collect::<Result<Vec<_>, SceneError>>()?;
         let span_ns = dataset.manifest.span_ns;
         let extent = extent(&dataset, random_init)?;
+        let cameras = || dataset.manifest.cameras.iter().enumerate();
+        let frames_of = |view: usize, camera: &Camera| (0..camera.frames.len()).map(move |index| (view, index));
+        let of = |split: Split| {
+            let chosen = cameras().filter(move |(_, camera)| camera.split == split);
+            chosen.flat_map(|(view, camera)| frames_of(view, camera)).collect::<Vec<_>>()
+        };
+        let [training, held_out] = [Split::Train, Split::Test].map(of);
+        if training.is_empty() {
+            return Err(SceneError::NoFrames { path: dataset.root });
+        }
         let mut scene = Self {
             views,
             frames: Vec::new(),
+            pictures: Pictures::new(&dataset, training.clone(), most)?,
             events: Vec::new(),
             bins: Bins::default(),
             held_out: Vec::new(),
@@ -47,26 +76,10 @@ impl Scene {
             linear_exposure: dataset.manifest.linear_exposure,
             dataset,
         };
-        let mut times_ns = Vec::new();
-        let mut jobs = Vec::new();
-        for (view, camera) in scene.dataset.manifest.cameras.iter().enumerate() {
-            for (index, frame) in camera.frames.iter().enumerate() {
-                if camera.split == Split::Test {
-                    let t01 = scene.to_unit(frame.t_ns);
-                    scene.held_out.push(HeldOutFrame { view, index, t_ns: frame.t_ns, t01 });
-                } else {
-                    times_ns.push(frame.t_ns);
-                    jobs.push((view, index));
-                }
-            }
-        }
-        if jobs.is_empty() {
-            return Err(SceneError::NoFrames { path: scene.dataset.root.clone() });
-        }
-        scene.frames = jobs
-            .into_par_iter()
-            .map(|(view, index)| scene.read_frame(view, index))
-            .collect::<Result<Vec<_>, SceneError>>()?;
+        scene.frames = training.iter().map(|&(view, index)| scene.frame(view, index)).collect();
+        scene.held_out = held_out.iter().map(|&(view, index)| scene.held_out_frame(view, index)).collect();
+        let mut times_ns: Vec<i64> =
+            training.iter().map(|&(view, index)| scene.dataset.manifest.cameras[view].frames[index].t_ns).collect();
         times_ns.sort_unstable();
         times_ns.dedup();
         scene.frame_times = scene.frames.iter().map(|frame| frame.instant(config.blur.instant)).collect();
@@ -124,13 +137,15 @@ impl Scene {
         Ok(times.collect())
     }
 
-    fn read_frame(&self, view: usize, index: usize) -> Result<TrainFrame, SceneError> {
-        let camera = &self.dataset.manifest.cameras[view];
-        let frame = &camera.frames[index];
-        let image = self.dataset.read_image(camera, frame)?;
-        let pixels = image.data.chunks_exact(3).map(|rgb| u32::from_le_bytes([rgb[0], rgb[1], rgb[2], 255])).collect();
+    fn frame(&self, view: usize, index: usize) -> TrainFrame {
+        let frame = &self.dataset.manifest.cameras[view].frames[index];
         let exposure = frame.exposure_ns.map(|t| self.to_unit(t));
-        Ok(TrainFrame { view, index, t01: self.to_unit(frame.t_ns), exposure, pixels })
+        TrainFrame { view, index, t01: self.to_unit(frame.t_ns), exposure }
+    }
+
+    fn held_out_frame(&self, view: usize, index: usize) -> HeldOutFrame {
+        let t_ns = self.dataset.manifest.cameras[view].frames[index].t_ns;
+        HeldOutFrame { view, index, t_ns, t01: self.to_unit(t_ns) }
     }
 
     fn read_events(&self, denoise: bool) -> Result<Vec<EventView>, SceneError> {

@@ -6,6 +6,7 @@ mod events;
 mod load;
 mod motion;
 mod near;
+mod pictures;
 mod still;
 
 use std::path::PathBuf;
@@ -17,6 +18,7 @@ pub use events::{Bins, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
+pub use pictures::{Pictures, Pixels};
 pub(crate) use still::stands_still;
 
 use crate::raster::{RasterError, View};
@@ -73,6 +75,12 @@ pub enum SceneError {
         /// That in pixels, where the scene is.
         pixels: f64,
     },
+    /// The system has no threads left for reading frames while others are trained on.
+    #[error("cannot start the threads that read frames: {source}; close other programs, or raise the limit of threads")]
+    Threads {
+        /// Why.
+        source: rayon::ThreadPoolBuildError,
+    },
     /// The cameras of a random start enclose nothing.
     #[error(
         "the cameras of dataset '{path}' stand at one point, so that no box for random points follows from them; make a point cloud with `erfgs dataset points {path}`"
@@ -108,8 +116,6 @@ pub struct TrainFrame {
     pub t01: f64,
     /// Its exposure, in [0, 1].
     pub exposure: [f64; 2],
-    /// Pixels, row-major, red in the lowest byte, alpha 255.
-    pub pixels: Vec<u32>,
 }
 
 impl TrainFrame {
@@ -143,6 +149,8 @@ pub struct Scene {
     pub views: Vec<SceneView>,
     /// All training frames.
     pub frames: Vec<TrainFrame>,
+    /// Their pixels, in their order.
+    pub pictures: Pictures,
     /// The event cameras.
     pub events: Vec<EventView>,
     /// The bins that events are counted in.

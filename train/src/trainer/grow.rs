@@ -29,7 +29,7 @@ impl Trainer<'_> {
         population.moments = Moments::zero(&population.gaussians);
         let count = population.gaussians.len();
         let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
-        let masks = self.find_regions();
+        let masks = self.find_regions()?;
         population = match self.config.motion {
             MotionModel::FreeTime => self.born(population),
             MotionModel::Still => {
@@ -84,12 +84,12 @@ impl Trainer<'_> {
     }
 
     /// Finds where things move, and keeps it for the views whose samples look there alone.
-    pub(super) fn find_regions(&mut self) -> MotionMasks {
+    pub(super) fn find_regions(&mut self) -> Result<MotionMasks, TrainError> {
         self.regions = vec![None; self.scene.views.len()];
         if self.config.motion == MotionModel::Still {
-            return MotionMasks { masks: Vec::new() };
+            return Ok(MotionMasks { masks: Vec::new() });
         }
-        let masks = MotionMasks::new(&self.scene, &self.config.dynamic);
+        let masks = MotionMasks::new(&self.scene, &self.config.dynamic)?;
         if self.config.dynamic.whole_image_every > 1 || self.config.dynamic.coarse_without_moving {
             // Where nothing moves in a view, its samples look at all of it: there is nothing else to learn.
             for (view, mask) in masks.masks.iter().filter(|(_, mask)| mask.contains(&true)) {
@@ -97,7 +97,7 @@ impl Trainer<'_> {
                 self.regions[*view] = Some(Arc::new(Region::new(mask, size.width, size.height)));
             }
         }
-        masks
+        Ok(masks)
     }
 
     /// Densifies, prunes, resets and adds what events ask for, where it is due.

@@ -125,7 +125,7 @@ impl<'a> Trainer<'a> {
         let moments = Moments::zero(&gaussians);
         let population = Population { gaussians, moments };
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, Clock::default(), &[])?;
-        trainer.find_regions();
+        trainer.find_regions()?;
         Ok(trainer)
     }
 
@@ -142,7 +142,7 @@ impl<'a> Trainer<'a> {
         let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, levels, left_out } =
             checkpoint;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
-        trainer.find_regions();
+        trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
             let live = trainer.model.motion.as_mut().and_then(Motion::field_mut);
@@ -209,8 +209,25 @@ impl<'a> Trainer<'a> {
     /// Trains until the schedule is over or `stop` is set, writing `run` as it goes.
     ///
     /// # Errors
-    /// [`TrainError::Diverged`] names the quantity; the last checkpoint is then still there.
+    /// [`TrainError::Diverged`] names the quantity; the last checkpoint is then still there. Where a file of the dataset cannot be read
+    /// any more, what was trained until then is saved.
     pub fn run(
+        &mut self,
+        run: &RunFolder,
+        options: &TrainOptions,
+        stop: &AtomicBool,
+        watch: &mut dyn Watch,
+    ) -> Result<Outcome, TrainError> {
+        let outcome = self.train(run, options, stop, watch);
+        if let Err(TrainError::Scene(_)) = &outcome {
+            self.check_finite()?;
+            self.checkpoint()?.save(&run.checkpoint_file())?;
+            self.write_info(run)?;
+        }
+        outcome
+    }
+
+    fn train(
         &mut self,
         run: &RunFolder,
         options: &TrainOptions,

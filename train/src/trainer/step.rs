@@ -20,6 +20,8 @@ use crate::{
 };
 
 const EXPOSURE: u64 = 0x6578_706f;
+/// How many iterations before its own a frame is begun to be read that is not kept.
+const READ_AHEAD: u32 = 16;
 
 /// Buffers and kernels of an iteration.
 #[derive(Debug)]
@@ -92,6 +94,7 @@ impl Trainer<'_> {
         let before = self.gpu.traffic();
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
+        self.read_ahead();
         for slot in 0..self.config.batch {
             match samples::draw(&self.scene, &self.config, stage, iteration, slot) {
                 Sample::Frame(index) => self.learn_frame(index, slot)?,
@@ -131,6 +134,21 @@ impl Trainer<'_> {
         Ok(())
     }
 
+    /// Has frames read that a later iteration of this stage will ask for.
+    fn read_ahead(&self) {
+        let (pictures, now) = (&self.scene.pictures, self.schedule.done(&self.clock));
+        if pictures.all_are_kept() {
+            return;
+        }
+        pictures.forget_before(now);
+        for slot in 0..self.config.batch {
+            let then = self.clock.iteration + READ_AHEAD;
+            if let Sample::Frame(index) = samples::draw(&self.scene, &self.config, self.clock.stage, then, slot) {
+                pictures.expect(index, now + u64::from(READ_AHEAD));
+            }
+        }
+    }
+
     /// How the scene is drawn as it stands.
     #[must_use]
     pub fn options(&self) -> RenderOptions {
@@ -146,6 +164,7 @@ impl Trainer<'_> {
 
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
+        let frame_pixels = self.scene.pictures.get(index)?;
         let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame);
         let view = self.scene.views[frame.view].view;
         let options = self.options();
@@ -162,13 +181,13 @@ impl Trainer<'_> {
         };
         let moving = if whole { None } else { self.regions.get(frame.view).cloned().flatten() };
         match &moving {
-            None => gpu.upload(&self.work.frame, 0, &frame.pixels),
+            None => gpu.upload(&self.work.frame, 0, &frame_pixels),
             Some(moving) => {
                 let keep = |(index, &pixel): (u32, &u32)| {
                     let moves = moving.contains(index % view.width, index / view.width);
                     if moves == coarse { pixel & 0x00ff_ffff } else { pixel }
                 };
-                gpu.upload(&self.work.frame, 0, &(0..).zip(&frame.pixels).map(keep).collect::<Vec<u32>>());
+                gpu.upload(&self.work.frame, 0, &(0..).zip(frame_pixels.iter()).map(keep).collect::<Vec<u32>>());
             }
         }
         for (slot, &time) in times.iter().enumerate() {

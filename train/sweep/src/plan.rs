@@ -14,7 +14,7 @@ use super::SweepError;
 pub(super) const MOST_JOBS: usize = 100_000;
 
 /// Options of `erfgs train` that a plan may give, without the dashes. The others are the sweep's own business.
-const OPTIONS: [&str; 11] = [
+const OPTIONS: [&str; 12] = [
     "method",
     "preset",
     "config",
@@ -24,6 +24,7 @@ const OPTIONS: [&str; 11] = [
     "cpu-minutes",
     "deterministic",
     "no-evaluation",
+    "memory",
     "init",
     "adapter",
 ];

@@ -55,8 +55,7 @@ fn usbfs(limit_mib: &str, streams: &[Description]) -> Option<Finding> {
 
 fn memory(meminfo: &str, queues: u64) -> Option<Finding> {
     const CHECK: &str = "memory";
-    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let available = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10;
+    let available = erfgs_base::memory::of_system(meminfo)?;
     let says = format!("the queues may take {} MiB; {} MiB are available", queues >> 20, available >> 20);
     Some(if queues > available {
         Finding::warning(

@@ -1,0 +1,49 @@
+//! Trainings whose frames do not fit into memory.
+
+use std::fs;
+
+use crate::command_line::Folder;
+
+const TRAIN: &str = "train ds --method erf-gs --iterations 20+20 --seed 3 --deterministic --no-evaluation --set eds.from=10 \
+                     --set eds.every=10 --set density.from=5 --set density.every=10 --set density.prune_above=0";
+
+#[test]
+fn frames_that_are_read_again_teach_the_same() {
+    let folder = Folder::with_stage("ds");
+    let said = folder.run(&format!("{TRAIN} --out kept --memory 1"));
+    assert!(said.status.success() && !String::from_utf8_lossy(&said.stderr).contains("kept in memory"), "{said:?}");
+    // None of them, and some.
+    for (run, memory) in [("none", "0"), ("some", "4e-5")] {
+        let said = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
+        let text = String::from_utf8_lossy(&said.stderr);
+        assert!(said.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
+    }
+    let [kept, none, some] =
+        ["kept", "none", "some"].map(|run| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint"));
+    assert!(kept == none && kept == some, "it matters which frames are kept");
+}
+
+#[test]
+fn a_frame_that_is_gone_costs_nothing_that_was_trained() {
+    let folder = Folder::with_stage("ds");
+    folder.succeed(&format!("{TRAIN} --out whole --memory 0"));
+    let images = folder.path("ds/images");
+    let camera = fs::read_dir(&images).expect("cameras").flatten().map(|entry| entry.path()).min().expect("a camera");
+    let frame = fs::read_dir(camera).expect("frames").flatten().map(|entry| entry.path()).max().expect("a frame");
+    let aside = frame.with_extension("aside");
+    fs::rename(&frame, &aside).expect("moved");
+
+    let said = folder.run(&format!("{TRAIN} --out cut --memory 0"));
+    let text = String::from_utf8_lossy(&said.stderr);
+    assert_eq!(said.status.code(), Some(1), "{text}");
+    assert!(text.contains(&*frame.file_name().expect("a name").to_string_lossy()), "{text}");
+    let command = text.split("can be read again: erfgs ").nth(1).and_then(|rest| rest.lines().next());
+    let command = command.unwrap_or_else(|| panic!("how to go on: {text}"));
+    assert!(folder.path("cut/checkpoint.bin").is_file(), "{text}");
+
+    fs::rename(&aside, &frame).expect("moved back");
+    folder.succeed(command);
+    let [whole, cut] =
+        ["whole", "cut"].map(|run| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint"));
+    assert!(whole == cut, "the run that was gone on with ended elsewhere");
+}
