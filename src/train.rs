@@ -407,6 +407,22 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             "frames take {all}: {kept} of them are kept in memory (--memory), the others are read while training"
         ));
     }
+    for events in &scene.events {
+        let (camera, stated) = (&scene.views[events.view].name, events.stated_ratio);
+        if let Some(told) = events.told_ratio {
+            terminal.note(format!(
+                "camera {camera}: an ON event changes {told:.2} times what an OFF event does, as what comes back to where it was tells; \
+                 stated was {stated:.2}, which is not used (earl.balance)"
+            ));
+        }
+        if events.drift != 0.0 {
+            let drift = events.drift;
+            terminal.note(format!(
+                "camera {camera}: events that nothing caused, leaks and noise, add up to {drift:+.1} contrast thresholds at a pixel, which are \
+                 taken away (earl.balance)"
+            ));
+        }
+    }
     let gpu = arguments.adapter.open()?;
     let trainer = match checkpoint {
         Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,

@@ -199,6 +199,16 @@ fn put_in(base: &Base) -> Vec<Cause> {
                 |percent| Disturbance { threshold: 1e-2 * percent, ..none() },
             ),
             disturbed(
+                [
+                    "ON beside OFF",
+                    "%",
+                    "what an ON event changes beside an OFF event is stated higher than it is by this much",
+                ],
+                Kind::Sensors,
+                &[5.0, 10.0, 20.0, 50.0],
+                |percent| Disturbance { balance: 1e-2 * percent, ..none() },
+            ),
+            disturbed(
                 ["event noise", "Hz", "more events of noise of each pixel in a second"],
                 Kind::Sensors,
                 &[1.0, 3.0, 10.0, 30.0],

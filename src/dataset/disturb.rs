@@ -45,6 +45,9 @@ pub struct Arguments {
     /// How much higher the stated contrast thresholds are than the true ones, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true)]
     threshold_percent: f64,
+    /// How much more than in truth an ON event is stated to change beside an OFF event, percent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true)]
+    balance_percent: f64,
     /// Events of noise of each pixel in a second.
     #[arg(long, value_name = "HZ", default_value_t = 0.0)]
     noise_hz: f64,
@@ -68,6 +71,7 @@ impl Arguments {
             direction_deg: self.pose_degrees,
             focal: 1e-2 * self.focal_percent,
             threshold: 1e-2 * self.threshold_percent,
+            balance: 1e-2 * self.balance_percent,
             noise_hz: self.noise_hz,
             lost: 1e-2 * self.lose_percent,
             cameras: self.cameras.clone(),

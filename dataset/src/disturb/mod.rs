@@ -34,6 +34,9 @@ pub struct Disturbance {
     pub focal: f64,
     /// The contrast thresholds that are stated are this factor less one of the true ones, all alike.
     pub threshold: f64,
+    /// What an ON event changes beside an OFF event is stated to be this factor less one of what it is: the one threshold is stated
+    /// higher, the other lower, by the root of it.
+    pub balance: f64,
     /// Events of noise, of either polarity, of each pixel in a second.
     pub noise_hz: f64,
     /// The share of the packets of events that are lost, 0 to 1. A packet holds [`Disturbance::PACKET`] events.
@@ -59,6 +62,7 @@ impl Disturbance {
         within("the spread of directions, degrees,", self.direction_deg, [0.0, 60.0], "0 to 60")?;
         within("the spread of focal lengths", self.focal, [0.0, 0.2], "0 to 0.2")?;
         within("the error of thresholds", self.threshold, [-0.95, 100.0], "-0.95 to 100")?;
+        within("the error of the balance of thresholds", self.balance, [-0.95, 100.0], "-0.95 to 100")?;
         within("the rate of noise, hertz,", self.noise_hz, [0.0, 1e4], "0 to 10000")?;
         within("the share of lost packets", self.lost, [0.0, 1.0], "0 to 1")?;
         let training: Vec<&str> = dataset.cameras(Split::Train).map(|camera| camera.name.as_str()).collect();
@@ -118,8 +122,9 @@ impl Disturbance {
             frame.exposure_ns = frame.exposure_ns.map(|t| t + late);
         }
         if let Some(events) = &mut camera.events {
-            events.threshold_on *= 1.0 + self.threshold;
-            events.threshold_off *= 1.0 + self.threshold;
+            let more = (1.0 + self.balance).sqrt();
+            events.threshold_on *= (1.0 + self.threshold) * more;
+            events.threshold_off *= (1.0 + self.threshold) / more;
             events.covers_ns = events.covers_ns.map(|t| t + 1000 * self.event_clock_us());
         }
     }

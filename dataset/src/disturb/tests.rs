@@ -165,6 +165,8 @@ fn events_come_late_get_noise_and_lose_packets() {
     assert_eq!(file.count, left.len() as u64);
     let (_, wrong) = of("stated", Disturbance { threshold: 0.5, ..Disturbance::default() });
     assert!((wrong.threshold_on - 0.3).abs() < 1e-12 && (wrong.threshold_off - 0.45).abs() < 1e-12);
+    let (_, wrong) = of("balance", Disturbance { balance: 0.44, ..Disturbance::default() });
+    assert!((wrong.threshold_on - 0.24).abs() < 1e-12 && (wrong.threshold_off - 0.25).abs() < 1e-12);
 }
 
 #[test]

@@ -309,6 +309,10 @@ pub struct EarlConfig {
     pub bins: u32,
     /// Drop events without a neighbour in their bin (3 x 3 mean of the count at most 0.2).
     pub denoise: bool,
+    /// Whether the ratio of the thresholds for ON and OFF is taken from the events where they tell another one than is stated (at
+    /// most pixels the one adds what the other takes away), and what leaks and noise add up to is taken away.
+    #[serde(default)]
+    pub balance: bool,
     /// Whether Gaussians that stand still learn from events, too.
     #[serde(default = "yes")]
     pub still_learn: bool,

@@ -101,6 +101,7 @@ impl Config {
                 pairing: Pairing::FrameAnchored,
                 bins: 0,
                 denoise: true,
+                balance: false,
                 still_learn: true,
             },
             eds: EdsConfig {
@@ -198,6 +199,7 @@ impl Config {
         config.earl.quantise = Quantise::DeadZone;
         config.earl.pairing = Pairing::Level;
         config.earl.denoise = false;
+        config.earl.balance = true;
         // What stands still makes no events: what moves and is not explained yet would be put down to it.
         config.earl.still_learn = false;
         config.eds.max_gaussians = 0;

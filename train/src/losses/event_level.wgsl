@@ -1,6 +1,6 @@
 // The event loss of one rendering: its log luma, in contrast thresholds, against what each pixel's level and its signed event count
 // since the beginning say. The level, which the count began at, is not known: it follows what the renderings say of it.
-// FIRST is that of `level.rs`.
+// An error counts as much as it is seen: in the dark, where a logarithm is steep, less. FIRST and FLATTEST are those of `level.rs`.
 
 struct Parameters {
     pixels: u32,
@@ -14,6 +14,11 @@ struct Parameters {
     // The most that a level is moved by, and half the width of what is no error, contrast thresholds.
     rate: f32,
     dead: f32,
+    // What an error costs is divided by how steep the logarithm is there, beside this.
+    slope: f32,
+    unused_0: u32,
+    unused_1: u32,
+    unused_2: u32,
 }
 
 @group(0) @binding(0) var<uniform> p: Parameters;
@@ -43,8 +48,9 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
         level[pixel] = vec2f(known.x + step, known.y + 1.0);
         if (known.y < FIRST) { continue; }
         let error = sign(away) * max(abs(away) - p.dead, 0.0);
-        sum += abs(error);
-        d_image[pixel] = vec4f(sign(error) * p.scale * p.inverse_threshold * seen.xyz, 0.0);
+        let cost = p.slope / max(seen.x + seen.y + seen.z, FLATTEST * p.slope);
+        sum += cost * abs(error);
+        d_image[pixel] = vec4f(cost * sign(error) * p.scale * p.inverse_threshold * seen.xyz, 0.0);
     }
     loss[thread] += sum;
 }

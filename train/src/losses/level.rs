@@ -6,7 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
-use super::{LossSum, Losses, Sensor, threads_for};
+use super::{LossSum, Losses, Sensor, threads_for, unit};
 use crate::gpu::{Commands, Gpu, GpuError};
 
 pub(super) const EVENT_LEVEL: &str = include_str!("event_level.wgsl");
@@ -21,9 +21,22 @@ pub const RATE: f32 = 0.1;
 /// either way, and by half on average. Those of finer sensors know more; but holding renderings to that costs more than it brings.
 pub const DEAD: f32 = 0.5;
 
+/// How steep the logarithm is in the middle of display values, where an error counts as one: the change of log intensity by so much of
+/// a grey. In the dark the same change of log intensity is less of what is seen, and less is to be gained by being right there.
+pub const SLOPE: f32 = 2.0;
+
+/// Beyond white it counts as where the logarithm is so many times as steep as that.
+pub const FLATTEST: f32 = 0.25;
+
+/// [`SLOPE`] for a sensor; the logarithm of linear light is as many times steeper as its unit is larger.
+#[must_use]
+pub fn slope(sensor: &Sensor) -> f32 {
+    SLOPE * unit(sensor.linear_light) / unit(false)
+}
+
 /// What the kernel is told as it is made.
 pub(super) fn constants() -> String {
-    format!("const FIRST = {FIRST}.0;\n")
+    format!("const FIRST = {FIRST}.0;\nconst FLATTEST = {FLATTEST:?};\n")
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -37,6 +50,8 @@ struct EventLevelParameters {
     scale: f32,
     rate: f32,
     dead: f32,
+    slope: f32,
+    unused: [u32; 3],
 }
 
 /// The levels of an event camera's pixels.
@@ -99,6 +114,8 @@ impl Losses {
             scale,
             rate: RATE / sensor.worth(),
             dead: DEAD / sensor.worth(),
+            slope: slope(sensor),
+            unused: [0; 3],
         };
         let parameters = gpu.uniform("event level", &parameters);
         let bindings = [&parameters, image, count, &levels.values, d_image, &loss.partial];

@@ -89,7 +89,17 @@ pub fn event(before: &[[f64; 3]], after: &[[f64; 3]], count: &[f64], sensor: &Se
     each.sum()
 }
 
-/// The event loss of one pixel's rendering against the count that its level and its events make, and the level thereafter, which was
+/// What an error of the event loss costs where a rendering has this colour.
+#[must_use]
+pub fn event_cost(colour: &[f64; 3], sensor: &Sensor) -> f64 {
+    const STEP: f64 = 1e-6;
+    let slope =
+        (lin_log(&colour.map(|c| c + STEP), sensor) - lin_log(&colour.map(|c| c - STEP), sensor)) / (2.0 * STEP);
+    let middle = f64::from(level::slope(sensor));
+    middle / slope.max(f64::from(level::FLATTEST) * middle)
+}
+
+/// The event loss of one pixel's rendering, where an error costs one, against the count that its level and its events make, and the level thereafter, which was
 /// seen in `seen` renderings before.
 #[must_use]
 pub fn event_level(colour: &[f64; 3], count: f64, [level, seen]: [f64; 2], sensor: &Sensor) -> (f64, f64) {

@@ -3,8 +3,11 @@
 use erfgs_dataset::Camera;
 use erfgs_events::Events;
 
-use super::counts::Counts;
-use crate::losses::{Sensor, unit};
+use super::{balance, counts::Counts};
+use crate::{
+    config::EarlConfig,
+    losses::{Sensor, unit},
+};
 
 /// Edges of the bins, microseconds, ascending. Bin `k` holds the events with `edges[k] < t <= edges[k + 1]`: an event
 /// that a simulator stamps with a frame's time belongs to the change up to that frame.
@@ -130,6 +133,9 @@ impl Bins {
 /// each of which tells no more than that one of the many fired.
 const LEAST: f64 = 0.5;
 
+/// Noise that adds up to less than so many thresholds over the whole recording is left in.
+const LEAST_DRIFT: f64 = 0.25;
+
 /// An event camera.
 #[derive(Debug)]
 pub struct EventView {
@@ -142,15 +148,25 @@ pub struct EventView {
     /// The edges from and up to which the camera was there; before and after nothing is known.
     pub covers: [usize; 2],
     width: usize,
+    /// An ON event's change of light beside an OFF event's: as stated, and as its events tell, where that differs.
+    pub stated_ratio: f64,
+    /// See there.
+    pub told_ratio: Option<f64>,
     /// What an ON and an OFF event change, units of the sensor's threshold.
     step: [f32; 2],
+    /// What events that nothing caused add up to while the camera was there, in the same units.
+    pub drift: f64,
+    /// When each edge is, in [0, 1].
+    edges: Vec<f64>,
     counts: Counts,
 }
 
 impl EventView {
-    /// Counts the events of `camera` (view `view` of the scene) in `bins`; nothing where it recorded during none of them.
+    /// Counts the events of `camera` (view `view` of the scene) in `bins`, without those that the loss leaves out; nothing where it
+    /// recorded during none of them.
     #[must_use]
-    pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, denoise: bool) -> Option<Self> {
+    pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, earl: &EarlConfig) -> Option<Self> {
+        let denoise = earl.denoise;
         let file = camera.events.as_ref()?;
         let threshold =
             (0.5 * (file.threshold_on + file.threshold_off)).max(LEAST * f64::from(unit(file.linear_light)));
@@ -164,7 +180,6 @@ impl EventView {
             return None;
         }
         let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
-        let step = [file.threshold_on, file.threshold_off].map(|one| (one / threshold) as f32);
         let mut counts = Counts::new(width * height);
         let mut total = vec![0u32; if denoise { width * height } else { 0 }];
         for edges in bins.edges_us.windows(2) {
@@ -184,7 +199,21 @@ impl EventView {
             counts.edge();
         }
         let (count, counts) = (events.len() as u64, counts.finish());
-        Some(Self { view, sensor, count, covers, width, step, counts })
+        let stated_ratio = file.threshold_on / file.threshold_off;
+        let (told_ratio, noise) = if earl.balance {
+            let totals = counts.between(covers[0], covers[1]);
+            let noise = balance::noise(&totals);
+            (balance::ratio(&totals, noise, stated_ratio), noise)
+        } else {
+            (None, [0.0; 2])
+        };
+        // What both change together stays as stated.
+        let more = told_ratio.map_or(1.0, |told| (told / stated_ratio).sqrt());
+        let step = [file.threshold_on * more, file.threshold_off / more].map(|one| (one / threshold) as f32);
+        let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
+        let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
+        let edges = bins.edges.clone();
+        Some(Self { view, sensor, count, covers, width, stated_ratio, told_ratio, step, drift, edges, counts })
     }
 
     /// Whether the camera was there from one edge to another.
@@ -193,9 +222,17 @@ impl EventView {
         from >= self.covers[0] && to <= self.covers[1]
     }
 
-    /// The signed count of every pixel between two edges, units of the sensor's threshold.
+    /// The signed count of every pixel between two edges, units of the sensor's threshold, less what nothing caused.
     #[must_use]
     pub fn between(&self, from: usize, to: usize) -> Vec<f32> {
+        let [first, last] = self.covers.map(|edge| self.edges[edge]);
+        let share = (self.edges[to] - self.edges[from]) / (last - first).max(1e-12);
+        let drift = (self.drift * share) as f32;
+        self.signed(from, to).into_iter().map(|count| count - drift).collect()
+    }
+
+    /// The signed count of every pixel between two edges as it is, units of the sensor's threshold.
+    fn signed(&self, from: usize, to: usize) -> Vec<f32> {
         let signed = |[on, off]: [u32; 2]| on as f32 * self.step[0] - off as f32 * self.step[1];
         self.counts.between(from, to).into_iter().map(signed).collect()
     }
@@ -203,7 +240,7 @@ impl EventView {
     /// The absolute signed count between two edges, averaged over 3 x 3 pixels where `smooth`.
     #[must_use]
     pub fn activity(&self, from: usize, to: usize, smooth: bool) -> Vec<f32> {
-        let mut activity = self.between(from, to);
+        let mut activity = self.signed(from, to);
         for value in &mut activity {
             *value = value.abs();
         }
@@ -274,6 +311,10 @@ mod tests {
         }
     }
 
+    fn earl(denoise: bool) -> EarlConfig {
+        EarlConfig { denoise, ..crate::config::Config::default().earl }
+    }
+
     fn bins() -> Bins {
         Bins::new(&[0, 20_000_000, 40_000_000], 2, [0, 50_000_000], 50_000_000)
     }
@@ -297,11 +338,11 @@ mod tests {
     fn what_a_camera_did_not_record_is_unknown() {
         let mut camera = camera();
         camera.events.as_mut().expect("events").covers_ns = [9_000_000, 30_000_000];
-        let view = EventView::new(0, &camera, &Events::new(4, 2), &bins(), false).expect("an event camera");
+        let view = EventView::new(0, &camera, &Events::new(4, 2), &bins(), &earl(false)).expect("an event camera");
         assert_eq!(view.covers, [1, 3]);
         assert!(view.knows(1, 3) && !view.knows(0, 1) && !view.knows(2, 4));
         camera.events.as_mut().expect("events").covers_ns = [12_000_000, 15_000_000];
-        assert!(EventView::new(0, &camera, &Events::new(4, 2), &bins(), false).is_none());
+        assert!(EventView::new(0, &camera, &Events::new(4, 2), &bins(), &earl(false)).is_none());
     }
 
     #[test]
@@ -333,7 +374,7 @@ mod tests {
         for (t_us, on) in [(10_000, true), (10_001, true), (20_000, false), (45_000, true)] {
             events.push(Event { t_us, x: 1, y: 1, on });
         }
-        let view = EventView::new(0, &camera(), &events, &bins(), false).expect("an event camera");
+        let view = EventView::new(0, &camera(), &events, &bins(), &earl(false)).expect("an event camera");
         assert_eq!(view.between(0, 1)[5], 1.0);
         assert_eq!(view.between(1, 2)[5], 0.0);
         assert_eq!(view.between(0, 5)[5], 2.0);
@@ -349,7 +390,7 @@ mod tests {
         (1..65).for_each(|t_us| events.push(Event { t_us, x: 1, y: 1, on: true }));
         events.push(Event { t_us: 90, x: 2, y: 1, on: false });
         let counts = |camera: &Camera| {
-            let view = EventView::new(0, camera, &events, &bins(), false).expect("an event camera");
+            let view = EventView::new(0, camera, &events, &bins(), &earl(false)).expect("an event camera");
             (view.sensor, view.between(0, 1))
         };
         let (sensor, seen) = counts(&camera);
@@ -369,8 +410,50 @@ mod tests {
         events.push(Event { t_us: 5_000, x: 3, y: 0, on: true });
         events.push(Event { t_us: 15_000, x: 0, y: 0, on: true });
         events.push(Event { t_us: 16_000, x: 1, y: 1, on: true });
-        let view = EventView::new(0, &camera(), &events, &bins(), true).expect("an event camera");
+        let view = EventView::new(0, &camera(), &events, &bins(), &earl(true)).expect("an event camera");
         assert_eq!(view.between(0, 2).iter().sum::<f32>(), 2.0);
         assert_eq!(view.activity(0, 1, false).iter().sum::<f32>(), 0.0);
+    }
+
+    #[test]
+    fn thresholds_that_were_stated_wrong_are_taken_from_what_comes_back() {
+        let mut camera = camera();
+        (camera.intrinsics.width, camera.intrinsics.height) = (30, 30);
+        let file = camera.events.as_mut().expect("events");
+        (file.threshold_on, file.threshold_off) = (0.2, 0.2);
+        // At each third pixel six steps up, and the same way down in four.
+        let mut events = Events::new(30, 30);
+        for t_us in 1..11 {
+            (0..900).step_by(3).for_each(|at| events.push(Event { t_us, x: at % 30, y: at / 30, on: t_us < 7 }));
+        }
+        let change = |earl: &EarlConfig| {
+            let view = EventView::new(0, &camera, &events, &bins(), earl).expect("an event camera");
+            (view.told_ratio, view.between(0, 1)[6])
+        };
+        let (told, left) = change(&earl(false));
+        assert!((told.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{told:?} {left}");
+        assert_eq!(change(&EarlConfig { balance: false, ..earl(false) }), (None, 2.0));
+    }
+
+    #[test]
+    fn what_leaks_is_taken_away_as_time_goes_on() {
+        let mut camera = camera();
+        (camera.intrinsics.width, camera.intrinsics.height) = (20, 20);
+        // A leak a millisecond at each pixel, and a step of five up and down at a few.
+        let mut events = Events::new(20, 20);
+        for t_us in (500..50_000).step_by(1000) {
+            (0..400).for_each(|at| events.push(Event { t_us, x: at % 20, y: at / 20, on: true }));
+            let caused = [(10_500, true), (30_500, false)].into_iter().find(|(when, _)| *when == t_us);
+            if let Some((_, on)) = caused {
+                (0..5).for_each(|_| events.push(Event { t_us, x: 3, y: 0, on }));
+            }
+        }
+        let view = EventView::new(0, &camera, &events, &bins(), &earl(false)).expect("an event camera");
+        assert!((view.drift - 50.0).abs() < 1e-6 && view.told_ratio.is_none(), "{} {:?}", view.drift, view.told_ratio);
+        for (to, seen) in [(1, 0.0), (2, 5.0), (3, 5.0), (4, 0.0), (5, 0.0)] {
+            let counts = view.between(0, to);
+            assert!(counts[0].abs() < 0.01 && (counts[3] - seen).abs() < 0.01, "{to}: {} {}", counts[0], counts[3]);
+        }
+        assert!(view.activity(0, 1, false)[0] > 9.0, "what moved is told by the events themselves");
     }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{Bins, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame};
 use crate::{
-    config::{Config, MotionModel},
+    config::{Config, EarlConfig, MotionModel},
     raster::View,
 };
 
@@ -88,7 +88,7 @@ impl Scene {
         if (config.earl.enabled || config.eds.enabled) && config.motion != MotionModel::Still {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
-            scene.events = scene.read_events(config.earl.denoise)?;
+            scene.events = scene.read_events(&config.earl)?;
         }
         scene.points = match (random_init, scene.dataset.read_points()?) {
             (false, Some(cloud)) => cloud.positions.into_iter().zip(cloud.colours).collect(),
@@ -148,7 +148,7 @@ impl Scene {
         HeldOutFrame { view, index, t_ns, t01: self.to_unit(t_ns) }
     }
 
-    fn read_events(&self, denoise: bool) -> Result<Vec<EventView>, SceneError> {
+    fn read_events(&self, earl: &EarlConfig) -> Result<Vec<EventView>, SceneError> {
         let cameras: Vec<(usize, &Camera)> = self
             .dataset
             .manifest
@@ -161,7 +161,7 @@ impl Scene {
             .into_par_iter()
             .map(|(view, camera)| {
                 let events = self.dataset.read_events(camera)?;
-                Ok(events.and_then(|events| EventView::new(view, camera, &events, &self.bins, denoise)))
+                Ok(events.and_then(|events| EventView::new(view, camera, &events, &self.bins, earl)))
             })
             .collect::<Result<Vec<_>, SceneError>>()?;
         Ok(views.into_iter().flatten().collect())

@@ -1,5 +1,6 @@
 //! A dataset as the trainer uses it: views, frames packed for the device, binned events, held-out frames.
 
+mod balance;
 mod counts;
 mod displacement;
 mod events;

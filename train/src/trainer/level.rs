@@ -32,7 +32,7 @@ pub(super) fn levels(
 impl Trainer<'_> {
     /// Renders event view `index` at edge `to` and compares it with what the camera says of the light there.
     pub(super) fn learn_level(&mut self, index: usize, to: usize) -> Result<(), TrainError> {
-        let (gpu, options) = (self.gpu, self.event_options());
+        let (gpu, options) = (self.gpu, self.event_options(index));
         let events = &self.scene.events[index];
         let view = self.scene.views[events.view].view;
         let region = self.regions.get(events.view).cloned().flatten();

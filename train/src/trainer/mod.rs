@@ -92,6 +92,8 @@ pub struct Trainer<'a> {
     work: Workspace,
     /// The levels of the event cameras' pixels, where they are learned.
     levels: Vec<Levels>,
+    /// Their near planes, metres.
+    event_near: Vec<f32>,
     /// How the cameras show colours.
     colours: CameraColours,
     /// Whether that is learned.
@@ -184,7 +186,7 @@ impl<'a> Trainer<'a> {
         let colours_differ = config.camera_colour.enabled && several;
         let neutral = CameraColourState::neutral(&takes_frames);
         let colours = CameraColours::new(gpu, &neutral, scene.max_pixels())?;
-        Ok(Self {
+        let mut trainer = Self {
             gpu,
             model: Model::new(gpu, population)?,
             schedule: Schedule::new(&config, options.budget),
@@ -192,6 +194,7 @@ impl<'a> Trainer<'a> {
             finite: FiniteCheck::new(gpu)?,
             work,
             levels: level::levels(gpu, &scene, config.earl.pairing, levels)?,
+            event_near: Vec::new(),
             colours,
             colours_differ,
             left_out: Vec::new(),
@@ -203,7 +206,10 @@ impl<'a> Trainer<'a> {
             scene,
             config,
             clock,
-        })
+        };
+        let views = trainer.scene.events.iter().map(|events| &trainer.scene.views[events.view].view);
+        trainer.event_near = views.map(|view| trainer.near(view)).collect();
+        Ok(trainer)
     }
 
     /// Trains until the schedule is over or `stop` is set, writing `run` as it goes.

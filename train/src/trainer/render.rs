@@ -1,7 +1,5 @@
 //! Rendering of the learned scene.
 
-use erfgs_dataset::Split;
-
 use super::{TrainError, Trainer, model::Rendering};
 use crate::{
     raster::{LOW_PASS, View},
@@ -58,12 +56,11 @@ impl Trainer<'_> {
         LOW_PASS * larger * larger
     }
 
-    /// The near plane, metres. A training camera is rendered as it was trained; in front of any other lie Gaussians
-    /// that no training camera could see through or past.
+    /// The near plane, metres. A training camera with frames is rendered as it was trained; in front of any other, event cameras
+    /// without frames among them, lie Gaussians that no frame could see through or past.
     #[must_use]
     pub fn near(&self, view: &View) -> f32 {
-        let trained = |camera: &crate::scene::SceneView| camera.split == Split::Train && camera.view == *view;
-        if self.scene.views.iter().any(trained) {
+        if self.scene.frames.iter().any(|frame| self.scene.views[frame.view].view == *view) {
             return self.config.near_m;
         }
         near_plane(&self.scene.points, view, self.config.near_share, self.config.near_m)

@@ -252,9 +252,9 @@ impl Trainer<'_> {
         Ok(())
     }
 
-    /// The same where events are learned from.
-    pub(super) fn event_options(&self) -> RenderOptions {
-        RenderOptions { still_learn: self.config.earl.still_learn, ..self.options() }
+    /// The same where the events of a camera are learned from.
+    pub(super) fn event_options(&self, index: usize) -> RenderOptions {
+        RenderOptions { still_learn: self.config.earl.still_learn, near: self.event_near[index], ..self.options() }
     }
 
     /// How many samples share the weight of an event sample.
@@ -269,7 +269,7 @@ impl Trainer<'_> {
         let gpu = self.gpu;
         let events = &self.scene.events[index];
         let view: View = self.scene.views[events.view].view;
-        let options = self.event_options();
+        let options = self.event_options(index);
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();

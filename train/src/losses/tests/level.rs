@@ -38,7 +38,9 @@ fn the_loss_against_levels_its_gradient_and_the_levels_match_the_twin() {
                 let before = [f64::from(levels[2 * pixel]), f64::from(levels[2 * pixel + 1])];
                 twin::event_level(colour, count[pixel].into(), before, &sensor)
             };
-            assert_close(loss, (0..PIXELS as usize).map(|pixel| at(pixel, &colours[pixel]).0).sum(), "loss");
+            let cost = |pixel: usize| twin::event_cost(&colours[pixel], &sensor);
+            let of_all = (0..PIXELS as usize).map(|pixel| cost(pixel) * at(pixel, &colours[pixel]).0).sum();
+            assert_close(loss, of_all, "loss");
             for pixel in 0..PIXELS as usize {
                 assert_close(moved[2 * pixel].into(), at(pixel, &colours[pixel]).1, "level");
                 assert_eq!(moved[2 * pixel + 1], levels[2 * pixel + 1] + 1.0, "one rendering more");
@@ -46,7 +48,8 @@ fn the_loss_against_levels_its_gradient_and_the_levels_match_the_twin() {
                     let want = difference(|step| {
                         let mut colour = colours[pixel];
                         colour[channel] += step;
-                        at(pixel, &colour).0
+                        // What an error costs is taken as given.
+                        cost(pixel) * at(pixel, &colour).0
                     });
                     assert_close(gradient[pixel][channel].into(), want, "gradient");
                 }
@@ -77,6 +80,22 @@ fn a_level_is_that_of_what_is_seen_most_of_the_time_and_tells_when_something_pas
     assert!(loss > 2.0 * f64::from(PIXELS) && gradient[3][1] < 0.0, "descending brightens what passes: {loss}");
     let (loss, gradient, _) = run(&gpu, &grey(thing), &counts, &levels, &sensor);
     assert!(loss < 0.3 * f64::from(PIXELS) && gradient[3][1].abs() < 1e-6, "what is there costs nothing: {loss}");
+}
+
+#[test]
+fn an_error_costs_as_much_as_it_is_seen() {
+    let [gpu, _] = gpus();
+    for linear_light in [false, true] {
+        let sensor = Sensor { threshold: 0.2, lin_log: 5.0, linear_light };
+        // All renderings are too dark by far; how the picture is asked to change does not depend on how dark they are.
+        let pulls = [0.1_f32, 0.3, 0.5, 0.9].map(|grey| {
+            let levels: Vec<f32> = (0..PIXELS).flat_map(|_| [1000.0, 100.0]).collect();
+            let image = vec![[grey, grey, grey, 0.0]; PIXELS as usize];
+            let (_, gradient, _) = run(&gpu, &image, &vec![0.0; PIXELS as usize], &levels, &sensor);
+            gradient[0].iter().sum::<f32>()
+        });
+        assert!(pulls.iter().all(|pull| (pull / pulls[0] - 1.0).abs() < 1e-3 && *pull < 0.0), "{pulls:?}");
+    }
 }
 
 #[test]
