@@ -60,7 +60,8 @@ points of what moves, which `erfgs dataset points` finds
              hexplane; what the default preset does
 
 A dataset may be larger than memory: frames that do not fit in --memory are read again while others are trained on, by a thread for \
-each processor. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG.
+each processor. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG. \
+Events stay in memory, in 4 to 8 bytes each.
 
 With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
@@ -401,6 +402,17 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
     let scene = Scene::load_within(dataset, &config, without_points, memory)?;
+    tell_of(&scene, terminal);
+    let gpu = arguments.adapter.open()?;
+    let trainer = match checkpoint {
+        Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
+        None => Trainer::new(&gpu, scene, config, &options)?,
+    };
+    drive(arguments, terminal, &gpu, trainer, &folder, &options)
+}
+
+/// Says what of the dataset is not taken as it lies there.
+fn tell_of(scene: &Scene, terminal: &Terminal) {
     if !scene.pictures.all_are_kept() {
         let [kept, all] = scene.pictures.bytes().map(bytes);
         terminal.note(format!(
@@ -408,8 +420,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ));
     }
     for events in &scene.events {
-        let (camera, stated) = (&scene.views[events.view].name, events.stated_ratio);
-        if let Some(told) = events.told_ratio {
+        let camera = &scene.dataset.manifest.cameras[events.view];
+        let (file, camera) = (&camera.events, &camera.name);
+        let stated = file.as_ref().map(|file| file.threshold_on / file.threshold_off);
+        if let Some((told, stated)) = events.told_ratio.zip(stated) {
             terminal.note(format!(
                 "camera {camera}: an ON event changes {told:.2} times what an OFF event does, as what comes back to where it was tells; \
                  stated was {stated:.2}, which is not used (earl.balance)"
@@ -423,12 +437,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             ));
         }
     }
-    let gpu = arguments.adapter.open()?;
-    let trainer = match checkpoint {
-        Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
-        None => Trainer::new(&gpu, scene, config, &options)?,
-    };
-    drive(arguments, terminal, &gpu, trainer, &folder, &options)
 }
 
 fn drive(

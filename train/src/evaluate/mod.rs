@@ -185,8 +185,7 @@ impl Trainer<'_> {
     fn train_psnr(&mut self) -> Result<Option<f64>, TrainError> {
         let mut chosen = Vec::new();
         for view in 0..self.scene.views.len() {
-            let of_view: Vec<usize> =
-                (0..self.scene.frames.len()).filter(|&index| self.scene.frames[index].view == view).collect();
+            let of_view: Vec<usize> = self.scene.frames_of(view).collect();
             if !of_view.is_empty() {
                 chosen.push(of_view[view % of_view.len()]);
             }

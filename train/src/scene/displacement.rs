@@ -80,11 +80,14 @@ fn widths_a_metre(camera: &Camera, place: DVec3) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use erfgs_base::random;
-    use erfgs_dataset::{Frame, Manifest, PointCloudFile, PointRun, Provenance};
-    use erfgs_scene::{Distortion, Intrinsics, Modality, PointCloud, Pose};
+    use erfgs_dataset::{Frame, PointCloudFile, PointRun};
+    use erfgs_scene::{PointCloud, Pose};
 
     use super::*;
-    use crate::config::{Config, Guide, MotionModel};
+    use crate::{
+        config::{Config, Guide, MotionModel},
+        scene::fixtures,
+    };
 
     /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it, straight on or round a
     /// corner: a fifth of them by `fast` metres an interval, the others by a centimetre.
@@ -96,36 +99,11 @@ mod tests {
             mask: None,
         };
         let camera = Camera {
-            name: "a".into(),
-            modality: Modality::Rgb,
-            split: Split::Train,
-            intrinsics: Intrinsics {
-                width: 100,
-                height: 100,
-                fx: 100.0,
-                fy: 100.0,
-                cx: 50.0,
-                cy: 50.0,
-                distortion: Distortion::None,
-            },
             world_to_camera: Pose { translation: DVec3::Z * 2.0, ..Pose::IDENTITY },
             frames: (0..frames).map(frame).collect(),
-            events: None,
+            ..fixtures::camera("a", [100, 100], 100.0)
         };
-        let manifest = Manifest {
-            format: Manifest::FORMAT.into(),
-            version: Manifest::VERSION,
-            name: "moving".into(),
-            provenance: Provenance::default(),
-            span_ns: [0, 1_000_000_000],
-            seed: 0,
-            variant: Vec::new(),
-            linear_exposure: false,
-            points: None,
-            cameras: vec![camera],
-            sha256: Default::default(),
-        };
-        let mut dataset = Dataset::new(root, manifest);
+        let mut dataset = fixtures::dataset(root, vec![camera], [0, 1_000_000_000]);
         let mut cloud = PointCloud::default();
         let mut runs = Vec::new();
         for t in 0..3_u32 {

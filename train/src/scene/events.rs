@@ -148,9 +148,7 @@ pub struct EventView {
     /// The edges from and up to which the camera was there; before and after nothing is known.
     pub covers: [usize; 2],
     width: usize,
-    /// An ON event's change of light beside an OFF event's: as stated, and as its events tell, where that differs.
-    pub stated_ratio: f64,
-    /// See there.
+    /// An ON event's change of light beside an OFF event's, where its events tell another than was stated.
     pub told_ratio: Option<f64>,
     /// What an ON and an OFF event change, units of the sensor's threshold.
     step: [f32; 2],
@@ -213,7 +211,7 @@ impl EventView {
         let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
         let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
         let edges = bins.edges.clone();
-        Some(Self { view, sensor, count, covers, width, stated_ratio, told_ratio, step, drift, edges, counts })
+        Some(Self { view, sensor, count, covers, width, told_ratio, step, drift, edges, counts })
     }
 
     /// Whether the camera was there from one edge to another.
@@ -276,28 +274,16 @@ pub(super) fn around(width: usize, height: usize, x: usize, y: usize) -> impl It
 
 #[cfg(test)]
 mod tests {
-    use erfgs_dataset::{CameraEvents, Split};
+    use erfgs_dataset::CameraEvents;
     use erfgs_events::Event;
-    use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
+    use erfgs_scene::Modality;
 
     use super::*;
+    use crate::scene::fixtures;
 
     fn camera() -> Camera {
         Camera {
-            name: "e".into(),
             modality: Modality::Event,
-            split: Split::Train,
-            intrinsics: Intrinsics {
-                width: 4,
-                height: 2,
-                fx: 4.0,
-                fy: 4.0,
-                cx: 2.0,
-                cy: 1.0,
-                distortion: Distortion::None,
-            },
-            world_to_camera: Pose::IDENTITY,
-            frames: Vec::new(),
             events: Some(CameraEvents {
                 file: "e.npz".into(),
                 count: 0,
@@ -308,6 +294,7 @@ mod tests {
                 covers_ns: [0, 50_000_000],
                 simulator: None,
             }),
+            ..fixtures::camera("e", [4, 2], 4.0)
         }
     }
 

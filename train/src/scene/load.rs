@@ -265,38 +265,18 @@ fn median_distance<'a>(from: glam::DVec3, points: impl Iterator<Item = &'a [f32;
 mod tests {
     use std::path::Path;
 
-    use erfgs_dataset::{Manifest, Provenance};
-    use erfgs_scene::{Distortion, Intrinsics, Modality, Pose, ply::PointCloud};
+    use erfgs_scene::{Pose, ply::PointCloud};
 
     use super::*;
+    use crate::scene::fixtures;
 
     /// Cameras at these places, all of which look along z, and points around the origin.
     fn dataset(root: &Path, places: &[[f64; 3]]) -> Dataset {
-        let intrinsics =
-            Intrinsics { width: 8, height: 8, fx: 8.0, fy: 8.0, cx: 4.0, cy: 4.0, distortion: Distortion::None };
         let camera = |place: &[f64; 3]| Camera {
-            name: format!("{place:?}"),
-            modality: Modality::Rgb,
-            split: Split::Train,
-            intrinsics,
             world_to_camera: Pose { translation: -glam::DVec3::from(*place), ..Pose::IDENTITY },
-            frames: Vec::new(),
-            events: None,
+            ..fixtures::camera(&format!("{place:?}"), [8, 8], 8.0)
         };
-        let manifest = Manifest {
-            format: Manifest::FORMAT.into(),
-            version: Manifest::VERSION,
-            name: "places".into(),
-            provenance: Provenance::default(),
-            span_ns: [0, 1],
-            seed: 0,
-            variant: Vec::new(),
-            linear_exposure: false,
-            points: None,
-            cameras: places.iter().map(camera).collect(),
-            sha256: Default::default(),
-        };
-        let mut dataset = Dataset::new(root, manifest);
+        let mut dataset = fixtures::dataset(root, places.iter().map(camera).collect(), [0, 1]);
         let cloud = PointCloud { positions: vec![[0.0; 3]; 3], colours: vec![[9; 3]; 3] };
         dataset.set_points(&cloud, "known", Default::default()).expect("a file");
         dataset

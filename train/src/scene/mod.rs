@@ -4,6 +4,8 @@ mod balance;
 mod counts;
 mod displacement;
 mod events;
+#[cfg(test)]
+mod fixtures;
 mod load;
 mod motion;
 mod near;
@@ -180,13 +182,22 @@ impl Scene {
         if end > start { (t_ns - start) as f64 / (end - start) as f64 } else { 0.0 }
     }
 
+    /// The training frames of a view, as indices into [`Scene::frames`].
+    pub(crate) fn frames_of(&self, view: usize) -> impl Iterator<Item = usize> {
+        (0..self.frames.len()).filter(move |&index| self.frames[index].view == view)
+    }
+
+    /// Whether a view has training frames.
+    pub(crate) fn has_frames(&self, view: usize) -> bool {
+        self.views[view].split == Split::Train && !self.dataset.manifest.cameras[view].frames.is_empty()
+    }
+
     /// How many intervals between the frames of a camera the recording spans: the unit of time of trajectories.
     #[must_use]
     pub fn intervals(&self) -> f64 {
         let mut steps: Vec<f64> = Vec::new();
         for view in 0..self.views.len() {
-            let times: Vec<f64> =
-                self.frames.iter().filter(|frame| frame.view == view).map(|frame| frame.t01).collect();
+            let times: Vec<f64> = self.frames_of(view).map(|index| self.frames[index].t01).collect();
             steps.extend(times.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
         }
         if steps.is_empty() {

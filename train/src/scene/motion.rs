@@ -25,8 +25,7 @@ impl MotionMasks {
     /// [`SceneError`] where a frame cannot be read.
     pub fn new(scene: &Scene, config: &DynamicConfig) -> Result<Self, SceneError> {
         let of_view = |view: usize| -> Result<Option<(usize, Vec<bool>)>, SceneError> {
-            let frames: Vec<usize> =
-                (0..scene.frames.len()).filter(|&index| scene.frames[index].view == view).collect();
+            let frames: Vec<usize> = scene.frames_of(view).collect();
             // Two frames have no median worth the name, but they differ where something moved.
             if frames.len() < 2 {
                 return Ok(None);

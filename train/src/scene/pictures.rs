@@ -162,10 +162,11 @@ fn readers() -> Result<ThreadPool, SceneError> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_dataset::{Camera, Frame, Manifest, Provenance, Split};
-    use erfgs_scene::{Distortion, ImageRgb8, Intrinsics, Modality, Pose};
+    use erfgs_dataset::{Camera, Frame};
+    use erfgs_scene::ImageRgb8;
 
     use super::*;
+    use crate::scene::fixtures;
 
     const FRAMES: usize = 10;
 
@@ -177,37 +178,8 @@ mod tests {
             ImageRgb8 { width: 4, height: 2, data }.write_png(&root.join(&name)).expect("written");
             Frame { file: name.into(), t_ns: index as i64, exposure_ns: [index as i64; 2], mask: None }
         };
-        let camera = Camera {
-            name: "a".into(),
-            modality: Modality::Rgb,
-            split: Split::Train,
-            intrinsics: Intrinsics {
-                width: 4,
-                height: 2,
-                fx: 4.0,
-                fy: 4.0,
-                cx: 2.0,
-                cy: 1.0,
-                distortion: Distortion::None,
-            },
-            world_to_camera: Pose::IDENTITY,
-            frames: (0..FRAMES).map(frame).collect(),
-            events: None,
-        };
-        let manifest = Manifest {
-            format: Manifest::FORMAT.into(),
-            version: Manifest::VERSION,
-            name: "frames".into(),
-            provenance: Provenance::default(),
-            span_ns: [0, FRAMES as i64],
-            seed: 0,
-            variant: Vec::new(),
-            linear_exposure: false,
-            points: None,
-            cameras: vec![camera],
-            sha256: Default::default(),
-        };
-        Dataset::new(root, manifest)
+        let camera = Camera { frames: (0..FRAMES).map(frame).collect(), ..fixtures::camera("a", [4, 2], 4.0) };
+        fixtures::dataset(root, vec![camera], [0, FRAMES as i64])
     }
 
     fn pictures(root: &std::path::Path, most: u64) -> Pictures {

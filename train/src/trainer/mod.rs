@@ -179,8 +179,7 @@ impl<'a> Trainer<'a> {
         levels: &[Vec<f32>],
     ) -> Result<Self, TrainError> {
         let work = Workspace::new(gpu, scene.max_pixels())?;
-        let takes = |view: usize| scene.frames.iter().any(|frame| frame.view == view);
-        let takes_frames: Vec<bool> = (0..scene.views.len()).map(takes).collect();
+        let takes_frames: Vec<bool> = (0..scene.views.len()).map(|view| scene.has_frames(view)).collect();
         // With one camera there is nobody to differ from.
         let several = takes_frames.iter().filter(|takes| **takes).count() > 1;
         let colours_differ = config.camera_colour.enabled && several;

@@ -60,7 +60,8 @@ impl Trainer<'_> {
     /// without frames among them, lie Gaussians that no frame could see through or past.
     #[must_use]
     pub fn near(&self, view: &View) -> f32 {
-        if self.scene.frames.iter().any(|frame| self.scene.views[frame.view].view == *view) {
+        let trained = |index: usize| self.scene.views[index].view == *view && self.scene.has_frames(index);
+        if (0..self.scene.views.len()).any(trained) {
             return self.config.near_m;
         }
         near_plane(&self.scene.points, view, self.config.near_share, self.config.near_m)
