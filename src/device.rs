@@ -67,7 +67,7 @@ impl TrainedRun {
         let checkpoint = Checkpoint::load(&folder.checkpoint_file())?;
         // The initial points play no part any more.
         let without_points = dataset.manifest.points.is_none();
-        let scene = Scene::load(dataset, &checkpoint.config, without_points)?;
+        let scene = Scene::load_within(dataset, &checkpoint.config, without_points, None, folder.root())?;
         Ok(Trainer::resume(gpu, scene, checkpoint, &TrainOptions::default())?)
     }
 }

@@ -60,8 +60,8 @@ points of what moves, which `erfgs dataset points` finds
              hexplane; what the default preset does
 
 A dataset may be larger than memory: frames that do not fit in --memory are read again while others are trained on, by a thread for \
-each processor. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG. \
-Events stay in memory, in 4 to 8 bytes each.
+each processor, and events that would take more than half of it, at 8 bytes each, lie in files in the run's folder, which are gone with \
+the program. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG.
 
 With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
@@ -128,8 +128,8 @@ pub struct Arguments {
     /// Show the scene in a browser while it is trained, at this address; port 0 takes any free one.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8200")]
     live: Option<SocketAddr>,
-    /// GiB of memory that frames may take; half of what is free unless given. Frames that do not fit are read from the dataset again
-    /// each time, while others are trained on.
+    /// GiB of memory that frames and events may take; half of what is free unless given. Frames that do not fit are read from the dataset
+    /// again each time, while others are trained on; events are read from files.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     memory: Option<f64>,
     /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
@@ -235,7 +235,7 @@ fn minutes(text: &str) -> Result<f64, String> {
 fn gibibytes(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(size) if (0.0..=1e6).contains(&size) => Ok(size),
-        _ => Err("a number of GiB is needed, as in `--memory 4`; 0 keeps no frame".into()),
+        _ => Err("a number of GiB is needed, as in `--memory 4`; 0 keeps nothing".into()),
     }
 }
 
@@ -401,7 +401,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
-    let scene = Scene::load_within(dataset, &config, without_points, memory)?;
+    let scene = Scene::load_within(dataset, &config, without_points, memory, folder.root())?;
     tell_of(&scene, terminal);
     let gpu = arguments.adapter.open()?;
     let trainer = match checkpoint {
@@ -418,6 +418,10 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
         terminal.note(format!(
             "frames take {all}: {kept} of them are kept in memory (--memory), the others are read while training"
         ));
+    }
+    if scene.events_filed {
+        let events: u64 = scene.events.iter().map(|events| events.count).sum();
+        terminal.note(format!("{events} events lie in files while it is trained, as --memory has no room for them"));
     }
     for events in &scene.events {
         let camera = &scene.dataset.manifest.cameras[events.view];

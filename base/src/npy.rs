@@ -9,7 +9,12 @@
 //! ```
 //! Numbers are read (`b`, `i`, `u`, `f` of 1 to 8 bytes, both byte orders), and records of them ([`decode_records`]); pickled
 //! objects are refused.
-//! The length of the data is compared with the shape before anything is allocated for it.
+//! The length of the data is compared with the shape before anything is allocated for it. [`NpyColumn`] reads piece by piece what is
+//! larger than memory.
+
+mod column;
+
+pub use column::{NpyColumn, NpyReadError};
 
 /// What is wrong with an array.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

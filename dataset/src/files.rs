@@ -2,6 +2,7 @@
 
 use std::{
     collections::BTreeMap,
+    ops::ControlFlow,
     path::{Component, Path, PathBuf},
 };
 
@@ -115,6 +116,35 @@ impl Dataset {
             return Err(DatasetError::EventCount { camera: camera.name.clone(), path, found, named });
         }
         Ok(Some(events))
+    }
+
+    /// Reads the events of a camera, where it has any, and hands them over piece by piece, in their order: they may be larger than
+    /// memory. Says whether it has any.
+    ///
+    /// # Errors
+    /// As [`Dataset::read_events`], after which what was handed over counts for nothing; and what `take` returns.
+    pub fn read_event_pieces<E: From<DatasetError>>(
+        &self,
+        camera: &Camera,
+        mut take: impl FnMut(&Events) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        let Some(file) = &camera.events else { return Ok(false) };
+        let path = self.path(&file.file)?;
+        let size = [camera.intrinsics.width, camera.intrinsics.height];
+        let (mut found, mut refused) = (0, None);
+        let read = npz::read_pieces(&path, size, |events| {
+            found += events.len() as u64;
+            refused = take(events).err();
+            if refused.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        read.map_err(|source| DatasetError::Events { camera: camera.name.clone(), source: Box::new(source) })?;
+        if let Some(refused) = refused {
+            return Err(refused);
+        }
+        if found != file.count {
+            return Err(DatasetError::EventCount { camera: camera.name.clone(), path, found, named: file.count }.into());
+        }
+        Ok(true)
     }
 
     /// Reads the initial point cloud, where there is one.

@@ -111,6 +111,16 @@ fn a_dataset_comes_back_with_its_files() {
     assert_eq!(loaded.read_mask(camera, &camera.frames[0]).unwrap(), None);
     assert_eq!(loaded.read_mask(camera, &camera.frames[1]).unwrap().unwrap().data[5], 255);
     assert_eq!(loaded.read_events(camera).unwrap().unwrap().t_us, [10, 20]);
+    let mut times: Vec<i64> = Vec::new();
+    let all = |events: &erfgs_events::Events| {
+        times.extend(&events.t_us);
+        Ok::<_, DatasetError>(())
+    };
+    assert!(loaded.read_event_pieces(camera, all).unwrap());
+    assert_eq!(times, [10, 20]);
+    let none = |_: &erfgs_events::Events| Err(DatasetError::PointCount { path: "p".into(), found: 0, named: 1 });
+    assert!(!loaded.read_event_pieces(loaded.camera("a").unwrap(), none).unwrap());
+    assert!(loaded.read_event_pieces(camera, none).is_err(), "what is refused ends it");
     assert_eq!(loaded.read_points().unwrap().unwrap().len(), 1);
     assert_eq!(loaded.read_events(loaded.camera("a").unwrap()).unwrap(), None);
 }
@@ -229,6 +239,8 @@ fn counts_are_compared_with_the_files() {
     dataset.manifest.cameras[1].events.as_mut().unwrap().count = 3;
     dataset.manifest.points.as_mut().unwrap().count = 9;
     let error = dataset.read_events(&dataset.manifest.cameras[1]).unwrap_err();
+    assert!(matches!(error, DatasetError::EventCount { found: 2, named: 3, .. }), "{error}");
+    let error = dataset.read_event_pieces(&dataset.manifest.cameras[1], |_| Ok(())).unwrap_err();
     assert!(matches!(error, DatasetError::EventCount { found: 2, named: 3, .. }), "{error}");
     assert!(matches!(dataset.read_points(), Err(DatasetError::PointCount { found: 1, named: 9, .. })));
 }

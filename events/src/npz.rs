@@ -6,13 +6,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use zip::{CompressionMethod, DateTime, ZipArchive, ZipWriter, write::SimpleFileOptions};
+use zip::{
+    CompressionMethod, DateTime, ZipArchive, ZipWriter, read::ZipFile, result::ZipError, write::SimpleFileOptions,
+};
 
 use crate::Events;
 use erfgs_base::{
     FileError,
     npy::{self, NpyArray, NpyError},
 };
+
+mod pieces;
+
+pub use pieces::read_pieces;
 
 /// What can go wrong with an `.npz` file.
 #[derive(Debug, thiserror::Error)]
@@ -26,7 +32,7 @@ pub enum NpzError {
         /// The archive.
         path: PathBuf,
         /// Why.
-        source: zip::result::ZipError,
+        source: ZipError,
     },
     /// An array is missing.
     #[error("{} holds no array {wanted}; it holds: {}", path.display(), found.join(", "))]
@@ -113,37 +119,50 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
 
     /// The first array of `names` that there is, with its name.
     fn find(&mut self, names: &[&'static str]) -> Result<Option<(&'static str, NpyArray)>, NpzError> {
-        let archive = |source| NpzError::Archive { path: self.path.to_owned(), source };
-        for &name in names {
-            let mut file = match self.zip.by_name(&format!("{name}.npy")) {
-                Err(zip::result::ZipError::FileNotFound) => continue,
-                file => file.map_err(archive)?,
-            };
-            let mut bytes = Vec::new();
-            let unpacked = (&mut file).take(self.room + 1).read_to_end(&mut bytes);
-            let unpacked = unpacked.map_err(|source| archive(zip::result::ZipError::Io(source)))? as u64;
-            drop(file);
-            let Some(room) = self.room.checked_sub(unpacked) else {
-                let what = format!(
-                    "its arrays unpack to more than {} bytes, which no recording of that size does; unpack it yourself if \
-                     you know where it comes from",
-                    self.most
-                );
-                return Err(self.content(what));
-            };
-            self.room = room;
-            let array = NpyArray::decode(&bytes).map_err(|source| self.array(name, source))?;
-            return Ok(Some((name, array)));
-        }
-        Ok(None)
+        let Some((name, index)) = self.place(names) else { return Ok(None) };
+        let mut bytes = Vec::new();
+        let most = self.room + 1;
+        let unpacked = self.member(index)?.take(most).read_to_end(&mut bytes);
+        let unpacked = unpacked.map_err(|source| self.archive(source.into()))? as u64;
+        self.unpack(unpacked)?;
+        let array = NpyArray::decode(&bytes).map_err(|source| self.array(name, source))?;
+        Ok(Some((name, array)))
+    }
+
+    /// The first of these names that an array has, and which member of the archive that is.
+    fn place(&self, names: &[&'static str]) -> Option<(&'static str, usize)> {
+        names.iter().find_map(|name| Some((*name, self.zip.index_for_name(&format!("{name}.npy"))?)))
+    }
+
+    fn member(&mut self, index: usize) -> Result<ZipFile<'_, R>, NpzError> {
+        let path = self.path;
+        self.zip.by_index(index).map_err(|source| NpzError::Archive { path: path.to_owned(), source })
+    }
+
+    /// Counts what is unpacked, bytes.
+    fn unpack(&mut self, bytes: u64) -> Result<(), NpzError> {
+        let Some(room) = self.room.checked_sub(bytes) else {
+            let what = format!(
+                "its arrays unpack to more than {} bytes, which no recording of that size does; unpack it yourself if \
+                 you know where it comes from",
+                self.most
+            );
+            return Err(self.content(what));
+        };
+        self.room = room;
+        Ok(())
     }
 
     fn need(&mut self, names: &[&'static str], wanted: &'static str) -> Result<(&'static str, NpyArray), NpzError> {
-        if let Some(found) = self.find(names)? {
-            return Ok(found);
+        match self.find(names)? {
+            Some(found) => Ok(found),
+            None => Err(self.missing(wanted)),
         }
+    }
+
+    fn missing(&self, wanted: &'static str) -> NpzError {
         let names = self.zip.file_names_raw().map(|name| String::from_utf8_lossy(name).into_owned());
-        Err(NpzError::Missing { path: self.path.to_owned(), wanted, found: names.collect() })
+        NpzError::Missing { path: self.path.to_owned(), wanted, found: names.collect() }
     }
 
     fn column<T: TryFrom<i128>>(
@@ -166,6 +185,28 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
             [value] => Ok(Some(value)),
             _ => Err(self.content(format!("array `{name}` holds {} values instead of one", values.len()))),
         }
+    }
+
+    /// The size of the sensor that the archive tells, which must be the one that is known, if both are.
+    fn sensor(&mut self, known: Option<[u32; 2]>) -> Result<Option<[u32; 2]>, NpzError> {
+        let stored = match (self.scalar("width")?, self.scalar("height")?) {
+            (Some(width), Some(height)) => Some([width, height]),
+            _ => None,
+        };
+        if let (Some(size), Some(stored)) = (known, stored)
+            && size != stored
+        {
+            let what = format!(
+                "the events are of a sensor of {} x {} pixels, but one of {} x {} is named; correct the camera's size",
+                stored[0], stored[1], size[0], size[1]
+            );
+            return Err(self.content(what));
+        }
+        Ok(stored)
+    }
+
+    fn archive(&self, source: ZipError) -> NpzError {
+        NpzError::Archive { path: self.path.to_owned(), source }
     }
 
     fn array(&self, array: &str, source: NpyError) -> NpzError {
@@ -195,44 +236,44 @@ pub fn read_events(path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzErr
 /// As [`read_events`].
 pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
     let mut archive = Archive::new(file, path)?;
-    let stored = match (archive.scalar("width")?, archive.scalar("height")?) {
-        (Some(width), Some(height)) => Some([width, height]),
-        _ => None,
-    };
-    if let (Some(size), Some(stored)) = (size, stored)
-        && size != stored
-    {
-        let what = format!(
-            "the events are of a sensor of {} x {} pixels, but one of {} x {} is named; correct the camera's size",
-            stored[0], stored[1], size[0], size[1]
-        );
-        return Err(archive.content(what));
-    }
-    let t_us: Vec<i64> = archive.column(&["t", "t_us"], "`t` or `t_us`", "the 64-bit range")?;
-    let x: Vec<u16> = archive.column(&["x"], "`x`", "0..=65535")?;
-    let y: Vec<u16> = archive.column(&["y"], "`y`", "0..=65535")?;
-    let p: Vec<i8> = archive.column(&["p"], "`p`", "0 and 1")?;
+    let stored = archive.sensor(size)?;
+    let t_us: Vec<i64> = archive.column(T.0, T.1, T.2)?;
+    let x: Vec<u16> = archive.column(X.0, X.1, X.2)?;
+    let y: Vec<u16> = archive.column(Y.0, Y.1, Y.2)?;
+    let p: Vec<i8> = archive.column(P.0, P.1, P.2)?;
     events_of(path, (t_us, x, y, p), size.or(stored))
 }
 
+/// A column: the names of its array, as they are told, and the range of its values.
+type Column = (&'static [&'static str], &'static str, &'static str);
+const T: Column = (&["t", "t_us"], "`t` or `t_us`", "the 64-bit range");
+const X: Column = (&["x"], "`x`", "0..=65535");
+const Y: Column = (&["y"], "`y`", "0..=65535");
+const P: Column = (&["p"], "`p`", "0 and 1");
+
+/// The columns t, x, y and p.
+type Columns = (Vec<i64>, Vec<u16>, Vec<u16>, Vec<i8>);
+
 /// Events of columns, on a sensor of this size or, without it, of the least that holds all.
-fn events_of(
+fn events_of(path: &Path, columns: Columns, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
+    next_events_of(path, columns, size, [0, i64::MIN])
+}
+
+/// As [`events_of`], where so many events came before, the last of them at this time.
+fn next_events_of(
     path: &Path,
-    (t_us, x, y, p): (Vec<i64>, Vec<u16>, Vec<u16>, Vec<i8>),
+    (t_us, x, y, p): Columns,
     size: Option<[u32; 2]>,
+    [first, last_us]: [i64; 2],
 ) -> Result<Events, NpzError> {
     let wrong = |what: String| Err(NpzError::Content { path: path.to_owned(), what });
     let lengths = [t_us.len(), x.len(), y.len(), p.len()];
     if lengths.iter().any(|&length| length != t_us.len()) {
-        return wrong(format!("the columns t, x, y, p have the lengths {lengths:?}; they must be equal"));
+        return wrong(unequal(lengths));
     }
-    if let Some(at) = t_us.windows(2).position(|pair| pair[0] > pair[1]) {
-        return wrong(format!(
-            "times decrease from {} to {} µs at event {}; sort them",
-            t_us[at],
-            t_us[at + 1],
-            at + 1
-        ));
+    let before = std::iter::once(&last_us).chain(&t_us);
+    if let Some((at, (before, t_us))) = before.zip(&t_us).enumerate().find(|(_, (before, t_us))| before > t_us) {
+        return wrong(format!("times decrease from {before} to {t_us} µs at event {}; sort them", first + at as i64));
     }
     let largest = |column: &[u16]| column.iter().max().map(|&address| u32::from(address) + 1);
     let needed = largest(&x).zip(largest(&y)).map(|(width, height)| [width, height]);
@@ -244,14 +285,21 @@ fn events_of(
     let outside = |(&x, &y): (&u16, &u16)| u32::from(x) >= width || u32::from(y) >= height;
     if let Some(at) = x.iter().zip(&y).position(outside) {
         return wrong(format!(
-            "event {at} lies at ({}, {}), outside the sensor of {width} x {height} pixels; correct the camera's size",
-            x[at], y[at]
+            "event {} lies at ({}, {}), outside the sensor of {width} x {height} pixels; correct the camera's size",
+            first + at as i64,
+            x[at],
+            y[at]
         ));
     }
     if let Some(at) = p.iter().position(|p| !(-1..=1).contains(p)) {
-        return wrong(format!("event {at} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at]));
+        let at_all = first + at as i64;
+        return wrong(format!("event {at_all} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at]));
     }
     Ok(Events { width, height, t_us, x, y, on: p.into_iter().map(|p| p == 1).collect() })
+}
+
+fn unequal(lengths: [impl std::fmt::Debug; 4]) -> String {
+    format!("the columns t, x, y, p have the lengths {lengths:?}; they must be equal")
 }
 
 /// Reads events of a structured array in an `.npy` file: fields `t`, `x`, `y` and `p`, in any order and of any number type,

@@ -1,4 +1,4 @@
-//! Trainings whose frames do not fit into memory.
+//! Trainings whose frames and events do not fit into memory.
 
 use std::fs;
 
@@ -8,15 +8,19 @@ const TRAIN: &str = "train ds --method erf-gs --iterations 20+20 --seed 3 --dete
                      --set eds.every=10 --set density.from=5 --set density.every=10 --set density.prune_above=0";
 
 #[test]
-fn frames_that_are_read_again_teach_the_same() {
+fn frames_and_events_that_are_read_again_teach_the_same() {
     let folder = Folder::with_stage("ds");
     let said = folder.run(&format!("{TRAIN} --out kept --memory 1"));
-    assert!(said.status.success() && !String::from_utf8_lossy(&said.stderr).contains("kept in memory"), "{said:?}");
-    // None of them, and some.
+    assert!(said.status.success() && !String::from_utf8_lossy(&said.stderr).contains("--memory"), "{said:?}");
+    // No frame, and some; there are some thousand events.
     for (run, memory) in [("none", "0"), ("some", "4e-5")] {
         let said = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
         let text = String::from_utf8_lossy(&said.stderr);
         assert!(said.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
+        assert!(text.contains("events lie in files while it is trained"), "{text}");
+        let left: Vec<_> =
+            fs::read_dir(folder.path(run)).expect("a run").flatten().map(|entry| entry.file_name()).collect();
+        assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");
     }
     let [kept, none, some] =
         ["kept", "none", "some"].map(|run| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint"));

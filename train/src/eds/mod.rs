@@ -14,7 +14,7 @@ use crate::{
     config::{Coherence, EdsConfig},
     gaussians::{CORE, Gaussians, Neighbours, sh_stride},
     motion::FreeTimeOptions,
-    scene::Scene,
+    scene::{Scene, SceneError},
 };
 
 const VIEWS: u64 = 0x6564_7376;
@@ -72,8 +72,8 @@ pub struct Birth<'a> {
 /// the end of the bin.
 ///
 /// # Errors
-/// Those of `carry`.
-pub fn propose<E>(
+/// Those of `carry`, and [`SceneError`] where events cannot be read any more.
+pub fn propose<E: From<SceneError>>(
     scene: &Scene,
     gaussians: &Gaussians,
     moving: Moving<'_>,
@@ -91,8 +91,8 @@ pub fn propose<E>(
     // Cameras that did not record then neither confirm nor deny.
     let there: Vec<usize> = (0..scene.events.len()).filter(|&view| scene.events[view].knows(bin, bin + 1)).collect();
     let activity: Vec<Option<Vec<f32>>> = (scene.events.iter())
-        .map(|view| view.knows(bin, bin + 1).then(|| view.activity(bin, bin + 1, denoise)))
-        .collect();
+        .map(|view| view.knows(bin, bin + 1).then(|| view.activity(bin, bin + 1, denoise)).transpose())
+        .collect::<Result<_, SceneError>>()?;
     let order = random::permutation(random::key(seed, &[VIEWS, iteration]), there.len());
     let sources = if there.len() > config.sources as usize { config.sources.max(1) as usize } else { 1 };
     // Depths are looked for where things move, if it is known what can move at all.

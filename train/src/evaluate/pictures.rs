@@ -39,7 +39,7 @@ impl Trainer<'_> {
                 let end = (start + step).min(bins);
                 let events = &self.scene.events[index];
                 let (view, sensor) = (events.view, events.sensor);
-                let measured = events.between(start, end);
+                let measured = events.between(start, end)?;
                 let [from, to] = [start, end].map(|edge| self.scene.bins.edges[edge]);
                 let (before, after) = (self.render_view(view, from)?, self.render_view(view, to)?);
                 let rendered: Vec<f32> = before

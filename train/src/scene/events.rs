@@ -1,9 +1,14 @@
 //! Events counted in bins of time, one map a bin edge, so that the count between any two edges is one subtraction.
 
-use erfgs_dataset::Camera;
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
+
+use erfgs_dataset::{Camera, CameraEvents};
 use erfgs_events::Events;
 
-use super::{balance, counts::Counts};
+use super::{SceneError, balance, counts::Counts};
 use crate::{
     config::EarlConfig,
     losses::{Sensor, unit},
@@ -157,15 +162,113 @@ pub struct EventView {
     /// When each edge is, in [0, 1].
     edges: Vec<f64>,
     counts: Counts,
+    /// Where the counts' files are, if they are not in memory.
+    folder: PathBuf,
 }
 
-impl EventView {
-    /// Counts the events of `camera` (view `view` of the scene) in `bins`, without those that the loss leaves out; nothing where it
-    /// recorded during none of them.
-    #[must_use]
-    pub fn new(view: usize, camera: &Camera, events: &Events, bins: &Bins, earl: &EarlConfig) -> Option<Self> {
-        let denoise = earl.denoise;
-        let file = camera.events.as_ref()?;
+/// An event camera whose events are being counted, in the order of their times.
+#[derive(Debug)]
+pub struct EventCounter<'a> {
+    view: usize,
+    file: &'a CameraEvents,
+    bins: &'a Bins,
+    covers: [usize; 2],
+    size: [usize; 2],
+    denoise: bool,
+    count: u64,
+    /// The bin that is being filled.
+    bin: usize,
+    /// Pixels and polarities of its events, where they are looked at together.
+    pending: Vec<(u32, bool)>,
+    counts: Counts,
+    folder: PathBuf,
+}
+
+impl<'a> EventCounter<'a> {
+    /// Of `camera`, view `view` of the scene; nothing where it recorded during none of the bins. What is counted lies in files in
+    /// `folder`, or in memory.
+    ///
+    /// # Errors
+    /// [`SceneError::Scratch`].
+    pub fn new(
+        view: usize,
+        camera: &'a Camera,
+        bins: &'a Bins,
+        earl: &EarlConfig,
+        folder: Option<&Path>,
+    ) -> Result<Option<Self>, SceneError> {
+        let Some(file) = &camera.events else { return Ok(None) };
+        let covers = bins.within(file.covers_ns);
+        if covers[0] >= covers[1] {
+            return Ok(None);
+        }
+        let size = [camera.intrinsics.width, camera.intrinsics.height].map(|side| side as usize);
+        let counts = Counts::new(size[0] * size[1], folder).map_err(scratch(folder.unwrap_or(Path::new(""))))?;
+        let folder = folder.unwrap_or(Path::new("")).to_owned();
+        let (denoise, pending) = (earl.denoise, Vec::new());
+        Ok(Some(Self { view, file, bins, covers, size, denoise, count: 0, bin: 0, pending, counts, folder }))
+    }
+
+    /// Counts events that come after those before, without those that the loss leaves out.
+    ///
+    /// # Errors
+    /// [`SceneError::Scratch`].
+    pub fn add(&mut self, events: &Events) -> Result<(), SceneError> {
+        self.count += events.len() as u64;
+        self.put(events).map_err(scratch(&self.folder))
+    }
+
+    fn put(&mut self, events: &Events) -> io::Result<()> {
+        for (((&t_us, &x), &y), &on) in events.t_us.iter().zip(&events.x).zip(&events.y).zip(&events.on) {
+            while self.bin < self.bins.len() && t_us > self.bins.edges_us[self.bin + 1] {
+                self.end_bin()?;
+            }
+            if self.bin >= self.bins.len() {
+                return Ok(());
+            }
+            if t_us <= self.bins.edges_us[self.bin] {
+                continue;
+            }
+            let pixel = usize::from(y) * self.size[0] + usize::from(x);
+            if self.denoise {
+                self.pending.push((pixel as u32, on));
+            } else {
+                self.counts.push(pixel, on)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn end_bin(&mut self) -> io::Result<()> {
+        let [width, height] = self.size;
+        if !self.pending.is_empty() {
+            let mut total = vec![0_u32; width * height];
+            self.pending.iter().for_each(|&(pixel, _)| total[pixel as usize] += 1);
+            for (pixel, on) in std::mem::take(&mut self.pending) {
+                let pixel = pixel as usize;
+                if neighbourhood(&total, width, height, pixel % width, pixel / width) >= 2 {
+                    self.counts.push(pixel, on)?;
+                }
+            }
+        }
+        self.bin += 1;
+        self.counts.edge()
+    }
+
+    fn end(mut self) -> io::Result<Counts> {
+        while self.bin < self.bins.len() {
+            self.end_bin()?;
+        }
+        self.counts.finish()
+    }
+
+    /// No other follows.
+    ///
+    /// # Errors
+    /// [`SceneError::Scratch`].
+    pub fn finish(self, earl: &EarlConfig) -> Result<EventView, SceneError> {
+        let (view, file, covers, width, count) = (self.view, self.file, self.covers, self.size[0], self.count);
+        let (folder, edges) = (self.folder.clone(), self.bins.edges.clone());
         let threshold =
             (0.5 * (file.threshold_on + file.threshold_off)).max(LEAST * f64::from(unit(file.linear_light)));
         let sensor = Sensor {
@@ -173,33 +276,10 @@ impl EventView {
             lin_log: file.lin_log_threshold as f32,
             linear_light: file.linear_light,
         };
-        let covers = bins.within(file.covers_ns);
-        if covers[0] >= covers[1] {
-            return None;
-        }
-        let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
-        let mut counts = Counts::new(width * height);
-        let mut total = vec![0u32; if denoise { width * height } else { 0 }];
-        for edges in bins.edges_us.windows(2) {
-            let range = events.between(edges[0] + 1, edges[1] + 1);
-            total.fill(0);
-            if denoise {
-                for index in range.clone() {
-                    total[usize::from(events.y[index]) * width + usize::from(events.x[index])] += 1;
-                }
-            }
-            for index in range {
-                let (x, y) = (usize::from(events.x[index]), usize::from(events.y[index]));
-                if !denoise || neighbourhood(&total, width, height, x, y) >= 2 {
-                    counts.push(y * width + x, events.on[index]);
-                }
-            }
-            counts.edge();
-        }
-        let (count, counts) = (events.len() as u64, counts.finish());
+        let counts = self.end().map_err(scratch(&folder))?;
         let stated_ratio = file.threshold_on / file.threshold_off;
         let (told_ratio, noise) = if earl.balance {
-            let totals = counts.between(covers[0], covers[1]);
+            let totals = counts.between(covers[0], covers[1]).map_err(scratch(&folder))?;
             let noise = balance::noise(&totals);
             (balance::ratio(&totals, noise, stated_ratio), noise)
         } else {
@@ -210,10 +290,16 @@ impl EventView {
         let step = [file.threshold_on * more, file.threshold_off / more].map(|one| (one / threshold) as f32);
         let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
         let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
-        let edges = bins.edges.clone();
-        Some(Self { view, sensor, count, covers, width, told_ratio, step, drift, edges, counts })
+        Ok(EventView { view, sensor, count, covers, width, told_ratio, step, drift, edges, counts, folder })
     }
+}
 
+fn scratch(folder: &Path) -> impl Fn(io::Error) -> SceneError {
+    let path = folder.to_owned();
+    move |source| SceneError::Scratch { path: path.clone(), source }
+}
+
+impl EventView {
     /// Whether the camera was there from one edge to another.
     #[must_use]
     pub fn knows(&self, from: usize, to: usize) -> bool {
@@ -221,29 +307,34 @@ impl EventView {
     }
 
     /// The signed count of every pixel between two edges, units of the sensor's threshold, less what nothing caused.
-    #[must_use]
-    pub fn between(&self, from: usize, to: usize) -> Vec<f32> {
+    ///
+    /// # Errors
+    /// [`SceneError::Scratch`] where the events lie in a file that cannot be read any more.
+    pub fn between(&self, from: usize, to: usize) -> Result<Vec<f32>, SceneError> {
         let [first, last] = self.covers.map(|edge| self.edges[edge]);
         let share = (self.edges[to] - self.edges[from]) / (last - first).max(1e-12);
         let drift = (self.drift * share) as f32;
-        self.signed(from, to).into_iter().map(|count| count - drift).collect()
+        Ok(self.signed(from, to)?.into_iter().map(|count| count - drift).collect())
     }
 
     /// The signed count of every pixel between two edges as it is, units of the sensor's threshold.
-    fn signed(&self, from: usize, to: usize) -> Vec<f32> {
+    fn signed(&self, from: usize, to: usize) -> Result<Vec<f32>, SceneError> {
         let signed = |[on, off]: [u32; 2]| on as f32 * self.step[0] - off as f32 * self.step[1];
-        self.counts.between(from, to).into_iter().map(signed).collect()
+        let counts = self.counts.between(from, to).map_err(scratch(&self.folder))?;
+        Ok(counts.into_iter().map(signed).collect())
     }
 
     /// The absolute signed count between two edges, averaged over 3 x 3 pixels where `smooth`.
-    #[must_use]
-    pub fn activity(&self, from: usize, to: usize, smooth: bool) -> Vec<f32> {
-        let mut activity = self.signed(from, to);
+    ///
+    /// # Errors
+    /// As [`EventView::between`].
+    pub fn activity(&self, from: usize, to: usize, smooth: bool) -> Result<Vec<f32>, SceneError> {
+        let mut activity = self.signed(from, to)?;
         for value in &mut activity {
             *value = value.abs();
         }
         if !smooth {
-            return activity;
+            return Ok(activity);
         }
         let (width, height) = (self.width, activity.len() / self.width.max(1));
         let mut lone = activity.clone();
@@ -255,7 +346,7 @@ impl EventView {
                 }
             }
         }
-        lone
+        Ok(lone)
     }
 }
 
@@ -302,6 +393,14 @@ mod tests {
         EarlConfig { denoise, ..crate::config::Config::default().earl }
     }
 
+    /// A camera's view of these events, in memory.
+    fn seen(camera: &Camera, events: &Events, earl: &EarlConfig) -> Option<EventView> {
+        let bins = bins();
+        let mut counter = EventCounter::new(0, camera, &bins, earl, None).expect("memory")?;
+        counter.add(events).expect("memory");
+        Some(counter.finish(earl).expect("memory"))
+    }
+
     fn bins() -> Bins {
         Bins::new(&[0, 20_000_000, 40_000_000], 2, [0, 50_000_000], 50_000_000)
     }
@@ -325,11 +424,11 @@ mod tests {
     fn what_a_camera_did_not_record_is_unknown() {
         let mut camera = camera();
         camera.events.as_mut().expect("events").covers_ns = [9_000_000, 30_000_000];
-        let view = EventView::new(0, &camera, &Events::new(4, 2), &bins(), &earl(false)).expect("an event camera");
+        let view = seen(&camera, &Events::new(4, 2), &earl(false)).expect("an event camera");
         assert_eq!(view.covers, [1, 3]);
         assert!(view.knows(1, 3) && !view.knows(0, 1) && !view.knows(2, 4));
         camera.events.as_mut().expect("events").covers_ns = [12_000_000, 15_000_000];
-        assert!(EventView::new(0, &camera, &Events::new(4, 2), &bins(), &earl(false)).is_none());
+        assert!(seen(&camera, &Events::new(4, 2), &earl(false)).is_none());
     }
 
     #[test]
@@ -361,10 +460,10 @@ mod tests {
         for (t_us, on) in [(10_000, true), (10_001, true), (20_000, false), (45_000, true)] {
             events.push(Event { t_us, x: 1, y: 1, on });
         }
-        let view = EventView::new(0, &camera(), &events, &bins(), &earl(false)).expect("an event camera");
-        assert_eq!(view.between(0, 1)[5], 1.0);
-        assert_eq!(view.between(1, 2)[5], 0.0);
-        assert_eq!(view.between(0, 5)[5], 2.0);
+        let view = seen(&camera(), &events, &earl(false)).expect("an event camera");
+        assert_eq!(view.between(0, 1).expect("memory")[5], 1.0);
+        assert_eq!(view.between(1, 2).expect("memory")[5], 0.0);
+        assert_eq!(view.between(0, 5).expect("memory")[5], 2.0);
     }
 
     #[test]
@@ -377,8 +476,8 @@ mod tests {
         (1..65).for_each(|t_us| events.push(Event { t_us, x: 1, y: 1, on: true }));
         events.push(Event { t_us: 90, x: 2, y: 1, on: false });
         let counts = |camera: &Camera| {
-            let view = EventView::new(0, camera, &events, &bins(), &earl(false)).expect("an event camera");
-            (view.sensor, view.between(0, 1))
+            let view = seen(camera, &events, &earl(false)).expect("an event camera");
+            (view.sensor, view.between(0, 1).expect("memory"))
         };
         let (sensor, seen) = counts(&camera);
         assert!((seen[5] * sensor.threshold - 0.24).abs() < 1e-6, "all of it: {}", seen[5]);
@@ -397,9 +496,9 @@ mod tests {
         events.push(Event { t_us: 5_000, x: 3, y: 0, on: true });
         events.push(Event { t_us: 15_000, x: 0, y: 0, on: true });
         events.push(Event { t_us: 16_000, x: 1, y: 1, on: true });
-        let view = EventView::new(0, &camera(), &events, &bins(), &earl(true)).expect("an event camera");
-        assert_eq!(view.between(0, 2).iter().sum::<f32>(), 2.0);
-        assert_eq!(view.activity(0, 1, false).iter().sum::<f32>(), 0.0);
+        let view = seen(&camera(), &events, &earl(true)).expect("an event camera");
+        assert_eq!(view.between(0, 2).expect("memory").iter().sum::<f32>(), 2.0);
+        assert_eq!(view.activity(0, 1, false).expect("memory").iter().sum::<f32>(), 0.0);
     }
 
     #[test]
@@ -414,8 +513,8 @@ mod tests {
             (0..900).step_by(3).for_each(|at| events.push(Event { t_us, x: at % 30, y: at / 30, on: t_us < 7 }));
         }
         let change = |earl: &EarlConfig| {
-            let view = EventView::new(0, &camera, &events, &bins(), earl).expect("an event camera");
-            (view.told_ratio, view.between(0, 1)[6])
+            let view = seen(&camera, &events, earl).expect("an event camera");
+            (view.told_ratio, view.between(0, 1).expect("memory")[6])
         };
         let (told, left) = change(&earl(false));
         assert!((told.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{told:?} {left}");
@@ -435,12 +534,12 @@ mod tests {
                 (0..5).for_each(|_| events.push(Event { t_us, x: 3, y: 0, on }));
             }
         }
-        let view = EventView::new(0, &camera, &events, &bins(), &earl(false)).expect("an event camera");
+        let view = seen(&camera, &events, &earl(false)).expect("an event camera");
         assert!((view.drift - 50.0).abs() < 1e-6 && view.told_ratio.is_none(), "{} {:?}", view.drift, view.told_ratio);
         for (to, seen) in [(1, 0.0), (2, 5.0), (3, 5.0), (4, 0.0), (5, 0.0)] {
-            let counts = view.between(0, to);
+            let counts = view.between(0, to).expect("memory");
             assert!(counts[0].abs() < 0.01 && (counts[3] - seen).abs() < 0.01, "{to}: {} {}", counts[0], counts[3]);
         }
-        assert!(view.activity(0, 1, false)[0] > 9.0, "what moved is told by the events themselves");
+        assert!(view.activity(0, 1, false).expect("memory")[0] > 9.0, "what moved is told by the events themselves");
     }
 }

@@ -1,18 +1,23 @@
 //! Reading a dataset, as much of it as memory is meant for.
 
+use std::path::Path;
+
 use erfgs_base::{memory, random};
 use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
-use super::{Bins, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame};
+use super::{Bins, EventCounter, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame};
 use crate::{
     config::{Config, EarlConfig, MotionModel},
     raster::View,
 };
 
+/// Bytes that an event takes at most: its own four, and as many of the images of counts between events.
+const EVENT: u64 = 8;
+
 const RANDOM_POINTS: u64 = 0x706f_696e_7473;
 
-/// What frames may take where the system does not tell how much memory is free, bytes.
+/// What frames and events may take where the system does not tell how much memory is free, bytes.
 const UNKNOWN: u64 = 8 << 30;
 
 /// Steps of single precision that are larger in a picture make the scene tremble.
@@ -20,16 +25,16 @@ const MOST_PIXELS_APART: f64 = 0.25;
 
 impl Scene {
     /// Reads what training needs. With `random_init` the dataset's point cloud is not asked for: points are drawn in the
-    /// box that the cameras look into. Frames take no more than half of the memory that is free.
+    /// box that the cameras look into. Frames and events take no more than half of the memory that is free.
     ///
     /// # Errors
     /// [`SceneError`].
     pub fn load(dataset: Dataset, config: &Config, random_init: bool) -> Result<Self, SceneError> {
-        Self::load_within(dataset, config, random_init, None)
+        Self::load_within(dataset, config, random_init, None, &std::env::temp_dir())
     }
 
-    /// The same, where frames take no more than so many bytes of memory; those that do not fit are read again from the dataset while
-    /// it is trained on.
+    /// The same, where frames and events take no more than so many bytes of memory. Frames that do not fit are read again from the
+    /// dataset while it is trained on; events that take more than half of it lie in files without a name in the folder `scratch`.
     ///
     /// # Errors
     /// [`SceneError`].
@@ -38,8 +43,13 @@ impl Scene {
         config: &Config,
         random_init: bool,
         most: Option<u64>,
+        scratch: &Path,
     ) -> Result<Self, SceneError> {
         let most = most.unwrap_or_else(|| memory::available().map_or(UNKNOWN, |free| free / 2));
+        let uses_events = (config.earl.enabled || config.eds.enabled) && config.motion != MotionModel::Still;
+        let events = if uses_events { event_bytes(&dataset) } else { 0 };
+        let scratch = (events > most / 2).then_some(scratch);
+        let most = if scratch.is_some() { most } else { most - events };
         let views = dataset
             .manifest
             .cameras
@@ -67,6 +77,7 @@ impl Scene {
             frames: Vec::new(),
             pictures: Pictures::new(&dataset, training.clone(), most)?,
             events: Vec::new(),
+            events_filed: false,
             bins: Bins::default(),
             held_out: Vec::new(),
             points: Vec::new(),
@@ -85,10 +96,11 @@ impl Scene {
         scene.frame_times = scene.frames.iter().map(|frame| frame.instant(config.blur.instant)).collect();
         scene.frame_times.sort_unstable_by(f64::total_cmp);
         scene.frame_times.dedup();
-        if (config.earl.enabled || config.eds.enabled) && config.motion != MotionModel::Still {
+        if uses_events {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
-            scene.events = scene.read_events(&config.earl)?;
+            scene.events = scene.read_events(&config.earl, scratch)?;
+            scene.events_filed = scratch.is_some();
         }
         scene.points = match (random_init, scene.dataset.read_points()?) {
             (false, Some(cloud)) => cloud.positions.into_iter().zip(cloud.colours).collect(),
@@ -148,7 +160,7 @@ impl Scene {
         HeldOutFrame { view, index, t_ns, t01: self.to_unit(t_ns) }
     }
 
-    fn read_events(&self, earl: &EarlConfig) -> Result<Vec<EventView>, SceneError> {
+    fn read_events(&self, earl: &EarlConfig, scratch: Option<&Path>) -> Result<Vec<EventView>, SceneError> {
         let cameras: Vec<(usize, &Camera)> = self
             .dataset
             .manifest
@@ -160,8 +172,10 @@ impl Scene {
         let views = cameras
             .into_par_iter()
             .map(|(view, camera)| {
-                let events = self.dataset.read_events(camera)?;
-                Ok(events.and_then(|events| EventView::new(view, camera, &events, &self.bins, earl)))
+                let counter = EventCounter::new(view, camera, &self.bins, earl, scratch)?;
+                let Some(mut counter) = counter else { return Ok(None) };
+                self.dataset.read_event_pieces(camera, |events| counter.add(events))?;
+                counter.finish(earl).map(Some)
             })
             .collect::<Result<Vec<_>, SceneError>>()?;
         Ok(views.into_iter().flatten().collect())
@@ -259,6 +273,12 @@ fn median_distance<'a>(from: glam::DVec3, points: impl Iterator<Item = &'a [f32;
     let mut distances: Vec<f64> = points.map(|point| from.distance(glam::Vec3::from(*point).as_dvec3())).collect();
     let middle = distances.len() / 2;
     (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Bytes that the events of the training cameras take at most.
+fn event_bytes(dataset: &Dataset) -> u64 {
+    let counts = dataset.cameras(Split::Train).filter_map(|camera| Some(camera.events.as_ref()?.count));
+    counts.fold(0, u64::saturating_add).saturating_mul(EVENT)
 }
 
 #[cfg(test)]

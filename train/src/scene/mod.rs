@@ -11,13 +11,14 @@ mod motion;
 mod near;
 mod pictures;
 mod still;
+mod words;
 
 use std::path::PathBuf;
 
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
 pub(crate) use displacement::{exposed, moves};
-pub use events::{Bins, EventView};
+pub use events::{Bins, EventCounter, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
@@ -83,6 +84,16 @@ pub enum SceneError {
     Threads {
         /// Why.
         source: rayon::ThreadPoolBuildError,
+    },
+    /// The file that events lie in, where memory is not meant for them, cannot be written or read.
+    #[error(
+        "cannot keep events in a file in '{path}': {source}; make room there, or let them stay in memory with a larger --memory"
+    )]
+    Scratch {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
     },
     /// The cameras of a random start enclose nothing.
     #[error(
@@ -156,6 +167,8 @@ pub struct Scene {
     pub pictures: Pictures,
     /// The event cameras.
     pub events: Vec<EventView>,
+    /// Whether their events lie in files, as memory is not meant for them.
+    pub events_filed: bool,
     /// The bins that events are counted in.
     pub bins: Bins,
     /// Frames of held-out cameras.

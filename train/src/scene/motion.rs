@@ -22,7 +22,7 @@ impl MotionMasks {
     /// with at least two events).
     ///
     /// # Errors
-    /// [`SceneError`] where a frame cannot be read.
+    /// [`SceneError`] where a frame or events cannot be read.
     pub fn new(scene: &Scene, config: &DynamicConfig) -> Result<Self, SceneError> {
         let of_view = |view: usize| -> Result<Option<(usize, Vec<bool>)>, SceneError> {
             let frames: Vec<usize> = scene.frames_of(view).collect();
@@ -48,9 +48,10 @@ impl MotionMasks {
         let mut masks: Vec<(usize, Vec<bool>)> = masks.into_iter().flatten().collect();
         if let Some(last) = scene.bins.len().checked_sub(1) {
             for events in &scene.events {
-                let mut seen = vec![false; events.activity(0, last + 1, false).len()];
+                let view = &scene.views[events.view].view;
+                let mut seen = vec![false; view.width as usize * view.height as usize];
                 for bin in 0..=last {
-                    for (seen, count) in seen.iter_mut().zip(events.activity(bin, bin + 1, false)) {
+                    for (seen, count) in seen.iter_mut().zip(events.activity(bin, bin + 1, false)?) {
                         *seen |= count >= 2.0;
                     }
                 }

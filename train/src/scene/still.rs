@@ -32,8 +32,14 @@ pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result
         if frames_change(dataset, camera, options.motion_threshold)? {
             return Ok(true);
         }
-        let Some((events, file)) = dataset.read_events(camera)?.zip(camera.events.as_ref()) else { return Ok(false) };
-        Ok(events_tell_of_motion(&events, file.covers_ns.map(|t| t.div_euclid(1000))))
+        let Some(file) = &camera.events else { return Ok(false) };
+        let size = [camera.intrinsics.width, camera.intrinsics.height].map(|side| side as usize);
+        let mut bursts = Bursts::new(size, file.covers_ns.map(|t| t.div_euclid(1000)));
+        dataset.read_event_pieces(camera, |events| -> Result<(), DatasetError> {
+            bursts.add(events);
+            Ok(())
+        })?;
+        Ok(bursts.tell_of_motion())
     };
     let told = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
     told.map_or(Ok(true), |told| told.map(|moves| !moves))
@@ -67,34 +73,56 @@ fn in_company(set: &[bool], width: usize) -> usize {
     (0..set.len()).filter(|&at| set[at] && company(at) >= 3).count()
 }
 
-/// Whether events come as no steady noise of each pixel, however strong, would have them: in bursts, or from whole blocks of pixels
-/// without a pause. The camera recorded during `covers_us`.
-fn events_tell_of_motion(events: &Events, covers_us: [i64; 2]) -> bool {
-    let (width, height) = (events.width as usize, events.height as usize);
-    let columns = width.div_ceil(BLOCK);
-    let blocks = columns * height.div_ceil(BLOCK);
-    let length = (covers_us[1] - covers_us[0]).max(1);
-    let mut counts = vec![[0_u32; WINDOWS]; blocks];
-    let mut pixels = vec![0_u32; width * height];
-    for event in events.iter() {
-        let (x, y) = (usize::from(event.x), usize::from(event.y));
-        let part = i128::from(event.t_us - covers_us[0]) * WINDOWS as i128 / i128::from(length);
-        counts[y / BLOCK * columns + x / BLOCK][part.clamp(0, WINDOWS as i128 - 1) as usize] += 1;
-        pixels[y * width + x] += 1;
+/// Where and when events came.
+struct Bursts {
+    size: [usize; 2],
+    covers_us: [i64; 2],
+    /// Of each block of pixels, in each part of the recording.
+    blocks: Vec<[u32; WINDOWS]>,
+    pixels: Vec<u32>,
+}
+
+impl Bursts {
+    /// Of a camera of `size` pixels that recorded during `covers_us`.
+    fn new(size: [usize; 2], covers_us: [i64; 2]) -> Self {
+        let blocks = size[0].div_ceil(BLOCK) * size[1].div_ceil(BLOCK);
+        Self { size, covers_us, blocks: vec![[0; WINDOWS]; blocks], pixels: vec![0; size[0] * size[1]] }
     }
-    let bursts = |counts: &[u32; WINDOWS]| {
-        let rate = f64::from(counts.iter().sum::<u32>()) / WINDOWS as f64;
-        // Chernoff's bound of a Poisson distribution's tail.
-        let surprise = |count: f64| count * (count / rate).ln() - (count - rate);
-        counts.iter().map(|&count| f64::from(count)).filter(|&count| count > rate && surprise(count) > UNLIKELY).count()
-    };
-    let busy = BUSY_HZ * length as f64 * 1e-6;
-    let mut busy_pixels = vec![0; blocks];
-    for (at, _) in pixels.iter().enumerate().filter(|(_, count)| f64::from(**count) >= busy.max(2.0)) {
-        busy_pixels[at / width / BLOCK * columns + at % width / BLOCK] += 1;
+
+    fn length_us(&self) -> i64 {
+        (self.covers_us[1] - self.covers_us[0]).max(1)
     }
-    let without_pause = busy_pixels.iter().filter(|&&pixels| 2 * pixels > BLOCK * BLOCK).count();
-    counts.iter().map(bursts).sum::<usize>() + without_pause > FEW
+
+    fn add(&mut self, events: &Events) {
+        let ([width, _], length) = (self.size, i128::from(self.length_us()));
+        for event in events.iter() {
+            let (x, y) = (usize::from(event.x), usize::from(event.y));
+            let part = i128::from(event.t_us - self.covers_us[0]) * WINDOWS as i128 / length;
+            let block = y / BLOCK * width.div_ceil(BLOCK) + x / BLOCK;
+            self.blocks[block][part.clamp(0, WINDOWS as i128 - 1) as usize] += 1;
+            self.pixels[y * width + x] += 1;
+        }
+    }
+
+    /// Whether events came as no steady noise of each pixel, however strong, would have them: in bursts, or from whole blocks of
+    /// pixels without a pause.
+    fn tell_of_motion(&self) -> bool {
+        let [width, _] = self.size;
+        let bursts = |counts: &[u32; WINDOWS]| {
+            let rate = f64::from(counts.iter().sum::<u32>()) / WINDOWS as f64;
+            // Chernoff's bound of a Poisson distribution's tail.
+            let surprise = |count: f64| count * (count / rate).ln() - (count - rate);
+            let counts = counts.iter().map(|&count| f64::from(count));
+            counts.filter(|&count| count > rate && surprise(count) > UNLIKELY).count()
+        };
+        let busy = BUSY_HZ * self.length_us() as f64 * 1e-6;
+        let mut busy_pixels = vec![0; self.blocks.len()];
+        for (at, _) in self.pixels.iter().enumerate().filter(|(_, count)| f64::from(**count) >= busy.max(2.0)) {
+            busy_pixels[at / width / BLOCK * width.div_ceil(BLOCK) + at % width / BLOCK] += 1;
+        }
+        let without_pause = busy_pixels.iter().filter(|&&pixels| 2 * pixels > BLOCK * BLOCK).count();
+        self.blocks.iter().map(bursts).sum::<usize>() + without_pause > FEW
+    }
 }
 
 #[cfg(test)]
@@ -126,7 +154,9 @@ mod tests {
         events.sort_by_key(|event| event.t_us);
         let mut columns = Events::new(SIZE[0], SIZE[1]);
         events.into_iter().for_each(|event| columns.push(event));
-        events_tell_of_motion(&columns, [0, LENGTH_US])
+        let mut bursts = Bursts::new(SIZE.map(|side| side as usize), [0, LENGTH_US]);
+        bursts.add(&columns);
+        bursts.tell_of_motion()
     }
 
     #[test]

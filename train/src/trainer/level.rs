@@ -36,7 +36,7 @@ impl Trainer<'_> {
         let events = &self.scene.events[index];
         let view = self.scene.views[events.view].view;
         let region = self.regions.get(events.view).cloned().flatten();
-        let counts = within(region.as_deref(), view.width, events.between(events.covers[0], to));
+        let counts = within(region.as_deref(), view.width, events.between(events.covers[0], to)?);
         gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 1)?;
         self.work.renderings[0].frame.region = region;

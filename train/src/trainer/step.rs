@@ -273,7 +273,7 @@ impl Trainer<'_> {
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();
-        let counts = within(region.as_deref(), view.width, events.between(from, to));
+        let counts = within(region.as_deref(), view.width, events.between(from, to)?);
         gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 2)?;
         for (slot, &time) in times.iter().enumerate() {

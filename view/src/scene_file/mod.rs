@@ -18,7 +18,7 @@ use erfgs_train::{
     gaussians::{CORE, select_rows, sh_stride},
     motion::{FreeTimeOptions, free_time},
     raster::View,
-    scene::Scene,
+    scene::{EventView, Scene, SceneError},
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };
@@ -229,7 +229,7 @@ impl Learned {
     /// What a run has learned by now.
     ///
     /// # Errors
-    /// [`TrainError`] where the device fails.
+    /// [`TrainError`] where the device fails, or events cannot be read.
     pub fn of(trainer: &Trainer<'_>) -> Result<Self, TrainError> {
         let gaussians = trainer.gaussians()?;
         let Trainer { scene, config, .. } = trainer;
@@ -250,7 +250,7 @@ impl Learned {
             motion,
             only_server,
             cameras: cameras(trainer),
-            events: events(scene),
+            events: events(scene)?,
             sections: Vec::new(),
             coarse: Vec::new(),
         };
@@ -459,18 +459,16 @@ fn cameras(trainer: &Trainer<'_>) -> Vec<HeaderCamera> {
     scene.views.iter().zip(&scene.dataset.manifest.cameras).map(camera).collect()
 }
 
-fn events(scene: &Scene) -> HeaderEvents {
-    let counts = (0..scene.bins.len()).map(|bin| {
-        let of = |camera: &erfgs_train::scene::EventView| -> f64 {
-            camera.activity(bin, bin + 1, false).iter().map(|&count| f64::from(count)).sum()
-        };
-        scene.events.iter().filter(|camera| camera.knows(bin, bin + 1)).map(of).sum()
-    });
+fn events(scene: &Scene) -> Result<HeaderEvents, SceneError> {
     if scene.events.is_empty() {
-        HeaderEvents::default()
-    } else {
-        HeaderEvents { edges: scene.bins.edges.clone(), counts: counts.collect() }
+        return Ok(HeaderEvents::default());
     }
+    let of = |camera: &EventView, bin: usize| -> Result<f64, SceneError> {
+        Ok(camera.activity(bin, bin + 1, false)?.iter().map(|&count| f64::from(count)).sum())
+    };
+    let counts = (0..scene.bins.len())
+        .map(|bin| scene.events.iter().filter(|camera| camera.knows(bin, bin + 1)).map(|camera| of(camera, bin)).sum());
+    Ok(HeaderEvents { edges: scene.bins.edges.clone(), counts: counts.collect::<Result<_, _>>()? })
 }
 
 #[cfg(test)]
