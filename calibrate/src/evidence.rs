@@ -12,8 +12,10 @@ pub struct Residual {
     pub camera: usize,
     /// Number of the placement (board or wand position, or point).
     pub placement: usize,
-    /// Where it is on what was held, metres; together with the placement, it tells which feature of the scene it is.
+    /// Where it is on what was held, metres; together with the placement and the side, it tells which feature of the scene it is.
     pub on_target: DVec3,
+    /// The side of it where it is not the first one, in whose frame `on_target` then is.
+    pub side: Option<usize>,
     /// Where it was seen, pixels.
     pub pixel: DVec2,
     /// Where it was at the placement's instant, if the camera's time offset is as estimated, pixels.
@@ -137,6 +139,7 @@ fn residuals(bundle: &Bundle) -> Vec<Residual> {
         camera: o.camera,
         placement: o.placement,
         on_target: o.on_target,
+        side: o.side,
         pixel: o.pixel,
         at_instant: o.pixel - o.velocity * bundle.cameras[o.camera].time_offset_s,
         residual: bundle.residual_px(o),

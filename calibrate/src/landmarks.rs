@@ -157,6 +157,7 @@ pub fn place(rig: &RigFile, sights: &[Sight]) -> Result<(RigFile, Evidence), Lan
                 camera,
                 placement: 0,
                 on_target,
+                side: None,
                 pixel,
                 sigma_px: 1.0,
                 velocity,

@@ -128,6 +128,7 @@ impl Rig {
             camera,
             placement,
             on_target,
+            side: None,
             pixel: pixel + SIGMA_PX * noise + wrong * away,
             sigma_px: SIGMA_PX,
             velocity: DVec2::ZERO,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
     board::{
-        BoardError, BoardOptions, EventBoard, LensModel, Seen, Target, TwoParts, calibrate, look, look_session,
+        BoardError, BoardOptions, EventBoard, LensModel, Plate, Seen, Target, TwoParts, calibrate, look, look_session,
         pictures,
     },
     evidence::Evidence,
@@ -15,7 +15,7 @@ use erfgs_session::container::Session;
 use erfgs_sync::Synchronisation;
 
 use super::summary::finish;
-use crate::{sync, terminal::Terminal};
+use crate::{errors::Usage, sync, terminal::Terminal};
 
 /// Calibrate with a chessboard, ChArUco board or AprilGrid that was held before the cameras.
 #[derive(Debug, clap::Args)]
@@ -28,6 +28,9 @@ Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
   charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print, :legacy for what OpenCV drew before 4.6
   aprilgrid:6x6:0.088:0.3                 Kalibr's grid of tags: tags, side of a tag, the space between two as a share of it
+  With :first=N behind it, the markers or tags count from N, so that two boards can be told apart.
+
+A board that is waved between cameras that face each other may have a target on either side (--back): a ChArUco board or an AprilGrid, with other markers than the front. How the back is glued is found, and told: how thick the board is, how far the middles are apart, and how one side is turned against the other. Where one side alone is seen by some cameras and the other side alone by the others, turn the board about both its axes, or say how thick it is (--back-thickness).
 
 One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world, or the board of --origin. What contradicts what each camera says by itself is refused, or said first.
 
@@ -36,6 +39,7 @@ Examples:
   erfgs calibrate board take1.mcap --target chessboard:9x6:0.025
   erfgs calibrate board videos --target charuco:5x4:0.054:0.0405:DICT_4X4_50 --out rig.json
   erfgs calibrate board images --target aprilgrid:6x6:0.088:0.3
+  erfgs calibrate board ring --target aprilgrid:6x6:0.088:0.3 --back aprilgrid:6x6:0.088:0.3:first=36
   erfgs calibrate board fisheyes --target chessboard:9x6:0.025 --lens fisheye
   erfgs calibrate board events --target chessboard:9x6:0.02 --blink 15
   erfgs calibrate board events --target chessboard:9x6:0.025 --moving
@@ -48,6 +52,8 @@ pub struct Arguments {
     /// What is printed on the board.
     #[arg(long, value_name = "TARGET")]
     target: Target,
+    #[command(flatten)]
+    sides: Sides,
     /// Lens model: pinhole, k1k2p1p2 (Kalibr's radtan), brown (k1, k2, p1, p2, k3), brown8 (rational) or fisheye.
     #[arg(long, value_name = "MODEL", default_value = "brown", value_parser = lens_model)]
     lens: LensModel,
@@ -69,8 +75,8 @@ pub struct Arguments {
     /// The picture or instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet.
     #[arg(long, value_name = "INSTANT")]
     origin: Option<String>,
-    /// How often the board on the screen comes and goes in a second, for event cameras.
-    #[arg(long, value_name = "HZ", value_parser = blink_rate)]
+    /// How often the board on the screen comes and goes in a second, for event cameras. A screen has no back.
+    #[arg(long, value_name = "HZ", value_parser = blink_rate, conflicts_with = "back")]
     blink: Option<f64>,
     /// Event cameras saw a printed board that moved.
     #[arg(long, conflicts_with = "blink")]
@@ -81,6 +87,39 @@ pub struct Arguments {
     /// The rig file to write; the report goes beside it, with the extension html.
     #[arg(long, value_name = "FILE", default_value = "rig.json")]
     out: PathBuf,
+}
+
+/// The other side of a board.
+#[derive(Debug, clap::Args)]
+pub struct Sides {
+    /// What is printed on the back of a board with two sides, with other markers than the front.
+    #[arg(long, value_name = "TARGET", requires = "target")]
+    back: Option<Target>,
+    /// How far the back is behind the front, millimetres; the sides are parallel, their middles and edges one behind the other.
+    /// It is a start, and what is taken where the views do not tell.
+    #[arg(long, value_name = "MM", value_parser = thickness, requires = "back")]
+    back_thickness: Option<f64>,
+}
+
+impl Sides {
+    /// The board with `front` on its front.
+    pub fn plate(&self, front: &Target) -> Result<Plate, Usage> {
+        match &self.back {
+            Some(back) => Plate::two_sided(front.clone(), back.clone()).map_err(|error| Usage(error.to_string())),
+            None => Ok(front.into()),
+        }
+    }
+
+    /// The thickness that was stated, metres.
+    pub fn thickness_m(&self) -> Option<f64> {
+        self.back_thickness.map(|mm| 1e-3 * mm)
+    }
+}
+
+/// How thick a board is, millimetres.
+fn thickness(text: &str) -> Result<f64, String> {
+    let mm = text.parse::<f64>().ok().filter(|mm| (0.0..=200.0).contains(mm));
+    mm.ok_or_else(|| "write millimetres from 0 to 200".into())
 }
 
 /// How often a board blinks in a second.
@@ -104,7 +143,7 @@ pub fn lens_model(text: &str) -> Result<LensModel, String> {
 /// Looks for the board in a session, or in a folder; of a session also its clocks, if `erfgs sync` has fitted them.
 pub fn boards(
     input: &Path,
-    target: &Target,
+    plate: &Plate,
     events: Option<EventBoard>,
     terminal: &Terminal,
 ) -> anyhow::Result<(Vec<Seen>, Option<Synchronisation>)> {
@@ -114,11 +153,11 @@ pub fn boards(
         None => progress.share(0.0, || format!("{done} frames")),
     };
     if !input.is_file() {
-        return Ok((look(input, target, events, &tell)?, None));
+        return Ok((look(input, plate, events, &tell)?, None));
     }
     let mut session = Session::open(input)?;
     let sync = sync::kept(input, session.summary(), terminal)?;
-    Ok((look_session(&mut session, target, events, sync.as_ref(), &tell)?, sync))
+    Ok((look_session(&mut session, plate, events, sync.as_ref(), &tell)?, sync))
 }
 
 /// Looks for boards and calibrates.
@@ -127,6 +166,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         model: arguments.lens,
         square_pixels: arguments.square_pixels,
         time_offsets: arguments.time_offsets,
+        back_thickness_m: arguments.sides.thickness_m(),
         keep_intrinsics: arguments.keep_intrinsics,
         intrinsics_only: arguments.intrinsics_only,
         without: arguments.without.iter().cloned().collect(),
@@ -193,8 +233,8 @@ fn calibrated(
     options: &BoardOptions,
     terminal: &Terminal,
 ) -> anyhow::Result<Found> {
-    let target = &arguments.target;
-    let (seen, sync) = boards(input, target, events, terminal)?;
+    let plate = &arguments.sides.plate(&arguments.target)?;
+    let (seen, sync) = boards(input, plate, events, terminal)?;
     for seen in &seen {
         terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
         if let Some((count, first)) = &seen.unreadable {
@@ -202,22 +242,26 @@ fn calibrated(
         }
     }
     let progress = terminal.progress("calibrating");
-    let result = calibrate(&seen, target, options, &|done, total, what| {
+    let result = calibrate(&seen, plate, options, &|done, total, what| {
         progress.update(done as u64, total as u64, what);
     });
     drop(progress);
     let ((rig, mut evidence), apart) = match result {
         Ok(calibrated) => (calibrated, None),
-        Err(BoardError::Apart { one, other, alone }) => {
-            let calibrated = (*alone).clone();
-            (calibrated, Some(BoardError::Apart { one, other, alone }.into()))
-        }
-        Err(error) => return Err(error.into()),
+        Err(error) => match &error {
+            BoardError::Apart { alone, .. } | BoardError::BackOpen { alone, .. } => {
+                ((**alone).clone(), Some(error.into()))
+            }
+            _ => return Err(error.into()),
+        },
     };
+    for table in &evidence.tables {
+        terminal.note(&table.note);
+    }
     // In the rig's order, and without the cameras that are not in it.
     let of_rig = |name: &str| seen.iter().find(|seen| seen.camera == name).cloned();
     let seen: Vec<Seen> = rig.cameras.iter().filter_map(|camera| of_rig(&camera.name)).collect();
-    match pictures(&seen, target, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
+    match pictures(&seen, plate, events, &evidence, &telling(&rig, &evidence), sync.as_ref()) {
         Ok(pictures) => evidence.pictures = pictures,
         Err(error) => terminal.note(format!("the report has no pictures: {error}")),
     }

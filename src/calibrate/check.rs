@@ -10,7 +10,7 @@ use erfgs_calibrate::{
 };
 use erfgs_scene::rig_file::RigFile;
 
-use super::board::boards;
+use super::board::{Sides, boards};
 use crate::{
     errors::Usage,
     terminal::{Terminal, table},
@@ -35,6 +35,8 @@ pub struct Arguments {
     /// The board of the recording.
     #[arg(long, value_name = "TARGET")]
     target: Option<Target>,
+    #[command(flatten)]
+    sides: Sides,
     /// Shifts up to this are let pass, millimetres.
     #[arg(long, value_name = "MM", default_value_t = 1.0)]
     shift: f64,
@@ -54,9 +56,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let Some(target) = &arguments.target else {
             return Err(Usage("a recording needs --target, the board that it shows".into()).into());
         };
-        let seen = boards(&arguments.later, target, None, terminal)?.0;
+        let plate = &arguments.sides.plate(target)?;
+        let seen = boards(&arguments.later, plate, None, terminal)?.0;
         let known = earlier.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)).collect();
-        calibrate(&seen, target, &BoardOptions { known, ..BoardOptions::default() }, &|_, _, _| {})?.0
+        let back_thickness_m = arguments.sides.thickness_m();
+        let options = BoardOptions { known, back_thickness_m, ..BoardOptions::default() };
+        calibrate(&seen, plate, &options, &|_, _, _| {})?.0
     } else {
         RigFile::read(&arguments.later)?
     };

@@ -18,6 +18,7 @@ Examples:
   erfgs calibrate target chessboard:9x6:0.025 --out board.pdf
   erfgs calibrate target charuco:7x5:0.04:0.03:DICT_4X4_50 --out board.svg
   erfgs calibrate target aprilgrid:6x6:0.03:0.3 --out board.pdf
+  erfgs calibrate target aprilgrid:6x6:0.03:0.3:first=36 --out back.pdf    # for the other side of the same board
   erfgs calibrate target chessboard:9x6:0.02 --out board.html --blink 20")]
 pub struct Arguments {
     /// The target, as `erfgs calibrate board` takes it.

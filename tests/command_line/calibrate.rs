@@ -45,6 +45,23 @@ fn wrong_targets_and_empty_folders_are_explained() {
 }
 
 #[test]
+fn backs_that_cannot_be_told_from_the_front_are_refused() {
+    let folder = with_pairs();
+    let grid = "--target aprilgrid:6x6:0.088:0.3";
+    let message = folder.fail(2, &format!("calibrate board pairs {grid} --back aprilgrid:4x4:0.1:0.3:first=30"));
+    assert!(message.contains("aprilgrid:4x4:0.1:0.3:first=36"), "{message}");
+    let message = folder.fail(2, &format!("calibrate board pairs {CHESSBOARD} --back chessboard:8x5:0.025"));
+    assert!(message.contains("has no markers"), "{message}");
+    let message = folder.fail(2, &format!("calibrate board pairs {grid} --back-thickness 5"));
+    assert!(message.contains("--back <TARGET>"), "{message}");
+    let back = "--back aprilgrid:6x6:0.088:0.3:first=36";
+    let message = folder.fail(2, &format!("calibrate board pairs {grid} {back} --blink 15"));
+    assert!(message.contains("--blink"), "{message}");
+    let message = folder.fail(1, &format!("calibrate board pairs {grid} {back} --back-thickness 5"));
+    assert!(message.contains("0 of 13") && message.contains("first=36 on its back"), "{message}");
+}
+
+#[test]
 fn boards_are_drawn_in_every_form() {
     let folder = Folder::new();
     for out in ["board.svg", "board.pdf", "board.html"] {

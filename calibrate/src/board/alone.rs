@@ -3,7 +3,7 @@
 use erfgs_scene::{Intrinsics, Pose};
 
 use super::{
-    BoardError, BoardOptions, Seen, Target,
+    BoardError, BoardOptions, Plate, Seen,
     doubt::{DEVIATIONS, GIVEN_PX, MOST_MOVED, MOST_RESIDUAL_PX, MOVED},
     intrinsics::{Single, board_pose, observations, single, spread},
 };
@@ -30,11 +30,11 @@ pub(super) struct Alone {
 
 impl Alone {
     /// Finds the camera's intrinsics, or takes those that are known.
-    pub fn of(seen: &Seen, target: &Target, options: &BoardOptions) -> Result<Self, BoardError> {
+    pub fn of(seen: &Seen, plate: &Plate, options: &BoardOptions) -> Result<Self, BoardError> {
         if let Some(known) = options.known.get(&seen.camera) {
-            return Self::known(seen, target, options, known);
+            return Self::known(seen, plate, options, known);
         }
-        let single = single(seen, target, options.model, options.square_pixels)?;
+        let single = single(seen, plate, options.model, options.square_pixels)?;
         Ok(Self {
             intrinsics: single.bundle.cameras[0].intrinsics,
             bundle: single.bundle.clone(),
@@ -46,12 +46,7 @@ impl Alone {
     }
 
     /// The boards before a camera whose lens is known.
-    fn known(
-        seen: &Seen,
-        target: &Target,
-        options: &BoardOptions,
-        intrinsics: &Intrinsics,
-    ) -> Result<Self, BoardError> {
+    fn known(seen: &Seen, plate: &Plate, options: &BoardOptions, intrinsics: &Intrinsics) -> Result<Self, BoardError> {
         let camera = BundleCamera {
             name: seen.camera.clone(),
             intrinsics: *intrinsics,
@@ -62,9 +57,9 @@ impl Alone {
         let mut bundle = Bundle { cameras: vec![camera], ..Bundle::default() };
         let mut moments = Vec::new();
         for view in seen.views.iter().filter(|view| spread(view)) {
-            let Some(pose) = board_pose(view, target, intrinsics) else { continue };
+            let Some(pose) = board_pose(view, plate, intrinsics) else { continue };
             moments.push(view.moment());
-            bundle.observations.extend(observations(view, target, 0, bundle.placements.len(), 1.0));
+            bundle.observations.extend(observations(view, plate, 0, bundle.placements.len(), 1.0));
             bundle.placements.push(Placement::Board(pose));
         }
         if bundle.placements.is_empty() {
@@ -73,11 +68,11 @@ impl Alone {
                 seen: 0,
                 frames: seen.frames,
                 needed: 1,
-                target: target.to_string(),
+                target: plate.to_string(),
             });
         }
         let solution = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
-        let would_be = single(seen, target, options.model, true).ok().map(|own| {
+        let would_be = single(seen, plate, options.model, true).ok().map(|own| {
             let camera = &own.bundle.cameras[0];
             [camera.intrinsics.fx, own.uncertainty.cameras[0].sigma[0]]
         });

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 
 use erfgs_scene::Pose;
 
-/// One camera's boards: by instant, the pose that takes the board to the camera.
-pub(super) type Boards = BTreeMap<String, Pose>;
+use super::plate::Face;
 
-/// The largest group of cameras that boards tie to each other.
+/// One camera's boards: by side and instant, the pose that takes the frame of that side to the camera.
+pub(super) type Boards = BTreeMap<(Face, String), Pose>;
+
+/// A group of cameras that boards tie to each other.
 pub(super) struct Chain {
     /// Indices of the group's cameras, ascending.
     pub cameras: Vec<usize>,
@@ -15,21 +17,25 @@ pub(super) struct Chain {
     pub poses: Vec<Pose>,
 }
 
-/// The largest group of cameras that are tied to each other; of groups of the same size the one that has the earliest camera.
-/// The first camera of the group is the world.
-pub(super) fn chain(boards: &[Boards]) -> Chain {
+/// All cameras in groups that are tied to each other, those with the earliest camera first. The first camera of each group is
+/// its world.
+pub(super) fn groups(boards: &[Boards]) -> Vec<Chain> {
     let mut left: Vec<usize> = (0..boards.len()).collect();
-    let mut best = Chain { cameras: Vec::new(), poses: Vec::new() };
+    let mut groups = Vec::new();
     while let Some(&first) = left.first() {
         let poses = chain_from(first, boards);
         let (cameras, poses): (Vec<usize>, Vec<Pose>) =
             poses.into_iter().enumerate().filter_map(|(camera, pose)| Some((camera, pose?))).unzip();
         left.retain(|camera| !cameras.contains(camera));
-        if cameras.len() > best.cameras.len() {
-            best = Chain { cameras, poses };
-        }
+        groups.push(Chain { cameras, poses });
     }
-    best
+    groups
+}
+
+/// The largest group; of groups of the same size the first.
+pub(super) fn largest(groups: Vec<Chain>) -> Chain {
+    let none = Chain { cameras: Vec::new(), poses: Vec::new() };
+    groups.into_iter().fold(none, |best, next| if next.cameras.len() > best.cameras.len() { next } else { best })
 }
 
 /// World-to-camera poses of the cameras that are tied to camera `first`, which is the world.
@@ -57,11 +63,14 @@ fn chain_from(first: usize, boards: &[Boards]) -> Vec<Option<Pose>> {
 
 /// The pose from one camera to another that most of their common boards agree upon, and how many do.
 fn relative(from: &Boards, to: &Boards) -> Option<(usize, Pose)> {
-    let each: Vec<Pose> = from
-        .iter()
-        .filter_map(|(instant, board)| Some(board.inverse().then(to.get(instant)?)))
-        .filter(Pose::is_finite)
-        .collect();
+    let each: Vec<Pose> =
+        from.iter().filter_map(|(instant, board)| Some(board.inverse().then(to.get(instant)?))).collect();
+    most_agreed(&each)
+}
+
+/// The pose that most of them agree upon, and how many do.
+pub(super) fn most_agreed(each: &[Pose]) -> Option<(usize, Pose)> {
+    let each: Vec<Pose> = each.iter().copied().filter(Pose::is_finite).collect();
     let agree = |a: &Pose, b: &Pose| {
         let far = (a.translation - b.translation).length() / (0.05 * a.translation.length() + 0.01);
         far.max(a.rotation.angle_between(b.rotation) / 0.05)
@@ -78,6 +87,10 @@ mod tests {
 
     use super::*;
 
+    fn chain(boards: &[Boards]) -> Chain {
+        largest(groups(boards))
+    }
+
     fn pose(seed: f64) -> Pose {
         Pose {
             rotation: DQuat::from_scaled_axis(DVec3::new(seed.sin(), (2.0 * seed).cos(), 0.3 * seed)),
@@ -90,7 +103,7 @@ mod tests {
         let truth = vec![Pose::IDENTITY, pose(1.0), pose(2.0)];
         let seen = [vec![0, 1, 2, 3], vec![0, 1, 2, 3, 4, 5, 6], vec![4, 5, 6]];
         let boards = truth.iter().zip(seen).map(|(camera, instants)| {
-            let board = |i: i32| (i.to_string(), pose(10.0 + f64::from(i)).then(camera));
+            let board = |i: i32| ((Face::Front, i.to_string()), pose(10.0 + f64::from(i)).then(camera));
             instants.into_iter().map(board).collect()
         });
         let boards = boards.collect();
@@ -100,7 +113,7 @@ mod tests {
     #[test]
     fn poses_chain_through_cameras_between_and_one_wrong_board_is_outvoted() {
         let (truth, mut boards) = rig();
-        boards[1].insert("2".into(), pose(77.0));
+        boards[1].insert((Face::Front, "2".into()), pose(77.0));
         let found = chain(&boards);
         assert_eq!(found.cameras, [0, 1, 2]);
         for (found, truth) in found.poses.iter().zip(&truth) {
@@ -111,7 +124,7 @@ mod tests {
     #[test]
     fn of_two_groups_without_a_common_board_the_larger_is_taken() {
         let (_, mut boards) = rig();
-        boards[1].retain(|instant, _| instant.parse::<i32>().unwrap() < 4);
+        boards[1].retain(|(_, instant), _| instant.parse::<i32>().unwrap() < 4);
         assert_eq!(chain(&boards).cameras, [0, 1]);
         boards.insert(0, BTreeMap::new());
         assert_eq!(chain(&boards).cameras, [1, 2]);

@@ -7,6 +7,7 @@ use erfgs_events::EventFileError;
 use erfgs_scene::{image::ImageError, rig_file::RigFile, video::VideoError};
 use erfgs_session::container::ContainerError;
 
+use super::PlateError;
 use crate::{bundle::BundleError, evidence::Evidence};
 
 /// What can go wrong with a board calibration.
@@ -132,6 +133,34 @@ pub enum BoardError {
         one: Vec<String>,
         /// The others.
         other: Vec<String>,
+        /// Each camera by itself: the intrinsics are sound.
+        alone: Box<(RigFile, Evidence)>,
+    },
+    /// Two targets that are no two sides of a board.
+    #[error(transparent)]
+    Plate(#[from] PlateError),
+    /// A thickness of a board that has none.
+    #[error("a board of {thickness_m} m is none; --back-thickness is in millimetres, from 0 to 200")]
+    Thickness {
+        /// What was stated, metres.
+        thickness_m: f64,
+    },
+    /// Cameras that only the two sides of a board tie, of which it remains open where they are to each other.
+    #[error(
+        "{} see the front of the board where {} see its back, and where the back is on the board does not follow from these \
+         views ({known}): turn it by 30 degrees and more about both its axes before cameras of both kinds at once, let a camera \
+         between them see it with either of them, or say with --back-thickness how thick it is (sides parallel, one behind the \
+         other)",
+        front.join(", "),
+        back.join(", ")
+    )]
+    BackOpen {
+        /// Cameras that see the front.
+        front: Vec<String>,
+        /// Cameras that see the back at the same instants.
+        back: Vec<String>,
+        /// How well the back is known.
+        known: String,
         /// Each camera by itself: the intrinsics are sound.
         alone: Box<(RigFile, Evidence)>,
     },

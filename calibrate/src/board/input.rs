@@ -13,7 +13,7 @@ use erfgs_scene::{
 use rayon::prelude::*;
 
 use super::{
-    BoardError, Corner, EventBoard, Target, detect,
+    BoardError, Corner, EventBoard, Plate,
     layout::{Input, TIMES, cameras},
     stream::of_events,
 };
@@ -31,7 +31,7 @@ pub struct BoardView {
     /// Which frame of it: the number from 0 in a video, the packet's in a session's stream, in events the end of the time that
     /// was looked at, microseconds.
     pub frame: u64,
-    /// The corners of the board that were found: their numbers on it, and pixels.
+    /// The corners of the board that were found, of one side: their numbers on it ([`Plate::point`]), and pixels.
     pub corners: Vec<Corner>,
 }
 
@@ -60,7 +60,7 @@ pub struct Seen {
     pub unreadable: Option<(usize, String)>,
 }
 
-/// Looks for `target` in all frames below `folder`: for each camera a folder of images or with a video, or a video, or images
+/// Looks for a board in all frames below `folder`: for each camera a folder of images or with a video, or a video, or images
 /// whose names begin with the camera's name (`layout.rs` says what cameras are called and which images belong together).
 /// Pictures that cannot be read are counted. A file `timestamps.csv` with the columns `cam_id` (or `camera`), `frame_time`
 /// (seconds) and `sync_index` says which frames of videos belong together; without it the n-th frames do. A file of events
@@ -71,10 +71,11 @@ pub struct Seen {
 /// If nothing is found to look at, or a file cannot be read.
 pub fn look(
     folder: &Path,
-    target: &Target,
+    plate: impl Into<Plate>,
     events: Option<EventBoard>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
+    let plate = &plate.into();
     let cameras = cameras(folder, events.is_some())?;
     if cameras.is_empty() {
         return Err(BoardError::NoImages { path: folder.into() });
@@ -91,12 +92,12 @@ pub fn look(
     cameras
         .into_iter()
         .map(|(camera, input)| match input {
-            Input::Images(images) => of_images(&camera, &images, target, &tick),
+            Input::Images(images) => of_images(&camera, &images, plate, &tick),
             Input::Events(path) => {
                 let board = events.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
-                of_events(&camera, &path, target, board, &tick)
+                of_events(&camera, &path, plate, board, &tick)
             }
-            Input::Video(path) => of_video(&camera, &path, times.as_ref(), target, &tick),
+            Input::Video(path) => of_video(&camera, &path, times.as_ref(), plate, &tick),
         })
         .collect()
 }
@@ -104,7 +105,7 @@ pub fn look(
 fn of_images(
     camera: &str,
     images: &[(String, PathBuf)],
-    target: &Target,
+    plate: &Plate,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
     let looked: Vec<Result<([u32; 2], BoardView), ImageError>> = images
@@ -113,7 +114,7 @@ fn of_images(
             let image = ImageRgb8::read(file);
             tick();
             let image = image?;
-            let corners = detect(&image, target);
+            let corners = plate.detect(&image);
             let view = BoardView { instant: instant.clone(), time_s: None, file: file.clone(), frame: 0, corners };
             Ok(([image.width, image.height], view))
         })
@@ -147,7 +148,7 @@ fn of_video(
     camera: &str,
     path: &Path,
     times: Option<&Times>,
-    target: &Target,
+    plate: &Plate,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
     /// Frames that are decoded before they are looked at together.
@@ -183,7 +184,7 @@ fn of_video(
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
                 let instant = label.map_or_else(|| number.to_string(), |(instant, _)| instant.clone());
-                let (time_s, corners) = (label.map(|l| l.1).or_else(|| nominal(*number)), detect(image, target));
+                let (time_s, corners) = (label.map(|l| l.1).or_else(|| nominal(*number)), plate.detect(image));
                 let view = BoardView { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
                 view

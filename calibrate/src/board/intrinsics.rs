@@ -3,7 +3,7 @@
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DVec2, DVec3};
 
-use super::{BoardError, BoardView, Seen, Target};
+use super::{BoardError, BoardView, Plate, Seen};
 use crate::{
     bundle::{
         Bundle, BundleCamera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution,
@@ -86,7 +86,8 @@ impl LensModel {
 ///
 /// # Errors
 /// If there are too few views, or they leave a parameter open.
-pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
+pub fn single(seen: &Seen, plate: impl Into<Plate>, model: LensModel, aspect: bool) -> Result<Single, BoardError> {
+    let plate = &plate.into();
     let views: Vec<&BoardView> = seen.views.iter().filter(|view| spread(view)).collect();
     if views.len() < LEAST_VIEWS {
         return Err(BoardError::TooFewViews {
@@ -94,10 +95,10 @@ pub fn single(seen: &Seen, target: &Target, model: LensModel, aspect: bool) -> R
             seen: views.len(),
             frames: seen.frames,
             needed: LEAST_VIEWS,
-            target: target.to_string(),
+            target: plate.to_string(),
         });
     }
-    let (mut bundle, moments) = start(seen, &views, target, model)?;
+    let (mut bundle, moments) = start(seen, &views, plate, model)?;
     bundle.cameras[0].free = model.parameters_with(aspect);
     bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
     mark_gross(&mut bundle);
@@ -142,28 +143,26 @@ pub(super) fn spread(view: &BoardView) -> bool {
     view.corners.len() >= 6
 }
 
-/// The board's pose before a camera with these intrinsics.
-pub(super) fn board_pose(view: &BoardView, target: &Target, intrinsics: &Intrinsics) -> Option<Pose> {
-    let (on_plane, rays): (Vec<DVec2>, Vec<DVec3>) = view
-        .corners
-        .iter()
-        .filter_map(|corner| Some((target.point(corner.id)?.truncate(), intrinsics.unproject(corner.pixel).ok()?)))
+/// The pose of the board's side that a view shows, before a camera with these intrinsics.
+pub(super) fn board_pose(view: &BoardView, plate: &Plate, intrinsics: &Intrinsics) -> Option<Pose> {
+    let (on_plane, rays): (Vec<DVec2>, Vec<DVec3>) = plate
+        .points(view)
+        .filter_map(|(corner, point)| Some((point.truncate(), intrinsics.unproject(corner.pixel).ok()?)))
         .unzip();
     plane_pose(&on_plane, &rays)
 }
 
-/// The observations of a view.
+/// The observations of a view, in the frame of the board's side that it shows.
 pub(super) fn observations<'a>(
     view: &'a BoardView,
-    target: &'a Target,
+    plate: &'a Plate,
     camera: usize,
     placement: usize,
     sigma_px: f64,
 ) -> impl Iterator<Item = Observation> + 'a {
-    view.corners.iter().filter_map(move |corner| {
-        let on_target = target.point(corner.id)?;
+    plate.points(view).map(move |(corner, on_target)| {
         let (pixel, velocity) = (corner.pixel, DVec2::ZERO);
-        Some(Observation { camera, placement, on_target, pixel, sigma_px, velocity, used: true })
+        Observation { camera, placement, on_target, side: None, pixel, sigma_px, velocity, used: true }
     })
 }
 
@@ -171,7 +170,7 @@ pub(super) fn observations<'a>(
 fn start(
     seen: &Seen,
     views: &[&BoardView],
-    target: &Target,
+    plate: &Plate,
     model: LensModel,
 ) -> Result<(Bundle, Vec<Moment>), BoardError> {
     let [width, height] = seen.size;
@@ -192,9 +191,9 @@ fn start(
         };
         let mut moments = Vec::new();
         for view in views {
-            let Some(pose) = board_pose(view, target, &intrinsics) else { continue };
+            let Some(pose) = board_pose(view, plate, &intrinsics) else { continue };
             moments.push(view.moment());
-            bundle.observations.extend(observations(view, target, 0, bundle.placements.len(), 1.0));
+            bundle.observations.extend(observations(view, plate, 0, bundle.placements.len(), 1.0));
             bundle.placements.push(Placement::Board(pose));
         }
         if bundle.placements.len() < LEAST_VIEWS {

@@ -1,13 +1,15 @@
 //! Calibration with a board: chessboard, ChArUco or AprilGrid, held before the cameras.
 //!
 //! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
-//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), one
+//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), those
+//! with a target on either side also of cameras that face each other (`plate.rs`, `link.rs`, `back.rs`), one
 //! adjustment over all cameras ends it (`joint.rs`, `rig.rs`), and what it says is held against what each camera says by itself
 //! (`doubt.rs`). `quick.rs` does the second step while frames still
 //! come in, `quick_rig.rs` for all cameras of a rig that runs. Event cameras see boards that blink on a screen (`blink.rs`) and printed ones that move (`moving.rs`).
 
 mod alone;
 mod aprilgrid;
+mod back;
 mod blink;
 mod chain;
 mod corner;
@@ -18,10 +20,12 @@ mod input;
 mod intrinsics;
 mod joint;
 mod layout;
+mod link;
 mod moved;
 mod moving;
 mod origin;
 mod picture;
+mod plate;
 mod print;
 mod quick;
 mod quick_rig;
@@ -36,6 +40,7 @@ pub use input::{BoardView, Seen, look};
 pub use intrinsics::{LensModel, Single, single};
 pub use layout::TwoParts;
 pub use picture::pictures;
+pub use plate::{Face, Plate, PlateError};
 pub use print::{Paper, print};
 pub use quick::{Fit, GRID, Quick, QuickState};
 pub use quick_rig::QuickRig;

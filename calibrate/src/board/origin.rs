@@ -3,21 +3,22 @@
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
-use super::{BoardError, Target, joint::Joint};
+use super::{BoardError, Plate, Target, joint::Joint};
 use crate::bundle::{Bundle, Placement};
 
 /// Moves the world to the board of the instant `name`: its origin, x along its rows, z out of the sheet towards who looks at it.
-pub(super) fn put(joint: &mut Joint, target: &Target, name: &str) -> Result<(), BoardError> {
-    let of_name = |(moment, placement): (&crate::evidence::Moment, &Placement)| match placement {
-        Placement::Board(pose) if moment.name == name => Some(*pose),
+/// Of a board with two sides it is the front, unless only the back was seen and it is not known where the front is.
+pub(super) fn put(joint: &mut Joint, plate: &Plate, name: &str) -> Result<(), BoardError> {
+    let of_name = |(index, moment): (usize, &crate::evidence::Moment)| match joint.bundle.placements.get(index) {
+        Some(Placement::Board(pose)) if moment.name == name => Some((*pose, *joint.faces.get(index)?)),
         _ => None,
     };
-    let Some(board) = joint.moments.iter().zip(&joint.bundle.placements).find_map(of_name) else {
+    let Some((board, face)) = joint.moments.iter().enumerate().find_map(of_name) else {
         let known: Vec<String> = joint.moments.iter().take(8).map(|moment| moment.name.clone()).collect();
         return Err(BoardError::NoOrigin { name: name.into(), known });
     };
     // The z of chessboards and ChArUco boards goes into the sheet, and their y down it; that of AprilGrids comes out.
-    let turn = match target {
+    let turn = match plate.target(face) {
         Target::AprilGrid { .. } => DQuat::IDENTITY,
         Target::Chessboard { .. } | Target::Charuco { .. } => DQuat::from_rotation_x(std::f64::consts::PI),
     };

@@ -8,7 +8,7 @@ use erfgs_session::container::{ContainerError, Entry, Session};
 use erfgs_sync::{StreamSync, Synchronisation};
 
 use super::{
-    BoardError, BoardView, Seen, Target,
+    BoardError, BoardView, Plate, Seen,
     layout::{VIDEOS, has_extension},
     session::decode,
     stream::{EventBoard, picture_at},
@@ -23,12 +23,13 @@ use crate::evidence::{Evidence, Picture};
 /// If a file can no longer be read.
 pub fn pictures(
     seen: &[Seen],
-    target: &Target,
+    plate: impl Into<Plate>,
     events: Option<EventBoard>,
     evidence: &Evidence,
     wanted: &[(usize, usize)],
     sync: Option<&Synchronisation>,
 ) -> Result<Vec<Picture>, BoardError> {
+    let plate = &plate.into();
     let mut pictures = Vec::new();
     // Sessions are walked once for all their streams.
     let mut packets: BTreeMap<(&str, u64), (usize, usize, &BoardView)> = BTreeMap::new();
@@ -41,7 +42,7 @@ pub fn pictures(
         }
         let clock = sync.and_then(|sync| sync.stream(&seen.camera));
         let image = if seen.events { of_events(seen, view, events, clock)? } else { of_file(view)? };
-        pictures.push(picture(camera, placement, &image, view, target));
+        pictures.push(picture(camera, placement, &image, view, plate));
     }
     let Some((_, _, first)) = packets.values().next() else { return Ok(pictures) };
     let mut session = Session::open(&first.file)?;
@@ -55,7 +56,7 @@ pub fn pictures(
         let d = &streams[stream].description;
         let Some((camera, placement, view)) = packets.remove(&(d.id.as_str(), packet.sequence)) else { continue };
         if let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&packet.payload)) {
-            pictures.push(picture(camera, placement, &image, view, target));
+            pictures.push(picture(camera, placement, &image, view, plate));
         }
         if packets.is_empty() {
             break;
@@ -65,8 +66,8 @@ pub fn pictures(
     Ok(pictures)
 }
 
-fn picture(camera: usize, placement: usize, image: &ImageRgb8, view: &BoardView, target: &Target) -> Picture {
-    let found = view.corners.iter().filter_map(|corner| Some((target.point(corner.id)?, corner.pixel)));
+fn picture(camera: usize, placement: usize, image: &ImageRgb8, view: &BoardView, plate: &Plate) -> Picture {
+    let found = plate.points(view).map(|(corner, point)| (point, corner.pixel));
     Picture { found: found.collect(), ..Picture::new(camera, Some(placement), image) }
 }
 

@@ -46,15 +46,16 @@ pub fn print(target: &Target, paper: Paper, blink_hz: f64) -> Vec<u8> {
 }
 
 fn draw(target: &Target) -> Drawing {
-    if let &Target::AprilGrid { columns, rows, tag_m, spacing } = target {
-        return draw_tags([columns, rows], 1e3 * tag_m, 1e3 * tag_m * spacing);
+    if let &Target::AprilGrid { columns, rows, tag_m, spacing, first } = target {
+        return draw_tags([columns, rows], first, 1e3 * tag_m, 1e3 * tag_m * spacing);
     }
     let (inner_columns, inner_rows) = target.corners();
     let (columns, rows) = (inner_columns + 1, inner_rows + 1);
     let square = 1e3 * target.square_m();
     let margin = MARGIN * square;
     let mut filled = Vec::new();
-    let mut white = 0;
+    // The number of the next marker.
+    let mut white = target.numbers().start as usize;
     let begins_white = u32::from(target.begins_white());
     for row in 0..rows {
         for column in 0..columns {
@@ -77,8 +78,8 @@ fn draw(target: &Target) -> Drawing {
     }
 }
 
-/// Tags, lengths in millimetres: the first one below left, a black square in each space between four.
-fn draw_tags([columns, rows]: [u32; 2], tag: f64, space: f64) -> Drawing {
+/// Tags, lengths in millimetres: the one with the number `first` below left, a black square in each space between four.
+fn draw_tags([columns, rows]: [u32; 2], first: u32, tag: f64, space: f64) -> Drawing {
     let (margin, pitch) = (MARGIN * space, tag + space);
     let [width, height] = [columns, rows].map(|count| f64::from(count) * pitch + space + 2.0 * margin);
     let mut filled = Vec::new();
@@ -88,7 +89,7 @@ fn draw_tags([columns, rows]: [u32; 2], tag: f64, space: f64) -> Drawing {
             filled.push([x, y, space, space]);
             if row < rows && column < columns {
                 let from_below = rows - 1 - row;
-                april_tag(from_below * columns + column, [x + space, y + space], tag, &mut filled);
+                april_tag(first + from_below * columns + column, [x + space, y + space], tag, &mut filled);
             }
         }
     }
@@ -229,13 +230,22 @@ mod tests {
             "charuco:5x7:0.03:0.0225:DICT_4X4_50",
             "charuco:4x5:0.03:0.024:DICT_5X5_100:inverted",
             "aprilgrid:4x3:0.05:0.3",
+            "charuco:5x7:0.03:0.0225:DICT_4X4_50:first=33",
+            "charuco:5x6:0.03:0.0225:DICT_4X4_100:legacy:first=1",
+            "aprilgrid:4x3:0.05:0.3:first=575",
         ] {
             let target: Target = text.parse().unwrap();
             let drawing = draw(&target);
             let scale = 2.4;
-            let corners = detect(&picture(&drawing, scale), &target);
+            let seen = picture(&drawing, scale);
+            let corners = detect(&seen, &target);
             let (columns, rows) = target.corners();
             assert_eq!(corners.len(), (columns * rows) as usize, "{text}");
+            // And nothing of a target that has other markers.
+            let elsewhere = if target.numbers().start < target.markers() { target.numbers().end } else { 0 };
+            if let Some(other) = target.numbered_from(elsewhere) {
+                assert_eq!(detect(&seen, &other), [], "{text} is not {other}");
+            }
             for corner in corners {
                 let point = target.point(corner.id).unwrap().truncate() * 1e3;
                 let square = 1e3 * target.square_m();

@@ -10,15 +10,17 @@ use erfgs_scene::{
 };
 
 use super::{
-    BoardError, LensModel, Seen, Target,
+    BoardError, LensModel, Plate, Seen,
     alone::Alone,
-    chain::chain,
+    back::{self, Told},
     doubt::Doubts,
-    joint::{self, Joint, Tied, boards, has_times},
+    joint::{self, Joint, Tied, has_times, sightings},
+    link::{self, Linked, Sightings},
     origin,
+    plate::Face,
 };
 use crate::{
-    bundle::{Bundle, BundleError, Loss, Parameter, Uncertainty, jackknife::successive},
+    bundle::{BundleError, Loss, Parameter, Placement, Uncertainty, jackknife::successive},
     coverage::Coverage,
     evidence::Evidence,
 };
@@ -34,6 +36,9 @@ pub struct BoardOptions {
     pub known: BTreeMap<String, Intrinsics>,
     /// Whether each camera's time offset is estimated, from frame times and how the board moves.
     pub time_offsets: bool,
+    /// How far the back of a board with two sides is behind its front, metres, if the sides are parallel and lie one behind the
+    /// other. Without it, and where it is not so, the back is found.
+    pub back_thickness_m: Option<f64>,
     /// Whether the intrinsics found camera by camera are kept while the poses are adjusted.
     pub keep_intrinsics: bool,
     /// Whether only intrinsics are wanted, and no poses.
@@ -57,23 +62,25 @@ type Calibrated = (RigFile, Evidence);
 
 /// Calibrates every camera alone, then all together where there is more than one. A camera that sees too little is left out
 /// where two others remain, and the rig's first warning says so; one that no board ties to the others is in the rig without a
-/// pose. `progress` is told what is done next.
+/// pose. Of a board with two sides it is found, too, where its back is; the rig's measures and a table tell. `progress` is told
+/// what is done next.
 ///
 /// # Errors
 /// If options fit nothing that was recorded, no camera or no two cameras see enough, or what the cameras say together
 /// contradicts what each of them says.
 pub fn calibrate(
     seen: &[Seen],
-    target: &Target,
+    plate: impl Into<Plate>,
     options: &BoardOptions,
     progress: &dyn Fn(usize, usize, &str),
 ) -> Result<Calibrated, BoardError> {
+    let plate = &plate.into();
     check(seen, options)?;
     let wanted: Vec<&Seen> = seen.iter().filter(|seen| !options.without.contains(&seen.camera)).collect();
     let (mut cameras, mut failed) = (Vec::new(), Vec::new());
     for (index, seen) in wanted.iter().enumerate() {
         progress(index, wanted.len() + 1, &seen.camera);
-        match Alone::of(seen, target, options) {
+        match Alone::of(seen, plate, options) {
             Ok(alone) => cameras.push((*seen, alone)),
             Err(error @ (BoardError::TooFewViews { .. } | BoardError::NoFocal { .. } | BoardError::Open { .. })) => {
                 failed.push(error)
@@ -92,25 +99,82 @@ pub fn calibrate(
         rig.warnings.splice(0..0, left_out);
         return Ok((rig, evidence));
     }
-    let all = boards(&seen, target, &alone);
-    let chain = chain(&all);
-    if chain.cameras.len() < 2 {
-        let names: Vec<String> = seen.iter().map(|seen| seen.camera.clone()).collect();
+    let names = |indices: &[usize]| indices.iter().map(|index| seen[*index].camera.clone()).collect::<Vec<String>>();
+    let lenses = || {
         let (mut rig, evidence) = by_themselves(&seen, &alone);
-        rig.warnings.splice(0..0, left_out);
-        let (one, other) = (vec![names[0].clone()], names[1..].to_vec());
-        return Err(BoardError::Apart { one, other, alone: Box::new((rig, evidence)) });
+        rig.warnings.splice(0..0, left_out.iter().cloned());
+        Box::new((rig, evidence))
+    };
+    let open = |front: &[usize], back: &[usize], known: String| BoardError::BackOpen {
+        front: names(front),
+        back: names(back),
+        known,
+        alone: lenses(),
+    };
+    let all = sightings(&seen, plate, &alone);
+    let stated = plate.back().zip(options.back_thickness_m);
+    let stated = stated.map(|(back, thickness_m)| back::stated(plate.front(), back, thickness_m));
+    let mut keep = false;
+    loop {
+        let linked = link::link(&all, stated, keep);
+        let linked =
+            linked.map_err(|found| open(&found.front, &found.back, "how it turned tells too little".into()))?;
+        if linked.chain.cameras.len() < 2 {
+            let everyone: Vec<usize> = (0..seen.len()).collect();
+            let (one, other) = (names(&everyone[..1]), names(&everyone[1..]));
+            return Err(BoardError::Apart { one, other, alone: lenses() });
+        }
+        progress(wanted.len(), wanted.len() + 1, "all cameras");
+        match with_poses(&seen, &alone, plate, &linked, options)? {
+            Outcome::Rig(calibrated) => {
+                let (mut rig, evidence) = *calibrated;
+                rig.warnings.splice(0..0, left_out);
+                return Ok((rig, evidence));
+            }
+            // What was stated takes the place of what remains open.
+            Outcome::BackOpen(_) if stated.is_some() && !keep => keep = true,
+            Outcome::BackOpen(known) => {
+                let saw = |face| seen_by(&all, &linked, face);
+                return Err(open(&saw(Face::Front), &saw(Face::Back), format!("it is known {known}")));
+            }
+        }
     }
-    progress(wanted.len(), wanted.len() + 1, "all cameras");
+}
+
+/// What all cameras together give.
+enum Outcome {
+    Rig(Box<Calibrated>),
+    /// Where the board's back is remains open: how well it is known, in words.
+    BackOpen(String),
+}
+
+/// The cameras of the chain that saw a side.
+fn seen_by(all: &[Sightings], linked: &Linked, face: Face) -> Vec<usize> {
+    let saw = |camera: &&usize| all[**camera].values().any(|(seen, _)| *seen == face);
+    linked.chain.cameras.iter().filter(saw).copied().collect()
+}
+
+/// The cameras of the chain with poses, and the others without.
+fn with_poses(
+    seen: &[&Seen],
+    alone: &[&Alone],
+    plate: &Plate,
+    linked: &Linked,
+    options: &BoardOptions,
+) -> Result<Outcome, BoardError> {
+    let Linked { chain, boards, back } = linked;
     let is_tied = |index: &usize| chain.cameras.contains(index);
-    let boards: Vec<_> = all.into_iter().enumerate().filter(|(index, _)| is_tied(index)).map(|(_, own)| own).collect();
+    let boards: Vec<_> = chain.cameras.iter().map(|index| boards[*index].clone()).collect();
     let apart: Vec<usize> = (0..seen.len()).filter(|index| !is_tied(index)).collect();
     let pick = |indices: &[usize]| -> (Vec<&Seen>, Vec<&Alone>) {
         indices.iter().map(|index| (seen[*index], alone[*index])).unzip()
     };
     let ((seen, alone), (lone_seen, lone)) = (pick(&chain.cameras), pick(&apart));
-    let tied = Tied { seen: &seen, target, alone: &alone, chain: &chain, boards: &boards };
-    let (mut rig, evidence) = together(tied, options)?;
+    let tied = Tied { seen: &seen, plate, alone: &alone, chain, boards: &boards, back: *back };
+    let (mut rig, evidence) = match together(tied, options)? {
+        Outcome::Rig(calibrated) => *calibrated,
+        open @ Outcome::BackOpen(_) => return Ok(open),
+    };
     let names: Vec<&str> = lone_seen.iter().map(|seen| seen.camera.as_str()).collect();
     if !names.is_empty() {
         rig.warnings.insert(
@@ -119,13 +183,18 @@ pub fn calibrate(
         );
         rig.cameras.extend(by_themselves(&lone_seen, &lone).0.cameras);
     }
-    rig.warnings.splice(0..0, left_out);
-    Ok((rig, evidence))
+    Ok(Outcome::Rig(Box::new((rig, evidence))))
 }
+
+/// No plate is thicker, metres.
+const THICKEST_M: f64 = 0.2;
 
 /// Refuses options that fit nothing of what was recorded.
 fn check(seen: &[Seen], options: &BoardOptions) -> Result<(), BoardError> {
     let names = || seen.iter().map(|seen| seen.camera.clone()).collect::<Vec<_>>();
+    if let Some(thickness_m) = options.back_thickness_m.filter(|metres| !(0.0..=THICKEST_M).contains(metres)) {
+        return Err(BoardError::Thickness { thickness_m });
+    }
     let recorded = |name: &String| seen.iter().any(|seen| seen.camera == *name);
     if let Some(name) = options.without.iter().find(|name| !recorded(name)) {
         return Err(BoardError::NoCamera { name: name.clone(), cameras: names() });
@@ -186,8 +255,8 @@ fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
 }
 
 /// All cameras of a chain in one world.
-fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardError> {
-    let Tied { seen, target, alone, .. } = tied;
+fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardError> {
+    let Tied { seen, plate, alone, .. } = tied;
     let solve = |options: &BoardOptions| -> Result<(Joint, Uncertainty, Doubts), BoardError> {
         let solved = joint::solve(tied, options);
         let mut joint = solved.map_err(|error| match error {
@@ -199,7 +268,7 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardE
             error => error,
         })?;
         if let Some(name) = &options.origin {
-            origin::put(&mut joint, target, name)?;
+            origin::put(&mut joint, plate, name)?;
         }
         let groups = successive(joint.bundle.placements.len());
         let uncertainty = joint.bundle.uncertainty_of_groups(Loss::Squared, &groups)?;
@@ -227,6 +296,11 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardE
             (joint, uncertainty, doubts) = timed;
         }
     }
+    let free = joint.bundle.sides.first().zip(uncertainty.sides.first()).filter(|(side, _)| side.free);
+    let told = free.and_then(|(side, known)| Told::of(plate, side, known));
+    if let Some(told) = told.as_ref().filter(|told| told.vagueness() > 1.0) {
+        return Ok(Outcome::BackOpen(told.uncertainty()));
+    }
     let modalities: Vec<Modality> = seen.iter().map(|seen| modality(seen)).collect();
     let mut rig = joint.bundle.rig("board", &uncertainty, &modalities);
     if let Some(open) = rig.quality.as_ref().and_then(|quality| quality.open.first()) {
@@ -237,6 +311,8 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardE
     }
     rig.warnings = doubts.judged(joint.timed, has_times(seen))?;
     rig.warnings.extend(notes);
+    rig.warnings.extend(told.as_ref().and_then(Told::warning));
+    rig.warnings.extend(as_stated(&tied, options));
     for ((camera, one), seen) in rig.cameras.iter_mut().zip(alone).zip(seen) {
         camera.warnings = coverage_warnings(seen);
         // Intrinsics that the last pass kept are as uncertain as the pass before left them.
@@ -257,23 +333,40 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Calibrated, BoardE
         evidence.pass(*name, solution);
     }
     evidence.observe(&joint.bundle);
-    evidence.outlines = outlines(&joint.bundle, target);
+    evidence.outlines = outlines(&joint, plate);
+    evidence.tables.extend(told.as_ref().map(Told::table));
     evidence.moments = joint.moments;
     if let Some(quality) = &mut rig.quality {
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
+        quality.measures.extend(told.iter().flat_map(Told::measures));
     }
-    Ok((rig, evidence))
+    Ok(Outcome::Rig(Box::new((rig, evidence))))
+}
+
+/// Says so where the back was not found but taken as it was stated.
+fn as_stated(tied: &Tied<'_>, options: &BoardOptions) -> Option<String> {
+    let thickness_m = options.back_thickness_m.filter(|_| tied.back.is_some_and(|back| back.stated && back.seen))?;
+    Some(format!(
+        "where the back of the board is on it does not follow from the views, and is as it was stated: {:.1} mm behind the front, \
+         parallel to it, middles and edges one behind the other. Cameras that see the one side are placed against those that see \
+         the other no better than the board is glued",
+        1e3 * thickness_m
+    ))
 }
 
 /// Where the boards were, some of them.
-fn outlines(bundle: &Bundle, target: &Target) -> Vec<[DVec3; 4]> {
+fn outlines(joint: &Joint, plate: &Plate) -> Vec<[DVec3; 4]> {
     const MOST: usize = 60;
-    let (columns, rows) = target.corners();
-    let corners = [0, columns - 1, columns * rows - 1, columns * (rows - 1)].map(|id| target.point(id));
-    let [Some(a), Some(b), Some(c), Some(d)] = corners else { return Vec::new() };
-    let every = bundle.placements.len().div_ceil(MOST).max(1);
-    let boards = bundle.placements.iter().step_by(every);
-    boards.map(|placement| [a, b, c, d].map(|corner| placement.world(corner))).collect()
+    let placements = &joint.bundle.placements;
+    let every = placements.len().div_ceil(MOST).max(1);
+    let outline = |(placement, face): (&Placement, &Face)| {
+        let target = plate.target(*face);
+        let (columns, rows) = target.corners();
+        let corners = [0, columns - 1, columns * rows - 1, columns * (rows - 1)].map(|id| target.point(id));
+        let [Some(a), Some(b), Some(c), Some(d)] = corners else { return None };
+        Some([a, b, c, d].map(|corner| placement.world(corner)))
+    };
+    placements.iter().zip(&joint.faces).step_by(every).filter_map(outline).collect()
 }
 
 fn modality(seen: &Seen) -> Modality {

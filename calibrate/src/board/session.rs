@@ -12,14 +12,14 @@ use erfgs_sync::{StreamSync, Synchronisation};
 use rayon::prelude::*;
 
 use super::{
-    BoardError, BoardView, EventBoard, Seen, Target, detect,
+    BoardError, BoardView, EventBoard, Plate, Seen,
     stream::{Watcher, watch},
 };
 
 /// Frames that are looked at together.
 const BATCH: usize = 16;
 
-/// Looks for `target` in all streams of a session: in the frames, and, where `events` says what to look for,
+/// Looks for a board in all streams of a session: in the frames, and, where `events` says what to look for,
 /// in the events. `sync` says when things were seen on the session's clock: without it frames are taken for as old as their
 /// arrival, and events are looked at by their devices' own time. Frames of several cameras within half a frame's time of each
 /// other belong together. `progress` gets the number of frames looked at and, where there are only frames, that of all.
@@ -28,11 +28,12 @@ const BATCH: usize = 16;
 /// If the session cannot be read, or has no stream to look at.
 pub fn look_session(
     session: &mut Session,
-    target: &Target,
+    plate: impl Into<Plate>,
     events: Option<EventBoard>,
     sync: Option<&Synchronisation>,
     progress: &(dyn Fn(usize, Option<usize>) + Sync),
 ) -> Result<Vec<Seen>, BoardError> {
+    let plate = &plate.into();
     let path = &session.path().to_owned();
     let of_stream = |id: &str| sync.and_then(|sync| sync.stream(id));
     let streams = session.summary().streams.clone();
@@ -65,7 +66,7 @@ pub fn look_session(
     let mut done = 0;
     let mut batch: Vec<(usize, u64, i64, ImageRgb8)> = Vec::new();
     let look_at = |batch: &mut Vec<(usize, u64, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
-        let corners: Vec<_> = batch.par_iter().map(|(.., image)| detect(image, target)).collect();
+        let corners: Vec<_> = batch.par_iter().map(|(.., image)| plate.detect(image)).collect();
         for ((stream, frame, t_ns, _), corners) in batch.drain(..).zip(corners) {
             let Some(seen) = &mut seen[stream] else { continue };
             seen.frames += 1;
@@ -100,7 +101,7 @@ pub fn look_session(
             let size = seen.size.map(|side| side as usize);
             let tick = || progress(done, None);
             let mut failure = None;
-            (seen.frames, seen.views) = watch(path, size, target, board, &tick, &mut |watcher| {
+            (seen.frames, seen.views) = watch(path, size, plate, board, &tick, &mut |watcher| {
                 failure = decode(session, index, of_stream(&seen.camera), watcher);
             });
             if let Some(error) = failure {

@@ -6,9 +6,8 @@ use erfgs_events::{CdEvent, EventFile, Sink};
 use erfgs_scene::ImageRgb8;
 
 use super::{
-    BoardError, BoardView, Seen, Target,
+    BoardError, BoardView, Plate, Seen, Target,
     blink::Windows,
-    detect,
     moved::moved_px,
     moving::{self, Looks},
 };
@@ -89,24 +88,23 @@ impl Sink for Watcher<'_> {
     }
 }
 
-/// What a camera saw of a target, from a file of its events.
+/// What a camera saw of a board, from a file of its events.
 ///
 /// # Errors
 /// If the file cannot be read or does not say how large the sensor is.
 pub(super) fn of_events(
     camera: &str,
     path: &Path,
-    target: &Target,
+    plate: &Plate,
     board: EventBoard,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
     let file = EventFile::open(path)?;
     let Some(size) = file.size else { return Err(BoardError::NoSize { path: path.into() }) };
     let mut failure = None;
-    let (frames, views) =
-        watch(path, [size.width, size.height].map(usize::from), target, board, tick, &mut |watcher| {
-            failure = file.decode(watcher).err();
-        });
+    let (frames, views) = watch(path, [size.width, size.height].map(usize::from), plate, board, tick, &mut |watcher| {
+        failure = file.decode(watcher).err();
+    });
     match failure {
         Some(error) => Err(error.into()),
         None => {
@@ -120,13 +118,13 @@ pub(super) fn of_events(
 pub(super) fn watch(
     path: &Path,
     size: [usize; 2],
-    target: &Target,
+    plate: &Plate,
     board: EventBoard,
     tick: &dyn Fn(),
     decode: &mut dyn FnMut(&mut Watcher<'_>),
 ) -> (usize, Vec<BoardView>) {
     let (mut frames, mut views) = (0, Vec::<BoardView>::new());
-    let target = board.as_seen(target);
+    let plate = plate.as_seen(board);
     let least_px = match board {
         EventBoard::Blinking { .. } => MOVED_PX,
         EventBoard::Moving => moving::MOVED * size[0] as f64,
@@ -134,7 +132,7 @@ pub(super) fn watch(
     let mut found = |t_us: i64, image: ImageRgb8| {
         frames += 1;
         tick();
-        let corners = detect(&image, &target);
+        let corners = plate.detect(&image);
         let still = views.last().is_some_and(|last| moved_px(&last.corners, &corners) < least_px);
         if !corners.is_empty() && !still {
             let time_s = 1e-6 * t_us as f64;

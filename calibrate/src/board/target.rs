@@ -3,12 +3,15 @@
 use std::{
     collections::BTreeMap,
     fmt,
+    ops::Range,
     str::FromStr,
     sync::{Mutex, PoisonError},
 };
 
 use calib_targets_charuco::{CharucoBoardSpec, Dictionary, resolve_dictionary};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+
+use super::aprilgrid::TAG_FAMILY;
 
 /// A flat target. Its frame: origin at the first inner corner of a chessboard, or at the outer corner of a ChArUco board; x to
 /// the right, y down on the printed sheet, z into it. That of an AprilGrid is Kalibr's: origin at the lower left corner of the
@@ -24,7 +27,8 @@ pub enum Target {
         /// Side of a square, metres.
         square_m: f64,
     },
-    /// `charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY`: squares, their side and a marker's in metres.
+    /// `charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY`: squares, their side and a marker's in metres. `:first=N` behind it: its
+    /// markers count from N.
     Charuco {
         /// Squares in a row.
         columns: u32,
@@ -40,9 +44,11 @@ pub enum Target {
         inverted: bool,
         /// Whether an even number of rows begins with a white square, as OpenCV drew boards before version 4.6.
         legacy: bool,
+        /// The number of its first marker in the dictionary.
+        first: u32,
     },
     /// `aprilgrid:COLUMNSxROWS:TAG:SPACING`: tags of the family 36h11 with a black square at each corner, as Kalibr prints them;
-    /// they count from the lower left, row by row.
+    /// they count from the lower left, row by row, from 0 or, with `:first=N` behind it, from N.
     AprilGrid {
         /// Tags in a row.
         columns: u32,
@@ -52,6 +58,8 @@ pub enum Target {
         tag_m: f64,
         /// The space between two tags as a share of a tag's side.
         spacing: f64,
+        /// The number of its first tag in the family.
+        first: u32,
     },
 }
 
@@ -106,12 +114,61 @@ impl Target {
 
     /// What the ChArUco detector has to know; lengths in squares. `None` for other targets.
     pub(super) fn charuco(&self) -> Option<Charuco> {
-        let Self::Charuco { columns, rows, square_m, marker_m, dictionary, .. } = self else { return None };
+        let Self::Charuco { columns, rows, square_m, marker_m, dictionary, first, .. } = self else { return None };
         let (dictionary, above) = (dictionary_named(dictionary)?, u32::from(self.begins_white()));
         // A board that begins with a white square is one that begins with a black one, without its first row.
-        let dictionary = if above > 0 { with_unseen(dictionary, columns / 2)? } else { dictionary };
+        let dictionary = counted_from(dictionary, i64::from(*first) - i64::from(above * (columns / 2)))?;
         let board = CharucoBoardSpec::new(*rows + above, *columns, 1.0, (marker_m / square_m) as f32, dictionary);
         Some(Charuco { board, first: above * (columns - 1) })
+    }
+
+    /// Number of markers or tags; a chessboard has none.
+    pub(super) fn markers(&self) -> u32 {
+        match self {
+            Self::Chessboard { .. } => 0,
+            Self::Charuco { columns, rows, .. } => columns * rows / 2,
+            Self::AprilGrid { columns, rows, .. } => columns * rows,
+        }
+    }
+
+    /// The numbers of its markers or tags in their dictionary; empty for a chessboard.
+    pub(super) fn numbers(&self) -> Range<u32> {
+        match self {
+            Self::Chessboard { .. } => 0..0,
+            Self::Charuco { first, .. } | Self::AprilGrid { first, .. } => *first..*first + self.markers(),
+        }
+    }
+
+    /// The same target with markers or tags from the number `from` on; `None` where its dictionary has not so many.
+    pub(super) fn numbered_from(&self, from: u32) -> Option<Self> {
+        let mut target = self.clone();
+        if let Self::Charuco { first, .. } | Self::AprilGrid { first, .. } = &mut target {
+            *first = from;
+        }
+        (target.numbers().end as usize <= target.dictionary()?.codes().len()).then_some(target)
+    }
+
+    /// The dictionary of its markers or tags; `None` for a chessboard.
+    pub(super) fn dictionary(&self) -> Option<Dictionary> {
+        match self {
+            Self::Chessboard { .. } => None,
+            Self::Charuco { dictionary, .. } => dictionary_named(dictionary),
+            Self::AprilGrid { .. } => dictionary_named(TAG_FAMILY),
+        }
+    }
+
+    /// Turns the target's frame to that of the sheet: x to the right, y down, z into it.
+    pub(super) fn to_sheet(&self) -> DQuat {
+        match self {
+            Self::Chessboard { .. } | Self::Charuco { .. } => DQuat::IDENTITY,
+            Self::AprilGrid { .. } => DQuat::from_rotation_x(std::f64::consts::PI),
+        }
+    }
+
+    /// The point between its outermost corners, metres.
+    pub(super) fn middle(&self) -> DVec3 {
+        let (columns, rows) = self.corners();
+        self.point(columns * rows - 1).zip(self.point(0)).map_or(DVec3::ZERO, |(last, first)| 0.5 * (first + last))
     }
 
     /// Whether the square above left is white.
@@ -127,15 +184,18 @@ pub(super) struct Charuco {
     pub first: u32,
 }
 
-/// A dictionary whose markers are counted from `unseen`: those before are taken from its end. Kept as long as the program
-/// runs, once for each dictionary and number.
-fn with_unseen(dictionary: Dictionary, unseen: u32) -> Option<Dictionary> {
-    static KEPT: Mutex<BTreeMap<(&str, u32), &[u64]>> = Mutex::new(BTreeMap::new());
+/// A dictionary whose markers are counted from `first`: those before come after its end, and where it is negative, as many of
+/// those at its end come before. Kept as long as the program runs, once for each dictionary and number.
+fn counted_from(dictionary: Dictionary, first: i64) -> Option<Dictionary> {
+    static KEPT: Mutex<BTreeMap<(&str, i64), &[u64]>> = Mutex::new(BTreeMap::new());
+    if first == 0 {
+        return Some(dictionary);
+    }
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
-    let codes = kept.entry((dictionary.name(), unseen)).or_insert_with(|| {
+    let codes = kept.entry((dictionary.name(), first)).or_insert_with(|| {
         let mut codes = dictionary.codes().to_vec();
-        let by = (unseen as usize).min(codes.len());
-        codes.rotate_right(by);
+        let by = first.rem_euclid(codes.len().max(1) as i64);
+        codes.rotate_left(by as usize);
         codes.leak()
     });
     Dictionary::from_static_codes(dictionary.name(), dictionary.marker_size(), dictionary.max_correction_bits(), codes)
@@ -162,11 +222,15 @@ fn shortest(value: f64) -> f64 {
     format!("{value:.6}").parse().unwrap_or(value)
 }
 
-/// Tags of the family 36h11.
-const TAGS: u32 = 587;
+/// The number of the first marker, from `first=NUMBER`.
+fn number_of_first(word: &str) -> Option<u32> {
+    word.strip_prefix("first=")?.parse().ok().filter(|first| *first < 100_000)
+}
 
+/// A dictionary by its name, in whatever case: those of AprilTags have a small h in it.
 fn dictionary_named(name: &str) -> Option<Dictionary> {
-    resolve_dictionary(name)
+    let name = name.to_ascii_uppercase();
+    resolve_dictionary(&name).or_else(|| resolve_dictionary(&name.replace('H', "h")))
 }
 
 impl FromStr for Target {
@@ -205,36 +269,51 @@ impl FromStr for Target {
                 if marker_m >= square_m {
                     return Err(wrong("its marker is not smaller than its square"));
                 }
-                let dictionary = parts.next().unwrap_or("DICT_4X4_50").to_ascii_uppercase();
-                if dictionary_named(&dictionary).is_none() {
-                    return Err(wrong(&format!("there is no dictionary {dictionary}")));
-                }
-                let (mut inverted, mut legacy) = (false, false);
+                let dictionary = parts.next().unwrap_or("DICT_4X4_50");
+                let known = dictionary_named(dictionary);
+                let dictionary = known.ok_or_else(|| wrong(&format!("there is no dictionary {dictionary}")))?;
+                let dictionary = dictionary.name().to_owned();
+                let (mut inverted, mut legacy, mut first) = (false, false, 0);
                 for word in parts.by_ref() {
                     match word {
                         "inverted" => inverted = true,
                         "legacy" => legacy = true,
-                        _ => return Err(wrong("after the dictionary only 'inverted' and 'legacy' may stand")),
+                        _ => {
+                            let what = "after the dictionary only 'inverted', 'legacy' and 'first=NUMBER' may stand";
+                            first = number_of_first(word).ok_or_else(|| wrong(what))?;
+                        }
                     }
                 }
                 if columns < 3 || rows < 3 {
                     return Err(wrong("a ChArUco board has at least 3x3 squares"));
                 }
-                Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy }
+                Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy, first }
             }
             "aprilgrid" => {
                 let spacing = parts.next().and_then(|text| text.parse::<f64>().ok());
                 let spacing = spacing
                     .filter(|share| (0.05..=1.0).contains(share))
                     .ok_or_else(|| wrong("its spacing is no share of a tag's side from 0.05 to 1"))?;
-                if columns * rows > TAGS {
-                    return Err(wrong(&format!("the family 36h11 has {TAGS} tags only")));
-                }
-                Self::AprilGrid { columns, rows, tag_m: square_m, spacing }
+                let first = parts.next().map_or(Some(0), number_of_first);
+                let first = first.ok_or_else(|| wrong("after the spacing only 'first=NUMBER' may stand"))?;
+                Self::AprilGrid { columns, rows, tag_m: square_m, spacing, first }
             }
             _ => return Err(wrong("its kind is none of chessboard, charuco and aprilgrid")),
         };
-        if parts.next().is_some() { Err(wrong("it has too many parts")) } else { Ok(target) }
+        if parts.next().is_some() {
+            return Err(wrong("it has too many parts"));
+        }
+        if let Some(dictionary) = target.dictionary()
+            && target.numbers().end as usize > dictionary.codes().len()
+        {
+            let (name, count, numbers) = (dictionary.name(), dictionary.codes().len(), target.numbers());
+            return Err(wrong(&format!(
+                "its markers have the numbers {} to {}, and {name} has {count} only, from 0",
+                numbers.start,
+                numbers.end - 1
+            )));
+        }
+        Ok(target)
     }
 }
 
@@ -242,16 +321,22 @@ impl fmt::Display for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Chessboard { columns, rows, square_m } => write!(f, "chessboard:{columns}x{rows}:{square_m}"),
-            Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy } => {
+            Self::Charuco { columns, rows, square_m, marker_m, dictionary, inverted, legacy, first } => {
                 let inverted = if *inverted { ":inverted" } else { "" };
                 let legacy = if *legacy { ":legacy" } else { "" };
-                write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}{legacy}")
+                write!(f, "charuco:{columns}x{rows}:{square_m}:{marker_m}:{dictionary}{inverted}{legacy}")?;
+                first_word(f, *first)
             }
-            Self::AprilGrid { columns, rows, tag_m, spacing } => {
-                write!(f, "aprilgrid:{columns}x{rows}:{tag_m}:{spacing}")
+            Self::AprilGrid { columns, rows, tag_m, spacing, first } => {
+                write!(f, "aprilgrid:{columns}x{rows}:{tag_m}:{spacing}")?;
+                first_word(f, *first)
             }
         }
     }
+}
+
+fn first_word(f: &mut fmt::Formatter<'_>, first: u32) -> fmt::Result {
+    if first > 0 { write!(f, ":first={first}") } else { Ok(()) }
 }
 
 #[cfg(test)]
@@ -266,6 +351,9 @@ mod tests {
             "aprilgrid:6x6:0.088:0.3",
             "charuco:5x6:0.03:0.02:DICT_4X4_50:legacy",
             "charuco:5x6:0.03:0.02:DICT_4X4_50:inverted:legacy",
+            "charuco:5x6:0.03:0.02:DICT_4X4_50:inverted:legacy:first=35",
+            "aprilgrid:6x6:0.088:0.3:first=551",
+            "charuco:5x4:0.05:0.04:DICT_APRILTAG_36h11",
         ] {
             assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
         }
@@ -302,6 +390,11 @@ mod tests {
             ("aprilgrid:6x6:0:0.3", "tag is no length"),
             ("aprilgrid:6x6:0.088:1.5", "spacing"),
             ("aprilgrid:30x20:0.088:0.3", "587"),
+            ("aprilgrid:6x6:0.088:0.3:first=552", "552 to 587"),
+            ("aprilgrid:6x6:0.088:0.3:36", "first=NUMBER"),
+            ("charuco:5x4:0.02:0.01:DICT_4X4_50:first=41", "41 to 50"),
+            ("charuco:5x4:0.02:0.01:DICT_4X4_50:first=-1", "first=NUMBER"),
+            ("charuco:11x10:0.02:0.01:DICT_4X4_50", "0 to 54"),
             ("circles:5x4:0.02", "kind"),
         ] {
             let message = text.parse::<Target>().unwrap_err();

@@ -52,7 +52,8 @@ pub(super) fn gradient_variance(bundle: &Bundle, layout: &Layout, loss: Loss, cl
     let mut filled = vec![false; count];
     for observation in bundle.observations.iter().filter(|o| o.used) {
         let camera = &bundle.cameras[observation.camera];
-        let Some(row) = row(camera, &bundle.placements[observation.placement], observation) else { continue };
+        let side = observation.side.map(|side| &bundle.sides[side]);
+        let Some(row) = row(camera, &bundle.placements[observation.placement], side, observation) else { continue };
         let weight = loss.weight(row.residual.length_squared());
         let cluster = clusters[observation.placement];
         filled[cluster] = true;
@@ -60,6 +61,10 @@ pub(super) fn gradient_variance(bundle: &Bundle, layout: &Layout, loss: Loss, cl
         for axis in 0..2 {
             let slopes = &row.by_camera[axis * free..(axis + 1) * free];
             for (column, slope) in layout.columns[observation.camera].clone().zip(slopes) {
+                sums[cluster][column] += slope * weight * row.residual[axis];
+            }
+            let of_side = observation.side.map(|side| layout.of_sides()[side].clone());
+            for (column, slope) in of_side.into_iter().flatten().zip(&row.by_side[axis]) {
                 sums[cluster][column] += slope * weight * row.residual[axis];
             }
         }

@@ -46,6 +46,7 @@ pub(super) fn variances(bundle: &Bundle, normal: &Normal, loss: Loss, groups: &[
             let part = Bundle {
                 cameras: bundle.cameras.clone(),
                 placements: bundle.placements.clone(),
+                sides: bundle.sides.clone(),
                 observations: members.iter().map(|index| bundle.observations[*index]).collect(),
                 priors: Vec::new(),
             };

@@ -5,7 +5,8 @@
 //! are solved on the cameras alone (the Schur complement, `reduced.rs`), by Levenberg's and Marquardt's damped steps
 //! (`solve.rs`). The inverse of the same matrix at the solution is the covariance (`uncertainty.rs`), and where it has no
 //! inverse the parameters that the observations leave open are named. Where errors are shared by neighbours, `clusters.rs`
-//! finds the covariance from how much clusters of them differ.
+//! finds the covariance from how much clusters of them differ. A target with more than one side has each further one where a
+//! transformation says that all its placements share (`side.rs`); it is solved for with the cameras.
 //!
 //! Gauge: the world is where the fixed pose of a reference camera says. Lengths come from boards and wands, or, with points
 //! alone, from a [`Prior::Distance`].
@@ -17,6 +18,7 @@ mod parameter;
 mod reduced;
 mod residual;
 mod rig;
+mod side;
 mod solve;
 #[cfg(test)]
 mod tests;
@@ -27,8 +29,9 @@ use glam::{DVec2, DVec3};
 
 pub use parameter::{Parameter, free_lens};
 pub use reduced::Method;
+pub use side::Side;
 pub use solve::{Loss, Options, Solution, Step, Stop};
-pub use uncertainty::{CameraUncertainty, OpenDirection, Uncertainty};
+pub use uncertainty::{CameraUncertainty, OpenDirection, SideUncertainty, Uncertainty};
 
 /// One camera of a rig that stands still.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,8 +73,11 @@ pub struct Observation {
     pub camera: usize,
     /// Index of the placement.
     pub placement: usize,
-    /// Where the feature is on its target, metres; on a wand x is the offset, for a point it has no meaning.
+    /// Where the feature is on its target, metres; on a wand x is the offset, for a point it has no meaning. In the frame of
+    /// `side`, if there is one.
     pub on_target: DVec3,
+    /// Index of the side of the target that it is on; `None` where the placement itself says where that side is.
+    pub side: Option<usize>,
     /// Where it was seen, pixels.
     pub pixel: DVec2,
     /// Standard deviation of `pixel` in either direction, pixels.
@@ -114,6 +120,8 @@ pub struct Bundle {
     pub cameras: Vec<BundleCamera>,
     /// What was held before them, which observations name by index.
     pub placements: Vec<Placement>,
+    /// Further sides of what was held before them, which observations name by index.
+    pub sides: Vec<Side>,
     /// What was seen, in any order.
     pub observations: Vec<Observation>,
     /// What is known beforehand.
@@ -136,6 +144,14 @@ pub enum BundleError {
     Camera {
         /// Its name.
         camera: String,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A side of a target that is nowhere.
+    #[error("{side}: {what}")]
+    Side {
+        /// Its name.
+        side: String,
         /// What is wrong.
         what: &'static str,
     },
@@ -174,6 +190,16 @@ impl Placement {
             Self::Fixed => on_target,
         }
     }
+
+    /// How a feature moves in the world if it moves on its target like this.
+    fn direction(&self, on_target: DVec3) -> DVec3 {
+        match self {
+            Self::Board(pose) => pose.rotation * on_target,
+            Self::Wand { direction, .. } => *direction * on_target.x,
+            Self::Point(_) => DVec3::ZERO,
+            Self::Fixed => on_target,
+        }
+    }
 }
 
 impl Bundle {
@@ -181,9 +207,15 @@ impl Bundle {
     #[must_use]
     pub fn residual_px(&self, observation: &Observation) -> Option<DVec2> {
         let camera = &self.cameras[observation.camera];
-        let world = self.placements[observation.placement].world(observation.on_target);
+        let world = self.placements[observation.placement].world(self.on_placement(observation));
         let seen = camera.intrinsics.project(camera.pose.transform(world))?;
         Some(seen - observation.pixel + observation.velocity * camera.time_offset_s)
+    }
+
+    /// Where a feature is on what was held, in the frame that its placement takes to the world.
+    fn on_placement(&self, observation: &Observation) -> DVec3 {
+        let on_target = observation.on_target;
+        observation.side.map_or(on_target, |side| self.sides[side].pose.transform(on_target))
     }
 
     /// Root mean square of the residuals' lengths, over the observations of `camera` (or all) that take part, pixels, and
@@ -227,8 +259,19 @@ impl Bundle {
                 return Err(error("its pose has a number that is not finite"));
             }
         }
+        for side in &self.sides {
+            if !(side.pose.is_finite() && side.middle.is_finite()) {
+                return Err(BundleError::Side {
+                    side: side.name.clone(),
+                    what: "its pose has a number that is not finite",
+                });
+            }
+        }
         for (index, o) in self.observations.iter().enumerate() {
             let error = |what| Err(BundleError::Observation { index, what });
+            if o.side.is_some_and(|side| side >= self.sides.len()) {
+                return error("it names a side that does not exist");
+            }
             if o.camera >= self.cameras.len() || o.placement >= self.placements.len() {
                 return error("it names a camera or placement that does not exist");
             }

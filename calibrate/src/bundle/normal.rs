@@ -5,7 +5,7 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector, MatrixXx6, SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::{Bundle, Loss, Parameter, Prior, residual::row};
+use super::{Bundle, Loss, Parameter, Prior, Side, residual::row};
 
 pub(super) type Matrix6 = SMatrix<f64, 6, 6>;
 pub(super) type Vector6 = SVector<f64, 6>;
@@ -21,8 +21,10 @@ const PARTS: usize = 16;
 pub(super) struct Layout {
     /// Observations that take part, by placement.
     by_placement: Vec<Vec<usize>>,
-    /// The columns of each camera.
+    /// The columns of each camera, and after all cameras those of each side of a target.
     pub columns: Vec<Range<usize>>,
+    /// Number of cameras.
+    pub cameras: usize,
     /// Number of columns.
     pub shared: usize,
     /// Number of observations that take part.
@@ -40,14 +42,26 @@ impl Layout {
             observations += 1;
         }
         let mut shared = 0;
-        let mut columns = Vec::with_capacity(bundle.cameras.len());
-        for camera in &bundle.cameras {
-            columns.push(shared..shared + camera.free.len());
-            shared += camera.free.len();
+        let cameras = bundle.cameras.len();
+        let mut columns = Vec::with_capacity(cameras + bundle.sides.len());
+        let of_cameras = bundle.cameras.iter().map(|camera| camera.free.len());
+        for count in of_cameras.chain(bundle.sides.iter().map(Side::parameters)) {
+            columns.push(shared..shared + count);
+            shared += count;
         }
         let seen = bundle.placements.iter().zip(&by_placement).filter(|(_, seen)| !seen.is_empty());
         let private = seen.map(|(placement, _)| placement.parameters()).sum();
-        Self { by_placement, columns, shared, observations, private }
+        Self { by_placement, columns, cameras, shared, observations, private }
+    }
+
+    /// The columns of all cameras.
+    pub fn of_cameras(&self) -> Range<usize> {
+        0..self.columns[..self.cameras].last().map_or(0, |columns| columns.end)
+    }
+
+    /// The columns of each side.
+    pub fn of_sides(&self) -> &[Range<usize>] {
+        &self.columns[self.cameras..]
     }
 
     fn part(&self) -> usize {
@@ -61,7 +75,8 @@ pub(super) struct Block {
     pub own: Matrix6,
     /// Derivatives of the cost by the placement's own parameters.
     pub gradient: Vector6,
-    /// The cameras that see it, and their mixed second derivatives: a camera's parameters by the placement's six.
+    /// The cameras that see it and the sides of it that are seen, numbered as [`Layout::columns`], and their mixed second
+    /// derivatives: their parameters by the placement's six.
     pub cameras: Vec<(usize, MatrixXx6<f64>)>,
 }
 
@@ -160,8 +175,11 @@ fn priors(bundle: &Bundle) -> impl Iterator<Item = PriorRow> {
 /// One part's sums.
 struct Part {
     blocks: Vec<Block>,
-    cameras: Vec<DMatrix<f64>>,
+    /// Of each camera and each side.
+    shared: Vec<DMatrix<f64>>,
     gradients: Vec<DVector<f64>>,
+    /// Of each side: all cameras' parameters by the side's.
+    across: Vec<DMatrix<f64>>,
     cost: f64,
     squares: f64,
 }
@@ -172,18 +190,24 @@ pub(super) fn linearise(bundle: &Bundle, loss: Loss, layout: &Layout) -> Normal 
         .by_placement
         .par_chunks(layout.part())
         .enumerate()
-        .map(|(part, placements)| linearise_part(bundle, loss, part * layout.part(), placements))
+        .map(|(part, placements)| linearise_part(bundle, loss, layout, part * layout.part(), placements))
         .collect();
     let mut shared = DMatrix::zeros(layout.shared, layout.shared);
     let mut gradient = DVector::zeros(layout.shared);
     let (mut cost, mut squares) = (0.0, 0.0);
     let mut blocks = Vec::with_capacity(parts.len());
     for part in parts {
-        for ((columns, camera), slope) in layout.columns.iter().zip(&part.cameras).zip(&part.gradients) {
+        for ((columns, own), slope) in layout.columns.iter().zip(&part.shared).zip(&part.gradients) {
             let mut to = shared.view_mut((columns.start, columns.start), (columns.len(), columns.len()));
-            to += camera;
+            to += own;
             let mut to = gradient.rows_mut(columns.start, columns.len());
             to += slope;
+        }
+        for (columns, across) in layout.of_sides().iter().zip(&part.across) {
+            let mut to = shared.view_mut((0, columns.start), (layout.of_cameras().len(), columns.len()));
+            to += across;
+            let mut to = shared.view_mut((columns.start, 0), (columns.len(), layout.of_cameras().len()));
+            to += across.transpose();
         }
         cost += part.cost;
         squares += part.squares;
@@ -203,12 +227,47 @@ pub(super) fn linearise(bundle: &Bundle, loss: Loss, layout: &Layout) -> Normal 
     Normal { cost: 0.5 * cost, rms_px, shared, gradient, blocks }
 }
 
-fn linearise_part(bundle: &Bundle, loss: Loss, first: usize, placements: &[Vec<usize>]) -> Part {
-    let free = |camera: usize| bundle.cameras[camera].free.len();
+/// One coordinate of an observation, as a camera or a side sees it.
+#[derive(Clone, Copy)]
+struct Weighed<'a> {
+    /// By the parameters of the camera or the side.
+    slopes: &'a [f64],
+    weight: f64,
+    residual: f64,
+    /// By the placement's parameters.
+    own: Vector6,
+}
+
+impl Weighed<'_> {
+    /// Adds it to the sums of the camera or side with this number.
+    fn add(&self, part: &mut Part, block: &mut Block, number: usize) {
+        let Self { slopes, weight, residual, own } = self;
+        if !block.cameras.iter().any(|(seen, _)| *seen == number) {
+            block.cameras.push((number, MatrixXx6::zeros(slopes.len())));
+        }
+        let mixed = block.cameras.iter_mut().find(|(seen, _)| *seen == number).map(|(_, mixed)| mixed);
+        let Some(mixed) = mixed else { return };
+        for (i, a) in slopes.iter().enumerate() {
+            let a = a * weight;
+            part.gradients[number][i] += a * residual;
+            for (j, b) in slopes.iter().enumerate() {
+                part.shared[number][(i, j)] += a * b;
+            }
+            for j in 0..6 {
+                mixed[(i, j)] += a * own[j];
+            }
+        }
+    }
+}
+
+fn linearise_part(bundle: &Bundle, loss: Loss, layout: &Layout, first: usize, placements: &[Vec<usize>]) -> Part {
+    let counts = || layout.columns.iter().map(Range::len);
+    let cameras = layout.of_cameras().len();
     let mut part = Part {
         blocks: Vec::with_capacity(placements.len()),
-        cameras: (0..bundle.cameras.len()).map(|c| DMatrix::zeros(free(c), free(c))).collect(),
-        gradients: (0..bundle.cameras.len()).map(|c| DVector::zeros(free(c))).collect(),
+        shared: counts().map(|count| DMatrix::zeros(count, count)).collect(),
+        gradients: counts().map(DVector::zeros).collect(),
+        across: layout.of_sides().iter().map(|columns| DMatrix::zeros(cameras, columns.len())).collect(),
         cost: 0.0,
         squares: 0.0,
     };
@@ -216,8 +275,9 @@ fn linearise_part(bundle: &Bundle, loss: Loss, first: usize, placements: &[Vec<u
         let placement = &bundle.placements[first + index];
         let mut block = Block { own: Matrix6::zeros(), gradient: Vector6::zeros(), cameras: Vec::new() };
         for observation in observations.iter().map(|index| &bundle.observations[*index]) {
-            let camera = observation.camera;
-            let Some(row) = row(&bundle.cameras[camera], placement, observation) else {
+            let (camera, side) = (observation.camera, observation.side);
+            let of_side = side.map(|side| &bundle.sides[side]);
+            let Some(row) = row(&bundle.cameras[camera], placement, of_side, observation) else {
                 part.cost += loss.value(LOST * LOST);
                 continue;
             };
@@ -225,26 +285,20 @@ fn linearise_part(bundle: &Bundle, loss: Loss, first: usize, placements: &[Vec<u
             part.cost += loss.value(squared);
             part.squares += squared * observation.sigma_px.powi(2);
             let weight = loss.weight(squared);
-            let free = free(camera);
-            if !block.cameras.iter().any(|(seen, _)| *seen == camera) {
-                block.cameras.push((camera, MatrixXx6::zeros(free)));
-            }
-            let mixed = block.cameras.iter_mut().find(|(seen, _)| *seen == camera).map(|(_, mixed)| mixed);
-            let Some(mixed) = mixed else { continue };
+            let free = layout.columns[camera].len();
             for axis in 0..2 {
-                let residual = row.residual[axis];
                 let own = Vector6::from(row.by_placement[axis]);
-                let slopes = &row.by_camera[axis * free..(axis + 1) * free];
                 block.own += own * own.transpose() * weight;
-                block.gradient += own * (weight * residual);
-                for (i, a) in slopes.iter().enumerate() {
-                    let a = a * weight;
-                    part.gradients[camera][i] += a * residual;
-                    for (j, b) in slopes.iter().enumerate() {
-                        part.cameras[camera][(i, j)] += a * b;
-                    }
-                    for j in 0..6 {
-                        mixed[(i, j)] += a * own[j];
+                block.gradient += own * (weight * row.residual[axis]);
+                let slopes = &row.by_camera[axis * free..(axis + 1) * free];
+                let weighed = Weighed { slopes, weight, residual: row.residual[axis], own };
+                weighed.add(&mut part, &mut block, camera);
+                let Some(side) = side.filter(|_| of_side.is_some_and(|side| side.free)) else { continue };
+                let weighed_side = Weighed { slopes: &row.by_side[axis], ..weighed };
+                weighed_side.add(&mut part, &mut block, layout.cameras + side);
+                for (i, a) in layout.columns[camera].clone().zip(slopes) {
+                    for (j, b) in row.by_side[axis].iter().enumerate() {
+                        part.across[side][(i, j)] += a * weight * b;
                     }
                 }
             }

@@ -82,8 +82,6 @@ impl Parameter {
     /// `fx`, `k3`, `turn about x`, as messages and reports call it.
     #[must_use]
     pub fn name(self, camera: &BundleCamera) -> String {
-        const AXES: [&str; 3] = ["x", "y", "z"];
-        let axis = |index: u8| AXES.get(usize::from(index)).copied().unwrap_or("?");
         match self {
             Self::Focal => "focal length".into(),
             Self::Fx => "fx".into(),
@@ -96,9 +94,19 @@ impl Parameter {
                 }
                 _ => format!("k{}", index + 1),
             },
-            Self::Rotation(index) => format!("turn about {}", axis(index)),
-            Self::Translation(index) => format!("shift along {}", axis(index)),
+            Self::Rotation(_) | Self::Translation(_) => self.of_pose().unwrap_or_default(),
             Self::TimeOffset => "time offset".into(),
+        }
+    }
+
+    /// The same of a turn or a shift, which are called alike whatever it is that has a pose.
+    pub(super) fn of_pose(self) -> Option<String> {
+        const AXES: [&str; 3] = ["x", "y", "z"];
+        let axis = |index: u8| AXES.get(usize::from(index)).copied().unwrap_or("?");
+        match self {
+            Self::Rotation(index) => Some(format!("turn about {}", axis(index))),
+            Self::Translation(index) => Some(format!("shift along {}", axis(index))),
+            _ => None,
         }
     }
 }

@@ -17,7 +17,7 @@ pub enum Method {
     Auto,
     /// Formed and factored; exact.
     Cholesky,
-    /// Conjugate gradients with one block of the preconditioner for each camera; approximate, needs no matrix.
+    /// Conjugate gradients with one block of the preconditioner for each camera and side; approximate, needs no matrix.
     ConjugateGradients,
 }
 
@@ -187,6 +187,15 @@ fn conjugate_gradients(
             let own = normal.shared.view((columns.start, columns.start), (columns.len(), columns.len()));
             let mut to = y.rows_mut(columns.start, columns.len());
             to += own * x.rows(columns.start, columns.len());
+        }
+        // Cameras are tied to each other through placements alone, to the sides of targets directly.
+        let cameras = layout.of_cameras().len();
+        for columns in layout.of_sides().iter().filter(|columns| !columns.is_empty()) {
+            let across = normal.shared.view((0, columns.start), (cameras, columns.len()));
+            let mut to = y.rows_mut(0, cameras);
+            to += across * x.rows(columns.start, columns.len());
+            let mut to = y.rows_mut(columns.start, columns.len());
+            to += across.tr_mul(&x.rows(0, cameras));
         }
         for (block, inverse) in paired(normal, inverses) {
             let mut own = Vector6::zeros();

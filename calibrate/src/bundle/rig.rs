@@ -36,9 +36,9 @@ impl Bundle {
 
     fn quality(&self, uncertainty: &Uncertainty) -> Quality {
         let open = uncertainty.open.iter().map(|direction| {
-            let parts = direction.parameters.iter().map(|&(camera, parameter, share)| {
-                let camera = &self.cameras[camera];
-                format!("{} of {} ({:.0} %)", parameter.name(camera), camera.name, 100.0 * share)
+            let parts = direction.parameters.iter().map(|&(number, parameter, share)| {
+                let (what, of) = self.name(number, parameter);
+                format!("{what} of {of} ({:.0} %)", 100.0 * share)
             });
             parts.collect::<Vec<_>>().join(", ")
         });
@@ -49,6 +49,19 @@ impl Bundle {
             condition: finite(uncertainty.condition),
             open: open.collect(),
             measures: BTreeMap::new(),
+        }
+    }
+}
+
+impl Bundle {
+    /// What a parameter is called, and whose it is: that of a camera, or, counted after all cameras, of a side of a target.
+    fn name(&self, number: usize, parameter: Parameter) -> (String, &str) {
+        match self.cameras.get(number) {
+            Some(camera) => (parameter.name(camera), &camera.name),
+            None => {
+                let side = self.sides.get(number - self.cameras.len());
+                (parameter.of_pose().unwrap_or_default(), side.map_or("?", |side| &side.name))
+            }
         }
     }
 }

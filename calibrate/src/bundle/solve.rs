@@ -92,7 +92,7 @@ pub struct Solution {
     pub stop: Stop,
     /// How the cameras' system was solved.
     pub method: Method,
-    /// Number of free parameters: of the cameras, and of the placements.
+    /// Number of free parameters: of the cameras and of targets' sides, and of the placements.
     pub parameters: [usize; 2],
     /// Number of observations that took part.
     pub observations: usize,
@@ -227,9 +227,11 @@ impl Bundle {
     fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> Self {
         let cameras = self.cameras.iter().zip(&layout.columns);
         let placements = self.placements.iter().zip(&step.placements);
+        let sides = self.sides.iter().zip(layout.of_sides());
         Self {
             cameras: cameras.map(|(camera, columns)| camera.moved(&step.shared.as_slice()[columns.clone()])).collect(),
             placements: placements.map(|(placement, own)| placement.moved(own.as_slice())).collect(),
+            sides: sides.map(|(side, columns)| side.moved(&step.shared.as_slice()[columns.clone()])).collect(),
             observations: self.observations.clone(),
             priors: self.priors.clone(),
         }

@@ -61,6 +61,7 @@ fn see(bundle: &mut Bundle, camera: usize, placement: usize, on_target: DVec3, s
         camera,
         placement,
         on_target,
+        side: None,
         pixel: pixel + DVec2::new(noise(0), noise(1)),
         sigma_px: sigma.max(0.1),
         velocity: DVec2::ZERO,
@@ -95,15 +96,16 @@ fn rows_are_the_limits_of_differences() {
         camera: 0,
         placement: 0,
         on_target: DVec3::new(0.2, -0.1, 0.05),
+        side: None,
         pixel: DVec2::new(600.0, 300.0),
         sigma_px: 0.5,
         velocity: DVec2::new(30.0, -20.0),
         used: true,
     };
     for placement in placements {
-        let at = row(&camera, &placement, &observation).unwrap();
+        let at = row(&camera, &placement, None, &observation).unwrap();
         let residual =
-            |camera: &BundleCamera, placement: &Placement| row(camera, placement, &observation).unwrap().residual;
+            |camera: &BundleCamera, placement: &Placement| row(camera, placement, None, &observation).unwrap().residual;
         let unit = |index: usize, size: usize, by: f64| {
             (0..size).map(|i| if i == index { by } else { 0.0 }).collect::<Vec<_>>()
         };
@@ -126,6 +128,149 @@ fn rows_are_the_limits_of_differences() {
             }
         }
     }
+}
+
+/// The back of a plate of 6 mm, glued askew.
+fn back() -> Side {
+    let rotation = DQuat::from_scaled_axis(DVec3::new(0.02, 3.1, -0.04));
+    let pose = Pose { rotation, translation: DVec3::new(0.42, 0.01, 0.006) };
+    Side { name: "back".into(), pose, middle: DVec3::new(0.2, 0.15, 0.0), free: true }
+}
+
+#[test]
+fn rows_of_a_further_side_are_the_limits_of_differences_too() {
+    let placements = [
+        Placement::Board(Pose::look_at(DVec3::new(0.1, 0.2, -0.3), DVec3::Z, DVec3::Y)),
+        Placement::Wand { middle: DVec3::new(0.1, -0.1, 0.2), direction: DVec3::new(1.0, 2.0, -0.5).normalize() },
+        Placement::Point(DVec3::new(-0.2, 0.1, 0.1)),
+        Placement::Fixed,
+    ];
+    let (camera, side) = (arc(3).remove(2), back());
+    let observation = Observation {
+        camera: 0,
+        placement: 0,
+        on_target: DVec3::new(0.2, -0.1, 0.0),
+        side: Some(0),
+        pixel: DVec2::new(600.0, 300.0),
+        sigma_px: 0.5,
+        velocity: DVec2::ZERO,
+        used: true,
+    };
+    let unit = |index: usize, by: f64| std::array::from_fn::<_, 6, _>(|i| if i == index { by } else { 0.0 });
+    for placement in placements {
+        let at = row(&camera, &placement, Some(&side), &observation).unwrap();
+        let residual = |camera: &BundleCamera, placement: &Placement, side: &Side| {
+            row(camera, placement, Some(side), &observation).unwrap().residual
+        };
+        let slope = |moved: &dyn Fn(f64) -> DVec2| (moved(1e-6) - moved(-1e-6)) / 2e-6;
+        for index in 0..6 {
+            let by_side = slope(&|by| residual(&camera, &placement, &side.moved(&unit(index, by))));
+            let by_camera = slope(&|by| residual(&camera.moved(&unit(index, by)), &placement, &side));
+            let by_placement = slope(&|by| residual(&camera, &placement.moved(&unit(index, by)), &side));
+            for axis in 0..2 {
+                assert!((by_side[axis] - at.by_side[axis][index]).abs() < 1e-3, "{placement:?} {index}: {by_side}");
+                assert!((by_camera[axis] - at.by_camera[6 * axis + index]).abs() < 1e-3, "{index}: {by_camera}");
+                let own = if index < placement.parameters() { at.by_placement[axis][index] } else { 0.0 };
+                assert!((by_placement[axis] - own).abs() < 1e-3, "{placement:?} {index}: {by_placement}");
+            }
+        }
+        let fixed = Side { free: false, ..side.clone() };
+        assert_eq!(row(&camera, &placement, Some(&fixed), &observation).unwrap().by_side, [[0.0; 6]; 2]);
+        assert_eq!(fixed.moved(&[]), fixed);
+    }
+}
+
+/// Boards of which the first half of the cameras sees the front, and the second half the back, with noise of `sigma` pixels.
+fn two_sided(cameras: &[BundleCamera], count: u64, sigma: f64, seed: u64) -> Bundle {
+    let mut bundle = Bundle { cameras: cameras.to_vec(), sides: vec![back()], ..Bundle::default() };
+    for index in 0..count {
+        let rotation = DQuat::from_scaled_axis(vector(seed, 2 * index, 0.4));
+        let translation = vector(seed, 2 * index + 1, 0.2) - rotation * DVec3::new(0.2, 0.15, 0.0);
+        bundle.placements.push(Placement::Board(Pose { rotation, translation }));
+        for camera in 0..cameras.len() {
+            let side = (2 * camera >= cameras.len()).then_some(0);
+            for corner in 0..20_u64 {
+                let on_target = DVec3::new(0.1 * (corner % 5) as f64, 0.1 * (corner / 5) as f64, 0.0);
+                let on_placement = side.map_or(on_target, |_| back().pose.transform(on_target));
+                let before = bundle.observations.len();
+                see(&mut bundle, camera, index as usize, on_placement, sigma, random::key(seed, &[7, index, corner]));
+                for new in &mut bundle.observations[before..] {
+                    (new.on_target, new.side) = (on_target, side);
+                }
+            }
+        }
+    }
+    bundle
+}
+
+#[test]
+fn where_the_back_of_boards_is_comes_out_with_the_cameras_by_either_method() {
+    let truth = two_sided(&arc(4), 12, 0.0, 21);
+    for method in [Method::Cholesky, Method::ConjugateGradients] {
+        let mut bundle = truth.clone();
+        disturb(&mut bundle, 0.01);
+        bundle.sides[0] = bundle.sides[0].moved(&[0.05, -0.04, 0.06, 0.01, -0.02, 0.01]);
+        let solution = bundle.solve(&Options { method, ..Options::default() }).unwrap();
+        assert_eq!((solution.stop, solution.parameters), (Stop::Converged, [24, 72]));
+        let off = bundle.sides[0].pose.translation - back().pose.translation;
+        assert!(off.length() < 1e-6, "{method:?}: {off}");
+        for (found, true_camera) in bundle.cameras.iter().zip(&truth.cameras) {
+            assert!((found.pose.centre() - true_camera.pose.centre()).length() < 1e-6, "{method:?}");
+        }
+    }
+    // The same step of both, the back's columns among them.
+    let mut bundle = two_sided(&arc(4), 12, 0.5, 21);
+    disturb(&mut bundle, 0.005);
+    let layout = Layout::new(&bundle);
+    let normal = linearise(&bundle, Loss::Squared, &layout);
+    let [exact, approximate] = [Method::Cholesky, Method::ConjugateGradients]
+        .map(|method| step(&normal, &layout, 1e-3, method).unwrap().shared);
+    assert!((&exact - approximate).norm() < 1e-6 * exact.norm());
+}
+
+#[test]
+fn the_deviations_of_a_back_are_those_of_repeated_trials() {
+    let (cameras, seeds, mut squares) = (arc(4), 40, 0.0);
+    for seed in 0..seeds {
+        let mut bundle = two_sided(&cameras, 12, 0.3, 500 + seed);
+        bundle.solve(&Options::default()).unwrap();
+        let groups = jackknife::successive(bundle.placements.len());
+        let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+        let grouped = bundle.uncertainty_of_groups(Loss::Squared, &groups).unwrap();
+        let (own, least) = (&uncertainty.sides[0], &grouped.sides[0]);
+        assert!(least.middle.cmpge(own.middle).all() && uncertainty.open.is_empty(), "{own:?} {least:?}");
+        let side = &bundle.sides[0];
+        let off = side.pose.transform(side.middle) - back().pose.transform(side.middle);
+        let turned = (side.pose.rotation * back().pose.rotation.conjugate()).normalize();
+        let turned = 2.0 * DVec3::new(turned.x, turned.y, turned.z) * turned.w.signum();
+        squares += (off / own.middle).length_squared() + (turned / own.rotation).length_squared();
+    }
+    // Six figures each, correlated: the bounds are wider than the 22 of independent ones.
+    assert!((150.0..340.0).contains(&squares), "{squares}");
+}
+
+#[test]
+fn a_back_that_turns_about_one_axis_alone_is_named_as_open() {
+    let mut bundle = two_sided(&arc(4), 12, 0.0, 22);
+    for (index, placement) in bundle.placements.iter_mut().enumerate() {
+        let rotation = DQuat::from_rotation_x(0.1 * index as f64 - 0.5);
+        *placement = Placement::Board(Pose { rotation, translation: rotation * DVec3::new(-0.2, -0.15, 0.0) });
+    }
+    for index in 0..bundle.observations.len() {
+        let o = bundle.observations[index];
+        let residual = bundle.residual_px(&o).unwrap();
+        bundle.observations[index].pixel += residual;
+    }
+    let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+    // A turn about that axis and a shift along it.
+    assert_eq!(uncertainty.open.len(), 2);
+    assert!(uncertainty.sides[0].rotation.x.is_infinite() && uncertainty.sides[0].middle.x.is_infinite());
+    // Where the front was never seen the back may be anywhere.
+    bundle.observations.retain(|o| o.side.is_some());
+    bundle.cameras.iter_mut().for_each(|camera| camera.free.clear());
+    let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
+    let quality = bundle.rig("board", &uncertainty, &[erfgs_scene::Modality::Rgb; 4]).quality.unwrap();
+    assert!(quality.open.len() == 6 && quality.open[0].contains("of back"), "{:?}", quality.open);
 }
 
 #[test]
@@ -306,6 +451,11 @@ fn nonsense_is_refused() {
     let mut bundle = good.clone();
     bundle.observations[4].pixel.x = f64::NAN;
     assert!(bundle.solve(&Options::default()).unwrap_err().to_string().starts_with("observation 4"));
+    let mut bundle = good.clone();
+    bundle.observations[4].side = Some(0);
+    assert!(bundle.solve(&Options::default()).unwrap_err().to_string().contains("side"));
+    bundle.sides.push(Side { middle: DVec3::NAN, ..back() });
+    assert!(bundle.solve(&Options::default()).unwrap_err().to_string().starts_with("back"));
     let mut bundle = good.clone();
     bundle.cameras[1].intrinsics.fx = -3.0;
     assert!(bundle.uncertainty(Loss::Squared).unwrap_err().to_string().starts_with("camera c1"));

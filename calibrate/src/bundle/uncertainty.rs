@@ -28,10 +28,21 @@ pub struct CameraUncertainty {
     pub rotation: DVec3,
 }
 
+/// What the observations leave uncertain of a side of a target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SideUncertainty {
+    /// Standard deviations of turns about the axes of the placement's frame, radians; infinite where they are not determined,
+    /// zero where the side is fixed.
+    pub rotation: DVec3,
+    /// Those of where its middle is, along the same axes, metres.
+    pub middle: DVec3,
+}
+
 /// A combination of parameters that no observation tells anything about.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpenDirection {
-    /// The parameters that take part, the greatest first: camera, parameter, share of the squared length.
+    /// The parameters that take part, the greatest first: camera, parameter, share of the squared length. Sides of targets are
+    /// counted after the cameras.
     pub parameters: Vec<(usize, Parameter, f64)>,
 }
 
@@ -50,11 +61,13 @@ pub struct Uncertainty {
     pub rank: usize,
     /// Per camera.
     pub cameras: Vec<CameraUncertainty>,
+    /// Per side of a target.
+    pub sides: Vec<SideUncertainty>,
     /// What is not determined; empty in a sound problem.
     pub open: Vec<OpenDirection>,
     /// Number of placements with a direction of their own that is not determined, such as the depth of a point in one view.
     pub open_placements: usize,
-    /// Covariance of all free parameters of all cameras, in order.
+    /// Covariance of all free parameters of all cameras and then all sides, in order.
     pub covariance: DMatrix<f64>,
 }
 
@@ -89,11 +102,14 @@ pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal, err
     let degrees_of_freedom = measured.saturating_sub(rank + layout.private - open_of_placements);
     let variance_factor = if degrees_of_freedom > 0 { 2.0 * normal.cost / degrees_of_freedom as f64 } else { 1.0 };
     let names: Vec<(usize, Parameter)> =
-        bundle.cameras.iter().enumerate().flat_map(|(c, camera)| camera.free.iter().map(move |p| (c, *p))).collect();
+        free_parameters(bundle).enumerate().flat_map(|(number, free)| free.iter().map(move |p| (number, *p))).collect();
     let mut covariance = DMatrix::zeros(layout.shared, layout.shared);
     let mut open = Vec::new();
+    // How much of each parameter lies in directions that are open.
+    let mut lost = DVector::zeros(layout.shared);
     for (value, vector) in eigen.values.iter().zip(eigen.vectors.column_iter()) {
         if zero(*value) {
+            lost += vector.component_mul(&vector);
             let mut parameters: Vec<_> = names
                 .iter()
                 .zip(vector.iter())
@@ -115,6 +131,7 @@ pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal, err
     };
     let (least, most) = (eigen.values.min(), eigen.values.max());
     let cameras = (0..bundle.cameras.len()).map(|c| camera(bundle, layout, &covariance, &open, c)).collect();
+    let sides = (0..bundle.sides.len()).map(|s| side(layout, &covariance, &lost, s)).collect();
     Uncertainty {
         variance_factor,
         degrees_of_freedom,
@@ -127,10 +144,17 @@ pub(super) fn uncertainty(bundle: &Bundle, layout: &Layout, normal: &Normal, err
         },
         rank,
         cameras,
+        sides,
         open,
         open_placements,
         covariance,
     }
+}
+
+/// The free parameters of each camera, and then of each side of a target.
+fn free_parameters(bundle: &Bundle) -> impl Iterator<Item = &[Parameter]> {
+    let of_cameras = bundle.cameras.iter().map(|camera| camera.free.as_slice());
+    of_cameras.chain(bundle.sides.iter().map(|side| side.free_parameters()))
 }
 
 /// A covariance whose variances are at least these; correlations stay.
@@ -199,4 +223,19 @@ fn camera(
     // A shift v along the camera's axes moves its centre by -R^T v.
     let to_world = DMat3::from_quat(camera.pose.rotation.conjugate());
     CameraUncertainty { sigma, centre: to_world * shift * to_world.transpose(), rotation }
+}
+
+fn side(layout: &Layout, covariance: &DMatrix<f64>, lost: &DVector<f64>, index: usize) -> SideUncertainty {
+    // Cameras that an open side leaves open take part by much more than the side, which is small and seen by all.
+    const LOST: f64 = 1e-6;
+    let columns = &layout.of_sides()[index];
+    let sigma = |parameter: usize| match columns.clone().nth(parameter) {
+        Some(column) if lost[column] > LOST => f64::INFINITY,
+        Some(column) => covariance[(column, column)].max(0.0).sqrt(),
+        None => 0.0,
+    };
+    SideUncertainty {
+        rotation: DVec3::new(sigma(0), sigma(1), sigma(2)),
+        middle: DVec3::new(sigma(3), sigma(4), sigma(5)),
+    }
 }

@@ -4,6 +4,7 @@
 mod align;
 mod epipolar;
 mod forest;
+mod hand_eye;
 pub mod homography;
 pub mod resection;
 mod triangulate;
@@ -11,4 +12,5 @@ mod triangulate;
 pub use align::{Similarity, angle, rigid, similarity};
 pub use epipolar::EpipolarCurve;
 pub use forest::Forest;
+pub use hand_eye::hand_eye;
 pub use triangulate::{Ray, nearest_point, triangulate};

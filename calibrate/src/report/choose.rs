@@ -78,6 +78,7 @@ mod tests {
                     camera,
                     placement,
                     on_target: DVec3::new(x, y, 0.0),
+                    side: None,
                     pixel,
                     at_instant: pixel,
                     residual: None,

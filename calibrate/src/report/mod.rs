@@ -233,6 +233,7 @@ mod tests {
             camera,
             placement: 3,
             on_target: glam::DVec3::ZERO,
+            side: None,
             pixel: DVec2::new(100.0, 200.0),
             at_instant: DVec2::new(100.0, 200.0),
             residual,

@@ -75,8 +75,8 @@ pub(super) fn picture(evidence: &Evidence, camera: usize) -> Option<&Picture> {
     evidence.pictures.iter().find(|picture| picture.camera == camera)
 }
 
-/// What tells a feature: its placement, and where it is on that.
-type Feature = (usize, [u64; 3]);
+/// What tells a feature: its placement, the side of that, and where it is there.
+type Feature = (usize, Option<usize>, [u64; 3]);
 
 /// Who saw each feature that took part, and where.
 fn features(rig: &RigFile, evidence: &Evidence) -> BTreeMap<Feature, Vec<(usize, DVec2)>> {
@@ -85,7 +85,7 @@ fn features(rig: &RigFile, evidence: &Evidence) -> BTreeMap<Feature, Vec<(usize,
         if rig.cameras.get(residual.camera).is_none_or(|camera| camera.pose.is_none()) {
             continue;
         }
-        let feature = (residual.placement, residual.on_target.to_array().map(f64::to_bits));
+        let feature = (residual.placement, residual.side, residual.on_target.to_array().map(f64::to_bits));
         let cameras = features.entry(feature).or_default();
         if !cameras.iter().any(|(camera, _)| *camera == residual.camera) {
             cameras.push((residual.camera, residual.at_instant));
@@ -103,7 +103,7 @@ fn pair(
 ) -> Pair {
     let shared: Vec<Shared> = features
         .iter()
-        .filter_map(|((placement, _), cameras)| {
+        .filter_map(|((placement, ..), cameras)| {
             let of = |camera: usize| cameras.iter().find(|(other, _)| *other == camera).map(|(_, pixel)| *pixel);
             Some(Shared { placement: *placement, first: of(first)?, second: of(second)? })
         })
@@ -205,6 +205,7 @@ mod tests {
                         camera,
                         placement,
                         on_target,
+                        side: None,
                         pixel,
                         at_instant: pixel,
                         residual,

@@ -181,6 +181,7 @@ pub(super) fn adjust(
                 camera,
                 placement,
                 on_target: DVec3::ZERO,
+                side: None,
                 pixel: features[view].positions[feature as usize],
                 sigma_px: BASE_SIGMA * features[view].scales[feature as usize].max(0.5).powf(SIGMA_POWER),
                 velocity: DVec2::ZERO,

@@ -36,6 +36,7 @@ pub(super) fn add(
                 camera,
                 placement,
                 on_target,
+                side: None,
                 pixel,
                 sigma_px,
                 velocity,

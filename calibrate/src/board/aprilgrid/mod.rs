@@ -20,7 +20,7 @@ use super::{
     detect::{Grey, to_ours},
 };
 pub(super) use grid::without_strays;
-pub(super) use tag::{BITS, BORDER, is_black};
+pub(super) use tag::{BITS, BORDER, TAG_FAMILY, is_black};
 
 /// A place where two edges cross.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +32,7 @@ struct Saddle {
 
 /// The corners of the grid in a picture, to a pixel or so.
 pub(super) fn aprilgrid(grey: &Grey, target: &Target) -> Vec<Corner> {
-    let &Target::AprilGrid { columns, rows, .. } = target else { return Vec::new() };
+    let numbers = target.numbers();
     let saddles: Vec<Saddle> = detect_corners(&grey.view(), &default_chess_config())
         .into_iter()
         .map(|corner| Saddle {
@@ -43,7 +43,7 @@ pub(super) fn aprilgrid(grey: &Grey, target: &Target) -> Vec<Corner> {
         .collect();
     let tags: Vec<tag::Tag> = quads::quads(&saddles)
         .into_iter()
-        .filter_map(|quad| tag::read(grey, quad.map(|index| saddles[index].at), columns * rows))
+        .filter_map(|quad| tag::read(grey, quad.map(|index| saddles[index].at), &numbers))
         .collect();
     let tags = grid::consistent(tags, target);
     grid::complete(grey, &tags, &saddles, target)

@@ -1,5 +1,7 @@
 //! One tag: what it says between four corners.
 
+use std::ops::Range;
+
 use calib_targets_charuco::resolve_dictionary;
 use glam::{DMat3, DVec2};
 
@@ -10,7 +12,8 @@ use crate::geometry::homography::homography;
 pub(in super::super) const BORDER: usize = 2;
 /// Cells of the code in a row.
 pub(in super::super) const BITS: usize = 6;
-const DICTIONARY: &str = "DICT_APRILTAG_36h11";
+/// The tags' family, as dictionaries are called.
+pub(in super::super) const TAG_FAMILY: &str = "DICT_APRILTAG_36h11";
 /// Two codes differ in 11 cells at least, however they are turned.
 const MOST_WRONG: u32 = 4;
 /// Black and white that are nearer to each other than this (of 255) are noise.
@@ -19,6 +22,7 @@ const LEAST_CONTRAST: f64 = 12.0;
 /// A tag in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tag {
+    /// Its number on the target, from 0.
     pub id: u32,
     /// Pixels: below left, below right, above right, above left on the sheet.
     pub corners: [DVec2; 4],
@@ -30,21 +34,24 @@ pub(super) struct Tag {
 
 /// Whether a cell of a tag's code is black; rows from the top of the sheet. `None` beyond the code or the family.
 pub(in super::super) fn is_black(id: u32, row: usize, column: usize) -> Option<bool> {
-    let dictionary = resolve_dictionary(DICTIONARY)?;
+    let dictionary = resolve_dictionary(TAG_FAMILY)?;
     let code = dictionary.codes().get(id as usize)?;
     // The dictionary counts from the upper left of OpenCV's drawing, which stands on its head against Kalibr's (and the
     // family's own).
     (row < BITS && column < BITS).then(|| (code >> (BITS * BITS - 1 - BITS * row - column)) & 1 == 1)
 }
 
-/// The tag between four corners (clockwise as seen), if it is one of the first `count`.
-pub(super) fn read(grey: &Grey, quad: [DVec2; 4], count: u32) -> Option<Tag> {
+/// The tag between four corners (clockwise as seen), if it is one of `numbers` in the family.
+pub(super) fn read(grey: &Grey, quad: [DVec2; 4], numbers: &Range<u32>) -> Option<Tag> {
     let unit = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
     let map = homography(&unit, &quad)?;
-    [BORDER, 1].into_iter().filter_map(|border| read_with(grey, &map, quad, border, count)).min_by_key(|tag| tag.wrong)
+    [BORDER, 1]
+        .into_iter()
+        .filter_map(|border| read_with(grey, &map, quad, border, numbers))
+        .min_by_key(|tag| tag.wrong)
 }
 
-fn read_with(grey: &Grey, map: &DMat3, quad: [DVec2; 4], border: usize, count: u32) -> Option<Tag> {
+fn read_with(grey: &Grey, map: &DMat3, quad: [DVec2; 4], border: usize, numbers: &Range<u32>) -> Option<Tag> {
     let cells = BITS + 2 * border;
     let (mut frame, mut inside) = (Vec::new(), [[0.0; BITS]; BITS]);
     for row in 0..cells {
@@ -72,7 +79,7 @@ fn read_with(grey: &Grey, map: &DMat3, quad: [DVec2; 4], border: usize, count: u
     let mut best: Option<(u32, u32, usize)> = None;
     for turn in 0..4 {
         let code = seen.iter().flatten().fold(0_u64, |code, &black| code << 1 | u64::from(black));
-        if let Some((id, wrong)) = nearest(code, count)
+        if let Some((id, wrong)) = nearest(code, numbers)
             && best.is_none_or(|(least, ..)| wrong < least)
         {
             best = Some((wrong, id, turn));
@@ -90,10 +97,10 @@ fn read_with(grey: &Grey, map: &DMat3, quad: [DVec2; 4], border: usize, count: u
     Some(Tag { id, corners: [at(3), at(2), at(1), at(0)], wrong, contrast: white - black })
 }
 
-/// The code that differs least, and in how many cells.
-fn nearest(code: u64, count: u32) -> Option<(u32, u32)> {
-    let dictionary = resolve_dictionary(DICTIONARY)?;
-    let codes = dictionary.codes().iter().take(count as usize).zip(0..);
+/// The code that differs least, counted from the first of `numbers`, and in how many cells.
+fn nearest(code: u64, numbers: &Range<u32>) -> Option<(u32, u32)> {
+    let dictionary = resolve_dictionary(TAG_FAMILY)?;
+    let codes = dictionary.codes().get(numbers.start as usize..numbers.end as usize)?.iter().zip(0..);
     let (wrong, id) = codes.map(|(known, id)| ((known ^ code).count_ones(), id)).min()?;
     (wrong <= MOST_WRONG).then_some((id, wrong))
 }
@@ -142,8 +149,9 @@ mod tests {
     fn tags_are_read_however_they_lie_and_however_wide_their_border_is() {
         for (id, border, turn) in [(0, 2, 0), (17, 2, 1), (35, 1, 2), (8, 1, 3)] {
             let (grey, quad) = picture(id, border, turn, &[3, 20]);
-            let tag = read(&grey, quad, 36).unwrap();
+            let tag = read(&grey, quad, &(0..36)).unwrap();
             assert_eq!((tag.id, tag.wrong), (id, 2));
+            assert_eq!(read(&grey, quad, &(id..36)).unwrap().id, 0, "counted from the grid's first tag");
             // A quarter clockwise takes what is above left to above right.
             assert_eq!(tag.corners[3], quad[turn]);
             assert_eq!(tag.corners[1], quad[(turn + 2) % 4]);
@@ -153,10 +161,10 @@ mod tests {
     #[test]
     fn tags_of_other_boards_and_damaged_ones_are_not_read() {
         let (grey, quad) = picture(100, 2, 0, &[]);
-        assert_eq!(read(&grey, quad, 36), None);
+        assert_eq!(read(&grey, quad, &(0..36)), None);
         let (grey, quad) = picture(5, 2, 0, &[0, 7, 14, 21, 28]);
-        assert_eq!(read(&grey, quad, 36), None);
+        assert_eq!(read(&grey, quad, &(0..36)), None);
         let white = Grey { width: 100, height: 100, pixels: vec![200; 10_000] };
-        assert_eq!(read(&white, quad, 36), None);
+        assert_eq!(read(&white, quad, &(0..36)), None);
     }
 }

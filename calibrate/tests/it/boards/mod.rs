@@ -10,4 +10,5 @@ mod moving;
 mod report;
 mod scene;
 mod session;
+mod two_sides;
 mod webcams;

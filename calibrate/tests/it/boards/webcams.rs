@@ -1,6 +1,6 @@
 use std::{collections::BTreeMap, path::Path};
 
-use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, calibrate, look};
+use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, Target, calibrate, look};
 use erfgs_recordings::shared;
 use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DMat3, DVec2, DVec3};
@@ -59,7 +59,7 @@ fn their_corners(file: &Path) -> Vec<Seen> {
 #[test]
 fn four_free_running_webcams_and_a_waved_board() {
     let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
-    let target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
+    let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
     let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
     let least = [50, 40, 45, 20];
     for (seen, least) in videos.iter().zip(least) {
