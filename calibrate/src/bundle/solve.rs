@@ -52,7 +52,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { loss: Loss::Squared, iterations: 100, tolerance: 1e-10, method: Method::Auto }
+        Self { loss: Loss::Squared, iterations: 100, tolerance: 1e-8, method: Method::Auto }
     }
 }
 

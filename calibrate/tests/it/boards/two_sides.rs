@@ -325,7 +325,7 @@ fn the_front_is_the_world_where_only_the_back_was_seen_as_well() {
 fn film(plate: &Plate, angles: &[f64], count: u64) -> Vec<Vec<ImageRgb8>> {
     let sheets =
         [(plate.front(), 0.0075), (plate.back().unwrap(), 0.008)].map(|(target, unit_m)| Sheet::of(target, unit_m));
-    let rays = Rays::<3>::of(&LENS);
+    let rays = Rays::<2>::of(&LENS);
     let picture = |number: u64, angle: f64, instant: u64| {
         let held = held(plate, vector(11, 2 * instant, 0.08), vector(11, 2 * instant + 1, 0.5));
         let (face, pose) = shown(plate, ASKEW, &held, &place(angle, 0.75));
@@ -366,7 +366,7 @@ fn record(films: &[Vec<ImageRgb8>], path: &std::path::Path) {
 #[test]
 fn pictures_of_both_sides_calibrate_cameras_that_face_each_other() {
     let (plate, angles) = (plate(), [-25.0, 25.0, 155.0, 205.0]);
-    let films = film(&plate, &angles, 20);
+    let films = film(&plate, &angles, 12);
     let folder = tempfile::tempdir().unwrap();
     for (number, film) in films.iter().enumerate() {
         let own = folder.path().join(format!("cam{number}"));
@@ -377,7 +377,7 @@ fn pictures_of_both_sides_calibrate_cameras_that_face_each_other() {
     }
     let seen = look(folder.path(), &plate, None, &|_, _| {}).unwrap();
     for (number, seen) in seen.iter().enumerate() {
-        assert!(seen.views.len() >= 16, "{}: {} views", seen.camera, seen.views.len());
+        assert!(seen.views.len() >= 10, "{}: {} views", seen.camera, seen.views.len());
         let face = if number < 2 { Face::Front } else { Face::Back };
         let corners = seen.views.iter().flat_map(|view| &view.corners);
         assert!(corners.map(|corner| plate.point(corner.id).unwrap().0).all(|of| of == face), "{}", seen.camera);
@@ -394,9 +394,10 @@ fn pictures_of_both_sides_calibrate_cameras_that_face_each_other() {
     }
     // The report's pictures show the side that they show.
     let wanted = telling(&rig, &evidence);
+    // Not of the pictures, whose bytes may spell anything.
+    assert!(!page(&rig, &evidence).contains("NaN"));
     evidence.pictures = pictures(&seen, &plate, None, &evidence, &wanted, None).unwrap();
     assert!(evidence.pictures.len() == 4 && evidence.pictures.iter().all(|picture| picture.found.len() >= 6));
-    assert!(!page(&rig, &evidence).contains("NaN"));
     // A session shows what its pictures show.
     let path = folder.path().join("s.mcap");
     record(&films, &path);
