@@ -1,9 +1,7 @@
 //! Corners of a target in a frame.
 
 use calib_targets_charuco::{CharucoDetector, CharucoParams};
-use calib_targets_chessboard::{
-    ChessboardDetector, ChessboardParams, GrayImageView, default_chess_config, detect_corners,
-};
+use calib_targets_chessboard::{ChessboardDetector, ChessboardParams, GrayImageView};
 use erfgs_scene::ImageRgb8;
 use glam::DVec2;
 
@@ -11,6 +9,7 @@ use super::{
     Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
     corner::refine,
+    features::features,
 };
 
 /// Corners of an AprilGrid that are nearer than this to where their neighbours say are kept.
@@ -40,38 +39,34 @@ impl Grey {
     /// The picture at half the size: means of 2x2 pixels.
     fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
-        let pixels = (0..width * height)
-            .map(|i| {
-                let at = (i / width * 2) * self.width + i % width * 2;
-                let sum = |at: usize| u16::from(self.pixels[at]) + u16::from(self.pixels[at + 1]);
-                ((sum(at) + sum(at + self.width) + 2) / 4) as u8
-            })
-            .collect();
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let row = |y: usize| self.pixels[y * self.width..][..2 * width].as_chunks::<2>().0;
+            let sum = |pair: &[u8; 2]| u16::from(pair[0]) + u16::from(pair[1]);
+            let pairs = row(2 * y).iter().zip(row(2 * y + 1));
+            pixels.extend(pairs.map(|(above, below)| ((sum(above) + sum(below) + 2) / 4) as u8));
+        }
         Self { width, height, pixels }
     }
 
     /// The picture at twice the size, bilinear: each pixel lies a quarter of a pixel from the nearest one of the picture, in both
     /// directions.
     fn doubled(&self) -> Self {
-        let (width, height) = (2 * self.width, 2 * self.height);
-        // The nearest and the next nearest, which beyond the edge is the nearest itself.
-        let around = |at: usize, size: usize| {
-            let near = at / 2;
-            (near, if at.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(size - 1) })
-        };
-        let mut pixels = Vec::with_capacity(width * height);
-        for y in 0..height {
-            let (near, next) = around(y, self.height);
+        let mut pixels = Vec::with_capacity(4 * self.pixels.len());
+        // One row between two, in quarters, with a pixel more at each end: what is beyond the edge is as the edge.
+        let mut between = vec![0; self.width + 2];
+        for y in 0..2 * self.height {
+            let near = y / 2;
+            let next = if y.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(self.height - 1) };
             let row = |at: usize| &self.pixels[at * self.width..][..self.width];
-            // Of one row between the two, in quarters.
-            let between: Vec<u16> =
-                row(near).iter().zip(row(next)).map(|(&near, &next)| 3 * u16::from(near) + u16::from(next)).collect();
-            pixels.extend((0..width).map(|x| {
-                let (near, next) = around(x, self.width);
-                ((3 * between[near] + between[next] + 8) / 16) as u8
-            }));
+            for ((between, &near), &next) in between[1..].iter_mut().zip(row(near)).zip(row(next)) {
+                *between = 3 * u16::from(near) + u16::from(next);
+            }
+            (between[0], between[self.width + 1]) = (between[1], between[self.width]);
+            let pair = |around: &[u16]| [0, 2].map(|next| ((3 * around[1] + around[next] + 8) / 16) as u8);
+            pixels.extend(between.windows(3).flat_map(pair));
         }
-        Self { width, height, pixels }
+        Self { width: 2 * self.width, height: 2 * self.height, pixels }
     }
 
     pub fn view(&self) -> GrayImageView<'_> {
@@ -160,7 +155,7 @@ pub(super) fn to_ours(x: f32, y: f32) -> DVec2 {
 type OnGrid = (i32, i32, DVec2);
 
 fn chessboard(grey: &Grey, columns: u32, rows: u32) -> Vec<Corner> {
-    let found = detect_corners(&grey.view(), &default_chess_config());
+    let found = features(grey, ChessboardParams::default().min_corner_strength);
     let configurations = ChessboardParams::sweep_default();
     let detections = configurations.into_iter().filter_map(|parameters| ChessboardDetector::new(parameters).ok());
     let (columns, rows) = (columns as i32, rows as i32);
@@ -240,7 +235,7 @@ fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
     let Some(Charuco { board, first }) = target.charuco() else { return Vec::new() };
     let mut best = Vec::new();
     // What looks like a corner is the same for all configurations.
-    let found = detect_corners(&grey.view(), &CharucoParams::for_board(board).chess);
+    let found = features(grey, CharucoParams::for_board(board).chessboard.min_corner_strength);
     for parameters in CharucoParams::sweep_for_board(&board) {
         let Ok(detector) = CharucoDetector::new(parameters) else { continue };
         let Ok(detection) = detector.detect_with_corners(&grey.view(), &found) else { continue };

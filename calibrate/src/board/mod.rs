@@ -1,7 +1,7 @@
 //! Calibration with a board: chessboard, ChArUco or AprilGrid, held before the cameras.
 //!
-//! Corners are found in frames (`detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own views
-//! (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), those
+//! Corners are found in frames (`features.rs`, `detect.rs`) and made exact (`corner.rs`); each camera's intrinsics come from its own
+//! views (`intrinsics.rs`, Zhang 2000, then adjusted); boards that several cameras see at once chain their poses (`chain.rs`), those
 //! with a target on either side also of cameras that face each other (`plate.rs`, `link.rs`, `back.rs`), one
 //! adjustment over all cameras ends it (`joint.rs`, `rig.rs`), and what it says is held against what each camera says by itself
 //! (`doubt.rs`). `quick.rs` does the second step while frames still
@@ -16,6 +16,7 @@ mod corner;
 mod detect;
 mod doubt;
 mod error;
+mod features;
 mod input;
 mod intrinsics;
 mod joint;

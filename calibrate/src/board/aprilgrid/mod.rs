@@ -12,12 +12,12 @@ mod grid;
 mod quads;
 mod tag;
 
-use calib_targets_chessboard::{default_chess_config, detect_corners};
 use glam::DVec2;
 
 use super::{
     Corner, Target,
     detect::{Grey, to_ours},
+    features::features,
 };
 pub(super) use grid::without_strays;
 pub(super) use tag::{BITS, BORDER, TAG_FAMILY, is_black};
@@ -33,7 +33,7 @@ struct Saddle {
 /// The corners of the grid in a picture, to a pixel or so.
 pub(super) fn aprilgrid(grey: &Grey, target: &Target) -> Vec<Corner> {
     let numbers = target.numbers();
-    let saddles: Vec<Saddle> = detect_corners(&grey.view(), &default_chess_config())
+    let saddles: Vec<Saddle> = features(grey, 0.0)
         .into_iter()
         .map(|corner| Saddle {
             at: to_ours(corner.position.x, corner.position.y),
