@@ -38,7 +38,7 @@ use adjust::Round;
 use known_rig::Fixed;
 
 use crate::{
-    bundle::{Bundle, BundleCamera, Loss, Parameter},
+    bundle::{Bundle, BundleCamera, Loss, Parameter, jackknife::successive},
     evidence::Evidence,
 };
 use erfgs_scene::rig_file::RigFile;
@@ -171,7 +171,9 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
         bundle = adjust::adjust(&start, &known, &all, &mut scatter, &scaled, Round::All, &mut evidence)?;
     }
     enough(&cameras, &outcome::placements(&bundle), options)?;
-    let uncertainty = bundle.uncertainty(Loss::Squared)?;
+    // What wands share that follow each other (the speed of a LED across the image, the lens where the wand was) is seen only
+    // when they are left out together.
+    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len()))?;
     let (mut rig, evidence) = outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)?;
     if let Some(known_rig) = &options.known {
         known_rig.complete(&mut rig, &fixed);

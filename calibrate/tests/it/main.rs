@@ -2,6 +2,7 @@
 //! simulated ones whose truth is known.
 
 mod boards;
+mod halves;
 mod panoptic;
 mod register;
 #[path = "../../points/tests/it/common.rs"]

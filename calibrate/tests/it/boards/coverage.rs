@@ -9,6 +9,7 @@ use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::RigFile};
 use glam::{DQuat, DVec2, DVec3};
 
 use super::chessboards::{folder, target};
+use crate::halves::{differences, in_deviations};
 
 const LENS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 600.0, fy: 600.0, cx: 322.0, cy: 238.0, distortion: Distortion::None };
@@ -63,42 +64,18 @@ fn what_all_corners_of_a_view_share_is_in_the_deviations() {
     assert!(before > 1.7, "the case shows nothing: {before}");
 }
 
-/// Every figure of a rig with its deviation.
-fn figures(rig: &RigFile) -> Vec<(String, f64, f64)> {
-    let mut figures = Vec::new();
-    for camera in &rig.cameras {
-        let (i, sigma) = (&camera.intrinsics, camera.sigma.as_ref().unwrap());
-        for (name, value) in [("fx", i.fx), ("fy", i.fy), ("cx", i.cx), ("cy", i.cy)] {
-            figures.push((format!("{} {name}", camera.name), value, sigma.intrinsics[name].unwrap()));
-        }
-        if let Some(pose) = camera.pose.filter(|pose| *pose != Pose::IDENTITY) {
-            for axis in 0..3 {
-                let name = format!("{} centre {axis}", camera.name);
-                figures.push((name, pose.centre()[axis], sigma.centre_m[axis].unwrap()));
-            }
-        }
-    }
-    figures
-}
-
 #[test]
 fn halves_of_a_recording_agree_within_their_deviations() {
     let seen = look(&folder(), &target(), None, &|_, _| {}).unwrap();
+    let options = BoardOptions { model: LensModel::Brown4, ..BoardOptions::default() };
     let half = |odd: usize| -> RigFile {
         let part = |seen: &Seen| Seen {
             views: seen.views.iter().enumerate().filter(|(n, _)| n % 2 == odd).map(|(_, view)| view.clone()).collect(),
             ..seen.clone()
         };
         let seen: Vec<Seen> = seen.iter().map(part).collect();
-        let options = BoardOptions { model: LensModel::Brown4, ..BoardOptions::default() };
         calibrate(&seen, &target(), &options, &|_, _, _| {}).unwrap().0
     };
-    let (one, other) = (figures(&half(0)), figures(&half(1)));
-    let mut within = 0;
-    for ((name, a, sigma_a), (_, b, sigma_b)) in one.iter().zip(&other) {
-        let off = (a - b) / sigma_a.hypot(*sigma_b);
-        println!("{name}: {a:.4} ± {sigma_a:.4}, {b:.4} ± {sigma_b:.4}: {off:+.2}");
-        within += usize::from(off.abs() < 2.0);
-    }
-    assert!(10 * within >= 8 * one.len(), "{within} of {}", one.len());
+    let [rms, most] = in_deviations("odd and even pictures", &differences(&half(0), &half(1)));
+    assert!(rms < 1.0 && most < 2.5, "{rms} {most}");
 }

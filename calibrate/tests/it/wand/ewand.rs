@@ -11,6 +11,8 @@ use erfgs_scene::Pose;
 use erfgs_scene::rig_file::RigFile;
 use glam::{DMat3, DVec3};
 
+use crate::halves::{differences, in_deviations};
+
 const RECORDING: &str = "data/ewand_wand_4cam_points";
 
 fn options() -> WandOptions {
@@ -100,4 +102,33 @@ fn lengths_of_reference(folder: &Path, cameras: &[WandCamera]) -> (f64, f64) {
     let mean = |of: &dyn Fn(f64) -> f64| errors.iter().map(|e| of(*e)).sum::<f64>() / errors.len() as f64;
     eprintln!("{} wands", errors.len());
     (mean(&|e| e), mean(&|e| e * e).sqrt())
+}
+
+#[test]
+fn parts_of_a_recording_agree_within_their_deviations() {
+    let Some(folder) = shared(RECORDING) else { return };
+    let cameras = read_points(&folder).unwrap();
+    let mut times: Vec<i64> = cameras.iter().flat_map(|camera| &camera.sightings).map(|s| s.t_ns).collect();
+    times.sort_unstable();
+    times.dedup();
+    let of = |wanted: &dyn Fn(usize) -> bool| {
+        let part = |camera: &WandCamera| {
+            let sightings = camera.sightings.iter().filter(|s| wanted(times.partition_point(|t| *t < s.t_ns)));
+            WandCamera { sightings: sightings.copied().collect(), ..camera.clone() }
+        };
+        let part: Vec<WandCamera> = cameras.iter().map(part).collect();
+        calibrate(&part, &options()).unwrap().0
+    };
+    let mut squares = 0.0;
+    // Every other instant (too far apart for a LED's speed, so that there are no time offsets), every other of 16, 8 and 4
+    // stretches, the first half and the second.
+    let parts = [times.len(), 16, 8, 4, 2];
+    for stretches in parts {
+        let [one, other] = [0, 1].map(|odd| of(&|number| number * stretches / times.len() % 2 == odd));
+        let [rms, _] = in_deviations(&format!("every other of {stretches}"), &differences(&one, &other));
+        assert!(rms < 2.0, "{stretches}: {rms}");
+        squares += rms * rms / parts.len() as f64;
+    }
+    // Deviations that take each LED's error for its own are too small by a factor of three.
+    assert!(squares.sqrt() < 1.4, "{}", squares.sqrt());
 }
