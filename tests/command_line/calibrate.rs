@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::Folder;
+use super::{Folder, browser::Browser};
 
 const CHESSBOARD: &str = "--target chessboard:9x6:0.025";
 
@@ -30,6 +30,27 @@ fn a_stereo_pair_is_calibrated_reported_and_converted() {
     assert_eq!(back["cameras"], 2);
     let message = folder.fail(1, "calibrate convert rig.json --to kalibr --out camchain.yaml");
     assert!(message.contains("camera left"), "{message}");
+}
+
+#[test]
+fn a_report_is_read_at_a_desk_and_on_a_phone() {
+    let folder = with_pairs();
+    folder.succeed("calibrate board pairs --target chessboard:9x6:0.025 --out rig.json -q");
+    let mut browser = Browser::start();
+    browser.open(&format!("file://{}", folder.path("rig.html").display()));
+    for (width, height) in [(1280, 800), (390, 844)] {
+        browser.resize(width, height);
+        // Nothing makes the page wider, and what a table has more can be scrolled to.
+        browser.wait(&format!("innerWidth === {width} && document.documentElement.scrollWidth <= {width}"));
+        let all = |of: &str, is: &str| format!("[...document.querySelectorAll('{of}')].every((e) => {is})");
+        browser.wait(&all("table", "getComputedStyle(e.parentElement).overflowX === 'auto'"));
+        browser.wait(&all("figure, .space, .plot", "e.getBoundingClientRect().right <= innerWidth"));
+        // What is written in the drawings is large enough to be read, and pictures to see what bends.
+        let on_screen = "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a >= 8.5";
+        browser.wait(&all(".space text, .plot text", on_screen));
+        browser.wait(&all(".two svg", "e.getBoundingClientRect().width >= 350"));
+    }
+    browser.wait("['.axis-x', '.axis-y', '.axis-z', '.scale', '.board'].every((part) => document.querySelector(`.space ${part}`))");
 }
 
 #[test]

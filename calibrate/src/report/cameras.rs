@@ -35,7 +35,7 @@ fn place(camera: &RigCamera) -> String {
     let centre = camera.pose.map(|pose| pose.centre());
     let sigma = camera.sigma.as_ref().filter(|_| camera.pose.is_some());
     let offset = match sigma.and_then(|sigma| sigma.time_offset_s) {
-        Some(sigma) => format!("{} ± {}", number(1e3 * camera.time_offset_s, 2), number(1e3 * sigma, 2)),
+        Some(sigma) => within(1e3 * camera.time_offset_s, 1e3 * sigma, 2),
         None if camera.time_offset_s != 0.0 => number(1e3 * camera.time_offset_s, 2),
         None => "–".into(),
     };
@@ -51,12 +51,17 @@ fn place(camera: &RigCamera) -> String {
     )
 }
 
+/// A value and its deviation, which stay on one line.
+fn within(value: f64, sigma: f64, digits: usize) -> String {
+    format!("{}\u{a0}±\u{a0}{}", number(value, digits), number(sigma, digits))
+}
+
 fn lens(camera: &RigCamera) -> String {
     let i = &camera.intrinsics;
     let with = |name: &str, value: f64, digits: usize| {
         let sigma = camera.sigma.as_ref().and_then(|sigma| sigma.intrinsics.get(name));
         match sigma {
-            Some(Some(sigma)) => format!("{} ± {}", number(value, digits), number(*sigma, digits)),
+            Some(Some(sigma)) => within(value, *sigma, digits),
             Some(None) => format!("{} (not determined)", number(value, digits)),
             None => number(value, digits),
         }
@@ -65,7 +70,7 @@ fn lens(camera: &RigCamera) -> String {
         let known = names.iter().zip(values).filter(|(name, value)| {
             **value != 0.0 || camera.sigma.as_ref().is_some_and(|sigma| sigma.intrinsics.contains_key(**name))
         });
-        known.map(|(name, value)| format!("{name} {}", with(name, *value, 5))).collect::<Vec<_>>().join("; ")
+        known.map(|(name, value)| format!("{name}\u{a0}{}", with(name, *value, 5))).collect::<Vec<_>>().join("; ")
     };
     let distortion = match &i.distortion {
         Distortion::None => "pinhole".into(),

@@ -33,7 +33,7 @@ pub(super) fn figures(rig: &RigFile, evidence: &Evidence) -> String {
         ""
     };
     let mut text = format!(
-        "{}{figures}</div>\n<p class=\"caption\">Left: some points that both cameras saw. Right: the line of \
+        "{}{figures}</div>\n<p class=\"caption\">First some points that both cameras saw, then the line of \
          each, on which the calibration says that the second camera must see it, through both lenses and for any depth; the rings \
          are where it did. Each camera is shown with the neighbour that tells most. Distances are those of all points that both \
          saw and that took part; a line says nothing about errors along it.{moved}</p>\n",

@@ -35,9 +35,9 @@ pub(super) fn figures(rig: &RigFile, evidence: &Evidence) -> String {
         return figures;
     }
     format!(
-        "{}{figures}</div>\n<p class=\"caption\">Left: as recorded, with what was found in it; right: as a \
+        "{}{figures}</div>\n<p class=\"caption\">First as recorded, with what was found in it; then as a \
          pinhole sees it. Thin lines join the ends of the target's rows and columns: what is straight in the world must be \
-         straight on the right.</p>\n",
+         straight in the second.</p>\n",
         grid(evidence.pictures.len())
     )
 }
@@ -87,7 +87,7 @@ fn figure(camera: &RigCamera, picture: &Picture, evidence: &Evidence, width: u32
                 if factor > 1.005 {
                     let _ = write!(
                         caption,
-                        "; on the right {} times larger, so that nothing is made up",
+                        "; without distortion {} times larger, so that nothing is made up",
                         number(factor, 2)
                     );
                 }

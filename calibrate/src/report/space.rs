@@ -80,12 +80,14 @@ pub(super) fn drawing(scene: &Scene<'_>, caption: &str) -> String {
         }
     }
     if scene.metric.is_some() {
-        let length = 0.3 * reach;
+        // Longer than a camera that stands in the origin is deep.
+        let length = 0.45 * reach;
         for (class, axis) in ["x", "y", "z"].into_iter().zip(DVec3::AXES) {
             svg += &lines(&format!("axis-{class}"), &[place(DVec3::ZERO), place(axis * length)]);
-            svg += &label(place(axis * length), class);
+            svg += &label(place(axis * length), "middle", class);
         }
     }
+    let across = centres.iter().map(|centre| flat(place(*centre)).x).sum::<f64>() / centres.len() as f64;
     for camera in cameras {
         let i = camera.intrinsics;
         let depth = 0.22 * reach;
@@ -101,7 +103,9 @@ pub(super) fn drawing(scene: &Scene<'_>, caption: &str) -> String {
             points.extend([eye, *at, *at, corners[(index + 1) % 4]]);
         }
         svg += &lines(camera.class, &points);
-        svg += &label(eye, camera.name);
+        // On the side that is away from the other cameras, and from the axes of a camera that is the world.
+        let (at, anchor) = if flat(eye).x < across { (corners[0], "end") } else { (corners[1], "start") };
+        svg += &label(at, anchor, camera.name);
     }
     if let Some(metric) = scene.metric {
         svg += &scale_bar(scale, metric);
@@ -120,11 +124,11 @@ fn lines(class: &str, points: &[DVec3]) -> String {
     format!("<path class=\"{class}\" d=\"{path}\" data-points=\"[{}]\"/>", data.join(","))
 }
 
-/// A word above a point, which turns with the picture.
-fn label(at: DVec3, text: &str) -> String {
+/// A word above a point, which is at its start, middle or end and turns with the picture.
+fn label(at: DVec3, anchor: &str, text: &str) -> String {
     let drawn = flat(at);
     format!(
-        "<text class=\"tick\" text-anchor=\"middle\" x=\"{:.1}\" y=\"{:.1}\" data-point=\"[{:.1},{:.1},{:.1}]\">{}</text>",
+        "<text class=\"tick\" text-anchor=\"{anchor}\" x=\"{:.1}\" y=\"{:.1}\" data-point=\"[{:.1},{:.1},{:.1}]\">{}</text>",
         drawn.x,
         drawn.y - 6.0,
         at.x,
