@@ -111,7 +111,7 @@ fn four_free_running_webcams_and_a_waved_board() {
 #[test]
 fn parts_of_a_recording_by_free_running_webcams_agree_within_their_deviations() {
     let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
-    let target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
+    let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
     let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
     let reference = reference(&source.join("camera_array.toml"));
     let known = reference.iter().map(|(name, (intrinsics, _))| (name.clone(), *intrinsics)).collect();
