@@ -63,8 +63,10 @@ impl Grey {
                 *between = 3 * u16::from(near) + u16::from(next);
             }
             (between[0], between[self.width + 1]) = (between[1], between[self.width]);
-            let pair = |around: &[u16]| [0, 2].map(|next| ((3 * around[1] + around[next] + 8) / 16) as u8);
-            pixels.extend(between.windows(3).flat_map(pair));
+            let sixteenths = |near: u16, next: u16| ((3 * near + next + 8) / 16) as u8;
+            for around in between.windows(3) {
+                pixels.extend_from_slice(&[sixteenths(around[1], around[0]), sixteenths(around[1], around[2])]);
+            }
         }
         Self { width: 2 * self.width, height: 2 * self.height, pixels }
     }

@@ -1,4 +1,4 @@
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::OnceLock};
 
 use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, Target, calibrate, look};
 use erfgs_recordings::shared;
@@ -58,11 +58,20 @@ fn their_corners(file: &Path) -> Vec<Seen> {
     cameras.into_iter().map(seen).collect()
 }
 
+/// The board, and the videos in which it was found, by whichever test comes first.
+fn watched(source: &Path) -> &'static (Target, Vec<Seen>) {
+    static WATCHED: OnceLock<(Target, Vec<Seen>)> = OnceLock::new();
+    WATCHED.get_or_init(|| {
+        let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
+        let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
+        (target, videos)
+    })
+}
+
 #[test]
 fn four_free_running_webcams_and_a_waved_board() {
     let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
-    let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
-    let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
+    let (target, videos) = watched(&source);
     let least = [50, 40, 45, 20];
     for (seen, least) in videos.iter().zip(least) {
         assert!(seen.views.len() >= least, "{}: {} views", seen.camera, seen.views.len());
@@ -79,9 +88,9 @@ fn four_free_running_webcams_and_a_waved_board() {
         ("the reference's corners", &theirs, &plain, 12.0, 1.0),
         ("our corners", &untimed, &plain, 12.0, 0.8),
         // The webcams deliver their frames up to a tenth of a second apart; the reference takes them for simultaneous.
-        ("our corners, time offsets estimated", &videos, &timed, 20.0, 1.0),
+        ("our corners, time offsets estimated", videos, &timed, 20.0, 1.0),
     ] {
-        let (rig, _) = calibrate(seen, &target, options, &|_, _, _| {}).unwrap();
+        let (rig, _) = calibrate(seen, target, options, &|_, _, _| {}).unwrap();
         let world = reference["cam_0"].1;
         rms.push(rig.quality.unwrap().rms_px);
         println!("{what}: rms {:.3} px", rms[rms.len() - 1]);
@@ -111,8 +120,7 @@ fn four_free_running_webcams_and_a_waved_board() {
 #[test]
 fn parts_of_a_recording_by_free_running_webcams_agree_within_their_deviations() {
     let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
-    let target: Target = "charuco:4x5:0.054:0.0405:DICT_4X4_1000:inverted".parse().unwrap();
-    let videos = look(&source.join("calibration/extrinsic"), &target, None, &|_, _| {}).unwrap();
+    let (target, videos) = watched(&source);
     let reference = reference(&source.join("camera_array.toml"));
     let known = reference.iter().map(|(name, (intrinsics, _))| (name.clone(), *intrinsics)).collect();
     let options = BoardOptions { known, time_offsets: true, ..BoardOptions::default() };
@@ -122,7 +130,7 @@ fn parts_of_a_recording_by_free_running_webcams_agree_within_their_deviations() 
             Seen { views: views.cloned().collect(), ..seen.clone() }
         };
         let part: Vec<Seen> = videos.iter().map(part).collect();
-        calibrate(&part, &target, &options, &|_, _, _| {}).unwrap().0
+        calibrate(&part, target, &options, &|_, _, _| {}).unwrap().0
     };
     // Of instants 35 to 91, every other; every other of 8 and of 4 stretches; the first half and the second. In these the board was
     // held elsewhere, so that what the given lenses leave over is not the same: no part of the one tells of it. (Of one camera 28 %
