@@ -48,8 +48,8 @@ esac
 # Tests run once. Where what they do themselves is little, it takes longer to optimise them than they ever run; the libraries that they
 # test are compiled as for everything else.
 case $form:$CARGO_PKG_NAME in
-  test:erfgs-base | test:erfgs-events | test:erfgs-points | test:erfgs-recorder | test:erfgs-replay | test:erfgs-rig | \
-    test:erfgs-scene | test:erfgs-session | test:erfgs-stage | test:erfgs-sync) set -- "$@" -C opt-level=0 ;;
+  test:erfgs-base | test:erfgs-recorder | test:erfgs-replay | test:erfgs-rig | test:erfgs-scene | \
+    test:erfgs-session | test:erfgs-sync) set -- "$@" -C opt-level=0 ;;
 esac
 
 "$@" -D warnings

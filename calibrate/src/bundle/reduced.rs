@@ -161,14 +161,14 @@ fn subtract_product(
     left: &MatrixXx6<f64>,
     right: &MatrixXx6<f64>,
 ) {
-    let height = matrix.nrows();
+    let (height, rows) = (matrix.nrows(), left.nrows());
     for j in 0..right.nrows() {
-        let to = &mut matrix.as_mut_slice()[(column + j) * height + row..][..left.nrows()];
-        for (k, from) in left.column_iter().enumerate() {
+        let to = &mut matrix.as_mut_slice()[(column + j) * height + row..][..rows];
+        for (k, from) in left.as_slice().chunks_exact(rows.max(1)).enumerate() {
             let factor = right[(j, k)];
             // A point has only three parameters.
             if factor != 0.0 {
-                to.iter_mut().zip(&from).for_each(|(to, from)| *to -= factor * from);
+                to.iter_mut().zip(from).for_each(|(to, from)| *to -= factor * from);
             }
         }
     }
