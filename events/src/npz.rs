@@ -142,12 +142,7 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
     /// Counts what is unpacked, bytes.
     fn unpack(&mut self, bytes: u64) -> Result<(), NpzError> {
         let Some(room) = self.room.checked_sub(bytes) else {
-            let what = format!(
-                "its arrays unpack to more than {} bytes, which no recording of that size does; unpack it yourself if \
-                 you know where it comes from",
-                self.most
-            );
-            return Err(self.content(what));
+            return Err(too_much(self.path, self.most));
         };
         self.room = room;
         Ok(())
@@ -165,12 +160,7 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
         NpzError::Missing { path: self.path.to_owned(), wanted, found: names.collect() }
     }
 
-    fn column<T: TryFrom<i128>>(
-        &mut self,
-        names: &[&'static str],
-        wanted: &'static str,
-        range: &'static str,
-    ) -> Result<Vec<T>, NpzError> {
+    fn column<V: TryFrom<i128>>(&mut self, (names, wanted, range): Column) -> Result<Vec<V>, NpzError> {
         let (name, array) = self.need(names, wanted)?;
         if array.shape.len() != 1 {
             return Err(self.content(format!("array `{name}` has the shape {:?}, but one axis is needed", array.shape)));
@@ -237,11 +227,20 @@ pub fn read_events(path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzErr
 pub fn read_events_from(file: impl Read + Seek, path: &Path, size: Option<[u32; 2]>) -> Result<Events, NpzError> {
     let mut archive = Archive::new(file, path)?;
     let stored = archive.sensor(size)?;
-    let t_us: Vec<i64> = archive.column(T.0, T.1, T.2)?;
-    let x: Vec<u16> = archive.column(X.0, X.1, X.2)?;
-    let y: Vec<u16> = archive.column(Y.0, Y.1, Y.2)?;
-    let p: Vec<i8> = archive.column(P.0, P.1, P.2)?;
+    let t_us: Vec<i64> = archive.column(T)?;
+    let x: Vec<u16> = archive.column(X)?;
+    let y: Vec<u16> = archive.column(Y)?;
+    let p: Vec<i8> = archive.column(P)?;
     events_of(path, (t_us, x, y, p), size.or(stored))
+}
+
+/// An archive that unpacks to more than it may.
+fn too_much(path: &Path, most: u64) -> NpzError {
+    let what = format!(
+        "its arrays unpack to more than {most} bytes, which no recording of that size does; unpack it yourself if you know where \
+         it comes from"
+    );
+    NpzError::Content { path: path.to_owned(), what }
 }
 
 /// A column: the names of its array, as they are told, and the range of its values.

@@ -60,11 +60,9 @@ pub(super) fn gradient_variance(bundle: &Bundle, layout: &Layout, loss: Loss, cl
         let free = camera.free.len();
         for axis in 0..2 {
             let slopes = &row.by_camera[axis * free..(axis + 1) * free];
-            for (column, slope) in layout.columns[observation.camera].clone().zip(slopes) {
-                sums[cluster][column] += slope * weight * row.residual[axis];
-            }
             let of_side = observation.side.map(|side| layout.of_sides()[side].clone());
-            for (column, slope) in of_side.into_iter().flatten().zip(&row.by_side[axis]) {
+            let by_side = of_side.into_iter().flatten().zip(&row.by_side[axis]);
+            for (column, slope) in layout.columns[observation.camera].clone().zip(slopes).chain(by_side) {
                 sums[cluster][column] += slope * weight * row.residual[axis];
             }
         }

@@ -5,7 +5,7 @@ use std::{fs::File, io::BufReader, ops::ControlFlow, path::Path};
 use erfgs_base::npy::{NpyColumn, NpyReadError};
 use zip::{read::ZipFile, result::ZipError};
 
-use super::{Archive, Column, NpzError, P, T, X, Y, next_events_of, open, unequal};
+use super::{Archive, Column, NpzError, P, T, X, Y, next_events_of, open, too_much, unequal};
 use crate::Events;
 
 /// Events that are read at once.
@@ -25,6 +25,7 @@ pub fn read_pieces(
     // A member of an archive is read from its beginning to its end, so that each column has an archive of its own.
     let [mut ts, mut xs, mut ys, mut ps] = [archive(path)?, archive(path)?, archive(path)?, archive(path)?];
     let sensor = ts.sensor(Some(size))?.unwrap_or(size);
+    let (room, most) = (ts.room, ts.most);
     let (mut t, mut x, mut y, mut p) =
         (column(&mut ts, &T)?, column(&mut xs, &X)?, column(&mut ys, &Y)?, column(&mut ps, &P)?);
     let columns = [&t, &x, &y, &p];
@@ -33,7 +34,9 @@ pub fn read_pieces(
         return Err(NpzError::Content { path: path.to_owned(), what: unequal(lengths) });
     }
     let unpacked = columns.into_iter().fold(0, |sum: u64, column| sum.saturating_add(column.bytes()));
-    archive(path)?.unpack(unpacked)?;
+    if unpacked > room {
+        return Err(too_much(path, most));
+    }
     let (mut first, mut last_us) = (0, i64::MIN);
     loop {
         let columns = (

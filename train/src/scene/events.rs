@@ -168,13 +168,13 @@ pub struct EventView {
 
 /// An event camera whose events are being counted, in the order of their times.
 #[derive(Debug)]
-pub struct EventCounter<'a> {
+pub(super) struct EventCounter<'a> {
     view: usize,
     file: &'a CameraEvents,
     bins: &'a Bins,
     covers: [usize; 2],
     size: [usize; 2],
-    denoise: bool,
+    earl: &'a EarlConfig,
     count: u64,
     /// The bin that is being filled.
     bin: usize,
@@ -194,7 +194,7 @@ impl<'a> EventCounter<'a> {
         view: usize,
         camera: &'a Camera,
         bins: &'a Bins,
-        earl: &EarlConfig,
+        earl: &'a EarlConfig,
         folder: Option<&Path>,
     ) -> Result<Option<Self>, SceneError> {
         let Some(file) = &camera.events else { return Ok(None) };
@@ -203,10 +203,10 @@ impl<'a> EventCounter<'a> {
             return Ok(None);
         }
         let size = [camera.intrinsics.width, camera.intrinsics.height].map(|side| side as usize);
-        let counts = Counts::new(size[0] * size[1], folder).map_err(scratch(folder.unwrap_or(Path::new(""))))?;
-        let folder = folder.unwrap_or(Path::new("")).to_owned();
-        let (denoise, pending) = (earl.denoise, Vec::new());
-        Ok(Some(Self { view, file, bins, covers, size, denoise, count: 0, bin: 0, pending, counts, folder }))
+        let place = folder.unwrap_or(Path::new("")).to_owned();
+        let counts = Counts::new(size[0] * size[1], folder).map_err(scratch(&place))?;
+        let (count, bin, pending) = (0, 0, Vec::new());
+        Ok(Some(Self { view, file, bins, covers, size, earl, count, bin, pending, counts, folder: place }))
     }
 
     /// Counts events that come after those before, without those that the loss leaves out.
@@ -230,7 +230,7 @@ impl<'a> EventCounter<'a> {
                 continue;
             }
             let pixel = usize::from(y) * self.size[0] + usize::from(x);
-            if self.denoise {
+            if self.earl.denoise {
                 self.pending.push((pixel as u32, on));
             } else {
                 self.counts.push(pixel, on)?;
@@ -266,8 +266,9 @@ impl<'a> EventCounter<'a> {
     ///
     /// # Errors
     /// [`SceneError::Scratch`].
-    pub fn finish(self, earl: &EarlConfig) -> Result<EventView, SceneError> {
-        let (view, file, covers, width, count) = (self.view, self.file, self.covers, self.size[0], self.count);
+    pub fn finish(self) -> Result<EventView, SceneError> {
+        let (earl, view, file, covers, width, count) =
+            (self.earl, self.view, self.file, self.covers, self.size[0], self.count);
         let (folder, edges) = (self.folder.clone(), self.bins.edges.clone());
         let threshold =
             (0.5 * (file.threshold_on + file.threshold_off)).max(LEAST * f64::from(unit(file.linear_light)));
@@ -398,7 +399,7 @@ mod tests {
         let bins = bins();
         let mut counter = EventCounter::new(0, camera, &bins, earl, None).expect("memory")?;
         counter.add(events).expect("memory");
-        Some(counter.finish(earl).expect("memory"))
+        Some(counter.finish().expect("memory"))
     }
 
     fn bins() -> Bins {

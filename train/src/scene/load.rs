@@ -6,7 +6,9 @@ use erfgs_base::{memory, random};
 use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
-use super::{Bins, EventCounter, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame};
+use super::{
+    Bins, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame, events::EventCounter,
+};
 use crate::{
     config::{Config, EarlConfig, MotionModel},
     raster::View,
@@ -175,7 +177,7 @@ impl Scene {
                 let counter = EventCounter::new(view, camera, &self.bins, earl, scratch)?;
                 let Some(mut counter) = counter else { return Ok(None) };
                 self.dataset.read_event_pieces(camera, |events| counter.add(events))?;
-                counter.finish(earl).map(Some)
+                counter.finish().map(Some)
             })
             .collect::<Result<Vec<_>, SceneError>>()?;
         Ok(views.into_iter().flatten().collect())

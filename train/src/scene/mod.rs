@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
 pub(crate) use displacement::{exposed, moves};
-pub use events::{Bins, EventCounter, EventView};
+pub use events::{Bins, EventView};
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
