@@ -57,9 +57,8 @@ pub(super) fn gradient_variance(bundle: &Bundle, layout: &Layout, loss: Loss, cl
         let weight = loss.weight(row.residual.length_squared());
         let cluster = clusters[observation.placement];
         filled[cluster] = true;
-        let free = camera.free.len();
         for axis in 0..2 {
-            let slopes = &row.by_camera[axis * free..(axis + 1) * free];
+            let slopes = &row.by_camera[axis][..camera.free.len()];
             let of_side = observation.side.map(|side| layout.of_sides()[side].clone());
             let by_side = of_side.into_iter().flatten().zip(&row.by_side[axis]);
             for (column, slope) in layout.columns[observation.camera].clone().zip(slopes).chain(by_side) {

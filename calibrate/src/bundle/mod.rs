@@ -22,6 +22,7 @@ mod side;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod ties;
 mod uncertainty;
 
 use erfgs_scene::{Intrinsics, Pose};
@@ -257,6 +258,9 @@ impl Bundle {
             }
             if !camera.pose.is_finite() {
                 return Err(error("its pose has a number that is not finite"));
+            }
+            if camera.free.len() > parameter::PARAMETERS {
+                return Err(error("it has more free parameters than there are"));
             }
         }
         for side in &self.sides {

@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector, MatrixXx6, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::{Bundle, Loss, Parameter, Prior, Side, residual::row};
+use super::{Bundle, Loss, Parameter, Prior, Side, residual::row, ties::Ties};
 
 pub(super) type Matrix6 = SMatrix<f64, 6, 6>;
 pub(super) type Vector6 = SVector<f64, 6>;
@@ -75,9 +75,8 @@ pub(super) struct Block {
     pub own: Matrix6,
     /// Derivatives of the cost by the placement's own parameters.
     pub gradient: Vector6,
-    /// The cameras that see it and the sides of it that are seen, numbered as [`Layout::columns`], and their mixed second
-    /// derivatives: their parameters by the placement's six.
-    pub cameras: Vec<(usize, MatrixXx6<f64>)>,
+    /// The cameras that see it and the sides of it that are seen.
+    pub ties: Ties,
 }
 
 /// The normal equations.
@@ -227,34 +226,28 @@ pub(super) fn linearise(bundle: &Bundle, loss: Loss, layout: &Layout) -> Normal 
     Normal { cost: 0.5 * cost, rms_px, shared, gradient, blocks }
 }
 
-/// One coordinate of an observation, as a camera or a side sees it.
+/// An observation as a camera or a side sees it: a weight, and of either coordinate the residual and slopes.
 #[derive(Clone, Copy)]
 struct Weighed<'a> {
-    /// By the parameters of the camera or the side.
-    slopes: &'a [f64],
     weight: f64,
-    residual: f64,
-    /// By the placement's parameters.
-    own: Vector6,
+    residual: [f64; 2],
+    /// By the parameters of the camera or the side.
+    slopes: [&'a [f64]; 2],
 }
 
 impl Weighed<'_> {
-    /// Adds it to the sums of the camera or side with this number.
-    fn add(&self, part: &mut Part, block: &mut Block, number: usize) {
-        let Self { slopes, weight, residual, own } = self;
-        if !block.cameras.iter().any(|(seen, _)| *seen == number) {
-            block.cameras.push((number, MatrixXx6::zeros(slopes.len())));
-        }
-        let mixed = block.cameras.iter_mut().find(|(seen, _)| *seen == number).map(|(_, mixed)| mixed);
-        let Some(mixed) = mixed else { return };
-        for (i, a) in slopes.iter().enumerate() {
-            let a = a * weight;
-            part.gradients[number][i] += a * residual;
-            for (j, b) in slopes.iter().enumerate() {
-                part.shared[number][(i, j)] += a * b;
-            }
-            for j in 0..6 {
-                mixed[(i, j)] += a * own[j];
+    /// Adds it to the sums of the camera or side with this number; of second derivatives what is not above the diagonal.
+    fn add(&self, part: &mut Part, number: usize) {
+        let Self { weight, residual, slopes: [first, second] } = *self;
+        let gradient = part.gradients[number].as_mut_slice();
+        let columns = part.shared[number].as_mut_slice();
+        let count = gradient.len();
+        for j in 0..count {
+            let (a, b) = (first[j] * weight, second[j] * weight);
+            gradient[j] += a * residual[0] + b * residual[1];
+            let column = &mut columns[j * count..][..count];
+            for ((to, first), second) in column[j..].iter_mut().zip(&first[j..]).zip(&second[j..]) {
+                *to += a * first + b * second;
             }
         }
     }
@@ -273,7 +266,8 @@ fn linearise_part(bundle: &Bundle, loss: Loss, layout: &Layout, first: usize, pl
     };
     for (index, observations) in placements.iter().enumerate() {
         let placement = &bundle.placements[first + index];
-        let mut block = Block { own: Matrix6::zeros(), gradient: Vector6::zeros(), cameras: Vec::new() };
+        let ties = Ties::new(placement.parameters());
+        let mut block = Block { own: Matrix6::zeros(), gradient: Vector6::zeros(), ties };
         for observation in observations.iter().map(|index| &bundle.observations[*index]) {
             let (camera, side) = (observation.camera, observation.side);
             let of_side = side.map(|side| &bundle.sides[side]);
@@ -285,19 +279,24 @@ fn linearise_part(bundle: &Bundle, loss: Loss, layout: &Layout, first: usize, pl
             part.cost += loss.value(squared);
             part.squares += squared * observation.sigma_px.powi(2);
             let weight = loss.weight(squared);
-            let free = layout.columns[camera].len();
-            for axis in 0..2 {
-                let own = Vector6::from(row.by_placement[axis]);
+            let own = row.by_placement.map(Vector6::from);
+            for (axis, own) in own.iter().enumerate() {
                 block.own += own * own.transpose() * weight;
                 block.gradient += own * (weight * row.residual[axis]);
-                let slopes = &row.by_camera[axis * free..(axis + 1) * free];
-                let weighed = Weighed { slopes, weight, residual: row.residual[axis], own };
-                weighed.add(&mut part, &mut block, camera);
-                let Some(side) = side.filter(|_| of_side.is_some_and(|side| side.free)) else { continue };
-                let weighed_side = Weighed { slopes: &row.by_side[axis], ..weighed };
-                weighed_side.add(&mut part, &mut block, layout.cameras + side);
+            }
+            let own = own.map(|own| own * weight);
+            let free = layout.columns[camera].len();
+            let slopes = row.by_camera.each_ref().map(|by| &by[..free]);
+            let weighed = Weighed { weight, residual: row.residual.to_array(), slopes };
+            weighed.add(&mut part, camera);
+            block.ties.add(camera, slopes, own.each_ref());
+            let Some(side) = side.filter(|_| of_side.is_some_and(|side| side.free)) else { continue };
+            let by_side = row.by_side.each_ref().map(<[f64; 6]>::as_slice);
+            Weighed { slopes: by_side, ..weighed }.add(&mut part, layout.cameras + side);
+            block.ties.add(layout.cameras + side, by_side, own.each_ref());
+            for (slopes, by_side) in slopes.into_iter().zip(by_side) {
                 for (i, a) in layout.columns[camera].clone().zip(slopes) {
-                    for (j, b) in row.by_side[axis].iter().enumerate() {
+                    for (j, b) in by_side.iter().enumerate() {
                         part.across[side][(i, j)] += a * weight * b;
                     }
                 }
@@ -311,5 +310,6 @@ fn linearise_part(bundle: &Bundle, loss: Loss, layout: &Layout, first: usize, pl
         }
         part.blocks.push(block);
     }
+    part.shared.iter_mut().for_each(DMatrix::fill_upper_triangle_with_lower_triangle);
     part
 }

@@ -30,6 +30,8 @@ pub enum Parameter {
 
 /// All columns that a camera can have: intrinsics, then rotation, translation, time offset.
 pub(super) const COLUMNS: usize = INTRINSIC_PARAMETERS + 7;
+/// How many parameters of a camera there are: each column's, and the focal length that both directions share.
+pub(super) const PARAMETERS: usize = COLUMNS + 1;
 
 /// Focal lengths, principal point and the coefficients of `distortion` (`coefficients` of them) as free parameters.
 #[must_use]

@@ -4,7 +4,7 @@
 //! system in the cameras' parameters. It is formed and factored where it is small (exact: Cholesky); where there are
 //! thousands of parameters it is never formed, and solved by conjugate gradients (approximate, to a relative 1e-8).
 
-use nalgebra::{Cholesky, DMatrix, DVector, MatrixXx6};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::normal::{Block, Layout, Matrix6, Normal, Vector6};
@@ -65,9 +65,8 @@ pub(super) fn step(normal: &Normal, layout: &Layout, lambda: f64, method: Method
         .par_iter()
         .map(|(block, inverse)| {
             let mut right = -block.gradient;
-            for (camera, mixed) in &block.cameras {
-                let columns = &layout.columns[*camera];
-                right -= mixed.tr_mul(&shared.rows(columns.start, columns.len()));
+            for tie in block.ties.iter() {
+                right -= tie.transposed_product(&shared.as_slice()[layout.columns[tie.number].clone()]);
             }
             *inverse * right
         })
@@ -111,10 +110,8 @@ pub(super) fn reduced_gradient(normal: &Normal, layout: &Layout, inverses: &[Vec
     let mut rhs = -&normal.gradient;
     for (block, inverse) in paired(normal, inverses) {
         let solved = inverse * block.gradient;
-        for (camera, mixed) in &block.cameras {
-            let columns = &layout.columns[*camera];
-            let mut to = rhs.rows_mut(columns.start, columns.len());
-            to += mixed * solved;
+        for tie in block.ties.iter() {
+            tie.add_product(&solved, 1.0, &mut rhs.as_mut_slice()[layout.columns[tie.number].clone()]);
         }
     }
     rhs
@@ -129,14 +126,15 @@ pub(super) fn schur(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>])
         .map(|(blocks, inverses)| {
             let mut matrix = DMatrix::zeros(layout.shared, layout.shared);
             for (block, inverse) in blocks.iter().zip(inverses) {
-                let solved: Vec<MatrixXx6<f64>> = block.cameras.iter().map(|(_, mixed)| mixed * inverse).collect();
-                for (index, (a, _)) in block.cameras.iter().enumerate() {
-                    for (b, mixed_b) in &block.cameras[..=index] {
-                        let (a, b) = (layout.columns[*a].start, layout.columns[*b].start);
+                let solved = block.ties.times(inverse);
+                for (index, left) in solved.iter().enumerate() {
+                    let a = layout.columns[left.number].start;
+                    for right in block.ties.iter().take(index + 1) {
+                        let b = layout.columns[right.number].start;
                         if a >= b {
-                            subtract_product(&mut matrix, [a, b], &solved[index], mixed_b);
+                            left.subtract_product(&right, &mut matrix, [a, b]);
                         } else {
-                            subtract_product(&mut matrix, [b, a], mixed_b, &solved[index]);
+                            right.subtract_product(&left, &mut matrix, [b, a]);
                         }
                     }
                 }
@@ -151,27 +149,6 @@ pub(super) fn schur(normal: &Normal, layout: &Layout, inverses: &[Vec<Matrix6>])
     // Symmetric to the last digit: what is above the diagonal was not summed up.
     matrix.fill_upper_triangle_with_lower_triangle();
     matrix
-}
-
-/// Subtracts `left * right^T` from the block of `matrix` that begins at a row and a column. Made for a few rows and six
-/// columns, which a general product prepares for longer than it computes.
-fn subtract_product(
-    matrix: &mut DMatrix<f64>,
-    [row, column]: [usize; 2],
-    left: &MatrixXx6<f64>,
-    right: &MatrixXx6<f64>,
-) {
-    let (height, rows) = (matrix.nrows(), left.nrows());
-    for j in 0..right.nrows() {
-        let to = &mut matrix.as_mut_slice()[(column + j) * height + row..][..rows];
-        for (k, from) in left.as_slice().chunks_exact(rows.max(1)).enumerate() {
-            let factor = right[(j, k)];
-            // A point has only three parameters.
-            if factor != 0.0 {
-                to.iter_mut().zip(from).for_each(|(to, from)| *to -= factor * from);
-            }
-        }
-    }
 }
 
 fn conjugate_gradients(
@@ -199,15 +176,12 @@ fn conjugate_gradients(
         }
         for (block, inverse) in paired(normal, inverses) {
             let mut own = Vector6::zeros();
-            for (camera, mixed) in &block.cameras {
-                let columns = &layout.columns[*camera];
-                own += mixed.tr_mul(&x.rows(columns.start, columns.len()));
+            for tie in block.ties.iter() {
+                own += tie.transposed_product(&x.as_slice()[layout.columns[tie.number].clone()]);
             }
             let own = inverse * own;
-            for (camera, mixed) in &block.cameras {
-                let columns = &layout.columns[*camera];
-                let mut to = y.rows_mut(columns.start, columns.len());
-                to -= mixed * own;
+            for tie in block.ties.iter() {
+                tie.add_product(&own, -1.0, &mut y.as_mut_slice()[layout.columns[tie.number].clone()]);
             }
         }
         y

@@ -3,13 +3,16 @@
 use erfgs_scene::lens::INTRINSIC_PARAMETERS;
 use glam::{DVec2, DVec3};
 
-use super::{BundleCamera, Observation, Placement, Side, parameter::COLUMNS};
+use super::{
+    BundleCamera, Observation, Placement, Side,
+    parameter::{COLUMNS, PARAMETERS},
+};
 
 /// A weighed residual (in standard deviations) and its derivatives.
 pub(super) struct Row {
     pub residual: DVec2,
-    /// By the camera's free parameters, two rows one after the other.
-    pub by_camera: Vec<f64>,
+    /// By the camera's free parameters, in order, and zeros behind them.
+    pub by_camera: [[f64; PARAMETERS]; 2],
     /// By the placement's parameters.
     pub by_placement: [[f64; 6]; 2],
     /// By those of the target's side, zero where it is fixed.
@@ -29,10 +32,10 @@ pub(super) fn row(
     let projection = camera.intrinsics.project_with_derivatives(seen)?;
     let weight = 1.0 / observation.sigma_px;
     let residual = projection.pixel - observation.pixel + observation.velocity * camera.time_offset_s;
-    let (free, parameters) = (camera.free.len(), placement.parameters());
+    let parameters = placement.parameters();
     let mut row = Row {
         residual: residual * weight,
-        by_camera: vec![0.0; 2 * free],
+        by_camera: [[0.0; PARAMETERS]; 2],
         by_placement: [[0.0; 6]; 2],
         by_side: [[0.0; 6]; 2],
     };
@@ -43,7 +46,7 @@ pub(super) fn row(
     });
     for axis in 0..2 {
         let by_point = projection.by_point[axis];
-        if free > 0 {
+        if !camera.free.is_empty() {
             let mut columns = [0.0; COLUMNS];
             columns[..INTRINSIC_PARAMETERS].copy_from_slice(&projection.by_intrinsics[axis]);
             for (index, unit) in DVec3::AXES.into_iter().enumerate() {
@@ -51,7 +54,7 @@ pub(super) fn row(
                 columns[INTRINSIC_PARAMETERS + 3 + index] = by_point[index];
             }
             columns[COLUMNS - 1] = observation.velocity[axis];
-            for (to, parameter) in row.by_camera[axis * free..].iter_mut().zip(&camera.free) {
+            for (to, parameter) in row.by_camera[axis].iter_mut().zip(&camera.free) {
                 *to = weight * parameter.derivative(&columns, &camera.intrinsics);
             }
         }

@@ -1,9 +1,9 @@
 //! Levenberg's and Marquardt's iteration.
 
-use std::time::Instant;
+use std::{mem, time::Instant};
 
 use super::{
-    Bundle, BundleError,
+    Bundle, BundleCamera, BundleError, Placement, Side,
     clusters::gradient_variance,
     jackknife::variances,
     normal::{Layout, cost, linearise},
@@ -122,24 +122,23 @@ impl Bundle {
         }];
         let mut stop = Stop::Iterations;
         for _ in 0..options.iterations {
+            // The state that the step leads to takes the place of the one that it leads from, until it turns out to be no better.
             let tried = step(&normal, &layout, lambda, options.method).map(|damped| {
-                let next = self.moved(&layout, &damped);
-                let (cost, rms_px) = cost(&next, options.loss, &layout);
-                (next, damped.predicted, cost, rms_px)
+                let mut before = self.moved(&layout, &damped);
+                self.swap(&mut before);
+                (before, damped.predicted, cost(self, options.loss, &layout))
             });
-            let gain = tried.as_ref().map_or(-1.0, |(_, predicted, cost, _)| {
+            let gain = tried.as_ref().map_or(-1.0, |(_, predicted, (cost, _))| {
                 let gained = normal.cost - cost;
                 if gained.is_finite() && *predicted > 0.0 { gained / predicted } else { -1.0 }
             });
-            let (cost, rms_px) = tried.as_ref().map_or((f64::INFINITY, f64::INFINITY), |(_, _, c, r)| (*c, *r));
+            let (cost, rms_px) = tried.as_ref().map_or((f64::INFINITY, f64::INFINITY), |(.., found)| *found);
             let taken = gain > 0.0;
             steps.push(Step { seconds: since.elapsed().as_secs_f64(), cost, rms_px, lambda, taken });
             let small = |change: f64| change <= options.tolerance * normal.cost.max(f64::MIN_POSITIVE);
             match tried {
-                Some((next, _, cost, _)) if taken => {
-                    let settled = small(normal.cost - cost);
-                    *self = next;
-                    if settled {
+                Some(_) if taken => {
+                    if small(normal.cost - cost) {
                         stop = Stop::Converged;
                         break;
                     }
@@ -148,9 +147,13 @@ impl Bundle {
                     lambda = (lambda * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-15);
                     growth = 2.0;
                 }
-                _ => {
+                tried => {
+                    let promised = tried.map(|(mut before, predicted, _)| {
+                        self.swap(&mut before);
+                        predicted
+                    });
                     // The model promises nothing either: rounding decides, and this is as far as it goes.
-                    if tried.is_some_and(|(_, predicted, _, _)| small(predicted.abs())) {
+                    if promised.is_some_and(|predicted| small(predicted.abs())) {
                         stop = Stop::Converged;
                         break;
                     }
@@ -224,16 +227,27 @@ impl Bundle {
         Ok(uncertainty(self, &layout, &normal, &errors.as_ref().map_or(Errors::Own, Errors::AtLeast)))
     }
 
-    fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> Self {
+    fn moved(&self, layout: &Layout, step: &super::reduced::Damped) -> State {
         let cameras = self.cameras.iter().zip(&layout.columns);
         let placements = self.placements.iter().zip(&step.placements);
         let sides = self.sides.iter().zip(layout.of_sides());
-        Self {
+        State {
             cameras: cameras.map(|(camera, columns)| camera.moved(&step.shared.as_slice()[columns.clone()])).collect(),
             placements: placements.map(|(placement, own)| placement.moved(own.as_slice())).collect(),
             sides: sides.map(|(side, columns)| side.moved(&step.shared.as_slice()[columns.clone()])).collect(),
-            observations: self.observations.clone(),
-            priors: self.priors.clone(),
         }
     }
+
+    fn swap(&mut self, state: &mut State) {
+        mem::swap(&mut self.cameras, &mut state.cameras);
+        mem::swap(&mut self.placements, &mut state.placements);
+        mem::swap(&mut self.sides, &mut state.sides);
+    }
+}
+
+/// What a step changes of a bundle.
+struct State {
+    cameras: Vec<BundleCamera>,
+    placements: Vec<Placement>,
+    sides: Vec<Side>,
 }
