@@ -46,10 +46,12 @@ case $form:$source in
 esac
 
 # Tests run once. Where what they do themselves is little, it takes longer to optimise them than they ever run; the libraries that they
-# test are compiled as for everything else.
-case $form:$CARGO_PKG_NAME in
-  test:erfgs-base | test:erfgs-recorder | test:erfgs-replay | test:erfgs-rig | test:erfgs-scene | \
-    test:erfgs-session | test:erfgs-sync) set -- "$@" -C opt-level=0 ;;
+# test are compiled as for everything else. Of the calibration and the trainer that is so of unit tests alone.
+case $form:$CARGO_PKG_NAME:$source in
+  test:erfgs-base:* | test:erfgs-recorder:* | test:erfgs-replay:* | test:erfgs-rig:* | test:erfgs-scene:* | \
+    test:erfgs-session:* | test:erfgs-sync:* | test:erfgs-calibrate:*src/lib.rs | test:erfgs-train:*src/lib.rs)
+    set -- "$@" -C opt-level=0
+    ;;
 esac
 
 "$@" -D warnings

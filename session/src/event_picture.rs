@@ -71,24 +71,30 @@ impl EventPicture {
         let step = usize::from(step.max(1));
         let (width, height) = (usize::from(self.width), usize::from(self.height));
         let span_us = span_us.max(1);
-        let mut rgb = Vec::with_capacity(3 * (width / step) * (height / step));
-        for row in 0..height / step {
-            for column in 0..width / step {
+        let columns = width / step;
+        let mut rgb = vec![0; 3 * columns * (height / step)];
+        for (row, line) in rgb.chunks_exact_mut((3 * columns).max(1)).enumerate() {
+            for (column, pixel) in line.chunks_exact_mut(3).enumerate() {
                 let at = row * step * width + column * step;
                 // Twice the time, and one more for a rise: the largest is the newest.
-                let newest =
-                    (0..step).flat_map(|y| &self.last[at + y * width..][..step]).copied().max().unwrap_or_default();
+                let mut newest = 0;
+                for y in 0..step {
+                    for &last in &self.last[at + y * width..][..step] {
+                        newest = last.max(newest);
+                    }
+                }
                 let base = match &self.under {
                     Some(under) => [(f32::from(under[at]) * UNDER) as u8; 3],
                     None => palette::STILL,
                 };
                 let age_us = now_us.saturating_sub(newest >> 1);
-                let weight = match newest {
-                    0 => 0.0,
-                    _ if age_us > span_us => 0.0,
-                    _ => 1.0 - (1.0 - OLDEST) * age_us as f32 / span_us as f32,
+                // Most pixels of most pictures have seen nothing lately.
+                let colour = if newest == 0 || age_us > span_us {
+                    base
+                } else {
+                    palette::blend(base, newest & 1 == 1, 1.0 - (1.0 - OLDEST) * age_us as f32 / span_us as f32)
                 };
-                rgb.extend(palette::blend(base, newest & 1 == 1, weight));
+                pixel.copy_from_slice(&colour);
             }
         }
         rgb

@@ -201,69 +201,7 @@ fn blinking(target: &Target, drawing: &Drawing, blink_hz: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_scene::ImageRgb8;
-    use glam::DVec2;
-
     use super::*;
-    use crate::board::detect;
-
-    /// The drawing as a picture of `scale` pixels per millimetre.
-    fn picture(drawing: &Drawing, scale: f64) -> ImageRgb8 {
-        let (width, height) = ((drawing.width * scale) as u32, (drawing.height * scale) as u32);
-        let (paper, ink) = if drawing.inverted { (20, 230) } else { (230, 20) };
-        let mut image = ImageRgb8 { width, height, data: vec![paper; (3 * width * height) as usize] };
-        for [x, y, w, h] in &drawing.filled {
-            for row in (y * scale).round() as u32..((y + h) * scale).round() as u32 {
-                for column in (x * scale).round() as u32..((x + w) * scale).round() as u32 {
-                    let at = 3 * (row * width + column) as usize;
-                    image.data[at..at + 3].fill(ink);
-                }
-            }
-        }
-        image
-    }
-
-    #[test]
-    fn what_is_printed_is_found_again_corner_by_corner() {
-        for text in [
-            "chessboard:9x6:0.025",
-            "charuco:5x7:0.03:0.0225:DICT_4X4_50",
-            "charuco:4x5:0.03:0.024:DICT_5X5_100:inverted",
-            "aprilgrid:4x3:0.05:0.3",
-            "charuco:5x7:0.03:0.0225:DICT_4X4_50:first=33",
-            "charuco:5x6:0.03:0.0225:DICT_4X4_100:legacy:first=1",
-            "aprilgrid:4x3:0.05:0.3:first=575",
-        ] {
-            let target: Target = text.parse().unwrap();
-            let drawing = draw(&target);
-            let scale = 2.4;
-            let seen = picture(&drawing, scale);
-            let corners = detect(&seen, &target);
-            let (columns, rows) = target.corners();
-            assert_eq!(corners.len(), (columns * rows) as usize, "{text}");
-            // And nothing of a target that has other markers.
-            let elsewhere = if target.numbers().start < target.markers() { target.numbers().end } else { 0 };
-            if let Some(other) = target.numbered_from(elsewhere) {
-                assert_eq!(detect(&seen, &other), [], "{text} is not {other}");
-            }
-            for corner in corners {
-                let point = target.point(corner.id).unwrap().truncate() * 1e3;
-                let square = 1e3 * target.square_m();
-                let place = scale
-                    * match target {
-                        // A chessboard counts from its first inner corner, a ChArUco board from its edge.
-                        Target::Chessboard { .. } => point + 2.0 * square,
-                        Target::Charuco { .. } => point + square,
-                        // From below, beyond the margin and the squares at the outer tags' corners.
-                        Target::AprilGrid { spacing, .. } => {
-                            let from = 2.0 * spacing * square;
-                            DVec2::new(from + point.x, drawing.height - from - point.y)
-                        }
-                    };
-                assert!((corner.pixel - place).length() < 0.6, "{text} {}: {} {place}", corner.id, corner.pixel);
-            }
-        }
-    }
 
     #[test]
     fn files_are_of_true_size() {

@@ -1,8 +1,6 @@
 //! The wand's LEDs in a recorded session: events and frames of all cameras, on the session's clock.
 
 mod pictures;
-#[cfg(test)]
-mod tests;
 
 use erfgs_base::progress::Progress;
 use erfgs_events::{CdEvent, Sink};

@@ -2,6 +2,7 @@
 //! simulated ones whose truth is known.
 
 mod boards;
+mod bundle;
 mod halves;
 mod panoptic;
 mod register;

@@ -2,11 +2,14 @@
 //! camera that is known (`scene.rs`).
 
 mod aprilgrids;
+mod blink;
 mod chessboards;
 mod coverage;
 mod doubt;
 mod focal;
 mod moving;
+mod print;
+mod quick;
 mod report;
 mod scene;
 mod session;

@@ -8,4 +8,5 @@ mod known_rig;
 mod panoptic;
 mod refusals;
 mod rig;
+mod session;
 mod time;

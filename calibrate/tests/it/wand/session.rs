@@ -1,21 +1,24 @@
+//! A session in which a wand was waved, of cameras of both kinds, from its packets to the report.
+
 use std::path::Path;
 
-use crate::evidence::Residual;
-use crate::report::page;
-use crate::wand::{WandOptions, calibrate};
-use erfgs_events::EventEncoding;
-use erfgs_events::Evt3Encoder;
-use erfgs_scene::pixel::PixelFormat;
-use erfgs_scene::rig_file::RigCamera;
-use erfgs_scene::{Distortion, Intrinsics, Modality, Pose};
+use erfgs_calibrate::{
+    evidence::Residual,
+    report::page,
+    wand::{Found, Stick, WandOptions, calibrate, detect::BlinkOptions, look_session, pictures},
+};
+use erfgs_events::{CdEvent, EventEncoding, Evt3Encoder};
+use erfgs_scene::{
+    Distortion, Intrinsics, Modality, Pose,
+    pixel::PixelFormat,
+    rig_file::{RigCamera, RigFile},
+};
 use erfgs_session::{
-    container::{SessionStart, SessionWriter, Settings},
-    source::{Encoding, FrameStamp, Packet, StampClock, StampPoint},
+    container::{Session, SessionStart, SessionWriter, Settings},
+    source::{Description, Encoding, FrameStamp, Packet, StampClock, StampPoint},
 };
 use erfgs_sync::of_session;
 use glam::{DVec2, DVec3};
-
-use super::*;
 
 const WIDTH: u32 = 320;
 const HEIGHT: u32 = 240;
