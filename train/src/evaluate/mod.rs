@@ -144,18 +144,15 @@ impl Trainer<'_> {
         Ok(Quality { psnr: sum / frames.len().max(1) as f64, dpsnr: dpsnr.mean(), psnr_static: still.mean() })
     }
 
-    /// Every n-th held-out frame of each camera, and of those as many as are wanted: the cameras in turn, each at other
-    /// times.
+    /// Every n-th held-out frame of each camera, and of those as many as are wanted: the cameras in turn, each at times of its own.
     fn looked_at(&self) -> Vec<HeldOutFrame> {
         let evaluation = &self.config.evaluation;
         let every = |frame: &&HeldOutFrame| frame.index.is_multiple_of(evaluation.frame_stride as usize);
         let frames: Vec<HeldOutFrame> = self.scene.held_out.iter().filter(every).cloned().collect();
-        let wanted = evaluation.frames as usize;
-        if wanted == 0 || frames.len() <= wanted {
-            return frames;
+        match evaluation.frames as usize {
+            0 => frames,
+            wanted => spread(&frames, wanted),
         }
-        // Frames lie camera by camera, so that even steps through all of them take each camera at times of its own.
-        (0..wanted).map(|k| frames[(2 * k + 1) * frames.len() / (2 * wanted)].clone()).collect()
     }
 
     fn compare(
@@ -212,6 +209,20 @@ impl Trainer<'_> {
 }
 
 /// As an 8-bit picture would hold it, since that is what the method's own evaluation reads.
+/// So many of the frames, which lie camera by camera: at times that are spread over the recording, each of one camera. Times that
+/// several cameras share would mostly be those of training frames, or mostly others.
+fn spread(frames: &[HeldOutFrame], wanted: usize) -> Vec<HeldOutFrame> {
+    if frames.len() <= wanted {
+        return frames.to_vec();
+    }
+    let cameras: Vec<&[HeldOutFrame]> = frames.chunk_by(|a, b| a.view == b.view).collect();
+    let chosen = (0..wanted).map(|k| {
+        let frames = cameras[k % cameras.len()];
+        frames[(2 * k + 1) * frames.len() / (2 * wanted)].clone()
+    });
+    chosen.collect()
+}
+
 fn clamped(rgb: &[f32]) -> Vec<f32> {
     to_unit(&crate::metrics::to_bytes(rgb))
 }
@@ -219,4 +230,26 @@ fn clamped(rgb: &[f32]) -> Vec<f32> {
 fn read(dataset: &Dataset, frame: &HeldOutFrame) -> Result<ImageRgb8, TrainError> {
     let camera = &dataset.manifest.cameras[frame.view];
     Ok(dataset.read_image(camera, &camera.frames[frame.index]).map_err(SceneError::from)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_are_at_times_all_over_and_a_quarter_of_them_where_each_fourth_frame_is_trained_on() {
+        let frame =
+            |view: usize, index: usize| HeldOutFrame { view, index, t_ns: index as i64, t01: index as f64 / 44.0 };
+        let frames: Vec<HeldOutFrame> = (0..4).flat_map(|view| (0..45).map(move |index| frame(view, index))).collect();
+        let looks = spread(&frames, 16);
+        let mut times: Vec<usize> = looks.iter().map(|frame| frame.index).collect();
+        assert_eq!(times.iter().filter(|index| **index % 4 == 0).count(), 4, "{times:?}");
+        assert!((0..4).all(|view| looks.iter().filter(|frame| frame.view == view).count() == 4));
+        times.dedup();
+        assert_eq!((times.len(), times[0], times[15]), (16, 1, 43));
+        assert_eq!(spread(&frames[..7], 16), frames[..7]);
+        // Cameras of one frame each.
+        let single: Vec<HeldOutFrame> = (0..5).map(|view| frame(view, 0)).collect();
+        assert_eq!(spread(&single, 3), single[..3]);
+    }
 }

@@ -133,9 +133,21 @@ fn what_is_written_is_read_with_every_coefficient() {
     let pose = Pose::look_at(DVec3::new(0.3, 0.1, -2.0), DVec3::ZERO, DVec3::Y);
     let rig = RigFile::new("wand", true, vec![RigCamera::new("a", Modality::Rgb, intrinsics, Some(pose))]);
     exchange::write(&rig, exchange::Format::Nerfstudio, &path).unwrap();
+    let of_all = || -> Option<String> {
+        let file: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        file["camera_model"].as_str().map(str::to_owned)
+    };
+    assert_eq!(of_all().as_deref(), Some("OPENCV"), "where programs look for it that know one for all images");
     let read = Transforms::read(&path).unwrap();
     let frame = &read.frames[0];
     assert_eq!((frame.file.as_str(), frame.lens.size()), ("images/a.png", Some([640, 480])));
     assert_eq!(frame.lens.intrinsics([640, 480]), intrinsics);
     assert!((frame.pose.translation - pose.translation).length() < 1e-12 && read.notes.is_empty(), "{frame:?}");
+
+    let mut two = rig.clone();
+    let fisheye = Intrinsics { distortion: Distortion::KannalaBrandt([0.01, 0.0, 0.0, 0.0]), ..intrinsics };
+    two.cameras.push(RigCamera::new("b", Modality::Rgb, fisheye, Some(pose)));
+    exchange::write(&two, exchange::Format::Nerfstudio, &path).unwrap();
+    assert_eq!(of_all(), None, "none fits all");
+    assert_eq!(Transforms::read(&path).unwrap().frames[1].lens.intrinsics([640, 480]), fisheye);
 }

@@ -14,7 +14,7 @@ use crate::{
 
 pub(in crate::exchange) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
     let frames = rig.cameras.iter().map(frame).collect::<Result<Vec<Value>, _>>()?;
-    save(&json!({ "frames": frames }), out)?;
+    save(json!({ "frames": frames }), out)?;
     Ok(losses::common(rig, Format::Nerfstudio))
 }
 
@@ -56,12 +56,18 @@ pub fn write_shots(shots: &[Shot], points: Option<&str>, out: &Path) -> Result<(
     if let Some(points) = points {
         file["ply_file_path"] = points.into();
     }
-    save(&file, out)
+    save(file, out)
 }
 
-fn save(file: &Value, out: &Path) -> Result<(), ExchangeError> {
+fn save(mut file: Value, out: &Path) -> Result<(), ExchangeError> {
     let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
-    let text = serde_json::to_vec_pretty(file).map_err(|error| io(error.into()))?;
+    // Programs that know one model for all images look for it here; nerfstudio itself does.
+    let model = file["frames"][0]["camera_model"].clone();
+    let frames = file["frames"].as_array().into_iter().flatten();
+    if !model.is_null() && frames.into_iter().all(|frame| frame["camera_model"] == model) {
+        file["camera_model"] = model;
+    }
+    let text = serde_json::to_vec_pretty(&file).map_err(|error| io(error.into()))?;
     atomic::write(out, &text).map_err(io)
 }
 

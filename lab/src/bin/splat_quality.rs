@@ -1,0 +1,95 @@
+//! PSNR of Gaussians that another trainer made, on the held-out frames of a dataset.
+//!
+//! `cargo run --release -p erfgs-lab --features studies --bin splat_quality -- DATASET SPLAT.ply...`
+//!
+//! For each file a line: its name, how many Gaussians it has, and mean PSNR over the held-out frames, in dB, as its own trainer
+//! renders (a near plane of 1 cm) and with what lies before the lens of a held-out camera left out, as `erfgs eval` does.
+//! The Gaussians are in the dataset's own frame, metres, and stand still.
+
+use std::{path::PathBuf, process::ExitCode};
+
+use erfgs_dataset::Dataset;
+use erfgs_scene::ply::GaussianCloud;
+use erfgs_train::{
+    config::{Config, Method, Preset},
+    gaussians::sh_stride,
+    gpu::{AdapterChoice, Gpu},
+    metrics::{Picture, psnr, to_bytes, to_unit},
+    raster::{Frame, GaussianBuffers, RasterError, Rasteriser, RenderOptions},
+    scene::{Scene, near_plane},
+};
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// The near plane of other trainers, metres.
+const NEAR_M: f32 = 0.01;
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("splat_quality: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<()> {
+    let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
+    let dataset = arguments.next().ok_or("usage: splat_quality DATASET SPLAT.ply...")?;
+    let config = Config::preset(Method::FourDgs, Preset::Default);
+    let scene = Scene::load(Dataset::load(&dataset)?, &config, false)?;
+    let gpu = Gpu::open(&AdapterChoice::default())?;
+    let rasteriser = Rasteriser::new(&gpu)?;
+    for path in arguments {
+        let cloud = GaussianCloud::read(&path)?;
+        let gaussians = upload(&gpu, &cloud)?;
+        let share = config.near_share;
+        let [whole, cut] = [0.0, share].map(|share| quality(&gpu, &rasteriser, &gaussians, &scene, share));
+        println!("{} {} {:.3} {:.3}", path.display(), cloud.len(), whole?, cut?);
+    }
+    Ok(())
+}
+
+/// The rows that the rasteriser reads.
+fn upload(gpu: &Gpu, cloud: &GaussianCloud) -> Result<GaussianBuffers> {
+    let (mut core, mut sh) = (Vec::new(), Vec::new());
+    let padding = sh_stride(cloud.sh_degree) - cloud.sh_stride();
+    for index in 0..cloud.len() {
+        core.extend(cloud.positions[index]);
+        core.extend(cloud.log_scales[index]);
+        core.extend(cloud.rotations[index]);
+        core.extend([cloud.opacity_logits[index], 0.0]);
+        sh.extend(&cloud.sh[index * cloud.sh_stride()..][..cloud.sh_stride()]);
+        sh.extend(std::iter::repeat_n(0.0, padding));
+    }
+    Ok(GaussianBuffers::from_slices(gpu, cloud.sh_degree, &core, &sh)?)
+}
+
+/// Mean PSNR over the held-out frames.
+fn quality(gpu: &Gpu, rasteriser: &Rasteriser, gaussians: &GaussianBuffers, scene: &Scene, share: f32) -> Result<f64> {
+    let (mut sum, mut frame) = (0.0, Frame::new(gpu)?);
+    for held_out in &scene.held_out {
+        let view = &scene.views[held_out.view].view;
+        let near = if share > 0.0 { near_plane(&scene.points, view, share, NEAR_M) } else { NEAR_M };
+        let options = RenderOptions { sh_degree: gaussians.sh_degree, near, ..RenderOptions::default() };
+        loop {
+            rasteriser.forward(gpu, gaussians, None, view, &options, &mut frame)?;
+            match frame.check(gpu) {
+                // It has grown now.
+                Err(RasterError::Overflow { .. }) => {}
+                other => break other?,
+            }
+        }
+        let image: Vec<[f32; 4]> = gpu.download(&frame.image, (view.width * view.height) as usize)?;
+        let shown: Vec<f32> = image.iter().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+        let shown = to_unit(&to_bytes(&shown));
+        let camera = &scene.dataset.manifest.cameras[held_out.view];
+        let truth = scene.dataset.read_image(camera, &camera.frames[held_out.index])?;
+        let unit = to_unit(&truth.data);
+        let pictures = [&shown, &unit].map(|rgb| Picture::new(truth.width, truth.height, rgb));
+        let [a, b] = pictures;
+        sum += psnr(a?, b?)?;
+    }
+    Ok(sum / scene.held_out.len().max(1) as f64)
+}
