@@ -22,13 +22,19 @@ const PROPOSALS: u64 = 40;
 /// Two rays at a smaller angle propose none, radians.
 const LEAST_ANGLE: f64 = 0.026;
 
-/// Joins matches that share features; each component has at least `fewest` observations.
+/// A component has at most so many times as many observations as there are views. A point has one in each; where a texture
+/// repeats itself, wrong matches would join a whole room, whose points are then looked for among all of its features.
+const MOST_A_VIEW: usize = 8;
+
+/// Joins matches that share features, as long as that makes no component too large; each has at least `fewest` observations.
 pub(super) fn components(features: &[Keypoints], matches: &[PairMatches], fewest: usize) -> Vec<Vec<(usize, u32)>> {
     let mut starts = vec![0usize];
     for view in features {
         starts.push(starts[starts.len() - 1] + view.positions.len());
     }
     let mut parent: Vec<u32> = (0..starts[features.len()] as u32).collect();
+    let mut sizes = vec![1_u32; parent.len()];
+    let most = (MOST_A_VIEW * features.len()) as u32;
     fn root(parent: &mut [u32], mut index: u32) -> u32 {
         while parent[index as usize] != index {
             parent[index as usize] = parent[parent[index as usize] as usize];
@@ -40,7 +46,11 @@ pub(super) fn components(features: &[Keypoints], matches: &[PairMatches], fewest
         for [i, j] in pairs {
             let (i, j) = (starts[*a] as u32 + i, starts[*b] as u32 + j);
             let (i, j) = (root(&mut parent, i), root(&mut parent, j));
-            parent[i.max(j) as usize] = i.min(j);
+            let together = sizes[i as usize] + sizes[j as usize];
+            if i != j && together <= most {
+                parent[i.max(j) as usize] = i.min(j);
+                sizes[i.min(j) as usize] = together;
+            }
         }
     }
     let mut members = vec![Vec::new(); parent.len()];
@@ -191,4 +201,56 @@ fn nth_pair(mut number: usize, n: usize) -> (usize, usize) {
         number -= row;
     }
     (0, 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_scene::{Distortion, Intrinsics, Pose};
+
+    use super::*;
+
+    /// Matches that join each point to the next, as on a wall with a pattern: the points are found all the same.
+    #[test]
+    fn points_are_found_where_wrong_matches_join_them_all() {
+        let intrinsics = Intrinsics {
+            width: 640,
+            height: 480,
+            fx: 500.0,
+            fy: 500.0,
+            cx: 320.0,
+            cy: 240.0,
+            distortion: Distortion::None,
+        };
+        let views = 6_usize;
+        let cameras: Vec<Option<Placed>> = (0..views)
+            .map(|view| {
+                let eye = DVec3::new(view as f64 - 2.5, 0.2 * (view % 2) as f64, -3.0);
+                Some(Placed { intrinsics, pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Y), points: 0 })
+            })
+            .collect();
+        let points: Vec<DVec3> = (0..400)
+            .map(|index| DVec3::new((index % 20) as f64 * 0.08 - 0.8, (index / 20) as f64 * 0.08 - 0.8, 0.0))
+            .collect();
+        let see = |camera: &Placed, point: &DVec3| camera.intrinsics.project(camera.pose.transform(*point)).unwrap();
+        let features: Vec<Keypoints> = cameras
+            .iter()
+            .flatten()
+            .map(|camera| Keypoints {
+                positions: points.iter().map(|point| see(camera, point)).collect(),
+                ..Keypoints::default()
+            })
+            .collect();
+        let last = points.len() as u32 - 1;
+        let right = (1..views).map(|view| ((view - 1, view), (0..=last).map(|k| [k, k]).collect()));
+        let wrong: PairMatches = ((0, 2), (0..last).map(|k| [k, k + 1]).collect());
+        let matches: Vec<PairMatches> = right.chain([wrong]).collect();
+        let joined = components(&features, &matches, 3);
+        assert!(joined.iter().all(|component| component.len() <= MOST_A_VIEW * views) && joined.len() >= 50);
+        assert!(joined.iter().any(|component| component.len() > 3 * views), "some hold several points");
+        let tracks = triangulate(&features, &cameras, &joined, 3, 2.0);
+        let found = points.iter().filter(|point| {
+            tracks.iter().any(|track| track.position.distance(**point) < 1e-6 && track.seen.len() == views)
+        });
+        assert_eq!(found.count(), points.len());
+    }
 }

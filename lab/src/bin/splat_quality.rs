@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release -p erfgs-lab --features studies --bin splat_quality -- DATASET SPLAT.ply...`
 //!
-//! For each file a line: its name, how many Gaussians it has, and mean PSNR over the held-out frames, in dB, as its own trainer
-//! renders (a near plane of 1 cm) and with what lies before the lens of a held-out camera left out, as `erfgs eval` does.
-//! The Gaussians are in the dataset's own frame, metres, and stand still.
+//! For each file a line: its name, how many Gaussians it has, and mean PSNR in dB: over the training frames, and over the held-out
+//! frames, as its own trainer renders (a near plane of 1 cm) and with what lies before the lens of a held-out camera left out, as
+//! `erfgs eval` does. The Gaussians are in the dataset's own frame, metres, and stand still.
 
 use std::{path::PathBuf, process::ExitCode};
 
@@ -41,12 +41,15 @@ fn run() -> Result<()> {
     let scene = Scene::load(Dataset::load(&dataset)?, &config, false)?;
     let gpu = Gpu::open(&AdapterChoice::default())?;
     let rasteriser = Rasteriser::new(&gpu)?;
+    let trained: Vec<[usize; 2]> = scene.frames.iter().map(|frame| [frame.view, frame.index]).collect();
+    let held_out: Vec<[usize; 2]> = scene.held_out.iter().map(|frame| [frame.view, frame.index]).collect();
     for path in arguments {
         let cloud = GaussianCloud::read(&path)?;
         let gaussians = upload(&gpu, &cloud)?;
-        let share = config.near_share;
-        let [whole, cut] = [0.0, share].map(|share| quality(&gpu, &rasteriser, &gaussians, &scene, share));
-        println!("{} {} {:.3} {:.3}", path.display(), cloud.len(), whole?, cut?);
+        let quality = |frames: &[[usize; 2]], share| quality(&gpu, &rasteriser, &gaussians, &scene, frames, share);
+        let (trained, whole) = (quality(&trained, 0.0)?, quality(&held_out, 0.0)?);
+        let cut = quality(&held_out, config.near_share)?;
+        println!("{} {} {trained:.3} {whole:.3} {cut:.3}", path.display(), cloud.len());
     }
     Ok(())
 }
@@ -66,30 +69,36 @@ fn upload(gpu: &Gpu, cloud: &GaussianCloud) -> Result<GaussianBuffers> {
     Ok(GaussianBuffers::from_slices(gpu, cloud.sh_degree, &core, &sh)?)
 }
 
-/// Mean PSNR over the held-out frames.
-fn quality(gpu: &Gpu, rasteriser: &Rasteriser, gaussians: &GaussianBuffers, scene: &Scene, share: f32) -> Result<f64> {
-    let (mut sum, mut frame) = (0.0, Frame::new(gpu)?);
-    for held_out in &scene.held_out {
-        let view = &scene.views[held_out.view].view;
+/// Mean PSNR over frames, each a camera and which of its frames; a near plane at `share` of the depth that points have.
+fn quality(
+    gpu: &Gpu,
+    rasteriser: &Rasteriser,
+    gaussians: &GaussianBuffers,
+    scene: &Scene,
+    frames: &[[usize; 2]],
+    share: f32,
+) -> Result<f64> {
+    let (mut sum, mut drawn) = (0.0, Frame::new(gpu)?);
+    for &[camera, index] in frames {
+        let view = &scene.views[camera].view;
         let near = if share > 0.0 { near_plane(&scene.points, view, share, NEAR_M) } else { NEAR_M };
         let options = RenderOptions { sh_degree: gaussians.sh_degree, near, ..RenderOptions::default() };
         loop {
-            rasteriser.forward(gpu, gaussians, None, view, &options, &mut frame)?;
-            match frame.check(gpu) {
+            rasteriser.forward(gpu, gaussians, None, view, &options, &mut drawn)?;
+            match drawn.check(gpu) {
                 // It has grown now.
                 Err(RasterError::Overflow { .. }) => {}
                 other => break other?,
             }
         }
-        let image: Vec<[f32; 4]> = gpu.download(&frame.image, (view.width * view.height) as usize)?;
+        let image: Vec<[f32; 4]> = gpu.download(&drawn.image, (view.width * view.height) as usize)?;
         let shown: Vec<f32> = image.iter().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
         let shown = to_unit(&to_bytes(&shown));
-        let camera = &scene.dataset.manifest.cameras[held_out.view];
-        let truth = scene.dataset.read_image(camera, &camera.frames[held_out.index])?;
+        let camera = &scene.dataset.manifest.cameras[camera];
+        let truth = scene.dataset.read_image(camera, &camera.frames[index])?;
         let unit = to_unit(&truth.data);
-        let pictures = [&shown, &unit].map(|rgb| Picture::new(truth.width, truth.height, rgb));
-        let [a, b] = pictures;
+        let [a, b] = [&shown, &unit].map(|rgb| Picture::new(truth.width, truth.height, rgb));
         sum += psnr(a?, b?)?;
     }
-    Ok(sum / scene.held_out.len().max(1) as f64)
+    Ok(sum / frames.len().max(1) as f64)
 }
