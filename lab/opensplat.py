@@ -73,10 +73,10 @@ def train_peer(program, scene, folder, core, minutes, options):
 
 
 def qualities(dataset, paths):
-    """Gaussians, and PSNR as they are and with the near plane of held-out cameras."""
+    """Gaussians, and PSNR of training frames, of held-out frames, and of these with the near plane of held-out cameras."""
     output = subprocess.run([ROOT / "target/release/splat_quality", dataset, *paths], check=True, stdout=subprocess.PIPE, text=True)
-    rows = [line.rsplit(" ", 3) for line in output.stdout.splitlines()]
-    return [(int(count), float(whole), float(cut)) for _, count, whole, cut in rows]
+    rows = [line.rsplit(" ", 4) for line in output.stdout.splitlines()]
+    return [(int(count), *map(float, figures)) for _, count, *figures in rows]
 
 
 def reached(curve, level):
@@ -115,12 +115,12 @@ def main():
         folder = given.out / name.replace(" ", "-")
         saved = train_peer(given.opensplat, scene, folder, given.core, given.peer_minutes, options)
         found = qualities(given.dataset, list(saved))
-        for kind, index in [("its own near plane", 1), ("ours", 2)]:
+        for kind, index in [("its own near plane", 2), ("ours", 3)]:
             curves[f"OpenSplat, {name}, {kind}"] = [(seconds, row[index]) for seconds, row in zip(saved.values(), found)]
         steps = [int(path.stem.rsplit("_", 1)[1]) for path in saved]
         (begin, end) = (list(saved.values())[0], list(saved.values())[-1])
         each = 1e3 * (end - begin) / max(steps[-1] - steps[0], 1)
-        print(f"OpenSplat, {name}: {steps[-1]} iterations, {each:.0f} ms each, {found[-1][0]} Gaussians")
+        print(f"OpenSplat, {name}: {steps[-1]} iterations, {each:.0f} ms each, {found[-1][0]} Gaussians, {found[-1][1]:.2f} dB of training frames")
     (given.out / "curves.json").write_text(json.dumps(curves, indent=1))
 
     print("\nprocessor seconds until a PSNR of held-out frames, dB, is reached:")
