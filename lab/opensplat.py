@@ -117,9 +117,8 @@ def main():
         found = qualities(given.dataset, list(saved))
         for kind, index in [("its own near plane", 2), ("ours", 3)]:
             curves[f"OpenSplat, {name}, {kind}"] = [(seconds, row[index]) for seconds, row in zip(saved.values(), found)]
-        steps = [int(path.stem.rsplit("_", 1)[1]) for path in saved]
-        (begin, end) = (list(saved.values())[0], list(saved.values())[-1])
-        each = 1e3 * (end - begin) / max(steps[-1] - steps[0], 1)
+        steps, times = [int(path.stem.rsplit("_", 1)[1]) for path in saved], list(saved.values())
+        each = 1e3 * (times[-1] - times[0]) / max(steps[-1] - steps[0], 1)
         print(f"OpenSplat, {name}: {steps[-1]} iterations, {each:.0f} ms each, {found[-1][0]} Gaussians, {found[-1][1]:.2f} dB of training frames")
     (given.out / "curves.json").write_text(json.dumps(curves, indent=1))
 

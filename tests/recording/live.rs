@@ -13,7 +13,6 @@ use std::{
 
 use erfgs_events::EventEncoding;
 use erfgs_scene::pixel::PixelFormat;
-use erfgs_scene::{Distortion, Intrinsics};
 use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, Packet},
@@ -234,21 +233,12 @@ fn a_board_is_calibrated_while_it_is_played() {
 
 /// An event camera before a screen, as a recorded session: the file's packets hold 20 ms each.
 fn write_blinking(path: &Path) {
-    let truth = Intrinsics {
-        width: 320,
-        height: 240,
-        fx: 300.0,
-        fy: 300.0,
-        cx: 163.0,
-        cy: 118.0,
-        distortion: Distortion::None,
-    };
     let start =
         SessionStart { host_ns: 7_000_000_000, epoch_ns: 0, program: "test".into(), machine: Default::default() };
     let mut writer = SessionWriter::create(path, start, "", Settings::default()).expect("written");
     let description = description("ev", Encoding::Events(EventEncoding::Evt2), [320, 240], serde_json::json!({}));
     let stream = writer.add_stream(&description).expect("a stream");
-    let events = blinking::events([8, 5], 0.03, &truth);
+    let events = blinking::events([8, 5], 0.03, &blinking::camera());
     for (sequence, part) in (0..).zip(events.chunk_by(|a, b| a.t_us / 20_000 == b.t_us / 20_000)) {
         let packet = Packet {
             sequence,

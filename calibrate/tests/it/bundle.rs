@@ -394,6 +394,9 @@ fn nonsense_is_refused() {
     let mut bundle = good.clone();
     bundle.priors.push(Prior::Value { camera: 9, parameter: Parameter::Fx, value: 1.0, sigma: 1.0 });
     assert!(bundle.solve(&Options::default()).is_err());
+    let mut bundle = good.clone();
+    bundle.cameras[1].free = Parameter::POSE.repeat(4);
+    assert!(bundle.solve(&Options::default()).unwrap_err().to_string().contains("more free parameters"));
     assert_eq!(Bundle::default().solve(&Options::default()).unwrap_err(), BundleError::Empty);
 }
 

@@ -81,7 +81,7 @@ fn quality(
     let (mut sum, mut drawn) = (0.0, Frame::new(gpu)?);
     for &[camera, index] in frames {
         let view = &scene.views[camera].view;
-        let near = if share > 0.0 { near_plane(&scene.points, view, share, NEAR_M) } else { NEAR_M };
+        let near = near_plane(&scene.points, view, share, NEAR_M);
         let options = RenderOptions { sh_degree: gaussians.sh_degree, near, ..RenderOptions::default() };
         loop {
             rasteriser.forward(gpu, gaussians, None, view, &options, &mut drawn)?;

@@ -4,7 +4,6 @@ use erfgs_calibrate::{
     board::{EventBoard, LensModel, Target, detect, look, pictures, single},
     evidence::{Evidence, Moment},
 };
-use erfgs_scene::{Distortion, Intrinsics};
 
 #[path = "../common/blinking.rs"]
 mod blinking;
@@ -12,15 +11,6 @@ mod blinking;
 #[test]
 fn an_event_camera_is_calibrated_by_a_board_that_blinks() {
     let target: Target = "chessboard:8x5:0.03".parse().unwrap();
-    let truth = Intrinsics {
-        width: 320,
-        height: 240,
-        fx: 300.0,
-        fy: 300.0,
-        cx: 163.0,
-        cy: 118.0,
-        distortion: Distortion::None,
-    };
     let events = Some(EventBoard::Blinking { hz: 20.0 });
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("left.csv");
@@ -31,7 +21,7 @@ fn an_event_camera_is_calibrated_by_a_board_that_blinks() {
     std::fs::remove_file(&path).unwrap();
     let raw = folder.path().join("left.raw");
     let mut file = b"% evt 2.0\n% format EVT2;height=240;width=320\n% end\n".to_vec();
-    file.extend(blinking::as_evt2(&blinking::events([8, 5], 0.03, &truth)));
+    file.extend(blinking::as_evt2(&blinking::events([8, 5], 0.03, &blinking::camera())));
     std::fs::write(&raw, file).unwrap();
     let seen = look(folder.path(), &target, events, &|_, _| {}).unwrap();
     assert!(seen[0].events && seen[0].views.len() >= 7, "{} views", seen[0].views.len());

@@ -2,8 +2,13 @@
 
 use erfgs_base::random;
 use erfgs_events::Event;
-use erfgs_scene::{Intrinsics, Pose};
+use erfgs_scene::{Distortion, Intrinsics, Pose};
 use glam::{DQuat, DVec2, DVec3};
+
+/// A camera that sees one of 8 x 5 corners, 30 mm apart, as a whole.
+pub fn camera() -> Intrinsics {
+    Intrinsics { width: 320, height: 240, fx: 300.0, fy: 300.0, cx: 163.0, cy: 118.0, distortion: Distortion::None }
+}
 
 /// A board of `corners` columns and rows of inner corners, `square` metres apart, that blinks at 20 Hz: 0.7 s at each of eight
 /// places, a second from one to the next. Every thirtieth pixel is a lamp at 100 Hz.
