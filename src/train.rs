@@ -20,7 +20,7 @@ use erfgs_train::{
     config::{Config, Method, MotionModel, Preset},
     export::write_ply,
     gpu::Gpu,
-    scene::Scene,
+    scene::{Flicker, Scene},
     schedule::Budget,
     trainer::{Outcome, Progress, TrainError, TrainOptions, Trainer, Watch},
 };
@@ -422,6 +422,13 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
     if scene.events_filed {
         let events: u64 = scene.events.iter().map(|events| events.count).sum();
         terminal.note(format!("{events} events lie in files while it is trained, as --memory has no room for them"));
+    }
+    if let Some(Flicker { hz, share, .. }) = &scene.flicker {
+        terminal.note(format!(
+            "the light flickers at {hz:.1} Hz for {:.0} % of the event cameras' pixels: their events are read at its peaks alone \
+             (earl.flicker), as often as those come; steady light shows more of what is fast",
+            100.0 * share
+        ));
     }
     for events in &scene.events {
         let camera = &scene.dataset.manifest.cameras[events.view];

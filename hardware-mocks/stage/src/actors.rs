@@ -72,6 +72,8 @@ pub(crate) struct Moment {
     ball_to_local: DMat3,
     pub blades: [BladePose; BLADES],
     pub pendulum: PendulumPose,
+    /// The lamp's light as a share of its mean.
+    pub lamp: f64,
 }
 
 impl Moment {
@@ -83,6 +85,7 @@ impl Moment {
             ball_to_local: DMat3::IDENTITY,
             blades: Default::default(),
             pendulum: PendulumPose::default(),
+            lamp: stage.lamp(t),
         };
         if actors.has(Actors::BALL | Actors::BALL_SHADOW) {
             moment.ball = stage.ball.centre(t);
@@ -193,26 +196,26 @@ impl Stage {
         let mut found = Fragments::default();
         if actors.has(Actors::BALL) {
             let ball = (moment.ball, self.ball.radius, &moment.ball_to_local, Paint::Ball);
-            self.sphere(ray, limit, ball, &mut found);
+            self.sphere(ray, limit, ball, moment.lamp, &mut found);
         }
         for (number, blade) in moment.blades.iter().enumerate() {
             if actors.has(Actors::blade(number)) {
-                self.blade(ray, limit, blade, number as u8, &mut found);
+                self.blade(ray, limit, (blade, number as u8), moment.lamp, &mut found);
             }
         }
         if actors.has(Actors::ROD) {
-            self.rod(ray, limit, moment.pendulum.along, &mut found);
+            self.rod(ray, limit, moment.pendulum.along, moment.lamp, &mut found);
         }
         if actors.has(Actors::BOB) {
             let to_local = moment.pendulum.rotation.transpose();
             let bob = (moment.pendulum.bob, self.pendulum.bob_radius, &to_local, Paint::Bob);
-            self.sphere(ray, limit, bob, &mut found);
+            self.sphere(ray, limit, bob, moment.lamp, &mut found);
         }
         found
     }
 
-    fn lit(&self, at: DVec3, normal: DVec3, albedo: DVec3) -> DVec3 {
-        albedo * (self.light.ambient(normal) + self.light.direct(at, normal))
+    fn lit(&self, at: DVec3, normal: DVec3, albedo: DVec3, lamp: f64) -> DVec3 {
+        albedo * (self.light.ambient(normal) + self.light.direct(at, normal) * lamp)
     }
 
     fn sphere(
@@ -220,6 +223,7 @@ impl Stage {
         ray: &Ray,
         limit: f64,
         (centre, radius, to_local, paint): (DVec3, f64, &DMat3, Paint),
+        lamp: f64,
         found: &mut Fragments,
     ) {
         let offset = centre - ray.origin;
@@ -239,10 +243,10 @@ impl Stage {
         }
         let normal = (ray.origin + ray.direction * distance - centre).normalize();
         let colour = albedo(paint, self.set.seed, *to_local * normal, width / radius);
-        found.insert(Fragment { distance, cover, colour: self.lit(centre + normal * radius, normal, colour) });
+        found.insert(Fragment { distance, cover, colour: self.lit(centre + normal * radius, normal, colour, lamp) });
     }
 
-    fn blade(&self, ray: &Ray, limit: f64, blade: &BladePose, number: u8, found: &mut Fragments) {
+    fn blade(&self, ray: &Ray, limit: f64, (blade, number): (&BladePose, u8), lamp: f64, found: &mut Fragments) {
         let facing = ray.direction.dot(blade.normal);
         let offset = self.fan.centre - ray.origin;
         let distance = offset.dot(blade.normal) / facing;
@@ -264,11 +268,11 @@ impl Stage {
         let footprint = width_along.min(width_across).min(0.5);
         let colour = albedo(Paint::Blade(number), self.set.seed, DVec3::new(along, across, 0.0), footprint);
         let normal = if facing > 0.0 { -blade.normal } else { blade.normal };
-        let colour = self.lit(ray.origin + ray.direction * distance, normal, colour);
+        let colour = self.lit(ray.origin + ray.direction * distance, normal, colour, lamp);
         found.insert(Fragment { distance, cover, colour });
     }
 
-    fn rod(&self, ray: &Ray, limit: f64, axis: DVec3, found: &mut Fragments) {
+    fn rod(&self, ray: &Ray, limit: f64, axis: DVec3, lamp: f64, found: &mut Fragments) {
         let radius = self.pendulum.rod_radius;
         let offset = self.pendulum.pivot - ray.origin;
         let (side, sine) = ray.direction.cross(axis).normalize_and_length();
@@ -294,7 +298,7 @@ impl Stage {
         let towards = if towards.dot(ray.direction) > 0.0 { -towards } else { towards };
         let normal = (towards * (1.0 - bulge * bulge).sqrt() - side * bulge).normalize();
         let colour = albedo(Paint::Rod, self.set.seed, DVec3::new(0.0, down, 0.0), width / sine);
-        let colour = self.lit(ray.origin + ray.direction * distance, normal, colour);
+        let colour = self.lit(ray.origin + ray.direction * distance, normal, colour, lamp);
         found.insert(Fragment { distance, cover, colour });
     }
 }

@@ -113,6 +113,9 @@ const BLOCK_SLABS: usize = 64;
 /// Nothing moves farther than this from one sample of the intensity to the next, pixels, before any halving.
 const STEP_PX: f64 = 0.7;
 
+/// Samples of the intensity in a period of a lamp that flickers, before any halving.
+const STEPS_A_PERIOD: f64 = 8.0;
+
 /// A pixel that something can reach during a slab.
 #[derive(Clone, Copy, Debug)]
 struct Visit {
@@ -148,8 +151,11 @@ pub fn record(
         .into_par_iter()
         .with_min_len(256)
         .map(|pixel| {
-            let still = options.response(view.still_colour(pixel).to_array());
-            let level = view.pixel_at(pixel, micro(start)).map_or(still, |colour| options.response(colour.to_array()));
+            let lit = |lamp: f64| options.response(view.still_colour(pixel, lamp).to_array());
+            let still = lit(1.0);
+            let level = view.pixel_at(pixel, micro(start));
+            let level =
+                level.map_or_else(|| lit(view.stage.lamp(micro(start))), |colour| options.response(colour.to_array()));
             Pixel::new(options, random::extend(root, pixel as u64), start, still, level)
         })
         .collect();
@@ -211,7 +217,9 @@ fn record_block(
                     still: pixel.still(),
                     at: |t_us: i64| {
                         let moment = Moment::at(view.stage, micro(t_us), visit.actors);
-                        looker.colour(&moment, visit.actors).map(|colour| options.response(colour.to_array()))
+                        let flickers = || (moment.lamp != 1.0).then(|| view.still_colour(index, moment.lamp));
+                        let colour = looker.colour(&moment, visit.actors).or_else(flickers);
+                        colour.map(|colour| options.response(colour.to_array()))
                     },
                 };
                 pixel.follow(slab.clone(), visit.steps, &signal, &mut fired);
@@ -225,12 +233,20 @@ fn record_block(
 fn slab_visits(view: &StageView<'_>, index: usize, slab: &Range<i64>) -> Vec<Visit> {
     let (from, to) = (micro(slab.start), micro(slab.end));
     let speeds = view.pixel_speeds(0.5 * (from + to), 0.5 * (to - from));
-    view.reached(from, to)
+    let flicker = view.stage.options.flicker.map_or(0.0, |flicker| STEPS_A_PERIOD * flicker.hz * (to - from));
+    let mut reached = view.reached(from, to);
+    if flicker > 0.0 {
+        // The lamp's light reaches all.
+        let mut all: Vec<(usize, Actors)> = (0..view.pixels()).map(|pixel| (pixel, Actors::NONE)).collect();
+        reached.into_iter().for_each(|(pixel, actors)| all[pixel].1 = actors);
+        reached = all;
+    }
+    reached
         .into_iter()
         .map(|(pixel, actors)| {
             let speed =
                 speeds.iter().filter(|(actor, _)| actors.has(*actor)).map(|(_, speed)| *speed).fold(0.0, f64::max);
-            let steps = (speed * (to - from) / STEP_PX).ceil().clamp(1.0, (slab.end - slab.start) as f64);
+            let steps = (speed * (to - from) / STEP_PX).max(flicker).ceil().clamp(1.0, (slab.end - slab.start) as f64);
             Visit { pixel: pixel as u32, slab: index as u32, steps: steps as u32, actors }
         })
         .collect()

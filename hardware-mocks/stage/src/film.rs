@@ -23,8 +23,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    EventOptions, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::to_u8, events,
-    truth_points,
+    EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::to_u8,
+    events, truth_points,
 };
 
 /// What to film, and how.
@@ -87,6 +87,10 @@ impl FilmOptions {
         check("the duration, seconds,", duration, (0.001..=3600.0).contains(&duration), "0.001 to 3600")?;
         let exposure = seconds(self.exposure_ns);
         check("the exposure, seconds,", exposure, (0.0..=1.0).contains(&exposure), "0 to 1")?;
+        if let Some(Flicker { hz, depth }) = self.stage.flicker {
+            check("the lamp's flicker, hertz,", hz, (1.0..=20_000.0).contains(&hz), "1 to 20000")?;
+            check("the depth of the lamp's flicker", depth, (0.0..=1.0).contains(&depth), "0 to 1")?;
+        }
         for (what, fps) in
             [("the RGB frame rate, hertz,", self.rgb_fps), ("the test frame rate, hertz,", self.test_fps)]
         {
@@ -263,6 +267,9 @@ fn empty_manifest(options: &FilmOptions) -> Manifest {
     note("exposure_ns", options.exposure_ns.into());
     note("test_fps", options.test_fps.into());
     note("shadows", options.stage.shadows.into());
+    if let Some(Flicker { hz, depth }) = options.stage.flicker {
+        note("flicker", serde_json::json!({ "hz": hz, "depth": depth }));
+    }
     note("samples_per_axis", options.stage.samples_per_axis.into());
     Manifest {
         format: Manifest::FORMAT.to_owned(),

@@ -47,6 +47,8 @@ mod shape;
 pub mod texture;
 pub mod view;
 
+use std::f64::consts::TAU;
+
 pub use error::StageError;
 pub use events::EventOptions;
 pub use film::{FilmOptions, FilmReport, film};
@@ -70,14 +72,25 @@ pub struct StageOptions {
     pub shadows: bool,
     /// Whether nothing moves: the room without the ball, the fan's blades and the pendulum.
     pub empty: bool,
+    /// How the lamp flickers; it is steady without.
+    pub flicker: Option<Flicker>,
     /// A pixel is the mean of `samples_per_axis` squared sub-pixel rays. At least 1.
     pub samples_per_axis: u32,
 }
 
 impl Default for StageOptions {
     fn default() -> Self {
-        Self { seed: 1, shadows: false, empty: false, samples_per_axis: 3 }
+        Self { seed: 1, shadows: false, empty: false, flicker: None, samples_per_axis: 3 }
     }
+}
+
+/// A lamp whose light goes up and down as a sine. The ambient light is steady.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flicker {
+    /// How often, hertz: twice the mains' frequency for most lamps.
+    pub hz: f64,
+    /// The greatest deviation from the mean, as a share of it: 0 to 1.
+    pub depth: f64,
 }
 
 /// The scene: what moves, what stands still, and the lamp.
@@ -103,6 +116,11 @@ impl Stage {
         let (ball, fan, pendulum) = (Ball::default(), Fan::default(), Pendulum::default());
         let set = StageSet::new(options.seed, &fan, &pendulum);
         Self { options, ball, fan, pendulum, set, light: Light::default() }
+    }
+
+    /// The lamp's light at a time, seconds, as a share of its mean.
+    pub(crate) fn lamp(&self, t: f64) -> f64 {
+        self.options.flicker.map_or(1.0, |Flicker { hz, depth }| 1.0 + depth * (TAU * hz * t).sin())
     }
 }
 

@@ -29,9 +29,9 @@ struct Backdrop {
 }
 
 impl Backdrop {
-    /// The light where no moving object hides the lamp.
-    fn unshaded(&self) -> DVec3 {
-        DVec3::from(self.ambient.map(f64::from)) + DVec3::from(self.direct.map(f64::from))
+    /// The light where moving objects leave so much of the lamp, whose mean is 1.
+    fn lit(&self, lamp: f64) -> DVec3 {
+        DVec3::from(self.ambient.map(f64::from)) + DVec3::from(self.direct.map(f64::from)) * lamp
     }
 }
 
@@ -55,6 +55,9 @@ pub struct StageView<'stage> {
     still: Vec<[f32; 3]>,
     pub(crate) patches: Vec<Patch>,
 }
+
+/// Instants of an exposure in a period of a lamp that flickers.
+const SAMPLES_A_PERIOD: f64 = 16.0;
 
 /// Rays to the lamp from each sub-pixel's place on the static set.
 const LAMP_RAYS: u32 = 5;
@@ -95,7 +98,7 @@ impl<'stage> StageView<'stage> {
             .with_min_len(64)
             .map(|index| view.trace_still(&view.ray(index / samples, index % samples), index % samples))
             .collect();
-        view.still = (0..view.pixels()).map(|pixel| view.still_pixel(pixel)).collect();
+        view.still = (0..view.pixels()).map(|pixel| view.lit_pixel(pixel, 1.0).as_vec3().to_array()).collect();
         view.patches = (0..view.pixels()).map(|pixel| view.patch(pixel)).collect();
         Ok(view)
     }
@@ -106,10 +109,12 @@ impl<'stage> StageView<'stage> {
         self.intrinsics.width as usize * self.intrinsics.height as usize
     }
 
-    /// The image at an instant: linear light, RGB, row-major.
+    /// The image at an instant, in the lamp's mean light: linear light, RGB, row-major.
     #[must_use]
     pub fn frame(&self, t_ns: i64) -> Vec<[f32; 3]> {
-        self.exposure([t_ns, t_ns], 1)
+        let mut moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
+        moment.lamp = 1.0;
+        self.gathered(&[moment], [t_ns; 2])
     }
 
     /// The image that an open shutter gathers over `[start, end]` nanoseconds: the mean over `samples` instants at the
@@ -122,29 +127,45 @@ impl<'stage> StageView<'stage> {
             .map(|k| from + (to - from) * (f64::from(k) + 0.5) / f64::from(samples))
             .map(|t| Moment::at(self.stage, t, Actors::ALL))
             .collect();
+        self.gathered(&moments, [start, end.max(start)])
+    }
+
+    /// The mean of the image over `moments`, all of them within `[start, end]` nanoseconds.
+    fn gathered(&self, moments: &[Moment], [start, end]: [i64; 2]) -> Vec<[f32; 3]> {
+        let mean = |values: DVec3| (values / moments.len() as f64).as_vec3().to_array();
         let changed: Vec<(usize, [f32; 3])> = self
-            .reached(from, to)
+            .reached(seconds(start), seconds(end))
             .into_par_iter()
             .with_min_len(16)
             .map(|(pixel, actors)| {
-                let (still, looker) = (self.still_colour(pixel), self.looker(pixel));
-                let sum: DVec3 = moments.iter().map(|moment| looker.colour(moment, actors).unwrap_or(still)).sum();
-                (pixel, (sum / f64::from(samples)).as_vec3().to_array())
+                let looker = self.looker(pixel);
+                let of = |moment: &Moment| {
+                    looker.colour(moment, actors).unwrap_or_else(|| self.still_colour(pixel, moment.lamp))
+                };
+                (pixel, mean(moments.iter().map(of).sum()))
             })
             .collect();
+        let lamp = moments.iter().map(|moment| moment.lamp).sum::<f64>() / moments.len() as f64;
         let mut image = self.still.clone();
+        if lamp != 1.0 {
+            let still =
+                |(pixel, still): (usize, &mut [f32; 3])| *still = self.still_colour(pixel, lamp).as_vec3().to_array();
+            image.par_iter_mut().enumerate().with_min_len(256).for_each(still);
+        }
         for (pixel, colour) in changed {
             image[pixel] = colour;
         }
         image
     }
 
-    /// Enough instants for [`StageView::exposure`]: nothing crosses more than `step_px` pixels from one to the next.
+    /// Enough instants for [`StageView::exposure`]: nothing crosses more than `step_px` pixels from one to the next, and the lamp
+    /// flickers slowly.
     #[must_use]
     pub fn exposure_samples(&self, [start, end]: [i64; 2], step_px: f64) -> u32 {
         let (from, to) = (seconds(start), seconds(end.max(start)));
         let path = self.pixel_speed(0.5 * (from + to), 0.5 * (to - from)) * (to - from);
-        (path / step_px).ceil().clamp(1.0, 4096.0) as u32
+        let periods = self.stage.options.flicker.map_or(0.0, |flicker| flicker.hz * (to - from));
+        (path / step_px).max(SAMPLES_A_PERIOD * periods).ceil().clamp(1.0, 4096.0) as u32
     }
 
     /// Which pixels a moving object or a moving shadow touches at an instant, row-major. Exact: everywhere else the
@@ -186,7 +207,7 @@ impl<'stage> StageView<'stage> {
         let fragments = self.stage.fragments(&ray, moment, moment.actors, still);
         let (distance, colour) = match fragments.iter().find(|f| f.cover >= 0.5) {
             Some(fragment) => (fragment.distance, fragment.colour),
-            None => (still, backdrop.unshaded()),
+            None => (still, backdrop.lit(moment.lamp)),
         };
         distance.is_finite().then(|| (ray.origin + ray.direction * distance, colour))
     }
@@ -196,9 +217,12 @@ impl<'stage> StageView<'stage> {
         self.looker(pixel).colour(&Moment::at(self.stage, t, Actors::ALL), Actors::ALL)
     }
 
-    /// Linear light of one pixel of the empty room.
-    pub(crate) fn still_colour(&self, pixel: usize) -> DVec3 {
-        DVec3::from(self.still[pixel].map(f64::from))
+    /// Linear light of one pixel of the empty room when the lamp has so much of its mean light.
+    pub(crate) fn still_colour(&self, pixel: usize, lamp: f64) -> DVec3 {
+        match lamp {
+            1.0 => DVec3::from(self.still[pixel].map(f64::from)),
+            _ => self.lit_pixel(pixel, lamp),
+        }
     }
 
     /// The share of the lamp that the moving objects leave to a sample's place on the static set; 1 where the lamp does
@@ -251,11 +275,10 @@ impl<'stage> StageView<'stage> {
         }
     }
 
-    fn still_pixel(&self, pixel: usize) -> [f32; 3] {
+    fn lit_pixel(&self, pixel: usize, lamp: f64) -> DVec3 {
         let samples = self.offsets.len();
         let rays = &self.backdrop[pixel * samples..(pixel + 1) * samples];
-        let sum: DVec3 = rays.iter().map(Backdrop::unshaded).sum();
-        (sum / samples as f64).as_vec3().to_array()
+        rays.iter().map(|ray| ray.lit(lamp)).sum::<DVec3>() / samples as f64
     }
 
     fn patch(&self, pixel: usize) -> Patch {
@@ -308,8 +331,7 @@ impl Looker<'_> {
             let fragments = self.view.stage.fragments(ray, moment, actors, f64::from(backdrop.distance));
             let lit = self.view.past_shadows(ray, backdrop, moment, actors);
             touched |= lit < 1.0 || !fragments.is_empty();
-            let direct = DVec3::from(backdrop.direct.map(f64::from)) * lit;
-            let mut colour = DVec3::from(backdrop.ambient.map(f64::from)) + direct;
+            let mut colour = backdrop.lit(lit * moment.lamp);
             for fragment in fragments.iter().rev() {
                 colour += (fragment.colour - colour) * fragment.cover;
             }
@@ -342,8 +364,7 @@ mod tests {
         let actors = if view.stage.options.shadows { Actors::ALL } else { Actors::ALL.without(Actors::SHADOWS) };
         let colours = looker.rays.iter().zip(looker.backdrop).map(|(ray, backdrop)| {
             let lit = view.past_shadows(ray, backdrop, moment, actors);
-            let mut colour =
-                DVec3::from(backdrop.ambient.map(f64::from)) + DVec3::from(backdrop.direct.map(f64::from)) * lit;
+            let mut colour = backdrop.lit(lit * moment.lamp);
             let fragments = view.stage.fragments(ray, moment, actors, f64::from(backdrop.distance));
             for fragment in fragments.iter().rev() {
                 colour += (fragment.colour - colour) * fragment.cover;
@@ -368,7 +389,7 @@ mod tests {
                 let expected = brute(&view, pixel, &moment);
                 let got = DVec3::from(frame[pixel].map(f64::from));
                 prop_assert!((got - expected).length() < 1e-6, "pixel {pixel} of {}: {got} and {expected}", camera.name);
-                prop_assert!(mask[pixel] || (expected - view.still_colour(pixel)).length() < 1e-6, "pixel {pixel} is not in the mask");
+                prop_assert!(mask[pixel] || (expected - view.still_colour(pixel, 1.0)).length() < 1e-6, "pixel {pixel} is not in the mask");
             }
         }
 

@@ -313,6 +313,10 @@ pub struct EarlConfig {
     /// most pixels the one adds what the other takes away), and what leaks and noise add up to is taken away.
     #[serde(default)]
     pub balance: bool,
+    /// Whether events are read at the peaks of the light where it flickers, which then tell of everything else alone. Where pairs are
+    /// tied to frames they cannot be.
+    #[serde(default)]
+    pub flicker: bool,
     /// Whether Gaussians that stand still learn from events, too.
     #[serde(default = "yes")]
     pub still_learn: bool,

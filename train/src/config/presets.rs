@@ -102,6 +102,7 @@ impl Config {
                 bins: 0,
                 denoise: true,
                 balance: false,
+                flicker: false,
                 still_learn: true,
             },
             eds: EdsConfig {
@@ -200,6 +201,7 @@ impl Config {
         config.earl.pairing = Pairing::Level;
         config.earl.denoise = false;
         config.earl.balance = true;
+        config.earl.flicker = true;
         // What stands still makes no events: what moves and is not explained yet would be put down to it.
         config.earl.still_learn = false;
         config.eds.max_gaussians = 0;

@@ -48,6 +48,47 @@ pub(super) fn ratio(totals: &[[u32; 2]], noise: [f64; 2], stated: f64) -> Option
     (agreed && (median - stated).abs() > LEAST).then(|| median.exp())
 }
 
+/// From so many events of either kind on, a pixel tells of its own thresholds.
+const MANY: u32 = 50;
+
+/// ON and OFF events of pixels between edges at which the light of a lamp was the same, wherever nothing else had changed.
+#[derive(Debug)]
+pub(super) struct Returns {
+    /// All events up to the last edge.
+    last: Vec<[u32; 2]>,
+    counts: Vec<[u32; 2]>,
+}
+
+impl Returns {
+    /// Of so many pixels without events yet.
+    pub fn new(pixels: usize) -> Self {
+        Self { last: vec![[0; 2]; pixels], counts: vec![[0; 2]; pixels] }
+    }
+
+    /// Another edge, up to which there were so many events in all.
+    pub fn edge(&mut self, now: &[[u32; 2]]) {
+        for ((last, counts), now) in self.last.iter_mut().zip(&mut self.counts).zip(now) {
+            let [on, off] = [0, 1].map(|kind| now[kind] - last[kind]);
+            if on.abs_diff(off) <= 1 + on.min(off) / 2 {
+                *counts = [counts[0] + on, counts[1] + off];
+            }
+            *last = *now;
+        }
+    }
+
+    /// The counts of pixels that tell of their own thresholds.
+    pub fn told(&self, pixel: usize) -> Option<[u32; 2]> {
+        Some(self.counts[pixel]).filter(|counts| counts.iter().all(|&count| count >= MANY))
+    }
+}
+
+/// What an ON and an OFF event change at a pixel where so many of each came back to where they began, and where they change `step` at
+/// others. Thresholds differ by per cents from pixel to pixel, which hundreds of events would add up.
+pub(super) fn own_steps([on, off]: [u32; 2], step: [f32; 2]) -> [f32; 2] {
+    let more = (off as f32 * step[1] / (on as f32 * step[0])).sqrt();
+    [step[0] * more, step[1] / more]
+}
+
 #[cfg(test)]
 mod tests {
     use erfgs_base::random;
@@ -96,6 +137,23 @@ mod tests {
         // Pixels that contradict each other.
         let torn: Vec<[u32; 2]> = (0..240).map(|at| if at % 2 == 0 { [40, 10] } else { [10, 36] }).collect();
         assert_eq!(ratio(&torn, [0.0, 0.0], 1.0), None);
+    }
+
+    #[test]
+    fn a_pixel_under_a_lamp_tells_of_its_own_thresholds() {
+        for (on, off) in [(0.2, 0.2), (0.17, 0.22), (0.25, 0.2)] {
+            // So far up and down a hundred times, and once up for good; another pixel sees little.
+            let mut returns = Returns::new(2);
+            for period in 1..=100 {
+                let jump = if period > 30 { 6 } else { 0 };
+                let [on, off] = [on, off].map(|threshold: f64| (f64::from(period) * 0.9 / threshold) as u32);
+                returns.edge(&[[on + jump, off], [period / 3, period]]);
+            }
+            let counts = returns.told(0).expect("a lamp");
+            let [up, down] = own_steps(counts, [1.0, 1.0]);
+            assert!((f64::from(up / down) - on / off).abs() < 0.015 && (up * down - 1.0).abs() < 1e-5, "{up} {down}");
+            assert_eq!(returns.told(1), None);
+        }
     }
 
     #[test]

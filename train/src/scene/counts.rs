@@ -47,6 +47,11 @@ impl Counts {
         self.events.push((2 * pixel + usize::from(on)) as u32)
     }
 
+    /// The counts of all pixels since the first edge, before it is finished.
+    pub fn now(&self) -> &[Pair] {
+        &self.now
+    }
+
     /// The end of a bin. An image of counts is kept where it takes no more room than the events since the last one.
     pub fn edge(&mut self) -> io::Result<()> {
         self.begins.push(self.events.len());

@@ -8,7 +8,11 @@ use std::{
 use erfgs_dataset::{Camera, CameraEvents};
 use erfgs_events::Events;
 
-use super::{SceneError, balance, counts::Counts};
+use super::{
+    Flicker, SceneError,
+    balance::{self, Returns},
+    counts::Counts,
+};
 use crate::{
     config::EarlConfig,
     losses::{Sensor, unit},
@@ -112,6 +116,18 @@ impl Bins {
         Self { edges_us, edges, per_interval, anchors }
     }
 
+    /// Bins of about the same width over the same time, from peak to peak of the light; none of them begins with a frame.
+    #[must_use]
+    pub(super) fn at_peaks(&self, flicker: &Flicker, span_ns: [i64; 2]) -> Self {
+        let (Some(&first), Some(&last)) = (self.edges_us.first(), self.edges_us.last()) else { return self.clone() };
+        let width = (last - first) as f64 / self.len().max(1) as f64;
+        let edges_ns: Vec<i64> = flicker.peaks([first, last], width).into_iter().map(|t| 1000 * t).collect();
+        let Some(bins) = edges_ns.len().checked_sub(1).filter(|&bins| bins > 0) else { return self.clone() };
+        let longer = (edges_ns[bins] - edges_ns[0]) as f64 * 1e-3 / (bins as f64 * width);
+        let per_interval = (self.per_interval as f64 / longer).round().max(1.0) as usize;
+        Self::at(Edges { edges_ns, anchors: Vec::new() }, per_interval, span_ns)
+    }
+
     /// The first and the last edge within `covers_ns`, give or take a microsecond, in which times are told.
     #[must_use]
     pub fn within(&self, covers_ns: [i64; 2]) -> [usize; 2] {
@@ -157,6 +173,8 @@ pub struct EventView {
     pub told_ratio: Option<f64>,
     /// What an ON and an OFF event change, units of the sensor's threshold.
     step: [f32; 2],
+    /// The same of each pixel, where a lamp that flickers tells; empty where none does.
+    steps: Vec<[f32; 2]>,
     /// What events that nothing caused add up to while the camera was there, in the same units.
     pub drift: f64,
     /// When each edge is, in [0, 1].
@@ -175,6 +193,8 @@ pub(super) struct EventCounter<'a> {
     covers: [usize; 2],
     size: [usize; 2],
     earl: &'a EarlConfig,
+    /// Where the light flickers, and bins are from peak to peak.
+    returns: Option<Returns>,
     count: u64,
     /// The bin that is being filled.
     bin: usize,
@@ -185,8 +205,8 @@ pub(super) struct EventCounter<'a> {
 }
 
 impl<'a> EventCounter<'a> {
-    /// Of `camera`, view `view` of the scene; nothing where it recorded during none of the bins. What is counted lies in files in
-    /// `folder`, or in memory.
+    /// Of `camera`, view `view` of the scene, where the light `flickers` or not; nothing where it recorded during none of the bins.
+    /// What is counted lies in files in `folder`, or in memory.
     ///
     /// # Errors
     /// [`SceneError::Scratch`].
@@ -195,6 +215,7 @@ impl<'a> EventCounter<'a> {
         camera: &'a Camera,
         bins: &'a Bins,
         earl: &'a EarlConfig,
+        flickers: bool,
         folder: Option<&Path>,
     ) -> Result<Option<Self>, SceneError> {
         let Some(file) = &camera.events else { return Ok(None) };
@@ -206,7 +227,8 @@ impl<'a> EventCounter<'a> {
         let place = folder.unwrap_or(Path::new("")).to_owned();
         let counts = Counts::new(size[0] * size[1], folder).map_err(scratch(&place))?;
         let (count, bin, pending) = (0, 0, Vec::new());
-        Ok(Some(Self { view, file, bins, covers, size, earl, count, bin, pending, counts, folder: place }))
+        let returns = flickers.then(|| Returns::new(size[0] * size[1]));
+        Ok(Some(Self { view, file, bins, covers, size, earl, returns, count, bin, pending, counts, folder: place }))
     }
 
     /// Counts events that come after those before, without those that the loss leaves out.
@@ -252,14 +274,17 @@ impl<'a> EventCounter<'a> {
             }
         }
         self.bin += 1;
+        if let Some(returns) = &mut self.returns {
+            returns.edge(self.counts.now());
+        }
         self.counts.edge()
     }
 
-    fn end(mut self) -> io::Result<Counts> {
+    fn end(mut self) -> io::Result<(Counts, Option<Returns>)> {
         while self.bin < self.bins.len() {
             self.end_bin()?;
         }
-        self.counts.finish()
+        Ok((self.counts.finish()?, self.returns))
     }
 
     /// No other follows.
@@ -267,8 +292,8 @@ impl<'a> EventCounter<'a> {
     /// # Errors
     /// [`SceneError::Scratch`].
     pub fn finish(self) -> Result<EventView, SceneError> {
-        let (earl, view, file, covers, width, count) =
-            (self.earl, self.view, self.file, self.covers, self.size[0], self.count);
+        let (earl, view, file, covers, [width, height], count) =
+            (self.earl, self.view, self.file, self.covers, self.size, self.count);
         let (folder, edges) = (self.folder.clone(), self.bins.edges.clone());
         let threshold =
             (0.5 * (file.threshold_on + file.threshold_off)).max(LEAST * f64::from(unit(file.linear_light)));
@@ -277,10 +302,13 @@ impl<'a> EventCounter<'a> {
             lin_log: file.lin_log_threshold as f32,
             linear_light: file.linear_light,
         };
-        let counts = self.end().map_err(scratch(&folder))?;
+        let (counts, returns) = self.end().map_err(scratch(&folder))?;
+        let told = |pixel: usize| returns.as_ref().and_then(|returns| returns.told(pixel));
         let stated_ratio = file.threshold_on / file.threshold_off;
         let (told_ratio, noise) = if earl.balance {
             let totals = counts.between(covers[0], covers[1]).map_err(scratch(&folder))?;
+            let totals = totals.into_iter().enumerate().filter(|(pixel, _)| told(*pixel).is_none());
+            let totals: Vec<[u32; 2]> = totals.map(|(_, counts)| counts).collect();
             let noise = balance::noise(&totals);
             (balance::ratio(&totals, noise, stated_ratio), noise)
         } else {
@@ -291,7 +319,10 @@ impl<'a> EventCounter<'a> {
         let step = [file.threshold_on * more, file.threshold_off / more].map(|one| (one / threshold) as f32);
         let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
         let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
-        Ok(EventView { view, sensor, count, covers, width, told_ratio, step, drift, edges, counts, folder })
+        let own = |pixel: usize| told(pixel).map_or(step, |counts| balance::own_steps(counts, step));
+        let pixels = if returns.is_some() { width * height } else { 0 };
+        let steps = (0..pixels).map(own).collect();
+        Ok(EventView { view, sensor, count, covers, width, told_ratio, step, steps, drift, edges, counts, folder })
     }
 }
 
@@ -315,14 +346,22 @@ impl EventView {
         let [first, last] = self.covers.map(|edge| self.edges[edge]);
         let share = (self.edges[to] - self.edges[from]) / (last - first).max(1e-12);
         let drift = (self.drift * share) as f32;
-        Ok(self.signed(from, to)?.into_iter().map(|count| count - drift).collect())
+        let mut counts = self.signed(from, to)?;
+        for (pixel, count) in counts.iter_mut().enumerate() {
+            // What tells of its own thresholds has it in them.
+            if self.steps.get(pixel).is_none_or(|own| *own == self.step) {
+                *count -= drift;
+            }
+        }
+        Ok(counts)
     }
 
     /// The signed count of every pixel between two edges as it is, units of the sensor's threshold.
     fn signed(&self, from: usize, to: usize) -> Result<Vec<f32>, SceneError> {
-        let signed = |[on, off]: [u32; 2]| on as f32 * self.step[0] - off as f32 * self.step[1];
+        let signed = |([on, off], step): ([u32; 2], &[f32; 2])| on as f32 * step[0] - off as f32 * step[1];
         let counts = self.counts.between(from, to).map_err(scratch(&self.folder))?;
-        Ok(counts.into_iter().map(signed).collect())
+        let steps = self.steps.iter().chain(std::iter::repeat(&self.step));
+        Ok(counts.into_iter().zip(steps).map(signed).collect())
     }
 
     /// The absolute signed count between two edges, averaged over 3 x 3 pixels where `smooth`.
@@ -397,7 +436,7 @@ mod tests {
     /// A camera's view of these events, in memory.
     fn seen(camera: &Camera, events: &Events, earl: &EarlConfig) -> Option<EventView> {
         let bins = bins();
-        let mut counter = EventCounter::new(0, camera, &bins, earl, None).expect("memory")?;
+        let mut counter = EventCounter::new(0, camera, &bins, earl, false, None).expect("memory")?;
         counter.add(events).expect("memory");
         Some(counter.finish().expect("memory"))
     }
@@ -520,6 +559,57 @@ mod tests {
         let (told, left) = change(&earl(false));
         assert!((told.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{told:?} {left}");
         assert_eq!(change(&EarlConfig { balance: false, ..earl(false) }), (None, 2.0));
+    }
+
+    #[test]
+    fn bins_from_peak_to_peak_see_nothing_of_a_lamp_and_all_else() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut camera = camera();
+        (camera.name, camera.intrinsics.width, camera.intrinsics.height) = ("a".into(), 20, 20);
+        let file = camera.events.as_mut().expect("events");
+        (file.file, file.covers_ns, file.lin_log_threshold) = ("a.npz".into(), [0, 1_000_000_000], 20.0);
+        (file.threshold_on, file.threshold_off) = (0.2, 0.2);
+        // Three steps up and down 100 times a second at half of the pixels, of which some take four steps down; at one of them
+        // something brightens for good after half a second.
+        let mut all = Vec::new();
+        for period in 0..100_i64 {
+            for at in (0..400_u16).filter(|at| at % 20 < 10) {
+                let (x, y) = (at % 20, at / 20);
+                let falls = if y < 5 { 4 } else { 3 };
+                let mut push = |t_us: i64, on| all.push(Event { t_us: 10_000 * period + t_us, x, y, on });
+                (0..3).for_each(|step| push(1000 + 500 * step, true));
+                (0..falls).for_each(|step| push(6000 + 500 * step, false));
+                if (period, x, y) == (50, 3, 9) {
+                    (0..5).for_each(|step| push(4000 + step, true));
+                }
+            }
+        }
+        all.sort_by_key(|event| event.t_us);
+        let mut events = Events::new(20, 20);
+        all.into_iter().for_each(|event| events.push(event));
+        file.count = events.len() as u64;
+        erfgs_events::npz::write_events(&folder.path().join("a.npz"), &events).expect("a file");
+        let mut dataset = crate::scene::fixtures::dataset(folder.path(), vec![camera], [0, 1_000_000_000]);
+        dataset.hash_files().expect("a file");
+        let flicker = Flicker::find(&dataset).expect("read").expect("a lamp");
+        assert!((flicker.hz - 100.0).abs() < 0.1 && (flicker.share - 0.5).abs() < 1e-9, "{flicker:?}");
+        let every_4_ms = Bins::new(&[0, 500_000_000, 1_000_000_000], 125, [0, 1_000_000_000], 1_000_000_000);
+        let bins = every_4_ms.at_peaks(&flicker, [0, 1_000_000_000]);
+        assert!(bins.edges_us.windows(2).all(|pair| (pair[1] - pair[0] - 10_000).abs() < 50), "{:?}", bins.edges_us);
+        // Between the last step up and the first one down, a little after the middle of those.
+        assert!(bins.edges_us.iter().all(|t| (2000..6000).contains(&t.rem_euclid(10_000))), "{:?}", bins.edges_us);
+        assert!((97..=100).contains(&bins.len()) && bins.per_interval == 50, "{} {}", bins.len(), bins.per_interval);
+        let (camera, earl) = (&dataset.manifest.cameras[0], earl(false));
+        let mut counter =
+            EventCounter::new(0, camera, &bins, &earl, true, None).expect("memory").expect("an event camera");
+        counter.add(&events).expect("memory");
+        let view = counter.finish().expect("memory");
+        for (from, to) in [(0, 1), (3, 30), (0, 96)] {
+            for (pixel, count) in view.between(from, to).expect("memory").into_iter().enumerate() {
+                let brighter = if (pixel, to) == (9 * 20 + 3, 96) { 5.0 } else { 0.0 };
+                assert!((count - brighter).abs() < 0.25, "{count} at {pixel} from {from} to {to}");
+            }
+        }
     }
 
     #[test]

@@ -7,10 +7,11 @@ use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
 use super::{
-    Bins, EventView, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame, events::EventCounter,
+    Bins, EventView, Flicker, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame,
+    events::EventCounter,
 };
 use crate::{
-    config::{Config, EarlConfig, MotionModel},
+    config::{Config, EarlConfig, MotionModel, Pairing},
     raster::View,
 };
 
@@ -81,6 +82,7 @@ impl Scene {
             events: Vec::new(),
             events_filed: false,
             bins: Bins::default(),
+            flicker: None,
             held_out: Vec::new(),
             points: Vec::new(),
             point_times: Vec::new(),
@@ -101,6 +103,12 @@ impl Scene {
         if uses_events {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
+            if config.earl.flicker && config.earl.pairing != Pairing::FrameAnchored {
+                scene.flicker = Flicker::find(&scene.dataset)?;
+            }
+            if let Some(flicker) = &scene.flicker {
+                scene.bins = scene.bins.at_peaks(flicker, span_ns);
+            }
             scene.events = scene.read_events(&config.earl, scratch)?;
             scene.events_filed = scratch.is_some();
         }
@@ -174,7 +182,7 @@ impl Scene {
         let views = cameras
             .into_par_iter()
             .map(|(view, camera)| {
-                let counter = EventCounter::new(view, camera, &self.bins, earl, scratch)?;
+                let counter = EventCounter::new(view, camera, &self.bins, earl, self.flicker.is_some(), scratch)?;
                 let Some(mut counter) = counter else { return Ok(None) };
                 self.dataset.read_event_pieces(camera, |events| counter.add(events))?;
                 counter.finish().map(Some)

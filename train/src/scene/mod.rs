@@ -6,6 +6,7 @@ mod displacement;
 mod events;
 #[cfg(test)]
 mod fixtures;
+mod flicker;
 mod load;
 mod motion;
 mod near;
@@ -19,6 +20,7 @@ use erfgs_dataset::{Dataset, DatasetError, Split};
 
 pub(crate) use displacement::{exposed, moves};
 pub use events::{Bins, EventView};
+pub use flicker::Flicker;
 pub(crate) use load::extent;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
@@ -171,6 +173,8 @@ pub struct Scene {
     pub events_filed: bool,
     /// The bins that events are counted in.
     pub bins: Bins,
+    /// How the light flickers, where bins are from peak to peak.
+    pub flicker: Option<Flicker>,
     /// Frames of held-out cameras.
     pub held_out: Vec<HeldOutFrame>,
     /// The initial cloud.

@@ -1,13 +1,13 @@
 //! Whether anything moves at all, before anything is trained: by the frames of each training camera, and by its events.
 //!
-//! The answer errs towards motion: flicker, a lamp that is switched, or noise that comes in bursts count as such.
+//! The answer errs towards motion: a lamp that is switched, or noise that comes in bursts, count as such; a lamp that flickers does not.
 
 use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use erfgs_events::Events;
 use erfgs_scene::ImageRgb8;
 use rayon::prelude::*;
 
-use super::events::around;
+use super::{events::around, flicker::FlickerFinder};
 use crate::config::DynamicConfig;
 
 /// Places of one camera that may change without anything moving.
@@ -35,11 +35,13 @@ pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result
         let Some(file) = &camera.events else { return Ok(false) };
         let size = [camera.intrinsics.width, camera.intrinsics.height].map(|side| side as usize);
         let mut bursts = Bursts::new(size, file.covers_ns.map(|t| t.div_euclid(1000)));
+        let mut flicker = FlickerFinder::new(camera.intrinsics.width, camera.intrinsics.height);
         dataset.read_event_pieces(camera, |events| -> Result<(), DatasetError> {
             bursts.add(events);
+            flicker.add(events);
             Ok(())
         })?;
-        Ok(bursts.tell_of_motion())
+        Ok(bursts.tell_of_motion(&flicker.flickering()))
     };
     let told = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
     told.map_or(Ok(true), |told| told.map(|moves| !moves))
@@ -105,9 +107,14 @@ impl Bursts {
     }
 
     /// Whether events came as no steady noise of each pixel, however strong, would have them: in bursts, or from whole blocks of
-    /// pixels without a pause.
-    fn tell_of_motion(&self) -> bool {
+    /// pixels without a pause. Blocks with pixels that are `flickering` tell nothing.
+    fn tell_of_motion(mut self, flickering: &[bool]) -> bool {
         let [width, _] = self.size;
+        let block_of = |pixel: usize| pixel / width / BLOCK * width.div_ceil(BLOCK) + pixel % width / BLOCK;
+        for (pixel, _) in flickering.iter().enumerate().filter(|(_, flickers)| **flickers) {
+            self.blocks[block_of(pixel)] = [0; WINDOWS];
+            self.pixels[pixel] = 0;
+        }
         let bursts = |counts: &[u32; WINDOWS]| {
             let rate = f64::from(counts.iter().sum::<u32>()) / WINDOWS as f64;
             // Chernoff's bound of a Poisson distribution's tail.
@@ -118,7 +125,7 @@ impl Bursts {
         let busy = BUSY_HZ * self.length_us() as f64 * 1e-6;
         let mut busy_pixels = vec![0; self.blocks.len()];
         for (at, _) in self.pixels.iter().enumerate().filter(|(_, count)| f64::from(**count) >= busy.max(2.0)) {
-            busy_pixels[at / width / BLOCK * width.div_ceil(BLOCK) + at % width / BLOCK] += 1;
+            busy_pixels[block_of(at)] += 1;
         }
         let without_pause = busy_pixels.iter().filter(|&&pixels| 2 * pixels > BLOCK * BLOCK).count();
         self.blocks.iter().map(bursts).sum::<usize>() + without_pause > FEW
@@ -155,8 +162,32 @@ mod tests {
         let mut columns = Events::new(SIZE[0], SIZE[1]);
         events.into_iter().for_each(|event| columns.push(event));
         let mut bursts = Bursts::new(SIZE.map(|side| side as usize), [0, LENGTH_US]);
+        let mut flicker = FlickerFinder::new(SIZE[0], SIZE[1]);
         bursts.add(&columns);
-        bursts.tell_of_motion()
+        flicker.add(&columns);
+        bursts.tell_of_motion(&flicker.flickering())
+    }
+
+    /// Three steps up and down a hundred times a second, at half of the picture.
+    fn lamp() -> Vec<Event> {
+        let steps =
+            |period: i64| [1000, 1500, 2000, 6000, 6500, 7000].map(|t| 10_000 * period + t).into_iter().enumerate();
+        let half = || (0..SIZE[1]).flat_map(|y| (0..SIZE[0] / 2).map(move |x| (x, y)));
+        let pixel = |(x, y): (u32, u32)| {
+            (0..100).flat_map(steps).map(move |(step, t_us)| Event { t_us, x: x as u16, y: y as u16, on: step < 3 })
+        };
+        half().flat_map(pixel).collect()
+    }
+
+    #[test]
+    fn a_lamp_that_flickers_is_not_motion_and_hides_none_elsewhere() {
+        let with = |more: &dyn Fn() -> Vec<Event>| [noise(0.1), lamp(), more()].concat();
+        assert!(!tells(with(&Vec::new)));
+        let passes = || {
+            let square = (40..56).flat_map(|x| (10..26).map(move |y| (x, y)));
+            square.map(|(x, y)| Event { t_us: 400_000 + 500 * i64::from(x), x, y, on: true }).collect()
+        };
+        assert!(tells(with(&passes)));
     }
 
     #[test]

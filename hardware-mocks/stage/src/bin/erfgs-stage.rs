@@ -11,7 +11,7 @@ use std::{
 use clap::{Args, Parser, Subcommand};
 use erfgs_base::Progress;
 use erfgs_stage::{
-    EventOptions, FilmOptions, FilmReport, RigOptions, StageError, StageOptions, StageView, film,
+    EventOptions, FilmOptions, FilmReport, Flicker, RigOptions, StageError, StageOptions, StageView, film,
     film::{image, mask_image},
 };
 
@@ -37,7 +37,8 @@ enum Command {
   erfgs-stage film --out ds
   erfgs-stage film --out ds --rgb-fps 7.5 --exposure-ms 33 --event 4
   erfgs-stage film --out clean --ideal --exposure-ms 0 --seed 3
-  erfgs-stage film --out still --empty --rgb-fps 4")]
+  erfgs-stage film --out still --empty --rgb-fps 4
+  erfgs-stage film --out flickers --flicker-hz 100 --flicker-depth 0.3")]
     Film(Film),
     /// Render one frame, and its mask and depth where asked for.
     #[command(after_help = "Examples:
@@ -76,6 +77,12 @@ struct Set {
     /// Nothing moves: the room without the ball, the fan's blades and the pendulum.
     #[arg(long, conflicts_with = "shadows")]
     empty: bool,
+    /// Let the lamp flicker, so often a second (100 or 120 where it hangs on the mains). Held-out frames are taken in its mean light.
+    #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
+    flicker_hz: Option<f64>,
+    /// How deep the lamp flickers, as a share of its mean light (0 to 1).
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3, requires = "flicker_hz", allow_negative_numbers = true)]
+    flicker_depth: f64,
 }
 
 #[derive(Args)]
@@ -177,6 +184,7 @@ impl Set {
             stage: StageOptions {
                 shadows: self.shadows,
                 empty: self.empty,
+                flicker: self.flicker_hz.map(|hz| Flicker { hz, depth: self.flicker_depth }),
                 samples_per_axis: self.samples,
                 seed: self.seed,
             },

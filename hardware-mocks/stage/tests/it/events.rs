@@ -2,7 +2,7 @@
 
 use erfgs_base::random;
 use erfgs_events::Events;
-use erfgs_stage::{EventOptions, RigCamera, RigOptions, Role, Stage, StageOptions, StageView, events::record};
+use erfgs_stage::{EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageOptions, StageView, events::record};
 
 const SPAN: [i64; 2] = [100_000_000, 220_000_000];
 
@@ -24,7 +24,7 @@ fn filmed(view: &StageView<'_>, options: &EventOptions) -> Events {
 }
 
 fn levels(view: &StageView<'_>, options: &EventOptions, t_us: i64) -> Vec<f64> {
-    view.frame(t_us * 1000).into_iter().map(|pixel| options.response(pixel.map(f64::from))).collect()
+    view.exposure([t_us * 1000; 2], 1).into_iter().map(|pixel| options.response(pixel.map(f64::from))).collect()
 }
 
 /// What each pixel's signed events add up to, up to and including `t_us`.
@@ -39,9 +39,16 @@ fn sums(events: &Events, options: &EventOptions, t_us: i64) -> Vec<f64> {
 
 #[test]
 fn signed_events_follow_the_log_intensity_within_one_threshold() {
-    let (stage, camera) = (stage(), camera());
-    let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
-    for (linear_light, threshold_on, threshold_off) in [(false, 0.2, 0.2), (false, 0.05, 0.11), (true, 0.3, 0.25)] {
+    let (steady, camera) = (stage(), camera());
+    let flicker = Some(Flicker { hz: 100.0, depth: 0.8 });
+    let flickering = Stage::new(StageOptions { flicker, ..steady.options.clone() });
+    for (stage, linear_light, threshold_on, threshold_off) in [
+        (&steady, false, 0.2, 0.2),
+        (&steady, false, 0.05, 0.11),
+        (&steady, true, 0.3, 0.25),
+        (&flickering, true, 0.2, 0.2),
+    ] {
+        let view = StageView::new(stage, &camera.intrinsics, &camera.world_to_camera).unwrap();
         let options = EventOptions { linear_light, threshold_on, threshold_off, ..EventOptions::ideal() };
         let events = filmed(&view, &options);
         assert!(events.len() > 500, "only {} events", events.len());

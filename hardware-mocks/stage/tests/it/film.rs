@@ -5,7 +5,8 @@ use std::{collections::BTreeMap, path::Path, process::Command};
 use erfgs_dataset::{Dataset, Split};
 use erfgs_scene::{Modality, PointCloud};
 use erfgs_stage::{
-    FilmOptions, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film, film::image,
+    FilmOptions, Flicker, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film,
+    film::image,
 };
 use glam::{DVec2, DVec3};
 
@@ -179,6 +180,40 @@ fn the_exposure_integral_converges_and_the_default_is_fine_enough() {
     let (sharp, blurred) = (image(&view, &view.frame(216_500_000)), image(&view, &exact));
     let changed = sharp.data.iter().zip(&blurred.data).filter(|(a, b)| a.abs_diff(**b) > 5).count();
     assert!((80..800).contains(&changed), "{changed} values changed");
+}
+
+#[test]
+fn a_lamp_that_flickers_is_seen_by_short_exposures_where_it_shines() {
+    let (steady, rig) = small().set_up().unwrap();
+    let flicker = Some(Flicker { hz: 100.0, depth: 0.5 });
+    let flickering = Stage::new(StageOptions { flicker, ..steady.options.clone() });
+    let [steady, flickering] =
+        [&steady, &flickering].map(|stage| StageView::new(stage, &rig[1].intrinsics, &rig[1].world_to_camera).unwrap());
+    let exposure = |view: &StageView<'_>, shutter| view.exposure(shutter, view.exposure_samples(shutter, 0.35));
+    // A whole number of periods gathers the mean light where nothing moves.
+    let whole = [200_000_000, 220_000_000];
+    let moves = [0, 5, 10, 15, 20].map(|ms| steady.mask(200_000_000 + 1_000_000 * ms));
+    for (pixel, (a, b)) in exposure(&flickering, whole).iter().zip(exposure(&steady, whole)).enumerate() {
+        let moves = moves.iter().any(|mask| mask[pixel]);
+        assert!(moves || a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5), "{a:?} and {b:?}");
+    }
+    // At its brightest the lamp gives half as much again, and ambient light what it always does.
+    let peak = [202_500_000; 2];
+    let brighter: Vec<f64> = (exposure(&flickering, peak).iter().zip(exposure(&steady, peak)))
+        .map(|(a, b)| f64::from(a[1]) / f64::from(b[1]))
+        .collect();
+    assert!(brighter.iter().all(|share| (0.999..1.5).contains(share)));
+    let lit = brighter.iter().filter(|share| **share > 1.2).count();
+    let shaded = brighter.iter().filter(|share| **share < 1.01).count();
+    assert!(lit > 300 && shaded > 10, "{lit} and {shaded} of {}", brighter.len());
+    assert_eq!(flickering.frame(202_500_000), steady.frame(202_500_000), "what is held out is steady");
+    let refused = film(Path::new("nowhere"), &flickering_by(2.0), &|_| ()).unwrap_err().to_string();
+    assert!(refused.contains("depth of the lamp's flicker"), "{refused}");
+}
+
+fn flickering_by(depth: f64) -> FilmOptions {
+    let stage = StageOptions { flicker: Some(Flicker { hz: 100.0, depth }), ..StageOptions::default() };
+    FilmOptions { stage, ..small() }
 }
 
 #[test]
