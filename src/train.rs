@@ -13,7 +13,7 @@ use anyhow::Context;
 use clap::Parser as _;
 use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
-use erfgs_run::{CurveRow, LeftOut, RunFolder};
+use erfgs_run::{CameraPose, CurveRow, LeftOut, RunFolder};
 use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
@@ -322,6 +322,7 @@ struct Summary<'a> {
     dynamic: u64,
     psnr: Option<f64>,
     dpsnr: Option<f64>,
+    camera_poses: Vec<CameraPose>,
     left_out: Vec<LeftOut>,
 }
 
@@ -331,6 +332,7 @@ impl<'a> Summary<'a> {
         let rows = folder.read_curve()?.rows;
         let last = rows.last().cloned().unwrap_or_default();
         let look = |quality: fn(&CurveRow) -> Option<f64>| rows.iter().rev().find_map(quality);
+        let info = folder.read_info()?;
         Ok(Self {
             run: folder.root(),
             finished: true,
@@ -341,7 +343,8 @@ impl<'a> Summary<'a> {
             dynamic: last.dynamic,
             psnr: look(|row| row.psnr),
             dpsnr: look(|row| row.dpsnr),
-            left_out: folder.read_info()?.left_out,
+            camera_poses: info.camera_poses,
+            left_out: info.left_out,
         })
     }
 }
@@ -489,6 +492,7 @@ fn drive(
         dynamic: last.map_or(0, |last| last.dynamic.into()),
         psnr: quality.0,
         dpsnr: quality.1,
+        camera_poses: trainer.camera_poses(),
         left_out: trainer.left_out().to_vec(),
     };
     terminal.result(&summary, || describe(&summary))?;
@@ -558,6 +562,15 @@ fn describe(summary: &Summary<'_>) -> String {
     ];
     for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
         rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));
+    }
+    let mut moved: Vec<&CameraPose> = summary.camera_poses.iter().collect();
+    moved.sort_by(|a, b| a.moved_px.total_cmp(&b.moved_px));
+    if let Some(most) = moved.last() {
+        let (median, CameraPose { camera, moved_px, .. }) = (moved[moved.len() / 2].moved_px, most);
+        let text = format!(
+            "found {median:.2} px beside where they were calibrated, {camera} {moved_px:.2} px (in the median, at most)"
+        );
+        rows.push(("cameras", text));
     }
     rows.extend(summary.left_out.iter().map(|left_out| ("left out", left_out.to_string())));
     table(&rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect::<Vec<_>>())

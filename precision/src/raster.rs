@@ -5,7 +5,9 @@ use std::sync::{Arc, OnceLock};
 use erfgs_base::random::{key, normal, purpose, range, uniform};
 use erfgs_train::{
     gpu::{AdapterChoice, Gpu, Shape},
-    raster::{Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, Thresholds, View, sh_stride},
+    raster::{
+        Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, Thresholds, View, Wanted, sh_stride,
+    },
     reference::raster::{Gaussians, SplatGradient, blend_backward},
 };
 use glam::{DVec3, DVec4};
@@ -122,9 +124,10 @@ impl Cloud {
         let gradient = gpu.storage_from("gradient of a picture", &vec![GRADIENT.map(|x| x as f32); pixels])?;
         let gradients = Gradients::new(gpu, &gaussians)?;
         let mut frame = Frame::new(gpu)?;
+        let wanted = Wanted { statistics: true, pose: None };
         let mut draw = || -> Result<()> {
             rasteriser.forward(gpu, &gaussians, None, view, &options, &mut frame)?;
-            rasteriser.backward(gpu, &gaussians, None, view, &options, &frame, &gradient, &gradients, None, true)?;
+            rasteriser.backward(gpu, &gaussians, None, view, &options, &frame, &gradient, &gradients, None, wanted)?;
             Ok(gpu.wait("a picture and its gradients")?)
         };
         // Drivers compile at the first use, and the first picture finds how much room it needs.

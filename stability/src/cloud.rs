@@ -2,7 +2,7 @@
 
 use erfgs_base::random::{key, normal, purpose, range};
 use erfgs_train::{
-    raster::{Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, View, sh_stride},
+    raster::{Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, View, Wanted, sh_stride},
     reference::raster::Gaussians,
 };
 
@@ -94,7 +94,18 @@ impl Cloud {
         let image: Vec<[f32; 4]> = gpu.download(&frame.image, pixels)?;
         let d_image = gpu.storage_from("gradient of a picture", &vec![[0.4_f32, -0.3, 0.5, 0.2]; pixels])?;
         let gradients = Gradients::new(gpu, &gaussians)?;
-        rasteriser.backward(gpu, &gaussians, None, view, options, &frame, &d_image, &gradients, None, true)?;
+        rasteriser.backward(
+            gpu,
+            &gaussians,
+            None,
+            view,
+            options,
+            &frame,
+            &d_image,
+            &gradients,
+            None,
+            Wanted { statistics: true, pose: None },
+        )?;
         let count = gaussians.count as usize;
         let mut not_finite = 0;
         for (buffer, floats) in [

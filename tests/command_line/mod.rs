@@ -9,6 +9,7 @@ mod inputs;
 mod memory;
 mod page;
 mod pipeline;
+mod poses;
 mod precision;
 mod resume;
 mod simulate;

@@ -1,6 +1,8 @@
 use erfgs_train::{
     gpu::Gpu,
-    raster::{CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, sh_stride},
+    raster::{
+        CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted, sh_stride,
+    },
     reference::raster as twin,
 };
 use serde_json::{Value, json};
@@ -153,7 +155,7 @@ fn render(gpu: &Gpu, case: &Case, clear: &[bool]) -> Rendered {
     let d_image = gpu.storage_from("d_image", &d_image).expect("a buffer");
     let (view, options) = (&case.view, &case.options);
     rasteriser
-        .backward(gpu, &gaussians, deltas, view, options, &frame, &d_image, &gradients, d_deltas, true)
+        .backward(gpu, &gaussians, deltas, view, options, &frame, &d_image, &gradients, d_deltas, Wanted::default())
         .expect("gradients");
     let pixels = clear.len();
     let count = gaussians.count as usize;

@@ -11,19 +11,22 @@ use sha2::{Digest, Sha256};
 
 use crate::{
     camera_colour::{self, CameraColourState},
+    camera_pose::{self, CameraPoseState},
     config::Config,
     density::{Moments, Population, Seen},
     field::{FieldState, NamedVector},
     gaussians::{CORE, Gaussians, sh_stride},
+    raster::PoseRow,
     schedule::Clock,
 };
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where levels of event cameras' pixels are learned. Without them, a file is of [`COLOURS`] where colours of cameras are
-/// learned; without those, too, it is of [`ROWS`] where the motion model keeps rows
+/// The version where poses of cameras are learned. Without them, a file is of [`LEVELS`] where levels of event cameras' pixels are
+/// learned; without those, of [`COLOURS`] where colours of cameras are learned; without those, too, it is of [`ROWS`] where the motion model keeps rows
 /// for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
+const LEVELS: u32 = 4;
 const COLOURS: u32 = 3;
 const ROWS: u32 = 2;
 const PLAIN: u32 = 1;
@@ -74,6 +77,8 @@ pub struct Checkpoint {
     pub seen: Vec<Seen>,
     /// How the cameras show colours, where that is learned.
     pub camera_colours: Option<CameraColourState>,
+    /// What the cameras' poses have learned, where that is.
+    pub camera_poses: Option<CameraPoseState>,
     /// What is known of the levels of each event camera's pixels, where that is learned ([`crate::losses::Levels::read`]).
     pub levels: Vec<Vec<f32>>,
     /// What the run leaves out.
@@ -94,6 +99,8 @@ struct Header {
     field_step: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     camera_colour_steps: Option<Vec<u32>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera_pose_steps: Option<Vec<u32>>,
     #[serde(default, skip_serializing_if = "is_none")]
     event_cameras: usize,
     left_out: Vec<LeftOut>,
@@ -149,13 +156,23 @@ impl Checkpoint {
                 ("camera-colours.v".into(), second),
             ]);
         }
+        if let Some(CameraPoseState { values, moments: [first, second], sums, .. }) = &self.camera_poses {
+            vectors.extend([
+                ("camera-poses".into(), &values[..]),
+                ("camera-poses.m".into(), first),
+                ("camera-poses.v".into(), second),
+                ("camera-poses.sums".into(), sums),
+            ]);
+        }
         vectors.extend(self.levels.iter().map(|levels| ("levels".into(), &levels[..])));
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if !self.levels.is_empty() {
+            version: if self.camera_poses.is_some() {
                 VERSION
+            } else if !self.levels.is_empty() {
+                LEVELS
             } else if self.camera_colours.is_some() {
                 COLOURS
             } else if gaussians.motion_floats > 0 {
@@ -172,6 +189,7 @@ impl Checkpoint {
             field_box: self.field_box,
             field_step: self.field.as_ref().map(|field| field.step),
             camera_colour_steps: self.camera_colours.as_ref().map(|colours| colours.steps.clone()),
+            camera_pose_steps: self.camera_poses.as_ref().map(|poses| poses.steps.clone()),
             event_cameras: self.levels.len(),
             left_out: self.left_out.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
@@ -252,6 +270,20 @@ impl Checkpoint {
                 Some(CameraColourState { steps, values, moments })
             }
         };
+        let camera_poses = match header.camera_pose_steps {
+            None => None,
+            Some(steps) => {
+                let values = next("camera-poses")?;
+                let moments = [next("camera-poses.m")?, next("camera-poses.v")?];
+                let sums = next("camera-poses.sums")?;
+                let floats = steps.len().checked_mul(camera_pose::FLOATS);
+                let fit = [&values, &moments[0], &moments[1]].iter().all(|vector| Some(vector.len()) == floats);
+                if !fit || Some(sums.len()) != steps.len().checked_mul(PoseRow::FLOATS) {
+                    return Err("its poses of cameras are of different lengths".into());
+                }
+                Some(CameraPoseState { steps, values, moments, sums })
+            }
+        };
         let mut levels = Vec::new();
         for _ in 0..header.event_cameras {
             levels.push(next("levels")?);
@@ -280,6 +312,7 @@ impl Checkpoint {
             field,
             seen,
             camera_colours,
+            camera_poses,
             levels,
             left_out: header.left_out,
         })
@@ -305,6 +338,7 @@ mod tests {
             }),
             seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
             camera_colours: None,
+            camera_poses: None,
             levels: Vec::new(),
             left_out: Vec::new(),
         }
@@ -316,6 +350,19 @@ mod tests {
         let path = folder.path().join("checkpoint.bin");
         checkpoint().save(&path).expect("saved");
         assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
+    }
+
+    #[test]
+    fn poses_of_cameras_come_back() {
+        let mut checkpoint = checkpoint();
+        let mut poses = CameraPoseState::calibrated(2);
+        (poses.steps[1], poses.values[9], poses.moments[1][0]) = (7, 1.5, 0.25);
+        checkpoint.camera_poses = Some(poses);
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+        checkpoint.camera_poses.as_mut().expect("poses").values.pop();
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("poses"));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The ERF-GS trainer on wgpu.
 
 pub mod camera_colour;
+pub mod camera_pose;
 pub mod checkpoint;
 pub mod config;
 pub mod density;

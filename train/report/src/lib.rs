@@ -11,6 +11,7 @@ mod load;
 mod oracle;
 mod picture_io;
 mod pictures;
+mod poses;
 mod rig;
 mod scenes;
 mod setting;
@@ -94,6 +95,7 @@ pub fn write_report(runs: &[RunFolder], extras: Extras<'_>, out: &Path) -> Resul
             views::section(scene),
             setting::left_out(scene),
             colours::section(scene),
+            poses::section(scene),
             curves::losses(scene),
             configuration::section(scene),
             setting::dataset(scene),

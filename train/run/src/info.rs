@@ -32,6 +32,19 @@ pub struct CameraColour {
     pub offset: [f32; 3],
 }
 
+/// Where a camera was found to stand, beside its calibration: at (exp(turn) R, exp(turn) t + shift), where that says (R, t).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CameraPose {
+    /// The camera's name in the dataset.
+    pub camera: String,
+    /// The turn, degrees, about the camera's axes.
+    pub turn_degrees: [f64; 3],
+    /// The shift, metres, along the camera's axes.
+    pub shift_m: [f64; 3],
+    /// How far its picture moved, pixels: root mean square, at the scene's depth.
+    pub moved_px: f64,
+}
+
 /// What `run.json` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunInfo {
@@ -77,6 +90,9 @@ pub struct RunInfo {
     /// How the training cameras show colours, where that was learned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_colours: Vec<CameraColour>,
+    /// Where the cameras were found to stand, where that was learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_poses: Vec<CameraPose>,
 }
 
 impl RunInfo {
@@ -106,6 +122,7 @@ impl Default for RunInfo {
             finished: false,
             left_out: Vec::new(),
             camera_colours: Vec::new(),
+            camera_poses: Vec::new(),
         }
     }
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::{
     camera_colour::CameraColourOptions,
+    camera_pose::CameraPoseOptions,
     motion::{FreeTimeOptions, Guide},
 };
 pub use overrides::ConfigError;
@@ -115,6 +116,9 @@ pub struct Config {
     /// The colour responses of the cameras.
     #[serde(default)]
     pub camera_colour: CameraColourOptions,
+    /// The poses of the cameras.
+    #[serde(default)]
+    pub camera_pose: CameraPoseOptions,
     /// Motion blur.
     pub blur: BlurConfig,
     /// Static Gaussians.

@@ -213,6 +213,14 @@ impl Config {
             colour.prior.to_string(),
             "0 or more",
         )?;
+        let pose = &self.camera_pose;
+        check(small(pose.from), "camera_pose.from", pose.from.to_string(), "0 to 1")?;
+        check(
+            pose.rate.iter().all(|&rate| rate.is_finite() && (0.0..=10.0).contains(&rate)),
+            "camera_pose.rate",
+            format!("{:?}", pose.rate),
+            "two numbers from 0 to 10 pixels",
+        )?;
         let free = &self.free_time;
         let positive = |value: f32| value.is_finite() && value > 0.0;
         let not_negative = |value: f32| value.is_finite() && value >= 0.0;

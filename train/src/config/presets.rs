@@ -1,9 +1,9 @@
 //! The presets: the paper, its released code, and ours.
 
 use super::{
-    BlurConfig, CameraColourOptions, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig, EdsConfig,
-    EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig, LearningRates, Method, MotionModel, Norm,
-    Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
+    BlurConfig, CameraColourOptions, CameraPoseOptions, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig,
+    EdsConfig, EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig, LearningRates, Method, MotionModel,
+    Norm, Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
 };
 
 impl Config {
@@ -127,6 +127,7 @@ impl Config {
                 opacity_logit: 1.0,
             },
             camera_colour: CameraColourOptions::default(),
+            camera_pose: CameraPoseOptions::default(),
             blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
             dynamic: DynamicConfig {
                 skip_static: false,
@@ -215,6 +216,7 @@ impl Config {
         config.eds.both_ends = false;
         config.eds.own_deformation = false;
         config.camera_colour.enabled = true;
+        config.camera_pose.enabled = true;
         // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
         config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use erfgs_base::random::{key, normal, purpose, uniform};
 
-use super::{Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, View, sh_stride};
+use super::{Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, View, Wanted, sh_stride};
 use crate::gpu::Gpu;
 
 const PURPOSE: u64 = purpose("rasteriser bench");
@@ -108,7 +108,8 @@ pub fn bench(gpu: &Gpu, scene: &BenchScene, repeats: u32) -> Result<BenchResult,
         frame.check(gpu)?;
         forward_ms = forward_ms.min(start.elapsed().as_secs_f64() * 1e3);
         let start = Instant::now();
-        rasteriser.backward(gpu, &gaussians, None, &view, &options, &frame, &d_image, &gradients, None, true)?;
+        let wanted = Wanted { statistics: true, pose: None };
+        rasteriser.backward(gpu, &gaussians, None, &view, &options, &frame, &d_image, &gradients, None, wanted)?;
         gpu.wait("differentiating")?;
         backward_ms = backward_ms.min(start.elapsed().as_secs_f64() * 1e3);
         let timed = rasteriser.by_stage(gpu, &gaussians, &view, &options, &mut frame, &d_image, &gradients)?;

@@ -27,6 +27,8 @@ pub(super) struct GaussianStages {
     pub(super) project: Kernel,
     pub(super) gather: Kernel,
     pub(super) project_backward: Kernel,
+    pub(super) pose_partial: Kernel,
+    pub(super) pose_sum: Kernel,
 }
 
 impl GaussianStages {
@@ -37,6 +39,8 @@ impl GaussianStages {
             project: stage("project", &[GAUSSIAN, HARMONICS, include_str!("project.wgsl")]),
             gather: stage("gather", &[include_str!("gather.wgsl")]),
             project_backward: stage("project backward", &[GAUSSIAN, HARMONICS, include_str!("project_backward.wgsl")]),
+            pose_partial: stage("pose", &[include_str!("pose_partial.wgsl")]),
+            pose_sum: gpu.kernel("pose of a camera", &[include_str!("pose_sum.wgsl")]),
         }
     }
 }

@@ -18,7 +18,8 @@ pub use frame::Frame;
 pub use rasteriser::Rasteriser;
 pub use region::Region;
 pub use types::{
-    CORE_STRIDE, GaussianBuffers, Gradients, LOW_PASS, RasterError, RenderOptions, Thresholds, View, sh_stride,
+    CORE_STRIDE, GaussianBuffers, Gradients, LOW_PASS, PoseRow, RasterError, RenderOptions, Thresholds, View, Wanted,
+    sh_stride,
 };
 
 #[cfg(test)]

@@ -6,8 +6,8 @@
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
 @group(0) @binding(3) var<storage, read> delta_core: array<vec4f>;
 @group(0) @binding(4) var<storage, read> delta_sh: array<f32>;
-// Ten a row: see `gather.wgsl`.
-@group(0) @binding(5) var<storage, read> d_splats: array<u32>;
+// Ten a row: see `gather.wgsl`. Where POSE is asked for, six of them become what the Gaussian says of the camera's pose.
+@group(0) @binding(5) var<storage, read_write> d_splats: array<u32>;
 @group(0) @binding(6) var<storage, read_write> d_core: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
 @group(0) @binding(8) var<storage, read_write> d_delta_core: array<vec4f>;
@@ -109,6 +109,7 @@ fn main(
     let index = d_splats[at + 9u];
     let moves = index < view.counts.y;
     if index == NOBODY || !(moves || (view.switches.z & STILL_LEARN) != 0u) {
+        d_splats[at + 9u] = NOBODY;
         return;
     }
     var row0 = core[index * 3u];
@@ -170,7 +171,24 @@ fn main(
     let d_camera_xy = d_free_slope * inverse_z + focal * d_pixel;
     let along = dot(p.jacobian_x, d_jacobian_x) + dot(p.jacobian_y, d_jacobian_y);
     let d_camera_z = -inverse_z * (along + dot(p.camera.xy, d_camera_xy));
-    d_mean += view.world_to_camera[0].xyz * d_camera_xy.x + view.world_to_camera[1].xyz * d_camera_xy.y + w2 * d_camera_z;
+    let w0 = view.world_to_camera[0].xyz;
+    let w1 = view.world_to_camera[1].xyz;
+    if (view.switches.z & POSE) != 0u {
+        // A camera that turns by w and moves by t: world_to_camera becomes exp(w) world_to_camera + t, the centre moves by -W^T t.
+        let d_camera = vec3f(d_camera_xy, d_camera_z);
+        let d_shift = d_camera + vec3f(dot(w0, d_mean), dot(w1, d_mean), dot(w2, d_mean));
+        let a = focal.x * vec3f(dot(w0, d_jacobian_x), dot(w1, d_jacobian_x), dot(w2, d_jacobian_x));
+        let b = focal.y * vec3f(dot(w0, d_jacobian_y), dot(w1, d_jacobian_y), dot(w2, d_jacobian_y));
+        let back = -p.slope.x * a - p.slope.y * b;
+        let d_turn = cross(p.camera, d_camera) + vec3f(back.y - b.z, a.z - back.x, b.x - a.y);
+        d_splats[at] = bitcast<u32>(d_turn.x);
+        d_splats[at + 1u] = bitcast<u32>(d_turn.y);
+        d_splats[at + 2u] = bitcast<u32>(d_turn.z);
+        d_splats[at + 3u] = bitcast<u32>(d_shift.x);
+        d_splats[at + 4u] = bitcast<u32>(d_shift.y);
+        d_splats[at + 5u] = bitcast<u32>(d_shift.z);
+    }
+    d_mean += w0 * d_camera_xy.x + w1 * d_camera_xy.y + w2 * d_camera_z;
 
     let d_logit = v * (1.0 - p.opacity);
     let d0 = vec4f(d_mean, d_log_scale.x);

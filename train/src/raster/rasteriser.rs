@@ -8,7 +8,7 @@ use std::{
 use wgpu::Buffer;
 
 use super::{
-    Deltas, Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, Thresholds, View,
+    Deltas, Frame, GaussianBuffers, Gradients, PoseRow, RasterError, RenderOptions, Thresholds, View, Wanted,
     bins::Grid,
     device_lists::{self, DeviceLists},
     frame::grow,
@@ -41,7 +41,12 @@ enum Lists {
 pub(super) struct Sums {
     pub(super) sums: Buffer,
     d_splats: Buffer,
+    /// Of [`POSE_THREADS`] threads.
+    pose: Buffer,
 }
+
+/// Threads that sum what Gaussians say of a pose.
+const POSE_THREADS: u32 = 16 * THREADS;
 
 impl Sums {
     fn make_room(&mut self, gpu: &Gpu, entries: u32, gaussians: u32) -> Result<(), RasterError> {
@@ -119,7 +124,11 @@ impl Rasteriser {
             lists,
             thresholds,
             unused: [small("unused 0")?, small("unused 1")?, small("unused 2")?],
-            sums: Mutex::new(Sums { sums: small("sums")?, d_splats: small("d_splats")? }),
+            sums: Mutex::new(Sums {
+                sums: small("sums")?,
+                d_splats: small("d_splats")?,
+                pose: gpu.storage("pose", u64::from(POSE_THREADS) * 32)?,
+            }),
         })
     }
 
@@ -148,7 +157,7 @@ impl Rasteriser {
 
     /// The gradients of a loss, given `d_image` (vec4f a pixel: dL/dr, dL/dg, dL/db, dL/d final transmittance), for the
     /// render that `frame` holds; the arguments must be those of the forward pass. Adds to `gradients`, overwrites
-    /// `delta_gradients`, and updates `gradients.screen` where `statistics` is set.
+    /// `delta_gradients`, and keeps what else is `wanted`.
     ///
     /// # Errors
     /// [`RasterError`].
@@ -164,13 +173,16 @@ impl Rasteriser {
         d_image: &Buffer,
         gradients: &Gradients,
         delta_gradients: Option<&Deltas>,
-        statistics: bool,
+        wanted: Wanted<'_>,
     ) -> Result<(), RasterError> {
         let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
         check_backward(&values, frame, d_image, gradients, delta_gradients)?;
         // The lists of the CPU shape leave out what is outside of a region, those of the GPU shape do not.
         let in_part = gpu.shape == Shape::Gpu && frame.region.is_some();
-        values.switches[2] = u32::from(statistics) | u32::from(options.still_learn) << 1 | u32::from(in_part) << 2;
+        values.switches[2] = u32::from(wanted.statistics)
+            | u32::from(options.still_learn) << 1
+            | u32::from(in_part) << 2
+            | u32::from(wanted.pose.is_some()) << 3;
         values.outputs[0] = u32::from(delta_gradients.is_some());
         values.outputs[1] = u32::from(delta_gradients.is_some_and(|d| d.sh.is_some()));
         values.outputs[2] = frame.range_count;
@@ -184,6 +196,9 @@ impl Rasteriser {
             commands.clear(buffer);
         }
         self.project_backward(&mut commands, &render, gaussians, deltas, &sums, gradients, delta_gradients);
+        if let Some(pose) = wanted.pose {
+            self.sum_pose(gpu, &mut commands, &render, &sums, pose);
+        }
         commands.submit();
         Ok(())
     }
@@ -300,6 +315,13 @@ impl Rasteriser {
             ],
             render.values.outputs[2].div_ceil(THREADS),
         );
+    }
+
+    fn sum_pose(&self, gpu: &Gpu, commands: &mut Commands<'_>, render: &Render, sums: &Sums, to: PoseRow<'_>) {
+        let partial = [&render.uniform, &sums.d_splats, &sums.pose];
+        commands.dispatch(&self.stages.pose_partial, &partial, POSE_THREADS / THREADS);
+        let row = gpu.uniform("row of a camera", &[to.row, POSE_THREADS, 0, 0]);
+        commands.dispatch(&self.stages.pose_sum, &[&row, &sums.pose, to.sums], 1);
     }
 
     fn delta_bindings<'a>(&'a self, deltas: Option<&'a Deltas>) -> [&'a Buffer; 2] {

@@ -117,6 +117,30 @@ impl Gradients {
     }
 }
 
+/// What a backward pass keeps besides gradients of the Gaussians.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted<'a> {
+    /// Whether the statistics of [`Gradients::screen`] are kept.
+    pub statistics: bool,
+    /// Where the gradient of the camera's pose is added, if it is wanted.
+    pub pose: Option<PoseRow<'a>>,
+}
+
+/// A camera's row of gradients of poses.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseRow<'a> {
+    /// [`PoseRow::FLOATS`] a row: the gradient of a turn (radians, about the camera's axes) and 0, that of a shift (metres, along them)
+    /// and 0, of which the zeros count renderings. A camera at (R, t) that turns by w and shifts by s is at (exp(w) R, exp(w) t + s).
+    pub sums: &'a Buffer,
+    /// Which row.
+    pub row: u32,
+}
+
+impl PoseRow<'_> {
+    /// Floats of a row.
+    pub const FLOATS: usize = 8;
+}
+
 /// A pinhole camera and where it stands.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -147,6 +171,17 @@ impl View {
         std::array::from_fn(|k| -(r[0][k] * t[0] + r[1][k] * t[1] + r[2][k] * t[2]))
     }
 
+    /// The same camera elsewhere.
+    #[must_use]
+    pub fn placed(&self, pose: &Pose) -> Self {
+        let columns = glam::DMat3::from_quat(pose.rotation).to_cols_array_2d();
+        Self {
+            rotation: std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row] as f32)),
+            translation: pose.translation.as_vec3().to_array(),
+            ..*self
+        }
+    }
+
     /// A world point in camera coordinates, metres.
     #[must_use]
     pub fn to_camera(&self, world: &[f32; 3]) -> [f32; 3] {
@@ -168,17 +203,17 @@ impl TryFrom<(&Intrinsics, &Pose)> for View {
         if let Some(model) = model {
             return Err(RasterError::Distorted { model });
         }
-        let columns = glam::DMat3::from_quat(pose.rotation).to_cols_array_2d();
-        Ok(Self {
+        let pinhole = Self {
             width: camera.width,
             height: camera.height,
             fx: camera.fx as f32,
             fy: camera.fy as f32,
             cx: camera.cx as f32,
             cy: camera.cy as f32,
-            rotation: std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row] as f32)),
-            translation: pose.translation.as_vec3().to_array(),
-        })
+            rotation: [[0.0; 3]; 3],
+            translation: [0.0; 3],
+        };
+        Ok(pinhole.placed(pose))
     }
 }
 

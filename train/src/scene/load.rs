@@ -280,9 +280,13 @@ pub(crate) fn extent(dataset: &Dataset, without_points: bool) -> Result<f32, Dat
 
 /// The median distance of points from a place, metres; `None` without points.
 fn median_distance<'a>(from: glam::DVec3, points: impl Iterator<Item = &'a [f32; 3]>) -> Option<f64> {
-    let mut distances: Vec<f64> = points.map(|point| from.distance(glam::Vec3::from(*point).as_dvec3())).collect();
-    let middle = distances.len() / 2;
-    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
+    median(points.map(|point| from.distance(glam::Vec3::from(*point).as_dvec3())).collect())
+}
+
+/// The median; `None` of nothing.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Bytes that the events of the training cameras take at most.

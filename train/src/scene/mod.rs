@@ -21,7 +21,7 @@ use erfgs_dataset::{Dataset, DatasetError, Split};
 pub(crate) use displacement::{exposed, moves};
 pub use events::{Bins, EventView};
 pub use flicker::Flicker;
-pub(crate) use load::extent;
+pub(crate) use load::{extent, median};
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
 pub use pictures::{Pictures, Pixels};

@@ -266,6 +266,14 @@ impl Trainer<'_> {
                 "a gain and an offset for each camera".into(),
             );
         }
+        if self.poses.is_none() {
+            let off = !self.config.camera_pose.enabled;
+            note(
+                "the poses of the cameras",
+                if off { "switched off in the configuration" } else { "fewer than three cameras take frames" }.into(),
+                "a turn and a shift for each camera".into(),
+            );
+        }
         let blur_off = self.config.blur.model == Switch::Off;
         if blur_off || !self.scene.has_blur() {
             note(

@@ -1,7 +1,7 @@
 //! Learning from an event camera at one time, against the levels of its pixels.
 
 use super::{TrainError, Trainer, model::Said, step::within};
-use crate::{config::Pairing, gpu::Gpu, losses::Levels, motion::Witness, scene::Scene};
+use crate::{config::Pairing, gpu::Gpu, losses::Levels, motion::Witness, raster::Wanted, scene::Scene};
 
 /// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown where it
 /// saved none.
@@ -53,7 +53,8 @@ impl Trainer<'_> {
         self.times.lap(gpu, "event loss")?;
         work.sums.event_values += f64::from(pixels);
         let rendering = &self.work.renderings[0];
-        let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, statistics: true };
+        let wanted = Wanted { statistics: true, pose: None };
+        let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
         self.model.backward_raster(gpu, &view, &options, rendering, said)?;
         self.times.lap(gpu, "raster backward")?;
         self.model.backward_motion(gpu, rendering, Witness::Events)?;

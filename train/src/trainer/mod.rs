@@ -3,6 +3,7 @@
 mod grow;
 mod level;
 mod model;
+mod poses;
 mod progress;
 mod render;
 mod samples;
@@ -23,7 +24,7 @@ pub use self::{
     render::Rendered,
     stages::StageTimes,
 };
-use self::{model::Rendering, step::Workspace};
+use self::{model::Rendering, poses::Poses, step::Workspace};
 use crate::{
     camera_colour::{CameraColourState, CameraColours},
     checkpoint::Checkpoint,
@@ -42,7 +43,7 @@ use crate::{
 };
 use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
-use erfgs_run::{CameraColour, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
+use erfgs_run::{CameraColour, CameraPose, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
 
 /// A photometric loss that pictures without anything in them may not have: five grey levels.
 const FAR_OFF: f64 = 0.02;
@@ -98,6 +99,8 @@ pub struct Trainer<'a> {
     colours: CameraColours,
     /// Whether that is learned.
     colours_differ: bool,
+    /// Where the cameras are found to stand, where that is learned.
+    poses: Option<Poses>,
     left_out: Vec<LeftOut>,
     deterministic: bool,
     viewer: Option<Rendering>,
@@ -141,9 +144,10 @@ impl<'a> Trainer<'a> {
         checkpoint: Checkpoint,
         options: &TrainOptions,
     ) -> Result<Self, TrainError> {
-        let Checkpoint { config, clock, step, population, field_box, field, seen, camera_colours, levels, left_out } =
-            checkpoint;
+        let Checkpoint { config, clock, step, population, field_box, field, seen, levels, left_out, .. } = checkpoint;
+        let (camera_colours, camera_poses) = (checkpoint.camera_colours, checkpoint.camera_poses);
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
+        trainer.restore_poses(camera_poses)?;
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
@@ -196,6 +200,7 @@ impl<'a> Trainer<'a> {
             event_near: Vec::new(),
             colours,
             colours_differ,
+            poses: Poses::new(gpu, &scene, &config.camera_pose)?,
             left_out: Vec::new(),
             deterministic: options.deterministic,
             times: StageTimes::default(),
@@ -479,6 +484,7 @@ impl<'a> Trainer<'a> {
                 true => Some(self.colour_state()?),
                 false => None,
             },
+            camera_poses: self.poses.as_ref().map(|poses| poses.state(self.gpu)).transpose()?,
             levels: self.levels.iter().map(|levels| levels.read(self.gpu)).collect::<Result<_, _>>()?,
             left_out: self.left_out.clone(),
         })
@@ -548,7 +554,14 @@ impl<'a> Trainer<'a> {
             finished: false,
             left_out: self.left_out.clone(),
             camera_colours: self.camera_colours()?,
+            camera_poses: self.camera_poses(),
         })?)
+    }
+
+    /// Where the cameras were found to stand, beside their calibration; nothing where that is not learned.
+    #[must_use]
+    pub fn camera_poses(&self) -> Vec<CameraPose> {
+        self.poses.as_ref().map_or(Vec::new(), |poses| poses.told(&self.scene))
     }
 
     /// The gains and offsets of all cameras.

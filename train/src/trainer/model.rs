@@ -11,7 +11,7 @@ use crate::{
     gpu::{Gpu, GpuError},
     motion::{FreeTime, Motion, MotionRows, Witness},
     optimiser::{Adam, AdamBuffers, AdamConfig},
-    raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View},
+    raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted},
     scene::Scene,
     schedule::decayed,
 };
@@ -32,8 +32,8 @@ pub(super) struct Said<'a> {
     pub d_image: &'a Buffer,
     /// By whom.
     pub witness: Witness,
-    /// Whether density control hears of it.
-    pub statistics: bool,
+    /// What else is kept.
+    pub wanted: Wanted<'a>,
 }
 
 impl Rendering {
@@ -337,7 +337,7 @@ impl Model {
             said.d_image,
             gradients,
             self.d_deltas.as_ref(),
-            said.statistics,
+            said.wanted,
         )?;
         Ok(())
     }

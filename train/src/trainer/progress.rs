@@ -100,6 +100,16 @@ impl<F: FnMut(&Progress)> Watch for F {
 pub enum TrainError {
     /// The run was trained with other cameras.
     #[error(
+        "the checkpoint knows where {saved} cameras stand, and the dataset has {views} cameras; resume with the dataset that the run began with"
+    )]
+    Poses {
+        /// Cameras in the checkpoint.
+        saved: usize,
+        /// Cameras of the dataset.
+        views: usize,
+    },
+    /// The checkpoint is of other cameras.
+    #[error(
         "the checkpoint knows how {saved} cameras show colours, and the dataset has {views} cameras; resume with the dataset that the run began with"
     )]
     Cameras {

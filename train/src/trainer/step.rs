@@ -14,7 +14,7 @@ use crate::{
     gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
     motion::{Motion, Witness},
-    raster::{Region, RenderOptions, View},
+    raster::{Region, RenderOptions, View, Wanted},
     scene::TrainFrame,
     schedule::Stage,
 };
@@ -129,6 +129,7 @@ impl Trainer<'_> {
         };
         self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
         self.times.lap(self.gpu, "Adam")?;
+        self.learn_poses()?;
         self.times.passed(self.gpu.traffic().since(before));
         self.clock.iteration += 1;
         Ok(())
@@ -222,7 +223,8 @@ impl Trainer<'_> {
         work.losses.photometric(gpu, &mut commands, &exposure, target, d_mean, sum, scale * share);
         // What moves is told by its neighbours in time, too: the colour of a camera is learned from all of its image.
         let learned = &self.config.camera_colour;
-        if self.colours_differ && (coarse || whole) && run_share >= f64::from(learned.from) {
+        let looks_at_all = coarse || whole;
+        if self.colours_differ && looks_at_all && run_share >= f64::from(learned.from) {
             self.colours.step(gpu, &mut commands, frame.view, pixels, learned, run_share);
         }
         commands.submit();
@@ -243,7 +245,9 @@ impl Trainer<'_> {
                 d_mean
             };
             let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
-            let said = Said { d_image, witness, statistics: true };
+            let learns = looks_at_all && run_share >= f64::from(self.config.camera_pose.from);
+            let pose = self.poses.as_ref().filter(|_| learns).map(|poses| poses.row(frame.view));
+            let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
             self.model.backward_motion(gpu, rendering, witness)?;
@@ -312,7 +316,8 @@ impl Trainer<'_> {
         for (slot, statistics) in [(0, true), (1, false)] {
             let rendering = &self.work.renderings[slot];
             let d_image = &self.work.gradients[slot];
-            let said = Said { d_image, witness: Witness::Events, statistics };
+            let wanted = Wanted { statistics, pose: None };
+            let said = Said { d_image, witness: Witness::Events, wanted };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {

@@ -15,8 +15,8 @@ struct View {
     size: vec4u,
     // Gaussians, rows of the deltas, active SH degree, floats in a row of SH.
     counts: vec4u,
-    // Whether the deltas have SH; whether the 3 sigma square bounds a splat; the sum of STATISTICS, STILL_LEARN and IN_PART; room for
-    // intersections.
+    // Whether the deltas have SH; whether the 3 sigma square bounds a splat; the sum of STATISTICS, STILL_LEARN, IN_PART and POSE;
+    // room for intersections.
     switches: vec4u,
     // Whether gradients of the deltas are wanted, and of their SH; ranges to gather; as the bits of a float, what is added to
     // the variances of a splat, square pixels, so that none is thinner than about a pixel.
@@ -24,10 +24,11 @@ struct View {
 }
 
 // That statistics are kept; that Gaussians without deltas have gradients, too; that a part of the image alone is looked at, though all
-// of it was drawn.
+// of it was drawn; that the gradient of the camera's pose is wanted.
 const STATISTICS = 1u;
 const STILL_LEARN = 2u;
 const IN_PART = 4u;
+const POSE = 8u;
 // In place of a Gaussian's index.
 const NOBODY = 0xffffffffu;
 // What `Thresholds` on the Rust side sets; the defaults are those of 3DGS.

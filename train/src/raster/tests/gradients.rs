@@ -1,11 +1,11 @@
 //! Backward: analytic gradients of the kernels against central differences of the twin.
 
-use glam::{DVec3, DVec4};
+use glam::{DMat3, DQuat, DVec3, DVec4};
 
 use super::scenes::{FORMS, Scene, camera};
 use crate::{
     raster::{CORE_STRIDE, RenderOptions, sh_stride},
-    reference::raster::{blend_backward, project},
+    reference::raster::{blend, blend_backward, pose, project},
 };
 
 const STEP: f64 = 1e-6;
@@ -34,6 +34,22 @@ fn by_differences(scene: &Scene) -> (Vec<f64>, Vec<f64>) {
         })
         .collect();
     (core, sh)
+}
+
+/// The same with respect to a turn of the camera about its axes and a shift along them.
+fn pose_by_differences(scene: &Scene) -> [f64; 6] {
+    let twin = scene.twin();
+    let (rotation, translation) = pose(&scene.view);
+    std::array::from_fn(|axis| {
+        let loss = |step: f64| {
+            let mut by = [0.0; 6];
+            by[axis] = step;
+            let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_slice(&by[..3])));
+            let moved = (turn * rotation, turn * translation + DVec3::from_slice(&by[3..]));
+            scene.loss_of(&blend(&twin.splats_from(&scene.view, &moved, &scene.options), &scene.view, &scene.options))
+        };
+        (loss(STEP) - loss(-STEP)) / (2.0 * STEP)
+    })
 }
 
 /// Asserts that each column group of rows of `stride` agrees, relative to the largest entry of the group.
@@ -70,6 +86,8 @@ fn assert_gradients_agree(what: &str, scene: &Scene) {
         let device = scene.run(form);
         assert_groups_agree(&what, &device.d_core, &core, CORE_STRIDE as usize, &CORE_GROUPS);
         assert_groups_agree(&what, &device.d_sh, &sh, stride, &[("constant", 0..3), ("all", 0..active)]);
+        let pose = pose_by_differences(scene);
+        assert_groups_agree(&what, &device.d_pose, &pose, 6, &[("turn", 0..3), ("shift", 3..6)]);
         if let Some((delta_core, delta_sh)) = &scene.deltas {
             assert!(device.d_delta_core == device.d_core[..delta_core.len()], "{what}");
             let delta_sh = delta_sh.as_ref().map_or(0, Vec::len);

@@ -8,9 +8,10 @@ use glam::DVec4;
 use crate::{
     gpu::{AdapterChoice, Gpu, Shape},
     raster::{
-        CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, Region, RenderOptions, View, sh_stride,
+        CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, PoseRow, Rasteriser, Region, RenderOptions, View,
+        Wanted, sh_stride,
     },
-    reference::raster::Gaussians,
+    reference::raster::{Gaussians, Image},
 };
 
 /// The forms of the kernels.
@@ -71,6 +72,7 @@ pub(super) struct Rendered {
     pub(super) screen: Vec<[f32; 4]>,
     pub(super) d_delta_core: Vec<f32>,
     pub(super) d_delta_sh: Vec<f32>,
+    pub(super) d_pose: [f32; 6],
 }
 
 /// A turned camera with an off-centre principal point.
@@ -159,7 +161,11 @@ impl Scene {
 
     /// `sum of d_image . image` of the twin.
     pub(super) fn loss(&self, gaussians: &Gaussians) -> f64 {
-        let image = gaussians.render(&self.view, &self.options);
+        self.loss_of(&gaussians.render(&self.view, &self.options))
+    }
+
+    /// The same of an image.
+    pub(super) fn loss_of(&self, image: &Image) -> f64 {
         image.pixels.iter().zip(&self.d_image).map(|(pixel, d)| pixel.dot(DVec4::from(d.map(f64::from)))).sum()
     }
 
@@ -185,6 +191,8 @@ impl Scene {
             sh: sh.as_ref().map(|sh| gpu.storage_from("d delta sh", &vec![7.0f32; sh.len()]).expect("room")),
         });
         let d_image = gpu.storage_from("d image", &self.d_image).expect("room");
+        // Added to the second of three cameras.
+        let poses = gpu.storage_from("poses", &[[1.0_f32; PoseRow::FLOATS]; 3]).expect("room");
         let mut frame = Frame::new(gpu).expect("room");
         frame.region = region;
         rasteriser.forward(gpu, &gaussians, deltas.as_ref(), &self.view, &self.options, &mut frame).expect("a render");
@@ -200,12 +208,15 @@ impl Scene {
                 &d_image,
                 &gradients,
                 d_deltas.as_ref(),
-                true,
+                Wanted { statistics: true, pose: Some(PoseRow { sums: &poses, row: 1 }) },
             )
             .expect("gradients");
         let pixels = (self.view.width * self.view.height) as usize;
         let all = |buffer: &wgpu::Buffer, count: usize| gpu.download::<f32>(buffer, count).expect("a read back");
         let rows = self.deltas.as_ref().map_or(0, |(core, _)| core.len());
+        let poses: Vec<f32> = all(&poses, 3 * PoseRow::FLOATS);
+        assert!(poses[..8].iter().chain(&poses[16..]).all(|&other| other == 1.0));
+        assert_eq!([poses[11], poses[15]], [2.0; 2], "renderings are counted");
         let sh_rows = self.deltas.as_ref().and_then(|(_, sh)| sh.as_ref()).map_or(0, Vec::len);
         Rendered {
             image: gpu.download(&frame.image, pixels).expect("a read back"),
@@ -215,6 +226,7 @@ impl Scene {
             screen: gpu.download(&gradients.screen, self.count()).expect("a read back"),
             d_delta_core: d_deltas.as_ref().map_or(Vec::new(), |d| all(&d.core, rows)),
             d_delta_sh: d_deltas.as_ref().and_then(|d| d.sh.as_ref()).map_or(Vec::new(), |sh| all(sh, sh_rows)),
+            d_pose: [8, 9, 10, 12, 13, 14].map(|at| poses[at] - 1.0),
         }
     }
 }

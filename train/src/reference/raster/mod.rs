@@ -7,7 +7,9 @@ mod project;
 
 pub use blend::{Image, blend};
 pub use blend_backward::{SplatGradient, blend_backward};
-pub use project::{Splat, colour, project};
+pub use project::{Splat, colour, pose, project, project_from};
+
+use glam::{DMat3, DVec3};
 
 use crate::raster::{CORE_STRIDE, RenderOptions, View, sh_stride};
 
@@ -32,11 +34,17 @@ impl Gaussians {
     /// The splats of all Gaussians; none where a Gaussian is culled.
     #[must_use]
     pub fn splats(&self, view: &View, options: &RenderOptions) -> Vec<Option<Splat>> {
+        self.splats_from(view, &pose(view), options)
+    }
+
+    /// The same from a pose of its own.
+    #[must_use]
+    pub fn splats_from(&self, view: &View, pose: &(DMat3, DVec3), options: &RenderOptions) -> Vec<Option<Splat>> {
         let stride = sh_stride(self.sh_degree) as usize;
         self.core
             .chunks_exact(CORE_STRIDE as usize)
             .zip(self.sh.chunks_exact(stride))
-            .map(|(core, sh)| project(core, sh, view, options))
+            .map(|(core, sh)| project_from(core, sh, view, pose, options))
             .collect()
     }
 

@@ -28,10 +28,27 @@ pub struct Splat {
 /// border.
 #[must_use]
 pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -> Option<Splat> {
-    let world_to_camera =
-        DMat3::from_cols_array(&std::array::from_fn(|i| f64::from(view.rotation[i / 3][i % 3]))).transpose();
+    project_from(core, sh, view, &pose(view), options)
+}
+
+/// Where a view says that its camera is: rotation and translation from the world to the camera.
+#[must_use]
+pub fn pose(view: &View) -> (DMat3, DVec3) {
+    let rotation = DMat3::from_cols_array(&std::array::from_fn(|i| f64::from(view.rotation[i / 3][i % 3]))).transpose();
+    (rotation, DVec3::from(view.translation.map(f64::from)))
+}
+
+/// The same from a pose of its own, to the precision that differences need.
+#[must_use]
+pub fn project_from(
+    core: &[f64],
+    sh: &[f64],
+    view: &View,
+    &(world_to_camera, translation): &(DMat3, DVec3),
+    options: &RenderOptions,
+) -> Option<Splat> {
     let mean = DVec3::from_slice(&core[0..3]);
-    let camera = world_to_camera * mean + DVec3::from(view.translation.map(f64::from));
+    let camera = world_to_camera * mean + translation;
     let scale = DVec3::from_slice(&core[3..6]).min(DVec3::splat(20.0)).exp();
     let raw = DQuat::from_xyzw(core[7], core[8], core[9], core[6]);
     let opacity = 1.0 / (1.0 + (-core[10]).exp());
@@ -56,7 +73,7 @@ pub fn project(core: &[f64], sh: &[f64], view: &View, options: &RenderOptions) -
     let low_pass = f64::from(options.low_pass);
     let (xx, xy, yy) = (root_x.length_squared() + low_pass, root_x.dot(root_y), root_y.length_squared() + low_pass);
     let determinant = root_x.cross(root_y).length_squared() + low_pass * (xx + yy) - low_pass * low_pass;
-    let centre = DVec3::from(view.centre().map(f64::from));
+    let centre = -(world_to_camera.transpose() * translation);
     let splat = Splat {
         mean: DVec2::new(fx * camera.x / camera.z + cx, fy * camera.y / camera.z + cy),
         conic: [yy / determinant, -xy / determinant, xx / determinant],

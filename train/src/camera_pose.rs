@@ -1,0 +1,282 @@
+//! The poses of the training cameras, learned beside the scene.
+//!
+//! A calibration is good to some tenths of a pixel, and what its cameras do not agree on is smeared. Each camera that takes frames gets a
+//! turn and a shift of its own, by gradients of the frames that are looked at as wholes. Nothing tells a scene that is elsewhere from
+//! cameras that are elsewhere: what all cameras have in common - a turn, a shift, a scale - is taken from them after each step.
+
+use erfgs_scene::Pose;
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::{optimiser::AdamConfig, raster::PoseRow, schedule::decayed};
+
+/// Floats that a camera has: a turn (radians, about its axes) and a shift (metres, along them).
+pub(crate) const FLOATS: usize = 6;
+/// A camera takes some hundred steps.
+const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
+/// A mean gradient of less than so many of its root mean squares may be chance.
+const CHANCE: f64 = 0.3;
+/// Fewer cameras that take frames have no common pose to be told from.
+pub(crate) const FEWEST: usize = 3;
+
+/// How the poses of the cameras are learned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraPoseOptions {
+    /// Whether they are learned. Where not, the calibration is taken as it is.
+    pub enabled: bool,
+    /// From when on, as a share of the whole run: the scene comes first.
+    pub from: f32,
+    /// Learning rate, pixels in the middle of the scene: first, last.
+    pub rate: [f32; 2],
+}
+
+impl Default for CameraPoseOptions {
+    fn default() -> Self {
+        Self { enabled: false, from: 0.05, rate: [0.2, 0.01] }
+    }
+}
+
+/// What the poses of all cameras have learned, with the state of their optimiser.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CameraPoseState {
+    /// Steps that each camera took.
+    pub steps: Vec<u32>,
+    /// Six a camera: turn and shift. A camera at (R, t) that turns by w and shifts by s is at (exp(w) R, exp(w) t + s).
+    pub values: Vec<f32>,
+    /// First and second moments of the gradients, like `values`.
+    pub moments: [Vec<f32>; 2],
+    /// Gradients of renderings since the last step: [`PoseRow::FLOATS`] a camera.
+    pub sums: Vec<f32>,
+}
+
+impl CameraPoseState {
+    /// Of so many cameras, as they were calibrated.
+    #[must_use]
+    pub fn calibrated(cameras: usize) -> Self {
+        let zeros = || vec![0.0; cameras * FLOATS];
+        let sums = vec![0.0; cameras * PoseRow::FLOATS];
+        Self { steps: vec![0; cameras], values: zeros(), moments: [zeros(), zeros()], sums }
+    }
+
+    /// The turn and the shift of a camera.
+    #[must_use]
+    pub fn of(&self, camera: usize) -> [DVec3; 2] {
+        let row = &self.values[camera * FLOATS..][..FLOATS];
+        [0, 3].map(|at| DVec3::new(row[at].into(), row[at + 1].into(), row[at + 2].into()))
+    }
+
+    fn set(&mut self, camera: usize, moved: [DVec3; 2]) {
+        let row = &mut self.values[camera * FLOATS..][..FLOATS];
+        for (value, new) in row.iter_mut().zip(moved.iter().flat_map(DVec3::to_array)) {
+            *value = new as f32;
+        }
+    }
+
+    /// The pose of a camera that was calibrated at `pose`.
+    #[must_use]
+    pub fn moved(&self, camera: usize, pose: &Pose) -> Pose {
+        let [turn, shift] = self.of(camera);
+        let turn = DQuat::from_scaled_axis(turn);
+        Pose { rotation: (turn * pose.rotation).normalize(), translation: turn * pose.translation + shift }
+    }
+}
+
+/// A camera whose pose is learned.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Learner {
+    /// Its number among all cameras.
+    pub camera: usize,
+    /// Where it was calibrated to be.
+    pub pose: Pose,
+    /// Its focal length, pixels.
+    pub focal: f64,
+    /// How far the scene is from it, metres.
+    pub depth: f64,
+    /// How far to either side it sees for half of its picture, of a depth of 1.
+    pub reach: f64,
+}
+
+impl CameraPoseState {
+    /// A step of the cameras that `sums` (rows of [`PoseRow::FLOATS`]) tell of, then what all `learners` have in common is taken away.
+    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], rate: [f32; 2], share: f64) {
+        let rate = f64::from(decayed(rate, share));
+        for learner in learners {
+            let row = &sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS];
+            let renderings = f64::from(row[3]);
+            let gradient = [0, 1, 2, 4, 5, 6].map(|at| f64::from(row[at]) / renderings);
+            if renderings < 1.0 || !gradient.iter().all(|gradient| gradient.is_finite()) {
+                continue;
+            }
+            self.steps[learner.camera] += 1;
+            let corrections = ADAM.bias_corrections(self.steps[learner.camera]);
+            let (first, second) = (f64::from(corrections.0), f64::from(corrections.1));
+            let at = learner.camera * FLOATS;
+            for (axis, gradient) in gradient.into_iter().enumerate() {
+                // A pixel is so many radians, or metres.
+                let pixel = if axis < 3 { 1.0 / learner.focal } else { learner.depth / learner.focal };
+                let gradient = gradient * pixel;
+                let [m, v] = [0, 1].map(|moment| f64::from(self.moments[moment][at + axis]));
+                let (beta1, beta2) = (f64::from(ADAM.beta1), f64::from(ADAM.beta2));
+                let m = beta1 * m + (1.0 - beta1) * gradient;
+                let v = beta2 * v + (1.0 - beta2) * gradient * gradient;
+                (self.moments[0][at + axis], self.moments[1][at + axis]) = (m as f32, v as f32);
+                let sure = first * m / (v.sqrt() * second + f64::from(ADAM.epsilon));
+                let sure = sure.signum() * (sure.abs() - CHANCE).max(0.0);
+                self.values[at + axis] -= (rate * pixel * sure) as f32;
+            }
+        }
+        self.take_common(learners);
+    }
+
+    /// How far a camera's picture has moved, pixels: root mean square over its middle and the middles of its quarters, at the scene's
+    /// depth.
+    pub(crate) fn pixels(&self, learner: &Learner) -> f64 {
+        let moved = self.moved(learner.camera, &Pose::IDENTITY);
+        let squares = [[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[x, y]| {
+            let before = DVec3::new(learner.reach * x, learner.reach * y, 1.0) * learner.depth;
+            let after = moved.transform(before);
+            (after.truncate() / after.z - before.truncate() / before.z).length_squared()
+        });
+        learner.focal * (squares.iter().sum::<f64>() / 5.0).sqrt()
+    }
+
+    /// Takes from all cameras the turn, the shift and the scale that they have in common: those of a scene that fits them best in the
+    /// least squares sense, in which a camera's turn counts as much as the same at its place in the depth of the scene.
+    fn take_common(&mut self, learners: &[Learner]) {
+        let count = learners.len() as f64;
+        let middle = learners.iter().map(|learner| learner.pose.centre()).sum::<DVec3>() / count;
+        // How the camera moved in the world.
+        let moved = |state: &Self, learner: &Learner| {
+            state.of(learner.camera).map(|by| -(learner.pose.rotation.inverse() * by))
+        };
+        let (mut shift, mut scale, mut spread) = (DVec3::ZERO, 0.0, 0.0);
+        let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for learner in learners {
+            let ([turned, shifted], from) = (moved(self, learner), learner.pose.centre() - middle);
+            let depth = learner.depth * learner.depth;
+            shift += shifted / count;
+            scale += from.dot(shifted);
+            spread += from.length_squared();
+            let outer = DMat3::from_cols(from * from.x, from * from.y, from * from.z);
+            normal += DMat3::from_diagonal(DVec3::splat(from.length_squared() + depth)) - outer;
+            right += from.cross(shifted) + depth * turned;
+        }
+        let turn = if normal.determinant() > 0.0 { normal.inverse() * right } else { DVec3::ZERO };
+        let scale = if spread > 0.0 { scale / spread } else { 0.0 };
+        for learner in learners {
+            let from = learner.pose.centre() - middle;
+            let common = [turn, shift + turn.cross(from) + scale * from];
+            let own = self.of(learner.camera);
+            let rotation = learner.pose.rotation;
+            self.set(learner.camera, [0, 1].map(|part| own[part] + rotation * common[part]));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_base::random;
+
+    use super::*;
+
+    /// Cameras on an arc, three metres from the origin, which they look at.
+    fn learners(count: usize) -> Vec<Learner> {
+        (0..count)
+            .map(|camera| {
+                let turn =
+                    DQuat::from_rotation_y(0.4 * camera as f64) * DQuat::from_rotation_x(0.1 * (camera % 3) as f64);
+                let pose = Pose { rotation: turn, translation: DVec3::new(0.0, 0.0, 3.0) };
+                Learner { camera, pose, focal: 300.0, depth: 3.0, reach: 0.25 }
+            })
+            .collect()
+    }
+
+    fn draw(camera: usize, word: u64, size: f64) -> DVec3 {
+        let one = |axis: u64| random::range(random::key(4, &[camera as u64, word, axis]), -size, size);
+        DVec3::new(one(0), one(1), one(2))
+    }
+
+    #[test]
+    fn a_pose_moves_by_its_turn_and_shift() {
+        let mut state = CameraPoseState::calibrated(3);
+        let pose = learners(3)[2].pose;
+        assert_eq!(state.moved(2, &pose).translation, pose.translation);
+        state.set(2, [DVec3::new(0.0, 0.01, 0.0), DVec3::ZERO]);
+        assert!((state.pixels(&learners(3)[2]) - 3.0).abs() < 0.3, "300 px by a hundredth");
+        state.set(2, [DVec3::new(0.0, 0.1, 0.0), DVec3::new(0.0, 0.5, 0.0)]);
+        let moved = state.moved(2, &pose);
+        let point = DVec3::new(0.3, -0.2, 0.4);
+        let expected = DQuat::from_rotation_y(0.1_f32.into()) * pose.transform(point) + DVec3::new(0.0, 0.5, 0.0);
+        assert!((moved.transform(point) - expected).length() < 1e-7);
+        assert_eq!(state.moved(1, &pose).rotation, pose.rotation);
+    }
+
+    #[test]
+    fn what_a_scene_elsewhere_would_explain_is_no_camera_s() {
+        let (learners, mut state) = (learners(7), CameraPoseState::calibrated(7));
+        // All see a scene that is turned, shifted and larger.
+        let (turn, shift, scale) = (DVec3::new(2e-3, -1e-3, 3e-3), DVec3::new(4e-3, 1e-3, -2e-3), 1e-3);
+        let middle = learners.iter().map(|learner| learner.pose.centre()).sum::<DVec3>() / 7.0;
+        for learner in &learners {
+            let from = learner.pose.centre() - middle;
+            let moved = [turn, shift + turn.cross(from) + scale * from];
+            state.set(learner.camera, moved.map(|by| -(learner.pose.rotation * by)));
+        }
+        state.take_common(&learners);
+        assert!(state.values.iter().all(|value| value.abs() < 1e-6), "{:?}", state.values);
+        // And what is left after it has nothing more in common.
+        (0..7).for_each(|camera| state.set(camera, [draw(camera, 0, 1e-3), draw(camera, 1, 3e-3)]));
+        state.take_common(&learners);
+        let once = state.clone();
+        state.take_common(&learners);
+        let apart = state.values.iter().zip(&once.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(apart < 1e-5 && once.values.iter().any(|value| value.abs() > 5e-4), "{apart}");
+    }
+
+    #[test]
+    fn cameras_find_back_to_where_points_are_seen() {
+        let learners = learners(6);
+        let points: Vec<DVec3> = (0..40).map(|point| draw(point, 9, 0.8)).collect();
+        let mut state = CameraPoseState::calibrated(6);
+        // Where they really are, the scene in common taken away.
+        let mut truth = CameraPoseState::calibrated(6);
+        (0..6).for_each(|camera| truth.set(camera, [draw(camera, 0, 3e-3), draw(camera, 1, 6e-3)]));
+        truth.take_common(&learners);
+        let off = |state: &CameraPoseState| {
+            let pixels = learners.iter().flat_map(|learner| {
+                let [a, b] = [state, &truth].map(|state| state.moved(learner.camera, &learner.pose));
+                points.iter().map(move |&point| {
+                    let [a, b] = [a, b].map(|pose| pose.transform(point)).map(|seen| seen.truncate() / seen.z);
+                    learner.focal * (a - b).length()
+                })
+            });
+            pixels.sum::<f64>() / 240.0
+        };
+        let before = off(&state);
+        for step in 0..300 {
+            let mut sums = vec![0.0_f32; 6 * PoseRow::FLOATS];
+            for learner in learners.iter().filter(|learner| learner.camera % 2 == step % 2) {
+                let [now, there] = [&state, &truth].map(|state| state.moved(learner.camera, &learner.pose));
+                let (mut turn, mut shift) = (DVec3::ZERO, DVec3::ZERO);
+                for &point in &points {
+                    // Of the squared distance in the picture.
+                    let (seen, aim) = (now.transform(point), there.transform(point));
+                    let away = learner.focal.powi(2) * (seen.truncate() / seen.z - aim.truncate() / aim.z);
+                    let d = DVec3::new(away.x, away.y, -away.dot(seen.truncate()) / seen.z) / seen.z;
+                    turn += seen.cross(d);
+                    shift += d;
+                }
+                let row = [turn.x, turn.y, turn.z, 2.0, shift.x, shift.y, shift.z, 2.0].map(|value| value as f32);
+                sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS].copy_from_slice(&row);
+            }
+            state.step(&learners, &sums, [0.1, 0.01], step as f64 / 300.0);
+        }
+        let after = off(&state);
+        assert!(before > 0.3 && after < 0.1 * before, "{before} px before, {after} px after");
+        assert_eq!(state.steps, [150; 6]);
+        let still = state.clone();
+        state.step(&learners, &[f32::NAN; 48], [0.1, 0.01], 0.5);
+        assert_eq!(state.steps, still.steps, "what is no number is left out");
+    }
+}

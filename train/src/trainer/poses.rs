@@ -1,0 +1,104 @@
+//! Learning where the training cameras stand.
+
+use erfgs_dataset::Camera;
+use erfgs_run::CameraPose;
+use wgpu::Buffer;
+
+use super::{TrainError, Trainer};
+use crate::{
+    camera_pose::{CameraPoseOptions, CameraPoseState, FEWEST, Learner},
+    gpu::Gpu,
+    raster::{PoseRow, View},
+    scene::{Scene, SceneView, median},
+};
+
+/// The poses that are learned.
+#[derive(Debug)]
+pub(super) struct Poses {
+    state: CameraPoseState,
+    learners: Vec<Learner>,
+    /// Gradients of the renderings since the last step, a row a camera.
+    sums: Buffer,
+}
+
+impl Poses {
+    /// As the cameras were calibrated; nothing where the poses are not to be learned, or too few cameras take frames.
+    pub fn new(gpu: &Gpu, scene: &Scene, options: &CameraPoseOptions) -> Result<Option<Self>, TrainError> {
+        let cameras = scene.dataset.manifest.cameras.iter().enumerate();
+        let learner = |(camera, of): (usize, &Camera)| {
+            let (view, pose) = (&scene.views[camera].view, of.world_to_camera);
+            let depths = scene.points.iter().map(|(point, _)| f64::from(view.to_camera(point)[2]));
+            let depth = median(depths.filter(|&depth| depth > 0.0).collect()).unwrap_or_else(|| scene.extent.into());
+            let focal = f64::from(view.fx);
+            Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal }
+        };
+        let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
+        if !options.enabled || learners.len() < FEWEST {
+            return Ok(None);
+        }
+        let state = CameraPoseState::calibrated(scene.views.len());
+        let sums = gpu.storage_from("gradients of poses", &state.sums)?;
+        Ok(Some(Self { state, learners, sums }))
+    }
+
+    /// Where the gradient of a camera's pose is added.
+    pub fn row(&self, camera: usize) -> PoseRow<'_> {
+        PoseRow { sums: &self.sums, row: camera as u32 }
+    }
+
+    /// What a checkpoint keeps.
+    pub fn state(&self, gpu: &Gpu) -> Result<CameraPoseState, TrainError> {
+        Ok(CameraPoseState { sums: gpu.download(&self.sums, self.state.sums.len())?, ..self.state.clone() })
+    }
+
+    /// How the cameras were moved.
+    pub fn told(&self, scene: &Scene) -> Vec<CameraPose> {
+        let one = |learner: &Learner| CameraPose {
+            camera: scene.views[learner.camera].name.clone(),
+            turn_degrees: self.state.of(learner.camera)[0].to_array().map(f64::to_degrees),
+            shift_m: self.state.of(learner.camera)[1].to_array(),
+            moved_px: self.state.pixels(learner),
+        };
+        self.learners.iter().map(one).collect()
+    }
+
+    fn place(&self, views: &mut [SceneView]) {
+        for learner in &self.learners {
+            let view: &mut View = &mut views[learner.camera].view;
+            *view = view.placed(&self.state.moved(learner.camera, &learner.pose));
+        }
+    }
+}
+
+impl Trainer<'_> {
+    /// Takes up what poses have learned.
+    ///
+    /// # Errors
+    /// [`TrainError::Poses`] where the checkpoint is of other cameras.
+    pub(super) fn restore_poses(&mut self, saved: Option<CameraPoseState>) -> Result<(), TrainError> {
+        let (Some(poses), Some(saved)) = (&mut self.poses, saved) else { return Ok(()) };
+        let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
+        if saved_cameras != views {
+            return Err(TrainError::Poses { saved: saved_cameras, views });
+        }
+        self.gpu.upload(&poses.sums, 0, &saved.sums);
+        poses.state = saved;
+        poses.place(&mut self.scene.views);
+        Ok(())
+    }
+
+    /// A step of the poses, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
+    pub(super) fn learn_poses(&mut self) -> Result<(), TrainError> {
+        let (share, done) = (self.share(), self.schedule.done(&self.clock));
+        let from = f64::from(self.config.camera_pose.from);
+        let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64) && share >= from;
+        let Some(poses) = self.poses.as_mut().filter(due) else { return Ok(()) };
+        let sums: Vec<f32> = self.gpu.download(&poses.sums, poses.state.sums.len())?;
+        poses.state.step(&poses.learners, &sums, self.config.camera_pose.rate, share);
+        poses.place(&mut self.scene.views);
+        let mut commands = self.gpu.commands();
+        commands.clear(&poses.sums);
+        commands.submit();
+        Ok(())
+    }
+}
