@@ -13,13 +13,14 @@ use erfgs_train::{
 
 use super::{Folder, page::film_small};
 
-/// What passes in the fine iterations 11 to 40, and how many Gaussians there are.
-fn counted(folder: &Folder, method: Method, points: u32) -> (Traffic, u32) {
+/// What passes in the fine iterations 11 to 40 while the cameras' `poses` are learned or not, and how many Gaussians there are.
+fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffic, u32) {
     let mut config = Config::preset(method, Preset::Default);
     (config.coarse_iterations, config.fine_iterations) = (5, 40);
     config.init.max_points = points;
     config.density.from = 1000;
     config.eds.enabled = false;
+    config.camera_pose.enabled = poses;
     config.evaluation.leave_alone();
     config.evaluation.log_every = u32::MAX;
     let dataset = Dataset::load(&folder.path("ds")).expect("a dataset");
@@ -28,7 +29,7 @@ fn counted(folder: &Folder, method: Method, points: u32) -> (Traffic, u32) {
     let gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(Shape::Gpu) }).expect("an adapter");
     let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
     let mut trainer = Trainer::new(&gpu, scene, config, &options).expect("a trainer");
-    let run = RunFolder::new(folder.path(&format!("{method:?}-{points}")));
+    let run = RunFolder::new(folder.path(&format!("{method:?}-{points}-{poses}")));
     let warm = AtomicBool::new(false);
     let mut watch = |now: &Progress| warm.store(now.iteration >= 15, Ordering::Relaxed);
     trainer.run(&run, &options, &warm, &mut watch).expect("a warm-up");
@@ -45,8 +46,8 @@ fn little_passes_between_host_and_graphics_processor_in_an_iteration() {
     let folder = Folder::new();
     film_small(&folder);
     for (method, renderings) in [(Method::FourDgs, ITERATIONS), (Method::ErfGs, 2 * ITERATIONS)] {
-        let (few, gaussians) = counted(&folder, method, 50);
-        let (many, more) = counted(&folder, method, 400);
+        let (few, gaussians) = counted(&folder, method, 50, false);
+        let (many, more) = counted(&folder, method, 400, false);
         assert!(gaussians < more, "{gaussians} and {more}");
         for (traffic, gaussians) in [(few, gaussians), (many, more)] {
             let each = |sum: u64| sum as f64 / ITERATIONS as f64;
@@ -59,5 +60,9 @@ fn little_passes_between_host_and_graphics_processor_in_an_iteration() {
         assert_eq!(few.read / few.maps, 64);
         // What passes is as much whatever is trained.
         assert_eq!((few.maps, few.submissions, few.written), (many.maps, many.submissions, many.written));
+        // Poses take eight numbers of each camera, once in as many iterations as there are cameras that take frames.
+        let (posed, _) = counted(&folder, method, 50, true);
+        let [maps, read] = [posed.maps - few.maps, posed.read - few.read];
+        assert!((1..=ITERATIONS / 3).contains(&maps) && read <= maps * 32 * 16, "{posed:?} and {few:?}");
     }
 }

@@ -154,8 +154,9 @@ fn render(gpu: &Gpu, case: &Case, clear: &[bool]) -> Rendered {
         case.d_image.iter().zip(clear).map(|(d, &clear)| if clear { *d } else { [0.0; 4] }).collect();
     let d_image = gpu.storage_from("d_image", &d_image).expect("a buffer");
     let (view, options) = (&case.view, &case.options);
+    let wanted = Wanted { statistics: true, pose: None };
     rasteriser
-        .backward(gpu, &gaussians, deltas, view, options, &frame, &d_image, &gradients, d_deltas, Wanted::default())
+        .backward(gpu, &gaussians, deltas, view, options, &frame, &d_image, &gradients, d_deltas, wanted)
         .expect("gradients");
     let pixels = clear.len();
     let count = gaussians.count as usize;
