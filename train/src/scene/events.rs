@@ -116,16 +116,17 @@ impl Bins {
         Self { edges_us, edges, per_interval, anchors }
     }
 
-    /// Bins of about the same width over the same time, from peak to peak of the light; none of them begins with a frame.
+    /// Bins of about the same width over the same time, from peak to peak of the light, none of which need begin with a frame; `None`
+    /// where there are not two peaks.
     #[must_use]
-    pub(super) fn at_peaks(&self, flicker: &Flicker, span_ns: [i64; 2]) -> Self {
-        let (Some(&first), Some(&last)) = (self.edges_us.first(), self.edges_us.last()) else { return self.clone() };
+    pub(super) fn at_peaks(&self, flicker: &Flicker, span_ns: [i64; 2]) -> Option<Self> {
+        let (&first, &last) = (self.edges_us.first()?, self.edges_us.last()?);
         let width = (last - first) as f64 / self.len().max(1) as f64;
         let edges_ns: Vec<i64> = flicker.peaks([first, last], width).into_iter().map(|t| 1000 * t).collect();
-        let Some(bins) = edges_ns.len().checked_sub(1).filter(|&bins| bins > 0) else { return self.clone() };
+        let bins = edges_ns.len().checked_sub(1).filter(|&bins| bins > 0)?;
         let longer = (edges_ns[bins] - edges_ns[0]) as f64 * 1e-3 / (bins as f64 * width);
         let per_interval = (self.per_interval as f64 / longer).round().max(1.0) as usize;
-        Self::at(Edges { edges_ns, anchors: Vec::new() }, per_interval, span_ns)
+        Some(Self::at(Edges { edges_ns, anchors: Vec::new() }, per_interval, span_ns))
     }
 
     /// The first and the last edge within `covers_ns`, give or take a microsecond, in which times are told.
@@ -594,7 +595,8 @@ mod tests {
         let flicker = Flicker::find(&dataset).expect("read").expect("a lamp");
         assert!((flicker.hz - 100.0).abs() < 0.1 && (flicker.share - 0.5).abs() < 1e-9, "{flicker:?}");
         let every_4_ms = Bins::new(&[0, 500_000_000, 1_000_000_000], 125, [0, 1_000_000_000], 1_000_000_000);
-        let bins = every_4_ms.at_peaks(&flicker, [0, 1_000_000_000]);
+        let bins = every_4_ms.at_peaks(&flicker, [0, 1_000_000_000]).expect("peaks");
+        assert_eq!(Bins::new(&[0], 1, [0, 4_000_000], 4_000_000).at_peaks(&flicker, [0, 4_000_000]), None);
         assert!(bins.edges_us.windows(2).all(|pair| (pair[1] - pair[0] - 10_000).abs() < 50), "{:?}", bins.edges_us);
         // Between the last step up and the first one down, a little after the middle of those.
         assert!(bins.edges_us.iter().all(|t| (2000..6000).contains(&t.rem_euclid(10_000))), "{:?}", bins.edges_us);

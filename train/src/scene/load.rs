@@ -103,11 +103,10 @@ impl Scene {
         if uses_events {
             let (bins, instants) = (scene.bins_per_interval(config), instants(&scene.dataset, &times_ns));
             scene.bins = Bins::shared(&times_ns, bins, instants, span_ns, scene.events_end());
-            if config.earl.flicker && config.earl.pairing != Pairing::FrameAnchored {
-                scene.flicker = Flicker::find(&scene.dataset)?;
-            }
-            if let Some(flicker) = &scene.flicker {
-                scene.bins = scene.bins.at_peaks(flicker, span_ns);
+            let anchored = config.earl.pairing == Pairing::FrameAnchored;
+            let flicker = if config.earl.flicker && !anchored { Flicker::find(&scene.dataset)? } else { None };
+            if let Some((bins, flicker)) = flicker.and_then(|of| Some((scene.bins.at_peaks(&of, span_ns)?, of))) {
+                (scene.bins, scene.flicker) = (bins, Some(flicker));
             }
             scene.events = scene.read_events(&config.earl, scratch)?;
             scene.events_filed = scratch.is_some();
