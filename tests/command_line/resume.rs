@@ -8,7 +8,7 @@ use crate::command_line::Folder;
 
 const TRAIN: &str = "train ds --method erf-gs --iterations 20+60 --seed 3 --deterministic --no-evaluation \
                      --set evaluation.log_every=5 --set eds.from=10 --set eds.every=10 --set density.from=5 \
-                     --set density.every=10 --set density.prune_above=0 --set camera_pose.enabled=true";
+                     --set density.every=10 --set density.prune_above=0 --set camera_pose.fewest=3";
 
 #[test]
 fn the_same_command_gives_the_same_checkpoint_and_another_seed_another() {

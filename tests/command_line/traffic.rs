@@ -20,7 +20,7 @@ fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffi
     config.init.max_points = points;
     config.density.from = 1000;
     config.eds.enabled = false;
-    config.camera_pose.enabled = poses;
+    (config.camera_pose.enabled, config.camera_pose.fewest) = (poses, 3);
     config.evaluation.leave_alone();
     config.evaluation.log_every = u32::MAX;
     let dataset = Dataset::load(&folder.path("ds")).expect("a dataset");

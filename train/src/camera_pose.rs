@@ -16,8 +16,6 @@ pub(crate) const FLOATS: usize = 6;
 const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
 /// A mean gradient of less than so many of its root mean squares may be chance.
 const CHANCE: f64 = 0.3;
-/// Fewer cameras that take frames have no common pose to be told from.
-pub(crate) const FEWEST: usize = 3;
 
 /// How the poses of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,11 +27,13 @@ pub struct CameraPoseOptions {
     pub from: f32,
     /// Learning rate, pixels in the middle of the scene: first, last.
     pub rate: [f32; 2],
+    /// So many cameras must take frames. What few see, a scene that is wrong explains as well, and cameras go astray.
+    pub fewest: u32,
 }
 
 impl Default for CameraPoseOptions {
     fn default() -> Self {
-        Self { enabled: false, from: 0.05, rate: [0.2, 0.01] }
+        Self { enabled: false, from: 0.25, rate: [0.2, 0.01], fewest: 8 }
     }
 }
 

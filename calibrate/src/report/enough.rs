@@ -22,9 +22,9 @@ const STILL: &str = "where nothing moves";
 
 /// The mean (geometric) of places, directions and focal lengths in `docs/budget.md`.
 const COSTS: [Cost; 3] = [
-    Cost { moved_px: 0.32, lost_db: 0.5, place: STILL },
-    Cost { moved_px: 0.76, lost_db: 0.25, place: MOVING },
-    Cost { moved_px: 1.26, lost_db: 0.5, place: MOVING },
+    Cost { moved_px: 0.77, lost_db: 0.5, place: STILL },
+    Cost { moved_px: 1.01, lost_db: 0.25, place: MOVING },
+    Cost { moved_px: 1.70, lost_db: 0.5, place: MOVING },
 ];
 
 /// What a camera's uncertainty comes to at the middle of the scene, pixels of its full pictures; `None` where it is not known.

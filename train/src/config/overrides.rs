@@ -214,6 +214,7 @@ impl Config {
             "0 or more",
         )?;
         let pose = &self.camera_pose;
+        check(pose.fewest >= 3, "camera_pose.fewest", pose.fewest.to_string(), "at least 3")?;
         check(small(pose.from), "camera_pose.from", pose.from.to_string(), "0 to 1")?;
         check(
             pose.rate.iter().all(|&rate| rate.is_finite() && (0.0..=10.0).contains(&rate)),

@@ -270,7 +270,10 @@ impl Trainer<'_> {
             let off = !self.config.camera_pose.enabled;
             note(
                 "the poses of the cameras",
-                if off { "switched off in the configuration" } else { "fewer than three cameras take frames" }.into(),
+                match off {
+                    true => "switched off in the configuration".into(),
+                    false => format!("fewer than {} cameras take frames", self.config.camera_pose.fewest),
+                },
                 "a turn and a shift for each camera".into(),
             );
         }

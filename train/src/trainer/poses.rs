@@ -6,7 +6,7 @@ use wgpu::Buffer;
 
 use super::{TrainError, Trainer};
 use crate::{
-    camera_pose::{CameraPoseOptions, CameraPoseState, FEWEST, Learner},
+    camera_pose::{CameraPoseOptions, CameraPoseState, Learner},
     gpu::Gpu,
     raster::{PoseRow, View},
     scene::{Scene, SceneView, median},
@@ -33,7 +33,7 @@ impl Poses {
             Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal }
         };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
-        if !options.enabled || learners.len() < FEWEST {
+        if !options.enabled || learners.len() < options.fewest as usize {
             return Ok(None);
         }
         let state = CameraPoseState::calibrated(scene.views.len());
