@@ -10,6 +10,8 @@ use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use erfgs_events::Events;
 use rayon::prelude::*;
 
+use super::median;
+
 /// What flickers more slowly is taken for motion, and what flickers faster than this has no peaks that a pixel could follow, hertz.
 const SLOWEST_HZ: f64 = 40.0;
 const FASTEST_HZ: f64 = 4000.0;
@@ -279,14 +281,10 @@ impl Seen {
         }
         let near = |turns: f64| turns - turns.round();
         // How the phase goes on from a window to the next; where some are missing it is taken as going on so.
-        let mut steps: Vec<f64> = (windows.array_windows().filter(|[a, b]| b.index == a.index + 1))
+        let steps: Vec<f64> = (windows.array_windows().filter(|[a, b]| b.index == a.index + 1))
             .map(|[a, b]| near(b.turns() - a.turns()))
             .collect();
-        if steps.is_empty() {
-            return None;
-        }
-        let middle = steps.len() / 2;
-        let step = *steps.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let step = median(steps)?;
         let mut behind: Vec<(f64, f64)> = Vec::with_capacity(windows.len());
         let mut last: Option<(i64, f64)> = None;
         for window in &windows {

@@ -1,6 +1,7 @@
 //! A dataset as the trainer uses it: views, frames packed for the device, binned events, held-out frames.
 
 mod balance;
+mod bins;
 mod counts;
 mod displacement;
 mod events;
@@ -18,8 +19,9 @@ use std::path::PathBuf;
 
 use erfgs_dataset::{Dataset, DatasetError, Split};
 
+pub use bins::Bins;
 pub(crate) use displacement::{exposed, moves};
-pub use events::{Bins, EventView};
+pub use events::EventView;
 pub use flicker::Flicker;
 pub(crate) use load::{extent, median};
 pub use motion::{MotionMasks, classify, project};
@@ -217,11 +219,7 @@ impl Scene {
             let times: Vec<f64> = self.frames_of(view).map(|index| self.frames[index].t01).collect();
             steps.extend(times.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0));
         }
-        if steps.is_empty() {
-            return 1.0;
-        }
-        let middle = steps.len() / 2;
-        1.0 / steps.select_nth_unstable_by(middle, f64::total_cmp).1.clamp(1e-6, 1.0)
+        median(steps).map_or(1.0, |step| 1.0 / step.clamp(1e-6, 1.0))
     }
 
     /// The points of the initial cloud that are not known to move.
@@ -240,9 +238,7 @@ impl Scene {
     /// How long frames are exposed, of the whole recording: the median.
     #[must_use]
     pub fn exposure(&self) -> f64 {
-        let mut lengths: Vec<f64> = self.frames.iter().map(|frame| frame.exposure[1] - frame.exposure[0]).collect();
-        let middle = lengths.len() / 2;
-        if lengths.is_empty() { 0.0 } else { *lengths.select_nth_unstable_by(middle, f64::total_cmp).1 }
+        median(self.frames.iter().map(|frame| frame.exposure[1] - frame.exposure[0]).collect()).unwrap_or(0.0)
     }
 
     /// Whether any frame was exposed for longer than an instant.
