@@ -1,10 +1,9 @@
 //! How the training cameras show colours, as the runs found it.
 
-use std::fmt::Write as _;
-
 use super::{
-    html::{self, Escaped, number},
+    html::{self, number},
     load::{Run, Scene},
+    per_camera,
 };
 
 /// The grey of the scene that the table shows as each camera does.
@@ -14,49 +13,29 @@ const GREY: f32 = 0.5;
 pub(super) fn section(scene: &Scene) -> String {
     let runs: Vec<&Run> = scene.runs.iter().filter(|run| !run.info.camera_colours.is_empty()).collect();
     let Some(first) = runs.first() else { return String::new() };
-    let mut head = String::from("<tr><th>Camera</th>");
-    for run in &runs {
-        let _ = write!(head, "<th>{} <small>R G B</small></th>", Escaped(&run.label));
-    }
-    head += "</tr>";
-    let mut rows = String::new();
     let mut farthest = 0.0_f64;
-    for camera in first.info.camera_colours.iter().map(|of| &of.camera) {
-        let _ = write!(rows, "<tr><th>{}</th>", Escaped(camera));
-        for run in &runs {
-            match run.info.camera_colours.iter().find(|of| of.camera == *camera) {
-                None => rows += "<td>–</td>",
-                Some(of) => {
-                    let [r, g, b] = std::array::from_fn(|c| f64::from(255.0 * (of.gain[c] * GREY + of.offset[c])));
-                    let off = [r, g, b].map(|value| (value - 255.0 * f64::from(GREY)).abs());
-                    farthest = off.into_iter().filter(|off| off.is_finite()).fold(farthest, f64::max);
-                    let swatch = [r, g, b].map(|value| value.clamp(0.0, 255.0) as u8);
-                    let _ = write!(
-                        rows,
-                        "<td><span style=\"display:inline-block;width:2.5em;height:1em;background:rgb({},{},{})\"></span> \
-                         {} {} {}</td>",
-                        swatch[0],
-                        swatch[1],
-                        swatch[2],
-                        number(r, 1),
-                        number(g, 1),
-                        number(b, 1)
-                    );
-                }
-            }
-        }
-        rows += "</tr>\n";
-    }
+    let cameras = first.info.camera_colours.iter().map(|of| &of.camera);
+    let table = per_camera::table(&runs, "R G B", cameras, |run, camera| {
+        let of = run.info.camera_colours.iter().find(|of| of.camera == camera)?;
+        let [r, g, b] = std::array::from_fn(|c| f64::from(255.0 * (of.gain[c] * GREY + of.offset[c])));
+        let off = [r, g, b].map(|value| (value - 255.0 * f64::from(GREY)).abs());
+        farthest = off.into_iter().filter(|off| off.is_finite()).fold(farthest, f64::max);
+        let swatch = [r, g, b].map(|value| value.clamp(0.0, 255.0) as u8);
+        Some(format!(
+            "<span style=\"display:inline-block;width:2.5em;height:1em;background:rgb({},{},{})\"></span> {} {} {}",
+            swatch[0],
+            swatch[1],
+            swatch[2],
+            number(r, 1),
+            number(g, 1),
+            number(b, 1)
+        ))
+    });
     let text = format!(
         "<p>What a mid-grey of the scene ({} of 255) comes out as in each training camera, by the gain and the offset that \
          training found for it. The cameras stray from it by up to {} of 255. A held-out camera has no such correction.</p>\n",
         number(255.0 * f64::from(GREY), 1),
         number(farthest, 1)
     );
-    html::section(
-        &scene.prefix,
-        "camera-colours",
-        "Colours of the cameras",
-        &(text + &html::table("dense", &head, &rows)),
-    )
+    html::section(&scene.prefix, "camera-colours", "Colours of the cameras", &(text + &table))
 }

@@ -9,6 +9,7 @@ mod configuration;
 mod curves;
 mod load;
 mod oracle;
+mod per_camera;
 mod picture_io;
 mod pictures;
 mod poses;

@@ -1,45 +1,25 @@
 //! Where the training cameras were found to stand, beside their calibration.
 
-use std::fmt::Write as _;
-
 use super::{
-    html::{self, Escaped, number},
+    html::{self, number},
     load::{Run, Scene},
+    per_camera,
 };
 
 /// How far each camera was moved, one column a run.
 pub(super) fn section(scene: &Scene) -> String {
     let runs: Vec<&Run> = scene.runs.iter().filter(|run| !run.info.camera_poses.is_empty()).collect();
     let Some(first) = runs.first() else { return String::new() };
-    let mut head = String::from("<tr><th>Camera</th>");
-    for run in &runs {
-        let _ = write!(head, "<th>{} <small>px mm degrees</small></th>", Escaped(&run.label));
-    }
-    head += "</tr>";
-    let mut rows = String::new();
-    for camera in first.info.camera_poses.iter().map(|of| &of.camera) {
-        let _ = write!(rows, "<tr><th>{}</th>", Escaped(camera));
-        for run in &runs {
-            match run.info.camera_poses.iter().find(|of| of.camera == *camera) {
-                None => rows += "<td>–</td>",
-                Some(of) => {
-                    let length = |by: [f64; 3]| by.iter().map(|by| by * by).sum::<f64>().sqrt();
-                    let (shift, turn) = (1e3 * length(of.shift_m), length(of.turn_degrees));
-                    let _ =
-                        write!(rows, "<td>{} {} {}</td>", number(of.moved_px, 2), number(shift, 1), number(turn, 3));
-                }
-            }
-        }
-        rows += "</tr>\n";
-    }
+    let cameras = first.info.camera_poses.iter().map(|of| &of.camera);
+    let table = per_camera::table(&runs, "px mm degrees", cameras, |run, camera| {
+        let of = run.info.camera_poses.iter().find(|of| of.camera == camera)?;
+        let length = |by: [f64; 3]| by.iter().map(|by| by * by).sum::<f64>().sqrt();
+        let (shift, turn) = (1e3 * length(of.shift_m), length(of.turn_degrees));
+        Some(format!("{} {} {}", number(of.moved_px, 2), number(shift, 1), number(turn, 3)))
+    });
     let text = "<p>How far from its calibration training found each camera, by what its frames and those of the others agree on: the \
                 shift of its picture (root mean square, at the depth of the scene), and the shift and the turn of the camera. What all \
                 cameras have in common is not told. Some tenths of a pixel are usual; a camera that stands out was moved, or badly \
                 calibrated.</p>\n";
-    html::section(
-        &scene.prefix,
-        "camera-poses",
-        "Where the cameras stand",
-        &(text.to_owned() + &html::table("dense", &head, &rows)),
-    )
+    html::section(&scene.prefix, "camera-poses", "Where the cameras stand", &(text.to_owned() + &table))
 }
