@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# The compiler of the workspace's own crates in .ci/run, which names it in RUSTC_WORKSPACE_WRAPPER: before a crate is compiled,
-# clippy looks at it and, where it has documentation, rustdoc. What either warns of is an error. `cargo clippy` and `cargo doc`
-# find the same, but read all dependencies once more for it. A library with unit tests is compiled twice, and clippy looks at it with
+# The compiler of the workspace's own crates in .ci/run, which names it in RUSTC_WORKSPACE_WRAPPER: clippy looks at each crate
+# and, where it has documentation, rustdoc. What either warns of is an error. `cargo clippy` and `cargo doc` find the same, but read
+# all dependencies once more for it. A library with unit tests is compiled twice, and clippy looks at it with
 # its tests; what only shows without them, such as functions that nothing but tests call, the compiler itself finds.
 # usage: checked-rustc.sh RUSTC [ARGUMENT...]
 set -euo pipefail
@@ -13,7 +13,7 @@ if [ -z "${CARGO_CRATE_NAME:-}" ]; then exec "$@"; fi
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 
-arguments=() previous='' form=test source=''
+arguments=() previous='' form=test source='' level=0
 for argument in "${@:2}"; do
   case $previous=$argument in
     --out-dir=*) argument=$scratch ;;
@@ -22,14 +22,29 @@ for argument in "${@:2}"; do
     =--emit=*) argument=--emit=metadata ;;
     # Of a file that is written cargo hears from the compiler, which writes its own.
     =--json=*) argument=${argument/artifacts,/} ;;
+    -C=opt-level=*) level=${argument#*=} ;;
     =*.rs) source=$argument ;;
   esac
   previous=
-  case $argument in --out-dir | --crate-type) previous=$argument ;; esac
+  case $argument in --out-dir | --crate-type | -C) previous=$argument ;; esac
   arguments+=("$argument")
 done
 
-if [ $form != library ] || ! grep -rqs 'cfg(test)' "$(dirname "$source")"; then
+# Tests run once. Where what they do themselves is little, it takes longer to optimise them than they ever run; the libraries that they
+# test are compiled as for everything else. Of the calibration and the trainer that is so of unit tests alone.
+case $form:$CARGO_PKG_NAME:$source in
+  test:erfgs-base:* | test:erfgs-recorder:* | test:erfgs-replay:* | test:erfgs-rig:* | test:erfgs-scene:* | \
+    test:erfgs-session:* | test:erfgs-sync:* | test:erfgs-calibrate:*src/lib.rs | test:erfgs-train:*src/lib.rs)
+    set -- "$@" -C opt-level=0
+    level=0
+    ;;
+esac
+
+# Clippy is the compiler with more to say, which optimises less: of what is not optimised, it reads, looks and writes in one.
+alone=true
+if [ $form != library ] && [ "$level" = 0 ]; then
+  alone=false
+elif [ $form != library ] || ! grep -rqs 'cfg(test)' "$(dirname "$source")"; then
   clippy-driver "$1" "${arguments[@]}" -D warnings
 fi
 
@@ -45,13 +60,4 @@ case $form:$source in
     ;;
 esac
 
-# Tests run once. Where what they do themselves is little, it takes longer to optimise them than they ever run; the libraries that they
-# test are compiled as for everything else. Of the calibration and the trainer that is so of unit tests alone.
-case $form:$CARGO_PKG_NAME:$source in
-  test:erfgs-base:* | test:erfgs-recorder:* | test:erfgs-replay:* | test:erfgs-rig:* | test:erfgs-scene:* | \
-    test:erfgs-session:* | test:erfgs-sync:* | test:erfgs-calibrate:*src/lib.rs | test:erfgs-train:*src/lib.rs)
-    set -- "$@" -C opt-level=0
-    ;;
-esac
-
-"$@" -D warnings
+if $alone; then "$@" -D warnings; else clippy-driver "$@" -D warnings; fi

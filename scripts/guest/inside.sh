@@ -5,6 +5,8 @@ mount -t tmpfs run /run
 mkdir -p /dev/pts /dev/shm
 mount -t devpts devpts /dev/pts
 mount -t tmpfs shm /dev/shm
+mkdir /kept
+mount -t 9p -o trans=virtio,version=9p2000.L,msize=262144 kept /kept
 mount -t configfs none /sys/kernel/config 2>/dev/null
 ip link set lo up 2>/dev/null || busybox ifconfig lo 127.0.0.1 up
 for word in $(cat /proc/cmdline); do

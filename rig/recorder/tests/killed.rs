@@ -10,7 +10,10 @@ use std::{
     io::{BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
     process::{Command, ExitCode, Stdio},
-    sync::Arc,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
     thread,
     time::Duration,
 };
@@ -27,6 +30,7 @@ use erfgs_session::{
 };
 
 const KILLS: u64 = 200;
+const AT_ONCE: usize = 4;
 const STREAMS: usize = 2;
 const FLUSH: Duration = Duration::from_millis(250);
 /// What a kill may cost, nanoseconds.
@@ -199,37 +203,63 @@ struct Said {
     ended: Option<u64>,
 }
 
+/// What came of the kills.
+#[derive(Debug, Default)]
+struct Found {
+    worst_ns: i64,
+    recovered: u64,
+    whole: u64,
+    empty: u64,
+}
+
 fn sessions_survive_200_kills() {
-    let (mut worst_ns, mut recovered, mut whole, mut empty) = (0, 0, 0, 0);
-    for kill in 0..KILLS {
-        let folder = tempfile::tempdir().unwrap();
-        // Most kills come within a tenth of a second of the first file's beginning, one of sixteen after more than one;
-        // half of the processes complete a take every few milliseconds, so that kills hit beginnings and ends too.
-        let random = kill.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-        let after_ms = if kill % 16 == 7 { 1100 + random % 500 } else { random % 100 };
-        let take_ms = if kill % 2 == 0 { "25" } else { "60000" };
-        let said = record_and_kill(folder.path(), take_ms, Duration::from_millis(after_ms));
-        let files = fs::read_dir(folder.path()).unwrap().count();
-        let last = said.keys().next_back().unwrap();
-        assert!(files as u64 == last + 1 || files as u64 == *last, "kill {kill}: {files} files, {last} was begun last");
-        for (take, said) in &said {
-            let path = folder.path().join(format!("{take}.mcap"));
-            // Killed between saying so and making the file, or between that and its first bytes.
-            if said.taken_ns.is_none() && fs::metadata(&path).map_or(0, |file| file.len()) == 0 {
-                assert_eq!(take, last);
-                empty += 1;
-                continue;
-            }
-            let loss = check(&path, said).unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{said:?}"));
-            worst_ns = worst_ns.max(loss);
-            if said.ended.is_some() { whole += 1 } else { recovered += 1 }
+    // Several at a time, as they mostly wait.
+    let (next, found) = (AtomicU64::new(0), Mutex::new(Found::default()));
+    thread::scope(|scope| {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                loop {
+                    let kill = next.fetch_add(1, Ordering::Relaxed);
+                    if kill >= KILLS {
+                        return;
+                    }
+                    kill_and_look(kill, &found);
+                }
+            });
         }
-    }
+    });
+    let Found { worst_ns, recovered, whole, empty } = found.into_inner().unwrap();
     println!(
         "{KILLS} kills: {recovered} takes recovered, {whole} completed ones whole, {empty} files without a byte; at most {:.0} ms lost",
         worst_ns as f64 / 1e6
     );
     assert!(recovered >= KILLS * 2 / 3, "too few kills hit a recording to mean anything");
+}
+
+fn kill_and_look(kill: u64, found: &Mutex<Found>) {
+    let folder = tempfile::tempdir().unwrap();
+    // Most kills come within a tenth of a second of the first file's beginning, one of sixteen after more than one;
+    // half of the processes complete a take every few milliseconds, so that kills hit beginnings and ends too.
+    let random = kill.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+    let after_ms = if kill % 16 == 7 { 1100 + random % 500 } else { random % 100 };
+    let take_ms = if kill.is_multiple_of(2) { "25" } else { "60000" };
+    let said = record_and_kill(folder.path(), take_ms, Duration::from_millis(after_ms));
+    let files = fs::read_dir(folder.path()).unwrap().count();
+    let last = said.keys().next_back().unwrap();
+    assert!(files as u64 == last + 1 || files as u64 == *last, "kill {kill}: {files} files, {last} was begun last");
+    for (take, said) in &said {
+        let path = folder.path().join(format!("{take}.mcap"));
+        // Killed between saying so and making the file, or between that and its first bytes.
+        if said.taken_ns.is_none() && fs::metadata(&path).map_or(0, |file| file.len()) == 0 {
+            assert_eq!(take, last);
+            found.lock().unwrap().empty += 1;
+            continue;
+        }
+        let loss = check(&path, said).unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{said:?}"));
+        let mut found = found.lock().unwrap();
+        found.worst_ns = found.worst_ns.max(loss);
+        *if said.ended.is_some() { &mut found.whole } else { &mut found.recovered } += 1;
+    }
 }
 
 fn record_and_kill(folder: &Path, take_ms: &str, after: Duration) -> BTreeMap<u64, Said> {

@@ -1,6 +1,6 @@
 # A whole rig behind the kernel's USB stack, recorded by the application for 10 s: two EVK4, a DAVIS346, four cameras and
-# the trigger board that drives them all. Two cables are pulled and plugged in again in the middle; then every byte and
-# every pulse is accounted for. usage: run.sh show [PROGRAMS]
+# the trigger board that drives them all. Two cables are pulled and plugged in again in the middle. What was recorded, and what
+# the devices delivered, is accounted for on the host (show.after.sh). usage: run.sh show [PROGRAMS]
 #   PROGRAMS   the folder of erfgs and erfgs-usbd (default target/debug; scripts/emulation.sh builds all that runs here)
 set -euo pipefail
 programs=${1:-target/debug}
@@ -76,9 +76,5 @@ exec 4>&-
 wait $simulator
 echo quit >&3
 wait $daemon
-$show/bin/erfgs info $session
-$show/bin/erfgs sync $session
-python3 tests/guest/account.py $show left=left:81 right=right:81 davis=davis:82 \
-  cam0=cam0:81 cam1=cam1:81 cam2=cam2:81 cam3=cam3:81
-since "all is accounted for"
+cp -r $session $show/kept $show/ledger.json $show/edges /kept
 ! dmesg -l err,warn | grep -iE 'vhci.*cannot find|uvcvideo.*(Failed|Non-zero)'

@@ -66,9 +66,10 @@ impl Sheet {
     /// What is printed at a point of the target's plane; `None` beside the sheet.
     pub fn colour(&self, at: DVec2) -> Option<bool> {
         let at = DVec2::new(at.x, if self.up { -at.y } else { at.y }) * 1e3 + self.origin_mm;
-        let cell = (at / self.unit_mm).floor();
-        let inside = cell.x >= 0.0 && cell.y >= 0.0 && cell.x < self.size[0] as f64 && cell.y < self.size[1] as f64;
-        inside.then(|| self.black[cell.y as usize * self.size[0] + cell.x as usize])
+        let at = at / self.unit_mm;
+        let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < self.size[0] as f64 && at.y < self.size[1] as f64;
+        // What is inside is cut off, as rounding down takes a call for each ray.
+        inside.then(|| self.black[at.y as i32 as usize * self.size[0] + at.x as i32 as usize])
     }
 
     /// The sheet as a picture of `scale` pixels for each of its squares.

@@ -23,6 +23,11 @@ pub trait Clock: Send + Sync {
     /// Lets time pass.
     fn pass(&self, duration: Duration);
 
+    /// Leaves the processor to the test after a transfer without data, which a clock that does not wait would not.
+    fn rest(&self) {
+        thread::sleep(Duration::from_micros(100));
+    }
+
     /// Whether it offers a stream's transfers by itself; a thread does otherwise.
     fn take_over(&self, _offer: &Arc<Offer>) -> bool {
         false
@@ -318,8 +323,7 @@ impl Transport for EmulatedTransport {
                         Step::Moved => {}
                         Step::Idle => {
                             clock.pass(Duration::from_millis(1));
-                            // Leaves the processor to the test, which a simulated clock does not.
-                            thread::sleep(Duration::from_micros(100));
+                            clock.rest();
                         }
                         Step::Ended => return,
                     }
