@@ -13,7 +13,7 @@ use anyhow::Context;
 use clap::Parser as _;
 use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
-use erfgs_run::{CameraPose, CurveRow, LeftOut, RunFolder};
+use erfgs_run::{CameraPose, CameraTime, CurveRow, LeftOut, RunFolder};
 use erfgs_scene::Modality;
 use erfgs_train::{
     checkpoint::Checkpoint,
@@ -323,6 +323,7 @@ struct Summary<'a> {
     psnr: Option<f64>,
     dpsnr: Option<f64>,
     camera_poses: Vec<CameraPose>,
+    camera_times: Vec<CameraTime>,
     left_out: Vec<LeftOut>,
 }
 
@@ -344,6 +345,7 @@ impl<'a> Summary<'a> {
             psnr: look(|row| row.psnr),
             dpsnr: look(|row| row.dpsnr),
             camera_poses: info.camera_poses,
+            camera_times: info.camera_times,
             left_out: info.left_out,
         })
     }
@@ -493,6 +495,7 @@ fn drive(
         psnr: quality.0,
         dpsnr: quality.1,
         camera_poses: trainer.camera_poses(),
+        camera_times: trainer.camera_times(),
         left_out: trainer.left_out().to_vec(),
     };
     terminal.result(&summary, || describe(&summary))?;
@@ -571,6 +574,14 @@ fn describe(summary: &Summary<'_>) -> String {
             "found {median:.2} px beside where they were calibrated, {camera} {moved_px:.2} px (in the median, at most)"
         );
         rows.push(("cameras", text));
+    }
+    if let Some(CameraTime { camera, late_ms }) =
+        summary.camera_times.iter().max_by(|a, b| a.late_ms.abs().total_cmp(&b.late_ms.abs()))
+    {
+        let late = if *late_ms < 0.0 { "earlier" } else { "later" };
+        let text =
+            format!("{camera} took its frames {:.1} ms {late} than they say, the others came nearer", late_ms.abs());
+        rows.push(("clocks", text));
     }
     rows.extend(summary.left_out.iter().map(|left_out| ("left out", left_out.to_string())));
     table(&rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect::<Vec<_>>())

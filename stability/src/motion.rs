@@ -4,7 +4,7 @@ use erfgs_base::random::{key, range};
 use erfgs_train::{
     field::{Outputs, Tape},
     gpu::Gpu,
-    motion::{FreeTime, FreeTimeOptions, Motion, MotionRows, Witness, free_time::ROW},
+    motion::{ClockRow, FreeTime, FreeTimeOptions, Motion, MotionRows, Witness, free_time::ROW},
     raster::Deltas,
     reference::free_time as twin,
 };
@@ -68,7 +68,7 @@ impl Draw {
         let mut core = vec![0.0_f32; logits.len() * CORE];
         core.chunks_exact_mut(CORE).zip(&logits).for_each(|(row, logit)| row[10] = *logit);
         let count = logits.len();
-        let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &self.options(), self.intervals, 2.0)));
+        let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &self.options(), self.intervals, 2.0)?));
         let core = gpu.storage_from("core", &core)?;
         let values = gpu.storage_from("rows", &values)?;
         let d_core = gpu.storage("gradients of the core", (4 * count * CORE) as u64)?;
@@ -79,8 +79,10 @@ impl Draw {
         let d_deltas = Deltas::new(gpu, "gradients of the changes", count as u32, None)?;
         gpu.upload(&d_deltas.core, 0, &vec![0.5_f32; count * CORE]);
         motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0))?;
+        let clock = gpu.storage("clock", 4 * ClockRow::FLOATS as u64)?;
+        motion.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &clock, row: 0 });
         let mut not_finite = 0;
-        for (buffer, floats) in [(&d_core, CORE * count), (&gradients, ROW * count)] {
+        for (buffer, floats) in [(&d_core, CORE * count), (&gradients, ROW * count), (&clock, ClockRow::FLOATS)] {
             let values: Vec<f32> = gpu.download(buffer, floats)?;
             not_finite += values.iter().filter(|value| !value.is_finite()).count() as u64;
         }

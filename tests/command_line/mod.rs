@@ -3,6 +3,7 @@
 pub mod browser;
 mod budget;
 mod calibrate;
+mod clocks;
 mod colours;
 mod events;
 mod inputs;

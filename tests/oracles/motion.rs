@@ -84,7 +84,7 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
     let [d_core, gradients] =
         [CORE, floats].map(|floats| gpu.storage("d", (ROWS * floats * 4) as u64).expect("a buffer"));
     let rows = MotionRows { core: &core, count: ROWS as u32, values: &values, gradients: &gradients };
-    let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &case.options, INTERVALS, EXTENT)));
+    let mut motion = Motion::FreeTime(Box::new(FreeTime::new(gpu, &case.options, INTERVALS, EXTENT).expect("room")));
     let mut tape = Tape::new(gpu).expect("a tape");
     motion.forward(gpu, rows, case.t01, &mut tape, Outputs::All).expect("deltas");
     let read = |buffer, floats: usize| wide(&gpu.download::<f32>(buffer, ROWS * floats).expect("read back"));

@@ -12,24 +12,32 @@ use sha2::{Digest, Sha256};
 use crate::{
     camera_colour::{self, CameraColourState},
     camera_pose::{self, CameraPoseState},
+    camera_time::CameraTimeState,
     config::Config,
     density::{Moments, Population, Seen},
     field::{FieldState, NamedVector},
     gaussians::{CORE, Gaussians, sh_stride},
+    motion::ClockRow,
     raster::PoseRow,
     schedule::Clock,
 };
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where poses of cameras are learned. Without them, a file is of [`LEVELS`] where levels of event cameras' pixels are
-/// learned; without those, of [`COLOURS`] where colours of cameras are learned; without those, too, it is of [`ROWS`] where the motion model keeps rows
-/// for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 5;
+/// The version where clocks of cameras are learned. Without them, a file is of [`POSES`] where their poses are; without those, of [`LEVELS`]
+/// where levels of event cameras' pixels are learned; without those, of [`COLOURS`] where colours of cameras are learned; without those,
+/// too, it is of [`ROWS`] where the motion model keeps rows for each Gaussian, and of [`PLAIN`] where it does not.
+const VERSION: u32 = 6;
+const POSES: u32 = 5;
 const LEVELS: u32 = 4;
 const COLOURS: u32 = 3;
 const ROWS: u32 = 2;
 const PLAIN: u32 = 1;
+
+/// Names of vectors.
+const COLOURS_OF_CAMERAS: &str = "camera-colours";
+const POSES_OF_CAMERAS: &str = "camera-poses";
+const TIMES_OF_CAMERAS: &str = "camera-times";
 
 /// Why a checkpoint could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -79,6 +87,8 @@ pub struct Checkpoint {
     pub camera_colours: Option<CameraColourState>,
     /// What the cameras' poses have learned, where that is.
     pub camera_poses: Option<CameraPoseState>,
+    /// What the cameras' clocks have learned, where that is.
+    pub camera_times: Option<CameraTimeState>,
     /// What is known of the levels of each event camera's pixels, where that is learned ([`crate::losses::Levels::read`]).
     pub levels: Vec<Vec<f32>>,
     /// What the run leaves out.
@@ -101,10 +111,23 @@ struct Header {
     camera_colour_steps: Option<Vec<u32>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     camera_pose_steps: Option<Vec<u32>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera_time_steps: Option<Vec<u32>>,
     #[serde(default, skip_serializing_if = "is_none")]
     event_cameras: usize,
     left_out: Vec<LeftOut>,
     vectors: Vec<(String, usize)>,
+}
+
+/// What is learned of all cameras, and what gradients of it were summed.
+fn of_cameras<'a>(
+    name: &'a str,
+    values: &'a [f32],
+    [first, second]: &'a [Vec<f32>; 2],
+    sums: Option<&'a Vec<f32>>,
+) -> impl Iterator<Item = (String, &'a [f32])> {
+    let parts = [("", values), (".m", first), (".v", second)].into_iter();
+    parts.chain(sums.map(|sums| (".sums", &sums[..]))).map(move |(part, values)| (format!("{name}{part}"), values))
 }
 
 fn is_none(count: &usize) -> bool {
@@ -149,28 +172,24 @@ impl Checkpoint {
                 ("motion.v".into(), &moments.motion_second),
             ]);
         }
-        if let Some(CameraColourState { values, moments: [first, second], .. }) = &self.camera_colours {
-            vectors.extend([
-                ("camera-colours".into(), &values[..]),
-                ("camera-colours.m".into(), first),
-                ("camera-colours.v".into(), second),
-            ]);
+        if let Some(colours) = &self.camera_colours {
+            vectors.extend(of_cameras(COLOURS_OF_CAMERAS, &colours.values, &colours.moments, None));
         }
-        if let Some(CameraPoseState { values, moments: [first, second], sums, .. }) = &self.camera_poses {
-            vectors.extend([
-                ("camera-poses".into(), &values[..]),
-                ("camera-poses.m".into(), first),
-                ("camera-poses.v".into(), second),
-                ("camera-poses.sums".into(), sums),
-            ]);
+        if let Some(poses) = &self.camera_poses {
+            vectors.extend(of_cameras(POSES_OF_CAMERAS, &poses.values, &poses.moments, Some(&poses.sums)));
+        }
+        if let Some(times) = &self.camera_times {
+            vectors.extend(of_cameras(TIMES_OF_CAMERAS, &times.values, &times.moments, Some(&times.sums)));
         }
         vectors.extend(self.levels.iter().map(|levels| ("levels".into(), &levels[..])));
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if self.camera_poses.is_some() {
+            version: if self.camera_times.is_some() {
                 VERSION
+            } else if self.camera_poses.is_some() {
+                POSES
             } else if !self.levels.is_empty() {
                 LEVELS
             } else if self.camera_colours.is_some() {
@@ -190,6 +209,7 @@ impl Checkpoint {
             field_step: self.field.as_ref().map(|field| field.step),
             camera_colour_steps: self.camera_colours.as_ref().map(|colours| colours.steps.clone()),
             camera_pose_steps: self.camera_poses.as_ref().map(|poses| poses.steps.clone()),
+            camera_time_steps: self.camera_times.as_ref().map(|times| times.steps.clone()),
             event_cameras: self.levels.len(),
             left_out: self.left_out.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
@@ -258,30 +278,38 @@ impl Checkpoint {
             gaussians.motion = next("motion")?;
             (moments.motion_first, moments.motion_second) = (next("motion.m")?, next("motion.v")?);
         }
+        // Values and moments of so many floats a camera, and sums of so many.
+        let mut of_cameras = |name: &str, cameras: usize, floats: usize, sums: usize| {
+            let all = [("", floats), (".m", floats), (".v", floats), (".sums", sums)];
+            let mut vectors = all.map(|_| Vec::new());
+            for (vector, (part, floats)) in vectors.iter_mut().zip(all).filter(|(_, (_, floats))| *floats > 0) {
+                *vector = next(&format!("{name}{part}"))?;
+                if Some(vector.len()) != cameras.checked_mul(floats) {
+                    return Err(format!("its vectors of '{name}' are of different lengths"));
+                }
+            }
+            Ok(vectors)
+        };
         let camera_colours = match header.camera_colour_steps {
             None => None,
             Some(steps) => {
-                let values = next("camera-colours")?;
-                let moments = [next("camera-colours.m")?, next("camera-colours.v")?];
-                let floats = steps.len().checked_mul(camera_colour::FLOATS);
-                if [&values, &moments[0], &moments[1]].iter().any(|vector| Some(vector.len()) != floats) {
-                    return Err("its colours of cameras are of different lengths".into());
-                }
-                Some(CameraColourState { steps, values, moments })
+                let [values, first, second, _] = of_cameras(COLOURS_OF_CAMERAS, steps.len(), camera_colour::FLOATS, 0)?;
+                Some(CameraColourState { steps, values, moments: [first, second] })
             }
         };
         let camera_poses = match header.camera_pose_steps {
             None => None,
             Some(steps) => {
-                let values = next("camera-poses")?;
-                let moments = [next("camera-poses.m")?, next("camera-poses.v")?];
-                let sums = next("camera-poses.sums")?;
-                let floats = steps.len().checked_mul(camera_pose::FLOATS);
-                let fit = [&values, &moments[0], &moments[1]].iter().all(|vector| Some(vector.len()) == floats);
-                if !fit || Some(sums.len()) != steps.len().checked_mul(PoseRow::FLOATS) {
-                    return Err("its poses of cameras are of different lengths".into());
-                }
-                Some(CameraPoseState { steps, values, moments, sums })
+                let [values, first, second, sums] =
+                    of_cameras(POSES_OF_CAMERAS, steps.len(), camera_pose::FLOATS, PoseRow::FLOATS)?;
+                Some(CameraPoseState { steps, values, moments: [first, second], sums })
+            }
+        };
+        let camera_times = match header.camera_time_steps {
+            None => None,
+            Some(steps) => {
+                let [values, first, second, sums] = of_cameras(TIMES_OF_CAMERAS, steps.len(), 1, ClockRow::FLOATS)?;
+                Some(CameraTimeState { steps, values, moments: [first, second], sums })
             }
         };
         let mut levels = Vec::new();
@@ -313,6 +341,7 @@ impl Checkpoint {
             seen,
             camera_colours,
             camera_poses,
+            camera_times,
             levels,
             left_out: header.left_out,
         })
@@ -339,6 +368,7 @@ mod tests {
             seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
             camera_colours: None,
             camera_poses: None,
+            camera_times: None,
             levels: Vec::new(),
             left_out: Vec::new(),
         }
@@ -363,6 +393,19 @@ mod tests {
         checkpoint.camera_poses.as_mut().expect("poses").values.pop();
         let bytes = checkpoint.to_bytes().expect("bytes");
         assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("poses"));
+    }
+
+    #[test]
+    fn clocks_of_cameras_come_back() {
+        let mut checkpoint = checkpoint();
+        let mut times = CameraTimeState::labelled(2);
+        (times.steps[1], times.values[1], times.moments[1][0], times.sums[3]) = (7, 1.5, 0.25, 4.0);
+        checkpoint.camera_times = Some(times);
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+        checkpoint.camera_times.as_mut().expect("times").sums.pop();
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("times"));
     }
 
     #[test]

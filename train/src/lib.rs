@@ -2,6 +2,7 @@
 
 pub mod camera_colour;
 pub mod camera_pose;
+pub mod camera_time;
 pub mod checkpoint;
 pub mod config;
 pub mod density;

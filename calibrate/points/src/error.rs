@@ -18,7 +18,7 @@ pub enum CloudError {
     /// No time at which three cameras have a frame.
     #[error(
         "there is no time at which 3 training cameras have a frame (frames count as simultaneous within \
-         {tolerance_ns} ns); check the frame times in dataset.json"
+         {tolerance_ns} ns, or, where cameras run freely, within half an interval); check the frame times in dataset.json"
     )]
     NoCommonInstant {
         /// How far apart simultaneous frames may be labelled.

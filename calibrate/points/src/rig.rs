@@ -56,7 +56,7 @@ impl Station<'_> {
 /// A time, and the frames that the stations took then.
 #[derive(Clone, Debug)]
 pub struct Instant<'a> {
-    /// The earliest label, nanoseconds on the session clock.
+    /// When it was, nanoseconds on the session clock: the earliest label of frames of one pulse, the median label of others.
     pub t_ns: i64,
     /// Index of the station, and its frame; ordered by station.
     pub shots: Vec<(usize, &'a Frame)>,
@@ -135,8 +135,37 @@ fn check_baseline(stations: &[Station<'_>]) -> Result<(), CloudError> {
     Ok(())
 }
 
-/// All times at which enough stations have a frame.
+/// All times at which enough stations have a frame. Where cameras run freely, so that no two thirds of them ever have one at the same time,
+/// the frames that are nearest to one another in time count as simultaneous: what stands still is the same in them, and what moves is
+/// where it is to half an interval.
 pub fn all_instants<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
+    let together = simultaneous(stations);
+    let most = together.iter().map(|instant| instant.shots.len()).max().unwrap_or(0);
+    if 3 * most >= 2 * stations.len() { together } else { nearest(stations) }
+}
+
+/// For each frame of the station that has the most, the frames of others that were taken less than half an interval from it.
+fn nearest<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
+    let Some(lead) = stations.iter().rev().max_by_key(|station| station.camera.frames.len()) else { return Vec::new() };
+    let times: Vec<i64> = lead.camera.frames.iter().map(|frame| frame.t_ns).collect();
+    let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64);
+    let half = median(steps).map_or(SIMULTANEOUS_NS, |step| (0.5 * step) as i64);
+    let at = |t_ns: i64| {
+        let away = |frame: &&Frame| frame.t_ns.abs_diff(t_ns);
+        let shot = |(index, station): (usize, &Station<'a>)| {
+            let frame = station.camera.frames.iter().min_by_key(away)?;
+            (away(&frame) <= half.unsigned_abs()).then_some((index, frame))
+        };
+        let shots: Vec<(usize, &Frame)> = stations.iter().enumerate().filter_map(shot).collect();
+        let mut labels: Vec<i64> = shots.iter().map(|(_, frame)| frame.t_ns).collect();
+        labels.sort_unstable();
+        (shots.len() >= FEWEST_VIEWS).then(|| Instant { t_ns: labels[labels.len() / 2], shots })
+    };
+    times.into_iter().filter_map(at).collect()
+}
+
+/// All times at which enough stations have a frame with the same label, or nearly so.
+fn simultaneous<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
     let mut all: Vec<(i64, usize, &Frame)> = stations
         .iter()
         .enumerate()

@@ -100,11 +100,29 @@ fn frames_within_two_milliseconds_are_one_instant_and_times_without_three_views_
     let rig = Rig::new(&dataset, &FrameChoice::Spread(99)).unwrap();
     assert!(rig.instants.iter().all(|instant| instant.shots.len() == 4));
     assert_eq!(rig.instants[1].t_ns, 33_333_333);
+    // Two of four do not make an instant, and frames of others are far away.
     for (index, camera) in dataset.manifest.cameras.iter_mut().enumerate() {
-        camera.frames.iter_mut().for_each(|frame| frame.t_ns += 5_000_000 * index as i64);
+        camera.frames.iter_mut().for_each(|frame| frame.t_ns += 1_000_000_000 * (index / 2) as i64);
     }
     let error = Rig::new(&dataset, &FrameChoice::default()).unwrap_err();
     assert!(matches!(error, CloudError::NoCommonInstant { .. }), "{error}");
+}
+
+#[test]
+fn of_cameras_that_run_freely_the_frames_nearest_in_time_are_one_instant() {
+    let mut dataset = dataset(&circle(5), DVec3::ZERO, &EVERY_33_MS);
+    let late = [0, 14_000_000, -9_000_000, 5_000_000, 40_000_000];
+    for (camera, late) in dataset.manifest.cameras.iter_mut().zip(late) {
+        camera.frames.iter_mut().for_each(|frame| frame.t_ns += late);
+    }
+    let rig = Rig::new(&dataset, &FrameChoice::Spread(99)).unwrap();
+    assert_eq!(rig.instants.len(), 5);
+    let instant = &rig.instants[2];
+    let frames: Vec<(usize, i64)> = instant.shots.iter().map(|(station, frame)| (*station, frame.t_ns)).collect();
+    assert_eq!(frames, [(0, 66_666_667), (1, 80_666_667), (2, 57_666_667), (3, 71_666_667), (4, 73_333_333)]);
+    assert_eq!(instant.t_ns, 71_666_667, "the median label");
+    // The last camera begins later than the others, and has no frame near the first.
+    assert_eq!(rig.instants[0].shots.len(), 4);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! for those of the view, which stands in a frame of its own. The same runs give the same bytes. Each section is a file of this
 //! module.
 
+mod clocks;
 mod colours;
 mod configuration;
 mod curves;
@@ -97,6 +98,7 @@ pub fn write_report(runs: &[RunFolder], extras: Extras<'_>, out: &Path) -> Resul
             setting::left_out(scene),
             colours::section(scene),
             poses::section(scene),
+            clocks::section(scene),
             curves::losses(scene),
             configuration::section(scene),
             setting::dataset(scene),

@@ -45,6 +45,15 @@ pub struct CameraPose {
     pub moved_px: f64,
 }
 
+/// When a camera was found to have taken its frames.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CameraTime {
+    /// The camera's name in the dataset.
+    pub camera: String,
+    /// How much later than they say, milliseconds.
+    pub late_ms: f64,
+}
+
 /// What `run.json` holds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunInfo {
@@ -93,6 +102,9 @@ pub struct RunInfo {
     /// Where the cameras were found to stand, where that was learned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_poses: Vec<CameraPose>,
+    /// When the cameras were found to have taken their frames, where that was learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_times: Vec<CameraTime>,
 }
 
 impl RunInfo {
@@ -123,6 +135,7 @@ impl Default for RunInfo {
             left_out: Vec::new(),
             camera_colours: Vec::new(),
             camera_poses: Vec::new(),
+            camera_times: Vec::new(),
         }
     }
 }

@@ -31,7 +31,7 @@ pub use error::RunError;
 pub use figures::{ColourCorrected, MaskKind, Metrics, Part, PerView};
 pub use folder::RunFolder;
 pub use identity::{Identity, flat};
-pub use info::{CameraColour, CameraPose, LeftOut, RunInfo};
+pub use info::{CameraColour, CameraPose, CameraTime, LeftOut, RunInfo};
 pub use json::write_atomically;
 pub use lock::FolderLock;
 pub use lpips::{LpipsKind, LpipsNet, LpipsScaling};

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 pub use crate::{
     camera_colour::CameraColourOptions,
     camera_pose::CameraPoseOptions,
+    camera_time::CameraTimeOptions,
     motion::{FreeTimeOptions, Guide},
 };
 pub use overrides::ConfigError;
@@ -119,6 +120,9 @@ pub struct Config {
     /// The poses of the cameras.
     #[serde(default)]
     pub camera_pose: CameraPoseOptions,
+    /// The clocks of the cameras.
+    #[serde(default)]
+    pub camera_time: CameraTimeOptions,
     /// Motion blur.
     pub blur: BlurConfig,
     /// Static Gaussians.

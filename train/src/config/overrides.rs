@@ -222,6 +222,15 @@ impl Config {
             format!("{:?}", pose.rate),
             "two numbers from 0 to 10 pixels",
         )?;
+        let time = &self.camera_time;
+        check(time.fewest >= 2, "camera_time.fewest", time.fewest.to_string(), "at least 2")?;
+        check(small(time.from), "camera_time.from", time.from.to_string(), "0 to 1")?;
+        check(
+            time.rate.iter().all(|&rate| small(rate)),
+            "camera_time.rate",
+            format!("{:?}", time.rate),
+            "two numbers from 0 to 1 RGB intervals",
+        )?;
         let free = &self.free_time;
         let positive = |value: f32| value.is_finite() && value > 0.0;
         let not_negative = |value: f32| value.is_finite() && value >= 0.0;

@@ -1,9 +1,9 @@
 //! The presets: the paper, its released code, and ours.
 
 use super::{
-    BlurConfig, CameraColourOptions, CameraPoseOptions, Coherence, Config, DensityConfig, DynamicConfig, EarlConfig,
-    EdsConfig, EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig, LearningRates, Method, MotionModel,
-    Norm, Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
+    BlurConfig, CameraColourOptions, CameraPoseOptions, CameraTimeOptions, Coherence, Config, DensityConfig,
+    DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig,
+    LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
 };
 
 impl Config {
@@ -128,6 +128,7 @@ impl Config {
             },
             camera_colour: CameraColourOptions::default(),
             camera_pose: CameraPoseOptions::default(),
+            camera_time: CameraTimeOptions::default(),
             blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
             dynamic: DynamicConfig {
                 skip_static: false,
@@ -217,6 +218,7 @@ impl Config {
         config.eds.own_deformation = false;
         config.camera_colour.enabled = true;
         config.camera_pose.enabled = true;
+        config.camera_time.enabled = true;
         // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
         config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;

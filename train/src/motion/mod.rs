@@ -43,6 +43,20 @@ pub struct MotionRows<'a> {
     pub gradients: &'a Buffer,
 }
 
+/// A camera's row of gradients of times.
+#[derive(Clone, Copy, Debug)]
+pub struct ClockRow<'a> {
+    /// [`ClockRow::FLOATS`] a row: the gradient of the time of its frames (RGB intervals), and how many renderings were added.
+    pub sums: &'a Buffer,
+    /// Which row.
+    pub row: u32,
+}
+
+impl ClockRow<'_> {
+    /// Floats of a row.
+    pub const FLOATS: usize = 2;
+}
+
 /// A model of how the dynamic Gaussians move.
 #[derive(Debug)]
 pub enum Motion {
@@ -88,6 +102,14 @@ impl Motion {
         match self {
             Self::HexPlane(field) => field.backward(gpu, tape, d_deltas, d_core),
             Self::FreeTime(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
+        }
+    }
+
+    /// Adds the gradient of the time of the pass on `tape` to a camera's row, where the model tells it: a deformation field does not.
+    pub fn clock(&self, gpu: &Gpu, rows: MotionRows<'_>, tape: &Tape, d_deltas: &Deltas, to: ClockRow<'_>) {
+        match self {
+            Self::HexPlane(_) => {}
+            Self::FreeTime(model) => model.clock(gpu, rows, tape, d_deltas, to),
         }
     }
 

@@ -54,6 +54,34 @@ pub fn moved(row: &[f64], moment: &Moment, dt: f64, axis: usize) -> f64 {
         + (cube - square) * tangent(i + 1)
 }
 
+/// How fast a row is `dt` intervals after its instant, along one axis, metres an interval.
+#[must_use]
+pub fn velocity(row: &[f64], moment: &Moment, dt: f64, axis: usize) -> f64 {
+    if moment.knots == 0 {
+        return row[axis] + row[4 + axis] * dt;
+    }
+    // A cubic between knots and a line beyond the outermost: four places tell it, all on the same side of each knot.
+    let u = dt / moment.spacing;
+    let side = moment.knots as f64;
+    let stretch = if u < -side {
+        [-side - 4.0, -side - 3.0, -side - 2.0, -side - 1.0]
+    } else if u >= side {
+        [side + 1.0, side + 2.0, side + 3.0, side + 4.0]
+    } else {
+        [0.2, 0.4, 0.6, 0.8].map(|share| u.floor() + share)
+    };
+    let places = stretch.map(|u| moved(row, moment, u * moment.spacing, axis));
+    let slope = |i: usize| {
+        // The derivative of Lagrange's polynomial of place i.
+        let others: Vec<f64> = (0..4).filter(|k| *k != i).map(|k| stretch[k]).collect();
+        let below: f64 = others.iter().map(|other| stretch[i] - other).product();
+        let without =
+            |k: usize| others.iter().enumerate().filter(move |(at, _)| *at != k).map(move |(_, other)| u - other);
+        (0..3).map(|k| without(k).product::<f64>()).sum::<f64>() / below
+    };
+    (0..4).map(|i| slope(i) * places[i]).sum::<f64>() / moment.spacing
+}
+
 /// How much of a row is there at `time`, 0 to 1, and how far it is from its place.
 #[must_use]
 pub fn presence(row: &[f64], moment: &Moment) -> (f64, [f64; 3]) {
@@ -124,4 +152,19 @@ pub fn backward(logit: f64, row: &[f64], moment: &Moment, d_mean: [f64; 3], d_ch
     d_row[7] = d_log_presence * dt * dt / life.powi(3) * extra;
     let d_logit = d_changed * (1.0 - opacity) * rest + moment.weight_presence * presence * opacity * (1.0 - opacity);
     (d_logit, d_row)
+}
+
+/// What the gradients of the change of place and of the changed logit say of the time, intervals: the presence changes with it, and the
+/// place.
+#[must_use]
+pub fn clock(logit: f64, row: &[f64], moment: &Moment, d_mean: [f64; 3], d_changed: f64) -> f64 {
+    if forward(logit, row, moment).1 <= f64::from(GONE) {
+        return 0.0;
+    }
+    let dt = moment.time - row[3];
+    let life = moment.least + row[7].exp();
+    let opacity = 1.0 / (1.0 + (-logit).exp());
+    let d_log_presence = d_changed / (1.0 - opacity * presence(row, moment).0);
+    let moving: f64 = (0..3).map(|axis| d_mean[axis] * velocity(row, moment, dt, axis)).sum();
+    moving - d_log_presence * dt / (life * life)
 }

@@ -57,7 +57,7 @@ impl Trainer<'_> {
         let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
         self.model.backward_raster(gpu, &view, &options, rendering, said)?;
         self.times.lap(gpu, "raster backward")?;
-        self.model.backward_motion(gpu, rendering, Witness::Events)?;
+        self.model.backward_motion(gpu, rendering, Witness::Events, None)?;
         self.times.lap(gpu, "motion backward")?;
         Ok(())
     }

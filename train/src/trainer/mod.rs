@@ -1,5 +1,6 @@
 //! The training loop.
 
+mod clocks;
 mod grow;
 mod level;
 mod model;
@@ -18,13 +19,13 @@ use std::{
     time::Instant,
 };
 
+use self::{clocks::Clocks, model::Rendering, poses::Poses, step::Workspace};
 pub use self::{
     model::Model,
     progress::{Outcome, Progress, TrainError, TrainOptions, Watch},
     render::Rendered,
     stages::StageTimes,
 };
-use self::{model::Rendering, poses::Poses, step::Workspace};
 use crate::{
     camera_colour::{CameraColourState, CameraColours},
     checkpoint::Checkpoint,
@@ -43,7 +44,7 @@ use crate::{
 };
 use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
-use erfgs_run::{CameraColour, CameraPose, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
+use erfgs_run::{CameraColour, CameraPose, CameraTime, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
 
 /// A photometric loss that pictures without anything in them may not have: five grey levels.
 const FAR_OFF: f64 = 0.02;
@@ -101,6 +102,8 @@ pub struct Trainer<'a> {
     colours_differ: bool,
     /// Where the cameras are found to stand, where that is learned.
     poses: Option<Poses>,
+    /// When they are found to have taken their frames, where that is learned.
+    clocks: Option<Clocks>,
     left_out: Vec<LeftOut>,
     deterministic: bool,
     viewer: Option<Rendering>,
@@ -146,8 +149,10 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, TrainError> {
         let Checkpoint { config, clock, step, population, field_box, field, seen, levels, left_out, .. } = checkpoint;
         let (camera_colours, camera_poses) = (checkpoint.camera_colours, checkpoint.camera_poses);
+        let camera_times = checkpoint.camera_times;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
         trainer.restore_poses(camera_poses)?;
+        trainer.restore_clocks(camera_times)?;
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
@@ -201,6 +206,7 @@ impl<'a> Trainer<'a> {
             colours,
             colours_differ,
             poses: Poses::new(gpu, &scene, &config.camera_pose)?,
+            clocks: Clocks::new(gpu, &scene, &config)?,
             left_out: Vec::new(),
             deterministic: options.deterministic,
             times: StageTimes::default(),
@@ -485,6 +491,7 @@ impl<'a> Trainer<'a> {
                 false => None,
             },
             camera_poses: self.poses.as_ref().map(|poses| poses.state(self.gpu)).transpose()?,
+            camera_times: self.clocks.as_ref().map(|clocks| clocks.state(self.gpu)).transpose()?,
             levels: self.levels.iter().map(|levels| levels.read(self.gpu)).collect::<Result<_, _>>()?,
             left_out: self.left_out.clone(),
         })
@@ -555,6 +562,7 @@ impl<'a> Trainer<'a> {
             left_out: self.left_out.clone(),
             camera_colours: self.camera_colours()?,
             camera_poses: self.camera_poses(),
+            camera_times: self.camera_times(),
         })?)
     }
 
@@ -562,6 +570,12 @@ impl<'a> Trainer<'a> {
     #[must_use]
     pub fn camera_poses(&self) -> Vec<CameraPose> {
         self.poses.as_ref().map_or(Vec::new(), |poses| poses.told(&self.scene))
+    }
+
+    /// How much later the cameras are found to have taken their frames than these say; nothing where that is not learned.
+    #[must_use]
+    pub fn camera_times(&self) -> Vec<CameraTime> {
+        self.clocks.as_ref().map_or(Vec::new(), |clocks| clocks.told(&self.scene))
     }
 
     /// The gains and offsets of all cameras.

@@ -9,7 +9,7 @@ use crate::{
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
-    motion::{FreeTime, Motion, MotionRows, Witness},
+    motion::{ClockRow, FreeTime, Motion, MotionRows, Witness},
     optimiser::{Adam, AdamBuffers, AdamConfig},
     raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted},
     scene::Scene,
@@ -145,7 +145,7 @@ impl Model {
             }
             MotionModel::FreeTime => {
                 let intervals = scene.intervals() as f32;
-                Some(Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent))))
+                Some(Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)?)))
             }
             MotionModel::Still => None,
         };
@@ -350,16 +350,20 @@ impl Model {
         }
     }
 
-    /// Passes the gradients of the deltas on to the motion.
+    /// Passes the gradients of the deltas on to the motion, and to the clock of a camera where that is asked for.
     pub(super) fn backward_motion(
         &mut self,
         gpu: &Gpu,
         rendering: &Rendering,
         witness: Witness,
+        clock: Option<ClockRow<'_>>,
     ) -> Result<(), TrainError> {
         let d_core = self.gradients_of(witness).core.clone();
         if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
             let rows = self.rows.with(&self.gaussians.core, self.dynamic);
+            if let Some(clock) = clock {
+                motion.clock(gpu, rows, &rendering.tape, d_deltas, clock);
+            }
             motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
         }
         Ok(())

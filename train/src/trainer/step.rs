@@ -130,6 +130,7 @@ impl Trainer<'_> {
         self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
         self.times.lap(self.gpu, "Adam")?;
         self.learn_poses()?;
+        self.learn_clocks()?;
         self.times.passed(self.gpu.traffic().since(before));
         self.clock.iteration += 1;
         Ok(())
@@ -250,7 +251,9 @@ impl Trainer<'_> {
             let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
-            self.model.backward_motion(gpu, rendering, witness)?;
+            let tells = !coarse && self.config.camera_time.due(run_share);
+            let clock = self.clocks.as_ref().filter(|_| tells).map(|clocks| clocks.row(frame.view));
+            self.model.backward_motion(gpu, rendering, witness, clock)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
@@ -326,7 +329,7 @@ impl Trainer<'_> {
                 self.regularise_colour(&view, options.sh_degree);
                 self.times.lap(gpu, "colour regulariser")?;
             }
-            self.model.backward_motion(gpu, &self.work.renderings[slot], Witness::Events)?;
+            self.model.backward_motion(gpu, &self.work.renderings[slot], Witness::Events, None)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())

@@ -46,6 +46,41 @@ fn share_of(dt: f32) -> Share {
     return share;
 }
 
+// The same of how fast it is: the derivatives by dt / SPACING.
+fn slope_of(dt: f32) -> Share {
+    var share: Share;
+    let u = dt / SPACING;
+    let reach = f32(LAST);
+    if abs(u) >= reach - 1.0 {
+        let w = reach - abs(u);
+        let c = max(w, 0.0);
+        let h00 = 6.0 * c * (c - 1.0);
+        let h10 = 1.0 + c * (3.0 * c - 4.0);
+        let h11 = c * (3.0 * c - 2.0);
+        let at_0 = h00 - 1.5 * h10 - 0.5 * h11;
+        let at_1 = 2.0 * h10 - h00;
+        let at_2 = 0.5 * (h11 - h10);
+        if u < 0.0 {
+            share.first = -LAST;
+            share.weights = vec4f(at_0, at_1, at_2, 0.0);
+        } else {
+            share.first = LAST - 3;
+            share.weights = -vec4f(0.0, at_2, at_1, at_0);
+        }
+        return share;
+    }
+    let before = floor(u);
+    let t = u - before;
+    share.first = i32(before) - 1;
+    share.weights = 0.5 * vec4f(
+        t * (4.0 - 3.0 * t) - 1.0,
+        t * (9.0 * t - 10.0),
+        t * (8.0 - 9.0 * t) + 1.0,
+        t * (3.0 * t - 2.0),
+    );
+    return share;
+}
+
 // Where knot `knot` of row `row` lies in `values`; there is none for knot 0.
 fn slot(row: u32, knot: i32) -> u32 {
     return VECTORS * row + u32(select(knot + LAST, knot + LAST - 1, knot > 0));
@@ -53,7 +88,15 @@ fn slot(row: u32, knot: i32) -> u32 {
 
 // How far row `row` is from its place `dt` intervals after its instant.
 fn moved(row: u32, dt: f32) -> vec3f {
-    let share = share_of(dt);
+    return through(row, share_of(dt));
+}
+
+// How fast it is then, metres an interval.
+fn velocity(row: u32, dt: f32) -> vec3f {
+    return through(row, slope_of(dt)) / SPACING;
+}
+
+fn through(row: u32, share: Share) -> vec3f {
     var sum = vec3f(0.0);
     for (var k = 0; k < 4; k++) {
         let knot = share.first + k;

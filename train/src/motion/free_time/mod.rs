@@ -22,11 +22,11 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use super::{MotionRows, Witness, track};
+use super::{ClockRow, MotionRows, Witness, track};
 use crate::{
     config::ConfigError,
     field::{FieldError, Tape},
-    gpu::{Gpu, Kernel, Shape},
+    gpu::{Gpu, GpuError, Kernel, Shape},
     raster::Deltas,
 };
 
@@ -245,6 +245,9 @@ struct Uniform {
     padding: [u32; 2],
 }
 
+/// Threads that sum what rows say of a time.
+const CLOCK_THREADS: u32 = 256;
+
 /// The kernels of the motion, and what they are told of the scene.
 #[derive(Debug)]
 pub struct FreeTime {
@@ -253,14 +256,22 @@ pub struct FreeTime {
     extent: f32,
     forward: Kernel,
     backward: Kernel,
+    clock_partial: Kernel,
+    clock_sum: Kernel,
+    /// What each thread of the clock summed.
+    partial: Buffer,
+    /// Threads of a workgroup.
+    threads: u32,
     /// Rows that a workgroup takes.
     rows_a_group: u32,
 }
 
 impl FreeTime {
     /// Kernels for a recording of so many RGB `intervals` in a scene of this `extent`, metres.
-    #[must_use]
-    pub fn new(gpu: &Gpu, options: &FreeTimeOptions, intervals: f32, extent: f32) -> Self {
+    ///
+    /// # Errors
+    /// [`GpuError`] where the device has no room.
+    pub fn new(gpu: &Gpu, options: &FreeTimeOptions, intervals: f32, extent: f32) -> Result<Self, GpuError> {
         // A thread of a CPU takes several rows; a group of a GPU has 256 threads.
         let (threads, per_thread) = match gpu.shape {
             Shape::Gpu => (256, 1),
@@ -275,15 +286,19 @@ impl FreeTime {
             0 => [include_str!("parabola.wgsl"), include_str!("parabola_backward.wgsl")],
             _ => [include_str!("knots.wgsl"), include_str!("knots_backward.wgsl")],
         };
-        Self {
+        let stage = |label: &str, own: &[&str]| gpu.kernel(label, &[&[&constants, path, shared], own].concat());
+        Ok(Self {
             options: options.clone(),
             intervals,
             extent,
-            forward: gpu.kernel("motion forward", &[&constants, path, shared, include_str!("forward.wgsl")]),
-            backward: gpu
-                .kernel("motion backward", &[&constants, path, path_backward, shared, include_str!("backward.wgsl")]),
+            forward: stage("motion forward", &[include_str!("forward.wgsl")]),
+            backward: stage("motion backward", &[path_backward, include_str!("backward.wgsl")]),
+            clock_partial: stage("clock", &[include_str!("clock_partial.wgsl")]),
+            clock_sum: gpu.kernel("clock of a camera", &[include_str!("clock_sum.wgsl")]),
+            partial: gpu.storage("clock", u64::from(CLOCK_THREADS) * 4)?,
+            threads,
             rows_a_group: threads * per_thread,
-        }
+        })
     }
 
     /// Fills `tape.deltas` for the dynamic rows at `t01`.
@@ -331,6 +346,17 @@ impl FreeTime {
         );
         commands.submit();
         Ok(())
+    }
+
+    /// Adds to a camera's row the gradient of the time of the pass on `tape`, intervals, from those of its deltas.
+    pub(super) fn clock(&self, gpu: &Gpu, rows: MotionRows<'_>, tape: &Tape, d_deltas: &Deltas, to: ClockRow<'_>) {
+        let uniform = gpu.uniform("motion", &self.uniform(tape.deltas.rows, tape.t01, 0.0, 0.0));
+        let row = gpu.uniform("row of a camera", &[to.row, CLOCK_THREADS, 0, 0]);
+        let mut commands = gpu.commands();
+        let partial = [&uniform, rows.core, rows.values, &d_deltas.core, &self.partial];
+        commands.dispatch(&self.clock_partial, &partial, CLOCK_THREADS / self.threads);
+        commands.dispatch(&self.clock_sum, &[&row, &self.partial, to.sums], 1);
+        commands.submit();
     }
 
     fn uniform(&self, rows: u32, t01: f32, path: f32, weight: f32) -> Uniform {

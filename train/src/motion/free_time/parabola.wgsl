@@ -6,3 +6,8 @@ const VECTORS = 2u;
 fn moved(row: u32, dt: f32) -> vec3f {
     return dt * (values[2u * row].xyz + 0.5 * dt * values[2u * row + 1u].xyz);
 }
+
+// How fast it is then, metres an interval.
+fn velocity(row: u32, dt: f32) -> vec3f {
+    return values[2u * row].xyz + dt * values[2u * row + 1u].xyz;
+}

@@ -62,7 +62,8 @@ fn wide(row: &[f32]) -> Vec<f64> {
     row.iter().copied().map(f64::from).collect()
 }
 
-/// What the kernels make of rows and gradients: deltas, gradients of the core, gradients of the rows.
+/// What the kernels make of rows and gradients: deltas, gradients of the core, gradients of the rows, and what is added to the second of
+/// three rows of clocks.
 fn run(
     gpu: &Gpu,
     options: &FreeTimeOptions,
@@ -71,11 +72,11 @@ fn run(
     d: &[f32],
     t01: f32,
     witness: Witness,
-) -> [Vec<f32>; 3] {
+) -> [Vec<f32>; 4] {
     let rows = logits.len();
     let mut core = vec![0.0_f32; rows * CORE];
     core.chunks_exact_mut(CORE).zip(logits).for_each(|(row, logit)| row[10] = *logit);
-    let model = FreeTime::new(gpu, options, INTERVALS, EXTENT);
+    let model = FreeTime::new(gpu, options, INTERVALS, EXTENT).expect("room");
     let core = gpu.storage_from("core", &core).expect("a buffer");
     let values = gpu.storage_from("rows", values).expect("a buffer");
     let [d_core, gradients] =
@@ -86,8 +87,11 @@ fn run(
     let d_deltas = Deltas::new(gpu, "gradients of the deltas", rows as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, d);
     model.backward(gpu, rows_of, &tape, &d_deltas, &d_core, witness).expect("gradients");
+    let sums = gpu.storage("clocks", 24).expect("a buffer");
+    model.clock(gpu, rows_of, &tape, &d_deltas, ClockRow { sums: &sums, row: 1 });
     let read = |buffer, stride: usize| gpu.download::<f32>(buffer, rows * stride).expect("read back");
-    [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, options.floats())]
+    let clocks = gpu.download::<f32>(&sums, 6).expect("read back");
+    [read(&tape.deltas.core, CORE), read(&d_core, CORE), read(&gradients, options.floats()), clocks]
 }
 
 fn gradients(rows: usize) -> Vec<f32> {
@@ -108,9 +112,9 @@ fn both_shapes_follow_the_double_precision_twin() {
         let floats = options.floats();
         let (values, logits) = rows(count as u64, &options);
         for (t01, witness) in [(0.43, Witness::Frame(1.0)), (0.0, Witness::Events), (1.0, Witness::Frame(0.25))] {
-            let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &d, t01, witness);
+            let [deltas, d_core, d_rows, clocks] = run(&gpu, &options, &values, &logits, &d, t01, witness);
             let moment = moment(&options, t01, witness, count);
-            let mut there = 0;
+            let (mut there, mut clock) = (0, 0.0);
             for i in 0..count {
                 let (row, logit) = (wide(&values[i * floats..(i + 1) * floats]), f64::from(logits[i]));
                 let (moved, changed) = twin::forward(logit, &row, &moment);
@@ -125,6 +129,7 @@ fn both_shapes_follow_the_double_precision_twin() {
                 let d_mean = std::array::from_fn(|axis| f64::from(d_row[axis]));
                 let d_changed = f64::from(d_row[10]);
                 let (d_logit, expected) = twin::backward(logit, &row, &moment, d_mean, d_changed);
+                clock += twin::clock(logit, &row, &moment, d_mean, d_changed);
                 // The rasteriser adds the gradient of the changed logit to that of the stored one itself.
                 assert_close("d logit", d_core[i * CORE + 10], d_logit - d_changed, 1.0);
                 for k in 0..floats {
@@ -132,6 +137,8 @@ fn both_shapes_follow_the_double_precision_twin() {
                 }
             }
             assert!(there > 100, "{there} rows are there");
+            assert_close("clock", clocks[2], clock, 100.0);
+            assert_eq!([clocks[0], clocks[1], clocks[3], clocks[4], clocks[5]], [0.0, 0.0, 1.0, 0.0, 0.0]);
         }
     }
 }
@@ -171,6 +178,12 @@ fn finite_differences(options: &FreeTimeOptions) {
                 "{what} of {i}: {gradient} {difference}"
             );
         };
+        let later = |step: f64| {
+            let moment = twin::Moment { time: moment.time + step, ..moment };
+            let (place, changed) = twin::forward(logit, &row, &moment);
+            std::iter::zip(place, weights).map(|(p, w)| p * w).sum::<f64>() + weights[3] * changed
+        };
+        close("clock", twin::clock(logit, &row, &moment, [0.3, -0.7, 0.2], 0.9), later(step), later(-step));
         close("logit", d_logit, loss(logit + step, &row, &row), loss(logit - step, &row, &row));
         for k in 0..row.len() {
             let at = |delta: f64| {
@@ -200,8 +213,9 @@ fn extremes_stay_finite_and_what_is_over_is_gone() {
     let logits: Vec<f32> = cases.iter().map(|(_, logit)| *logit).collect();
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
-        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame(1.0));
-        for all in [&deltas, &d_core] {
+        let [deltas, d_core, d_rows, clocks] =
+            run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame(1.0));
+        for all in [&deltas, &d_core, &clocks] {
             assert!(all.iter().all(|value| value.is_finite()), "{all:?}");
         }
         // The acceleration of the row that is out of range is regularised as it is: a huge, finite number.
@@ -224,8 +238,9 @@ fn knots_that_are_far_away_stay_finite() {
     let values = [huge, gone].concat();
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
-        let [deltas, d_core, d_rows] = run(&gpu, &options, &values, &[0.0; 2], &gradients(2), 0.5, Witness::Frame(1.0));
-        assert!([deltas.clone(), d_core, d_rows].concat().iter().all(|value| value.is_finite()), "{deltas:?}");
+        let [deltas, d_core, d_rows, clocks] =
+            run(&gpu, &options, &values, &[0.0; 2], &gradients(2), 0.5, Witness::Frame(1.0));
+        assert!([deltas.clone(), d_core, d_rows, clocks].concat().iter().all(|value| value.is_finite()), "{deltas:?}");
         assert_eq!((&deltas[CORE..CORE + 3], deltas[CORE + 10]), (&[0.0; 3][..], GONE), "what is over does not move");
     }
 }

@@ -1,0 +1,106 @@
+//! Learning when the training cameras took their frames.
+
+use erfgs_run::CameraTime;
+use wgpu::Buffer;
+
+use super::{TrainError, Trainer};
+use crate::{
+    camera_time::CameraTimeState,
+    config::{Config, MotionModel},
+    gpu::Gpu,
+    motion::ClockRow,
+    scene::{Scene, TrainFrame},
+};
+
+/// The clocks that are learned.
+#[derive(Debug)]
+pub(super) struct Clocks {
+    state: CameraTimeState,
+    learners: Vec<usize>,
+    /// The frames as the dataset has them.
+    labelled: Vec<TrainFrame>,
+    /// RGB intervals of the recording.
+    intervals: f64,
+    /// Gradients of the renderings since the last step, a row a camera.
+    sums: Buffer,
+}
+
+impl Clocks {
+    /// As the frames say; nothing where clocks are not to be learned, nothing moves in a way that tells them, or too few cameras take
+    /// frames.
+    pub fn new(gpu: &Gpu, scene: &Scene, config: &Config) -> Result<Option<Self>, TrainError> {
+        let learners: Vec<usize> = (0..scene.views.len()).filter(|view| scene.has_frames(*view)).collect();
+        let options = &config.camera_time;
+        let told = options.enabled && config.motion == MotionModel::FreeTime && scene.frame_times.len() > 1;
+        if !told || learners.len() < options.fewest as usize {
+            return Ok(None);
+        }
+        let state = CameraTimeState::labelled(scene.views.len());
+        let sums = gpu.storage_from("gradients of clocks", &state.sums)?;
+        let (labelled, intervals) = (scene.frames.clone(), scene.intervals());
+        Ok(Some(Self { state, learners, labelled, intervals, sums }))
+    }
+
+    /// Where the gradient of a camera's time is added.
+    pub fn row(&self, camera: usize) -> ClockRow<'_> {
+        ClockRow { sums: &self.sums, row: camera as u32 }
+    }
+
+    /// What a checkpoint keeps.
+    pub fn state(&self, gpu: &Gpu) -> Result<CameraTimeState, TrainError> {
+        Ok(CameraTimeState { sums: gpu.download(&self.sums, self.state.sums.len())?, ..self.state.clone() })
+    }
+
+    /// How much later the cameras took their frames than these say.
+    pub fn told(&self, scene: &Scene) -> Vec<CameraTime> {
+        let [start, end] = scene.dataset.manifest.span_ns;
+        let interval_ms = 1e-6 * (end - start) as f64 / self.intervals;
+        let one = |&camera: &usize| CameraTime {
+            camera: scene.views[camera].name.clone(),
+            late_ms: interval_ms * f64::from(self.state.values[camera]),
+        };
+        self.learners.iter().map(one).collect()
+    }
+
+    fn place(&self, frames: &mut [TrainFrame]) {
+        for (frame, labelled) in frames.iter_mut().zip(&self.labelled) {
+            let late = f64::from(self.state.values[frame.view]) / self.intervals;
+            frame.t01 = labelled.t01 + late;
+            frame.exposure = labelled.exposure.map(|at| at + late);
+        }
+    }
+}
+
+impl Trainer<'_> {
+    /// Takes up what clocks have learned.
+    ///
+    /// # Errors
+    /// [`TrainError::Poses`] where the checkpoint is of other cameras.
+    pub(super) fn restore_clocks(&mut self, saved: Option<CameraTimeState>) -> Result<(), TrainError> {
+        let (Some(clocks), Some(saved)) = (&mut self.clocks, saved) else { return Ok(()) };
+        let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
+        if saved_cameras != views {
+            return Err(TrainError::Poses { saved: saved_cameras, views });
+        }
+        self.gpu.upload(&clocks.sums, 0, &saved.sums);
+        clocks.state = saved;
+        clocks.place(&mut self.scene.frames);
+        Ok(())
+    }
+
+    /// A step of the clocks, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
+    pub(super) fn learn_clocks(&mut self) -> Result<(), TrainError> {
+        let (share, done) = (self.share(), self.schedule.done(&self.clock));
+        let due = |clocks: &&mut Clocks| done.is_multiple_of(clocks.learners.len() as u64);
+        let Some(clocks) = self.clocks.as_mut().filter(due).filter(|_| self.config.camera_time.due(share)) else {
+            return Ok(());
+        };
+        let sums: Vec<f32> = self.gpu.download(&clocks.sums, clocks.state.sums.len())?;
+        clocks.state.step(&clocks.learners, &sums, self.config.camera_time.rate, share);
+        clocks.place(&mut self.scene.frames);
+        let mut commands = self.gpu.commands();
+        commands.clear(&clocks.sums);
+        commands.submit();
+        Ok(())
+    }
+}
