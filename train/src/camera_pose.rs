@@ -8,14 +8,10 @@ use erfgs_scene::Pose;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{optimiser::AdamConfig, raster::PoseRow, schedule::decayed};
+use crate::{optimiser::cautious_step, raster::PoseRow, schedule::decayed};
 
 /// Floats that a camera has: a turn (radians, about its axes) and a shift (metres, along them).
 pub(crate) const FLOATS: usize = 6;
-/// A camera takes some hundred steps.
-const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
-/// A mean gradient of less than so many of its root mean squares may be chance.
-const CHANCE: f64 = 0.3;
 
 /// How the poses of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,6 +30,13 @@ pub struct CameraPoseOptions {
 impl Default for CameraPoseOptions {
     fn default() -> Self {
         Self { enabled: false, from: 0.25, rate: [0.2, 0.01], fewest: 8 }
+    }
+}
+
+impl CameraPoseOptions {
+    /// Whether poses are learned at a `share` of the whole run.
+    pub(crate) fn due(&self, share: f64) -> bool {
+        share >= f64::from(self.from)
     }
 }
 
@@ -109,20 +112,13 @@ impl CameraPoseState {
                 continue;
             }
             self.steps[learner.camera] += 1;
-            let corrections = ADAM.bias_corrections(self.steps[learner.camera]);
-            let (first, second) = (f64::from(corrections.0), f64::from(corrections.1));
             let at = learner.camera * FLOATS;
             for (axis, gradient) in gradient.into_iter().enumerate() {
                 // A pixel is so many radians, or metres.
                 let pixel = if axis < 3 { 1.0 / learner.focal } else { learner.depth / learner.focal };
-                let gradient = gradient * pixel;
-                let [m, v] = [0, 1].map(|moment| f64::from(self.moments[moment][at + axis]));
-                let (beta1, beta2) = (f64::from(ADAM.beta1), f64::from(ADAM.beta2));
-                let m = beta1 * m + (1.0 - beta1) * gradient;
-                let v = beta2 * v + (1.0 - beta2) * gradient * gradient;
-                (self.moments[0][at + axis], self.moments[1][at + axis]) = (m as f32, v as f32);
-                let sure = first * m / (v.sqrt() * second + f64::from(ADAM.epsilon));
-                let sure = sure.signum() * (sure.abs() - CHANCE).max(0.0);
+                let [first, second] = &mut self.moments;
+                let moments = [&mut first[at + axis], &mut second[at + axis]];
+                let sure = cautious_step(self.steps[learner.camera], moments, gradient * pixel);
                 self.values[at + axis] -= (rate * pixel * sure) as f32;
             }
         }

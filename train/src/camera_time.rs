@@ -7,12 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{motion::ClockRow, optimiser::AdamConfig, schedule::decayed};
-
-/// A camera takes some hundred steps.
-const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
-/// A mean gradient of less than so many of its root mean squares may be chance.
-const CHANCE: f64 = 0.3;
+use crate::{motion::ClockRow, optimiser::cautious_step, schedule::decayed};
 
 /// How the clocks of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -74,14 +69,8 @@ impl CameraTimeState {
                 continue;
             }
             self.steps[camera] += 1;
-            let corrections = ADAM.bias_corrections(self.steps[camera]);
-            let (beta1, beta2) = (f64::from(ADAM.beta1), f64::from(ADAM.beta2));
-            let [m, v] = [0, 1].map(|moment| f64::from(self.moments[moment][camera]));
-            let m = beta1 * m + (1.0 - beta1) * gradient;
-            let v = beta2 * v + (1.0 - beta2) * gradient * gradient;
-            (self.moments[0][camera], self.moments[1][camera]) = (m as f32, v as f32);
-            let sure = f64::from(corrections.0) * m / (v.sqrt() * f64::from(corrections.1) + f64::from(ADAM.epsilon));
-            let sure = sure.signum() * (sure.abs() - CHANCE).max(0.0);
+            let [first, second] = &mut self.moments;
+            let sure = cautious_step(self.steps[camera], [&mut first[camera], &mut second[camera]], gradient);
             self.values[camera] -= (rate * sure) as f32;
         }
         let mean = learners.iter().map(|camera| f64::from(self.values[*camera])).sum::<f64>() / learners.len() as f64;

@@ -75,12 +75,12 @@ impl Trainer<'_> {
     /// Takes up what clocks have learned.
     ///
     /// # Errors
-    /// [`TrainError::Poses`] where the checkpoint is of other cameras.
+    /// [`TrainError::Clocks`] where the checkpoint is of other cameras.
     pub(super) fn restore_clocks(&mut self, saved: Option<CameraTimeState>) -> Result<(), TrainError> {
         let (Some(clocks), Some(saved)) = (&mut self.clocks, saved) else { return Ok(()) };
         let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
         if saved_cameras != views {
-            return Err(TrainError::Poses { saved: saved_cameras, views });
+            return Err(TrainError::Clocks { saved: saved_cameras, views });
         }
         self.gpu.upload(&clocks.sums, 0, &saved.sums);
         clocks.state = saved;
@@ -91,10 +91,11 @@ impl Trainer<'_> {
     /// A step of the clocks, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
     pub(super) fn learn_clocks(&mut self) -> Result<(), TrainError> {
         let (share, done) = (self.share(), self.schedule.done(&self.clock));
-        let due = |clocks: &&mut Clocks| done.is_multiple_of(clocks.learners.len() as u64);
-        let Some(clocks) = self.clocks.as_mut().filter(due).filter(|_| self.config.camera_time.due(share)) else {
+        if !self.config.camera_time.due(share) {
             return Ok(());
-        };
+        }
+        let due = |clocks: &&mut Clocks| done.is_multiple_of(clocks.learners.len() as u64);
+        let Some(clocks) = self.clocks.as_mut().filter(due) else { return Ok(()) };
         let sums: Vec<f32> = self.gpu.download(&clocks.sums, clocks.state.sums.len())?;
         clocks.state.step(&clocks.learners, &sums, self.config.camera_time.rate, share);
         clocks.place(&mut self.scene.frames);

@@ -279,16 +279,16 @@ impl Trainer<'_> {
         }
         if self.clocks.is_none() {
             let options = &self.config.camera_time;
-            note(
-                "the clocks of the cameras",
-                match () {
-                    () if !options.enabled => "switched off in the configuration".into(),
-                    () if self.config.motion != MotionModel::FreeTime => "the motion does not tell them".into(),
-                    () if self.scene.frame_times.len() < 2 => "all frames are of one instant".into(),
-                    () => format!("fewer than {} cameras take frames", options.fewest),
-                },
-                "a time for each camera".into(),
-            );
+            let why = if !options.enabled {
+                "switched off in the configuration".into()
+            } else if self.config.motion != MotionModel::FreeTime {
+                "the motion does not tell them".into()
+            } else if self.scene.frame_times.len() < 2 {
+                "all frames are of one instant".into()
+            } else {
+                format!("fewer than {} cameras take frames", options.fewest)
+            };
+            note("the clocks of the cameras", why, "a time for each camera".into());
         }
         let blur_off = self.config.blur.model == Switch::Off;
         if blur_off || !self.scene.has_blur() {

@@ -152,7 +152,6 @@ impl<'a> Trainer<'a> {
         let camera_times = checkpoint.camera_times;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
         trainer.restore_poses(camera_poses)?;
-        trainer.restore_clocks(camera_times)?;
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
@@ -165,6 +164,8 @@ impl<'a> Trainer<'a> {
                 live.restore(gpu, saved)?;
             }
         }
+        // After all that is found from the frames as the dataset has them, as in a run that was not stopped.
+        trainer.restore_clocks(camera_times)?;
         trainer.model.step = step;
         trainer.statistics.replace(gpu, &seen)?;
         if let Some(state) = camera_colours.as_ref().filter(|_| trainer.colours_differ) {

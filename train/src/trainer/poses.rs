@@ -90,8 +90,10 @@ impl Trainer<'_> {
     /// A step of the poses, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
     pub(super) fn learn_poses(&mut self) -> Result<(), TrainError> {
         let (share, done) = (self.share(), self.schedule.done(&self.clock));
-        let from = f64::from(self.config.camera_pose.from);
-        let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64) && share >= from;
+        if !self.config.camera_pose.due(share) {
+            return Ok(());
+        }
+        let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64);
         let Some(poses) = self.poses.as_mut().filter(due) else { return Ok(()) };
         let sums: Vec<f32> = self.gpu.download(&poses.sums, poses.state.sums.len())?;
         poses.state.step(&poses.learners, &sums, self.config.camera_pose.rate, share);

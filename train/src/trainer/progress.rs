@@ -108,6 +108,16 @@ pub enum TrainError {
         /// Cameras of the dataset.
         views: usize,
     },
+    /// The run was trained with other cameras.
+    #[error(
+        "the checkpoint knows when {saved} cameras took their frames, and the dataset has {views} cameras; resume with the dataset that the run began with"
+    )]
+    Clocks {
+        /// Cameras in the checkpoint.
+        saved: usize,
+        /// Cameras of the dataset.
+        views: usize,
+    },
     /// The checkpoint is of other cameras.
     #[error(
         "the checkpoint knows how {saved} cameras show colours, and the dataset has {views} cameras; resume with the dataset that the run began with"

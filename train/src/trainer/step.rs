@@ -246,7 +246,7 @@ impl Trainer<'_> {
                 d_mean
             };
             let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
-            let learns = looks_at_all && run_share >= f64::from(self.config.camera_pose.from);
+            let learns = looks_at_all && self.config.camera_pose.due(run_share);
             let pose = self.poses.as_ref().filter(|_| learns).map(|poses| poses.row(frame.view));
             let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;

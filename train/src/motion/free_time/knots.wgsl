@@ -11,8 +11,15 @@ struct Share {
     weights: vec4f,
 }
 
+// In the outermost stretch on the side of `u` or beyond it: weights of the knots at 0, 1 and 2 from its outer end.
+fn outermost(u: f32, weights: vec3f) -> Share {
+    if u < 0.0 {
+        return Share(-LAST, vec4f(weights, 0.0));
+    }
+    return Share(LAST - 3, vec4f(0.0, weights.zyx));
+}
+
 fn share_of(dt: f32) -> Share {
-    var share: Share;
     let u = dt / SPACING;
     let reach = f32(LAST);
     if abs(u) >= reach - 1.0 {
@@ -22,33 +29,20 @@ fn share_of(dt: f32) -> Share {
         let h00 = 1.0 + c * c * (2.0 * c - 3.0);
         let h10 = select(w, c * (1.0 - c) * (1.0 - c), w > 0.0);
         let h11 = c * c * (c - 1.0);
-        let at_0 = h00 - 1.5 * h10 - 0.5 * h11;
-        let at_1 = (1.0 - h00) + 2.0 * h10;
-        let at_2 = 0.5 * (h11 - h10);
-        if u < 0.0 {
-            share.first = -LAST;
-            share.weights = vec4f(at_0, at_1, at_2, 0.0);
-        } else {
-            share.first = LAST - 3;
-            share.weights = vec4f(0.0, at_2, at_1, at_0);
-        }
-        return share;
+        return outermost(u, vec3f(h00 - 1.5 * h10 - 0.5 * h11, (1.0 - h00) + 2.0 * h10, 0.5 * (h11 - h10)));
     }
     let before = floor(u);
     let t = u - before;
-    share.first = i32(before) - 1;
-    share.weights = 0.5 * vec4f(
+    return Share(i32(before) - 1, 0.5 * vec4f(
         t * (t * (2.0 - t) - 1.0),
         t * t * (3.0 * t - 5.0) + 2.0,
         t * (t * (4.0 - 3.0 * t) + 1.0),
         t * t * (t - 1.0),
-    );
-    return share;
+    ));
 }
 
 // The same of how fast it is: the derivatives by dt / SPACING.
 fn slope_of(dt: f32) -> Share {
-    var share: Share;
     let u = dt / SPACING;
     let reach = f32(LAST);
     if abs(u) >= reach - 1.0 {
@@ -57,28 +51,17 @@ fn slope_of(dt: f32) -> Share {
         let h00 = 6.0 * c * (c - 1.0);
         let h10 = 1.0 + c * (3.0 * c - 4.0);
         let h11 = c * (3.0 * c - 2.0);
-        let at_0 = h00 - 1.5 * h10 - 0.5 * h11;
-        let at_1 = 2.0 * h10 - h00;
-        let at_2 = 0.5 * (h11 - h10);
-        if u < 0.0 {
-            share.first = -LAST;
-            share.weights = vec4f(at_0, at_1, at_2, 0.0);
-        } else {
-            share.first = LAST - 3;
-            share.weights = -vec4f(0.0, at_2, at_1, at_0);
-        }
-        return share;
+        let by_w = vec3f(h00 - 1.5 * h10 - 0.5 * h11, 2.0 * h10 - h00, 0.5 * (h11 - h10));
+        return outermost(u, select(-by_w, by_w, u < 0.0));
     }
     let before = floor(u);
     let t = u - before;
-    share.first = i32(before) - 1;
-    share.weights = 0.5 * vec4f(
+    return Share(i32(before) - 1, 0.5 * vec4f(
         t * (4.0 - 3.0 * t) - 1.0,
         t * (9.0 * t - 10.0),
         t * (8.0 - 9.0 * t) + 1.0,
         t * (3.0 * t - 2.0),
-    );
-    return share;
+    ));
 }
 
 // Where knot `knot` of row `row` lies in `values`; there is none for knot 0.
