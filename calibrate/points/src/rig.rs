@@ -149,12 +149,15 @@ fn nearest<'a>(stations: &[Station<'a>]) -> Vec<Instant<'a>> {
     let Some(lead) = stations.iter().rev().max_by_key(|station| station.camera.frames.len()) else { return Vec::new() };
     let times: Vec<i64> = lead.camera.frames.iter().map(|frame| frame.t_ns).collect();
     let steps = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64);
-    let half = median(steps).map_or(SIMULTANEOUS_NS, |step| (0.5 * step) as i64);
+    let half = median(steps).map_or(SIMULTANEOUS_NS.unsigned_abs(), |step| (0.5 * step) as u64);
     let at = |t_ns: i64| {
         let away = |frame: &&Frame| frame.t_ns.abs_diff(t_ns);
         let shot = |(index, station): (usize, &Station<'a>)| {
-            let frame = station.camera.frames.iter().min_by_key(away)?;
-            (away(&frame) <= half.unsigned_abs()).then_some((index, frame))
+            // Frames are ordered by time: the last before it, or the first that is not.
+            let frames = &station.camera.frames;
+            let next = frames.partition_point(|frame| frame.t_ns < t_ns);
+            let frame = frames[next.saturating_sub(1)..].iter().take(2).min_by_key(away)?;
+            (away(&frame) <= half).then_some((index, frame))
         };
         let shots: Vec<(usize, &Frame)> = stations.iter().enumerate().filter_map(shot).collect();
         let mut labels: Vec<i64> = shots.iter().map(|(_, frame)| frame.t_ns).collect();
