@@ -24,6 +24,7 @@ use self::scene::{SceneFormat, SceneOptions};
 use crate::{
     device::{Adapter, TrainedRun},
     errors::{Usage, not_over},
+    takes,
     terminal::Terminal,
 };
 
@@ -62,6 +63,7 @@ Exit codes: 0 exported, 1 the recording is cut off or damaged (all else was expo
 Examples:
   erfgs export run --instants 10 --out splats
   erfgs export run --to html --out throw.html
+  erfgs export sweep --to html --out take.html
   erfgs export run --to e4d --out throw.e4d
   erfgs export run --to gltf --at 0.35 --out throw.glb
   erfgs export ds --to colmap --out ds-colmap
@@ -72,7 +74,7 @@ Examples:
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
 pub struct Arguments {
-    /// A run folder, a dataset, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, Event Stream, text, NPZ, NPY, HDF5, rosbag2.
+    /// A run folder, the folder of a sweep with windows of a take, a dataset, a session, an MCAP recording of ROS 2, or an event file: RAW, DAT, AEDAT, Event Stream, text, NPZ, NPY, HDF5, rosbag2.
     #[arg(value_name = "RUN|DATASET|S.mcap|FILE")]
     input: PathBuf,
     /// The dataset, where it is no longer where the run was trained on it.
@@ -86,6 +88,9 @@ pub struct Arguments {
     /// The format.
     #[arg(long, value_name = "FORMAT", value_parser = to, help_heading = "Of a run, a dataset, a session or an event file")]
     to: Option<To>,
+    /// Which take, where the input is the folder of a sweep that has several: its windows become one page (html).
+    #[arg(long, value_name = "NAME", help_heading = "Of a run")]
+    take: Option<String>,
     /// Keep all numbers to the bit, in a file five times as large (html, e4d).
     #[arg(long, help_heading = "Of a run")]
     exact: bool,
@@ -231,7 +236,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             let of_run = TrainedRun::new(input, arguments.dataset.as_deref(), &arguments.adapter);
             let &Arguments { force, exact, at, .. } = arguments;
             let options = SceneOptions { format, out: arguments.out.as_deref(), force, exact, at };
-            scene::run(&of_run, options, terminal)
+            match takes::windows(input, arguments.take.as_deref(), &arguments.adapter, terminal)? {
+                Some(windows) => {
+                    let file = arguments.out.clone().unwrap_or_else(|| takes::page_file(input, &windows));
+                    scene::take(&windows, &file, options, &arguments.adapter, terminal)
+                }
+                None => scene::run(&of_run, options, terminal),
+            }
         }
         (true, Some(To::Dataset(_))) => Err(Usage(format!(
             "'{}' is no dataset; make one with `erfgs dataset import session`, or export the recording to another format",

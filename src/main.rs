@@ -27,6 +27,7 @@ mod report;
 mod simulate;
 mod sweep;
 mod sync;
+mod takes;
 mod terminal;
 mod train;
 mod view;

@@ -132,7 +132,7 @@ fn view(arguments: &Arguments, folders: &[RunFolder], notes: &mut Vec<String>) -
             Err(error) => notes.push(format!("{}: not in the view: {error:#}", folder.name())),
         }
     }
-    let packed: Vec<Packed<'_>> = scenes.iter().map(|(name, scene)| Packed { name, scene }).collect();
+    let packed: Vec<Packed<'_>> = scenes.iter().map(|(name, scene)| Packed { name, scene, window: None }).collect();
     if packed.is_empty() { None } else { alone::page(&packed).ok() }
 }
 

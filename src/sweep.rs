@@ -1,15 +1,22 @@
 //! `erfgs sweep`: many trainings by one plan, on Slurm or here.
 
-use std::{path::PathBuf, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use anyhow::Context;
+use erfgs_base::FileError;
 use erfgs_sweep::{Ended, Job, JobState, Manifest, OverSeeds, Overview, Plan, run_here, slurm, work};
+use erfgs_view::Precision;
 use serde::Serialize;
 
 use crate::{
+    device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
     progress::duration,
+    takes,
     terminal::{Terminal, table, thousands},
     train,
 };
@@ -62,6 +69,9 @@ pub struct Arguments {
     /// On Slurm: stay until no job is left in the queue.
     #[arg(long)]
     wait: bool,
+    /// Write the pages of a sweep's takes, as the last job does.
+    #[arg(long, hide = true)]
+    pages: bool,
     /// Work on one run of a sweep's folder, as jobs do.
     #[arg(long, value_name = "NAME", hide = true)]
     job: Option<String>,
@@ -72,6 +82,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let manifest = manifest(arguments)?;
     if let Some(name) = &arguments.job {
         return one(&manifest, name);
+    }
+    if arguments.pages {
+        return pages(&manifest, terminal);
     }
     let slurm = !arguments.local && there_is_a_slurm(arguments, terminal)?;
     if arguments.dry_run {
@@ -135,6 +148,9 @@ fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyh
     let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
     let overview = run_here(manifest, &program()?, arguments.at_once, stop, told)?;
     drop(bar);
+    if !stop.load(std::sync::atomic::Ordering::Relaxed) {
+        pages(manifest, terminal)?;
+    }
     tell(manifest, &overview, terminal)?;
     let left = overview.jobs.len() - overview.count(JobState::Done);
     match overview.count(JobState::Failed) {
@@ -146,6 +162,34 @@ fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyh
         0 => Ok(()),
         failed => anyhow::bail!("{failed} of {} runs failed; the same command tries them again", overview.jobs.len()),
     }
+}
+
+/// Writes a page for each take whose windows are all done, unless it is there and later than they are.
+fn pages(manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
+    for take in manifest.takes().into_iter().filter(|take| take.missing == 0) {
+        let adapter = Adapter { adapter: manifest.adapter(take.windows[0].job) };
+        let windows = takes::windows(&manifest.folder, Some(&take.name), &adapter, terminal)?.unwrap_or_default();
+        let file = takes::page_file(&manifest.folder, &windows);
+        let written = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified()).ok();
+        let trained = windows.iter().filter_map(|window| written(&window.folder.checkpoint_file())).max();
+        if written(&file) >= trained.or(Some(std::time::SystemTime::UNIX_EPOCH)) {
+            continue;
+        }
+        let page = match takes::page(&windows, Precision::Packed, &adapter, terminal) {
+            Ok(page) => page,
+            Err(error) => {
+                terminal.note(format!("{} has no page: {error:#}", take.name));
+                continue;
+            }
+        };
+        let when = |what| FileError::when(what, &file);
+        if let Some(folder) = file.parent() {
+            std::fs::create_dir_all(folder).map_err(when("create the folder of"))?;
+        }
+        erfgs_base::atomic::write(&file, page.text.as_bytes()).map_err(when("write"))?;
+        terminal.note(format!("{}: the take {}, which opens from a disk", file.display(), take.name));
+    }
+    Ok(())
 }
 
 fn on_slurm(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {

@@ -22,6 +22,7 @@ use erfgs_train::{
     gpu::Gpu,
     scene::{Flicker, Scene},
     schedule::Budget,
+    static_set::StaticSet,
     trainer::{Outcome, Progress, TrainError, TrainOptions, Trainer, Watch},
 };
 use serde::Serialize;
@@ -63,6 +64,10 @@ A dataset may be larger than memory: frames that do not fit in --memory are read
 each processor, and events that would take more than half of it, at 8 bytes each, lie in files in the run's folder, which are gone with \
 the program. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG.
 
+A long take is trained in windows. What stands still is learned once: train one window, and the others with --static and that \
+run. They take over what stands still, where the cameras were found to stand and how they show colours, have no coarse stage, and \
+train what moves alone, and what their frames show otherwise. `erfgs sweep` does this for all windows of a take.
+
 With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
 a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
 
@@ -79,6 +84,7 @@ Examples:
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --live
   erfgs train ds-long --out run --memory 4
+  erfgs train ds-w1 --static run-w0 --out run-w1
   erfgs train ds-dv --out run --resume")]
 pub struct Arguments {
     /// The dataset.
@@ -132,6 +138,9 @@ pub struct Arguments {
     /// again each time, while others are trained on; events are read from files.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     memory: Option<f64>,
+    /// Take over what stands still from this run, of another window of the same take; the coarse stage is left out.
+    #[arg(long = "static", value_name = "RUN")]
+    static_set: Option<PathBuf>,
     /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
     #[arg(long, value_name = "METHOD")]
     init: Option<CloudMethod>,
@@ -380,6 +389,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         Some(checkpoint) => arguments.settings_after(&checkpoint.config)?,
         None => arguments.settings()?,
     };
+    let mut static_set =
+        arguments.static_set.as_ref().map(|run| StaticSet::open(&RunFolder::open(run)?)).transpose()?;
     let random = arguments.init == Some(CloudMethod::Random);
     if dataset.manifest.points.is_none() && !random && checkpoint.is_none() {
         terminal.note("the dataset has no initial points yet: making them");
@@ -391,7 +402,20 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         terminal.note("no training camera has events: ERF-GS trains on the frames alone");
     }
     let without_points = random || dataset.manifest.points.is_none();
+    let coarse_iterations = config.coarse_iterations;
+    if let Some(set) = &static_set {
+        config.static_set = Some(set.sha256());
+        config.coarse_iterations = 0;
+    }
+    let begun_alone = checkpoint.as_ref().is_some_and(|checkpoint| checkpoint.config.static_set.is_none());
+    let by_the_data = config.motion == MotionModel::Auto || begun_alone;
     config.settle(&dataset, without_points)?;
+    if by_the_data && config.motion == MotionModel::HexPlane && static_set.take().is_some() {
+        terminal.note(
+            "something moves, and no points of it were found: a field moves it, and this window is trained by itself",
+        );
+        (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
+    }
     let options = arguments.options();
     if let Some(checkpoint) = &checkpoint {
         let identity = |config: &Config| Trainer::identity(&dataset, config, options.budget);
@@ -409,9 +433,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let scene = Scene::load_within(dataset, &config, without_points, memory, folder.root())?;
     tell_of(&scene, terminal);
     let gpu = arguments.adapter.open()?;
-    let trainer = match checkpoint {
-        Some(checkpoint) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
-        None => Trainer::new(&gpu, scene, config, &options)?,
+    let trainer = match (checkpoint, &static_set) {
+        (Some(checkpoint), _) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
+        (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
+        (None, None) => Trainer::new(&gpu, scene, config, &options)?,
     };
     drive(arguments, terminal, &gpu, trainer, &folder, &options)
 }

@@ -12,16 +12,19 @@ use erfgs_page::serve::PageOptions;
 use erfgs_run::{PerView, RunFolder};
 use erfgs_scene::image::ImageRgb8;
 use erfgs_train::{metrics::to_bytes, trainer::Trainer};
-use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewPage};
+use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewPage, Window};
 use serde::Serialize;
 
 use crate::{
     device::{Adapter, TrainedRun},
+    errors::Usage,
     interrupt::stop_flag,
+    takes::{self, WindowRun},
     terminal::{Terminal, bytes, thousands},
 };
 
-/// Look at what a run learned, at any time from any place, in a browser; two runs are shown side by side.
+/// Look at what a run learned, at any time from any place, in a browser; two runs are shown side by side, and the windows of a long
+/// take that a sweep trained one after another.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The page draws on the graphics processor of the machine that the browser runs on (WebGPU), with the kernels of the trainer.
@@ -35,12 +38,16 @@ Examples:
   erfgs view run-erf
   erfgs view run-4dgs run-erf
   erfgs view throw.e4d
+  erfgs view sweep --take dance-s0
   erfgs view run-erf --address 127.0.0.1:8200 --no-browser    # and where you sit: ssh -L 8200:localhost:8200 HOST")]
 pub struct Arguments {
     /// Run folders, as `erfgs train --out` wrote them, or scene files of `erfgs export --to e4d`; the second one is seen right
-    /// of a line that can be moved.
-    #[arg(required = true, num_args = 1..=2, value_name = "RUN|S.e4d")]
+    /// of a line that can be moved. Or the folder of a sweep with windows of a take.
+    #[arg(required = true, num_args = 1..=2, value_name = "RUN|S.e4d|SWEEP")]
     runs: Vec<PathBuf>,
+    /// Which take, where the sweep has several: of a combination of settings and a seed.
+    #[arg(long, value_name = "NAME")]
+    take: Option<String>,
     /// The dataset, where it is no longer where the runs were trained on it.
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
@@ -76,22 +83,33 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     // A scene file is drawn by browsers alone.
     let is_file = |path: &PathBuf| path.is_file();
     let gpu = if arguments.runs.iter().all(is_file) { None } else { Some(arguments.adapter.open()?) };
-    let mut trainers = Vec::new();
+    let mut painters: Vec<Painter<'_>> = Vec::new();
     let mut models = Vec::new();
     for path in &arguments.runs {
         let Some(gpu) = gpu.as_ref().filter(|_| !is_file(path)) else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            models.push(Model { name, scene: SceneFile::open(path)?, dataset: None, errors: Vec::new() });
-            trainers.push(None);
+            models.push(Model { name, scene: SceneFile::open(path)?, dataset: None, errors: Vec::new(), window: None });
+            painters.push(Painter::None);
             continue;
         };
+        if let Some(windows) = takes::windows(path, arguments.take.as_deref(), &arguments.adapter, terminal)? {
+            if arguments.runs.len() > 1 {
+                return Err(Usage("a take is looked at by itself: give the folder of one sweep alone".into()).into());
+            }
+            let progress = terminal.progress("reading windows");
+            let count = windows.len() as u64;
+            for (at, window) in windows.into_iter().enumerate() {
+                progress.update(at as u64, count, "windows");
+                models.push(model(&window.folder, &window.trainer(gpu)?, Some(window.window.clone()))?);
+                painters.push(Painter::Window(window));
+            }
+            continue;
+        }
         let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
         let folder = run.folder()?;
         let trainer = run.trainer(gpu, &folder)?;
-        let dataset = Some(trainer.scene.dataset.clone());
-        let scene = Learned::of(&trainer)?.file(Precision::Exact);
-        models.push(Model { name: folder.name(), scene, dataset, errors: errors(&folder, &trainer) });
-        trainers.push(Some(trainer));
+        models.push(model(&folder, &trainer, None)?);
+        painters.push(Painter::Run(Box::new(trainer)));
     }
     let served = models.iter().map(|model| ServedModel {
         name: model.name.clone(),
@@ -118,6 +136,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         open_browser(&page.url());
     }
     let mut told = 0;
+    // Of the windows of a take, the last that was drawn.
+    let mut open: Option<(usize, Trainer<'_>)> = None;
     while !stop.load(Ordering::Relaxed) {
         for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(told) {
             told += 1;
@@ -126,8 +146,18 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             ));
         }
         match asks.recv_timeout(Duration::from_millis(200)) {
-            Ok(ask) => match trainers.get_mut(ask.model) {
-                Some(Some(trainer)) => answer(trainer, ask),
+            Ok(ask) => match (painters.get_mut(ask.model), &gpu) {
+                (Some(Painter::Run(trainer)), _) => answer(trainer, ask),
+                (Some(Painter::Window(window)), Some(gpu)) => {
+                    if open.as_ref().is_none_or(|(model, _)| *model != ask.model) {
+                        // The one before goes first: there may be no room for both.
+                        drop(open.take());
+                        open = Some((ask.model, window.trainer(gpu)?));
+                    }
+                    if let Some((_, trainer)) = &mut open {
+                        answer(trainer, ask);
+                    }
+                }
                 // Who asked may have left.
                 _ => drop(ask.answer.send(Err("the server cannot draw a scene file; the browser can".into()))),
             },
@@ -136,6 +166,21 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// Who draws for browsers that cannot.
+enum Painter<'a> {
+    Run(Box<Trainer<'a>>),
+    /// A window of a take, which is opened when it is asked for.
+    Window(WindowRun),
+    None,
+}
+
+/// What the page shows of a run.
+fn model(folder: &RunFolder, trainer: &Trainer<'_>, window: Option<Window>) -> anyhow::Result<Model> {
+    let dataset = Some(trainer.scene.dataset.clone());
+    let scene = Learned::of(trainer)?.file(Precision::Exact);
+    Ok(Model { name: folder.name(), scene, dataset, errors: errors(folder, trainer), window })
 }
 
 /// How well the run shows held-out frames, where `erfgs eval` has measured it.

@@ -84,6 +84,9 @@ pub struct Provenance {
     /// The importer's options, as given.
     #[serde(default)]
     pub options: BTreeMap<String, serde_json::Value>,
+    /// Where time 0 of the dataset is on the clock of the session that it is of, nanoseconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zero_ns: Option<i64>,
     /// Version of erfgs that wrote the manifest.
     pub erfgs: String,
 }

@@ -13,8 +13,9 @@ use erfgs_view::{
 use serde::Serialize;
 
 use crate::{
-    device::TrainedRun,
+    device::{Adapter, TrainedRun},
     errors::{Usage, not_over},
+    takes::{self, TakePage, WindowRun},
     terminal::{Terminal, bytes, thousands},
 };
 
@@ -69,6 +70,47 @@ struct Exported {
     left_out: Vec<String>,
 }
 
+impl Exported {
+    fn write(
+        file: PathBuf,
+        written: &[u8],
+        gaussians: usize,
+        psnr_db: Option<f64>,
+        left_out: Vec<String>,
+    ) -> anyhow::Result<Self> {
+        atomic::write(&file, written).map_err(erfgs_base::FileError::when("write", &file))?;
+        Ok(Self { file, gaussians, bytes: written.len() as u64, psnr_db, left_out })
+    }
+
+    fn words(&self) -> String {
+        let Self { file, gaussians, bytes: size, psnr_db, .. } = self;
+        let mut text = format!("{}: {} Gaussians, {}", file.display(), thousands(*gaussians as u64), bytes(*size));
+        text.extend(psnr_db.map(|decibels| format!(", {decibels:.1} dB against the run's own pictures")));
+        text
+    }
+}
+
+/// Writes the page of a long take.
+pub fn take(
+    windows: &[WindowRun],
+    file: &Path,
+    options: SceneOptions<'_>,
+    adapter: &Adapter,
+    terminal: &Terminal,
+) -> anyhow::Result<()> {
+    if options.format != SceneFormat::Html {
+        return Err(Usage("a take is exported --to html; name one of its runs for anything else".into()).into());
+    }
+    not_over(file, options.force)?;
+    let precision = if options.exact { Precision::Exact } else { Precision::Packed };
+    let TakePage { text, gaussians, psnr_db } = takes::page(windows, precision, adapter, terminal)?;
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(erfgs_base::FileError::when("create the folder", folder))?;
+    }
+    let exported = Exported::write(file.to_owned(), text.as_bytes(), gaussians, psnr_db, Vec::new())?;
+    terminal.result(&exported, || format!("{}; it opens from a disk", exported.words()))
+}
+
 /// Writes the file.
 pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> anyhow::Result<()> {
     let SceneOptions { format, out, force, exact, at } = options;
@@ -111,22 +153,21 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
         }
         let name = folder.name();
         let written = match format {
-            SceneFormat::Html => alone::page(&[alone::Packed { name: &name, scene: &scene }])?.into_bytes(),
+            SceneFormat::Html => {
+                alone::page(&[alone::Packed { name: &name, scene: &scene, window: None }])?.into_bytes()
+            }
             _ => scene.compressed(),
         };
         let psnr_db = if exact { None } else { Some(fidelity(trainer, &gpu, &scene)?) };
         (written, scene.header.count, psnr_db, Vec::new())
     };
-    atomic::write(&file, &written).map_err(erfgs_base::FileError::when("write", &file))?;
-    let exported = Exported { file, gaussians, bytes: written.len() as u64, psnr_db, left_out };
+    let exported = Exported::write(file, &written, gaussians, psnr_db, left_out)?;
     terminal.result(&exported, || {
-        let Exported { file, gaussians, bytes: size, psnr_db, left_out } = &exported;
-        let mut text = format!("{}: {} Gaussians, {}", file.display(), thousands(*gaussians as u64), bytes(*size));
-        text.extend(psnr_db.map(|decibels| format!(", {decibels:.1} dB against the run's own pictures")));
+        let mut text = exported.words();
         if format == SceneFormat::Html {
             text.push_str("; it opens from a disk");
         }
-        text.extend(left_out.iter().map(|what| format!("\nleft out: {what}")));
+        text.extend(exported.left_out.iter().map(|what| format!("\nleft out: {what}")));
         text
     })
 }

@@ -52,8 +52,13 @@ impl Live {
     ) -> anyhow::Result<Self> {
         let training = Arc::new(LiveTraining::default());
         let scene = Learned::of(trainer)?.file(Precision::Packed);
-        let model =
-            Model { name: folder.name(), scene, dataset: Some(trainer.scene.dataset.clone()), errors: Vec::new() };
+        let model = Model {
+            name: folder.name(),
+            scene,
+            dataset: Some(trainer.scene.dataset.clone()),
+            errors: Vec::new(),
+            window: None,
+        };
         let options = PageOptions { address, names: Vec::new(), open: false };
         let (page, asks) = ViewPage::serve(vec![model], Some(Arc::clone(&training)), &options)?;
         terminal.note(format!("the training can be watched at {}", page.url()));

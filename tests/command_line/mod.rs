@@ -19,6 +19,7 @@ mod slurm;
 mod stability;
 mod still;
 mod sweep;
+mod takes;
 mod traffic;
 mod variants;
 mod view;

@@ -197,4 +197,32 @@ fn a_dead_node_and_a_preempted_job_lose_nothing() {
         };
         assert!(read("here") == read("there"), "seed {seed} came to another end");
     }
+    a_window_waits_for_the_first_and_the_page_for_both(&folder, &sweep);
+}
+
+/// Two windows that are one dataset here.
+#[cfg(target_os = "linux")]
+fn a_window_waits_for_the_first_and_the_page_for_both(folder: &Folder, sweep: &dyn Fn(&str) -> serde_json::Value) {
+    use serde_json::{Value, json};
+    let text = fs::read_to_string(folder.path("there/sweep.json")).expect("a manifest");
+    let mut manifest: Value = serde_json::from_str(&text).expect("JSON");
+    let job = |number: u32, after: Option<&str>| {
+        let mut job = manifest["jobs"][0].clone();
+        job["name"] = format!("ds-w00{number}-s1").into();
+        job["window"] = json!({ "take": "ds", "from": 0.2 * f64::from(number), "seconds": 0.3 });
+        job["after"] = after.into();
+        job["arguments"] = json!(["--motion=still", "--iterations=10+10", "--no-evaluation"]);
+        job
+    };
+    manifest["jobs"] = json!([job(0, None), job(1, Some("ds-w000-s1"))]);
+    fs::create_dir(folder.path("windows")).expect("a folder");
+    fs::write(folder.path("windows/sweep.json"), manifest.to_string()).expect("a manifest");
+    sweep("sweep windows --slurm --json");
+    wait("the page of the take", || folder.path("windows/takes/ds-s1.html").exists());
+    let told = sweep("sweep windows --slurm --status --json");
+    assert!(states(&told).values().all(|state| state == "done"), "{told}");
+    let starts = told["jobs"][1]["attempts"].as_u64();
+    assert_eq!(starts, Some(1), "it did not begin before it could: {told}");
+    let log = fs::read_to_string(folder.path("windows/logs/ds-w001-s1.log")).expect("a log");
+    assert!(log.contains("--static") && log.contains("of the static set"), "{log}");
 }

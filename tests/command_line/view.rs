@@ -14,15 +14,15 @@ use super::{
 };
 
 /// The page of runs, until it is dropped.
-struct Served {
+pub struct Served {
     _program: Program,
-    page: Page,
+    pub page: Page,
     /// Lines on stderr.
     said: mpsc::Receiver<String>,
 }
 
 impl Served {
-    fn start(folder: &Folder, words: &str) -> Self {
+    pub fn start(folder: &Folder, words: &str) -> Self {
         let words = format!("view {words} --address 127.0.0.1:0 --no-browser --json");
         let mut command = folder.command(&words);
         let mut program = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("erfgs starts");
@@ -41,7 +41,7 @@ impl Served {
 }
 
 /// PSNR (dB) and mode of `count` pictures that a browser compared.
-fn compared(served: &Served, count: usize) -> Vec<(String, f64)> {
+pub fn compared(served: &Served, count: usize) -> Vec<(String, f64)> {
     let until = Instant::now() + Duration::from_secs(300);
     let mut found = Vec::new();
     let mut all = Vec::new();

@@ -12,7 +12,7 @@ use crate::recording::{files::json, rig::fail};
 mod record;
 
 /// The film, its session and its rig file.
-static FILM: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+pub static FILM: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
     let folder = tempfile::tempdir().expect("a folder");
     let options = FilmOptions {
         stage: StageOptions { samples_per_axis: 1, ..StageOptions::default() },

@@ -3,7 +3,7 @@
 
 mod chain;
 mod damage;
-mod dataset;
+pub mod dataset;
 mod event_files;
 mod excerpt;
 mod faults;

@@ -24,10 +24,11 @@ use crate::{
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where clocks of cameras are learned. Without them, a file is of [`POSES`] where their poses are; without those, of [`LEVELS`]
+/// The version where some Gaussians are a static set. Without one, a file is of [`TIMES`] where clocks of cameras are learned; without them, of [`POSES`] where their poses are; without those, of [`LEVELS`]
 /// where levels of event cameras' pixels are learned; without those, of [`COLOURS`] where colours of cameras are learned; without those,
 /// too, it is of [`ROWS`] where the motion model keeps rows for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
+const TIMES: u32 = 6;
 const POSES: u32 = 5;
 const LEVELS: u32 = 4;
 const COLOURS: u32 = 3;
@@ -77,6 +78,8 @@ pub struct Checkpoint {
     pub step: u32,
     /// Gaussians and moments.
     pub population: Population,
+    /// How many of the Gaussians, to the last, are a static set, which is not learned.
+    pub fixed: usize,
     /// The field's box, metres.
     pub field_box: [[f32; 3]; 2],
     /// The field, in the fine stage.
@@ -103,6 +106,8 @@ struct Header {
     step: u32,
     sh_degree: u32,
     dynamic: usize,
+    #[serde(default, skip_serializing_if = "is_none")]
+    fixed: usize,
     #[serde(default)]
     motion_floats: usize,
     field_box: [[f32; 3]; 2],
@@ -186,8 +191,10 @@ impl Checkpoint {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if self.camera_times.is_some() {
+            version: if self.fixed > 0 {
                 VERSION
+            } else if self.camera_times.is_some() {
+                TIMES
             } else if self.camera_poses.is_some() {
                 POSES
             } else if !self.levels.is_empty() {
@@ -204,6 +211,7 @@ impl Checkpoint {
             step: self.step,
             sh_degree: gaussians.sh_degree,
             dynamic: gaussians.dynamic,
+            fixed: self.fixed,
             motion_floats: gaussians.motion_floats,
             field_box: self.field_box,
             field_step: self.field.as_ref().map(|field| field.step),
@@ -326,7 +334,8 @@ impl Checkpoint {
                 .iter()
                 .all(|v| Some(v.len()) == motion)
             && seen.len() == count
-            && header.dynamic <= count;
+            && header.dynamic <= count
+            && header.fixed <= count - header.dynamic;
         if !fits {
             return Err("its vectors are of different lengths".into());
         }
@@ -336,6 +345,7 @@ impl Checkpoint {
             clock: header.clock,
             step: header.step,
             population: Population { gaussians, moments },
+            fixed: header.fixed,
             field_box: header.field_box,
             field,
             seen,
@@ -360,6 +370,7 @@ mod tests {
             clock: Clock { iteration: 7, seconds: 1.25, ..Clock::default() },
             step: 7,
             population: Population { gaussians, moments },
+            fixed: 0,
             field_box: [[-1.0; 3], [1.0; 3]],
             field: Some(FieldState {
                 step: 3,
@@ -393,6 +404,18 @@ mod tests {
         checkpoint.camera_poses.as_mut().expect("poses").values.pop();
         let bytes = checkpoint.to_bytes().expect("bytes");
         assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("poses"));
+    }
+
+    #[test]
+    fn a_static_set_comes_back_and_is_no_more_than_stands_still() {
+        let mut checkpoint = checkpoint();
+        checkpoint.population.gaussians.dynamic = 1;
+        checkpoint.fixed = 1;
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+        checkpoint.fixed = 2;
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
     }
 
     #[test]

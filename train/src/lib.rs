@@ -23,4 +23,5 @@ pub mod scene;
 pub mod schedule;
 pub mod shaders;
 pub mod sort;
+pub mod static_set;
 pub mod trainer;

@@ -14,6 +14,8 @@ pub struct Packed<'a> {
     pub name: &'a str,
     /// The scene.
     pub scene: &'a crate::SceneFile,
+    /// Which window of a take it is of, where all scenes of the page are such.
+    pub window: Option<&'a crate::Window>,
 }
 
 #[derive(Serialize)]
@@ -27,12 +29,13 @@ struct Own {
 /// Bytes of a piece of a scene; each is used before the next has come.
 const PIECE: usize = 96 << 10;
 
-/// A page that shows `scenes` (one, or two side by side) from a disk.
+/// A page that shows `scenes` (one, two side by side, or the windows of a take one after another) from a disk.
 ///
 /// # Errors
 /// If the scenes cannot be named, which has no cause in them.
 pub fn page(scenes: &[Packed<'_>]) -> serde_json::Result<String> {
-    let models = scenes.iter().map(|packed| About::of(packed.name, packed.scene, false, false)).collect();
+    let models =
+        scenes.iter().map(|packed| About::of(packed.name, packed.scene, packed.window, false, false)).collect();
     let compressed: Vec<Vec<u8>> = scenes.iter().map(|packed| packed.scene.compressed()).collect();
     let pieces = compressed.iter().map(|bytes| bytes.chunks(PIECE).len()).collect();
     let own = serde_json::to_string(&Own { texts: texts::kernels().collect(), models, pieces })?;
@@ -77,7 +80,8 @@ mod tests {
     #[test]
     fn a_page_of_one_file_asks_for_nothing_and_no_name_ends_its_scripts() {
         let scene = crate::SceneFile::for_tests();
-        let page = page(&[Packed { name: "</script><script>alert(1)</script><!--", scene: &scene }]).unwrap();
+        let page =
+            page(&[Packed { name: "</script><script>alert(1)</script><!--", scene: &scene, window: None }]).unwrap();
         assert!(!page.contains("src=\"") && !page.contains("href=\"file"), "something is asked for");
         assert!(!page.contains("<script>alert"));
         assert_eq!(page.matches("<script").count(), page.matches("</script>").count());

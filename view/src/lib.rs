@@ -19,7 +19,9 @@ pub mod scene_file;
 pub mod server;
 mod texts;
 pub mod training;
+mod window;
 
 pub use scene_file::{Learned, Precision, SceneFile};
 pub use server::{Ask, Compared, FrameError, Model, ViewPage};
 pub use training::LiveTraining;
+pub use window::Window;

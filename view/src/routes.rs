@@ -85,7 +85,8 @@ async fn file(Path(path): Path<String>) -> Response {
 
 async fn models(State(site): Shared) -> Response {
     let about = |(index, model): (usize, &Shown)| {
-        About::of(&model.name, &model.scene().1, model.recorded.is_some(), index == 0 && site.training.is_some())
+        let is_trained = index == 0 && site.training.is_some();
+        About::of(&model.name, &model.scene().1, model.window.as_ref(), model.recorded.is_some(), is_trained)
     };
     Json(site.models.iter().enumerate().map(about).collect::<Vec<_>>()).into_response()
 }

@@ -20,6 +20,7 @@ use crate::{
     routes::{self, Site},
     scene_file::SceneFile,
     training::LiveTraining,
+    window::{AboutWindow, Window},
 };
 
 /// What is shown of one run.
@@ -33,6 +34,8 @@ pub struct Model {
     pub dataset: Option<Dataset>,
     /// How well it shows frames of held-out cameras, where that was measured.
     pub errors: Vec<FrameError>,
+    /// Which window of a take it is, where the models of a page are such, in their order.
+    pub window: Option<Window>,
 }
 
 /// How well a frame is shown.
@@ -52,14 +55,15 @@ pub(crate) struct Shown {
     pub name: String,
     pub recorded: Option<Arc<Recorded>>,
     pub errors: Vec<FrameError>,
+    pub window: Option<Window>,
     scene: RwLock<(u64, Arc<SceneFile>)>,
 }
 
 impl Shown {
     fn new(model: Model) -> Self {
-        let Model { name, scene, dataset, errors } = model;
+        let Model { name, scene, dataset, errors, window } = model;
         let recorded = dataset.map(|dataset| Arc::new(Recorded::new(dataset)));
-        Self { name, recorded, errors, scene: RwLock::new((0, Arc::new(scene))) }
+        Self { name, recorded, errors, window, scene: RwLock::new((0, Arc::new(scene))) }
     }
 
     /// The scene, and how many stood before it.
@@ -83,12 +87,15 @@ pub(crate) struct About {
     from_run: bool,
     /// Whether it is being trained.
     training: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    window: Option<AboutWindow>,
 }
 
 impl About {
-    pub fn of(name: &str, scene: &SceneFile, from_run: bool, training: bool) -> Self {
+    pub fn of(name: &str, scene: &SceneFile, window: Option<&Window>, from_run: bool, training: bool) -> Self {
         let only_server = scene.header.only_server.clone();
-        Self { name: name.to_owned(), bytes: scene.bytes.len(), only_server, from_run, training }
+        let window = window.map(|window| AboutWindow::of(window, &scene.header));
+        Self { name: name.to_owned(), bytes: scene.bytes.len(), only_server, from_run, training, window }
     }
 }
 

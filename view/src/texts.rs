@@ -24,6 +24,7 @@ const FILES: &[(&str, &str, &str)] = &[
     ("js/scene.js", SCRIPT, include_str!("page/js/scene.js")),
     ("js/source.js", SCRIPT, include_str!("page/js/source.js")),
     ("js/sort.js", SCRIPT, include_str!("page/js/sort.js")),
+    ("js/take.js", SCRIPT, include_str!("page/js/take.js")),
     ("js/timeline.js", SCRIPT, include_str!("page/js/timeline.js")),
     ("js/training.js", SCRIPT, include_str!("page/js/training.js")),
     ("js/trajectory.js", SCRIPT, include_str!("page/js/trajectory.js")),

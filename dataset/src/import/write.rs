@@ -295,6 +295,7 @@ fn manifest(recording: &SourceRecording, cameras: Vec<Camera>, options: &ImportO
             importer: recording.importer.to_owned(),
             name,
             options: given,
+            zero_ns: None,
             erfgs: env!("CARGO_PKG_VERSION").to_owned(),
         },
         span_ns: [first, last],

@@ -279,6 +279,7 @@ fn empty_manifest(options: &FilmOptions) -> Manifest {
             importer: "stage".to_owned(),
             name: "stage".to_owned(),
             options: given,
+            zero_ns: None,
             erfgs: env!("CARGO_PKG_VERSION").to_owned(),
         },
         span_ns: [0, options.duration_ns],

@@ -94,6 +94,9 @@ pub struct Config {
     pub near_share: f32,
     /// Gaussians that reach the camera with this many standard deviations are culled too (0: their centre counts).
     pub near_sigmas: f32,
+    /// The SHA-256 of what stands still, where it is taken from another run and not learned ([`crate::static_set::StaticSet`]).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub static_set: Option<String>,
     /// Initialisation.
     pub init: InitConfig,
     /// Spherical harmonics.

@@ -39,6 +39,7 @@ impl Config {
             near_m: 0.2,
             near_share: 0.0,
             near_sigmas: 0.0,
+            static_set: None,
             init: InitConfig { max_points: 40_000, random_points: 10_000, opacity: 0.1 },
             sh: ShConfig { max_degree: 3, raise_every: 1000 },
             learning_rate: LearningRates {

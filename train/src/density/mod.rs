@@ -111,6 +111,26 @@ impl Population {
         }
     }
 
+    /// The rows before `row`, and those from there on, which stand still.
+    #[must_use]
+    pub fn split_at(&self, row: usize) -> [Self; 2] {
+        let rows = |range: std::ops::Range<usize>, dynamic| self.select(&range.collect::<Vec<usize>>(), dynamic);
+        [rows(0..row, self.gaussians.dynamic), rows(row..self.gaussians.len(), 0)]
+    }
+
+    /// With rows behind its own that stand still.
+    #[must_use]
+    pub fn followed_by(mut self, still: &Self) -> Self {
+        let (gaussians, moments) = (&mut self.gaussians, &mut self.moments);
+        gaussians.core.extend(&still.gaussians.core);
+        gaussians.sh.extend(&still.gaussians.sh);
+        moments.core_first.extend(&still.moments.core_first);
+        moments.core_second.extend(&still.moments.core_second);
+        moments.sh_first.extend(&still.moments.sh_first);
+        moments.sh_second.extend(&still.moments.sh_second);
+        self
+    }
+
     /// Opacities of at most `limit`, their moments zero.
     pub fn reset_opacity(&mut self, limit: f32) {
         let logit = (limit / (1.0 - limit)).ln();

@@ -30,6 +30,9 @@ impl Trainer<'_> {
         let count = population.gaussians.len();
         let means: Vec<[f32; 3]> = (0..count).map(|index| population.gaussians.mean(index)).collect();
         let masks = self.find_regions()?;
+        if self.config.static_set.is_some() {
+            population = self.fit_static_set(&population)?;
+        }
         population = match self.config.motion {
             MotionModel::FreeTime => self.born(population),
             MotionModel::Still => {
@@ -64,6 +67,10 @@ impl Trainer<'_> {
         self.clock.iteration = 0;
         self.clock.stage_start = self.clock.seconds;
         self.clock.stage_start_cpu = self.clock.cpu_seconds;
+        if self.model.learning() == 0 {
+            // A static set tells all that there is to see.
+            self.clock.iteration = self.schedule.length(Stage::Fine);
+        }
         Ok(())
     }
 
@@ -117,7 +124,7 @@ impl Trainer<'_> {
         let guided = eds.enabled
             && self.clock.stage == Stage::Fine
             && due(eds.from, eds.every, eds.until)
-            && self.model.gaussians.count <= self.most(eds.max_gaussians)
+            && self.model.learning() <= self.most(eds.max_gaussians)
             && !self.scene.events.is_empty();
         if !(densifies || resets || guided) {
             return Ok(());
@@ -131,6 +138,8 @@ impl Trainer<'_> {
             population = population.with_dynamic(&rows);
             seen.splice(at..at, vec![Default::default(); rows.len()]);
         }
+        let learning = population.gaussians.len() - self.model.fixed as usize;
+        let [mut population, fixed] = population.split_at(learning);
         if densifies {
             let measures = Measures {
                 extent: self.scene.extent,
@@ -139,15 +148,15 @@ impl Trainer<'_> {
                 iteration: self.schedule.done(&self.clock),
             };
             let grow = population.gaussians.len() < density.max_gaussians as usize;
-            let (next, change) = densify(&population, &seen, &density, grow, &measures);
+            let (next, change) = densify(&population, &seen[..learning], &density, grow, &measures);
             tracing::debug!(?change, gaussians = next.gaussians.len(), "densified");
-            seen = vec![Default::default(); next.gaussians.len()];
+            seen = vec![Default::default(); next.gaussians.len() + fixed.gaussians.len()];
             population = next;
         }
         if resets {
             population.reset_opacity(0.01);
         }
-        self.model.replace(gpu, &population)?;
+        self.model.replace(gpu, &population.followed_by(&fixed))?;
         self.statistics.replace(gpu, &seen)?;
         Ok(())
     }
@@ -266,13 +275,16 @@ impl Trainer<'_> {
                 "a gain and an offset for each camera".into(),
             );
         }
-        if self.poses.is_none() {
-            let off = !self.config.camera_pose.enabled;
+        let taken_over = self.config.static_set.is_some();
+        if self.poses.is_none() || taken_over {
             note(
                 "the poses of the cameras",
-                match off {
-                    true => "switched off in the configuration".into(),
-                    false => format!("fewer than {} cameras take frames", self.config.camera_pose.fewest),
+                if taken_over {
+                    "they are those of the static set".into()
+                } else if !self.config.camera_pose.enabled {
+                    "switched off in the configuration".into()
+                } else {
+                    format!("fewer than {} cameras take frames", self.config.camera_pose.fewest)
                 },
                 "a turn and a shift for each camera".into(),
             );

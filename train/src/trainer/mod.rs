@@ -9,6 +9,7 @@ mod progress;
 mod render;
 mod samples;
 mod stages;
+mod static_set;
 mod step;
 
 use std::{
@@ -149,8 +150,10 @@ impl<'a> Trainer<'a> {
     ) -> Result<Self, TrainError> {
         let Checkpoint { config, clock, step, population, field_box, field, seen, levels, left_out, .. } = checkpoint;
         let (camera_colours, camera_poses) = (checkpoint.camera_colours, checkpoint.camera_poses);
+        let fixed = checkpoint.fixed as u32;
         let camera_times = checkpoint.camera_times;
         let mut trainer = Self::assemble(gpu, scene, config, options, &population, clock, &levels)?;
+        trainer.model.fixed = fixed;
         trainer.restore_poses(camera_poses)?;
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
@@ -484,6 +487,7 @@ impl<'a> Trainer<'a> {
             clock: if self.deterministic { timeless } else { self.clock },
             step: self.model.step,
             population: self.model.population(self.gpu)?,
+            fixed: self.model.fixed as usize,
             field_box: self.model.field_box,
             field: self.field()?,
             seen: self.statistics.read(self.gpu)?,

@@ -50,6 +50,8 @@ pub struct Model {
     pub gaussians: GaussianBuffers,
     /// How many of them, from the first, move.
     pub dynamic: u32,
+    /// How many of them, to the last, are a static set, which is not learned.
+    pub fixed: u32,
     /// How they move, in the fine stage.
     pub motion: Option<Motion>,
     rows: RowBuffers,
@@ -104,6 +106,7 @@ impl Model {
         let gaussians = upload(gpu, &population.gaussians)?;
         Ok(Self {
             dynamic: population.gaussians.dynamic as u32,
+            fixed: 0,
             motion: None,
             rows: RowBuffers::new(gpu, population)?,
             field_box: [[0.0; 3]; 2],
@@ -369,6 +372,11 @@ impl Model {
         Ok(())
     }
 
+    /// How many of the Gaussians, from the first, learn.
+    pub(super) fn learning(&self) -> u32 {
+        self.gaussians.count - self.fixed
+    }
+
     /// Sets the gradients of an iteration to zero.
     pub(super) fn clear_gradients(&self, gpu: &Gpu) {
         let mut commands = gpu.commands();
@@ -406,7 +414,7 @@ impl Model {
         let row_rates = free.rates(position);
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [row_first, row_second] = &self.rows.moments;
-        let count = self.gaussians.count;
+        let count = self.learning();
         let of_rows = (&self.rows.values, &self.rows.gradients, row_first, row_second, &row_rates[..], self.dynamic);
         let has_rows = self.rows.floats > 0 && self.dynamic > 0;
         let mut commands = gpu.commands();
@@ -416,6 +424,7 @@ impl Model {
         ]
         .into_iter()
         .chain(has_rows.then_some(of_rows))
+        .filter(|(.., rows)| *rows > 0)
         {
             let buffers = AdamBuffers {
                 parameters,

@@ -24,6 +24,12 @@ pub(super) struct Poses {
 impl Poses {
     /// As the cameras were calibrated; nothing where the poses are not to be learned, or too few cameras take frames.
     pub fn new(gpu: &Gpu, scene: &Scene, options: &CameraPoseOptions) -> Result<Option<Self>, TrainError> {
+        let calibrated = Self::calibrated(gpu, scene)?;
+        Ok(Some(calibrated).filter(|poses| options.enabled && poses.learners.len() >= options.fewest as usize))
+    }
+
+    /// As the cameras were calibrated.
+    fn calibrated(gpu: &Gpu, scene: &Scene) -> Result<Self, TrainError> {
         let cameras = scene.dataset.manifest.cameras.iter().enumerate();
         let learner = |(camera, of): (usize, &Camera)| {
             let (view, pose) = (&scene.views[camera].view, of.world_to_camera);
@@ -33,12 +39,9 @@ impl Poses {
             Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal }
         };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
-        if !options.enabled || learners.len() < options.fewest as usize {
-            return Ok(None);
-        }
         let state = CameraPoseState::calibrated(scene.views.len());
         let sums = gpu.storage_from("gradients of poses", &state.sums)?;
-        Ok(Some(Self { state, learners, sums }))
+        Ok(Self { state, learners, sums })
     }
 
     /// Where the gradient of a camera's pose is added.
@@ -71,11 +74,14 @@ impl Poses {
 }
 
 impl Trainer<'_> {
-    /// Takes up what poses have learned.
+    /// Takes up what poses have learned; those of a static set are what they are, whatever is asked for.
     ///
     /// # Errors
     /// [`TrainError::Poses`] where the checkpoint is of other cameras.
     pub(super) fn restore_poses(&mut self, saved: Option<CameraPoseState>) -> Result<(), TrainError> {
+        if self.config.static_set.is_some() {
+            self.poses = saved.is_some().then(|| Poses::calibrated(self.gpu, &self.scene)).transpose()?;
+        }
         let (Some(poses), Some(saved)) = (&mut self.poses, saved) else { return Ok(()) };
         let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
         if saved_cameras != views {
@@ -87,10 +93,15 @@ impl Trainer<'_> {
         Ok(())
     }
 
+    /// Whether poses are learned at a `share` of the whole run: those of a static set no longer are.
+    pub(super) fn learns_poses(&self, share: f64) -> bool {
+        self.config.static_set.is_none() && self.config.camera_pose.due(share)
+    }
+
     /// A step of the poses, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
     pub(super) fn learn_poses(&mut self) -> Result<(), TrainError> {
         let (share, done) = (self.share(), self.schedule.done(&self.clock));
-        if !self.config.camera_pose.due(share) {
+        if !self.learns_poses(share) {
             return Ok(());
         }
         let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64);

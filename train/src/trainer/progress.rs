@@ -128,6 +128,12 @@ pub enum TrainError {
         /// Cameras of the dataset.
         views: usize,
     },
+    /// A static set cannot be trained with so.
+    #[error("a static set cannot be taken over: {reason}")]
+    StaticSet {
+        /// Why.
+        reason: String,
+    },
     /// The run was trained with other event cameras.
     #[error(
         "the checkpoint knows the light at {saved} pixels of event cameras, and those of the dataset have {pixels}, or as many in other sizes; resume with the dataset that the run began with"

@@ -154,10 +154,14 @@ impl Trainer<'_> {
     /// How the scene is drawn as it stands.
     #[must_use]
     pub fn options(&self) -> RenderOptions {
-        let raised = self.schedule.done(&self.clock) / u64::from(self.config.sh.raise_every);
+        let raised = match self.config.static_set {
+            // It has all of its colours.
+            Some(_) => 3,
+            None => (self.schedule.done(&self.clock) / u64::from(self.config.sh.raise_every)).min(3) as u32,
+        };
         RenderOptions {
             background: self.config.background,
-            sh_degree: self.model.gaussians.sh_degree.min(raised.min(3) as u32),
+            sh_degree: self.model.gaussians.sh_degree.min(raised),
             near: self.config.near_m,
             near_sigmas: self.config.near_sigmas,
             ..RenderOptions::default()
@@ -197,6 +201,7 @@ impl Trainer<'_> {
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
         let run_share = self.share();
+        let learns_pose = (coarse || whole) && self.learns_poses(run_share);
         let work = &mut self.work;
         let mut commands = gpu.commands();
         let [d_mean, d_linear] = &work.gradients;
@@ -246,8 +251,7 @@ impl Trainer<'_> {
                 d_mean
             };
             let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
-            let learns = looks_at_all && self.config.camera_pose.due(run_share);
-            let pose = self.poses.as_ref().filter(|_| learns).map(|poses| poses.row(frame.view));
+            let pose = self.poses.as_ref().filter(|_| learns_pose).map(|poses| poses.row(frame.view));
             let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;

@@ -4,9 +4,19 @@ use std::{collections::BTreeSet, path::PathBuf};
 
 use super::{
     SweepError,
-    manifest::{Job, Preparation},
+    manifest::{Job, Preparation, Window},
     plan::{MOST_JOBS, Plan, Take, plain},
 };
+
+/// A dataset that is trained.
+struct Prepared {
+    name: String,
+    folder: PathBuf,
+    /// How it is made, and which window it is, where it is one.
+    window: Option<(Preparation, Window)>,
+    /// Which of all datasets it takes over from what stands still.
+    after: Option<usize>,
+}
 
 /// One value of every option and setting.
 #[derive(Clone, Default)]
@@ -14,6 +24,14 @@ struct Choice {
     arguments: Vec<String>,
     /// What tells it from others, for the name and the tables.
     settings: Vec<(String, String)>,
+}
+
+impl Choice {
+    /// Whether what stands still is told from what moves: not by a field that moves everything, as the published methods have it.
+    fn tells_what_stands_still(&self) -> bool {
+        let fields = ["--preset=paper", "--preset=released-code", "--motion=hexplane"];
+        !self.arguments.iter().any(|argument| fields.contains(&argument.as_str()))
+    }
 }
 
 impl Plan {
@@ -28,10 +46,12 @@ impl Plan {
         if count.is_none_or(|count| count > MOST_JOBS) {
             return Err(self.too_many());
         }
-        let (mut jobs, mut names) = (Vec::new(), BTreeSet::new());
+        let (mut jobs, mut names): (Vec<Job>, _) = (Vec::new(), BTreeSet::new());
         for &seed in &self.seeds {
             for choice in &choices {
-                for (name, folder, preparation) in &datasets {
+                // The jobs of this choice and seed, as the datasets are.
+                let first = jobs.len();
+                for Prepared { name, folder, window, after } in &datasets {
                     let told = choice.settings.iter().map(|(key, value)| {
                         let key = key.rsplit('.').next().unwrap_or(key);
                         // A method is known by its name, a number by what it is the number of.
@@ -42,10 +62,15 @@ impl Plan {
                     let name = unused(&plain(&parts.join("-")), &mut names);
                     let mut arguments = choice.arguments.clone();
                     arguments.extend(["--seed".into(), seed.to_string()]);
+                    let (preparation, window) = window.clone().unzip();
+                    let after = after.filter(|_| choice.tells_what_stands_still());
+                    let after = after.map(|dataset| jobs[first + dataset].name.clone());
                     jobs.push(Job {
                         name,
                         dataset: folder.clone(),
-                        preparation: preparation.clone(),
+                        preparation,
+                        window,
+                        after,
                         seed,
                         settings: choice.settings.iter().cloned().collect(),
                         arguments,
@@ -90,27 +115,31 @@ impl Plan {
     }
 
     /// The datasets by name, and how those that are windows of a take are made.
-    fn prepared(&self) -> Vec<(String, PathBuf, Option<Preparation>)> {
-        let mut names = BTreeSet::new();
+    fn prepared(&self) -> Vec<Prepared> {
+        let (mut names, mut takes) = (BTreeSet::new(), BTreeSet::new());
         let mut found = Vec::new();
         for folder in &self.datasets {
             let name = folder.file_name().map_or_else(|| "ds".into(), |name| name.to_string_lossy().into_owned());
-            found.push((unused(&plain(&name), &mut names), folder.clone(), None));
+            let name = unused(&plain(&name), &mut names);
+            found.push(Prepared { name, folder: folder.clone(), window: None, after: None });
         }
         for take in &self.takes {
             let stem =
                 take.session.file_stem().map_or_else(|| "take".into(), |stem| stem.to_string_lossy().into_owned());
-            for (at, window) in take.windows().into_iter().enumerate() {
+            let (first, told) = (found.len(), unused(&plain(&stem), &mut takes));
+            for (at, (from, seconds)) in take.windows().into_iter().enumerate() {
                 let name = unused(&plain(&format!("{stem}-w{at:03}")), &mut names);
                 let folder = self.out.join("datasets").join(&name);
-                found.push((name, folder, Some(preparation(take, window))));
+                let window = Window { take: told.clone(), from, seconds };
+                let after = Some(first).filter(|_| take.one_static_set && at > 0);
+                found.push(Prepared { name, folder, window: Some((preparation(take, &window), window)), after });
             }
         }
         found
     }
 }
 
-fn preparation(take: &Take, (from, seconds): (f64, f64)) -> Preparation {
+fn preparation(take: &Take, Window { from, seconds, .. }: &Window) -> Preparation {
     let path = |path: &PathBuf| path.to_string_lossy().into_owned();
     let mut import: Vec<String> = ["dataset", "import", "session"].map(String::from).into();
     import.extend([path(&take.session), "--rig".into(), path(&take.rig)]);

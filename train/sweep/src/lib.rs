@@ -19,11 +19,13 @@ mod manifest;
 mod plan;
 pub mod slurm;
 mod status;
+mod takes;
 mod work;
 
 pub use error::SweepError;
 pub use local::run as run_here;
-pub use manifest::{Job, Manifest, Preparation};
+pub use manifest::{Job, Manifest, Preparation, Window};
 pub use plan::{Plan, SlurmOptions, Take};
 pub use status::{JobState, JobStatus, OverSeeds, Overview};
+pub use takes::{TrainedTake, TrainedWindow};
 pub use work::{Ended, work};

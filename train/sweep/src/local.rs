@@ -21,6 +21,14 @@ use super::{
 const TOLD_EVERY: Duration = Duration::from_secs(1);
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
+/// What a worker does next.
+enum Next<'a> {
+    Job(&'a Job),
+    /// What others work on must be done before.
+    Wait,
+    Nothing,
+}
+
 /// Works on all jobs that are not done, `at_once` at a time, until they are or `stop` is set. `progress` is told where they
 /// stand. A job that fails costs its own run only.
 ///
@@ -35,16 +43,36 @@ pub fn run(
 ) -> Result<Overview, SweepError> {
     let waiting: Vec<&Job> = manifest.jobs.iter().filter(|job| !manifest.is_done(job)).collect();
     let workers = at_once.clamp(1, waiting.len().max(1));
-    let waiting = Mutex::new(waiting.into_iter());
+    let waiting = Mutex::new(waiting);
     let now: Mutex<Queue> = Mutex::new(BTreeMap::new());
-    let next = || waiting.lock().unwrap_or_else(PoisonError::into_inner).next();
-    let worker = || -> Result<(), SweepError> {
-        while let Some(job) = next() {
-            if stop.load(Ordering::Relaxed) {
-                break;
+    let queue = || now.lock().unwrap_or_else(PoisonError::into_inner);
+    let next = || {
+        let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut running = queue();
+        // Done is asked after running: a job that ends meanwhile is one of both.
+        let may_become_ready = |job: &&Job| job.after.as_ref().is_some_and(|name| running.contains_key(name));
+        let wait = waiting.iter().any(may_become_ready);
+        match waiting.iter().position(|job| manifest.is_ready(job)) {
+            Some(at) => {
+                let job = waiting.remove(at);
+                running.insert(job.name.clone(), JobState::Running);
+                Next::Job(job)
             }
-            let queue = || now.lock().unwrap_or_else(PoisonError::into_inner);
-            queue().insert(job.name.clone(), JobState::Running);
+            None if wait => Next::Wait,
+            // What is left waits for what failed.
+            None => Next::Nothing,
+        }
+    };
+    let worker = || -> Result<(), SweepError> {
+        while !stop.load(Ordering::Relaxed) {
+            let job = match next() {
+                Next::Job(job) => job,
+                Next::Wait => {
+                    std::thread::sleep(LOOK_EVERY);
+                    continue;
+                }
+                Next::Nothing => break,
+            };
             let ended = work(manifest, job, program, stop);
             queue().remove(&job.name);
             if ended? == Ended::Stopped {

@@ -26,12 +26,29 @@ pub struct Job {
     /// How the dataset is made, where it is a window of a take.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preparation: Option<Preparation>,
+    /// Which part of which take it is, where it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
+    /// The job that must be done before, from which it takes what stands still.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after: Option<String>,
     /// The seed.
     pub seed: u64,
     /// What tells it from other runs, beside dataset and seed.
     pub settings: BTreeMap<String, String>,
     /// Options of `erfgs train`.
     pub arguments: Vec<String>,
+}
+
+/// A window of a take.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Window {
+    /// The take.
+    pub take: String,
+    /// Where it begins, seconds of session time.
+    pub from: f64,
+    /// How long it is, seconds.
+    pub seconds: f64,
 }
 
 /// How the dataset of a window is made.
@@ -121,6 +138,12 @@ impl Manifest {
         Ok(found)
     }
 
+    /// The graphics adapter that a job trains on, where its options name one.
+    #[must_use]
+    pub fn adapter(&self, job: &Job) -> Option<String> {
+        job.arguments.iter().find_map(|word| word.strip_prefix("--adapter=")).map(str::to_owned)
+    }
+
     /// A job by its name.
     ///
     /// # Errors
@@ -128,6 +151,12 @@ impl Manifest {
     pub fn job(&self, name: &str) -> Result<&Job, SweepError> {
         let found = self.jobs.iter().find(|job| job.name == name);
         found.ok_or_else(|| SweepError::NoJob { folder: self.folder.clone(), name: name.into() })
+    }
+
+    /// Whether nothing has to be waited for before a job can begin.
+    #[must_use]
+    pub fn is_ready(&self, job: &Job) -> bool {
+        job.after.as_ref().is_none_or(|name| self.job(name).is_ok_and(|before| self.is_done(before)))
     }
 
     /// The run folder of a job.

@@ -80,6 +80,10 @@ pub struct Take {
     /// How much of it the next one sees, too, seconds.
     #[serde(default)]
     pub overlap: f64,
+    /// Whether the first window is trained first, and the others take over what stands still from it; yes unless given, but where a
+    /// field is to move everything.
+    #[serde(default = "yes")]
+    pub one_static_set: bool,
     /// Whether lenses are taken out of the images, which trainers need; yes unless given.
     #[serde(default = "yes")]
     pub undistort: bool,

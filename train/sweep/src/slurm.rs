@@ -5,7 +5,7 @@
 //! script puts the task back into the queue: not every cluster is set up to do that by itself (`RequeueExit=130`).
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     process::{Command, Stdio},
     thread,
@@ -73,6 +73,32 @@ pub fn scripts(manifest: &Manifest, jobs: &[String], program: &Path) -> Vec<Stri
     jobs.chunks(TASKS).map(|jobs| script(manifest, jobs, program)).collect()
 }
 
+fn pages_script(manifest: &Manifest, program: &Path) -> String {
+    let mut text = format!(
+        "#!/bin/bash\n\
+         #SBATCH --job-name={}-pages\n\
+         #SBATCH --output={}\n\
+         #SBATCH --open-mode=append\n\
+         #SBATCH --requeue\n",
+        manifest.name,
+        quoted(&manifest.folder.join("logs").join("slurm-pages-%j.log").to_string_lossy()),
+    );
+    text += &options_and_setup(manifest);
+    text += &format!(
+        "srun --ntasks=1 {} sweep {} --pages\n",
+        quoted(&program.to_string_lossy()),
+        quoted(&manifest.folder.to_string_lossy()),
+    );
+    text
+}
+
+/// The plan's options of `sbatch`, and its lines before a job.
+fn options_and_setup(manifest: &Manifest) -> String {
+    let options: String = manifest.slurm.options.iter().map(|option| format!("#SBATCH {option}\n")).collect();
+    let setup: String = manifest.slurm.setup.iter().map(|line| format!("{line}\n")).collect();
+    format!("{options}\n{setup}")
+}
+
 fn script(manifest: &Manifest, jobs: &[String], program: &Path) -> String {
     let options = &manifest.slurm;
     let at_once = options.at_once.map(|count| format!("%{}", count.max(1))).unwrap_or_default();
@@ -90,13 +116,7 @@ fn script(manifest: &Manifest, jobs: &[String], program: &Path) -> String {
         jobs.len().saturating_sub(1),
         quoted(&logs.to_string_lossy()),
     );
-    for option in &options.options {
-        text += &format!("#SBATCH {option}\n");
-    }
-    text += "\n";
-    for line in &options.setup {
-        text += &format!("{line}\n");
-    }
+    text += &options_and_setup(manifest);
     text += "jobs=(\n";
     for job in jobs {
         text += &format!("  {job}\n");
@@ -128,24 +148,55 @@ fn quoted(text: &str) -> String {
 pub fn submit(manifest: &Manifest, program: &Path) -> Result<Vec<Submission>, SweepError> {
     let queue = queue(manifest)?;
     let wanted = |job: &&super::Job| !queue.contains_key(&job.name) && !manifest.is_done(job);
-    let jobs: Vec<String> = manifest.jobs.iter().filter(wanted).map(|job| job.name.clone()).collect();
+    // Those that wait for others come in arrays of their own, after these.
+    let (first, later): (Vec<&super::Job>, Vec<_>) =
+        manifest.jobs.iter().filter(wanted).partition(|job| manifest.is_ready(job));
+    let names = |jobs: &[&super::Job]| -> Vec<String> { jobs.iter().map(|job| job.name.clone()).collect() };
+    let befores: BTreeSet<&String> = later.iter().filter_map(|job| job.after.as_ref()).collect();
     let logs = manifest.folder.join("logs");
     std::fs::create_dir_all(&logs).map_err(FileError::when("create the folder", &logs))?;
     let (mut all, mut new) = (submissions(manifest), Vec::new());
-    for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)) {
-        let path = manifest.folder.join(format!("jobs-{}.sh", all.len()));
-        erfgs_base::atomic::write(&path, script.as_bytes()).map_err(FileError::when("write", &path))?;
-        let answer = ask("sbatch", &["--parsable".into(), path.to_string_lossy().into_owned()])?;
-        // `123`, or `123;cluster`.
-        let id = answer.trim().split(';').next().and_then(|id| id.parse().ok());
-        let id = id.ok_or_else(|| SweepError::Answer { command: "sbatch".into(), answer: answer.trim().into() })?;
-        let submission = Submission { id, jobs: jobs.to_vec() };
-        all.push(submission.clone());
-        new.push(submission);
-        // After each: what Slurm has is known, whatever happens next.
-        write_json(&record(manifest), &all)?;
+    for (jobs, waits) in [(names(&first), false), (names(&later), true)] {
+        for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)) {
+            let path = manifest.folder.join(format!("jobs-{}.sh", all.len()));
+            erfgs_base::atomic::write(&path, script.as_bytes()).map_err(FileError::when("write", &path))?;
+            let mut words = vec!["--parsable".into()];
+            if waits {
+                // However they end: what cannot begin then says why.
+                let has = |of: &&Submission| of.jobs.iter().any(|job| befores.contains(job));
+                let ids: Vec<String> = all.iter().filter(has).map(|of: &Submission| of.id.to_string()).collect();
+                words.extend((!ids.is_empty()).then(|| format!("--dependency=afterany:{}", ids.join(":"))));
+            }
+            words.push(path.to_string_lossy().into_owned());
+            let answer = ask("sbatch", &words)?;
+            // `123`, or `123;cluster`.
+            let id = answer.trim().split(';').next().and_then(|id| id.parse().ok());
+            let id = id.ok_or_else(|| SweepError::Answer { command: "sbatch".into(), answer: answer.trim().into() })?;
+            let submission = Submission { id, jobs: jobs.to_vec() };
+            all.push(submission.clone());
+            new.push(submission);
+            // After each: what Slurm has is known, whatever happens next.
+            write_json(&record(manifest), &all)?;
+        }
+    }
+    if !new.is_empty() && !manifest.takes().is_empty() {
+        submit_pages(manifest, program, &all)?;
     }
     Ok(new)
+}
+
+/// Submits the job that writes the pages of takes, after all that are in the queue.
+fn submit_pages(manifest: &Manifest, program: &Path, all: &[Submission]) -> Result<(), SweepError> {
+    let queue = queue(manifest)?;
+    let waits = |of: &&Submission| of.jobs.iter().any(|job| queue.contains_key(job));
+    let ids: Vec<String> = all.iter().filter(waits).map(|of| of.id.to_string()).collect();
+    let path = manifest.folder.join("pages.sh");
+    let text = pages_script(manifest, program);
+    erfgs_base::atomic::write(&path, text.as_bytes()).map_err(FileError::when("write", &path))?;
+    let mut words = vec!["--parsable".into()];
+    words.extend((!ids.is_empty()).then(|| format!("--dependency=afterany:{}", ids.join(":"))));
+    words.push(path.to_string_lossy().into_owned());
+    ask("sbatch", &words).map(drop)
 }
 
 /// What Slurm's queue says of the jobs of a sweep.

@@ -96,6 +96,14 @@ fn steps(manifest: &Manifest, job: &Job, hand: &Hand<'_>) -> Result<Ended, Sweep
     let run = manifest.run(job);
     let mut words = words(["train"]);
     words.extend([text(&job.dataset), "--out".into(), text(run.root()), "--resume".into()]);
+    if let Some(before) = &job.after {
+        let before = manifest.job(before)?;
+        if !manifest.is_done(before) {
+            let message = format!("{} is not done, from which it takes what stands still", before.name);
+            return Ok(Ended::Failed { message });
+        }
+        words.extend(["--static".into(), text(manifest.run(before).root())]);
+    }
     words.extend(job.arguments.iter().cloned());
     let ended = hand.step(&words)?;
     if ended != Ended::Done || !manifest.evaluate || is_measured(&run) {

@@ -287,7 +287,7 @@ pub fn import(
     if cameras.is_empty() {
         return Err(nothing(session, options));
     }
-    let dataset = Dataset::new(building.path(), manifest(session, cameras, span_ns, options));
+    let dataset = Dataset::new(building.path(), manifest(session, cameras, [zero_ns, zero_ns + span_ns[1]], options));
     Ok(dataset.complete(building, out)?)
 }
 
@@ -404,7 +404,8 @@ fn split(cameras: &mut [Camera], options: &SessionOptions) -> Result<(), ImportE
 /// With fewer frame cameras none can be spared for testing.
 const FEWEST_SPLIT: usize = 4;
 
-fn manifest(session: &Session, cameras: Vec<Camera>, span_ns: [i64; 2], options: &SessionOptions) -> Manifest {
+/// `window_ns`: what it spans of the session.
+fn manifest(session: &Session, cameras: Vec<Camera>, window_ns: [i64; 2], options: &SessionOptions) -> Manifest {
     let name = session.path().file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut given: BTreeMap<String, serde_json::Value> = BTreeMap::new();
     given.extend(options.window_ns.map(|window| ("window_s".to_owned(), json!(window.map(|t| t as f64 * 1e-9)))));
@@ -421,9 +422,10 @@ fn manifest(session: &Session, cameras: Vec<Camera>, span_ns: [i64; 2], options:
             importer: "session".to_owned(),
             name,
             options: given,
+            zero_ns: Some(window_ns[0]),
             erfgs: env!("CARGO_PKG_VERSION").to_owned(),
         },
-        span_ns,
+        span_ns: [0, window_ns[1] - window_ns[0]],
         seed: 0,
         linear_exposure: true,
         variant: Vec::new(),

@@ -85,6 +85,7 @@ pub fn manifest() -> Manifest {
             importer: "stage".into(),
             name: "thrown-ball".into(),
             options: BTreeMap::new(),
+            zero_ns: None,
             erfgs: "0.1.0".into(),
         },
         span_ns: [0, i64::from(FRAMES - 1) * FRAME_NS],

@@ -2,6 +2,7 @@
 
 import * as source from './source.js';
 import { Models } from './models.js';
+import { Take } from './take.js';
 import { Training } from './training.js';
 import { FreeCamera, overview, preset } from './camera.js';
 import { listen } from './controls.js';
@@ -33,13 +34,23 @@ function loading(share) {
 
 async function start() {
   const abouts = await source.models();
-  $('title').textContent = abouts.map((about) => about.name).join(' | ');
+  const take = new Take(abouts);
+  const called = take.long ? abouts[0].window.take : abouts[0].name;
+  $('title').textContent = take.long ? called : abouts.map((about) => about.name).join(' | ');
   document.title = `${$('title').textContent} - erfgs view`;
-  const canvases = [0, 1].map((k) => $(`picture${k}`));
+  const link = new URLSearchParams(location.hash.slice(1));
+  const begin = take.at(take.long && link.has('t') ? Number(link.get('t')) / take.seconds || 0 : 0);
+  const canvases = take.long ? abouts.map(() => $('picture0')) : [0, 1].map((k) => $(`picture${k}`));
   const state = { t01: 0, camera: null, playing: false, changed: true, coarse: 1, drawn: 0, walk: null, lost: false };
   const changed = () => { state.changed = true; };
-  const models = await Models.load(abouts, canvases, options.get('renderer'), loading, changed);
-  const [{ header }] = models.scenes;
+  const models = await Models.load(abouts, canvases, options.get('renderer'), take.long ? [begin.model] : [...abouts.keys()], loading, changed);
+  const header = take.header(models.list[begin.model].scene.header);
+  // What is seen at an instant: runs beside each other, or a window of a take; with the instant on its own line of time.
+  const seenAt = (t01) => {
+    const now = take.at(t01);
+    const shown = (take.long ? [now.model] : [...abouts.keys()]).map((k) => models.want(k));
+    return { ...now, shown: shown.every(Boolean) ? shown : [] };
+  };
   const followDevice = async () => {
     const lost = await models.gpu?.device.lost;
     if (!lost) return;
@@ -73,9 +84,9 @@ async function start() {
   };
   const at = (t01) => { state.t01 = Math.min(1, Math.max(0, t01)); changed(); };
   // Of two runs on one recording, one may know its events.
-  const known = models.scenes.find((scene) => scene.header.events.counts.length > 0)?.header ?? header;
+  const known = take.long ? header : models.list.find(({ scene }) => scene.header.events.counts.length > 0)?.scene.header ?? header;
   const timeline = new Timeline($('timeline'), known, (t01) => { play(false); at(t01); });
-  const errors = abouts[0].from_run ? await (await fetch('api/errors/0')).json() : [];
+  const errors = abouts[0].from_run ? take.errors(await Promise.all(abouts.map(async (_, k) => (await fetch(`api/errors/${k}`)).json()))) : [];
   timeline.measured(errors);
   const overlay = new Overlay($('overlay'));
   const recorded = new Recorded($('recorded'), changed);
@@ -83,7 +94,6 @@ async function start() {
   const controls = listen($('stage'), () => { choose(null); return free; }, changed);
 
   // What a link holds.
-  const link = new URLSearchParams(location.hash.slice(1));
   if (link.has('t')) at(Number(link.get('t')) / seconds || 0);
   if (!free.read(link.get('free') ?? '')) choose(named(link.get('camera')) ?? header.cameras.find((camera) => camera.split === 'test') ?? header.cameras[0]);
   const remember = () => {
@@ -105,8 +115,11 @@ async function start() {
   for (const id of ['mode', 'look', 'layer', 'cameras', 'velocities', 'events', 'recordedmode', 'opacity', 'split']) $(id).addEventListener('input', changed);
   for (const kind of ['pointerdown', 'pointermove']) $('split').addEventListener(kind, (event) => event.stopPropagation());
   $('help').addEventListener('click', () => { $('keys').hidden = !$('keys').hidden; $('help').setAttribute('aria-expanded', String(!$('keys').hidden)); changed(); });
-  const stem = () => `${abouts[0].name}-${(state.t01 * seconds).toFixed(4)}s`;
-  $('shot').addEventListener('click', () => savePicture(`${stem()}.png`, models.painters, view(), state.t01, how(), Number($('split').value)).then(changed));
+  const stem = () => `${called}-${(state.t01 * seconds).toFixed(4)}s`;
+  $('shot').addEventListener('click', () => {
+    const { shown, t01 } = seenAt(state.t01);
+    if (shown.length) savePicture(`${stem()}.png`, shown.map(({ painter }) => painter), view(), t01, how(), Number($('split').value)).then(changed);
+  });
   const keysChanged = () => {
     const count = path.keys.length;
     $('keyframes').textContent = count === 1 ? '1 key frame' : `${count} key frames`;
@@ -121,7 +134,7 @@ async function start() {
   };
   $('addkey').addEventListener('click', addKey);
   $('walk').addEventListener('click', () => { play(false); walk(state.walk === null); });
-  $('savepath').addEventListener('click', () => save(`${abouts[0].name}-path.json`, new Blob([path.file(seconds)], { type: 'application/json' })));
+  $('savepath').addEventListener('click', () => save(`${called}-path.json`, new Blob([path.file(seconds)], { type: 'application/json' })));
   $('nopath').addEventListener('click', () => { walk(false); path.clear(); keysChanged(); });
   // The window, its zoom, or what stands beside the picture in it.
   addEventListener('resize', changed);
@@ -146,7 +159,9 @@ async function start() {
     event.preventDefault();
     keys[event.key]();
   });
-  const second = abouts.length > 1;
+  const second = abouts.length > 1 && !take.long;
+  // The path is of `erfgs render`, which takes a run.
+  $('savepath').hidden = take.long;
   for (const id of ['picture1', 'split']) $(id).hidden = !second;
 
   // The picture that fits the stage, and its size on the page.
@@ -156,14 +171,20 @@ async function start() {
     const ratio = Math.min(devicePixelRatio || 1, most) / state.coarse;
     const size = room.map((side) => Math.max(16, Math.round(side * ratio)));
     const seen = state.walk !== null ? free.along(path.at(state.walk), size)
-      : state.camera ? { ...preset(state.camera, size), near: state.camera.near } : free.view(size);
+      : state.camera ? { ...preset(state.camera, size), near: nearOf(state.camera) } : free.view(size);
     const shown = $('frame').style;
     [shown.width, shown.height] = [`${seen.width / ratio}px`, `${seen.height / ratio}px`];
     return seen;
   };
 
-  // What was recorded, and what is drawn over the picture.
-  const showMore = (seen) => {
+  // The near plane of a camera, as the window that is seen has it.
+  const nearOf = ({ name, near }) => {
+    const own = models.list[take.at(state.t01).model]?.scene.header.cameras.find((camera) => camera.name === name);
+    return own?.near ?? near;
+  };
+
+  // What was recorded, and what is drawn over the picture of a scene.
+  const showMore = (seen, scene, now) => {
     const camera = state.walk === null ? state.camera : null;
     const has = Boolean(camera?.frames.length) && abouts[0].from_run;
     $('recordedlabel').hidden = !has;
@@ -175,14 +196,14 @@ async function start() {
     $('eventslabel').hidden = !hasEvents;
     if (hasEvents && $('events').value) {
       // Milliseconds, about the instant that is shown.
-      const half = Number($('events').value) / 2000 / Math.max(1e-9, seconds);
-      const packed = recorded.events(camera, state.t01 - half, state.t01 + half);
+      const [start, end] = scene.header.span_ns;
+      const half = Number($('events').value) * 5e5 / Math.max(1, end - start);
+      const packed = recorded.events(now.model, camera, now.t01 - half, now.t01 + half);
       if (packed) overlay.events(packed, camera);
     }
     if ($('cameras').checked) overlay.cameras(header.cameras, camera);
-    const [scene] = models.scenes;
     $('velocitieslabel').hidden = scene.motion.kind !== 'free-time';
-    if ($('velocities').checked && scene.motion.kind === 'free-time') overlay.velocities(scene, state.t01);
+    if ($('velocities').checked && scene.motion.kind === 'free-time') overlay.velocities(scene, now.t01);
   };
 
   let last = performance.now();
@@ -215,23 +236,32 @@ async function start() {
     state.changed = false;
     try {
       const from = performance.now();
-      const seen = view();
-      showMore(seen);
       timeline.draw(state.t01);
       if (document.activeElement !== $('time')) $('time').value = (state.t01 * seconds).toFixed(3);
+      const { shown, ...now } = seenAt(state.t01);
+      const next = take.after(now.number);
+      if (next !== undefined && shown[0]?.scene.whole) models.want(next);
+      if (shown.length === 0) {
+        // Until the window is there, the last picture stays; what comes then asks for another.
+        $('note').textContent = `window ${now.number + 1} of ${abouts.length} is being loaded`;
+        return;
+      }
+      const seen = view();
+      showMore(seen, shown[0].scene, now);
       $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;
       // While they are drawn, better ones may come.
-      const { painters, scenes } = models;
-      for (const painter of painters) if (await painter.draw(seen, state.t01, how())) state.changed = true;
+      for (const { painter } of shown) if (await painter.draw(seen, now.t01, how())) state.changed = true;
       const took = performance.now() - from;
       if ((state.playing || state.walk !== null || idle === 0) && took > SLOW_MS && state.coarse < 4) state.coarse *= 2;
       state.drawn += 1;
       for (const id of ['mode', 'look', 'layer']) $(id).disabled = Boolean(models.why);
       const drawnBy = models.why ? `drawn by the server (${models.why})` : `${took.toFixed(0)} ms`;
-      const [{ header: { count, dynamic }, count: there }] = scenes;
-      const whole = scenes.every((scene) => scene.whole);
-      const some = scenes[0].whole || models.why ? '' : `${there.toLocaleString('en')} of `;
-      $('note').textContent = `${some}${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${drawnBy}`;
+      const [{ scene: { header: { count, dynamic }, count: there } }] = shown;
+      const whole = shown.every(({ scene }) => scene.whole);
+      const some = shown[0].scene.whole || models.why ? '' : `${there.toLocaleString('en')} of `;
+      const which = take.long ? `window ${now.number + 1} of ${abouts.length} · ` : '';
+      document.body.dataset.window = now.number;
+      $('note').textContent = `${which}${some}${count.toLocaleString('en')} Gaussians, ${dynamic.toLocaleString('en')} move · ${seen.width} x ${seen.height} · ${drawnBy}`;
       document.body.dataset.shown = whole ? 'all' : 'some';
       if (state.failed) trouble('');
       state.failed = false;
@@ -240,15 +270,17 @@ async function start() {
       // What a lost device says of a picture is told by who takes it up again.
       state.failed = !state.lost;
       if (state.failed) trouble(error.message);
+    } finally {
+      busy = false;
+      delete document.body.dataset.busy;
     }
-    busy = false;
-    delete document.body.dataset.busy;
   }
   if (options.has('check')) {
     await models.whole;
     $('note').textContent = 'comparing with the server';
-    for (const [k, painter] of models.painters.entries()) {
-      await check(painter, k, models.scenes[k].header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
+    for (const k of abouts.keys()) {
+      const { painter, scene } = await models.all(k);
+      await check(painter, k, scene.header, Number(options.get('check')) || 5, ({ camera, mode, psnr_db, worst }) => {
         $('note').textContent = `${camera}, ${mode}: ${psnr_db.toFixed(1)} dB against the server, ${worst} of 255 at most`;
       });
     }

@@ -32,22 +32,63 @@ async function device(abouts, wanted) {
 // Whether there is no server that draws them.
 const isAlone = (abouts) => source.alone || abouts.some((about) => !about.from_run);
 
+// Of the windows of a take, so many are kept: the one that is seen, the next, and those before.
+const KEPT = 4;
+
 export class Models {
-  // Resolves once each model has something to show; `whole` then waits for all of it. `canvases`: one for each model; `wanted`:
-  // `webgpu`, `server` or nothing. `told` hears how much of all is there, and `changed` that there is more to draw.
-  static async load(abouts, canvases, wanted, told, changed) {
+  // Resolves once each of the models `first` has something to show; `whole` then waits for all of these. `canvases`: one for each model;
+  // `wanted`: `webgpu`, `server` or nothing. `told` hears how much of all is there, and `changed` that there is more to draw.
+  static async load(abouts, canvases, wanted, first, told, changed) {
     const self = new Models();
-    Object.assign(self, { abouts, canvases, told, changed, shares: abouts.map(() => 0), list: [] }, await device(abouts, wanted));
-    const loads = abouts.map((_, k) => self.#follow(k));
-    self.whole = Promise.all(loads.map(({ rest }) => rest));
+    Object.assign(self, { abouts, canvases, told, changed, shares: new Map(), loads: new Map(), list: [] }, await device(abouts, wanted));
+    self.whole = Promise.all(first.map((k) => self.#load(k).rest));
     // Who waits for the first picture is told of what failed.
     self.whole.catch(() => {});
-    await Promise.all(loads.map(({ first }) => first));
+    await Promise.all(first.map((k) => self.#load(k).first));
     return self;
   }
 
   // Loads a model anew: it has learned more.
   async renew(k) { await this.#follow(k, Infinity).rest; }
+
+  // A model as far as it is there; nothing until it can be shown. It is loaded if it was not, for which others may have to go.
+  want(k) {
+    const load = this.#load(k);
+    // The last that was wanted comes last.
+    this.loads.delete(k);
+    this.loads.set(k, load);
+    if (load.failed) {
+      // When it is wanted again, it is tried again.
+      this.loads.delete(k);
+      throw load.failed;
+    }
+    return this.list[k];
+  }
+
+  // The same, once all of it is there.
+  async all(k) {
+    await this.#load(k).rest;
+    return this.list[k];
+  }
+
+  #load(k) {
+    if (!this.loads.has(k)) {
+      const load = this.#follow(k);
+      load.first.then(() => this.changed(), () => {});
+      load.rest.catch((error) => { load.failed = error; this.changed(); });
+      this.loads.set(k, load);
+      const before = [...this.loads.keys()].slice(0, -KEPT);
+      before.filter((other) => this.list[other]?.scene.whole).forEach((other) => this.#forget(other));
+    }
+    return this.loads.get(k);
+  }
+
+  #forget(k) {
+    this.list[k].painter.viewer?.destroy();
+    delete this.list[k];
+    this.loads.delete(k);
+    this.shares.delete(k);
+  }
 
   // Shows a model as it comes, from `least` of it on.
   #follow(k, least = this.gpu ? 2 : 1) {
@@ -55,8 +96,8 @@ export class Models {
     const fetched = async () => {
       for await (const bytes of source.scene(k)) {
         reader.push(bytes);
-        this.shares[k] = reader.share;
-        this.told(Math.min(...this.shares));
+        this.shares.set(k, reader.share);
+        this.told(Math.min(...this.shares.values()));
       }
     };
     fetched().then(() => reader.end(), (error) => reader.end(error));
@@ -90,11 +131,10 @@ export class Models {
   #leave(why) {
     for (const { painter } of this.list.filter(Boolean)) painter.viewer?.destroy();
     Object.assign(this, { gpu: null, why });
-    this.canvases.forEach((canvas, k) => {
-      this.canvases[k] = canvas.cloneNode();
-      canvas.replaceWith(this.canvases[k]);
-      if (this.list[k]) this.list[k].painter = new Sent(k, this.canvases[k]);
-    });
+    const others = new Map([...new Set(this.canvases)].map((canvas) => [canvas, canvas.cloneNode()]));
+    others.forEach((other, canvas) => canvas.replaceWith(other));
+    this.canvases = this.canvases.map((canvas) => others.get(canvas));
+    this.list.forEach((shown, k) => { shown.painter = new Sent(k, this.canvases[k]); });
   }
 
   // Takes the device up again after it was lost. Gives whether that was worth trying.
@@ -111,10 +151,7 @@ export class Models {
         await new Promise((done) => { setTimeout(done, RECOVER_MS); });
       }
     }
-    for (const [k, { scene }] of this.list.entries()) this.list[k].painter = await Drawn.make(this.gpu, TEXTS, scene, this.canvases[k]);
+    for (const k of Object.keys(this.list)) this.list[k].painter = await Drawn.make(this.gpu, TEXTS, this.list[k].scene, this.canvases[k]);
     return true;
   }
-
-  get scenes() { return this.list.map(({ scene }) => scene); }
-  get painters() { return this.list.map(({ painter }) => painter); }
 }

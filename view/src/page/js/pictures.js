@@ -5,12 +5,16 @@ import { nearOf } from './scene.js';
 
 const trainedNear = (scene, view) => view.near ?? nearOf(scene, view);
 
+// The device that a canvas shows pictures of: to say it again takes the picture away that is there.
+const configured = new WeakMap();
+
 export class Drawn {
   static async make(gpu, texts, scene, canvas) {
     const self = new Drawn();
     const format = navigator.gpu.getPreferredCanvasFormat();
     const context = canvas.getContext('webgpu');
-    context.configure({ device: gpu.device, format, alphaMode: 'opaque' });
+    if (configured.get(canvas) !== gpu.device) context.configure({ device: gpu.device, format, alphaMode: 'opaque' });
+    configured.set(canvas, gpu.device);
     const what = `${scene.count.toLocaleString('en')} Gaussians`;
     const viewer = await gpu.withRoom(what, largest(scene), () => Viewer.make(gpu, texts, scene, format));
     Object.assign(self, { canvas, context, scene, viewer });

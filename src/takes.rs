@@ -1,0 +1,125 @@
+//! Long takes that a sweep trained in windows, as pages show them.
+
+use std::path::{Path, PathBuf};
+
+use erfgs_run::RunFolder;
+use erfgs_sweep::{Manifest, TrainedTake, TrainedWindow};
+use erfgs_train::{gpu::Gpu, trainer::Trainer};
+use erfgs_view::{Learned, Precision, SceneFile, Window, alone, scene_file::fidelity};
+
+use crate::{
+    device::{Adapter, TrainedRun},
+    errors::Usage,
+    terminal::Terminal,
+};
+
+/// A window, and its run.
+pub struct WindowRun {
+    /// The run.
+    pub run: TrainedRun,
+    /// Its folder.
+    pub folder: RunFolder,
+    /// What of the take it shows.
+    pub window: Window,
+}
+
+impl WindowRun {
+    fn of(manifest: &Manifest, take: &TrainedTake<'_>, window: &TrainedWindow<'_>, adapter: &Adapter) -> Self {
+        let &TrainedWindow { job, begins, from, until } = window;
+        let folder = manifest.run(job);
+        let run = TrainedRun::new(folder.root(), None, adapter);
+        Self { run, folder, window: Window { take: take.name.clone(), begins, from, until } }
+    }
+
+    /// What it learned.
+    pub fn trainer<'a>(&self, gpu: &'a Gpu) -> anyhow::Result<Trainer<'a>> {
+        self.run.trainer(gpu, &self.folder)
+    }
+}
+
+/// The windows of a take, where `path` is the folder of a sweep: of the one that is named, or of its only one.
+pub fn windows(
+    path: &Path,
+    named: Option<&str>,
+    adapter: &Adapter,
+    terminal: &Terminal,
+) -> anyhow::Result<Option<Vec<WindowRun>>> {
+    if !Manifest::is_in(path) {
+        return Ok(None);
+    }
+    let manifest = Manifest::load(path)?;
+    let takes = manifest.takes();
+    let shown = path.display();
+    let names = || takes.iter().map(|take| take.name.as_str()).collect::<Vec<_>>().join(", ");
+    let take = match (&takes[..], named) {
+        ([], _) => {
+            let why = format!("{shown} has no take of several windows; name one of the runs in {shown}/runs");
+            return Err(Usage(why).into());
+        }
+        ([only], None) => only,
+        (_, None) => return Err(Usage(format!("{shown} has several takes: choose one by --take: {}", names())).into()),
+        (all, Some(name)) => match all.iter().find(|take| take.name == name) {
+            Some(take) => take,
+            None => return Err(Usage(format!("{shown} has no take '{name}'; it has {}", names())).into()),
+        },
+    };
+    if take.windows.is_empty() {
+        let why = format!("no window of {} is done yet; see `erfgs sweep {shown} --status`", take.name);
+        return Err(Usage(why).into());
+    }
+    if take.missing > 0 {
+        terminal.note(format!("{} windows of {} are not done yet, and left out", take.missing, take.name));
+    }
+    Ok(Some(take.windows.iter().map(|window| WindowRun::of(&manifest, take, window, adapter)).collect()))
+}
+
+/// A take as one page.
+pub struct TakePage {
+    /// The page.
+    pub text: String,
+    /// Gaussians of all windows.
+    pub gaussians: usize,
+    /// Of the pictures of its worst window against those of the run, where numbers were packed.
+    pub psnr_db: Option<f64>,
+}
+
+/// Makes a page of one file that shows the windows one after another.
+pub fn page(
+    windows: &[WindowRun],
+    precision: Precision,
+    adapter: &Adapter,
+    terminal: &Terminal,
+) -> anyhow::Result<TakePage> {
+    let gpu = adapter.open()?;
+    let progress = terminal.progress("packing windows");
+    let mut psnr_db: Option<f64> = None;
+    let mut scenes: Vec<(String, SceneFile)> = Vec::new();
+    for (at, window) in windows.iter().enumerate() {
+        progress.update(at as u64, windows.len() as u64, "windows");
+        let trainer = window.trainer(&gpu)?;
+        let scene = Learned::of(&trainer)?.file(precision);
+        if let Some(beyond) = &scene.header.only_server {
+            let run = window.folder.root().display();
+            anyhow::bail!("a browser cannot draw {run} by itself: {beyond}; look at it with `erfgs view`");
+        }
+        if precision == Precision::Packed {
+            let decibels = fidelity(trainer, &gpu, &scene)?;
+            psnr_db = Some(psnr_db.map_or(decibels, |worst| worst.min(decibels)));
+        }
+        scenes.push((window.folder.name(), scene));
+    }
+    drop(progress);
+    let packed: Vec<alone::Packed<'_>> = scenes
+        .iter()
+        .zip(windows)
+        .map(|((name, scene), of)| alone::Packed { name, scene, window: Some(&of.window) })
+        .collect();
+    let gaussians = scenes.iter().map(|(_, scene)| scene.header.count).sum();
+    Ok(TakePage { text: alone::page(&packed)?, gaussians, psnr_db })
+}
+
+/// Where the page of a take goes, where nobody says otherwise.
+pub fn page_file(sweep: &Path, windows: &[WindowRun]) -> PathBuf {
+    let name = windows.first().map_or("take", |first| &first.window.take);
+    sweep.join("takes").join(format!("{name}.html"))
+}

@@ -1,0 +1,139 @@
+//! A long take: trained in windows with one static set, and played one after another.
+
+use std::{fs, path::Path};
+
+use erfgs_train::{
+    checkpoint::Checkpoint,
+    gaussians::{CORE, sh_stride},
+};
+
+use super::{
+    Folder,
+    browser::Browser,
+    view::{Served, compared},
+};
+use crate::recording;
+
+const PLAN: &str = r#"
+evaluate = false
+[train]
+iterations = "20+40"
+[[take]]
+session = "take.mcap"
+rig = "rig.json"
+from = 1.5
+seconds = 0.4
+window = 0.25
+overlap = 0.1
+import = ["--test", "test00"]
+points = ["--method", "random", "--random-points", "400", "--moving", "4", "--moving-points", "400"]
+"#;
+
+/// Rows of the Gaussians that are a static set, or that stand still.
+fn still(run: &Path, fixed_alone: bool) -> Vec<Vec<u32>> {
+    let Checkpoint { population, fixed, .. } = Checkpoint::load(&run.join("checkpoint.bin")).expect("a checkpoint");
+    let learned = population.gaussians;
+    let from = if fixed_alone { learned.len() - fixed } else { learned.dynamic };
+    let stride = sh_stride(learned.sh_degree);
+    let row = |index: usize| {
+        let values = learned.core[index * CORE..][..CORE].iter().chain(&learned.sh[index * stride..][..stride]);
+        values.map(|value| value.to_bits()).collect()
+    };
+    (from..learned.len()).map(row).collect()
+}
+
+#[test]
+fn windows_share_what_stands_still_and_are_played_one_after_another() {
+    let folder = Folder::new();
+    for file in ["take.mcap", "rig.json"] {
+        fs::copy(recording::dataset::FILM.path().join(file), folder.path(file)).expect("copied");
+    }
+    fs::write(folder.path("long.toml"), PLAN).expect("a plan");
+    let told = folder.figures("sweep long.toml --dry-run --local");
+    assert_eq!((&told["jobs"][0]["after"], &told["jobs"][1]["after"]), (&().into(), &"take-w000-s0".into()), "{told}");
+    // A field that moves everything has no such set.
+    fs::write(folder.path("field.toml"), PLAN.replace("[train]\n", "[train]\npreset = \"paper\"\n")).expect("a plan");
+    assert!(folder.figures("sweep field.toml --dry-run --local")["jobs"][1]["after"].is_null());
+    fs::write(folder.path("each.toml"), format!("{PLAN}one_static_set = false\n")).expect("a plan");
+    assert!(folder.figures("sweep each.toml --dry-run --local")["jobs"][1]["after"].is_null());
+    assert!(folder.fail(1, "view long").contains("long"), "there is none yet");
+
+    // Two at once: the second window waits for the first.
+    let told = folder.figures("sweep long.toml --local --at-once 2");
+    assert!(told["jobs"].as_array().expect("jobs").iter().all(|job| job["state"] == "done"), "{told}");
+    let [first, second] = ["take-w000-s0", "take-w001-s0"].map(|run| folder.path("long/runs").join(run));
+    let (of_first, taken_over) = (still(&first, false), still(&second, true));
+    assert!(2 * taken_over.len() > of_first.len(), "{} of {}", taken_over.len(), of_first.len());
+    let known: std::collections::BTreeSet<_> = of_first.into_iter().collect();
+    assert!(taken_over.iter().all(|row| known.contains(row)), "they are as they were, to the bit");
+    let log = fs::read_to_string(folder.path("long/logs/take-w001-s0.log")).expect("a log");
+    assert!(log.contains("of the static set are as the frames show them"), "{log}");
+
+    refused(&folder);
+    played(&folder);
+}
+
+/// What a static set cannot be taken over from, or by.
+fn refused(folder: &Folder) {
+    let dataset = "long/datasets/take-w001";
+    let first = "long/runs/take-w000-s0";
+    let said = folder.fail(1, &format!("train {dataset} --static {first} --motion hexplane --out x -q"));
+    assert!(said.contains("--motion free-time"), "{said}");
+    let said = folder.fail(1, &format!("train {dataset} --static nowhere --out x -q"));
+    assert!(said.contains("nowhere"), "{said}");
+    folder.succeed(&format!(
+        "train {dataset} --set dynamic.skip_static=false --motion hexplane --iterations 2+2 --out all -q"
+    ));
+    let said = folder.fail(1, &format!("train {dataset} --static all --out x -q"));
+    assert!(said.contains("no Gaussian stands still"), "{said}");
+    // A run goes on with the set that it began with, and with no other.
+    folder.succeed(&format!(
+        "train {dataset} --static {first} --seed 0 --iterations 20+40 --out long/runs/take-w001-s0 --resume -q"
+    ));
+    let second = "long/runs/take-w001-s0";
+    let said = folder.fail(2, &format!("train {dataset} --static {second} --seed 0 --out {second} --resume -q"));
+    assert!(said.contains("static_set"), "{said}");
+    assert!(folder.fail(2, "view long --take other").contains("take-s0"));
+    assert!(folder.fail(2, "export long --to e4d --out take.e4d").contains("--to html"));
+}
+
+/// The page of the take, from a disk and served.
+fn played(folder: &Folder) {
+    let mut browser = Browser::start();
+    let window = |number: u32| format!("document.body?.dataset.window === '{number}'");
+    let go = |browser: &mut Browser, seconds: f64| {
+        let time = "document.getElementById('time')";
+        browser.evaluate(&format!("{time}.value = {seconds}; {time}.dispatchEvent(new Event('change'))"));
+    };
+    browser.open(&format!("file://{}#t=0.05", folder.path("long/takes/take-s0.html").display()));
+    browser.wait(&window(0));
+    let seconds = browser.evaluate("Number(document.getElementById('time').max)").as_f64().expect("a length");
+    assert!((0.35..0.42).contains(&seconds), "{seconds} s");
+    go(&mut browser, 0.3);
+    browser.wait(&window(1));
+    go(&mut browser, 0.1);
+    browser.wait(&window(0));
+
+    let served = Served::start(folder, "long");
+    let models = served.page.json("/api/models");
+    let of = |number: usize, what: &str| models[number]["window"][what].as_f64().expect("seconds");
+    assert!((of(0, "until") - of(1, "from")).abs() < 1e-9 && of(1, "from") > of(1, "begins"), "{models}");
+    browser.open(&format!("{}&check=1&renderer=webgpu", served.page.link));
+    for (mode, psnr) in compared(&served, 4) {
+        let least = if mode == "tiles" { 60.0 } else { 45.0 };
+        assert!(psnr > least, "{mode}: {psnr} dB");
+    }
+    // Frames are those of the window that is seen, also where the server draws.
+    for renderer in ["webgpu", "server"] {
+        browser.open(&format!("{}&renderer={renderer}#t=0.35&camera=rgb00", served.page.link));
+        browser.wait(&window(1));
+        let mode = "document.getElementById('recordedmode')";
+        browser.evaluate(&format!("{mode}.value = 'over'; {mode}.dispatchEvent(new Event('input'))"));
+        let source = "(document.getElementById('recorded').getAttribute('src') ?? '')";
+        browser.wait(&format!("{source}.startsWith('api/frame/1/rgb00/')"));
+        go(&mut browser, 0.0);
+        browser.wait(&format!("{source} === 'api/frame/0/rgb00/0'"));
+        browser.wait(&window(0));
+        browser.wait("document.getElementById('trouble').hidden");
+    }
+}
