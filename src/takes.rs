@@ -68,7 +68,8 @@ pub fn windows(
         return Err(Usage(why).into());
     }
     if take.missing > 0 {
-        terminal.note(format!("{} windows of {} are not done yet, and left out", take.missing, take.name));
+        let all = take.missing + take.windows.len();
+        terminal.note(format!("{} of {all} windows of {} are not done yet, and left out", take.missing, take.name));
     }
     Ok(Some(take.windows.iter().map(|window| WindowRun::of(&manifest, take, window, adapter)).collect()))
 }

@@ -2,6 +2,7 @@
 
 use std::{fs, path::Path};
 
+use erfgs_stage::{EventOptions, FilmOptions, RigOptions, Stage, StageOptions, film};
 use erfgs_train::{
     checkpoint::Checkpoint,
     gaussians::{CORE, sh_stride},
@@ -94,6 +95,12 @@ fn refused(folder: &Folder) {
     let said = folder.fail(2, &format!("train {dataset} --static {second} --seed 0 --out {second} --resume -q"));
     assert!(said.contains("static_set"), "{said}");
     assert!(folder.fail(2, "view long --take other").contains("take-s0"));
+    // Of a take that is not done, what there is is shown.
+    fs::rename(folder.path(second), folder.path("aside")).expect("moved");
+    let output = folder.run("export long --to html --out part.html");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("1 of 2 windows of take-s0"), "{said}");
+    fs::rename(folder.path("aside"), folder.path(second)).expect("moved back");
     assert!(folder.fail(2, "export long --to e4d --out take.e4d").contains("--to html"));
 }
 
@@ -136,4 +143,37 @@ fn played(folder: &Folder) {
         browser.wait(&window(0));
         browser.wait("document.getElementById('trouble').hidden");
     }
+}
+
+/// A static set of a moment in which all that moves hung in the air.
+#[test]
+fn what_no_longer_stands_where_it_stood_is_learned_anew() {
+    let folder = Folder::new();
+    let stage = StageOptions { samples_per_axis: 1, ..StageOptions::default() };
+    let options = FilmOptions {
+        stage: stage.clone(),
+        rig: RigOptions { width: 96, height: 72, rgb: 6, event: 1, test: 1, ..RigOptions::default() },
+        events: EventOptions::default(),
+        duration_ns: 250_000_000,
+        rgb_fps: 20.0,
+        exposure_ns: 5_000_000,
+        truth_points: 0,
+        ..FilmOptions::default()
+    };
+    film(&folder.path("ds"), &options, &|_| {}).expect("a film");
+    folder.succeed("dataset variant ds --subsample 100 --out instant");
+    folder.succeed("dataset points instant --method sweep");
+    folder.succeed("dataset points ds --method random --random-points 400 --moving 4 --moving-points 400");
+    folder.succeed("train instant --motion still --iterations 200+10 --no-evaluation --out frozen -q");
+    folder.succeed("train ds --static frozen --iterations 10 --no-evaluation --out run -q");
+    let ball = Stage::new(stage).ball;
+    let centre = ball.centre(0.0).as_vec3();
+    let in_the_ball = |rows: &[Vec<u32>]| {
+        let place = |row: &Vec<u32>| glam::Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(row[axis])));
+        rows.iter().filter(|row| place(row).distance(centre) < 1.2 * ball.radius as f32).count()
+    };
+    let (frozen, kept) = (still(&folder.path("frozen"), false), still(&folder.path("run"), true));
+    assert!(in_the_ball(&frozen) > 8, "it was there");
+    assert_eq!(in_the_ball(&kept), 0, "and is not any more");
+    assert!(10 * kept.len() > 7 * frozen.len(), "{} of {} stay", kept.len(), frozen.len());
 }

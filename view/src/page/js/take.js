@@ -57,7 +57,8 @@ export class Take {
     bin(1, 0);
     const cameras = header.cameras.map((camera) => ({ ...camera, frames: frames(camera.name) }));
     const start = Math.round(this.start * 1e9);
-    return { ...header, cameras, events: events.counts.some(Boolean) ? events : { edges: [], counts: [] }, span_ns: [start, start + Math.round(this.seconds * 1e9)] };
+    const cuts = this.windows.slice(1).map((window) => edgesOf(window)[0]);
+    return { ...header, cameras, cuts, events: events.counts.some(Boolean) ? events : { edges: [], counts: [] }, span_ns: [start, start + Math.round(this.seconds * 1e9)] };
   }
 
   // What was measured of the frames of all models, on this line of time.

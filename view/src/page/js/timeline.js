@@ -1,6 +1,6 @@
-// The line of time: exposures of the frames, the rate of events, the range that is repeated, and the instant that is shown.
+// The line of time: exposures of the frames, the rate of events, where windows of a take meet, the range that is repeated, and the instant that is shown.
 
-const COLOURS = { ground: '#23262d', events: '#58708a', frames: '#d9a441', range: 'rgba(120, 170, 255, 0.18)', now: '#ffffff', error: '#7fd18b', text: '#d9dde4' };
+const COLOURS = { ground: '#23262d', events: '#58708a', frames: '#d9a441', range: 'rgba(120, 170, 255, 0.18)', cut: '#8a6fb0', now: '#ffffff', error: '#7fd18b', text: '#d9dde4' };
 
 export class Timeline {
   constructor(canvas, header, moved) {
@@ -55,6 +55,7 @@ export class Timeline {
     const { edges, counts } = this.header.events;
     counts.forEach((count, k) => bar(edges[k], edges[k + 1], 1 - 0.8 * count / this.#length(k) / this.most, 1, COLOURS.events));
     for (const [t, from, to] of this.exposures) bar(to > from ? from : t, to, 0, 0.18, COLOURS.frames, ratio);
+    for (const cut of this.header.cuts ?? []) bar(cut, cut, 0.18, 1, COLOURS.cut, ratio);
     const [from, to] = this.range;
     if (from > 0 || to < 1) bar(from, to, 0, 1, COLOURS.range);
     this.#errors(paint, width, height, ratio);
