@@ -52,6 +52,11 @@ impl TrainedRun {
         Ok(RunFolder::open(&self.run)?)
     }
 
+    /// Which adapter it is opened with.
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
+    }
+
     /// The device, for [`Self::trainer`].
     pub fn device(&self) -> anyhow::Result<Gpu> {
         self.adapter.open()

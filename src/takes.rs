@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use erfgs_run::RunFolder;
 use erfgs_sweep::{Manifest, TrainedTake, TrainedWindow};
 use erfgs_train::{gpu::Gpu, trainer::Trainer};
@@ -72,6 +73,51 @@ pub fn windows(
         terminal.note(format!("{} of {all} windows of {} are not done yet, and left out", take.missing, take.name));
     }
     Ok(Some(take.windows.iter().map(|window| WindowRun::of(&manifest, take, window, adapter)).collect()))
+}
+
+/// A take as one scene, of which the window is open that was wanted last.
+pub struct OpenTake<'a> {
+    gpu: &'a Gpu,
+    windows: Vec<WindowRun>,
+    open: Option<(usize, Trainer<'a>)>,
+}
+
+impl<'a> OpenTake<'a> {
+    /// The take of these windows.
+    pub fn new(gpu: &'a Gpu, windows: Vec<WindowRun>) -> Self {
+        Self { gpu, windows, open: None }
+    }
+
+    /// How long it is, seconds.
+    pub fn seconds(&self) -> f64 {
+        let [first, last] = [self.windows.first(), self.windows.last()].map(|of| of.map(|of| &of.window));
+        first.zip(last).map_or(0.0, |(first, last)| last.until - first.from)
+    }
+
+    /// What a window learned.
+    pub fn window(&mut self, number: usize) -> anyhow::Result<&mut Trainer<'a>> {
+        if self.open.as_ref().is_none_or(|(open, _)| *open != number) {
+            let window = self.windows.get(number).context("there is no such window")?;
+            // The one before goes first: there may be no room for both.
+            drop(self.open.take());
+            self.open = Some((number, window.trainer(self.gpu)?));
+        }
+        self.open.as_mut().map(|(_, trainer)| trainer).context("no window is open")
+    }
+
+    /// The window that shows what is seen so many seconds after the take's beginning, and the same instant in it, in [0, 1]. What is
+    /// between windows that are there is shown by the one before.
+    pub fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut Trainer<'a>, f64)> {
+        let from = self.windows.first().map_or(0.0, |first| first.window.from);
+        let at = from + seconds;
+        let number = self.windows.iter().rposition(|of| at >= of.window.from).unwrap_or(0);
+        let (begins, until) = self.windows.get(number).map_or((0.0, 0.0), |of| (of.window.begins, of.window.until));
+        let trainer = self.window(number)?;
+        let [start, end] = trainer.scene.dataset.manifest.span_ns;
+        let length = 1e-9 * (end - start) as f64;
+        let t01 = if length > 0.0 { (at.min(until) - begins) / length } else { 0.0 };
+        Ok((trainer, t01.clamp(0.0, 1.0)))
+    }
 }
 
 /// A take as one page.

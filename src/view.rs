@@ -19,7 +19,7 @@ use crate::{
     device::{Adapter, TrainedRun},
     errors::Usage,
     interrupt::stop_flag,
-    takes::{self, WindowRun},
+    takes::{self, OpenTake},
     terminal::{Terminal, bytes, thousands},
 };
 
@@ -83,13 +83,15 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     // A scene file is drawn by browsers alone.
     let is_file = |path: &PathBuf| path.is_file();
     let gpu = if arguments.runs.iter().all(is_file) { None } else { Some(arguments.adapter.open()?) };
-    let mut painters: Vec<Painter<'_>> = Vec::new();
+    // Who draws for browsers that cannot: each run, or the take.
+    let mut trainers = Vec::new();
+    let mut take: Option<OpenTake<'_>> = None;
     let mut models = Vec::new();
     for path in &arguments.runs {
         let Some(gpu) = gpu.as_ref().filter(|_| !is_file(path)) else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             models.push(Model { name, scene: SceneFile::open(path)?, dataset: None, errors: Vec::new(), window: None });
-            painters.push(Painter::None);
+            trainers.push(None);
             continue;
         };
         if let Some(windows) = takes::windows(path, arguments.take.as_deref(), &arguments.adapter, terminal)? {
@@ -98,18 +100,18 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             }
             let progress = terminal.progress("reading windows");
             let count = windows.len() as u64;
-            for (at, window) in windows.into_iter().enumerate() {
+            for (at, window) in windows.iter().enumerate() {
                 progress.update(at as u64, count, "windows");
                 models.push(model(&window.folder, &window.trainer(gpu)?, Some(window.window.clone()))?);
-                painters.push(Painter::Window(window));
             }
+            take = Some(OpenTake::new(gpu, windows));
             continue;
         }
         let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
         let folder = run.folder()?;
         let trainer = run.trainer(gpu, &folder)?;
         models.push(model(&folder, &trainer, None)?);
-        painters.push(Painter::Run(Box::new(trainer)));
+        trainers.push(Some(trainer));
     }
     let served = models.iter().map(|model| ServedModel {
         name: model.name.clone(),
@@ -136,8 +138,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         open_browser(&page.url());
     }
     let mut told = 0;
-    // Of the windows of a take, the last that was drawn.
-    let mut open: Option<(usize, Trainer<'_>)> = None;
     while !stop.load(Ordering::Relaxed) {
         for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(told) {
             told += 1;
@@ -146,18 +146,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             ));
         }
         match asks.recv_timeout(Duration::from_millis(200)) {
-            Ok(ask) => match (painters.get_mut(ask.model), &gpu) {
-                (Some(Painter::Run(trainer)), _) => answer(trainer, ask),
-                (Some(Painter::Window(window)), Some(gpu)) => {
-                    if open.as_ref().is_none_or(|(model, _)| *model != ask.model) {
-                        // The one before goes first: there may be no room for both.
-                        drop(open.take());
-                        open = Some((ask.model, window.trainer(gpu)?));
-                    }
-                    if let Some((_, trainer)) = &mut open {
-                        answer(trainer, ask);
-                    }
-                }
+            Ok(ask) => match (&mut take, trainers.get_mut(ask.model)) {
+                (Some(take), _) => answer(take.window(ask.model)?, ask),
+                (None, Some(Some(trainer))) => answer(trainer, ask),
                 // Who asked may have left.
                 _ => drop(ask.answer.send(Err("the server cannot draw a scene file; the browser can".into()))),
             },
@@ -166,14 +157,6 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     Ok(())
-}
-
-/// Who draws for browsers that cannot.
-enum Painter<'a> {
-    Run(Box<Trainer<'a>>),
-    /// A window of a take, which is opened when it is asked for.
-    Window(WindowRun),
-    None,
 }
 
 /// What the page shows of a run.

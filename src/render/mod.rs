@@ -5,12 +5,14 @@ mod path;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use erfgs_dataset::Dataset;
 use erfgs_scene::{
     ImageRgb8, Intrinsics,
     exr::{Layers, write_layers},
     video::VideoWriter,
 };
 use erfgs_train::{
+    gpu::Gpu,
     metrics::to_bytes,
     raster::View,
     trainer::{Rendered, Trainer},
@@ -21,6 +23,7 @@ use self::path::Choice;
 use crate::{
     device::TrainedRun,
     errors::{Usage, not_over},
+    takes::{self, OpenTake},
     terminal::{Terminal, table},
 };
 
@@ -44,10 +47,14 @@ Formats:
 Examples:
   erfgs render run --path orbit --out orbit.mp4
   erfgs render run --path camera 10 --times 0.4..0.9 --frames 200 --out slow.mp4
-  erfgs render run --path keys.json --times 0.5 --format exr --out frozen")]
+  erfgs render run --path keys.json --times 0.5 --format exr --out frozen
+  erfgs render sweep --take dance-s0 --path keys.json --out dance.mp4")]
 pub struct Arguments {
     #[command(flatten)]
     run: TrainedRun,
+    /// Which take, where the run is the folder of a sweep that has several: its windows are rendered one after another.
+    #[arg(long, value_name = "NAME")]
+    take: Option<String>,
     /// Where the camera goes: orbit, camera NAME, or a file.
     #[arg(long, num_args = 1..=2, value_names = ["orbit|camera|FILE", "NAME"], default_value = "orbit")]
     path: Vec<String>,
@@ -135,11 +142,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         Format::Mp4 => arguments.out.clone(),
     };
     not_over(&first, arguments.force)?;
-    let folder = arguments.run.folder()?;
     let gpu = arguments.run.device()?;
-    let mut trainer = arguments.run.trainer(&gpu, &folder)?;
-    let [start, end] = trainer.scene.dataset.manifest.span_ns;
-    let span = (end - start) as f64 * 1e-9;
+    let mut subject = Subject::open(arguments, &gpu, terminal)?;
+    let span = subject.seconds();
     let times = arguments.times.unwrap_or(Times { from: 0.0, to: span });
     // Seconds are told to the millisecond; what is beyond by rounding is the end.
     if times.to > span + 1e-3 {
@@ -155,7 +160,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         },
         |frames| frames as usize,
     );
-    let stations = choice.stations(&trainer.scene.dataset, frames)?;
+    let stations = choice.stations(subject.dataset()?, frames)?;
     if arguments.times.is_some() && stations.iter().any(|station| station.time_s.is_some()) {
         return Err(Usage("the path has times of its own: leave --times out".into()).into());
     }
@@ -167,10 +172,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         progress.update(index as u64, frames as u64, "frames");
         let along = index as f64 / (frames.max(2) - 1) as f64;
         let time_s = station.time_s.unwrap_or(times.from + along * (times.to - times.from));
-        let t01 = if span > 0.0 { time_s / span } else { 0.0 };
         let view = View::try_from((&resized(&station.intrinsics, arguments.scale), &station.world_to_camera))?;
+        let (trainer, t01) = subject.at(time_s)?;
         let started = std::time::Instant::now();
-        let rendered = render(&mut trainer, &view, t01)?;
+        let rendered = trainer.render(&view, t01).context("cannot render")?;
         seconds += started.elapsed().as_secs_f64();
         writer.push(index, &view, &rendered)?;
     }
@@ -198,8 +203,53 @@ fn resized(intrinsics: &Intrinsics, scale: f64) -> Intrinsics {
     intrinsics.resized(pixels(intrinsics.width), pixels(intrinsics.height))
 }
 
-fn render(trainer: &mut Trainer<'_>, view: &View, t01: f64) -> anyhow::Result<Rendered> {
-    trainer.render(view, t01.clamp(0.0, 1.0)).context("cannot render")
+/// What is rendered.
+enum Subject<'a> {
+    Run(Box<Trainer<'a>>),
+    /// The windows of a long take, one after another.
+    Take(OpenTake<'a>),
+}
+
+impl<'a> Subject<'a> {
+    fn open(arguments: &Arguments, gpu: &'a Gpu, terminal: &Terminal) -> anyhow::Result<Self> {
+        let run = &arguments.run;
+        if let Some(windows) = takes::windows(&run.run, arguments.take.as_deref(), run.adapter(), terminal)? {
+            return Ok(Self::Take(OpenTake::new(gpu, windows)));
+        }
+        Ok(Self::Run(Box::new(run.trainer(gpu, &run.folder()?)?)))
+    }
+
+    /// How long it is.
+    fn seconds(&self) -> f64 {
+        match self {
+            Self::Run(trainer) => {
+                let [start, end] = trainer.scene.dataset.manifest.span_ns;
+                (end - start) as f64 * 1e-9
+            }
+            Self::Take(take) => take.seconds(),
+        }
+    }
+
+    /// Where its cameras stand: those of a take stand in all of its windows where they do in the first.
+    fn dataset(&mut self) -> anyhow::Result<&Dataset> {
+        match self {
+            Self::Run(trainer) => Ok(&trainer.scene.dataset),
+            Self::Take(take) => Ok(&take.window(0)?.scene.dataset),
+        }
+    }
+
+    /// What shows an instant, seconds from the beginning, and when that is for it, in [0, 1].
+    fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut Trainer<'a>, f64)> {
+        match self {
+            Self::Run(trainer) => {
+                let [start, end] = trainer.scene.dataset.manifest.span_ns;
+                let span = (end - start) as f64 * 1e-9;
+                let t01 = if span > 0.0 { seconds / span } else { 0.0 };
+                Ok((trainer, t01.clamp(0.0, 1.0)))
+            }
+            Self::Take(take) => take.at(seconds),
+        }
+    }
 }
 
 /// Where the pictures go.

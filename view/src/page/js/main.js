@@ -160,8 +160,6 @@ async function start() {
     keys[event.key]();
   });
   const second = abouts.length > 1 && !take.long;
-  // The path is of `erfgs render`, which takes a run.
-  $('savepath').hidden = take.long;
   for (const id of ['picture1', 'split']) $(id).hidden = !second;
 
   // The picture that fits the stage, and its size on the page.
