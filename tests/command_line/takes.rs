@@ -125,6 +125,12 @@ fn played(folder: &Folder) {
     let models = served.page.json("/api/models");
     let of = |number: usize, what: &str| models[number]["window"][what].as_f64().expect("seconds");
     assert!((of(0, "until") - of(1, "from")).abs() < 1e-9 && of(1, "from") > of(1, "begins"), "{models}");
+    // What is rendered at an instant is what the window shows that the page does.
+    let at = of(1, "begins") - of(0, "from") + 0.15;
+    folder.succeed(&format!("render long --path camera rgb00 --times {at} --out of-take -q"));
+    folder.succeed("render long/runs/take-w001-s0 --path camera rgb00 --times 0.15 --out of-run -q");
+    let picture = |of: &str| fs::read(folder.path(of).join("00000.png")).expect("a picture");
+    assert!(picture("of-take") == picture("of-run"));
     browser.open(&format!("{}&check=1&renderer=webgpu", served.page.link));
     for (mode, psnr) in compared(&served, 4) {
         let least = if mode == "tiles" { 60.0 } else { 45.0 };
