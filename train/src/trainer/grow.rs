@@ -190,6 +190,7 @@ impl Trainer<'_> {
     }
 
     fn note_left_out(&mut self, gaussians: &Gaussians) {
+        let every = self.whole_image_every();
         let mut note = |what: &str, why: String, saves: String| {
             self.left_out.push(LeftOut { what: what.into(), why, saves });
         };
@@ -230,10 +231,9 @@ impl Trainer<'_> {
                 format!("the gradients of {} Gaussians in event samples", count - dynamic),
             );
         }
-        if self.config.dynamic.whole_image_every > 1 && self.regions.iter().any(Option::is_some) {
+        if every > 1 && self.regions.iter().any(Option::is_some) {
             let shares: Vec<f64> = self.regions.iter().flatten().map(|region| region.share()).collect();
             let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
-            let every = self.config.dynamic.whole_image_every;
             note(
                 "parts of the images where nothing moves",
                 format!(

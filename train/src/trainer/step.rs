@@ -168,6 +168,16 @@ impl Trainer<'_> {
         }
     }
 
+    /// Of how many frame samples of the fine stage one looks at the whole image.
+    pub(super) fn whole_image_every(&self) -> u32 {
+        /// What a static set leaves to be learned is nearly all in the parts where something moves.
+        const RARER: u32 = 4;
+        match (self.config.dynamic.whole_image_every, &self.config.static_set) {
+            (every, Some(_)) if every > 1 => every.saturating_mul(RARER),
+            (every, _) => every,
+        }
+    }
+
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let frame_pixels = self.scene.pictures.get(index)?;
@@ -183,7 +193,7 @@ impl Trainer<'_> {
         let coarse = self.clock.stage == Stage::Coarse;
         let whole = match self.clock.stage {
             Stage::Coarse => !self.config.dynamic.coarse_without_moving,
-            Stage::Fine => self.clock.iteration.is_multiple_of(self.config.dynamic.whole_image_every),
+            Stage::Fine => self.clock.iteration.is_multiple_of(self.whole_image_every()),
         };
         let moving = if whole { None } else { self.regions.get(frame.view).cloned().flatten() };
         match &moving {

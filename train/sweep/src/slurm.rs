@@ -162,10 +162,11 @@ pub fn submit(manifest: &Manifest, program: &Path) -> Result<Vec<Submission>, Sw
             erfgs_base::atomic::write(&path, script.as_bytes()).map_err(FileError::when("write", &path))?;
             let mut words = vec!["--parsable".into()];
             if waits {
-                // However they end: what cannot begin then says why.
-                let has = |of: &&Submission| of.jobs.iter().any(|job| befores.contains(job));
-                let ids: Vec<String> = all.iter().filter(has).map(|of: &Submission| of.id.to_string()).collect();
-                words.extend((!ids.is_empty()).then(|| format!("--dependency=afterany:{}", ids.join(":"))));
+                // However they end: what cannot begin then says why. Each of them was submitted last where it still is.
+                let last = |job: &&String| all.iter().rev().find(|of: &&Submission| of.jobs.contains(job));
+                let ids: BTreeSet<String> = befores.iter().filter_map(last).map(|of| of.id.to_string()).collect();
+                let ids = Vec::from_iter(ids).join(":");
+                words.extend((!ids.is_empty()).then(|| format!("--dependency=afterany:{ids}")));
             }
             words.push(path.to_string_lossy().into_owned());
             let answer = ask("sbatch", &words)?;
