@@ -39,14 +39,16 @@ A plan is a TOML file (docs/sweep.md lists all of it; examples/sweep.toml is one
 
 Where a Slurm answers, the runs that are missing are submitted as an array of jobs; elsewhere they are trained here, --at-once of \
 them at a time. The same command at any later time goes on with what is not done: runs that were killed or preempted lose what \
-came after their last checkpoint, and come to the same result. `erfgs report` takes the sweep's folder for the runs that are done \
+came after their last checkpoint, and come to the same result. Windows of a long take ([[take]]) share what stands still in the first; \
+when all are done, takes/NAME.html in the sweep's folder plays them one after another. `erfgs report` takes the sweep's folder for the runs that are done \
 so far.
 
 Examples:
   erfgs sweep plan.toml --dry-run
   erfgs sweep plan.toml --at-once 2
   erfgs sweep plan.toml --status
-  erfgs report plan --out report.html")]
+  erfgs report plan --out report.html
+  erfgs view plan")]
 pub struct Arguments {
     /// The plan, or the folder of a sweep, whose manifest then says what is to be done.
     #[arg(value_name = "PLAN.toml")]

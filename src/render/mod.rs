@@ -207,14 +207,14 @@ fn resized(intrinsics: &Intrinsics, scale: f64) -> Intrinsics {
 enum Subject<'a> {
     Run(Box<Trainer<'a>>),
     /// The windows of a long take, one after another.
-    Take(OpenTake<'a>),
+    Take(Box<OpenTake<'a>>),
 }
 
 impl<'a> Subject<'a> {
     fn open(arguments: &Arguments, gpu: &'a Gpu, terminal: &Terminal) -> anyhow::Result<Self> {
         let run = &arguments.run;
         if let Some(windows) = takes::windows(&run.run, arguments.take.as_deref(), run.adapter(), terminal)? {
-            return Ok(Self::Take(OpenTake::new(gpu, windows)));
+            return Ok(Self::Take(Box::new(OpenTake::new(gpu, windows))));
         }
         Ok(Self::Run(Box::new(run.trainer(gpu, &run.folder()?)?)))
     }
