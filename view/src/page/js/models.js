@@ -75,19 +75,22 @@ export class Models {
     if (!this.loads.has(k)) {
       const load = this.#follow(k);
       load.first.then(() => this.changed(), () => {});
-      load.rest.catch((error) => { load.failed = error; this.changed(); });
+      load.rest.then(() => this.#forget(), (error) => { load.failed = error; this.changed(); });
       this.loads.set(k, load);
-      const before = [...this.loads.keys()].slice(0, -KEPT);
-      before.filter((other) => this.list[other]?.scene.whole).forEach((other) => this.#forget(other));
+      this.#forget();
     }
     return this.loads.get(k);
   }
 
-  #forget(k) {
-    this.list[k].painter.viewer?.destroy();
-    delete this.list[k];
-    this.loads.delete(k);
-    this.shares.delete(k);
+  // Lets go of all that are whole but those that were wanted last.
+  #forget() {
+    const before = [...this.loads.keys()].slice(0, -KEPT);
+    for (const k of before.filter((other) => this.list[other]?.scene.whole)) {
+      this.list[k].painter.viewer?.destroy();
+      delete this.list[k];
+      this.loads.delete(k);
+      this.shares.delete(k);
+    }
   }
 
   // Shows a model as it comes, from `least` of it on.
