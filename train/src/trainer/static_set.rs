@@ -16,6 +16,8 @@ use erfgs_run::LeftOut;
 const UNLIKE: f32 = 0.1;
 /// Such a square reaches to either side for this share of the width of the picture.
 const REACH: f32 = 0.01;
+/// Where it is thin, a pixel alone differs by more than this.
+const UNLIKE_ALONE: f32 = 0.25;
 
 impl<'a> Trainer<'a> {
     /// A run that takes what stands still from `set`. It has no coarse stage: nothing is left to be learned in one.
@@ -134,8 +136,9 @@ fn differ(seen: &[f32], frame: &[u32], width: usize) -> Vec<bool> {
             if recorded[3] == 0 { 0.0 } else { f32::from(recorded[channel]) / 255.0 - seen[3 * pixel + channel] }
         };
         let differences: Vec<f32> = frame.iter().enumerate().map(difference).collect();
-        for (other, mean) in other.iter_mut().zip(means_around(&differences, width, reach)) {
-            *other |= mean.abs() > UNLIKE;
+        let means = means_around(&differences, width, reach);
+        for (other, (mean, own)) in other.iter_mut().zip(means.into_iter().zip(differences)) {
+            *other |= mean.abs() > UNLIKE || own.abs() > UNLIKE_ALONE;
         }
     }
     other
@@ -169,15 +172,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_differs_where_more_than_a_pixel_does_and_where_it_is_known() {
+    fn a_frame_differs_where_a_square_or_a_pixel_much_and_where_it_is_known() {
         let width = 40;
         let seen = vec![0.5; 3 * width * width];
         let grey = u32::from_le_bytes([128, 128, 128, 255]);
         let mut frame = vec![grey; width * width];
         assert!(differ(&seen, &frame, width).iter().all(|differs| !differs));
-        // One pixel may be noise, or an edge that lies a little beside.
+        // A pixel that differs a little may be noise, or an edge that lies a little beside.
         frame[5 * width + 5] = u32::from_le_bytes([190, 128, 128, 255]);
         assert!(differ(&seen, &frame, width).iter().all(|differs| !differs));
+        frame[5 * width + 5] = u32::from_le_bytes([200, 128, 128, 255]);
+        assert_eq!(differ(&seen, &frame, width).iter().filter(|differs| **differs).count(), 1, "a rod is as thin");
         for y in 20..26 {
             for x in 20..26 {
                 frame[y * width + x] = u32::from_le_bytes([128, 128, 180, 255]);
