@@ -147,7 +147,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         match asks.recv_timeout(Duration::from_millis(200)) {
             Ok(ask) => match (&mut take, trainers.get_mut(ask.model)) {
-                (Some(take), _) => answer(take.window(ask.model)?, ask),
+                (Some(take), _) => match take.window(ask.model) {
+                    Ok(trainer) => answer(trainer, ask),
+                    Err(error) => drop(ask.answer.send(Err(format!("{error:#}")))),
+                },
                 (None, Some(Some(trainer))) => answer(trainer, ask),
                 // Who asked may have left.
                 _ => drop(ask.answer.send(Err("the server cannot draw a scene file; the browser can".into()))),
