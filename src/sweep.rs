@@ -6,7 +6,6 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_base::FileError;
 use erfgs_sweep::{Ended, Job, JobState, Manifest, OverSeeds, Overview, Plan, run_here, slurm, work};
 use erfgs_view::Precision;
 use serde::Serialize;
@@ -169,8 +168,8 @@ fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyh
 /// Writes a page for each take whose windows are all done, unless it is there and later than they are.
 fn pages(manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
     for take in manifest.takes().into_iter().filter(|take| take.missing == 0) {
-        let adapter = Adapter { adapter: manifest.adapter(take.windows[0].job) };
-        let windows = takes::windows(&manifest.folder, Some(&take.name), &adapter, terminal)?.unwrap_or_default();
+        let adapter = Adapter { adapter: take.windows[0].job.adapter().map(str::to_owned) };
+        let windows = takes::runs(manifest, &take, &adapter);
         let file = takes::page_file(&manifest.folder, &windows);
         let written = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified()).ok();
         let trained = windows.iter().filter_map(|window| written(&window.folder.checkpoint_file())).max();
@@ -184,11 +183,7 @@ fn pages(manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
                 continue;
             }
         };
-        let when = |what| FileError::when(what, &file);
-        if let Some(folder) = file.parent() {
-            std::fs::create_dir_all(folder).map_err(when("create the folder of"))?;
-        }
-        erfgs_base::atomic::write(&file, page.text.as_bytes()).map_err(when("write"))?;
+        takes::write_page(&file, &page.text)?;
         terminal.note(format!("{}: the take {}, which opens from a disk", file.display(), take.name));
     }
     Ok(())

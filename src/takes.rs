@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use erfgs_base::{FileError, atomic};
 use erfgs_run::RunFolder;
 use erfgs_sweep::{Manifest, TrainedTake, TrainedWindow};
 use erfgs_train::{gpu::Gpu, trainer::Trainer};
@@ -72,7 +73,35 @@ pub fn windows(
         let all = take.missing + take.windows.len();
         terminal.note(format!("{} of {all} windows of {} are not done yet, and left out", take.missing, take.name));
     }
-    Ok(Some(take.windows.iter().map(|window| WindowRun::of(&manifest, take, window, adapter)).collect()))
+    Ok(Some(runs(&manifest, take, adapter)))
+}
+
+/// The runs of the windows of a take that are done.
+pub fn runs(manifest: &Manifest, take: &TrainedTake<'_>, adapter: &Adapter) -> Vec<WindowRun> {
+    take.windows.iter().map(|window| WindowRun::of(manifest, take, window, adapter)).collect()
+}
+
+/// How long what was recorded is, seconds.
+pub fn seconds(trainer: &Trainer<'_>) -> f64 {
+    let [start, end] = trainer.scene.dataset.manifest.span_ns;
+    1e-9 * (end - start) as f64
+}
+
+/// An instant, seconds from the beginning, in [0, 1].
+pub fn share(trainer: &Trainer<'_>, at: f64) -> f64 {
+    let seconds = seconds(trainer);
+    if seconds > 0.0 { (at / seconds).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// That browsers draw a scene by themselves; why they do not.
+pub fn browsers_draw(scene: &SceneFile, run: &Path) -> anyhow::Result<()> {
+    match &scene.header.only_server {
+        None => Ok(()),
+        Some(beyond) => anyhow::bail!(
+            "a browser cannot draw this run by itself: {beyond}; look at it with `erfgs view {}`",
+            run.display()
+        ),
+    }
 }
 
 /// A take as one scene, of which the window is open that was wanted last.
@@ -113,10 +142,8 @@ impl<'a> OpenTake<'a> {
         let number = self.windows.iter().rposition(|of| at >= of.window.from).unwrap_or(0);
         let (begins, until) = self.windows.get(number).map_or((0.0, 0.0), |of| (of.window.begins, of.window.until));
         let trainer = self.window(number)?;
-        let [start, end] = trainer.scene.dataset.manifest.span_ns;
-        let length = 1e-9 * (end - start) as f64;
-        let t01 = if length > 0.0 { (at.min(until) - begins) / length } else { 0.0 };
-        Ok((trainer, t01.clamp(0.0, 1.0)))
+        let t01 = share(trainer, at.min(until) - begins);
+        Ok((trainer, t01))
     }
 }
 
@@ -145,10 +172,7 @@ pub fn page(
         progress.update(at as u64, windows.len() as u64, "windows");
         let trainer = window.trainer(&gpu)?;
         let scene = Learned::of(&trainer)?.file(precision);
-        if let Some(beyond) = &scene.header.only_server {
-            let run = window.folder.root().display();
-            anyhow::bail!("a browser cannot draw {run} by itself: {beyond}; look at it with `erfgs view`");
-        }
+        browsers_draw(&scene, window.folder.root())?;
         if precision == Precision::Packed {
             let decibels = fidelity(trainer, &gpu, &scene)?;
             psnr_db = Some(psnr_db.map_or(decibels, |worst| worst.min(decibels)));
@@ -163,6 +187,14 @@ pub fn page(
         .collect();
     let gaussians = scenes.iter().map(|(_, scene)| scene.header.count).sum();
     Ok(TakePage { text: alone::page(&packed)?, gaussians, psnr_db })
+}
+
+/// Writes a page, and the folder that it is to lie in.
+pub fn write_page(file: &Path, text: &str) -> anyhow::Result<()> {
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(FileError::when("create the folder", folder))?;
+    }
+    Ok(atomic::write(file, text.as_bytes()).map_err(FileError::when("write", file))?)
 }
 
 /// Where the page of a take goes, where nobody says otherwise.

@@ -389,8 +389,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         Some(checkpoint) => arguments.settings_after(&checkpoint.config)?,
         None => arguments.settings()?,
     };
-    let mut static_set =
-        arguments.static_set.as_ref().map(|run| StaticSet::open(&RunFolder::open(run)?)).transpose()?;
+    let static_set = arguments.static_set.as_ref().map(|run| StaticSet::open(&RunFolder::open(run)?)).transpose()?;
     let random = arguments.init == Some(CloudMethod::Random);
     if dataset.manifest.points.is_none() && !random && checkpoint.is_none() {
         terminal.note("the dataset has no initial points yet: making them");
@@ -402,20 +401,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         terminal.note("no training camera has events: ERF-GS trains on the frames alone");
     }
     let without_points = random || dataset.manifest.points.is_none();
-    let coarse_iterations = config.coarse_iterations;
-    if let Some(set) = &static_set {
-        config.static_set = Some(set.sha256());
-        config.coarse_iterations = 0;
-    }
-    let begun_alone = checkpoint.as_ref().is_some_and(|checkpoint| checkpoint.config.static_set.is_none());
-    let by_the_data = config.motion == MotionModel::Auto || begun_alone;
-    config.settle(&dataset, without_points)?;
-    if by_the_data && config.motion == MotionModel::HexPlane && static_set.take().is_some() {
-        terminal.note(
-            "something moves, and no points of it were found: a field moves it, and this window is trained by itself",
-        );
-        (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
-    }
+    let static_set = begin::settle(&mut config, &dataset, without_points, static_set, checkpoint.as_ref(), terminal)?;
     let options = arguments.options();
     if let Some(checkpoint) = &checkpoint {
         let identity = |config: &Config| Trainer::identity(&dataset, config, options.budget);

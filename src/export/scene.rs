@@ -71,17 +71,6 @@ struct Exported {
 }
 
 impl Exported {
-    fn write(
-        file: PathBuf,
-        written: &[u8],
-        gaussians: usize,
-        psnr_db: Option<f64>,
-        left_out: Vec<String>,
-    ) -> anyhow::Result<Self> {
-        atomic::write(&file, written).map_err(erfgs_base::FileError::when("write", &file))?;
-        Ok(Self { file, gaussians, bytes: written.len() as u64, psnr_db, left_out })
-    }
-
     fn words(&self) -> String {
         let Self { file, gaussians, bytes: size, psnr_db, .. } = self;
         let mut text = format!("{}: {} Gaussians, {}", file.display(), thousands(*gaussians as u64), bytes(*size));
@@ -104,10 +93,9 @@ pub fn take(
     not_over(file, options.force)?;
     let precision = if options.exact { Precision::Exact } else { Precision::Packed };
     let TakePage { text, gaussians, psnr_db } = takes::page(windows, precision, adapter, terminal)?;
-    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).map_err(erfgs_base::FileError::when("create the folder", folder))?;
-    }
-    let exported = Exported::write(file.to_owned(), text.as_bytes(), gaussians, psnr_db, Vec::new())?;
+    takes::write_page(file, &text)?;
+    let (file, bytes) = (file.to_owned(), text.len() as u64);
+    let exported = Exported { file, gaussians, bytes, psnr_db, left_out: Vec::new() };
     terminal.result(&exported, || format!("{}; it opens from a disk", exported.words()))
 }
 
@@ -145,11 +133,8 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
     } else {
         let learned = Learned::of(&trainer)?;
         let scene = learned.file(if exact { Precision::Exact } else { Precision::Packed });
-        if let (SceneFormat::Html, Some(beyond)) = (format, &scene.header.only_server) {
-            anyhow::bail!(
-                "a browser cannot draw this run by itself: {beyond}; look at it with `erfgs view {}`",
-                run.run.display()
-            );
+        if format == SceneFormat::Html {
+            takes::browsers_draw(&scene, &run.run)?;
         }
         let name = folder.name();
         let written = match format {
@@ -161,7 +146,8 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
         let psnr_db = if exact { None } else { Some(fidelity(trainer, &gpu, &scene)?) };
         (written, scene.header.count, psnr_db, Vec::new())
     };
-    let exported = Exported::write(file, &written, gaussians, psnr_db, left_out)?;
+    atomic::write(&file, &written).map_err(erfgs_base::FileError::when("write", &file))?;
+    let exported = Exported { file, gaussians, bytes: written.len() as u64, psnr_db, left_out };
     terminal.result(&exported, || {
         let mut text = exported.words();
         if format == SceneFormat::Html {

@@ -222,10 +222,7 @@ impl<'a> Subject<'a> {
     /// How long it is.
     fn seconds(&self) -> f64 {
         match self {
-            Self::Run(trainer) => {
-                let [start, end] = trainer.scene.dataset.manifest.span_ns;
-                (end - start) as f64 * 1e-9
-            }
+            Self::Run(trainer) => takes::seconds(trainer),
             Self::Take(take) => take.seconds(),
         }
     }
@@ -242,10 +239,8 @@ impl<'a> Subject<'a> {
     fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut Trainer<'a>, f64)> {
         match self {
             Self::Run(trainer) => {
-                let [start, end] = trainer.scene.dataset.manifest.span_ns;
-                let span = (end - start) as f64 * 1e-9;
-                let t01 = if span > 0.0 { seconds / span } else { 0.0 };
-                Ok((trainer, t01.clamp(0.0, 1.0)))
+                let t01 = takes::share(trainer, seconds);
+                Ok((trainer, t01))
             }
             Self::Take(take) => take.at(seconds),
         }

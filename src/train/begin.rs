@@ -1,7 +1,12 @@
 //! How a training begins: anew, or where it was left, and whether it is the same one then.
 
+use erfgs_dataset::Dataset;
 use erfgs_run::{FolderLock, Identity, RunFolder, RunInfo};
-use erfgs_train::checkpoint::Checkpoint;
+use erfgs_train::{
+    checkpoint::Checkpoint,
+    config::{Config, MotionModel},
+    static_set::StaticSet,
+};
 
 use crate::{errors::Usage, terminal::Terminal};
 
@@ -31,6 +36,33 @@ pub fn checkpoint(folder: &RunFolder, resume: bool) -> anyhow::Result<Option<Che
         ))
         .into()),
     }
+}
+
+/// Decides what was left to the data, and whether what stands still is taken over from `set`: not where a field moves everything because
+/// no points of what moves are there.
+pub fn settle(
+    config: &mut Config,
+    dataset: &Dataset,
+    without_points: bool,
+    mut set: Option<StaticSet>,
+    begun: Option<&Checkpoint>,
+    terminal: &Terminal,
+) -> anyhow::Result<Option<StaticSet>> {
+    let coarse_iterations = config.coarse_iterations;
+    if let Some(set) = &set {
+        config.static_set = Some(set.sha256());
+        config.coarse_iterations = 0;
+    }
+    let begun_alone = begun.is_some_and(|checkpoint| checkpoint.config.static_set.is_none());
+    let by_the_data = config.motion == MotionModel::Auto || begun_alone;
+    config.settle(dataset, without_points)?;
+    if by_the_data && config.motion == MotionModel::HexPlane && set.take().is_some() {
+        terminal.note(
+            "something moves, and no points of it were found: a field moves it, and this window is trained by itself",
+        );
+        (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
+    }
+    Ok(set)
 }
 
 /// How a run that is gone on with stands to what is wanted now.

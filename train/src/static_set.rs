@@ -48,8 +48,6 @@ pub enum StaticSetError {
 /// Gaussians that stand still, and the cameras as they were found with them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StaticSet {
-    /// The run that it is of.
-    pub run: PathBuf,
     /// The Gaussians; none is dynamic.
     pub gaussians: Gaussians,
     cameras: Vec<String>,
@@ -76,7 +74,7 @@ impl StaticSet {
         }
         let gaussians = Gaussians { motion_floats: 0, ..learned.select(&still, 0) };
         let (colours, poses) = (checkpoint.camera_colours, checkpoint.camera_poses);
-        Ok(Self { run: root, gaussians, cameras, colours, poses })
+        Ok(Self { gaussians, cameras, colours, poses })
     }
 
     /// What tells it from others: the SHA-256 of all that is taken over.
@@ -95,10 +93,7 @@ impl StaticSet {
     pub(crate) fn colours(&self, cameras: &[&str], takes_frames: &[bool]) -> Option<CameraColourState> {
         let found = self.colours.as_ref()?;
         let mut state = CameraColourState::neutral(takes_frames);
-        for (camera, own) in self.shared(cameras) {
-            let floats = camera_colour::FLOATS;
-            state.values[camera * floats..][..floats].copy_from_slice(&found.values[own * floats..][..floats]);
-        }
+        self.copy(cameras, camera_colour::FLOATS, &found.values, &mut state.values);
         Some(state)
     }
 
@@ -106,16 +101,16 @@ impl StaticSet {
     pub(crate) fn poses(&self, cameras: &[&str]) -> Option<CameraPoseState> {
         let found = self.poses.as_ref()?;
         let mut state = CameraPoseState::calibrated(cameras.len());
-        for (camera, own) in self.shared(cameras) {
-            let floats = camera_pose::FLOATS;
-            state.values[camera * floats..][..floats].copy_from_slice(&found.values[own * floats..][..floats]);
-        }
+        self.copy(cameras, camera_pose::FLOATS, &found.values, &mut state.values);
         Some(state)
     }
 
-    /// Of cameras that this knows: their numbers there and here.
-    fn shared(&self, cameras: &[&str]) -> impl Iterator<Item = (usize, usize)> {
-        let own = |name: &str| self.cameras.iter().position(|own| own == name);
-        cameras.iter().enumerate().filter_map(move |(camera, name)| Some((camera, own(name)?)))
+    /// Copies what is known of those of `cameras` that this knows, so many floats each.
+    fn copy(&self, cameras: &[&str], floats: usize, found: &[f32], to: &mut [f32]) {
+        for (name, row) in cameras.iter().zip(to.chunks_exact_mut(floats)) {
+            if let Some(own) = self.cameras.iter().position(|own| own == name) {
+                row.copy_from_slice(&found[own * floats..][..floats]);
+            }
+        }
     }
 }

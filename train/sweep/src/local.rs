@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     path::Path,
     sync::{
-        Mutex, PoisonError,
+        Condvar, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
     time::Duration,
@@ -45,6 +45,7 @@ pub fn run(
     let workers = at_once.clamp(1, waiting.len().max(1));
     let waiting = Mutex::new(waiting);
     let now: Mutex<Queue> = Mutex::new(BTreeMap::new());
+    let ended_one = Condvar::new();
     let queue = || now.lock().unwrap_or_else(PoisonError::into_inner);
     let next = || {
         let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
@@ -68,13 +69,15 @@ pub fn run(
             let job = match next() {
                 Next::Job(job) => job,
                 Next::Wait => {
-                    std::thread::sleep(LOOK_EVERY);
+                    // Whoever wants all of it to stop tells nobody.
+                    drop(ended_one.wait_timeout(queue(), LOOK_EVERY));
                     continue;
                 }
                 Next::Nothing => break,
             };
             let ended = work(manifest, job, program, stop);
             queue().remove(&job.name);
+            ended_one.notify_all();
             if ended? == Ended::Stopped {
                 break;
             }

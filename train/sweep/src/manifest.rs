@@ -40,6 +40,14 @@ pub struct Job {
     pub arguments: Vec<String>,
 }
 
+impl Job {
+    /// The graphics adapter that it trains on, where its options name one.
+    #[must_use]
+    pub fn adapter(&self) -> Option<&str> {
+        self.arguments.iter().find_map(|word| word.strip_prefix("--adapter="))
+    }
+}
+
 /// A window of a take.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Window {
@@ -136,12 +144,6 @@ impl Manifest {
         }
         found.folder = std::path::absolute(folder).map_err(FileError::when("read", folder))?;
         Ok(found)
-    }
-
-    /// The graphics adapter that a job trains on, where its options name one.
-    #[must_use]
-    pub fn adapter(&self, job: &Job) -> Option<String> {
-        job.arguments.iter().find_map(|word| word.strip_prefix("--adapter=")).map(str::to_owned)
     }
 
     /// A job by its name.

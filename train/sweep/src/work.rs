@@ -112,7 +112,7 @@ fn steps(manifest: &Manifest, job: &Job, hand: &Hand<'_>) -> Result<Ended, Sweep
     let mut eval = self::words(["eval"]);
     eval.push(text(run.root()));
     // It is measured where it was trained.
-    eval.extend(job.arguments.iter().filter(|word| word.starts_with("--adapter=")).cloned());
+    eval.extend(job.adapter().map(|name| format!("--adapter={name}")));
     hand.step(&eval)
 }
 
