@@ -33,7 +33,8 @@ does not do, so that the stages together take a little more than an iteration of
 
 Examples:
   erfgs bench train ds-dv
-  erfgs bench train ds-dv --preset paper --iterations 200 --adapter llvmpipe --json")]
+  erfgs bench train ds-dv --preset paper --iterations 200 --adapter llvmpipe --json
+  erfgs bench train ds-dv --kernels")]
 pub struct Arguments {
     /// The dataset, with initial points.
     dataset: PathBuf,
@@ -49,6 +50,9 @@ pub struct Arguments {
     /// Iterations that are measured.
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..1_000_000))]
     iterations: u32,
+    /// Time each kernel by the device's own clock, too, which slows the stages down.
+    #[arg(long)]
+    kernels: bool,
     #[command(flatten)]
     adapter: Adapter,
 }
@@ -66,6 +70,8 @@ struct Figures {
     /// What passes to and from the device in an iteration, in the mean.
     an_iteration: TrafficFigures,
     stages: Vec<StageFigures>,
+    /// The longest first; none unless they were asked for.
+    kernels: Vec<KernelFigures>,
 }
 
 #[derive(Serialize)]
@@ -88,6 +94,14 @@ struct StageFigures {
     share: f64,
     /// Gaussians that the stage got through in a second, millions.
     mgaussians_per_s: f64,
+}
+
+#[derive(Serialize)]
+struct KernelFigures {
+    kernel: String,
+    dispatches_an_iteration: f64,
+    us_a_dispatch: f64,
+    ms_an_iteration: f64,
 }
 
 /// Trains a little in a folder that goes, and prints a line for each stage.
@@ -117,6 +131,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         warm.store(now.iteration >= u64::from(2 * WARM_UP), Ordering::Relaxed);
     })?;
     trainer.times.start();
+    if arguments.kernels {
+        gpu.time_kernels()?;
+    }
     let (first, started) = (trainer.iterations_done(), trainer.clock.seconds);
     trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now: &erfgs_train::trainer::Progress| {
         progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
@@ -138,6 +155,16 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             mgaussians_per_s: f64::from(gaussians) * calls as f64 * 1e-6 / seconds.max(1e-12),
         })
         .collect();
+    let kernels = gpu
+        .kernel_times()
+        .iter()
+        .map(|time| KernelFigures {
+            kernel: time.kernel.to_string(),
+            dispatches_an_iteration: time.dispatches as f64 / iterations,
+            us_a_dispatch: 1e6 * time.seconds / time.dispatches.max(1) as f64,
+            ms_an_iteration: 1e3 * time.seconds / iterations,
+        })
+        .collect();
     let traffic = trainer.times.traffic;
     let mean = |sum: u64| sum as f64 / iterations;
     let figures = Figures {
@@ -157,6 +184,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             bytes_read: mean(traffic.read),
         },
         stages,
+        kernels,
     };
     terminal.result(&figures, || describe(&figures))
 }
@@ -174,9 +202,20 @@ fn describe(figures: &Figures) -> String {
             format!("{:.2}", row.mgaussians_per_s),
         ]
     }));
+    let heading = ["kernel", "dispatches an iteration", "us a dispatch", "ms an iteration"];
+    let mut kernels = vec![heading.map(String::from).to_vec()];
+    kernels.extend(figures.kernels.iter().map(|row| {
+        vec![
+            row.kernel.clone(),
+            format!("{:.2}", row.dispatches_an_iteration),
+            format!("{:.1}", row.us_a_dispatch),
+            format!("{:.3}", row.ms_an_iteration),
+        ]
+    }));
+    let kernels = if figures.kernels.is_empty() { String::new() } else { format!("\n\n{}", table(&kernels)) };
     format!(
         "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n\
-         an iteration: {:.1} submissions of {:.0} dispatches, {:.0} kB written, {:.1} buffers and {:.0} kB read back\n{}",
+         an iteration: {:.1} submissions of {:.0} dispatches, {:.0} kB written, {:.1} buffers and {:.0} kB read back\n{}{kernels}",
         figures.adapter,
         figures.driver,
         figures.method,

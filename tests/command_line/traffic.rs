@@ -54,7 +54,7 @@ fn little_passes_between_host_and_graphics_processor_in_an_iteration() {
             let said = format!("{method:?}, {gaussians} Gaussians: {traffic:?}");
             // The host reads how many tiles the rendering before covered, and nothing else: no parameter, no gradient.
             assert!(traffic.maps > 0 && traffic.maps <= renderings && traffic.read <= 64 * renderings, "{said}");
-            assert!(each(traffic.submissions) <= 18.0 && each(traffic.dispatches) <= 130.0, "{said}");
+            assert!(each(traffic.submissions) <= 18.0 && (20.0..=130.0).contains(&each(traffic.dispatches)), "{said}");
             assert!(each(traffic.written) <= 2.0 * PICTURE as f64 + 4000.0, "{said}");
         }
         assert_eq!(few.read / few.maps, 64);

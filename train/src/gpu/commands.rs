@@ -1,6 +1,6 @@
 //! Recording of dispatches.
 
-use super::{Binding, Bound, Gpu, Kernel};
+use super::{Binding, Bound, Gpu, Kernel, timing::Stamps};
 
 /// Commands recorded for one submission, run in order.
 #[derive(Debug)]
@@ -9,6 +9,8 @@ pub struct Commands<'a> {
     // Ends before what is recorded besides dispatches, and before the encoder.
     pass: Option<wgpu::ComputePass<'static>>,
     dispatches: u64,
+    /// Where kernels are timed.
+    stamps: Option<Stamps>,
     encoder: wgpu::CommandEncoder,
 }
 
@@ -19,6 +21,7 @@ impl Gpu {
             gpu: self,
             pass: None,
             dispatches: 0,
+            stamps: self.times.stamps(),
             encoder: self.device.create_command_encoder(&Default::default()),
         }
     }
@@ -56,12 +59,12 @@ impl<'a> Commands<'a> {
             return;
         }
         let (x, y) = if groups > 65_535 { (32_768, groups.div_ceil(32_768)) } else { (groups, 1) };
-        self.pass(bound).dispatch_workgroups(x, y, 1);
+        self.record(bound, |pass| pass.dispatch_workgroups(x, y, 1));
     }
 
     /// As [`Commands::dispatch_indirect`], of what is bound already.
     pub fn run_indirect(&mut self, bound: &Bound, arguments: &wgpu::Buffer, offset: u64) {
-        self.pass(bound).dispatch_workgroups_indirect(arguments, offset);
+        self.record(bound, |pass| pass.dispatch_workgroups_indirect(arguments, offset));
     }
 
     /// Fills a buffer with zeros.
@@ -80,15 +83,24 @@ impl<'a> Commands<'a> {
     pub fn submit(mut self) -> wgpu::SubmissionIndex {
         self.pass = None;
         self.gpu.counters.submitted(self.dispatches);
-        self.gpu.queue.submit([self.encoder.finish()])
+        let stamps = self.stamps.take().map(|stamps| (stamps.resolve(&self.gpu.device, &mut self.encoder), stamps));
+        let submission = self.gpu.queue.submit([self.encoder.finish()]);
+        if let Some((buffers, stamps)) = stamps {
+            stamps.count(self.gpu, &submission, &buffers);
+        }
+        submission
     }
 
-    /// The pass of dispatches that is open, each of which sees what those before it wrote.
-    fn pass(&mut self, bound: &Bound) -> &mut wgpu::ComputePass<'static> {
+    /// Records a dispatch in the pass that is open, each of which sees what those before it wrote.
+    fn record(&mut self, bound: &Bound, dispatch: impl FnOnce(&mut wgpu::ComputePass<'_>)) {
+        self.dispatches += 1;
         let pass =
             self.pass.get_or_insert_with(|| self.encoder.begin_compute_pass(&Default::default()).forget_lifetime());
         pass.set_pipeline(&bound.pipeline);
         pass.set_bind_group(0, &bound.group, &[]);
-        pass
+        match &mut self.stamps {
+            Some(stamps) => stamps.around(&self.gpu.device, pass, &bound.label, dispatch),
+            None => dispatch(pass),
+        }
     }
 }

@@ -5,7 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Pod;
 use wgpu::util::DeviceExt;
 
-use super::traffic::{Counters, Traffic};
+use super::{
+    timing::{self, Times},
+    traffic::{Counters, Traffic},
+};
 
 /// What can go wrong on the device.
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +102,7 @@ pub struct Gpu {
     /// So many threads are always within one subgroup; 0 without subgroup operations.
     pub subgroup: u32,
     pub(super) counters: Counters,
+    pub(super) times: Times,
     failure: Arc<Mutex<Option<String>>>,
 }
 
@@ -151,7 +155,8 @@ impl Gpu {
             .min_by_key(|adapter| rank(&adapter.get_info()))
             .ok_or_else(|| GpuError::NoAdapter { filter: choice.name.clone() })?;
         let info = adapter.get_info();
-        let features = adapter.features() & (wgpu::Features::MAPPABLE_PRIMARY_BUFFERS | wgpu::Features::SUBGROUP);
+        let features = adapter.features()
+            & (wgpu::Features::MAPPABLE_PRIMARY_BUFFERS | wgpu::Features::SUBGROUP | timing::FEATURES);
         let shape = choice.shape.unwrap_or(match info.device_type {
             wgpu::DeviceType::Cpu => Shape::Cpu,
             _ => Shape::Gpu,
@@ -173,7 +178,8 @@ impl Gpu {
         }));
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
         let subgroup = if features.contains(wgpu::Features::SUBGROUP) { info.subgroup_min_size } else { 0 };
-        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, counters: Counters::default(), failure })
+        let (counters, times) = (Counters::default(), Times::default());
+        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, counters, times, failure })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).

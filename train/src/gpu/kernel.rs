@@ -1,5 +1,7 @@
 //! Compute kernels: WGSL text with its shared parts, one entry point `main`, one bind group.
 
+use std::sync::Arc;
+
 use super::Gpu;
 
 /// A buffer as a kernel sees it, in the order of its `@binding` numbers.
@@ -8,7 +10,7 @@ pub type Binding<'a> = &'a wgpu::Buffer;
 /// A compiled compute kernel.
 #[derive(Debug)]
 pub struct Kernel {
-    pub(super) label: String,
+    pub(super) label: Arc<str>,
     pub(super) pipeline: wgpu::ComputePipeline,
     pub(super) layout: wgpu::BindGroupLayout,
 }
@@ -16,6 +18,7 @@ pub struct Kernel {
 /// A kernel with its bindings, to run as it is again and again.
 #[derive(Debug)]
 pub struct Bound {
+    pub(super) label: Arc<str>,
     pub(super) pipeline: wgpu::ComputePipeline,
     pub(super) group: wgpu::BindGroup,
 }
@@ -31,12 +34,19 @@ impl Gpu {
 
     /// Compiles a kernel as [`Gpu::kernel`] does, with values for what its text declares with `override`; what is not named keeps
     /// its default.
+    ///
+    /// Each loop has to end by itself: its counter goes by steps other than 0 towards a bound.
+    #[expect(
+        unsafe_code,
+        reason = "wgpu's own counter in each loop costs the backward blending of a graphics processor half its speed"
+    )]
     pub fn kernel_with(&self, label: &str, parts: &[&str], constants: &[(&str, f64)]) -> Kernel {
         let source = parts.join("\n");
-        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some(label),
-            source: wgpu::ShaderSource::Wgsl(source.into()),
-        });
+        let text = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(source.into()) };
+        let checks = wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
+        // SAFETY: Without a counter of its own in each loop, a loop that never ends would be undefined. Kernels are our own text, and
+        // each of their loops counts towards a bound, which a test reads off them. All other checks stay.
+        let module = unsafe { self.device.create_shader_module_trusted(text, checks) };
         let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -64,6 +74,9 @@ impl Gpu {
             layout: &kernel.layout,
             entries: &entries,
         });
-        Bound { pipeline: kernel.pipeline.clone(), group }
+        Bound { label: Arc::clone(&kernel.label), pipeline: kernel.pipeline.clone(), group }
     }
 }
+
+#[cfg(test)]
+mod tests;

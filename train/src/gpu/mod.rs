@@ -8,10 +8,12 @@ mod canary;
 mod commands;
 mod context;
 mod kernel;
+mod timing;
 mod traffic;
 
 pub use canary::{Canary, run_canary};
 pub use commands::Commands;
 pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
 pub use kernel::{Binding, Bound, Kernel};
+pub use timing::KernelTime;
 pub use traffic::Traffic;

@@ -45,7 +45,7 @@ impl Mlp {
     /// Compiles the kernels.
     pub fn new(gpu: &Gpu, layout: &Layout) -> Result<Self, GpuError> {
         let hidden = layout.config.width as usize * layout.heads.len();
-        let largest = layout.config.width as usize * hidden.max(layout.point_features());
+        let largest = layout.config.width as usize * hidden.max(layout.point_features()) + hidden;
         let most = (SCRATCH / 4 / hidden / 128 * 128).max(128);
         Ok(Self { products: Products::new(gpu, largest)?, scratch: None, most })
     }

@@ -43,8 +43,8 @@ enum Finish<'a> {
     Bias(usize),
     /// Zeros where the mask is zero.
     Mask(Option<Place<'a>>),
-    /// Slabs of this many of the inner dimension, each stored behind the one before.
-    Slabs(usize),
+    /// Slabs of this many rows of the inner dimension, `length` floats each: the product, and behind it the sums of the right operand's columns.
+    Slabs { rows: usize, length: usize },
 }
 
 #[repr(C)]
@@ -59,14 +59,13 @@ struct ProductUniform {
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct ColumnsUniform {
-    rows: u32,
-    columns: u32,
-    slab: u32,
+struct ReduceUniform {
+    weights: u32,
+    biases: u32,
     slabs: u32,
-    offset: u32,
-    stride: u32,
-    padding: [u32; 2],
+    to_weights: u32,
+    to_biases: u32,
+    padding: [u32; 3],
 }
 
 /// Kernels of one tile shape.
@@ -78,17 +77,18 @@ struct Tiles {
     layer: [Kernel; 2],
     /// `d W`, without and with a mask.
     input: [Kernel; 2],
-    /// `x^T d`, in slabs.
+    /// `x^T d`, in slabs, with the sums of the columns of `d` behind each.
     weight: Kernel,
 }
 
 /// The kernels of the layers.
 #[derive(Debug)]
 pub struct Products {
-    square: Tiles,
-    /// Tall tiles for products of few columns.
+    wide: Tiles,
+    /// For products of up to 64 columns.
+    half: Tiles,
+    /// For products of up to 16.
     tall: Tiles,
-    columns: Kernel,
     reduce: Kernel,
     /// Slabs of gradients before they are summed.
     slabs: Buffer,
@@ -100,19 +100,23 @@ const SLAB_FLOATS: usize = 1 << 22;
 const SLAB_ROWS: usize = 512;
 
 impl Products {
-    /// Compiles the kernels; `largest` is the number of weights of the largest layer.
+    /// Compiles the kernels; `largest` is the number of weights and biases of the largest layer.
     pub fn new(gpu: &Gpu, largest: usize) -> Result<Self, GpuError> {
         Ok(Self {
-            square: Tiles::new(gpu, 64, 64),
-            tall: Tiles::new(gpu, 128, 16),
-            columns: gpu.kernel("sums of columns", &[include_str!("columns.wgsl")]),
+            wide: Tiles::new(gpu, 128, [2, 2], 256),
+            half: Tiles::new(gpu, 64, [2, 1], 256),
+            tall: Tiles::new(gpu, 16, [1, 1], 128),
             reduce: gpu.kernel("sum of slabs", &[include_str!("reduce.wgsl")]),
             slabs: gpu.storage("slabs of gradients", 4 * largest.max(SLAB_FLOATS) as u64)?,
         })
     }
 
     fn tiles(&self, columns: usize) -> &Tiles {
-        if columns <= 16 { &self.tall } else { &self.square }
+        match columns {
+            0..=16 => &self.tall,
+            17..=64 => &self.half,
+            _ => &self.wide,
+        }
     }
 
     /// `out = x W^T + b`, then a ReLU if so, for `rows` rows.
@@ -158,55 +162,52 @@ impl Products {
         d: Place<'_>,
         x: Place<'_>,
     ) {
-        let length = layer.inputs * layer.outputs;
+        let weights = layer.inputs * layer.outputs;
+        let length = weights + layer.outputs;
         let most = (SLAB_FLOATS / length).max(1);
         let slab = rows.div_ceil(most).max(SLAB_ROWS);
         let slabs = rows.div_ceil(slab);
         let tiles = self.tiles(layer.outputs);
         let out = Place::new(&self.slabs, 0, layer.inputs).transposed();
         let size = [layer.inputs, layer.outputs, rows];
-        tiles.dispatch(commands, &tiles.weight, size, [x.transposed(), d, out], Finish::Slabs(slab));
-        self.reduce(commands, gradients, length, slabs, layer.weight);
+        tiles.dispatch(commands, &tiles.weight, size, [x.transposed(), d, out], Finish::Slabs { rows: slab, length });
 
-        let uniform = ColumnsUniform {
-            rows: rows as u32,
-            columns: layer.outputs as u32,
-            slab: slab as u32,
+        let uniform = ReduceUniform {
+            weights: weights as u32,
+            biases: layer.outputs as u32,
             slabs: slabs as u32,
-            offset: d.offset as u32,
-            stride: d.row as u32,
-            padding: [0; 2],
+            to_weights: layer.weight as u32,
+            to_biases: layer.bias as u32,
+            padding: [0; 3],
         };
-        let uniform = commands.gpu().uniform("sums of columns", &uniform);
-        let groups = (layer.outputs * slabs).div_ceil(64) as u32;
-        commands.dispatch(&self.columns, &[&uniform, d.buffer, &self.slabs], groups);
-        self.reduce(commands, gradients, layer.outputs, slabs, layer.bias);
-    }
-
-    fn reduce(&self, commands: &mut Commands<'_>, gradients: &Buffer, length: usize, slabs: usize, to: usize) {
-        let uniform = commands.gpu().uniform("sum of slabs", &[length as u32, slabs as u32, to as u32, 0]);
-        commands.dispatch(&self.reduce, &[&uniform, &self.slabs, gradients], length.div_ceil(256) as u32);
+        let uniform = commands.gpu().uniform("sum of slabs", &uniform);
+        commands.dispatch(&self.reduce, &[&uniform, &self.slabs, gradients], length.div_ceil(64) as u32);
     }
 }
 
 impl Tiles {
-    fn new(gpu: &Gpu, m: usize, n: usize) -> Self {
-        let kernel = |label: &str, a_along_k: bool, b_along_n: bool, bias: bool, relu: bool, mask: bool| {
+    /// Tiles of 128 rows and `n` columns; a thread makes `blocks` blocks of 4 x 4, down and across.
+    fn new(gpu: &Gpu, n: usize, blocks: [usize; 2], threads: usize) -> Self {
+        const M: usize = 128;
+        debug_assert_eq!(M * n, 16 * blocks[0] * blocks[1] * threads);
+        let kernel = |label: &str, a_along_k: bool, b_along_n: bool, finish: [bool; 2], mask: bool, columns: bool| {
+            let ([down, across], [bias, relu]) = (blocks, finish);
             let constants = format!(
-                "const TILE_M = {m}u;\nconst TILE_N = {n}u;\nconst ROWS = {}u;\nconst A_ALONG_K = {a_along_k};\n\
-                 const B_ALONG_N = {b_along_n};\nconst BIAS = {bias};\nconst RELU = {relu};",
-                m * n / 1024
+                "const TILE_M = {M}u;\nconst TILE_N = {n}u;\nconst DOWN = {down}u;\nconst ACROSS = {across}u;\n\
+                 const THREADS = {threads}u;\nconst A_ALONG_K = {a_along_k};\nconst B_ALONG_N = {b_along_n};\n\
+                 const BIAS = {bias};\nconst RELU = {relu};\nconst COLUMNS = {columns};"
             );
             let source = include_str!("product.wgsl");
             let source = if mask { source.replace("// MASK ", "") } else { source.into() };
             gpu.kernel(label, &[&constants, &source])
         };
+        let input = |mask| kernel("gradient of a layer's input", true, true, [false; 2], mask, false);
         Self {
-            m,
+            m: M,
             n,
-            layer: [false, true].map(|relu| kernel("linear layer", true, false, true, relu, false)),
-            input: [false, true].map(|mask| kernel("gradient of a layer's input", true, true, false, false, mask)),
-            weight: kernel("gradient of a layer's weights", false, true, false, false, false),
+            layer: [false, true].map(|relu| kernel("linear layer", true, false, [true, relu], false, false)),
+            input: [false, true].map(input),
+            weight: kernel("gradient of a layer's weights", false, true, [false; 2], false, true),
         }
     }
 
@@ -219,14 +220,14 @@ impl Tiles {
         [a, b, out]: [Place<'_>; 3],
         finish: Finish<'_>,
     ) {
-        let (mut slab, mut slab_stride, mut more, mut mask) = (k, 0, [0; 3], None);
+        let (mut slab, mut slab_stride, mut more, mut mask) = (k, 0, [0; 4], None);
         match finish {
             Finish::Bias(offset) => more[0] = offset,
             Finish::Mask(place) => {
                 mask = place.map(|place| place.buffer);
-                more = place.map_or(more, |place| [0, place.offset, place.row]);
+                more = place.map_or(more, |place| [0, place.offset, place.row, 0]);
             }
-            Finish::Slabs(rows) => (slab, slab_stride) = (rows, m * n),
+            Finish::Slabs { rows, length } => (slab, slab_stride, more[3]) = (rows, length, m * n),
         }
         let words = |values: [usize; 4]| values.map(|value| value as u32);
         let uniform = ProductUniform {
@@ -234,7 +235,7 @@ impl Tiles {
             a: words([a.offset, a.row, a.col, 0]),
             b: words([b.offset, b.row, b.col, 0]),
             c: words([out.offset, out.row, out.col, slab_stride]),
-            more: words([more[0], more[1], more[2], 0]),
+            more: words(more),
         };
         let uniform = commands.gpu().uniform("matrix product", &uniform);
         let mut bindings = vec![&uniform, a.buffer, b.buffer, out.buffer];
@@ -243,3 +244,6 @@ impl Tiles {
         commands.dispatch(kernel, &bindings, tiles as u32);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,12 +1,21 @@
 // A matrix product, tile by tile through shared memory: C = A B, where A is m x k and B is k x n, each anywhere in its
-// buffer with any strides. A workgroup of 256 threads makes a tile of TILE_M x TILE_N; a thread makes ROWS x 4 of it.
+// buffer with any strides. A workgroup makes a tile of TILE_M x TILE_N; a thread makes DOWN x ACROSS blocks of 4 x 4 of it,
+// which it holds in registers, and loads its share of the next step along k while it works on this one.
 // The sum over k can be cut into slabs that are summed later. Every sum has a fixed order.
 //
-// Constants put before this text: TILE_M, TILE_N, ROWS (TILE_M * TILE_N = 1024 * ROWS); A_ALONG_K and B_ALONG_N, whether
-// neighbours along k or n are neighbours in memory (they only steer which thread loads what); BIAS, RELU.
+// Constants put before this text: TILE_M, TILE_N, DOWN, ACROSS and THREADS (TILE_M * TILE_N = 16 * DOWN * ACROSS * THREADS);
+// A_ALONG_K and B_ALONG_N, whether neighbours along k or n are neighbours in memory (they only steer which thread loads
+// what); BIAS, RELU; COLUMNS, whether the sums of B's columns are stored behind each slab.
 
-const TILE_K = 16u;
-const ACROSS = TILE_N / 4u;
+const TILE_K = 8u;
+// Values of A and B that a thread loads in a step along k: 4 or 8, and 1, 2 or 4.
+const A_LOADS = TILE_M * TILE_K / THREADS;
+const B_LOADS = TILE_N * TILE_K / THREADS;
+// Groups of four along m and n, and threads along them.
+const GROUPS_M = TILE_M / 4u;
+const GROUPS_N = TILE_N / 4u;
+const THREADS_M = GROUPS_M / DOWN;
+const THREADS_N = GROUPS_N / ACROSS;
 
 struct Product {
     m: u32,
@@ -16,7 +25,7 @@ struct Product {
     a: vec4u,    // offset, stride along m, stride along k
     b: vec4u,    // offset, stride along k, stride along n
     c: vec4u,    // offset, stride along m, stride along n, stride from slab to slab
-    more: vec4u, // offset of the bias in B's buffer; offset and stride along m of the mask
+    more: vec4u, // offset of the bias in B's buffer; offset and stride along m of the mask; offset of the sums of columns in a slab
 }
 
 @group(0) @binding(0) var<uniform> product: Product;
@@ -25,10 +34,123 @@ struct Product {
 @group(0) @binding(3) var<storage, read_write> c_values: array<f32>;
 // MASK @group(0) @binding(4) var<storage, read> mask: array<f32>;
 
-var<workgroup> a_tile: array<f32, TILE_M * TILE_K>;  // [k, m]
-var<workgroup> b_tile: array<f32, TILE_N * TILE_K>;  // [k, n]
+// Groups of four along m and n, [k, group]. Those of a step k lie where `group ^ k` says, so that threads that load
+// neighbours along k write to different banks.
+var<workgroup> a_tile: array<vec4f, GROUPS_M * TILE_K>;
+var<workgroup> b_tile: array<vec4f, GROUPS_N * TILE_K>;
 
-@compute @workgroup_size(256)
+fn a_place(k: u32, group: u32) -> u32 { return k * GROUPS_M + (group ^ (k & (GROUPS_M - 1u))); }
+fn b_place(k: u32, group: u32) -> u32 { return k * GROUPS_N + (group ^ (k & (GROUPS_N - 1u))); }
+
+// Where value `e` of a tile lies in it: along k, and along m or n.
+fn a_within(e: u32) -> vec2u {
+    return select(vec2u(e / TILE_M, e % TILE_M), vec2u(e % TILE_K, e / TILE_K), A_ALONG_K);
+}
+fn b_within(e: u32) -> vec2u {
+    return select(vec2u(e % TILE_K, e / TILE_K), vec2u(e / TILE_N, e % TILE_N), B_ALONG_N);
+}
+
+fn load_a(e: u32, first_m: u32, first_k: u32, end: u32) -> f32 {
+    let at = vec2u(first_k, first_m) + a_within(e);
+    if at.x >= end || at.y >= product.m {
+        return 0.0;
+    }
+    return a_values[product.a.x + at.y * product.a.y + at.x * product.a.z];
+}
+
+fn load_b(e: u32, first_n: u32, first_k: u32, end: u32) -> f32 {
+    let at = vec2u(first_k, first_n) + b_within(e);
+    if at.x >= end || at.y >= product.n {
+        return 0.0;
+    }
+    return b_values[product.b.x + at.x * product.b.y + at.y * product.b.z];
+}
+
+fn load_four_a(e: u32, first_m: u32, first_k: u32, end: u32) -> vec4f {
+    return vec4f(
+        load_a(e, first_m, first_k, end),
+        load_a(e + THREADS, first_m, first_k, end),
+        load_a(e + 2u * THREADS, first_m, first_k, end),
+        load_a(e + 3u * THREADS, first_m, first_k, end),
+    );
+}
+
+// As many as B_LOADS says, and zeros.
+fn load_four_b(e: u32, first_n: u32, first_k: u32, end: u32) -> vec4f {
+    var four = vec4f(load_b(e, first_n, first_k, end), 0.0, 0.0, 0.0);
+    if B_LOADS > 1u {
+        four.y = load_b(e + THREADS, first_n, first_k, end);
+    }
+    if B_LOADS > 2u {
+        four.z = load_b(e + 2u * THREADS, first_n, first_k, end);
+        four.w = load_b(e + 3u * THREADS, first_n, first_k, end);
+    }
+    return four;
+}
+
+fn keep_a(e: u32, value: f32) {
+    let at = a_within(e);
+    a_tile[a_place(at.x, at.y / 4u)][at.y % 4u] = value;
+}
+
+fn keep_b(e: u32, value: f32) {
+    let at = b_within(e);
+    b_tile[b_place(at.x, at.y / 4u)][at.y % 4u] = value;
+}
+
+fn keep_four_a(e: u32, four: vec4f) {
+    keep_a(e, four.x);
+    keep_a(e + THREADS, four.y);
+    keep_a(e + 2u * THREADS, four.z);
+    keep_a(e + 3u * THREADS, four.w);
+}
+
+fn keep_four_b(e: u32, four: vec4f) {
+    keep_b(e, four.x);
+    if B_LOADS > 1u {
+        keep_b(e + THREADS, four.y);
+    }
+    if B_LOADS > 2u {
+        keep_b(e + 2u * THREADS, four.z);
+        keep_b(e + 3u * THREADS, four.w);
+    }
+}
+
+// Rows of four of a column times a row.
+fn outer(a: vec4f, b: vec4f) -> mat4x4f {
+    return mat4x4f(a.x * b, a.y * b, a.z * b, a.w * b);
+}
+
+fn store(sum: f32, m: u32, n: u32, slab: u32) {
+    if m >= product.m || n >= product.n {
+        return;
+    }
+    var value = sum;
+    if BIAS {
+        value += b_values[product.more.x + n];
+    }
+    if RELU {
+        value = max(value, 0.0);
+    }
+    // MASK value = select(value, 0.0, mask[product.more.y + m * product.more.z + n] == 0.0);
+    c_values[product.c.x + slab * product.c.w + m * product.c.y + n * product.c.z] = value;
+}
+
+fn store_row(row: vec4f, m: u32, n: u32, slab: u32) {
+    store(row.x, m, n, slab);
+    store(row.y, m, n + 1u, slab);
+    store(row.z, m, n + 2u, slab);
+    store(row.w, m, n + 3u, slab);
+}
+
+fn store_block(block: mat4x4f, m: u32, n: u32, slab: u32) {
+    store_row(block[0], m, n, slab);
+    store_row(block[1], m + 1u, n, slab);
+    store_row(block[2], m + 2u, n, slab);
+    store_row(block[3], m + 3u, n, slab);
+}
+
+@compute @workgroup_size(THREADS)
 fn main(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
@@ -41,63 +163,84 @@ fn main(
     let first_m = number / tiles_n % tiles_m * TILE_M;
     let slab = number / (tiles_n * tiles_m);
     let end = min(product.k, (slab + 1u) * product.slab);
-    let across = thread % ACROSS;
-    let down = thread / ACROSS;
+    let across = thread % THREADS_N;
+    let down = thread / THREADS_N;
 
-    var sums: array<vec4f, ROWS>;
-    for (var first_k = slab * product.slab; first_k < end; first_k += TILE_K) {
-        for (var e = thread; e < TILE_M * TILE_K; e += 256u) {
-            let at_k = select(e / TILE_M, e % TILE_K, A_ALONG_K);
-            let at_m = select(e % TILE_M, e / TILE_K, A_ALONG_K);
-            let k = first_k + at_k;
-            let m = first_m + at_m;
-            var value = 0.0;
-            if k < end && m < product.m {
-                value = a_values[product.a.x + m * product.a.y + k * product.a.z];
-            }
-            a_tile[at_k * TILE_M + at_m] = value;
+    // Blocks [down][across] of 4 x 4.
+    var block_00 = mat4x4f();
+    var block_01 = mat4x4f();
+    var block_10 = mat4x4f();
+    var block_11 = mat4x4f();
+    // A thread loads of one column of B alone, as THREADS is a multiple of TILE_N.
+    var column = 0.0;
+
+    let begin = slab * product.slab;
+    var next_a = load_four_a(thread, first_m, begin, end);
+    var more_a = vec4f();
+    if A_LOADS > 4u {
+        more_a = load_four_a(thread + 4u * THREADS, first_m, begin, end);
+    }
+    var next_b = load_four_b(thread, first_n, begin, end);
+    for (var next_k = begin + TILE_K; next_k < end + TILE_K; next_k += TILE_K) {
+        keep_four_a(thread, next_a);
+        if A_LOADS > 4u {
+            keep_four_a(thread + 4u * THREADS, more_a);
         }
-        for (var e = thread; e < TILE_N * TILE_K; e += 256u) {
-            let at_k = select(e % TILE_K, e / TILE_N, B_ALONG_N);
-            let at_n = select(e / TILE_K, e % TILE_N, B_ALONG_N);
-            let k = first_k + at_k;
-            let n = first_n + at_n;
-            var value = 0.0;
-            if k < end && n < product.n {
-                value = b_values[product.b.x + k * product.b.y + n * product.b.z];
-            }
-            b_tile[at_k * TILE_N + at_n] = value;
+        keep_four_b(thread, next_b);
+        if COLUMNS {
+            column += dot(next_b, vec4f(1.0));
         }
         workgroupBarrier();
+        next_a = load_four_a(thread, first_m, next_k, end);
+        if A_LOADS > 4u {
+            more_a = load_four_a(thread + 4u * THREADS, first_m, next_k, end);
+        }
+        next_b = load_four_b(thread, first_n, next_k, end);
         for (var k = 0u; k < TILE_K; k++) {
-            let at = k * TILE_N + across * 4u;
-            let b = vec4f(b_tile[at], b_tile[at + 1u], b_tile[at + 2u], b_tile[at + 3u]);
-            for (var i = 0u; i < ROWS; i++) {
-                sums[i] += a_tile[k * TILE_M + down * ROWS + i] * b;
+            let a_0 = a_tile[a_place(k, down)];
+            let b_0 = b_tile[b_place(k, across)];
+            block_00 += outer(a_0, b_0);
+            if ACROSS > 1u {
+                let b_1 = b_tile[b_place(k, across + THREADS_N)];
+                block_01 += outer(a_0, b_1);
+                if DOWN > 1u {
+                    let a_1 = a_tile[a_place(k, down + THREADS_M)];
+                    block_10 += outer(a_1, b_0);
+                    block_11 += outer(a_1, b_1);
+                }
+            } else if DOWN > 1u {
+                let a_1 = a_tile[a_place(k, down + THREADS_M)];
+                block_10 += outer(a_1, b_0);
             }
         }
         workgroupBarrier();
     }
+    if begin >= product.k {
+        return;
+    }
 
-    for (var i = 0u; i < ROWS; i++) {
-        let m = first_m + down * ROWS + i;
-        if m >= product.m || slab * product.slab >= product.k {
-            continue;
+    let m = first_m + 4u * down;
+    let n = first_n + 4u * across;
+    store_block(block_00, m, n, slab);
+    if ACROSS > 1u {
+        store_block(block_01, m, n + TILE_N / 2u, slab);
+    }
+    if DOWN > 1u {
+        store_block(block_10, m + TILE_M / 2u, n, slab);
+        if ACROSS > 1u {
+            store_block(block_11, m + TILE_M / 2u, n + TILE_N / 2u, slab);
         }
-        for (var j = 0u; j < 4u; j++) {
-            let n = first_n + across * 4u + j;
-            if n >= product.n {
-                continue;
+    }
+    if COLUMNS {
+        b_tile[thread / 4u][thread % 4u] = column;
+        workgroupBarrier();
+        let n = first_n + thread;
+        if first_m == 0u && thread < TILE_N && n < product.n {
+            var sum = 0.0;
+            for (var part = thread; part < THREADS; part += TILE_N) {
+                sum += b_tile[part / 4u][part % 4u];
             }
-            var value = sums[i][j];
-            if BIAS {
-                value += b_values[product.more.x + n];
-            }
-            if RELU {
-                value = max(value, 0.0);
-            }
-            // MASK value = select(value, 0.0, mask[product.more.y + m * product.more.z + n] == 0.0);
-            c_values[product.c.x + slab * product.c.w + m * product.c.y + n * product.c.z] = value;
+            c_values[product.c.x + slab * product.c.w + product.more.w + n] = sum;
         }
     }
 }
