@@ -18,6 +18,22 @@ pub struct Quality {
     pub still: Option<f64>,
 }
 
+impl Quality {
+    /// The mean of runs; what one of them lacks is not known.
+    fn mean(runs: &[Self]) -> Self {
+        let mean = |of: &dyn Fn(&Self) -> Option<f64>| {
+            let values: Option<Vec<f64>> = runs.iter().map(of).collect();
+            values.filter(|values| !values.is_empty()).map(|values| values.iter().sum::<f64>() / values.len() as f64)
+        };
+        Self {
+            psnr: mean(&|quality| Some(quality.psnr)).unwrap_or(f64::NAN),
+            dpsnr: mean(&|quality| Some(quality.dpsnr)).unwrap_or(f64::NAN),
+            between: mean(&|quality| quality.between),
+            still: mean(&|quality| quality.still),
+        }
+    }
+}
+
 impl From<&Metrics> for Quality {
     fn from(metrics: &Metrics) -> Self {
         Self {
@@ -36,8 +52,16 @@ pub struct Row {
     pub size: f64,
     /// How far it moves what cameras see, pixels, where it does.
     pub moved_px: Option<f64>,
-    /// The quality with it.
-    pub quality: Quality,
+    /// The quality with it, for each seed.
+    pub runs: Vec<Quality>,
+}
+
+impl Row {
+    /// The mean over its seeds.
+    #[must_use]
+    pub fn quality(&self) -> Quality {
+        Quality::mean(&self.runs)
+    }
 }
 
 /// A cause and its steps.
@@ -79,8 +103,8 @@ impl Costs {
     }
 
     /// Adds what a step came to.
-    pub fn add(&mut self, step: &Step, moved_px: Option<f64>, quality: Quality) {
-        self.rows.push(Row { size: step.size, moved_px, quality });
+    pub fn add(&mut self, step: &Step, moved_px: Option<f64>, runs: Vec<Quality>) {
+        self.rows.push(Row { size: step.size, moved_px, runs });
     }
 
     /// Whether its size is an error, which is 0 in the base, and not a choice.
@@ -94,37 +118,36 @@ impl Budget {
     /// The mean of the base over its seeds.
     #[must_use]
     pub fn usual(&self) -> Quality {
-        let mean = |of: &dyn Fn(&Quality) -> Option<f64>| {
-            let values: Option<Vec<f64>> = self.base.iter().map(of).collect();
-            values.filter(|values| !values.is_empty()).map(|values| values.iter().sum::<f64>() / values.len() as f64)
-        };
-        Quality {
-            psnr: mean(&|quality| Some(quality.psnr)).unwrap_or(f64::NAN),
-            dpsnr: mean(&|quality| Some(quality.dpsnr)).unwrap_or(f64::NAN),
-            between: mean(&|quality| quality.between),
-            still: mean(&|quality| quality.still),
-        }
+        Quality::mean(&self.base)
     }
 
-    /// What a difference between one run and the base must exceed to be more than its seed, dB: twice the standard deviation of such
-    /// a difference; none of fewer than two seeds.
+    /// What the cost of a step must exceed to be more than its seeds, dB: twice the standard deviation of the difference of two means,
+    /// by how runs of the same dataset differ, over all datasets; none where each was trained once.
     #[must_use]
     pub fn noise_db(&self) -> Option<f64> {
-        let (count, mean) = (self.base.len() as f64, self.usual().dpsnr);
-        let variance = self.base.iter().map(|quality| (quality.dpsnr - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        (self.base.len() > 1).then(|| 2.0 * (variance * (1.0 + 1.0 / count)).sqrt())
+        let rows = || self.causes.iter().flat_map(|costs| &costs.rows).map(|row| &row.runs);
+        let groups = std::iter::once(&self.base).chain(rows());
+        let (mut squares, mut free) = (0.0, 0);
+        for runs in groups.filter(|runs| runs.len() > 1) {
+            let mean = Quality::mean(runs).dpsnr;
+            squares += runs.iter().map(|quality| (quality.dpsnr - mean).powi(2)).sum::<f64>();
+            free += runs.len() - 1;
+        }
+        let seeds = rows().map(Vec::len).min().unwrap_or(self.base.len()).max(1);
+        let of_means = 1.0 / seeds as f64 + 1.0 / self.base.len().max(1) as f64;
+        (free > 0).then(|| 2.0 * (squares / free as f64 * of_means).sqrt())
     }
 
     /// What a step costs where things move, dB; below zero where it is better than the base.
     #[must_use]
     pub fn cost_db(&self, row: &Row) -> f64 {
-        self.usual().dpsnr - row.quality.dpsnr
+        self.usual().dpsnr - row.quality().dpsnr
     }
 
     /// What a step costs where things move, where they do between frames, and where nothing moves, dB.
     #[must_use]
     pub fn costs_db(&self, row: &Row) -> [Option<f64>; 3] {
-        let (usual, here) = (self.usual(), &row.quality);
+        let (usual, here) = (self.usual(), row.quality());
         let lost = |usual: Option<f64>, here: Option<f64>| Some(usual? - here?);
         [Some(self.cost_db(row)), lost(usual.between, here.between), lost(usual.still, here.still)]
     }
@@ -156,8 +179,8 @@ pub(crate) mod tests {
 
     pub(crate) fn budget(costs: &[f64]) -> Budget {
         let rows = [1.0, 10.0, 100.0].iter().zip(costs);
-        let row =
-            |(size, cost): (&f64, &f64)| Row { size: *size, moved_px: Some(0.1 * size), quality: quality(20.0 - cost) };
+        let runs = |cost: f64| vec![quality(20.1 - cost), quality(19.9 - cost)];
+        let row = |(size, cost): (&f64, &f64)| Row { size: *size, moved_px: Some(0.1 * size), runs: runs(*cost) };
         let about = About {
             name: "place",
             unit: "mm",
@@ -174,8 +197,11 @@ pub(crate) mod tests {
         let budget = budget(&[]);
         assert!((budget.usual().dpsnr - 20.0).abs() < 1e-12 && (budget.usual().between.unwrap() - 19.0).abs() < 1e-12);
         assert_eq!(budget.usual().still, None);
-        // A standard deviation of 0.1 for the run, and of 0.1 / sqrt(3) for the mean of three.
-        assert!((budget.noise_db().unwrap() - 2.0 * (0.01_f64 * 4.0 / 3.0).sqrt()).abs() < 1e-12);
+        // A standard deviation of 0.1, of which both means have their share.
+        assert!((budget.noise_db().unwrap() - 2.0 * (0.01_f64 * 2.0 / 3.0).sqrt()).abs() < 1e-12);
+        // Pairs that lie 0.2 apart, too: variances of 0.02 with one degree of freedom each, beside 0.01 with two.
+        let pairs = self::budget(&[0.0, 0.5]).noise_db().unwrap();
+        assert!((pairs - 2.0 * (0.06_f64 / 4.0 * (1.0 / 2.0 + 1.0 / 3.0)).sqrt()).abs() < 1e-12, "{pairs}");
         assert_eq!(Budget { base: vec![quality(20.0)], causes: Vec::new() }.noise_db(), None);
     }
 

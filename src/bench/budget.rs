@@ -35,7 +35,8 @@ whose truth is known; each is trained with events and measured on the held-out c
 exposures, thresholds and numbers of cameras are varied, too.
 
 The folder holds the datasets, the trainings as sweeps (base, wrong, without-events), and budget.html, budget.md and budget.csv. The \
-same command at any later time goes on with what is not done; on half a hundred trainings that is a matter of hours on two cores.
+same command at any later time goes on with what is not done, and with more --seeds. A hundred and fifty trainings are a night's work \
+of two cores, minutes of a graphics processor; with --seeds 1 a third of it, which does not tell what is noise.
 
 Examples:
   erfgs bench budget --out budget
@@ -54,7 +55,7 @@ pub struct Arguments {
     /// Iterations of each training.
     #[arg(long, value_name = "[COARSE+]FINE", default_value_t = ITERATIONS)]
     iterations: Iterations,
-    /// How many seeds the undisturbed dataset is trained with, which tells what is noise.
+    /// How many seeds each dataset is trained with; how much they differ tells what is noise.
     #[arg(long, value_name = "N", default_value_t = SEEDS, value_parser = clap::value_parser!(u64).range(1..100))]
     seeds: u64,
     /// Trainings at a time.
@@ -88,16 +89,16 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let steps = causes.iter().flat_map(|cause| &cause.steps).filter(|step| step.events == events);
         steps.filter_map(|step| Some(made.get(&step.name)?.root.clone())).collect::<Vec<_>>()
     };
-    let mut qualities = work.train("wrong", method, of(true), &[1])?;
-    qualities.extend(work.train("without-events", "4dgs", of(false), &[1])?);
+    let mut qualities = work.train("wrong", method, of(true), &seeds)?;
+    qualities.extend(work.train("without-events", "4dgs", of(false), &seeds)?);
     let mut budget = Budget { base: usual.into_iter().map(|(_, quality)| quality).collect(), causes: Vec::new() };
     for cause in &causes {
         let mut costs = Costs::of(cause);
         for step in &cause.steps {
-            let found = qualities.iter().find(|(name, _)| *name == step.name);
-            let (_, quality) = found.with_context(|| format!("{} was not trained", step.name))?;
+            let of_step = qualities.iter().filter(|(name, _)| *name == step.name);
+            let runs: Vec<_> = of_step.map(|(_, quality)| *quality).collect();
             let moved = made.get(&step.name).and_then(|dataset| moved_px(&base.dataset, dataset, &points));
-            costs.add(step, moved, *quality);
+            costs.add(step, moved, runs);
         }
         budget.causes.push(costs);
     }
@@ -201,7 +202,7 @@ impl Work<'_> {
         points::make_trusting(dataset, &options, self.terminal).map(drop)
     }
 
-    /// Trains datasets as a sweep, and gives the quality of each by its name.
+    /// Trains datasets as a sweep, and gives the quality of each run by the name of its dataset.
     fn train(
         &self,
         name: &str,
@@ -299,18 +300,19 @@ fn describe(budget: &Budget, folder: &Path) -> String {
     ]);
     for costs in &budget.causes {
         rows.extend(costs.rows.iter().map(|row| {
+            let quality = row.quality();
             vec![
                 costs.about.name.to_owned(),
                 report::sized(costs, row.size),
                 format!("{:+.2}", budget.cost_db(row)),
-                format!("{:.2}", row.quality.dpsnr),
-                format!("{:.2}", row.quality.psnr),
+                format!("{:.2}", quality.dpsnr),
+                format!("{:.2}", quality.psnr),
             ]
         }));
     }
     let mut text = table(&rows);
     if let Some(noise) = budget.noise_db() {
-        text.push_str(&format!("\na difference below {noise:.2} dB may be the seed"));
+        text.push_str(&format!("\na cost below {noise:.2} dB may be the seeds'"));
     }
     text.push_str(&format!("\n{}", folder.join("budget.html").display()));
     text

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use crate::{Budget, Quality};
 
-/// The header, a line for each seed of the base, and a line for each step. What is not known is empty.
+/// The header, a line for each seed of the base, and one for each seed of each step, with what the mean of its seeds costs. What is not
+/// known is empty.
 #[must_use]
 pub fn csv(budget: &Budget) -> String {
     let mut text = String::from("cause,unit,size,moved_px,dpsnr_db,psnr_db,between_dpsnr_db,static_psnr_db,cost_db\n");
@@ -19,12 +20,10 @@ pub fn csv(budget: &Budget) -> String {
     }
     for costs in &budget.causes {
         for row in &costs.rows {
-            line(
-                [costs.about.name, costs.about.unit, &row.size.to_string()],
-                row.moved_px,
-                &row.quality,
-                budget.cost_db(row),
-            );
+            for quality in &row.runs {
+                let names = [costs.about.name, costs.about.unit, &row.size.to_string()];
+                line(names, row.moved_px, quality, budget.cost_db(row));
+            }
         }
     }
     text

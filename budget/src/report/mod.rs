@@ -26,7 +26,7 @@ pub struct Made {
 }
 
 /// Costs that the summary tells sizes of, dB: what is less than the first is hardly more than the seed.
-pub const LIMITS: [f64; 2] = [0.25, 0.5];
+pub const LIMITS: [f64; 2] = [0.5, 1.0];
 
 /// A size with its unit.
 #[must_use]
@@ -58,8 +58,13 @@ fn base(budget: &Budget) -> String {
         1 => "one seed".to_owned(),
         count => format!("the mean of {count} seeds"),
     };
+    let of_steps = budget.causes.iter().flat_map(|costs| &costs.rows).map(|row| row.runs.len()).min();
+    let of_steps = match of_steps.unwrap_or(1) {
+        1 => "one run".to_owned(),
+        count => format!("the mean of {count} seeds"),
+    };
     let noise = budget.noise_db().map_or(String::new(), |noise| {
-        format!(" Each step is one run: a difference below {} dB may be its seed.", figure(noise))
+        format!(" Each step is {of_steps}: a cost below {} dB may be the seeds', and the part of it that is the base's is the same in all costs.", figure(noise))
     });
     format!("With nothing wrong: DPSNR {:.2} dB, PSNR {:.2} dB ({seeds}).{noise}", usual.dpsnr, usual.psnr)
 }
@@ -68,7 +73,8 @@ fn base(budget: &Budget) -> String {
 fn cells(budget: &Budget, row: &Row) -> Vec<String> {
     let mut cells = vec![row.moved_px.map_or("-".into(), figure)];
     cells.extend(budget.costs_db(row).map(|cost| cost.map_or("-".into(), |cost| format!("{cost:+.2}"))));
-    cells.extend([row.quality.dpsnr, row.quality.psnr].map(|decibels| format!("{decibels:.2}")));
+    let quality = row.quality();
+    cells.extend([quality.dpsnr, quality.psnr].map(|decibels| format!("{decibels:.2}")));
     cells
 }
 
@@ -91,12 +97,13 @@ mod tests {
         let budget = budget(&[0.0, 0.2, 2.0]);
         let table = csv(&budget);
         let lines: Vec<&str> = table.lines().collect();
-        assert_eq!(lines.len(), 1 + 3 + 3, "{table}");
+        assert_eq!(lines.len(), 1 + 3 + 3 * 2, "{table}");
         assert!(lines[0].starts_with("cause,unit,size,moved_px,"));
-        assert!(lines.contains(&"place,mm,100,10,18,26,17,,2"), "{table}");
+        assert!(lines.contains(&"place,mm,100,10,18.1,26.1,17.1,,2"), "{table}");
+        assert!(lines.contains(&"place,mm,100,10,17.9,25.9,16.9,,2"), "{table}");
         let document = markdown(&budget, &made());
         assert!(document.contains("| 100 mm | 10 | +2.00 | +2.00 | - | 18.00 | 26.00 |"), "{document}");
-        assert!(document.contains("| place | 11 mm | 15 mm |"), "{document}");
+        assert!(document.contains("| place | 15 mm | 28 mm |"), "{document}");
         let page = page(&budget, &made());
         assert!(page.contains("&lt;folder&gt;") && !page.contains("<folder>") && page.contains("<svg"), "{page}");
     }
