@@ -197,6 +197,9 @@ pub enum Problem {
     /// A pose with NaN or infinity.
     #[error("the pose holds a number that is not finite; calibrate or import it again")]
     PoseNotFinite,
+    /// A standard deviation of its pose is none.
+    #[error("a standard deviation of its pose is {0}; it must be 0 or more, or pose_sigma left out")]
+    PoseSigma(f64),
     /// A quaternion that is no rotation.
     #[error("the rotation's quaternion has the length {0} instead of 1; calibrate or import it again")]
     PoseNotUnit(f64),

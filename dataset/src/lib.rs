@@ -21,7 +21,7 @@ mod validate;
 
 pub use error::{DatasetError, Problem};
 pub use manifest::{
-    Camera, CameraEvents, Dataset, Frame, Manifest, PointCloudFile, PointRun, Provenance, Split, VariantStep,
+    Camera, CameraEvents, Dataset, Frame, Manifest, PointCloudFile, PointRun, PoseSigma, Provenance, Split, VariantStep,
 };
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use erfgs_scene::{Intrinsics, Modality, Pose};
+use erfgs_scene::{Intrinsics, Modality, Pose, rig_file::Sigma};
 
 /// What a viewpoint is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,12 +66,42 @@ pub struct Camera {
     pub intrinsics: Intrinsics,
     /// Where it stood.
     pub world_to_camera: Pose,
+    /// How sure that is, where its calibration tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_sigma: Option<PoseSigma>,
     /// Frames, ordered by time; empty for an event camera.
     #[serde(default)]
     pub frames: Vec<Frame>,
     /// Events; absent for an RGB camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub events: Option<CameraEvents>,
+}
+
+/// Standard deviations of a camera's pose.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PoseSigma {
+    /// Of its centre, along the world's axes, metres.
+    pub centre_m: [f64; 3],
+    /// Of turns about its axes, degrees.
+    pub rotation_deg: [f64; 3],
+}
+
+impl PoseSigma {
+    /// Those of a calibration; none where it could not tell each of them.
+    #[must_use]
+    pub fn calibrated(sigma: &Sigma) -> Option<Self> {
+        let all = |of: [Option<f64>; 3]| Some([of[0]?, of[1]?, of[2]?]);
+        Some(Self { centre_m: all(sigma.centre_m)?, rotation_deg: all(sigma.rotation_deg)? })
+    }
+
+    /// With errors besides that have standard deviations of their own, which are the same along and about all axes.
+    #[must_use]
+    pub fn with(&self, centre_m: f64, rotation_deg: f64) -> Self {
+        Self {
+            centre_m: self.centre_m.map(|sigma| sigma.hypot(centre_m)),
+            rotation_deg: self.rotation_deg.map(|sigma| sigma.hypot(rotation_deg)),
+        }
+    }
 }
 
 /// Where the recording came from.

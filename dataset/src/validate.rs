@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, path::Path};
 
 use rayon::prelude::*;
 
-use super::{Camera, CameraEvents, Dataset, DatasetError, Problem, files::check_size};
+use super::{Camera, CameraEvents, Dataset, DatasetError, PoseSigma, Problem, files::check_size};
 use erfgs_scene::{Distortion, Intrinsics, Modality, Pose, image};
 
 impl Dataset {
@@ -83,6 +83,7 @@ fn check_unique<'a>(camera: &'a Camera, files: &mut BTreeSet<&'a Path>) -> Resul
 
 fn check_camera(camera: &Camera, span_ns: [i64; 2]) -> Result<(), Problem> {
     check_pose(&camera.world_to_camera)?;
+    camera.pose_sigma.as_ref().map_or(Ok(()), check_sigma)?;
     check_intrinsics(&camera.intrinsics)?;
     let (frames, events) = (camera.frames.len(), camera.events.is_some());
     if (frames > 0, events) != (camera.modality.has_frames(), camera.modality.has_events()) {
@@ -114,6 +115,14 @@ fn check_pose(pose: &Pose) -> Result<(), Problem> {
         false => Err(Problem::PoseNotFinite),
         true if (length - 1.0).abs() > 1e-6 => Err(Problem::PoseNotUnit(length)),
         true => Ok(()),
+    }
+}
+
+fn check_sigma(sigma: &PoseSigma) -> Result<(), Problem> {
+    let all = sigma.centre_m.iter().chain(&sigma.rotation_deg);
+    match all.copied().find(|sigma| !(sigma.is_finite() && *sigma >= 0.0)) {
+        Some(wrong) => Err(Problem::PoseSigma(wrong)),
+        None => Ok(()),
     }
 }
 

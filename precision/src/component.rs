@@ -5,9 +5,9 @@ use std::{
     sync::Arc,
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use crate::{Bench, Refusal, Stopwatch};
+use crate::{Bench, Kept, Refusal, Stopwatch};
 
 /// What any of the libraries may say against a setting.
 pub type Result<T> = std::result::Result<T, Refusal>;
@@ -45,8 +45,17 @@ pub struct Component {
     pub about: About,
     /// One curve a knob.
     pub curves: Vec<Curve<usize>>,
-    /// What there is to run: about how long each takes, and the run. Curves share what they have in common.
-    runs: Vec<(f64, Arc<Run>)>,
+    /// What there is to run. Curves share what they have in common.
+    runs: Vec<Work>,
+}
+
+#[derive(Clone)]
+struct Work {
+    /// About how long it takes.
+    weight: f64,
+    /// What is set, in words that no other setting has.
+    setting: String,
+    run: Arc<Run>,
 }
 
 /// The settings of one knob, from one end to the other.
@@ -70,7 +79,7 @@ pub struct Place<T> {
 }
 
 /// What a setting cost and what it left.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spent {
     /// The error of each measure.
     pub errors: Vec<f64>,
@@ -103,20 +112,24 @@ impl Component {
     /// About how long it takes, in units of a quick setting.
     #[must_use]
     pub fn weight(&self) -> f64 {
-        self.runs.iter().map(|(weight, _)| weight).sum()
+        self.runs.iter().map(|work| work.weight).sum()
     }
 
-    /// Runs every setting once for all curves that share it. `advance` is told the weight of what is done.
+    /// Runs every setting once for all curves that share it, but for what is kept. `advance` is told the weight of what is done.
     #[must_use]
-    pub fn run(&self, bench: &Bench, enough: f64, mut advance: impl FnMut(f64)) -> Outcome {
+    pub fn run(&self, bench: &Bench, enough: f64, kept: &mut Kept, mut advance: impl FnMut(f64)) -> Outcome {
         let mut done = 0.0;
         let came: Vec<_> = self
             .runs
             .iter()
-            .map(|(weight, run)| {
+            .map(|Work { weight, setting, run }| {
                 advance(done);
                 done += weight;
-                spend(run, bench, enough, self.about.measures.len())
+                if let Some(spent) = kept.get(self.about.name, setting) {
+                    return Ok(spent);
+                }
+                let came = spend(run, bench, enough, self.about.measures.len());
+                came.inspect(|spent| kept.add(self.about.name, setting, spent))
             })
             .collect();
         let place = |place: &Place<usize>| Place {
@@ -167,7 +180,7 @@ pub struct Study<C> {
     weigh: fn(&C) -> f64,
 }
 
-impl<C: Clone + PartialEq + Send + Sync + 'static> Study<C> {
+impl<C: Clone + PartialEq + std::fmt::Debug + Send + Sync + 'static> Study<C> {
     /// A component that `run` runs with a configuration and judges: the errors in the order of its measures.
     pub fn new(
         about: About,
@@ -212,9 +225,9 @@ impl<C: Clone + PartialEq + Send + Sync + 'static> Study<C> {
     pub fn component(self) -> Component {
         let runs = self.configurations.into_iter().map(|configuration| {
             let run = self.run.clone();
-            let weight = (self.weigh)(&configuration);
+            let (weight, setting) = ((self.weigh)(&configuration), format!("{configuration:?}"));
             let run: Arc<Run> = Arc::new(move |bench, stopwatch| run(bench, stopwatch, &configuration));
-            (weight, run)
+            Work { weight, setting, run }
         });
         Component { about: self.about, curves: self.curves, runs: runs.collect() }
     }

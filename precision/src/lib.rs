@@ -19,6 +19,7 @@ pub mod clocks;
 mod component;
 mod exact;
 mod filmed;
+mod kept;
 mod matching;
 pub mod points;
 pub mod raster;
@@ -31,6 +32,7 @@ use std::sync::Arc;
 
 pub use component::{Component, Curve, Measure, Outcome, Place, Result, Spent, Study};
 pub use erfgs_stability::{Bench, Refusal, Size};
+pub use kept::Kept;
 pub use stopwatch::Stopwatch;
 
 /// All components of a size, in the order of the document.

@@ -1,13 +1,13 @@
 //! Every component runs in small, and its curves are what they must be.
 
-use erfgs_precision::{Bench, Size, Spent, components};
+use erfgs_precision::{Bench, Kept, Size, Spent, components};
 use erfgs_train::gpu::{AdapterChoice, Gpu};
 
 #[test]
 fn every_setting_of_the_small_components_runs_and_each_curve_has_its_default() {
     let bench = Bench::new(Gpu::open(&AdapterChoice::default()).expect("an adapter")).expect("kernels");
     for component in components(Size::Small) {
-        let outcome = component.run(&bench, 0.0, |_| {});
+        let outcome = component.run(&bench, 0.0, &mut Kept::default(), |_| {});
         let name = outcome.about.name;
         assert_eq!(outcome.refused().collect::<Vec<_>>(), [[""; 3]; 0], "{name}");
         for curve in &outcome.curves {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_precision::{Bench, Component, Outcome, Size, components, report};
+use erfgs_precision::{Bench, Component, Kept, Outcome, Size, components, report};
 use serde::Serialize;
 
 use crate::{
@@ -17,7 +17,8 @@ use crate::{
 #[command(after_help = "\
 Every setting of every knob is run against a truth that is finer than any of them; the setting that is the default is marked. \
 With --out the curves are written into a folder: precision.html draws them, precision.md has them as tables, precision.csv \
-has the numbers.
+has the numbers. All components take hours: what was measured lies in settings.jsonl there, and the same command goes on with the rest; \
+delete that file where something has changed since.
 
 Examples:
   erfgs bench precision
@@ -65,12 +66,29 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);
     let bench = Bench::new(gpu)?;
     let enough = if arguments.small { 0.0 } else { ENOUGH };
+    let mut kept = match &arguments.out {
+        Some(folder) if !arguments.small => {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            let path = folder.join("settings.jsonl");
+            let kept = Kept::open(&path, &format!("erfgs {}, {adapter}", env!("CARGO_PKG_VERSION")))?;
+            if kept.count() > 0 {
+                let words = format!(
+                    "{} settings were measured before; delete {} to measure them again",
+                    kept.count(),
+                    path.display()
+                );
+                terminal.note(&words);
+            }
+            kept
+        }
+        _ => Kept::default(),
+    };
     let progress = terminal.progress("precision");
     let total: f64 = components.iter().map(Component::weight).sum();
     let (mut before, mut outcomes) = (0.0, Vec::new());
     for component in &components {
         let advance = |done: f64| progress.share((before + done) / total, || component.about.name.to_owned());
-        outcomes.push(component.run(&bench, enough, advance));
+        outcomes.push(component.run(&bench, enough, &mut kept, advance));
         before += component.weight();
     }
     drop(progress);

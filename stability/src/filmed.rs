@@ -197,6 +197,7 @@ impl Filmed {
             split: Split::Train,
             intrinsics: self.intrinsics(),
             world_to_camera: self.pose(index),
+            pose_sigma: None,
             frames,
             events,
             name,

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use erfgs_dataset::Dataset;
 use erfgs_emulated_rig::{Act, Plan, record};
 use erfgs_scene::rig_file::RigFile;
 
@@ -50,6 +51,20 @@ fn a_rig_that_nobody_knows_is_calibrated_and_what_it_saw_is_reconstructed() {
         "dataset import session performance.mcap --rig rig.json --from 1.5 --seconds 0.15 --scale 0.5 --scale-of \
          event0=0.125 --test free0 --out recorded",
     );
+    // What the calibration says of its own certainty goes along, and covers: distances from the first camera lie within five of their
+    // standard deviations.
+    let recorded = Dataset::load(&folder.join("recorded")).expect("a dataset");
+    let spread = |name: &str| {
+        let camera = recorded.manifest.cameras.iter().find(|camera| camera.name == name).expect("it recorded");
+        let centre = camera.pose_sigma.expect("the calibration tells").centre_m;
+        centre.iter().map(|sigma| sigma * sigma).sum::<f64>()
+    };
+    for (index, (camera, _)) in found.iter().enumerate().skip(1) {
+        let apart = (camera.place.centre() - found[0].0.place.centre()).length();
+        let wrong = ((centre(index) - centre(0)).length() - apart).abs();
+        let sigma = (spread(&camera.id) + spread(&found[0].0.id)).sqrt();
+        assert!(wrong < 5.0 * sigma && sigma < 0.05, "{}: {wrong} m off, {sigma} m stated", camera.id);
+    }
     let dataset = figures(folder, "dataset undistort recorded --out ds");
     assert!(dataset["events"].as_u64() > Some(10_000), "{dataset}");
     figures(folder, "dataset points ds");

@@ -4,6 +4,7 @@
 //! turn and a shift of its own, by gradients of the frames that are looked at as wholes. Nothing tells a scene that is elsewhere from
 //! cameras that are elsewhere: what all cameras have in common - a turn, a shift, a scale - is taken from them after each step.
 
+use erfgs_dataset::PoseSigma;
 use erfgs_scene::Pose;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -25,11 +26,19 @@ pub struct CameraPoseOptions {
     pub rate: [f32; 2],
     /// So many cameras must take frames. What few see, a scene that is wrong explains as well, and cameras go astray.
     pub fewest: u32,
+    /// So many standard deviations of its calibration a camera may go from where it was calibrated, where the dataset tells them.
+    #[serde(default = "within")]
+    pub within: f32,
+}
+
+/// What runs from before there was a bound would have had.
+fn within() -> f32 {
+    3.0
 }
 
 impl Default for CameraPoseOptions {
     fn default() -> Self {
-        Self { enabled: false, from: 0.25, rate: [0.2, 0.01], fewest: 8 }
+        Self { enabled: false, from: 0.25, rate: [0.2, 0.01], fewest: 8, within: within() }
     }
 }
 
@@ -98,12 +107,22 @@ pub(crate) struct Learner {
     pub depth: f64,
     /// How far to either side it sees for half of its picture, of a depth of 1.
     pub reach: f64,
+    /// Standard deviations of turns (radians, about its axes) and shifts (metres, along them), where its calibration tells.
+    pub sigma: Option<[f64; FLOATS]>,
+}
+
+/// [`Learner::sigma`] of a camera at `pose`; a shift along its axes is one of its centre, turned.
+pub(crate) fn learner_sigma(sigma: &PoseSigma, pose: &Pose) -> [f64; FLOATS] {
+    let [turns, centre] = [sigma.rotation_deg.map(f64::to_radians), sigma.centre_m].map(DVec3::from);
+    let rows = DMat3::from_quat(pose.rotation).transpose();
+    let along = |axis: DVec3| (axis * centre).length();
+    [turns.x, turns.y, turns.z, along(rows.x_axis), along(rows.y_axis), along(rows.z_axis)]
 }
 
 impl CameraPoseState {
     /// A step of the cameras that `sums` (rows of [`PoseRow::FLOATS`]) tell of, then what all `learners` have in common is taken away.
-    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], rate: [f32; 2], share: f64) {
-        let rate = f64::from(decayed(rate, share));
+    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], options: &CameraPoseOptions, share: f64) {
+        let rate = f64::from(decayed(options.rate, share));
         for learner in learners {
             let row = &sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS];
             let renderings = f64::from(row[3]);
@@ -116,13 +135,22 @@ impl CameraPoseState {
             for (axis, gradient) in gradient.into_iter().enumerate() {
                 // A pixel is so many radians, or metres.
                 let pixel = if axis < 3 { 1.0 / learner.focal } else { learner.depth / learner.focal };
+                // What is known better than that goes by smaller steps.
+                let unit = learner.sigma.map_or(pixel, |sigma| pixel.min(sigma[axis]));
                 let [first, second] = &mut self.moments;
                 let moments = [&mut first[at + axis], &mut second[at + axis]];
                 let sure = cautious_step(self.steps[learner.camera], moments, gradient * pixel);
-                self.values[at + axis] -= (rate * pixel * sure) as f32;
+                self.values[at + axis] -= (rate * unit * sure) as f32;
             }
         }
         self.take_common(learners);
+        for learner in learners {
+            let Some(sigma) = learner.sigma else { continue };
+            for (value, sigma) in self.values[learner.camera * FLOATS..][..FLOATS].iter_mut().zip(sigma) {
+                let most = options.within * sigma as f32;
+                *value = value.clamp(-most, most);
+            }
+        }
     }
 
     /// How far a camera's picture has moved, pixels: root mean square over its middle and the middles of its quarters, at the scene's
@@ -183,7 +211,7 @@ mod tests {
                 let turn =
                     DQuat::from_rotation_y(0.4 * camera as f64) * DQuat::from_rotation_x(0.1 * (camera % 3) as f64);
                 let pose = Pose { rotation: turn, translation: DVec3::new(0.0, 0.0, 3.0) };
-                Learner { camera, pose, focal: 300.0, depth: 3.0, reach: 0.25 }
+                Learner { camera, pose, focal: 300.0, depth: 3.0, reach: 0.25, sigma: None }
             })
             .collect()
     }
@@ -206,6 +234,65 @@ mod tests {
         let expected = DQuat::from_rotation_y(0.1_f32.into()) * pose.transform(point) + DVec3::new(0.0, 0.5, 0.0);
         assert!((moved.transform(point) - expected).length() < 1e-7);
         assert_eq!(state.moved(1, &pose).rotation, pose.rotation);
+    }
+
+    #[test]
+    fn uncertainty_along_the_world_is_uncertainty_along_a_camera_s_axes() {
+        let sigma = PoseSigma { centre_m: [1e-3, 2e-3, 5e-3], rotation_deg: [0.1, 0.2, 0.3] };
+        let pose = learners(3)[1].pose;
+        let told = learner_sigma(&sigma, &pose);
+        assert_eq!(told[..3], [0.1_f64, 0.2, 0.3].map(f64::to_radians));
+        // Of centres that are drawn with these deviations, uniformly within root three of them.
+        let draws = 4000;
+        let mut squares = DVec3::ZERO;
+        for at in 0..draws {
+            let centre = pose.centre() + draw(at, 7, 3.0_f64.sqrt()) * DVec3::from(sigma.centre_m);
+            let moved = Pose { translation: -(pose.rotation * centre), ..pose };
+            let shift = moved.translation - pose.translation;
+            squares += shift * shift / draws as f64;
+        }
+        for (axis, square) in squares.to_array().into_iter().enumerate() {
+            let drawn = square.sqrt();
+            assert!((told[3 + axis] / drawn - 1.0).abs() < 0.05, "axis {axis}: {} and {drawn}", told[3 + axis]);
+        }
+    }
+
+    #[test]
+    fn cameras_stay_within_what_their_calibration_tells() {
+        let mut learners = learners(4);
+        // What is held fast, what is known well, and what is known to less than a pixel.
+        for (learner, pixels) in learners.iter_mut().zip([0.0, 0.05, 0.5]) {
+            let sigma = |pixel: f64| pixels * pixel;
+            let [turn, shift] = [sigma(1.0 / 300.0), sigma(3.0 / 300.0)];
+            learner.sigma = Some([turn, turn, turn, shift, shift, shift]);
+        }
+        let options = CameraPoseOptions::default();
+        let mut state = CameraPoseState::calibrated(4);
+        for step in 0..200 {
+            // All are pulled to one side for ever, each along another axis the most.
+            let row = |camera: usize| {
+                let mut row = [1.0_f32, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
+                row[[0, 1, 5, 6][camera]] *= 20.0;
+                row
+            };
+            let sums: Vec<f32> = (0..4).flat_map(row).collect();
+            state.step(&learners, &sums, &options, step as f64 / 200.0);
+        }
+        assert_eq!(state.of(0), [DVec3::ZERO; 2]);
+        for (camera, learner) in learners.iter().enumerate().take(3) {
+            let sigma = learner.sigma.expect("stated");
+            let values = state.of(camera).map(|part| part.to_array()).concat();
+            assert!(
+                values.iter().zip(sigma).all(|(value, sigma)| value.abs() <= 3.0001 * sigma),
+                "{camera}: {values:?}"
+            );
+        }
+        let furthest = |camera: usize| state.pixels(&learners[camera]);
+        assert!(
+            furthest(1) > 0.05 && furthest(1) < furthest(2) && furthest(2) < furthest(3),
+            "{:?}",
+            [1, 2, 3].map(furthest)
+        );
     }
 
     #[test]
@@ -249,6 +336,7 @@ mod tests {
             });
             pixels.sum::<f64>() / 240.0
         };
+        let options = CameraPoseOptions { rate: [0.1, 0.01], ..CameraPoseOptions::default() };
         let before = off(&state);
         for step in 0..300 {
             let mut sums = vec![0.0_f32; 6 * PoseRow::FLOATS];
@@ -266,13 +354,13 @@ mod tests {
                 let row = [turn.x, turn.y, turn.z, 2.0, shift.x, shift.y, shift.z, 2.0].map(|value| value as f32);
                 sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS].copy_from_slice(&row);
             }
-            state.step(&learners, &sums, [0.1, 0.01], step as f64 / 300.0);
+            state.step(&learners, &sums, &options, step as f64 / 300.0);
         }
         let after = off(&state);
         assert!(before > 0.3 && after < 0.1 * before, "{before} px before, {after} px after");
         assert_eq!(state.steps, [150; 6]);
         let still = state.clone();
-        state.step(&learners, &[f32::NAN; 48], [0.1, 0.01], 0.5);
+        state.step(&learners, &[f32::NAN; 48], &options, 0.5);
         assert_eq!(state.steps, still.steps, "what is no number is left out");
     }
 }

@@ -21,6 +21,7 @@ fn dataset(eyes: &[DVec3], target: DVec3, times: &[i64]) -> Dataset {
             distortion: Distortion::None,
         },
         world_to_camera: Pose::look_at(eye, target, DVec3::Y),
+        pose_sigma: None,
         frames: times
             .iter()
             .enumerate()

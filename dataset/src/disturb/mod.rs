@@ -112,6 +112,7 @@ impl Disturbance {
             let turn = self.direction_deg.to_radians() * three("disturbed direction");
             pose.rotation = (DQuat::from_scaled_axis(turn) * pose.rotation).normalize();
             pose.translation = -(pose.rotation * centre);
+            camera.pose_sigma = camera.pose_sigma.map(|sigma| sigma.with(self.place_m, self.direction_deg));
         }
         let focal = 1.0 + self.focal * self.drawn(&name, "disturbed focal length")(0);
         camera.intrinsics.fx *= focal;

@@ -96,6 +96,7 @@ pub(super) fn write(
             split: view.split,
             intrinsics: target.intrinsics,
             world_to_camera: view.pose,
+            pose_sigma: None,
             frames,
             events: None,
         });

@@ -87,6 +87,7 @@ fn a_dataset_loses_its_distortion_and_keeps_the_rest() {
             split: Split::Train,
             intrinsics,
             world_to_camera: Pose::IDENTITY,
+            pose_sigma: None,
             frames: vec![Frame { mask: Some(format!("raw/{name}-mask.png").into()), ..frame }],
             events: Some(events),
         }

@@ -208,6 +208,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
             split: Split::Train,
             intrinsics: camera.intrinsics,
             world_to_camera: camera.world_to_camera,
+            pose_sigma: None,
             frames: Vec::new(),
             events: None,
         };

@@ -55,6 +55,7 @@ fn camera(root: &Path, index: usize, split: Split, events: bool) -> Camera {
             distortion: Default::default(),
         },
         world_to_camera: Pose::IDENTITY,
+        pose_sigma: None,
         frames: frames.collect(),
         events: None,
         name,

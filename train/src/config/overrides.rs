@@ -222,6 +222,12 @@ impl Config {
             format!("{:?}", pose.rate),
             "two numbers from 0 to 10 pixels",
         )?;
+        check(
+            pose.within.is_finite() && pose.within > 0.0,
+            "camera_pose.within",
+            pose.within.to_string(),
+            "more than 0 standard deviations",
+        )?;
         let time = &self.camera_time;
         check(time.fewest >= 2, "camera_time.fewest", time.fewest.to_string(), "at least 2")?;
         check(small(time.from), "camera_time.from", time.from.to_string(), "0 to 1")?;

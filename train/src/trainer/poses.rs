@@ -6,7 +6,7 @@ use wgpu::Buffer;
 
 use super::{TrainError, Trainer};
 use crate::{
-    camera_pose::{CameraPoseOptions, CameraPoseState, Learner},
+    camera_pose::{CameraPoseOptions, CameraPoseState, Learner, learner_sigma},
     gpu::Gpu,
     raster::{PoseRow, View},
     scene::{Scene, SceneView, median},
@@ -36,7 +36,8 @@ impl Poses {
             let depths = scene.points.iter().map(|(point, _)| f64::from(view.to_camera(point)[2]));
             let depth = median(depths.filter(|&depth| depth > 0.0).collect()).unwrap_or_else(|| scene.extent.into());
             let focal = f64::from(view.fx);
-            Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal }
+            let sigma = of.pose_sigma.map(|sigma| learner_sigma(&sigma, &pose));
+            Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal, sigma }
         };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
         let state = CameraPoseState::calibrated(scene.views.len());
@@ -107,7 +108,7 @@ impl Trainer<'_> {
         let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64);
         let Some(poses) = self.poses.as_mut().filter(due) else { return Ok(()) };
         let sums: Vec<f32> = self.gpu.download(&poses.sums, poses.state.sums.len())?;
-        poses.state.step(&poses.learners, &sums, self.config.camera_pose.rate, share);
+        poses.state.step(&poses.learners, &sums, &self.config.camera_pose, share);
         poses.place(&mut self.scene.views);
         let mut commands = self.gpu.commands();
         commands.clear(&poses.sums);

@@ -122,6 +122,7 @@ pub fn film_at(folder: &Path, count: usize, times: &[i64]) -> Dataset {
             split,
             intrinsics: k,
             world_to_camera: Pose::look_at(eye, DVec3::new(0.0, -0.4, 0.2), DVec3::Y),
+            pose_sigma: None,
             frames: frames.collect(),
             events: None,
         }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{ImportError, SessionNote, SessionOptions, Timing, Viewpoint, import};
-use crate::Dataset;
+use crate::{Dataset, PoseSigma};
 use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_scene::rig_file::{RigCamera, RigFile};
 use erfgs_session::container::{Session, Stream};
@@ -72,6 +72,7 @@ fn views(
                 camera: names.give(&stream),
                 intrinsics: camera.intrinsics,
                 pose,
+                pose_sigma: camera.sigma.as_ref().and_then(PoseSigma::calibrated),
                 timing: timing(camera, recorded, sync.stream(&stream)),
                 thresholds: options.thresholds.unwrap_or_else(|| d.contrast_thresholds()),
                 stream,

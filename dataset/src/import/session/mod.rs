@@ -12,7 +12,7 @@ use std::{
 use serde_json::json;
 
 use super::{ImportError, common};
-use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, Provenance, Split, layout};
+use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, PoseSigma, Provenance, Split, layout};
 use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_events::npz;
 use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
@@ -42,6 +42,8 @@ pub struct Viewpoint {
     pub intrinsics: Intrinsics,
     /// Where it stood, world to camera.
     pub pose: Pose,
+    /// How sure that is.
+    pub pose_sigma: Option<PoseSigma>,
     /// When it saw what it recorded.
     pub timing: Timing,
     /// Nominal contrast thresholds of ON and OFF events, natural logarithm of intensity.
@@ -280,8 +282,16 @@ pub fn import(
             }
         };
         let intrinsics = scaled(&viewpoint.intrinsics, options.scale_of(viewpoint));
-        let (name, world_to_camera) = (viewpoint.camera.clone(), viewpoint.pose);
-        cameras.push(Camera { name, modality, split: Split::Train, intrinsics, world_to_camera, frames, events });
+        cameras.push(Camera {
+            name: viewpoint.camera.clone(),
+            modality,
+            split: Split::Train,
+            intrinsics,
+            world_to_camera: viewpoint.pose,
+            pose_sigma: viewpoint.pose_sigma,
+            frames,
+            events,
+        });
     }
     split(&mut cameras, options)?;
     if cameras.is_empty() {

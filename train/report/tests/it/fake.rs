@@ -56,6 +56,7 @@ fn cameras() -> Vec<Camera> {
                 split,
                 intrinsics,
                 world_to_camera: Pose::look_at(eye, DVec3::new(0.0, -0.8, 0.0), DVec3::Y),
+                pose_sigma: None,
                 frames: frames.collect(),
                 events: modality.has_events().then(|| CameraEvents {
                     file: format!("events/cam{index:02}.npz").into(),

@@ -33,6 +33,7 @@ fn a_dataset_has_the_events_of_the_longer_side_or_of_the_one_that_is_asked_for_a
         camera: "eye".into(),
         intrinsics,
         pose: Pose::IDENTITY,
+        pose_sigma: None,
         timing: Timing { epochs: sync.stream("eye").unwrap().epochs.clone(), ..Timing::default() },
         thresholds: [0.2, 0.2],
     };
