@@ -2,7 +2,6 @@
 //! a time (4DGS, Wu et al. 2024).
 
 mod backend;
-mod bench;
 mod config;
 mod device;
 mod host;
@@ -14,7 +13,6 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
 pub use backend::Tape;
-pub use bench::{BenchField, FieldStage, bench};
 pub use config::{FieldConfig, FieldError, HeadInit, Heads, TimeAxis};
 pub use layout::{Layout, Linear};
 
