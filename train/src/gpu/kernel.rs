@@ -28,7 +28,7 @@ impl Gpu {
     /// entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
     ///
     /// A WGSL error surfaces at the next [`Gpu::wait`].
-    pub fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
+    pub(crate) fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
         self.kernel_with(label, parts, &[])
     }
 
@@ -40,7 +40,7 @@ impl Gpu {
         unsafe_code,
         reason = "wgpu's own counter in each loop costs the backward blending of a graphics processor half its speed"
     )]
-    pub fn kernel_with(&self, label: &str, parts: &[&str], constants: &[(&str, f64)]) -> Kernel {
+    pub(crate) fn kernel_with(&self, label: &str, parts: &[&str], constants: &[(&str, f64)]) -> Kernel {
         let source = parts.join("\n");
         let text = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(source.into()) };
         let checks = wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
