@@ -121,20 +121,29 @@ impl Budget {
         Quality::mean(&self.base)
     }
 
+    fn rows(&self) -> impl Iterator<Item = &Row> {
+        self.causes.iter().flat_map(|costs| &costs.rows)
+    }
+
+    /// How many seeds the base has, and how many each step has at least.
+    #[must_use]
+    pub fn seeds(&self) -> [usize; 2] {
+        let base = self.base.len();
+        [base, self.rows().map(|row| row.runs.len()).min().unwrap_or(base)]
+    }
+
     /// What the cost of a step must exceed to be more than its seeds, dB: twice the standard deviation of the difference of two means,
     /// by how runs of the same dataset differ, over all datasets; none where each was trained once.
     #[must_use]
     pub fn noise_db(&self) -> Option<f64> {
-        let rows = || self.causes.iter().flat_map(|costs| &costs.rows).map(|row| &row.runs);
-        let groups = std::iter::once(&self.base).chain(rows());
+        let groups = std::iter::once(&self.base).chain(self.rows().map(|row| &row.runs));
         let (mut squares, mut free) = (0.0, 0);
         for runs in groups.filter(|runs| runs.len() > 1) {
             let mean = Quality::mean(runs).dpsnr;
             squares += runs.iter().map(|quality| (quality.dpsnr - mean).powi(2)).sum::<f64>();
             free += runs.len() - 1;
         }
-        let seeds = rows().map(Vec::len).min().unwrap_or(self.base.len()).max(1);
-        let of_means = 1.0 / seeds as f64 + 1.0 / self.base.len().max(1) as f64;
+        let of_means: f64 = self.seeds().map(|seeds| 1.0 / seeds.max(1) as f64).iter().sum();
         (free > 0).then(|| 2.0 * (squares / free as f64 * of_means).sqrt())
     }
 

@@ -97,6 +97,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         for step in &cause.steps {
             let of_step = qualities.iter().filter(|(name, _)| *name == step.name);
             let runs: Vec<_> = of_step.map(|(_, quality)| *quality).collect();
+            anyhow::ensure!(!runs.is_empty(), "{} was not trained", step.name);
             let moved = made.get(&step.name).and_then(|dataset| moved_px(&base.dataset, dataset, &points));
             costs.add(step, moved, runs);
         }

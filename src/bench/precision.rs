@@ -66,9 +66,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);
     let bench = Bench::new(gpu)?;
     let enough = if arguments.small { 0.0 } else { ENOUGH };
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
     let mut kept = match &arguments.out {
         Some(folder) if !arguments.small => {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
             let path = folder.join("settings.jsonl");
             let kept = Kept::open(&path, &format!("erfgs {}, {adapter}", env!("CARGO_PKG_VERSION")))?;
             if kept.count() > 0 {
@@ -112,7 +114,6 @@ fn write(folder: &Path, arguments: &Arguments, figures: &Figures) -> anyhow::Res
         version: env!("CARGO_PKG_VERSION").into(),
         adapter: figures.adapter.clone(),
     };
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let all = &figures.components;
     for (name, text) in [
         ("precision.csv", report::csv(all)),

@@ -33,14 +33,18 @@ fn a_rig_that_nobody_knows_is_calibrated_and_what_it_saw_is_reconstructed() {
         .map(|camera| (camera, rig.cameras.iter().find(|other| other.name == camera.id).expect("it was calibrated")))
         .collect();
     let centre = |index: usize| found[index].1.pose.expect("a pose").centre();
+    // By how much a camera's distance from the first one is wrong, metres.
+    let wrong = |index: usize| {
+        let apart = (found[index].0.place.centre() - found[0].0.place.centre()).length();
+        ((centre(index) - centre(0)).length() - apart).abs()
+    };
     for (index, (camera, calibrated)) in found.iter().enumerate() {
         // Pictures are 160 pixels wide here, so that a fiftieth of a pixel is 0.02 % of their focal lengths: bounds are five
         // times what is stated (0.1 px, 2 mm).
         let off = calibrated.intrinsics.fx / camera.lens.fx - 1.0;
         assert!(off.abs() < 0.005, "{}: focal length off by {:.2} %", camera.id, 100.0 * off);
-        let apart = (camera.place.centre() - found[0].0.place.centre()).length();
-        let wrong = (centre(index) - centre(0)).length() - apart;
-        assert!(wrong.abs() < 0.01, "{}: {:.1} mm from where it is", camera.id, 1e3 * wrong);
+        let wrong = wrong(index);
+        assert!(wrong < 0.01, "{}: {:.1} mm from where it is", camera.id, 1e3 * wrong);
         // Event cameras and triggered cameras agree on when the wand was where.
         let late_us = 1e6 * calibrated.time_offset_s;
         let limit_us = if camera.id.starts_with("free") { 10_000.0 } else { 600.0 };
@@ -60,8 +64,7 @@ fn a_rig_that_nobody_knows_is_calibrated_and_what_it_saw_is_reconstructed() {
         centre.iter().map(|sigma| sigma * sigma).sum::<f64>()
     };
     for (index, (camera, _)) in found.iter().enumerate().skip(1) {
-        let apart = (camera.place.centre() - found[0].0.place.centre()).length();
-        let wrong = ((centre(index) - centre(0)).length() - apart).abs();
+        let wrong = wrong(index);
         let sigma = (spread(&camera.id) + spread(&found[0].0.id)).sqrt();
         assert!(wrong < 5.0 * sigma && sigma < 0.05, "{}: {wrong} m off, {sigma} m stated", camera.id);
     }

@@ -31,7 +31,7 @@ pub struct CameraPoseOptions {
     pub within: f32,
 }
 
-/// What runs from before there was a bound would have had.
+/// Also of configurations from before there was a bound: no dataset told deviations then.
 fn within() -> f32 {
     3.0
 }

@@ -54,19 +54,19 @@ pub fn tolerated(costs: &Costs, tolerated: Option<Tolerated>) -> String {
 /// What was compared with, in a sentence or two.
 fn base(budget: &Budget) -> String {
     let usual = budget.usual();
-    let seeds = match budget.base.len() {
-        1 => "one seed".to_owned(),
+    let mean = |count: usize, one: &str| match count {
+        1 => one.to_owned(),
         count => format!("the mean of {count} seeds"),
     };
-    let of_steps = budget.causes.iter().flat_map(|costs| &costs.rows).map(|row| row.runs.len()).min();
-    let of_steps = match of_steps.unwrap_or(1) {
-        1 => "one run".to_owned(),
-        count => format!("the mean of {count} seeds"),
-    };
+    let [base, step] = budget.seeds();
+    let (base, step) = (mean(base, "one seed"), mean(step, "one run"));
     let noise = budget.noise_db().map_or(String::new(), |noise| {
-        format!(" Each step is {of_steps}: a cost below {} dB may be the seeds', and the part of it that is the base's is the same in all costs.", figure(noise))
+        let noise = figure(noise);
+        format!(
+            " Each step is {step}: a cost below {noise} dB may be the seeds', and the part of it that is the base's is the same in all costs."
+        )
     });
-    format!("With nothing wrong: DPSNR {:.2} dB, PSNR {:.2} dB ({seeds}).{noise}", usual.dpsnr, usual.psnr)
+    format!("With nothing wrong: DPSNR {:.2} dB, PSNR {:.2} dB ({base}).{noise}", usual.dpsnr, usual.psnr)
 }
 
 /// The cells of a step, without its size: what it moves, what it costs, what it comes to.

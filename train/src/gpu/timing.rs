@@ -103,10 +103,14 @@ impl Stamps {
             self.sets.push(device.create_query_set(&wgpu::QuerySetDescriptor { label: None, ty: kind, count: SET }));
         }
         self.kernels.push(Arc::clone(kernel));
-        let Some(set) = self.sets.last() else { return };
-        pass.write_timestamp(set, at);
+        let stamp = |pass: &mut wgpu::ComputePass<'_>, at: u32| {
+            if let Some(set) = self.sets.last() {
+                pass.write_timestamp(set, at);
+            }
+        };
+        stamp(pass, at);
         dispatch(pass);
-        pass.write_timestamp(set, at + 1);
+        stamp(pass, at + 1);
     }
 
     /// Records that the timestamps are read, into a buffer for each set.
