@@ -200,6 +200,9 @@ pub enum Problem {
     /// A standard deviation of its pose is none.
     #[error("a standard deviation of its pose is {0}; it must be 0 or more, or pose_sigma left out")]
     PoseSigma(f64),
+    /// The standard deviation of its clock is none.
+    #[error("the standard deviation of its clock is {0}; it must be 0 or more, or clock_sigma_s left out")]
+    ClockSigma(f64),
     /// A quaternion that is no rotation.
     #[error("the rotation's quaternion has the length {0} instead of 1; calibrate or import it again")]
     PoseNotUnit(f64),

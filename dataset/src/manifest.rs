@@ -69,6 +69,9 @@ pub struct Camera {
     /// How sure that is, where its calibration tells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_sigma: Option<PoseSigma>,
+    /// Standard deviation of what the times of all its frames are off by, seconds, where its calibration tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock_sigma_s: Option<f64>,
     /// Frames, ordered by time; empty for an event camera.
     #[serde(default)]
     pub frames: Vec<Frame>,

@@ -39,6 +39,7 @@ fn some_camera(name: &str, modality: Modality) -> Camera {
         },
         world_to_camera: Pose::look_at(DVec3::new(1.0, -1.5, 2.0), DVec3::ZERO, DVec3::Y),
         pose_sigma: None,
+        clock_sigma_s: None,
         frames: if modality.has_frames() { (0..3).map(frame).collect() } else { Vec::new() },
         events: modality.has_events().then_some(events),
     }
@@ -173,6 +174,7 @@ fn manifests_that_make_no_sense_are_refused() {
     for wrong in [-1e-3, nan, f64::INFINITY] {
         let sigma = PoseSigma { centre_m: [1e-3, wrong, 1e-3], rotation_deg: [0.0; 3] };
         assert!(matches!(problem(|m| m.cameras[2].pose_sigma = Some(sigma)), P::PoseSigma(_)), "{wrong}");
+        assert!(matches!(problem(|m| m.cameras[2].clock_sigma_s = Some(wrong)), P::ClockSigma(_)), "{wrong}");
     }
     assert!(matches!(
         problem(|m| m.cameras[2].world_to_camera.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 2.0)),

@@ -84,6 +84,9 @@ fn check_unique<'a>(camera: &'a Camera, files: &mut BTreeSet<&'a Path>) -> Resul
 fn check_camera(camera: &Camera, span_ns: [i64; 2]) -> Result<(), Problem> {
     check_pose(&camera.world_to_camera)?;
     camera.pose_sigma.as_ref().map_or(Ok(()), check_sigma)?;
+    if let Some(wrong) = camera.clock_sigma_s.filter(|sigma| !is_sigma(*sigma)) {
+        return Err(Problem::ClockSigma(wrong));
+    }
     check_intrinsics(&camera.intrinsics)?;
     let (frames, events) = (camera.frames.len(), camera.events.is_some());
     if (frames > 0, events) != (camera.modality.has_frames(), camera.modality.has_events()) {
@@ -118,9 +121,13 @@ fn check_pose(pose: &Pose) -> Result<(), Problem> {
     }
 }
 
+fn is_sigma(value: f64) -> bool {
+    value.is_finite() && value >= 0.0
+}
+
 fn check_sigma(sigma: &PoseSigma) -> Result<(), Problem> {
     let all = sigma.centre_m.iter().chain(&sigma.rotation_deg);
-    match all.copied().find(|sigma| !(sigma.is_finite() && *sigma >= 0.0)) {
+    match all.copied().find(|sigma| !is_sigma(*sigma)) {
         Some(wrong) => Err(Problem::PoseSigma(wrong)),
         None => Ok(()),
     }

@@ -198,6 +198,7 @@ impl Filmed {
             intrinsics: self.intrinsics(),
             world_to_camera: self.pose(index),
             pose_sigma: None,
+            clock_sigma_s: None,
             frames,
             events,
             name,

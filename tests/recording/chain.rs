@@ -68,6 +68,19 @@ fn a_rig_that_nobody_knows_is_calibrated_and_what_it_saw_is_reconstructed() {
         let sigma = (spread(&camera.id) + spread(&found[0].0.id)).sqrt();
         assert!(wrong < 5.0 * sigma && sigma < 0.05, "{}: {wrong} m off, {sigma} m stated", camera.id);
     }
+    // So does what it says of clocks: one trigger exposes all of these, so that they are late by the same.
+    let clocks: Vec<[f64; 2]> = found
+        .iter()
+        .filter(|(camera, _)| camera.id.starts_with("rgb"))
+        .map(|(camera, calibrated)| {
+            let of = recorded.manifest.cameras.iter().find(|of| of.name == camera.id).expect("it recorded");
+            [calibrated.time_offset_s, of.clock_sigma_s.expect("the calibration tells")]
+        })
+        .collect();
+    for [[late, sigma], [other, other_sigma]] in clocks.windows(2).map(|pair| [pair[0], pair[1]]) {
+        let sigma = sigma.hypot(other_sigma);
+        assert!((late - other).abs() < 5.0 * sigma && sigma < 1e-3, "{clocks:?}");
+    }
     let dataset = figures(folder, "dataset undistort recorded --out ds");
     assert!(dataset["events"].as_u64() > Some(10_000), "{dataset}");
     figures(folder, "dataset points ds");

@@ -9,6 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{motion::ClockRow, optimiser::cautious_step, schedule::decayed};
 
+/// A step is no longer than this share of a camera's standard deviation.
+const STEP: f64 = 0.2;
+/// No clock counts as surer than this, RGB intervals.
+const CERTAIN: f64 = 1e-6;
+
 /// How the clocks of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -21,11 +26,19 @@ pub struct CameraTimeOptions {
     pub rate: [f32; 2],
     /// So many cameras must take frames. What few see, a scene that is wrong explains as well.
     pub fewest: u32,
+    /// So many standard deviations a camera's clock may go from what its frames say, where the dataset tells them.
+    #[serde(default = "within")]
+    pub within: f32,
+}
+
+/// Also of configurations from before there was a bound: no dataset told deviations then.
+fn within() -> f32 {
+    3.0
 }
 
 impl Default for CameraTimeOptions {
     fn default() -> Self {
-        Self { enabled: false, from: 0.25, rate: [0.02, 0.001], fewest: 8 }
+        Self { enabled: false, from: 0.25, rate: [0.02, 0.001], fewest: 8, within: within() }
     }
 }
 
@@ -34,6 +47,15 @@ impl CameraTimeOptions {
     pub(crate) fn due(&self, share: f64) -> bool {
         share >= f64::from(self.from)
     }
+}
+
+/// A camera whose clock is learned.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Learner {
+    /// Its number among all cameras.
+    pub camera: usize,
+    /// How sure its frames' times are as a whole, RGB intervals, where its calibration tells.
+    pub sigma: Option<f64>,
 }
 
 /// What the clocks of all cameras have learned, with the state of their optimiser.
@@ -60,9 +82,9 @@ impl CameraTimeState {
 
     /// A step of the cameras `learners` that `sums` (rows of [`ClockRow::FLOATS`]) tell of, then what all of them have in common is taken
     /// away.
-    pub(crate) fn step(&mut self, learners: &[usize], sums: &[f32], rate: [f32; 2], share: f64) {
-        let rate = f64::from(decayed(rate, share));
-        for &camera in learners {
+    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], options: &CameraTimeOptions, share: f64) {
+        let rate = f64::from(decayed(options.rate, share));
+        for &Learner { camera, sigma } in learners {
             let row = &sums[camera * ClockRow::FLOATS..][..ClockRow::FLOATS];
             let gradient = f64::from(row[0]) / f64::from(row[1]);
             if row[1] < 1.0 || !gradient.is_finite() {
@@ -71,10 +93,31 @@ impl CameraTimeState {
             self.steps[camera] += 1;
             let [first, second] = &mut self.moments;
             let sure = cautious_step(self.steps[camera], [&mut first[camera], &mut second[camera]], gradient);
-            self.values[camera] -= (rate * sure) as f32;
+            // What is known well goes by smaller steps.
+            let step = sigma.map_or(rate, |sigma| rate.min(STEP * sigma));
+            self.values[camera] -= (step * sure) as f32;
         }
-        let mean = learners.iter().map(|camera| f64::from(self.values[*camera])).sum::<f64>() / learners.len() as f64;
-        learners.iter().for_each(|camera| self.values[*camera] -= mean as f32);
+        let common = self.common(learners);
+        for learner in learners {
+            let most = learner.sigma.map_or(f32::INFINITY, |sigma| options.within * sigma as f32);
+            let value = &mut self.values[learner.camera];
+            *value = (*value - common as f32).clamp(-most, most);
+        }
+    }
+
+    /// What all cameras have in common: the mean, in which a camera counts by how sure its clock is; where that is told of some
+    /// alone, these decide.
+    fn common(&self, learners: &[Learner]) -> f64 {
+        let told = learners.iter().any(|learner| learner.sigma.is_some());
+        let weight = |learner: &Learner| match learner.sigma {
+            Some(sigma) => sigma.max(CERTAIN).powi(-2),
+            None => f64::from(u8::from(!told)),
+        };
+        let [sum, weights] = learners.iter().fold([0.0; 2], |[sum, weights], learner| {
+            let weight = weight(learner);
+            [sum + weight * f64::from(self.values[learner.camera]), weights + weight]
+        });
+        sum / weights
     }
 }
 
@@ -84,21 +127,28 @@ mod tests {
 
     use super::*;
 
+    fn learners(cameras: usize, sigma: Option<f64>) -> Vec<Learner> {
+        (0..cameras).map(|camera| Learner { camera, sigma }).collect()
+    }
+
     /// What `steps` come to where each camera's gradient is `slope` times how far its clock is from `truth`, and noise of size `noise`.
-    fn learned(truth: &[f32], slope: f64, noise: f64, steps: u64) -> CameraTimeState {
+    fn learned(truth: &[f32], sigma: Option<f64>, slope: f64, noise: f64, steps: u64) -> CameraTimeState {
+        found(truth, &learners(truth.len(), sigma), slope, noise, steps)
+    }
+
+    fn found(truth: &[f32], learners: &[Learner], slope: f64, noise: f64, steps: u64) -> CameraTimeState {
         let mut state = CameraTimeState::labelled(truth.len());
-        let learners: Vec<usize> = (0..truth.len()).collect();
+        let options = CameraTimeOptions::default();
         for step in 0..steps {
             // The scene is where the cameras have it in the mean.
             let apart = |camera: usize| f64::from(state.values[camera] - truth[camera]);
-            let common = learners.iter().map(|camera| apart(*camera)).sum::<f64>() / learners.len() as f64;
-            let row = |camera: &usize| {
-                let camera = *camera;
+            let common = learners.iter().map(|learner| apart(learner.camera)).sum::<f64>() / learners.len() as f64;
+            let row = |&Learner { camera, .. }: &Learner| {
                 let chance = random::range(random::key(3, &[step, camera as u64]), -noise, noise);
                 [(slope * (apart(camera) - common) + chance) as f32 * 2.0, 2.0]
             };
             let sums: Vec<f32> = learners.iter().flat_map(row).collect();
-            state.step(&learners, &sums, [0.02, 0.001], step as f64 / steps as f64);
+            state.step(learners, &sums, &options, step as f64 / steps as f64);
         }
         state
     }
@@ -106,15 +156,46 @@ mod tests {
     #[test]
     fn clocks_are_found_beside_noise() {
         let truth = [0.2_f32, -0.1, 0.0, 0.3];
-        let state = learned(&truth, 1.0, 0.03, 150);
+        let state = learned(&truth, None, 1.0, 0.03, 150);
         for (found, truth) in state.values.iter().zip(truth) {
             assert!((found - (truth - 0.1)).abs() < 0.04, "{found} of {truth}, of which all have 0.1");
         }
     }
 
     #[test]
+    fn a_clock_stays_within_what_is_stated() {
+        // Wrong by five times what is stated: it goes as far as it may.
+        let truth = [0.05, -0.05];
+        let state = learned(&truth, Some(0.01), 1.0, 0.0, 150);
+        for (found, truth) in state.values.iter().zip(truth) {
+            assert!((found - 0.6 * truth).abs() < 1e-6, "{found} of {truth}");
+        }
+        // Wrong by one standard deviation, which is found although steps were longer than that.
+        let truth = [0.001, -0.001, 0.0];
+        let state = learned(&truth, Some(0.001), 1.0, 1e-4, 300);
+        for (found, truth) in state.values.iter().zip(truth) {
+            assert!((found - truth).abs() < 3e-4, "{found} of {truth}");
+        }
+        // One that is certain stays where it is.
+        assert_eq!(learned(&[0.2, 0.0], Some(0.0), 1.0, 0.0, 20).values, [0.0; 2]);
+    }
+
+    #[test]
+    fn those_that_are_sure_tell_where_the_others_are() {
+        let truth = [0.0, 0.0, 0.3, 0.2];
+        for unsure in [None, Some(0.2)] {
+            let mut learners = learners(4, Some(1e-4));
+            learners[2..].iter_mut().for_each(|learner| learner.sigma = unsure);
+            let state = found(&truth, &learners, 1.0, 0.03, 300);
+            for (found, truth) in state.values.iter().zip(truth) {
+                assert!((found - truth).abs() < 0.04, "{found} of {truth}");
+            }
+        }
+    }
+
+    #[test]
     fn chance_moves_no_clock_far() {
-        let state = learned(&[0.0; 8], 0.0, 1.0, 150);
+        let state = learned(&[0.0; 8], None, 0.0, 1.0, 150);
         assert!(state.values.iter().all(|late| late.abs() < 0.2), "{:?}", state.values);
     }
 
@@ -122,7 +203,7 @@ mod tests {
     fn a_camera_of_which_nothing_is_said_stays_as_it_was() {
         let mut state = CameraTimeState::labelled(2);
         for said in [[0.0, 0.0], [f32::NAN, 1.0], [f32::INFINITY, 3.0]] {
-            state.step(&[0, 1], &[said[0], said[1], 0.0, 0.0], [0.1, 0.1], 0.5);
+            state.step(&learners(2, None), &[said[0], said[1], 0.0, 0.0], &CameraTimeOptions::default(), 0.5);
         }
         assert_eq!(state, CameraTimeState::labelled(2));
     }

@@ -22,6 +22,7 @@ fn dataset(eyes: &[DVec3], target: DVec3, times: &[i64]) -> Dataset {
         },
         world_to_camera: Pose::look_at(eye, target, DVec3::Y),
         pose_sigma: None,
+        clock_sigma_s: None,
         frames: times
             .iter()
             .enumerate()

@@ -117,6 +117,7 @@ impl Disturbance {
         let focal = 1.0 + self.focal * self.drawn(&name, "disturbed focal length")(0);
         camera.intrinsics.fx *= focal;
         camera.intrinsics.fy *= focal;
+        camera.clock_sigma_s = camera.clock_sigma_s.map(|sigma| sigma.hypot(self.frame_clock_s));
         let late = (1e9 * self.frame_clock_s * self.drawn(&name, "disturbed clock")(0)).round() as i64;
         for frame in &mut camera.frames {
             frame.t_ns += late;

@@ -40,6 +40,7 @@ fn dataset(folder: &Path) -> Dataset {
         },
         world_to_camera: Pose::look_at(DVec3::new(0.0, 0.0, -2.0), DVec3::ZERO, DVec3::Y),
         pose_sigma: None,
+        clock_sigma_s: None,
         frames: Vec::new(),
         events: None,
     };

@@ -97,6 +97,7 @@ pub(super) fn write(
             intrinsics: target.intrinsics,
             world_to_camera: view.pose,
             pose_sigma: None,
+            clock_sigma_s: None,
             frames,
             events: None,
         });

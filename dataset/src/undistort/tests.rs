@@ -88,6 +88,7 @@ fn a_dataset_loses_its_distortion_and_keeps_the_rest() {
             intrinsics,
             world_to_camera: Pose::IDENTITY,
             pose_sigma: None,
+            clock_sigma_s: None,
             frames: vec![Frame { mask: Some(format!("raw/{name}-mask.png").into()), ..frame }],
             events: Some(events),
         }

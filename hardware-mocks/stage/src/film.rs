@@ -209,6 +209,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
             intrinsics: camera.intrinsics,
             world_to_camera: camera.world_to_camera,
             pose_sigma: None,
+            clock_sigma_s: None,
             frames: Vec::new(),
             events: None,
         };

@@ -56,6 +56,7 @@ fn camera(root: &Path, index: usize, split: Split, events: bool) -> Camera {
         },
         world_to_camera: Pose::IDENTITY,
         pose_sigma: None,
+        clock_sigma_s: None,
         frames: frames.collect(),
         events: None,
         name,

@@ -222,12 +222,6 @@ impl Config {
             format!("{:?}", pose.rate),
             "two numbers from 0 to 10 pixels",
         )?;
-        check(
-            pose.within.is_finite() && pose.within > 0.0,
-            "camera_pose.within",
-            pose.within.to_string(),
-            "more than 0 standard deviations",
-        )?;
         let time = &self.camera_time;
         check(time.fewest >= 2, "camera_time.fewest", time.fewest.to_string(), "at least 2")?;
         check(small(time.from), "camera_time.from", time.from.to_string(), "0 to 1")?;
@@ -237,6 +231,11 @@ impl Config {
             format!("{:?}", time.rate),
             "two numbers from 0 to 1 RGB intervals",
         )?;
+        let within = |value: f32| value.is_finite() && value > 0.0;
+        let bounds = [("camera_pose.within", pose.within), ("camera_time.within", time.within)];
+        for (key, value) in bounds {
+            check(within(value), key, value.to_string(), "more than 0 standard deviations")?;
+        }
         let free = &self.free_time;
         let positive = |value: f32| value.is_finite() && value > 0.0;
         let not_negative = |value: f32| value.is_finite() && value >= 0.0;

@@ -27,20 +27,14 @@ impl Gpu {
     /// Compiles a kernel. `parts` are joined in order: constants first, then shared WGSL, then the stage itself, whose
     /// entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
     ///
-    /// A WGSL error surfaces at the next [`Gpu::wait`].
-    pub(crate) fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
-        self.kernel_with(label, parts, &[])
-    }
-
-    /// Compiles a kernel as [`Gpu::kernel`] does, with values for what its text declares with `override`; what is not named keeps
-    /// its default.
-    ///
     /// Each loop has to end by itself: its counter goes by steps other than 0 towards a bound.
+    ///
+    /// A WGSL error surfaces at the next [`Gpu::wait`].
     #[expect(
         unsafe_code,
         reason = "wgpu's own counter in each loop costs the backward blending of a graphics processor half its speed"
     )]
-    pub(crate) fn kernel_with(&self, label: &str, parts: &[&str], constants: &[(&str, f64)]) -> Kernel {
+    pub(crate) fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
         let source = parts.join("\n");
         let text = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(source.into()) };
         let checks = wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
@@ -54,7 +48,7 @@ impl Gpu {
             entry_point: Some("main"),
             compilation_options: wgpu::PipelineCompilationOptions {
                 zero_initialize_workgroup_memory: false,
-                constants,
+                ..Default::default()
             },
             cache: None,
         });

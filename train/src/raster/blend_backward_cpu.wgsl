@@ -66,11 +66,11 @@ fn total(x: vec4f) -> f32 {
 
 // The loss depends on alpha through T (colour - colour behind). The bound of alpha is not differentiated, as in the
 // 3DGS code, so that opaque splats keep moving: d alpha / d power is alpha everywhere.
-fn unblend(block: ptr<function, Block>, own: ptr<function, Sums>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool) {
+fn unblend(block: ptr<function, Block>, own: ptr<function, Sums>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool, least: f32) {
     if needed && reaches(column, dy) {
         let rows = dy + ROWS;
         let power = log_alpha(splat, column, rows);
-        let counts = (power >= vec4f(LOG2_NEGLIGIBLE_ALPHA)) & (vec4u(entry) < (*block).stop);
+        let counts = (power >= vec4f(least)) & (vec4u(entry) < (*block).stop);
         let alpha = select(vec4f(0.0), exp2(power), counts);
         let t = (*block).t / (1.0 - alpha);
         let colour = splat.colour_depth.r * (*block).r + splat.colour_depth.g * (*block).g + splat.colour_depth.b * (*block).b;
@@ -139,6 +139,7 @@ fn main(
             sums[at + i] = 0.0;
         }
     }
+    let least = view.thresholds.y;
     for (var after = last; after > list.y; after--) {
         let entry = after - 1u;
         let pair = entries[entry];
@@ -146,15 +147,15 @@ fn main(
         let dy = f32(y) + 0.5 - splat.mean_power.y;
         var own: Sums;
         let l = column_of(splat, f32(left) + 0.5);
-        unblend(&l0, &own, splat, l, dy, entry, needs_l0);
-        unblend(&l1, &own, splat, l, dy + 4.0, entry, needs_l1);
-        unblend(&l2, &own, splat, l, dy + 8.0, entry, needs_l2);
-        unblend(&l3, &own, splat, l, dy + 12.0, entry, needs_l3);
+        unblend(&l0, &own, splat, l, dy, entry, needs_l0, least);
+        unblend(&l1, &own, splat, l, dy + 4.0, entry, needs_l1, least);
+        unblend(&l2, &own, splat, l, dy + 8.0, entry, needs_l2, least);
+        unblend(&l3, &own, splat, l, dy + 12.0, entry, needs_l3, least);
         let r = column_of(splat, f32(right) + 0.5);
-        unblend(&r0, &own, splat, r, dy, entry, needs_r0);
-        unblend(&r1, &own, splat, r, dy + 4.0, entry, needs_r1);
-        unblend(&r2, &own, splat, r, dy + 8.0, entry, needs_r2);
-        unblend(&r3, &own, splat, r, dy + 12.0, entry, needs_r3);
+        unblend(&r0, &own, splat, r, dy, entry, needs_r0, least);
+        unblend(&r1, &own, splat, r, dy + 4.0, entry, needs_r1, least);
+        unblend(&r2, &own, splat, r, dy + 8.0, entry, needs_r2, least);
+        unblend(&r3, &own, splat, r, dy + 12.0, entry, needs_r3, least);
         let at = 9u * pair.y;
         sums[at + lane] = total_of_eight(own, lane);
         let blue = total_of_blue(own, lane);

@@ -64,7 +64,7 @@ fn main(
             let position = vec2f(corner + vec2u(pixel % TILE, pixel / TILE)) + 0.5;
             let d = position - splat.mean_power.xy;
             let alpha = alpha_of(splat, d);
-            if alpha >= NEGLIGIBLE_ALPHA && entry < stop[pixel] {
+            if alpha >= view.thresholds.x && entry < stop[pixel] {
                 let d_colour = d_pixel[pixel].rgb;
                 let t = transmittance[pixel] / (1.0 - alpha);
                 let contrast = dot(d_colour, splat.colour_depth.rgb) - behind[pixel];

@@ -83,7 +83,7 @@ fn main(
             let distance = position - splat.mean_power.xy;
             let alpha = alpha_of(splat, distance);
             let want = wanted[pixel];
-            if alpha >= NEGLIGIBLE_ALPHA && last - 1u - walked < want.w {
+            if alpha >= view.thresholds.x && last - 1u - walked < want.w {
                 let d_colour = bitcast<vec3f>(want.xyz);
                 let t = state.x / (1.0 - alpha);
                 let contrast = dot(d_colour, splat.colour_depth.rgb) - state.y;

@@ -22,14 +22,14 @@ struct Block {
     stop: vec4u,
 }
 
-fn blend(block: ptr<function, Block>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool) {
+fn blend(block: ptr<function, Block>, splat: Splat, column: Column, dy: f32, entry: u32, needed: bool, thresholds: vec4f) {
     if needed && reaches(column, dy) {
         let power = log_alpha(splat, column, dy + ROWS);
         let t = (*block).t;
-        let counts = (power >= vec4f(LOG2_NEGLIGIBLE_ALPHA)) & (t > vec4f(0.0));
+        let counts = (power >= vec4f(thresholds.y)) & (t > vec4f(0.0));
         let share = select(vec4f(0.0), exp2(power) * t, counts);
         let next = t - share;
-        let ends = counts & (next < vec4f(LEAST_TRANSMITTANCE));
+        let ends = counts & (next < vec4f(thresholds.z));
         let weight = select(share, vec4f(0.0), ends);
         (*block).t = select(next, -t, ends);
         (*block).stop = select((*block).stop, vec4u(entry), ends);
@@ -99,19 +99,20 @@ fn main(
     var r1 = start(right, y + 4u, list.z);
     var r2 = start(right, y + 8u, list.z);
     var r3 = start(right, y + 12u, list.z);
+    let thresholds = view.thresholds;
     for (var entry = list.y; entry < list.z; entry++) {
         let splat = splats[entries[entry].x];
         let dy = f32(y) + 0.5 - splat.mean_power.y;
         let l = column_of(splat, f32(left) + 0.5);
-        blend(&l0, splat, l, dy, entry, needs_l0);
-        blend(&l1, splat, l, dy + 4.0, entry, needs_l1);
-        blend(&l2, splat, l, dy + 8.0, entry, needs_l2);
-        blend(&l3, splat, l, dy + 12.0, entry, needs_l3);
+        blend(&l0, splat, l, dy, entry, needs_l0, thresholds);
+        blend(&l1, splat, l, dy + 4.0, entry, needs_l1, thresholds);
+        blend(&l2, splat, l, dy + 8.0, entry, needs_l2, thresholds);
+        blend(&l3, splat, l, dy + 12.0, entry, needs_l3, thresholds);
         let r = column_of(splat, f32(right) + 0.5);
-        blend(&r0, splat, r, dy, entry, needs_r0);
-        blend(&r1, splat, r, dy + 4.0, entry, needs_r1);
-        blend(&r2, splat, r, dy + 8.0, entry, needs_r2);
-        blend(&r3, splat, r, dy + 12.0, entry, needs_r3);
+        blend(&r0, splat, r, dy, entry, needs_r0, thresholds);
+        blend(&r1, splat, r, dy + 4.0, entry, needs_r1, thresholds);
+        blend(&r2, splat, r, dy + 8.0, entry, needs_r2, thresholds);
+        blend(&r3, splat, r, dy + 12.0, entry, needs_r3, thresholds);
         if entry % 16u == 15u {
             let clearest = max(max(max(l0.t, l1.t), max(l2.t, l3.t)), max(max(r0.t, r1.t), max(r2.t, r3.t)));
             if all(clearest < vec4f(0.0)) {

@@ -62,11 +62,11 @@ fn main(
             let splat = batch[i];
             let d = pixel - splat.mean_power.xy;
             let alpha = alpha_of(splat, d);
-            if alpha < NEGLIGIBLE_ALPHA {
+            if alpha < view.thresholds.x {
                 continue;
             }
             let next = t * (1.0 - alpha);
-            if next < LEAST_TRANSMITTANCE {
+            if next < view.thresholds.z {
                 stop = first + i;
                 going = false;
                 break;

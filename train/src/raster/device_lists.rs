@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use wgpu::Buffer;
 
 use super::{
-    Frame, RasterError, Thresholds,
+    Frame, RasterError,
     frame::grow,
     kernels::{THREADS, stage},
     rasteriser::{Render, Sums},
@@ -63,25 +63,25 @@ impl Scratch {
 }
 
 /// The form that the device's subgroups allow.
-fn blend_backward(gpu: &Gpu, thresholds: &Thresholds) -> Kernel {
+fn blend_backward(gpu: &Gpu) -> Kernel {
     let label = "blend backward";
     match gpu.subgroup.min(32) {
         lanes if lanes >= 4 && lanes.is_power_of_two() => {
             let constants = format!("const LANES = {lanes}u;");
-            stage(gpu, thresholds, label, &constants, &[TILES, BACKWARD, include_str!("blend_backward_subgroups.wgsl")])
+            stage(gpu, label, &constants, &[TILES, BACKWARD, include_str!("blend_backward_subgroups.wgsl")])
         }
-        _ => stage(gpu, thresholds, label, "", &[TILES, BACKWARD, include_str!("blend_backward_gpu.wgsl")]),
+        _ => stage(gpu, label, "", &[TILES, BACKWARD, include_str!("blend_backward_gpu.wgsl")]),
     }
 }
 
 impl DeviceLists {
-    pub(super) fn new(gpu: &Gpu, thresholds: &Thresholds) -> Result<Self, RasterError> {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, RasterError> {
         let threads = format!("const THREADS = {THREADS}u;");
-        let per_gaussian = |label, text| stage(gpu, thresholds, label, &threads, &[TILES, text]);
-        let with_plan = |label, text| stage(gpu, thresholds, label, crate::sort::SHARED, &[text]);
+        let per_gaussian = |label, text| stage(gpu, label, &threads, &[TILES, text]);
+        let with_plan = |label, text| stage(gpu, label, crate::sort::SHARED, &[text]);
         let blend = |label, with_depth: bool| {
             let constants = format!("const WITH_DEPTH = {with_depth};");
-            stage(gpu, thresholds, label, &constants, &[TILES, include_str!("blend_gpu.wgsl")])
+            stage(gpu, label, &constants, &[TILES, include_str!("blend_gpu.wgsl")])
         };
         let sort = RadixSort::new(gpu);
         let scratch = Mutex::new(Scratch::new(gpu, &sort, 0, 0)?);
@@ -93,7 +93,7 @@ impl DeviceLists {
             tile_ranges: with_plan("tile ranges", include_str!("tile_ranges.wgsl")),
             blend: blend("blend", false),
             blend_with_depth: blend("blend with depth", true),
-            blend_backward: blend_backward(gpu, thresholds),
+            blend_backward: blend_backward(gpu),
             sort,
             no_depth: gpu.storage("no depth", 16)?,
             scratch,

@@ -3,7 +3,7 @@
 use wgpu::Buffer;
 
 use super::{
-    Frame, RasterError, Thresholds,
+    Frame, RasterError,
     bins::{Bins, Splat, bin},
     frame::grow,
     kernels::stage,
@@ -27,17 +27,17 @@ pub(super) struct HostLists {
 }
 
 impl HostLists {
-    pub(super) fn new(gpu: &Gpu, thresholds: &Thresholds) -> Result<Self, RasterError> {
+    pub(super) fn new(gpu: &Gpu) -> Result<Self, RasterError> {
         let blend = |label, with_depth: bool| {
             let constants = format!("const WITH_DEPTH = {with_depth};");
-            stage(gpu, thresholds, label, &constants, &[SHARED, include_str!("blend_cpu.wgsl")])
+            stage(gpu, label, &constants, &[SHARED, include_str!("blend_cpu.wgsl")])
         };
         let lanes = if gpu.subgroup >= 8 { LANES_SUBGROUP } else { LANES_BARRIER };
         let parts = [SHARED, lanes, include_str!("blend_backward_cpu.wgsl")];
         Ok(Self {
             blend: blend("blend", false),
             blend_with_depth: blend("blend with depth", true),
-            blend_backward: stage(gpu, thresholds, "blend backward", "", &parts),
+            blend_backward: stage(gpu, "blend backward", "", &parts),
             no_depth: gpu.storage("no depth", 16)?,
         })
     }

@@ -1,6 +1,5 @@
 //! How the stages are put together from their WGSL files.
 
-use super::Thresholds;
 use crate::gpu::{Gpu, Kernel};
 
 const VIEW: &str = include_str!("shared/view.wgsl");
@@ -12,13 +11,8 @@ const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
 pub(super) const THREADS: u32 = 64;
 
 /// A stage that sees the view and the splats.
-pub(super) fn stage(gpu: &Gpu, thresholds: &Thresholds, label: &str, constants: &str, parts: &[&str]) -> Kernel {
-    let values = [
-        ("NEGLIGIBLE_ALPHA", f64::from(thresholds.negligible_alpha)),
-        ("LOG2_NEGLIGIBLE_ALPHA", f64::from(thresholds.negligible_alpha).log2()),
-        ("LEAST_TRANSMITTANCE", f64::from(thresholds.least_transmittance)),
-    ];
-    gpu.kernel_with(label, &[&[constants, VIEW, SPLAT], parts].concat(), &values)
+pub(super) fn stage(gpu: &Gpu, label: &str, constants: &str, parts: &[&str]) -> Kernel {
+    gpu.kernel(label, &[&[constants, VIEW, SPLAT], parts].concat())
 }
 
 /// The stages with one thread a Gaussian, which both shapes share.
@@ -32,9 +26,9 @@ pub(super) struct GaussianStages {
 }
 
 impl GaussianStages {
-    pub(super) fn new(gpu: &Gpu, thresholds: &Thresholds) -> Self {
+    pub(super) fn new(gpu: &Gpu) -> Self {
         let threads = format!("const THREADS = {THREADS}u;");
-        let stage = |label, parts: &[&str]| stage(gpu, thresholds, label, &threads, parts);
+        let stage = |label, parts: &[&str]| stage(gpu, label, &threads, parts);
         Self {
             project: stage("project", &[GAUSSIAN, HARMONICS, include_str!("project.wgsl")]),
             gather: stage("gather", &[include_str!("gather.wgsl")]),

@@ -23,61 +23,24 @@ fn wants_delta_sh(index: u32) -> bool {
     return index < view.counts.y && view.outputs.y != 0u;
 }
 
-// Adds the gradient of coefficient k, whose harmonic has `value` and `gradient` in the view's direction; returns what
-// it contributes to the gradient of the direction.
-fn term(index: u32, k: u32, d_colour: vec3f, value: f32, gradient: vec3f) -> vec3f {
-    let at = index * view.counts.w + 3u * k;
-    let d = value * d_colour;
-    d_sh[at] += d.x;
-    d_sh[at + 1u] += d.y;
-    d_sh[at + 2u] += d.z;
-    if wants_delta_sh(index) {
-        d_delta_sh[at] = d.x;
-        d_delta_sh[at + 1u] = d.y;
-        d_delta_sh[at + 2u] = d.z;
+// The gradient of the view's direction; adds the gradient of the coefficients on the way.
+fn harmonics_backward(index: u32, direction: vec3f, d_colour: vec3f) -> vec3f {
+    var harmonics = harmonics_at(direction);
+    var g = vec3f(0.0);
+    for (var k = 0u; k < harmonics_count(); k++) {
+        let at = index * view.counts.w + 3u * k;
+        let harmonic = harmonics[k];
+        let d = harmonic.w * d_colour;
+        d_sh[at] += d.x;
+        d_sh[at + 1u] += d.y;
+        d_sh[at + 2u] += d.z;
+        if wants_delta_sh(index) {
+            d_delta_sh[at] = d.x;
+            d_delta_sh[at + 1u] = d.y;
+            d_delta_sh[at + 2u] = d.z;
+        }
+        g += dot(sh_coefficient(index, k), d_colour) * harmonic.xyz;
     }
-    return dot(sh_coefficient(index, k), d_colour) * gradient;
-}
-
-// The gradient of the direction; adds the gradient of the coefficients on the way.
-fn harmonics_backward(index: u32, d: vec3f, d_colour: vec3f) -> vec3f {
-    let degree = view.counts.z;
-    var g = term(index, 0u, d_colour, SH0, vec3f(0.0));
-    if degree == 0u {
-        return g;
-    }
-    let x = d.x;
-    let y = d.y;
-    let z = d.z;
-    g += term(index, 1u, d_colour, -SH1 * y, vec3f(0.0, -SH1, 0.0));
-    g += term(index, 2u, d_colour, SH1 * z, vec3f(0.0, 0.0, SH1));
-    g += term(index, 3u, d_colour, -SH1 * x, vec3f(-SH1, 0.0, 0.0));
-    if degree == 1u {
-        return g;
-    }
-    let xx = x * x;
-    let yy = y * y;
-    let zz = z * z;
-    g += term(index, 4u, d_colour, SH2A * x * y, SH2A * vec3f(y, x, 0.0));
-    g += term(index, 5u, d_colour, -SH2A * y * z, -SH2A * vec3f(0.0, z, y));
-    g += term(index, 6u, d_colour, SH2B * (2.0 * zz - xx - yy), SH2B * vec3f(-2.0 * x, -2.0 * y, 4.0 * z));
-    g += term(index, 7u, d_colour, -SH2A * x * z, -SH2A * vec3f(z, 0.0, x));
-    g += term(index, 8u, d_colour, SH2C * (xx - yy), SH2C * vec3f(2.0 * x, -2.0 * y, 0.0));
-    if degree == 2u {
-        return g;
-    }
-    let far = 4.0 * zz - xx - yy;
-    g += term(index, 9u, d_colour, -SH3A * y * (3.0 * xx - yy), -SH3A * vec3f(6.0 * x * y, 3.0 * (xx - yy), 0.0));
-    g += term(index, 10u, d_colour, SH3B * x * y * z, SH3B * vec3f(y * z, x * z, x * y));
-    g += term(index, 11u, d_colour, -SH3C * y * far, -SH3C * vec3f(-2.0 * x * y, far - 2.0 * yy, 8.0 * y * z));
-    g += term(
-        index, 12u, d_colour,
-        SH3D * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        SH3D * vec3f(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy),
-    );
-    g += term(index, 13u, d_colour, -SH3C * x * far, -SH3C * vec3f(far - 2.0 * xx, -2.0 * x * y, 8.0 * x * z));
-    g += term(index, 14u, d_colour, SH3E * z * (xx - yy), SH3E * vec3f(2.0 * x * z, -2.0 * y * z, xx - yy));
-    g += term(index, 15u, d_colour, -SH3A * x * (xx - 3.0 * yy), -SH3A * vec3f(3.0 * (xx - yy), -6.0 * x * y, 0.0));
     return g;
 }
 

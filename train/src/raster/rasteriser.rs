@@ -100,7 +100,7 @@ impl Rasteriser {
         Self::with_thresholds(gpu, Thresholds::default())
     }
 
-    /// Compiles the kernels with other thresholds than those of the 3DGS code.
+    /// With other thresholds than those of the 3DGS code.
     ///
     /// # Errors
     /// [`RasterError::Arguments`] where one is not within 0 to 1, 0 excluded; [`RasterError::Gpu`].
@@ -110,12 +110,12 @@ impl Rasteriser {
         if !normal(negligible_alpha) || !normal(least_transmittance) {
             let reason =
                 format!("alpha {negligible_alpha} and transmittance {least_transmittance} are not within 0 to 1");
-            return Err(RasterError::Arguments { doing: "compile the rasteriser with these thresholds", reason });
+            return Err(RasterError::Arguments { doing: "blend with these thresholds", reason });
         }
-        let stages = GaussianStages::new(gpu, &thresholds);
+        let stages = GaussianStages::new(gpu);
         let lists = match gpu.shape {
-            Shape::Cpu => Lists::Host(HostLists::new(gpu, &thresholds)?),
-            Shape::Gpu => Lists::Device(Box::new(DeviceLists::new(gpu, &thresholds)?)),
+            Shape::Cpu => Lists::Host(HostLists::new(gpu)?),
+            Shape::Gpu => Lists::Device(Box::new(DeviceLists::new(gpu)?)),
         };
         gpu.wait("compiling the rasteriser")?;
         let small = |label| gpu.storage(label, 16);
@@ -175,7 +175,7 @@ impl Rasteriser {
         delta_gradients: Option<&Deltas>,
         wanted: Wanted<'_>,
     ) -> Result<(), RasterError> {
-        let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
+        let mut values = ViewUniform::new(gaussians, deltas, view, options, &self.thresholds, tile_side(gpu.shape))?;
         check_backward(&values, frame, d_image, gradients, delta_gradients)?;
         // The lists of the CPU shape leave out what is outside of a region, those of the GPU shape do not.
         let in_part = gpu.shape == Shape::Gpu && frame.region.is_some();
@@ -213,7 +213,7 @@ impl Rasteriser {
         options: &RenderOptions,
         frame: &mut Frame,
     ) -> Result<Render, RasterError> {
-        let mut values = ViewUniform::new(gaussians, deltas, view, options, tile_side(gpu.shape))?;
+        let mut values = ViewUniform::new(gaussians, deltas, view, options, &self.thresholds, tile_side(gpu.shape))?;
         let pixels = u64::from(view.width) * u64::from(view.height);
         let tiles = values.size[2] * values.size[3];
         frame.settle(gpu)?;

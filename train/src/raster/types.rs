@@ -246,7 +246,7 @@ pub struct RenderOptions {
     pub first_room: Option<u32>,
 }
 
-/// What the blending leaves out. Compiled into the kernels: see [`super::Rasteriser::with_thresholds`].
+/// What the blending leaves out: see [`super::Rasteriser::with_thresholds`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thresholds {
     /// A splat is left out of a pixel where its alpha is less; it reaches as far as that.

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Deltas, GaussianBuffers, RasterError, RenderOptions, View, sh_stride};
+use super::{Deltas, GaussianBuffers, RasterError, RenderOptions, Thresholds, View, sh_stride};
 
 /// Side of the tiles that bound a splat with [`RenderOptions::three_sigma`], pixels.
 pub(super) const PARITY_TILE: u32 = 16;
@@ -22,6 +22,7 @@ pub(super) struct ViewUniform {
     pub(super) counts: [u32; 4],
     pub(super) switches: [u32; 4],
     pub(super) outputs: [u32; 4],
+    thresholds: [f32; 4],
 }
 
 impl ViewUniform {
@@ -31,6 +32,7 @@ impl ViewUniform {
         deltas: Option<&Deltas>,
         view: &View,
         options: &RenderOptions,
+        thresholds: &Thresholds,
         tile: u32,
     ) -> Result<Self, RasterError> {
         check_view(view)?;
@@ -65,6 +67,12 @@ impl ViewUniform {
                 0,
             ],
             outputs: [0, 0, 0, options.low_pass.to_bits()],
+            thresholds: [
+                thresholds.negligible_alpha,
+                f64::from(thresholds.negligible_alpha).log2() as f32,
+                thresholds.least_transmittance,
+                0.0,
+            ],
         })
     }
 }

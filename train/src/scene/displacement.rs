@@ -101,6 +101,7 @@ mod tests {
         let camera = Camera {
             world_to_camera: Pose { translation: DVec3::Z * 2.0, ..Pose::IDENTITY },
             pose_sigma: None,
+            clock_sigma_s: None,
             frames: (0..frames).map(frame).collect(),
             ..fixtures::camera("a", [100, 100], 100.0)
         };

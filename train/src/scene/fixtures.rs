@@ -15,6 +15,7 @@ pub(super) fn camera(name: &str, [width, height]: [u32; 2], focal: f64) -> Camer
         intrinsics: Intrinsics { width, height, fx: focal, fy: focal, cx, cy, distortion: Distortion::None },
         world_to_camera: Pose::IDENTITY,
         pose_sigma: None,
+        clock_sigma_s: None,
         frames: Vec::new(),
         events: None,
     }

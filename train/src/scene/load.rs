@@ -308,6 +308,7 @@ mod tests {
         let camera = |place: &[f64; 3]| Camera {
             world_to_camera: Pose { translation: -glam::DVec3::from(*place), ..Pose::IDENTITY },
             pose_sigma: None,
+            clock_sigma_s: None,
             ..fixtures::camera(&format!("{place:?}"), [8, 8], 8.0)
         };
         let mut dataset = fixtures::dataset(root, places.iter().map(camera).collect(), [0, 1]);

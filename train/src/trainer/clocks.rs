@@ -1,11 +1,12 @@
 //! Learning when the training cameras took their frames.
 
+use erfgs_dataset::Camera;
 use erfgs_run::CameraTime;
 use wgpu::Buffer;
 
 use super::{TrainError, Trainer};
 use crate::{
-    camera_time::CameraTimeState,
+    camera_time::{CameraTimeState, Learner},
     config::{Config, MotionModel},
     gpu::Gpu,
     motion::ClockRow,
@@ -16,7 +17,7 @@ use crate::{
 #[derive(Debug)]
 pub(super) struct Clocks {
     state: CameraTimeState,
-    learners: Vec<usize>,
+    learners: Vec<Learner>,
     /// The frames as the dataset has them.
     labelled: Vec<TrainFrame>,
     /// RGB intervals of the recording.
@@ -29,7 +30,12 @@ impl Clocks {
     /// As the frames say; nothing where clocks are not to be learned, nothing moves in a way that tells them, or too few cameras take
     /// frames.
     pub fn new(gpu: &Gpu, scene: &Scene, config: &Config) -> Result<Option<Self>, TrainError> {
-        let learners: Vec<usize> = (0..scene.views.len()).filter(|view| scene.has_frames(*view)).collect();
+        let [start, end] = scene.dataset.manifest.span_ns;
+        let a_second = 1e9 * scene.intervals() / (end - start) as f64;
+        let cameras = scene.dataset.manifest.cameras.iter().enumerate();
+        let learner =
+            |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| a_second * s) };
+        let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
         let options = &config.camera_time;
         let told = options.enabled && config.motion == MotionModel::FreeTime && scene.frame_times.len() > 1;
         if !told || learners.len() < options.fewest as usize {
@@ -55,7 +61,7 @@ impl Clocks {
     pub fn told(&self, scene: &Scene) -> Vec<CameraTime> {
         let [start, end] = scene.dataset.manifest.span_ns;
         let interval_ms = 1e-6 * (end - start) as f64 / self.intervals;
-        let one = |&camera: &usize| CameraTime {
+        let one = |&Learner { camera, .. }: &Learner| CameraTime {
             camera: scene.views[camera].name.clone(),
             late_ms: interval_ms * f64::from(self.state.values[camera]),
         };
@@ -97,7 +103,7 @@ impl Trainer<'_> {
         let due = |clocks: &&mut Clocks| done.is_multiple_of(clocks.learners.len() as u64);
         let Some(clocks) = self.clocks.as_mut().filter(due) else { return Ok(()) };
         let sums: Vec<f32> = self.gpu.download(&clocks.sums, clocks.state.sums.len())?;
-        clocks.state.step(&clocks.learners, &sums, self.config.camera_time.rate, share);
+        clocks.state.step(&clocks.learners, &sums, &self.config.camera_time, share);
         clocks.place(&mut self.scene.frames);
         let mut commands = self.gpu.commands();
         commands.clear(&clocks.sums);

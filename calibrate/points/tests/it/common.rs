@@ -123,6 +123,7 @@ pub fn film_at(folder: &Path, count: usize, times: &[i64]) -> Dataset {
             intrinsics: k,
             world_to_camera: Pose::look_at(eye, DVec3::new(0.0, -0.4, 0.2), DVec3::Y),
             pose_sigma: None,
+            clock_sigma_s: None,
             frames: frames.collect(),
             events: None,
         }

@@ -73,6 +73,7 @@ fn views(
                 intrinsics: camera.intrinsics,
                 pose,
                 pose_sigma: camera.sigma.as_ref().and_then(PoseSigma::calibrated),
+                clock_sigma_s: clock_sigma_s(camera, sync.stream(&stream)),
                 timing: timing(camera, recorded, sync.stream(&stream)),
                 thresholds: options.thresholds.unwrap_or_else(|| d.contrast_thresholds()),
                 stream,
@@ -92,6 +93,15 @@ fn views(
         note(SessionNote::NoStream { camera: camera.name.clone() });
     }
     Ok(views)
+}
+
+/// How sure the times of a camera's frames are as a whole, where its calibration found by how much they are late. What a camera without
+/// a trigger is late by differs from take to take, by no more than its stamps scatter.
+fn clock_sigma_s(camera: &RigCamera, sync: Option<&StreamSync>) -> Option<f64> {
+    let calibrated = camera.sigma.as_ref()?.time_offset_s?;
+    let exposures = sync?.exposures.as_ref()?;
+    let scatter = if exposures.pulse.is_empty() { 1e-9 * exposures.residuals.p95_ns / 2.0 } else { 0.0 };
+    Some(calibrated.hypot(scatter))
 }
 
 fn timing(camera: &RigCamera, stream: &Stream, sync: Option<&StreamSync>) -> Timing {

@@ -44,6 +44,8 @@ pub struct Viewpoint {
     pub pose: Pose,
     /// How sure that is.
     pub pose_sigma: Option<PoseSigma>,
+    /// How sure the times of its frames are as a whole, seconds.
+    pub clock_sigma_s: Option<f64>,
     /// When it saw what it recorded.
     pub timing: Timing,
     /// Nominal contrast thresholds of ON and OFF events, natural logarithm of intensity.
@@ -289,6 +291,7 @@ pub fn import(
             intrinsics,
             world_to_camera: viewpoint.pose,
             pose_sigma: viewpoint.pose_sigma,
+            clock_sigma_s: viewpoint.clock_sigma_s,
             frames,
             events,
         });

@@ -57,6 +57,7 @@ fn cameras() -> Vec<Camera> {
                 intrinsics,
                 world_to_camera: Pose::look_at(eye, DVec3::new(0.0, -0.8, 0.0), DVec3::Y),
                 pose_sigma: None,
+                clock_sigma_s: None,
                 frames: frames.collect(),
                 events: modality.has_events().then(|| CameraEvents {
                     file: format!("events/cam{index:02}.npz").into(),

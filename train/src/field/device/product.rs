@@ -1,7 +1,7 @@
 //! Matrix products on the device.
 
 use bytemuck::{Pod, Zeroable};
-use wgpu::Buffer;
+use wgpu::{Buffer, DeviceType};
 
 use crate::gpu::{Commands, Gpu, GpuError, Kernel};
 
@@ -39,8 +39,8 @@ pub struct Layer {
 /// What happens to a product before it is stored.
 #[derive(Clone, Copy)]
 enum Finish<'a> {
-    /// A bias, from the buffer of the right operand.
-    Bias(usize),
+    /// A bias, from the buffer of the right operand, and a ReLU if so.
+    Bias { offset: usize, relu: bool },
     /// Zeros where the mask is zero.
     Mask(Option<Place<'a>>),
     /// Slabs of this many rows of the inner dimension, `length` floats each: the product, and behind it the sums of the right operand's columns.
@@ -73,10 +73,10 @@ struct ReduceUniform {
 struct Tiles {
     m: usize,
     n: usize,
-    /// `x W^T + b`, without and with a ReLU.
-    layer: [Kernel; 2],
-    /// `d W`, without and with a mask.
-    input: [Kernel; 2],
+    /// `x W^T + b`, with a ReLU or without.
+    layer: Kernel,
+    /// `d W`, with a mask or without.
+    input: Kernel,
     /// `x^T d`, in slabs, with the sums of the columns of `d` behind each.
     weight: Kernel,
 }
@@ -94,6 +94,10 @@ pub struct Products {
     slabs: Buffer,
 }
 
+/// See `product.wgsl`.
+const WRITTEN_OUT: &str = include_str!("product/written_out.wgsl");
+const LOOPED: &str = include_str!("product/looped.wgsl");
+
 /// Floats of the buffer for slabs, unless a layer alone has more.
 const SLAB_FLOATS: usize = 1 << 22;
 /// Rows of a slab at least.
@@ -102,10 +106,16 @@ const SLAB_ROWS: usize = 512;
 impl Products {
     /// Compiles the kernels; `largest` is the number of weights and biases of the largest layer.
     pub fn new(gpu: &Gpu, largest: usize) -> Result<Self, GpuError> {
+        Self::with(gpu, largest, if gpu.info.device_type == DeviceType::Cpu { LOOPED } else { WRITTEN_OUT })
+    }
+
+    /// `several`: how what is done several times is put.
+    fn with(gpu: &Gpu, largest: usize, several: &str) -> Result<Self, GpuError> {
+        let tiles = |n, blocks, threads| Tiles::new(gpu, n, blocks, threads, several);
         Ok(Self {
-            wide: Tiles::new(gpu, 128, [2, 2], 256),
-            half: Tiles::new(gpu, 64, [2, 1], 256),
-            tall: Tiles::new(gpu, 16, [1, 1], 128),
+            wide: tiles(128, [2, 2], 256),
+            half: tiles(64, [2, 1], 256),
+            tall: tiles(16, [1, 1], 128),
             reduce: gpu.kernel("sum of slabs", &[include_str!("reduce.wgsl")]),
             slabs: gpu.storage("slabs of gradients", 4 * largest.max(SLAB_FLOATS) as u64)?,
         })
@@ -131,9 +141,9 @@ impl Products {
     ) {
         let tiles = self.tiles(layer.outputs);
         let weights = Place::new(parameters, layer.weight, layer.inputs).transposed();
-        let kernel = &tiles.layer[usize::from(relu)];
         let size = [rows, layer.outputs, layer.inputs];
-        tiles.dispatch(commands, kernel, size, [x, weights, out], Finish::Bias(layer.bias));
+        let finish = Finish::Bias { offset: layer.bias, relu };
+        tiles.dispatch(commands, &tiles.layer, size, [x, weights, out], finish);
     }
 
     /// `d_x = d W`, zero where `mask` is, for `rows` rows.
@@ -148,9 +158,8 @@ impl Products {
     ) {
         let tiles = self.tiles(layer.inputs);
         let weights = Place::new(parameters, layer.weight, layer.inputs);
-        let kernel = &tiles.input[usize::from(mask.is_some())];
         let size = [rows, layer.inputs, layer.outputs];
-        tiles.dispatch(commands, kernel, size, [d, weights, d_x], Finish::Mask(mask));
+        tiles.dispatch(commands, &tiles.input, size, [d, weights, d_x], Finish::Mask(mask));
     }
 
     /// Adds `d^T x` and the column sums of `d` to the gradients of weights and biases.
@@ -187,27 +196,24 @@ impl Products {
 
 impl Tiles {
     /// Tiles of 128 rows and `n` columns; a thread makes `blocks` blocks of 4 x 4, down and across.
-    fn new(gpu: &Gpu, n: usize, blocks: [usize; 2], threads: usize) -> Self {
+    fn new(gpu: &Gpu, n: usize, blocks: [usize; 2], threads: usize, several: &str) -> Self {
         const M: usize = 128;
         debug_assert_eq!(M * n, 16 * blocks[0] * blocks[1] * threads);
-        let kernel = |label: &str, a_along_k: bool, b_along_n: bool, finish: [bool; 2], mask: bool, columns: bool| {
-            let ([down, across], [bias, relu]) = (blocks, finish);
+        let [down, across] = blocks;
+        let kernel = |label: &str, a_along_k: bool, b_along_n: bool, bias: bool, columns: bool| {
             let constants = format!(
                 "const TILE_M = {M}u;\nconst TILE_N = {n}u;\nconst DOWN = {down}u;\nconst ACROSS = {across}u;\n\
                  const THREADS = {threads}u;\nconst A_ALONG_K = {a_along_k};\nconst B_ALONG_N = {b_along_n};\n\
-                 const BIAS = {bias};\nconst RELU = {relu};\nconst COLUMNS = {columns};"
+                 const BIAS = {bias};\nconst COLUMNS = {columns};"
             );
-            let source = include_str!("product.wgsl");
-            let source = if mask { source.replace("// MASK ", "") } else { source.into() };
-            gpu.kernel(label, &[&constants, &source])
+            gpu.kernel(label, &[&constants, include_str!("product.wgsl"), several])
         };
-        let input = |mask| kernel("gradient of a layer's input", true, true, [false; 2], mask, false);
         Self {
             m: M,
             n,
-            layer: [false, true].map(|relu| kernel("linear layer", true, false, [true, relu], false, false)),
-            input: [false, true].map(input),
-            weight: kernel("gradient of a layer's weights", false, true, [false; 2], false, true),
+            layer: kernel("linear layer", true, false, true, false),
+            input: kernel("gradient of a layer's input", true, true, false, false),
+            weight: kernel("gradient of a layer's weights", false, true, false, true),
         }
     }
 
@@ -220,9 +226,9 @@ impl Tiles {
         [a, b, out]: [Place<'_>; 3],
         finish: Finish<'_>,
     ) {
-        let (mut slab, mut slab_stride, mut more, mut mask) = (k, 0, [0; 4], None);
+        let (mut slab, mut slab_stride, mut more, mut mask, mut cut) = (k, 0, [0; 4], None, false);
         match finish {
-            Finish::Bias(offset) => more[0] = offset,
+            Finish::Bias { offset, relu } => (more[0], cut) = (offset, relu),
             Finish::Mask(place) => {
                 mask = place.map(|place| place.buffer);
                 more = place.map_or(more, |place| [0, place.offset, place.row, 0]);
@@ -232,14 +238,13 @@ impl Tiles {
         let words = |values: [usize; 4]| values.map(|value| value as u32);
         let uniform = ProductUniform {
             sizes: words([m, n, k, slab]),
-            a: words([a.offset, a.row, a.col, 0]),
-            b: words([b.offset, b.row, b.col, 0]),
+            a: words([a.offset, a.row, a.col, usize::from(cut) + 2 * usize::from(mask.is_some())]),
+            b: words([b.offset, b.row, b.col, 4]),
             c: words([out.offset, out.row, out.col, slab_stride]),
             more: words(more),
         };
         let uniform = commands.gpu().uniform("matrix product", &uniform);
-        let mut bindings = vec![&uniform, a.buffer, b.buffer, out.buffer];
-        bindings.extend(mask);
+        let bindings = [&uniform, a.buffer, b.buffer, out.buffer, mask.unwrap_or(a.buffer)];
         let tiles = m.div_ceil(self.m) * n.div_ceil(self.n) * k.div_ceil(slab.max(1));
         commands.dispatch(kernel, &bindings, tiles as u32);
     }

@@ -5,7 +5,8 @@
 //
 // Constants put before this text: TILE_M, TILE_N, DOWN, ACROSS and THREADS (TILE_M * TILE_N = 16 * DOWN * ACROSS * THREADS);
 // A_ALONG_K and B_ALONG_N, whether neighbours along k or n are neighbours in memory (they only steer which thread loads
-// what); BIAS, RELU; COLUMNS, whether the sums of B's columns are stored behind each slab.
+// what); BIAS; COLUMNS, whether the sums of B's columns are stored behind each slab. Behind it comes what is done several times: see
+// `product/written_out.wgsl` and `product/looped.wgsl`.
 
 const TILE_K = 8u;
 // Values of A and B that a thread loads in a step along k: 4 or 8, and 1, 2 or 4.
@@ -22,8 +23,8 @@ struct Product {
     n: u32,
     k: u32,
     slab: u32,   // values of k a slab
-    a: vec4u,    // offset, stride along m, stride along k
-    b: vec4u,    // offset, stride along k, stride along n
+    a: vec4u,    // offset, stride along m, stride along k; 1 where the product is cut off at zero, 2 where there is a mask
+    b: vec4u,    // offset, stride along k, stride along n; 4
     c: vec4u,    // offset, stride along m, stride along n, stride from slab to slab
     more: vec4u, // offset of the bias in B's buffer; offset and stride along m of the mask; offset of the sums of columns in a slab
 }
@@ -32,7 +33,8 @@ struct Product {
 @group(0) @binding(1) var<storage, read> a_values: array<f32>;
 @group(0) @binding(2) var<storage, read> b_values: array<f32>;
 @group(0) @binding(3) var<storage, read_write> c_values: array<f32>;
-// MASK @group(0) @binding(4) var<storage, read> mask: array<f32>;
+// Anything where there is none.
+@group(0) @binding(4) var<storage, read> mask: array<f32>;
 
 // Groups of four along m and n, [k, group]. Those of a step k lie where `group ^ k` says, so that threads that load
 // neighbours along k write to different banks.
@@ -66,28 +68,6 @@ fn load_b(e: u32, first_n: u32, first_k: u32, end: u32) -> f32 {
     return b_values[product.b.x + at.x * product.b.y + at.y * product.b.z];
 }
 
-fn load_four_a(e: u32, first_m: u32, first_k: u32, end: u32) -> vec4f {
-    return vec4f(
-        load_a(e, first_m, first_k, end),
-        load_a(e + THREADS, first_m, first_k, end),
-        load_a(e + 2u * THREADS, first_m, first_k, end),
-        load_a(e + 3u * THREADS, first_m, first_k, end),
-    );
-}
-
-// As many as B_LOADS says, and zeros.
-fn load_four_b(e: u32, first_n: u32, first_k: u32, end: u32) -> vec4f {
-    var four = vec4f(load_b(e, first_n, first_k, end), 0.0, 0.0, 0.0);
-    if B_LOADS > 1u {
-        four.y = load_b(e + THREADS, first_n, first_k, end);
-    }
-    if B_LOADS > 2u {
-        four.z = load_b(e + 2u * THREADS, first_n, first_k, end);
-        four.w = load_b(e + 3u * THREADS, first_n, first_k, end);
-    }
-    return four;
-}
-
 fn keep_a(e: u32, value: f32) {
     let at = a_within(e);
     a_tile[a_place(at.x, at.y / 4u)][at.y % 4u] = value;
@@ -96,24 +76,6 @@ fn keep_a(e: u32, value: f32) {
 fn keep_b(e: u32, value: f32) {
     let at = b_within(e);
     b_tile[b_place(at.x, at.y / 4u)][at.y % 4u] = value;
-}
-
-fn keep_four_a(e: u32, four: vec4f) {
-    keep_a(e, four.x);
-    keep_a(e + THREADS, four.y);
-    keep_a(e + 2u * THREADS, four.z);
-    keep_a(e + 3u * THREADS, four.w);
-}
-
-fn keep_four_b(e: u32, four: vec4f) {
-    keep_b(e, four.x);
-    if B_LOADS > 1u {
-        keep_b(e + THREADS, four.y);
-    }
-    if B_LOADS > 2u {
-        keep_b(e + 2u * THREADS, four.z);
-        keep_b(e + 3u * THREADS, four.w);
-    }
 }
 
 // Rows of four of a column times a row.
@@ -129,25 +91,13 @@ fn store(sum: f32, m: u32, n: u32, slab: u32) {
     if BIAS {
         value += b_values[product.more.x + n];
     }
-    if RELU {
+    if (product.a.w & 1u) != 0u {
         value = max(value, 0.0);
     }
-    // MASK value = select(value, 0.0, mask[product.more.y + m * product.more.z + n] == 0.0);
+    if (product.a.w & 2u) != 0u && mask[product.more.y + m * product.more.z + n] == 0.0 {
+        value = 0.0;
+    }
     c_values[product.c.x + slab * product.c.w + m * product.c.y + n * product.c.z] = value;
-}
-
-fn store_row(row: vec4f, m: u32, n: u32, slab: u32) {
-    store(row.x, m, n, slab);
-    store(row.y, m, n + 1u, slab);
-    store(row.z, m, n + 2u, slab);
-    store(row.w, m, n + 3u, slab);
-}
-
-fn store_block(block: mat4x4f, m: u32, n: u32, slab: u32) {
-    store_row(block[0], m, n, slab);
-    store_row(block[1], m + 1u, n, slab);
-    store_row(block[2], m + 2u, n, slab);
-    store_row(block[3], m + 3u, n, slab);
 }
 
 @compute @workgroup_size(THREADS)
@@ -196,7 +146,7 @@ fn main(
             more_a = load_four_a(thread + 4u * THREADS, first_m, next_k, end);
         }
         next_b = load_four_b(thread, first_n, next_k, end);
-        for (var k = 0u; k < TILE_K; k++) {
+        for (var k = 0u; k < steps(); k++) {
             let a_0 = a_tile[a_place(k, down)];
             let b_0 = b_tile[b_place(k, across)];
             block_00 += outer(a_0, b_0);

@@ -93,7 +93,7 @@ fn extent_of(p: Projection) -> vec2f {
         return vec2f(ceil(radius_of(p.covariance)));
     }
     let squared = squared_reach(log2(p.opacity));
-    if p.opacity < NEGLIGIBLE_ALPHA || !(squared > 0.0) {
+    if p.opacity < view.thresholds.x || !(squared > 0.0) {
         return vec2f(0.0);
     }
     return sqrt(squared * p.covariance.xz);

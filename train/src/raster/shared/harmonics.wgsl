@@ -21,37 +21,47 @@ fn sh_coefficient(index: u32, k: u32) -> vec3f {
     return c;
 }
 
-// The colour of Gaussian `index` towards unit vector `d`, before it is clamped at 0.
-fn colour_of(index: u32, d: vec3f) -> vec3f {
-    let degree = view.counts.z;
-    var colour = vec3f(0.5) + SH0 * sh_coefficient(index, 0u);
-    if degree == 0u {
-        return colour;
-    }
+// The harmonics at unit vector `d`: the gradient of each, and its value. Loops over them keep kernels small, which a driver compiles
+// at their first use: written out, the sixteen terms took a processor nine seconds.
+fn harmonics_at(d: vec3f) -> array<vec4f, 16> {
     let x = d.x;
     let y = d.y;
     let z = d.z;
-    colour += SH1 * (z * sh_coefficient(index, 2u) - y * sh_coefficient(index, 1u) - x * sh_coefficient(index, 3u));
-    if degree == 1u {
-        return colour;
-    }
     let xx = x * x;
     let yy = y * y;
     let zz = z * z;
-    colour += SH2A * x * y * sh_coefficient(index, 4u);
-    colour -= SH2A * y * z * sh_coefficient(index, 5u);
-    colour += SH2B * (2.0 * zz - xx - yy) * sh_coefficient(index, 6u);
-    colour -= SH2A * x * z * sh_coefficient(index, 7u);
-    colour += SH2C * (xx - yy) * sh_coefficient(index, 8u);
-    if degree == 2u {
-        return colour;
+    let far = 4.0 * zz - xx - yy;
+    return array<vec4f, 16>(
+        vec4f(0.0, 0.0, 0.0, SH0),
+        -SH1 * vec4f(0.0, 1.0, 0.0, y),
+        SH1 * vec4f(0.0, 0.0, 1.0, z),
+        -SH1 * vec4f(1.0, 0.0, 0.0, x),
+        SH2A * vec4f(y, x, 0.0, x * y),
+        -SH2A * vec4f(0.0, z, y, y * z),
+        SH2B * vec4f(-2.0 * x, -2.0 * y, 4.0 * z, 2.0 * zz - xx - yy),
+        -SH2A * vec4f(z, 0.0, x, x * z),
+        SH2C * vec4f(2.0 * x, -2.0 * y, 0.0, xx - yy),
+        -SH3A * vec4f(6.0 * x * y, 3.0 * (xx - yy), 0.0, y * (3.0 * xx - yy)),
+        SH3B * vec4f(y * z, x * z, x * y, x * y * z),
+        -SH3C * vec4f(-2.0 * x * y, far - 2.0 * yy, 8.0 * y * z, y * far),
+        SH3D * vec4f(-6.0 * x * z, -6.0 * y * z, 6.0 * zz - 3.0 * xx - 3.0 * yy, z * (2.0 * zz - 3.0 * xx - 3.0 * yy)),
+        -SH3C * vec4f(far - 2.0 * xx, -2.0 * x * y, 8.0 * x * z, x * far),
+        SH3E * vec4f(2.0 * x * z, -2.0 * y * z, xx - yy, z * (xx - yy)),
+        -SH3A * vec4f(3.0 * (xx - yy), -6.0 * x * y, 0.0, x * (xx - 3.0 * yy)),
+    );
+}
+
+// How many of them the view's degree has.
+fn harmonics_count() -> u32 {
+    return (view.counts.z + 1u) * (view.counts.z + 1u);
+}
+
+// The colour of Gaussian `index` towards unit vector `d`, before it is clamped at 0.
+fn colour_of(index: u32, d: vec3f) -> vec3f {
+    var harmonics = harmonics_at(d);
+    var colour = vec3f(0.5);
+    for (var k = 0u; k < harmonics_count(); k++) {
+        colour += harmonics[k].w * sh_coefficient(index, k);
     }
-    colour -= SH3A * y * (3.0 * xx - yy) * sh_coefficient(index, 9u);
-    colour += SH3B * x * y * z * sh_coefficient(index, 10u);
-    colour -= SH3C * y * (4.0 * zz - xx - yy) * sh_coefficient(index, 11u);
-    colour += SH3D * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh_coefficient(index, 12u);
-    colour -= SH3C * x * (4.0 * zz - xx - yy) * sh_coefficient(index, 13u);
-    colour += SH3E * z * (xx - yy) * sh_coefficient(index, 14u);
-    colour -= SH3A * x * (xx - 3.0 * yy) * sh_coefficient(index, 15u);
     return colour;
 }

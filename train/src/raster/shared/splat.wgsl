@@ -16,10 +16,10 @@ struct Splat {
 const LOG2_E = 1.4426950408889634;
 const LOG2_LARGEST_ALPHA = -0.01449956969511509;
 
-// The squared Mahalanobis distance at which alpha falls below NEGLIGIBLE_ALPHA, with a margin for rounding: the blending alone
+// The squared Mahalanobis distance at which alpha is negligible, with a margin for rounding: the blending alone
 // decides what is negligible.
 fn squared_reach(log_opacity: f32) -> f32 {
-    return 2.0 / LOG2_E * (log_opacity - LOG2_NEGLIGIBLE_ALPHA) * 1.0001 + 1e-4;
+    return 2.0 / LOG2_E * (log_opacity - view.thresholds.y) * 1.0001 + 1e-4;
 }
 
 // Alpha at distance `d` of the mean. Rounding can lift the power of a needle above 0: that is bounded too.

@@ -21,6 +21,8 @@ struct View {
     // Whether gradients of the deltas are wanted, and of their SH; ranges to gather; as the bits of a float, what is added to
     // the variances of a splat, square pixels, so that none is thinner than about a pixel.
     outputs: vec4u,
+    // What `Thresholds` on the Rust side says: negligible alpha, its logarithm to base 2, least transmittance.
+    thresholds: vec4f,
 }
 
 // That statistics are kept; that Gaussians without deltas have gradients, too; that a part of the image alone is looked at, though all
@@ -31,10 +33,6 @@ const IN_PART = 4u;
 const POSE = 8u;
 // In place of a Gaussian's index.
 const NOBODY = 0xffffffffu;
-// What `Thresholds` on the Rust side sets; the defaults are those of 3DGS.
-override NEGLIGIBLE_ALPHA: f32 = 1.0 / 255.0;
-override LOG2_NEGLIGIBLE_ALPHA: f32 = -7.9943534368588578;
-override LEAST_TRANSMITTANCE: f32 = 1e-4;
 
 // A test that holds whatever a compiler assumes about NaN.
 fn is_finite(x: f32) -> bool {

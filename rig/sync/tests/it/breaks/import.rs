@@ -34,6 +34,7 @@ fn a_dataset_has_the_events_of_the_longer_side_or_of_the_one_that_is_asked_for_a
         intrinsics,
         pose: Pose::IDENTITY,
         pose_sigma: None,
+        clock_sigma_s: None,
         timing: Timing { epochs: sync.stream("eye").unwrap().epochs.clone(), ..Timing::default() },
         thresholds: [0.2, 0.2],
     };
