@@ -8,9 +8,15 @@ const THREADS = 64;
 const TILE = 16;
 const ceil = (a, b) => Math.ceil(a / b);
 
+// Of the uniform below.
+const VIEW_BYTES = 192;
+// The trainer's `Thresholds`, as they are by default.
+const NEGLIGIBLE_ALPHA = 1 / 255;
+const LEAST_TRANSMITTANCE = 1e-4;
+
 // The uniform of raster/shared/view.wgsl; the twin of `ViewUniform` in the trainer.
 export function viewUniform(view, scene, { near = 0.2, nearSigmas = 3, background = [0, 0, 0], deltaRows = 0, room = 0, lowPass = 0.3 } = {}) {
-  const bytes = new ArrayBuffer(176);
+  const bytes = new ArrayBuffer(VIEW_BYTES);
   const f = new Float32Array(bytes);
   const u = new Uint32Array(bytes);
   const { rotation: r, translation: t, width: w, height: h, fx, fy, cx, cy } = view;
@@ -24,6 +30,7 @@ export function viewUniform(view, scene, { near = 0.2, nearSigmas = 3, backgroun
   u.set([scene.count, deltaRows, scene.activeShDegree, SH_STRIDE[scene.shDegree]], 32);
   u.set([0, 0, 0, room], 36);
   f[43] = lowPass;
+  f.set([NEGLIGIBLE_ALPHA, Math.log2(NEGLIGIBLE_ALPHA), LEAST_TRANSMITTANCE], 44);
   return new Uint8Array(bytes);
 }
 
@@ -34,7 +41,7 @@ export class Projector {
     const self = new Projector();
     const parts = await Promise.all(['shared/view', 'shared/splat', 'shared/gaussian', 'shared/harmonics', 'project'].map((n) => texts.train(part(n))));
     self.kernel = await gpu.kernel('project', [`const THREADS = ${THREADS}u;`, ...parts]);
-    self.view = gpu.uniform(176);
+    self.view = gpu.uniform(VIEW_BYTES);
     self.splats = gpu.storage(64 * Math.max(1, scene.count));
     self.none = gpu.storage(16);
     return self;
