@@ -31,8 +31,8 @@ pub struct CameraPoseOptions {
     pub within: f32,
 }
 
-/// Also of configurations from before there was a bound: no dataset told deviations then.
-fn within() -> f32 {
+/// Of poses and of clocks, also in configurations from before there was a bound: no dataset told deviations then.
+pub(crate) fn within() -> f32 {
     3.0
 }
 

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{motion::ClockRow, optimiser::cautious_step, schedule::decayed};
+use crate::{camera_pose::within, motion::ClockRow, optimiser::cautious_step, schedule::decayed};
 
 /// A step is no longer than this share of a camera's standard deviation.
 const STEP: f64 = 0.2;
@@ -29,11 +29,6 @@ pub struct CameraTimeOptions {
     /// So many standard deviations a camera's clock may go from what its frames say, where the dataset tells them.
     #[serde(default = "within")]
     pub within: f32,
-}
-
-/// Also of configurations from before there was a bound: no dataset told deviations then.
-fn within() -> f32 {
-    3.0
 }
 
 impl Default for CameraTimeOptions {
@@ -111,7 +106,8 @@ impl CameraTimeState {
         let told = learners.iter().any(|learner| learner.sigma.is_some());
         let weight = |learner: &Learner| match learner.sigma {
             Some(sigma) => sigma.max(CERTAIN).powi(-2),
-            None => f64::from(u8::from(!told)),
+            None if told => 0.0,
+            None => 1.0,
         };
         let [sum, weights] = learners.iter().fold([0.0; 2], |[sum, weights], learner| {
             let weight = weight(learner);

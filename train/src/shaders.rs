@@ -21,6 +21,7 @@ texts![
     "raster/order.wgsl",
     "raster/plan_tiles.wgsl",
     "raster/project.wgsl",
+    "raster/shared/colour.wgsl",
     "raster/shared/gaussian.wgsl",
     "raster/shared/harmonics.wgsl",
     "raster/shared/splat.wgsl",

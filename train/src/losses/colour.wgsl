@@ -33,39 +33,10 @@ struct Parameters {
 // Each thread's own sum, added to.
 @group(0) @binding(9) var<storage, read_write> loss: array<f32>;
 
-// Real spherical harmonics up to degree 3, with the signs of the 3DGS code.
-fn harmonics(d: vec3f) -> array<f32, 16> {
-    let x = d.x;
-    let y = d.y;
-    let z = d.z;
-    let xx = x * x;
-    let yy = y * y;
-    let zz = z * z;
-    let far = 4.0 * zz - xx - yy;
-    return array<f32, 16>(
-        0.28209479177387814,
-        -0.4886025119029199 * y,
-        0.4886025119029199 * z,
-        -0.4886025119029199 * x,
-        1.0925484305920792 * x * y,
-        -1.0925484305920792 * y * z,
-        0.31539156525252005 * (2.0 * zz - xx - yy),
-        -1.0925484305920792 * x * z,
-        0.5462742152960396 * (xx - yy),
-        -0.5900435899266435 * y * (3.0 * xx - yy),
-        2.890611442640554 * x * y * z,
-        -0.4570457994644658 * y * far,
-        0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        -0.4570457994644658 * x * far,
-        1.445305721320277 * z * (xx - yy),
-        -0.5900435899266435 * x * (xx - 3.0 * yy),
-    );
-}
-
 // The harmonics towards a place; a place at the camera's very centre has no direction, but finite ones all the same.
-fn seen_from(place: vec3f) -> array<f32, 16> {
+fn seen_from(place: vec3f) -> array<vec4f, 16> {
     let offset = place - p.centre;
-    return harmonics(offset * inverseSqrt(max(dot(offset, offset), 1e-30)));
+    return harmonics_at(offset * inverseSqrt(max(dot(offset, offset), 1e-30)));
 }
 
 @compute @workgroup_size(64)
@@ -85,14 +56,14 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(num_workgroups) groups: ve
             let raw = vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
             let delta_before = vec3f(before_sh[at], before_sh[at + 1u], before_sh[at + 2u]);
             let delta_after = vec3f(after_sh[at], after_sh[at + 1u], after_sh[at + 2u]);
-            colour_before += basis_before[k] * (raw + delta_before);
-            colour_after += basis_after[k] * (raw + delta_after);
+            colour_before += basis_before[k].w * (raw + delta_before);
+            colour_after += basis_after[k].w * (raw + delta_after);
         }
         let change = max(colour_after, vec3f(0.0)) - max(colour_before, vec3f(0.0));
         sum += abs(change.x) + abs(change.y) + abs(change.z);
         let d_colour = select(vec3f(0.0), p.scale * sign(change), colour_after > vec3f(0.0));
         for (var k = 0u; k < coefficients; k++) {
-            let gradient = basis_after[k] * d_colour;
+            let gradient = basis_after[k].w * d_colour;
             for (var channel = 0u; channel < 3u; channel++) {
                 let at = row * p.stride + 3u * k + channel;
                 d_sh[at] += gradient[channel];

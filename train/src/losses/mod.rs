@@ -15,6 +15,7 @@ use crate::{
     camera_colour::CameraColours,
     config::{EarlConfig, Norm, Quantise},
     gpu::{Commands, Gpu, GpuError, Kernel},
+    raster::HARMONICS,
 };
 
 const ACCUMULATE: &str = include_str!("accumulate.wgsl");
@@ -186,7 +187,7 @@ impl Losses {
             spread: gpu.kernel("spread", &[TRANSFER, SPREAD]),
             event: gpu.kernel("event", &[TRANSFER, LIN_LOG, EVENT]),
             event_level: gpu.kernel("event level", &[&level::constants(), TRANSFER, LIN_LOG, level::EVENT_LEVEL]),
-            colour: gpu.kernel("colour", &[colour::COLOUR]),
+            colour: gpu.kernel("colour", &[HARMONICS, colour::COLOUR]),
         }
     }
 

@@ -5,7 +5,8 @@ use crate::gpu::{Gpu, Kernel};
 const VIEW: &str = include_str!("shared/view.wgsl");
 const SPLAT: &str = include_str!("shared/splat.wgsl");
 const GAUSSIAN: &str = include_str!("shared/gaussian.wgsl");
-const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
+pub(crate) const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
+const COLOUR: &str = include_str!("shared/colour.wgsl");
 
 /// Threads of a workgroup of the stages with one thread a Gaussian.
 pub(super) const THREADS: u32 = 64;
@@ -30,9 +31,12 @@ impl GaussianStages {
         let threads = format!("const THREADS = {THREADS}u;");
         let stage = |label, parts: &[&str]| stage(gpu, label, &threads, parts);
         Self {
-            project: stage("project", &[GAUSSIAN, HARMONICS, include_str!("project.wgsl")]),
+            project: stage("project", &[GAUSSIAN, HARMONICS, COLOUR, include_str!("project.wgsl")]),
             gather: stage("gather", &[include_str!("gather.wgsl")]),
-            project_backward: stage("project backward", &[GAUSSIAN, HARMONICS, include_str!("project_backward.wgsl")]),
+            project_backward: stage(
+                "project backward",
+                &[GAUSSIAN, HARMONICS, COLOUR, include_str!("project_backward.wgsl")],
+            ),
             pose_partial: stage("pose", &[include_str!("pose_partial.wgsl")]),
             pose_sum: gpu.kernel("pose of a camera", &[include_str!("pose_sum.wgsl")]),
         }

@@ -30,11 +30,11 @@ impl Clocks {
     /// As the frames say; nothing where clocks are not to be learned, nothing moves in a way that tells them, or too few cameras take
     /// frames.
     pub fn new(gpu: &Gpu, scene: &Scene, config: &Config) -> Result<Option<Self>, TrainError> {
-        let [start, end] = scene.dataset.manifest.span_ns;
-        let a_second = 1e9 * scene.intervals() / (end - start) as f64;
+        let intervals = scene.intervals();
+        let interval_s = interval_s(scene, intervals);
         let cameras = scene.dataset.manifest.cameras.iter().enumerate();
         let learner =
-            |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| a_second * s) };
+            |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| s / interval_s) };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
         let options = &config.camera_time;
         let told = options.enabled && config.motion == MotionModel::FreeTime && scene.frame_times.len() > 1;
@@ -43,7 +43,7 @@ impl Clocks {
         }
         let state = CameraTimeState::labelled(scene.views.len());
         let sums = gpu.storage_from("gradients of clocks", &state.sums)?;
-        let (labelled, intervals) = (scene.frames.clone(), scene.intervals());
+        let labelled = scene.frames.clone();
         Ok(Some(Self { state, learners, labelled, intervals, sums }))
     }
 
@@ -59,8 +59,7 @@ impl Clocks {
 
     /// How much later the cameras took their frames than these say.
     pub fn told(&self, scene: &Scene) -> Vec<CameraTime> {
-        let [start, end] = scene.dataset.manifest.span_ns;
-        let interval_ms = 1e-6 * (end - start) as f64 / self.intervals;
+        let interval_ms = 1e3 * interval_s(scene, self.intervals);
         let one = |&Learner { camera, .. }: &Learner| CameraTime {
             camera: scene.views[camera].name.clone(),
             late_ms: interval_ms * f64::from(self.state.values[camera]),
@@ -75,6 +74,12 @@ impl Clocks {
             frame.exposure = labelled.exposure.map(|at| at + late);
         }
     }
+}
+
+/// How long an RGB interval is, seconds, where the recording spans so many.
+fn interval_s(scene: &Scene, intervals: f64) -> f64 {
+    let [start, end] = scene.dataset.manifest.span_ns;
+    1e-9 * (end - start) as f64 / intervals
 }
 
 impl Trainer<'_> {

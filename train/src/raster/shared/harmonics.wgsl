@@ -1,4 +1,4 @@
-// Colour as seen from a direction: real spherical harmonics up to degree 3, with the signs of the 3DGS code.
+// Real spherical harmonics up to degree 3, with the signs of the 3DGS code.
 
 const SH0 = 0.28209479177387814;
 const SH1 = 0.4886025119029199;
@@ -10,16 +10,6 @@ const SH3B = 2.890611442640554;
 const SH3C = 0.4570457994644658;
 const SH3D = 0.3731763325901154;
 const SH3E = 1.445305721320277;
-
-// Coefficient k of Gaussian `index`, deformed. `sh`, `delta_sh` and `view` are the stage's bindings.
-fn sh_coefficient(index: u32, k: u32) -> vec3f {
-    let at = index * view.counts.w + 3u * k;
-    var c = vec3f(sh[at], sh[at + 1u], sh[at + 2u]);
-    if index < view.counts.y && view.switches.x != 0u {
-        c += vec3f(delta_sh[at], delta_sh[at + 1u], delta_sh[at + 2u]);
-    }
-    return c;
-}
 
 // The harmonics at unit vector `d`: the gradient of each, and its value. Loops over them keep kernels small, which a driver compiles
 // at their first use: written out, the sixteen terms took a processor nine seconds.
@@ -49,19 +39,4 @@ fn harmonics_at(d: vec3f) -> array<vec4f, 16> {
         SH3E * vec4f(2.0 * x * z, -2.0 * y * z, xx - yy, z * (xx - yy)),
         -SH3A * vec4f(3.0 * (xx - yy), -6.0 * x * y, 0.0, x * (xx - 3.0 * yy)),
     );
-}
-
-// How many of them the view's degree has.
-fn harmonics_count() -> u32 {
-    return (view.counts.z + 1u) * (view.counts.z + 1u);
-}
-
-// The colour of Gaussian `index` towards unit vector `d`, before it is clamped at 0.
-fn colour_of(index: u32, d: vec3f) -> vec3f {
-    var harmonics = harmonics_at(d);
-    var colour = vec3f(0.5);
-    for (var k = 0u; k < harmonics_count(); k++) {
-        colour += harmonics[k].w * sh_coefficient(index, k);
-    }
-    return colour;
 }

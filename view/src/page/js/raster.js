@@ -39,7 +39,7 @@ const part = (name) => `raster/${name}.wgsl`;
 export class Projector {
   static async make(gpu, texts, scene) {
     const self = new Projector();
-    const parts = await Promise.all(['shared/view', 'shared/splat', 'shared/gaussian', 'shared/harmonics', 'project'].map((n) => texts.train(part(n))));
+    const parts = await Promise.all(['shared/view', 'shared/splat', 'shared/gaussian', 'shared/harmonics', 'shared/colour', 'project'].map((n) => texts.train(part(n))));
     self.kernel = await gpu.kernel('project', [`const THREADS = ${THREADS}u;`, ...parts]);
     self.view = gpu.uniform(VIEW_BYTES);
     self.splats = gpu.storage(64 * Math.max(1, scene.count));
