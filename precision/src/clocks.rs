@@ -71,25 +71,27 @@ impl Setting {
 pub fn component(size: Size) -> Component {
     // The window is that of edges in `erfgs_sync`.
     let robust = Robust::default();
-    let default = Setting { pulses: 18_000, jitter_ns: 1000.0, outliers: 0.01, window_s: 10.0, robust };
+    let default = Setting { pulses: 18_000, jitter_ns: 1000.0, outliers: 0.01, window_s: 5.0, robust };
     let few = size == Size::Small;
     let study = Study::new(ABOUT, |_: &Bench, stopwatch: &mut Stopwatch, setting: &Setting| setting.run(stopwatch));
-    let windows = [1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 300.0, 1e6];
-    let windows = windows.into_iter().filter(|window| !few || [10.0, 1e6].contains(window));
-    let study = study.knob(
-        "window",
-        &default,
-        windows.map(|window_s| {
+    let windows = |of: Setting| {
+        let windows = [1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 300.0, 1e6];
+        windows.into_iter().filter(move |window| !few || [of.window_s, 1e6].contains(window)).map(move |window_s| {
             let name = if window_s > SECONDS { "one line".into() } else { format!("{window_s} s") };
-            (name, Setting { window_s, ..default })
-        }),
-    );
+            (name, Setting { window_s, ..of })
+        })
+    };
+    let study = study.knob("window", &default, windows(default));
     if few {
         return study.component();
     }
     let jitters = [0.0, 100.0, 1000.0, 10_000.0, 100_000.0];
-    let named = |start_samples: usize| {
-        (start_samples.to_string(), Setting { robust: Robust { start_samples, ..robust }, ..default })
+    let noisy = Setting { jitter_ns: 10_000.0, ..default };
+    let spoilt = Setting { outliers: 0.3, ..default };
+    let starts = |of: Setting| {
+        [5, 11, 25, 51, 101, 201, 401].map(|start_samples: usize| {
+            (start_samples.to_string(), Setting { robust: Robust { start_samples, ..robust }, ..of })
+        })
     };
     let factor = |outlier_factor: f64| {
         let name = if outlier_factor > 1e6 { "least squares of all".into() } else { outlier_factor.to_string() };
@@ -107,7 +109,9 @@ pub fn component(size: Size) -> Component {
             &default,
             jitters.map(|jitter_ns| (format!("{} µs", 1e-3 * jitter_ns), Setting { jitter_ns, ..default })),
         )
-        .knob("samples of the robust start", &default, [5, 11, 25, 51, 101, 201, 401].map(named))
+        .knob("window, jitter of 10 µs", &noisy, windows(noisy))
+        .knob("samples of the robust start", &default, starts(default))
+        .knob("samples of the robust start, three pulses in ten wrong", &spoilt, starts(spoilt))
         .knob("median distances of an outlier", &default, [2.0, 3.0, 5.0, 9.0, 20.0, 100.0, 1e12].map(factor))
         .component()
 }

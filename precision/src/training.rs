@@ -136,7 +136,6 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
         ("ERF-GS", long.clone()),
     ];
     let iterations = [[50, 350], [100, 700], [200, 1400], [600, 4000]];
-    let preset = |(name, preset)| (name, Setting { preset, ..default.clone() });
     let knob = |study: Study<Setting>, name: &str, key: &str, values: &[&str]| {
         study.knob(name, &default, turned(&default, key, values))
     };
@@ -148,13 +147,7 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
                 (format!("{}+{}", iterations[0], iterations[1]), Setting { iterations, ..default.clone() })
             }),
         )
-        .knob("method, 600+4000 iterations", &long, methods)
-        .knob(
-            "preset",
-            &default,
-            [("paper", Preset::Paper), ("released-code", Preset::ReleasedCode), ("default", Preset::Default)]
-                .map(preset),
-        );
+        .knob("method, 600+4000 iterations", &long, methods);
     for (name, key, values) in [
         ("times that an event sample compares", "earl.pairing", &["frame-anchored", "any", "level"][..]),
         ("event samples an iteration", "earl.share", &["0.25", "0.5", "1"]),
@@ -163,7 +156,11 @@ pub(crate) fn component(size: Size, filmed: &Arc<Filmed>) -> Component {
     ] {
         study = knob(study, name, key, values);
     }
-    study.component()
+    // The preset `released-code` is the same until EDS begins, after all of these.
+    let presets = [("paper", Preset::Paper), ("default", Preset::Default)];
+    study
+        .knob("preset", &default, presets.map(|(name, preset)| (name, Setting { preset, ..default.clone() })))
+        .component()
 }
 
 /// The knobs of paths and lives.

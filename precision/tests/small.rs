@@ -31,7 +31,7 @@ fn every_setting_of_the_small_components_runs_and_each_curve_has_its_default() {
                 assert!(rate("parity", "5000 /s") < rate("parity", "500 /s"));
                 assert!(rate("enhanced", "500 /s") < rate("parity", "500 /s"));
             }
-            "clock fit" => assert!(error("window", "10 s", 0) < 0.5 * error("window", "one line", 0)),
+            "clock fit" => assert!(error("window", "5 s", 0) < 0.5 * error("window", "one line", 0)),
             "bundle adjustment" => {
                 assert!(error("most iterations", "100", 0) < 0.1 * error("most iterations", "2", 0));
             }

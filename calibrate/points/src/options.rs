@@ -149,7 +149,7 @@ pub struct SweepOptions {
     pub neighbours: u32,
     /// Side of the correlation window, pixels; odd.
     pub window: u32,
-    /// Least correlation (ZNCC, mean of the best three neighbours) of a depth.
+    /// Least correlation (ZNCC, mean of the better half of the neighbours, three at most) of a depth.
     pub min_score: f64,
     /// How many other depth maps must agree.
     pub min_consistent: u32,
@@ -166,7 +166,7 @@ impl Default for SweepOptions {
         Self {
             max_width: 480,
             plane_step_px: 1.5,
-            neighbours: 6,
+            neighbours: 4,
             window: 9,
             min_score: 0.8,
             min_consistent: 2,

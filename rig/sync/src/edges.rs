@@ -9,8 +9,11 @@ use erfgs_session::trigger::code::{self, Seen};
 
 /// Ticks of event cameras are microseconds.
 pub const NS_PER_TICK: f64 = 1000.0;
-/// Over ten seconds a drift of 1 ppm a minute bends a clock by 0.2 µs, and hundreds of edges average their 1 µs away.
-const WINDOW_NS: i64 = 10_000_000_000;
+/// Over five seconds a drift of 1 ppm a minute bends a clock by 0.05 µs, and a hundred edges and more average their 1 µs
+/// away; twice as long it bends more than is averaged away, half as long loses where edges are off by 10 µs (docs/precision.md).
+const WINDOW_NS: i64 = 5_000_000_000;
+/// Of arrivals, which are late by chance, few are early enough to tell anything.
+const ARRIVALS_NS: i64 = 60_000_000_000;
 
 /// How the edges of a camera and the pulses of the board fit together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -102,5 +105,5 @@ pub fn fit(edges: &[Edge], board: &Board) -> Result<(Clock, Matched, Vec<Sample>
 /// # Errors
 /// If nothing arrived.
 pub fn fit_arrivals(arrivals: &[Sample]) -> Result<Clock, FitError> {
-    Clock::fit(arrivals, NS_PER_TICK, Evidence::Arrival, Errors::Late, 6 * WINDOW_NS)
+    Clock::fit(arrivals, NS_PER_TICK, Evidence::Arrival, Errors::Late, ARRIVALS_NS)
 }
