@@ -2,6 +2,7 @@
 
 use erfgs_base::random::{key, normal, purpose, uniform};
 use erfgs_session::clock::{Clock, Errors, Evidence, Robust, Sample};
+use erfgs_sync::EDGES_WINDOW_NS;
 
 use crate::{Bench, Component, Measure, Result, Size, Stopwatch, Study, component::About};
 
@@ -69,9 +70,9 @@ impl Setting {
 /// The knobs of the fit.
 #[must_use]
 pub fn component(size: Size) -> Component {
-    // The window is that of edges in `erfgs_sync`.
     let robust = Robust::default();
-    let default = Setting { pulses: 18_000, jitter_ns: 1000.0, outliers: 0.01, window_s: 5.0, robust };
+    let window_s = EDGES_WINDOW_NS as f64 / 1e9;
+    let default = Setting { pulses: 18_000, jitter_ns: 1000.0, outliers: 0.01, window_s, robust };
     let few = size == Size::Small;
     let study = Study::new(ABOUT, |_: &Bench, stopwatch: &mut Stopwatch, setting: &Setting| setting.run(stopwatch));
     let windows = |of: Setting| {
