@@ -1,25 +1,25 @@
 #!/usr/bin/env bash
-# Films a small scene with RGB and event cameras at different viewpoints, trains 4DGS and ERF-GS for equal time, and
-# writes a report that compares them. With the folder of a PanopticSports recording, does the same with that recording; with
-# --rig, with what a rig of emulated cameras records, from its calibration on.
+# A rig of emulated RGB and event cameras records a calibration and a small stage, as a real one would; what it saw is
+# reconstructed by 4DGS and by ERF-GS, trained for equal time, and compared in a report. With the folder of a PanopticSports
+# recording, does the same with that; with --stage, with a film of the stage whose cameras and clocks are known.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-usage="usage: scripts/demo.sh [PANOPTIC_FOLDER] [--frames A..B] [--rig [--small]] [--out FOLDER] [--minutes M]
+usage="usage: scripts/demo.sh [--small | --stage | PANOPTIC_FOLDER [--frames A..B]] [--out FOLDER] [--minutes M]
 
-  PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball; without it, the stage is filmed
-  --frames A..B    the frames of the recording to take, both ends included (default: all)
-  --rig            a rig of emulated cameras records a calibration and the stage, as a real one would; cameras, clocks and
-                   exposures are known from these sessions alone
   --small          a rig of seven cameras and short takes, trained for 10 s
-  --out FOLDER     where everything goes (default: demo, demo-panoptic or demo-rig); what is there already is not made again
-  --minutes M      training time of each method (default: 4, or 18 for a recording, or 3 with --rig)"
-recording= frames=() out= minutes= rig= small=()
+  --stage          the stage is filmed directly, without a rig, its recordings and its calibration
+  PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball
+  --frames A..B    the frames of the recording to take, both ends included (default: all)
+  --out FOLDER     where everything goes (default: demo, demo-small, demo-stage or demo-panoptic); what is there already is not
+                   made again
+  --minutes M      training time of each method (default: 3; 4 with --stage, 18 for a recording)"
+what=rig recording= frames=() out= minutes= small=()
 while [ $# -gt 0 ]; do
   case "$1" in
     -h|--help) sed -n '2,4p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
     --frames) frames=(--frames "${2:?$usage}"); shift 2 ;;
-    --rig) rig=1; shift ;;
+    --stage) what=stage; shift ;;
     --small) small=(--small); shift ;;
     --out) out=${2:?$usage}; shift 2 ;;
     --minutes) minutes=${2:?$usage}; shift 2 ;;
@@ -27,15 +27,18 @@ while [ $# -gt 0 ]; do
     *) recording=$1; shift ;;
   esac
 done
-if [ -n "$recording${frames[*]-}" ] && [ -n "$rig" ] || { [ -z "$rig" ] && [ ${#small[@]} -gt 0 ]; }; then
-  echo "demo.sh: --rig takes no recording, and --small goes with --rig" >&2
-  echo "$usage" >&2
-  exit 2
+wrong() { echo "demo.sh: $1" >&2; echo "$usage" >&2; exit 2; }
+if [ -n "$recording" ]; then
+  [ $what = rig ] || wrong "--stage takes no recording"
+  what=recording
+  [ -e "$recording/train_meta.json" ] || {
+    echo "demo.sh: $recording holds no train_meta.json, so it is no PanopticSports recording" >&2
+    exit 2
+  }
+elif [ ${#frames[@]} -gt 0 ]; then
+  wrong "--frames goes with a recording"
 fi
-if [ -n "$recording" ] && [ ! -e "$recording/train_meta.json" ]; then
-  echo "demo.sh: $recording holds no train_meta.json, so it is no PanopticSports recording" >&2
-  exit 2
-fi
+[ $what = rig ] || [ ${#small[@]} = 0 ] || wrong "--small is of the rig alone"
 
 scripts/setup.sh
 . scripts/driver.sh
@@ -46,7 +49,7 @@ erfgs doctor
 
 say() { printf '\n== %s\n' "$*"; }
 started=$SECONDS
-if [ -n "$recording" ]; then
+if [ $what = recording ]; then
   out=${out:-demo-panoptic} minutes=${minutes:-18}
   mkdir -p "$out"
   if [ ! -e "$out/full/dataset.json" ]; then
@@ -57,8 +60,12 @@ if [ -n "$recording" ]; then
     say "keeping each fourth frame, blurred over three; four cameras keep their events alone"
     erfgs dataset variant "$out/full" --subsample 4 --blur 3 --event-only 4 --out "$out/ds"
   fi
-elif [ -n "$rig" ]; then
-  out=${out:-demo-rig} minutes=${minutes:-$([ ${#small[@]} -gt 0 ] && echo 0.17 || echo 3)}
+elif [ $what = rig ]; then
+  if [ ${#small[@]} -gt 0 ]; then
+    out=${out:-demo-small} minutes=${minutes:-0.17}
+  else
+    out=${out:-demo} minutes=${minutes:-3}
+  fi
   mkdir -p "$out"
   for take in screen wand performance; do
     if [ ! -e "$out/$take.mcap" ]; then
@@ -89,7 +96,7 @@ elif [ -n "$rig" ]; then
     erfgs dataset undistort "$out/recorded" --out "$out/ds"
   fi
 else
-  out=${out:-demo} minutes=${minutes:-4}
+  out=${out:-demo-stage} minutes=${minutes:-4}
   mkdir -p "$out"
   if [ ! -e "$out/ds/dataset.json" ]; then
     say "filming the stage"
@@ -100,15 +107,15 @@ if ! erfgs info "$out/ds" --json | grep -q '"points": [0-9]'; then
   say "finding the initial points"
   points=()
   # Bare walls and floor have few features; the sweep fills them.
-  [ -n "$recording" ] && points=(--method colmap+sweep --max-points 25000)
+  [ $what = recording ] && points=(--method colmap+sweep --max-points 25000)
   erfgs dataset points "$out/ds" "${points[@]}"
 fi
 # About as many iterations as the time allows on a fast machine, so that both methods train for equal time. Both take a frame for
 # the middle of its exposure, so that what differs is what events add; the model of the exposure does not pay in so short a time.
 options=(--iterations 3000+14000 --set blur.model=off)
-[ -n "$recording" ] && options=()
+[ $what = recording ] && options=()
 # The event cameras of a rig have more pixels, so that an iteration takes longer.
-if [ -n "$rig" ]; then
+if [ $what = rig ]; then
   iterations=1000+4000
   [ ${#small[@]} -gt 0 ] && iterations=150+350
   options=(--iterations "$iterations" --set blur.model=off)

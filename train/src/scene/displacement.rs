@@ -89,9 +89,9 @@ mod tests {
         scene::fixtures,
     };
 
-    /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it, straight on or round a
-    /// corner: a fifth of them by `fast` metres an interval, the others by a centimetre.
-    fn dataset(root: &std::path::Path, fast: f64, corner: bool, frames: i64) -> Dataset {
+    /// A camera of 100 px, two metres before a plane that it sees two metres of, and points that go along it and turn by so many degrees
+    /// on the way: a fifth of them by `fast` metres an interval, the others by a centimetre.
+    fn dataset(root: &std::path::Path, fast: f64, turn: f64, frames: i64) -> Dataset {
         let frame = |index: i64| Frame {
             file: format!("{index}.png").into(),
             t_ns: 50_000_000 * index,
@@ -114,8 +114,9 @@ mod tests {
                 let at = |axis: u64| random::range(random::key(7, &[point.into(), axis]), -0.1, 0.1);
                 let (speed, colour, aside) =
                     if quick { (fast, [250, 10, 10], 0.9) } else { (0.01, [10, 10, 250], 0.0) };
-                let (on, up) = if corner { (t.min(1), t.saturating_sub(1)) } else { (t, 0) };
-                let place = [speed * f64::from(on) + at(0), aside + speed * f64::from(up) + at(1), at(2)];
+                let (before, after) = (f64::from(t.min(1)), f64::from(t.saturating_sub(1)));
+                let (up, on) = turn.to_radians().sin_cos();
+                let place = [speed * (before + after * on) + at(0), aside + speed * after * up + at(1), at(2)];
                 cloud.positions.push(place.map(|p| p as f32));
                 cloud.colours.push(colour);
             }
@@ -130,8 +131,8 @@ mod tests {
     #[test]
     fn what_exposures_miss_decides_what_paths_are_fitted_to() {
         let folder = tempfile::tempdir().unwrap();
-        let settled_on = |fast: f64, corner: bool, exposure_ns: i64, set: &[&str]| {
-            let mut dataset = dataset(folder.path(), fast, corner, 3);
+        let settled_on = |fast: f64, turn: f64, exposure_ns: i64, set: &[&str]| {
+            let mut dataset = dataset(folder.path(), fast, turn, 3);
             for frame in dataset.manifest.cameras.iter_mut().flat_map(|camera| &mut camera.frames) {
                 frame.exposure_ns[1] += exposure_ns;
             }
@@ -142,20 +143,24 @@ mod tests {
             config.settle(&dataset, false).unwrap();
             config
         };
-        let settled = |fast, exposure_ns, set: &[&str]| settled_on(fast, true, exposure_ns, set);
+        let settled = |fast, exposure_ns, set: &[&str]| settled_on(fast, 90.0, exposure_ns, set);
         // A fifth goes 15 % of the width from frame to frame, of which 12 % are unseen, or 0.6 %.
         let (short, long) = (settled(0.3, 10_000_000, &[]), settled(0.3, 48_000_000, &[]));
         assert_eq!((short.free_time.guide, short.free_time.knots), (Guide::Events, 2));
         assert_eq!(long.free_time.guide, Guide::Frames);
         assert_eq!((long.free_time.knots, long.free_time.first_life, long.free_time.least_life), (0, 1.0, 0.5));
         // Straight on, frames tell of it, too, but not of what goes 40 % of the width.
-        let straight = settled_on(0.3, false, 10_000_000, &[]);
+        let straight = settled_on(0.3, 0.0, 10_000_000, &[]);
         assert_eq!(straight.free_time.guide, Guide::Frames);
+        // Of what bends events tell more, where there are any.
+        let [beside, without] =
+            [[].as_slice(), &["earl.enabled=false"]].map(|set| settled_on(0.3, 60.0, 10_000_000, set));
+        assert_eq!([beside, without].map(|config| config.free_time.guide), [Guide::Events, Guide::Frames]);
         // Beside frames that tell of paths events count half.
         assert_eq!((short.event_weight(), straight.event_weight()), (short.earl.weight, 0.5 * short.earl.weight));
-        let set = settled_on(0.3, false, 10_000_000, &["earl.beside_frames=1"]);
+        let set = settled_on(0.3, 0.0, 10_000_000, &["earl.beside_frames=1"]);
         assert_eq!(set.event_weight(), short.earl.weight);
-        assert_eq!(settled_on(0.8, false, 10_000_000, &[]).free_time.guide, Guide::Events);
+        assert_eq!(settled_on(0.8, 0.0, 10_000_000, &[]).free_time.guide, Guide::Events);
         // What is set is kept.
         for set in ["free_time.guide=events", "free_time.knots=3", "free_time.first_life=0.6"] {
             let config = settled(0.3, 48_000_000, &[set]);
@@ -175,15 +180,15 @@ mod tests {
     fn the_fast_fifth_counts_as_a_share_of_the_width() {
         let folder = tempfile::tempdir().unwrap();
         for fast in [0.05, 0.3] {
-            let found = moves(&dataset(folder.path(), fast, false, 3), 10.0).unwrap().unwrap();
-            let bent = moves(&dataset(folder.path(), fast, true, 3), 10.0).unwrap().unwrap();
+            let found = moves(&dataset(folder.path(), fast, 0.0, 3), 10.0).unwrap().unwrap();
+            let bent = moves(&dataset(folder.path(), fast, 90.0, 3), 10.0).unwrap().unwrap();
             assert!(found.bend.unwrap() < 0.3 && (1.2..1.6).contains(&bent.bend.unwrap()), "{found:?} {bent:?}");
             let found = found.displacement;
             assert!((found - fast / 2.0).abs() < 0.2 * fast, "{found} of {}", fast / 2.0);
         }
-        assert_eq!(moves(&dataset(folder.path(), 0.3, false, 1), 10.0).unwrap(), None, "a single frame");
-        assert_eq!(exposed(&dataset(folder.path(), 0.3, false, 1)), 0.0);
-        let mut still = dataset(folder.path(), 0.3, false, 3);
+        assert_eq!(moves(&dataset(folder.path(), 0.3, 0.0, 1), 10.0).unwrap(), None, "a single frame");
+        assert_eq!(exposed(&dataset(folder.path(), 0.3, 0.0, 1)), 0.0);
+        let mut still = dataset(folder.path(), 0.3, 0.0, 3);
         still.manifest.points = None;
         assert_eq!(moves(&still, 10.0).unwrap(), None, "no points");
     }

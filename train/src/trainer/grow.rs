@@ -212,8 +212,7 @@ impl Trainer<'_> {
             if self.config.free_time.guide == Guide::Frames && self.config.free_time.knots == 0 {
                 note(
                     "knots of paths",
-                    "exposures leave little unseen of how things move, so that a parabola tells it (free_time.guide)"
-                        .into(),
+                    "frames tell how things move, and a parabola follows them (free_time.guide)".into(),
                     "half of the numbers of a path".into(),
                 );
             }

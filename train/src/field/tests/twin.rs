@@ -59,7 +59,7 @@ fn gradients_of_all_parameters_and_means_match_finite_differences() {
 #[test]
 fn gradients_of_the_regularisers_match_finite_differences() {
     for form in [SpatialSmoothness::SecondDifference, SpatialSmoothness::TotalVariation] {
-        let mut twin = twin(&small());
+        let mut twin = twin(&FieldConfig { spatial_resolution: [4, 3, 5], time_resolution: 4, ..small() });
         let weights = PlaneWeights { space: 0.7, time: 1.3, time_l1: 0.2, form };
         let (_, gradient) = twin.regularise(&weights);
         let loss = |twin: &FieldTwin| {
@@ -67,10 +67,18 @@ fn gradients_of_the_regularisers_match_finite_differences() {
             let [space, time, time_l1] = [weights.space, weights.time, weights.time_l1].map(f64::from);
             space * losses.space + time * losses.time + time_l1 * losses.time_l1
         };
-        for (at, gradient) in gradient.into_iter().enumerate() {
+        let features = twin.layout.config.features as usize;
+        // They are of the planes alone, which come first.
+        let planes =
+            twin.layout.planes.iter().map(|plane| plane.offset + plane.rows * plane.cols * features).max().unwrap();
+        assert!(planes < gradient.len() && gradient[planes..].iter().all(|&gradient| gradient == 0.0));
+        for (at, &gradient) in gradient[..planes].iter().enumerate() {
             let expected = difference(&mut twin, |twin, at| &mut twin.parameters[at], at, loss);
             assert_same("parameter", at, gradient, expected);
         }
+        let before = loss(&twin);
+        twin.parameters[planes..].iter_mut().for_each(|other| *other += 1.0);
+        assert_eq!(loss(&twin), before);
     }
 }
 

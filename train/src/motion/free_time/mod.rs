@@ -48,8 +48,8 @@ const MOST_BETWEEN: u32 = 16;
 pub enum Guide {
     /// The frames where exposures leave little unseen of how things move (less than a hundredth of the picture's width from frame to
     /// frame, where the fastest are), or where ways are straight (the velocity of a point changes by less than 1.1 of its speed from
-    /// frame to frame, in the median) and the fastest go less than a sixth of the width; else the events, as where a setting that this
-    /// would decide was chosen by hand.
+    /// frame to frame, in the median; by less than 0.9 beside events, which tell of what bends) and the fastest go less than a sixth of
+    /// the width; else the events, as where a setting that this would decide was chosen by hand.
     Auto,
     /// The frames: paths are parabolas, and lives reach the frames before and after, unless either was chosen by hand.
     Frames,

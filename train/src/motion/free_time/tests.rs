@@ -98,7 +98,7 @@ fn gradients(rows: usize) -> Vec<f32> {
     (0..rows * CORE).map(|i| between(7_000_000 + i as u64, -1.0, 1.0) as f32).collect()
 }
 
-fn assert_close(what: &str, got: f32, want: f64, scale: f64) {
+fn assert_close(what: impl std::fmt::Display, got: f32, want: f64, scale: f64) {
     assert!((f64::from(got) - want).abs() <= 2e-5 * (want.abs() + scale), "{what}: {got} instead of {want}");
 }
 
@@ -133,7 +133,7 @@ fn both_shapes_follow_the_double_precision_twin() {
                 // The rasteriser adds the gradient of the changed logit to that of the stored one itself.
                 assert_close("d logit", d_core[i * CORE + 10], d_logit - d_changed, 1.0);
                 for k in 0..floats {
-                    assert_close(&format!("d row {k}"), d_rows[i * floats + k], expected[k], 3.0);
+                    assert_close(format_args!("d row {k}"), d_rows[i * floats + k], expected[k], 3.0);
                 }
             }
             assert!(there > 100, "{there} rows are there");
