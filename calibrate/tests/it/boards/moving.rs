@@ -79,7 +79,7 @@ fn an_event_camera_is_calibrated_by_a_printed_board_that_is_waved() {
     {
         let target: Target = target.parse().unwrap();
         let sheet = Sheet::of(&target, unit_m);
-        let events = film(&sheet, &camera(), &|t| waved(&sheet, t), 3.0, 300.0, &sensor(seed));
+        let events = film(&sheet, &camera(), &|t| waved(&sheet, t), 3.0, 200.0, &sensor(seed));
         let folder = tempfile::tempdir().unwrap();
         write_evt2(&events, &folder.path().join("left.raw"));
         let unasked = look(folder.path(), &target, None, &|_, _| {}).unwrap_err().to_string();
