@@ -135,4 +135,5 @@ say "comparing"
 erfgs report "$out/run-4dgs" "$out/run-erf-gs" --out "$out/report.html"
 echo
 echo "report: $out/report.html (everything after the build took $(((SECONDS - started) / 60)) min $(((SECONDS - started) % 60)) s)"
+[ $what = rig ] && echo "calibration: $out/lenses.html and $out/rig.html"
 echo "walk around in it: target/release/erfgs view $out/run-4dgs $out/run-erf-gs"

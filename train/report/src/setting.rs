@@ -88,23 +88,56 @@ fn steps(dataset: &Manifest) -> String {
 }
 
 fn table(dataset: &Manifest) -> String {
-    let head = "<tr><th>Camera</th><th>Role</th><th class=\"n\">Pixels</th><th class=\"n\">Frames</th>\
-                <th class=\"n\">Exposure <small>ms</small></th><th class=\"n\">Events</th></tr>";
+    let calibrated = dataset.cameras.iter().any(|camera| camera.pose_sigma.is_some() || camera.clock_sigma_s.is_some());
+    let mut head = String::from(
+        "<tr><th>Camera</th><th>Role</th><th class=\"n\">Pixels</th><th class=\"n\">Frames</th>\
+         <th class=\"n\">Exposure <small>ms</small></th><th class=\"n\">Events</th>",
+    );
+    if calibrated {
+        head += "<th class=\"n\">Place <small>± mm</small></th><th class=\"n\">Turn <small>± degrees</small></th>\
+                 <th class=\"n\">Clock <small>± µs</small></th>";
+    }
+    head += "</tr>";
     let mut rows = String::new();
     for camera in &dataset.cameras {
         let exposures = camera.frames.iter().map(|frame| (frame.exposure_ns[1] - frame.exposure_ns[0]) as f64 / 1e6);
         let exposure = exposures.reduce(f64::max).map_or("–".into(), |exposure| number(exposure, 2));
         let events = camera.events.as_ref().map_or("–".into(), |events| count(events.count));
         let frames = if camera.frames.is_empty() { "–".into() } else { count(camera.frames.len() as u64) };
-        let _ = writeln!(
+        let _ = write!(
             rows,
             "<tr><th>{}</th><td>{}</td><td class=\"n\">{} × {}</td><td class=\"n\">{frames}</td><td class=\"n\">{exposure}</td>\
-             <td class=\"n\">{events}</td></tr>",
+             <td class=\"n\">{events}</td>",
             Escaped(&camera.name),
             role(camera),
             camera.intrinsics.width,
             camera.intrinsics.height
         );
+        if calibrated {
+            rows += &deviations(camera);
+        }
+        rows.push_str("</tr>\n");
     }
-    html::table("dense", head, &rows)
+    let table = html::table("dense", &head, &rows);
+    if !calibrated {
+        return table;
+    }
+    let text = "<p>What follows ± is the standard deviation that the calibration tells: of where a camera stands and looks, in all three \
+                directions together, and of the times of its frames. The camera that the others are placed beside has none.</p>\n";
+    format!("<div>{table}{text}</div>\n")
+}
+
+/// What the calibration of a camera tells of its own errors, three cells of a row.
+fn deviations(camera: &Camera) -> String {
+    let together = |of: [f64; 3]| of.iter().map(|of| of * of).sum::<f64>().sqrt();
+    let told = |of: Option<f64>, digits| of.map_or("–".into(), |of| number(of, digits));
+    let place = camera.pose_sigma.as_ref().map(|sigma| 1e3 * together(sigma.centre_m));
+    let turn = camera.pose_sigma.as_ref().map(|sigma| together(sigma.rotation_deg));
+    let clock = camera.clock_sigma_s.map(|sigma| 1e6 * sigma);
+    format!(
+        "<td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>",
+        told(place, 2),
+        told(turn, 3),
+        told(clock, 1)
+    )
 }

@@ -4,6 +4,7 @@ mod fake;
 
 use std::{fs, path::Path};
 
+use erfgs_dataset::PoseSigma;
 use erfgs_report::{Extras, ReportError, write_report};
 use erfgs_run::{RunError, RunFolder};
 use fake::Kind;
@@ -113,6 +114,21 @@ fn what_a_stopped_run_lacks_is_noted_and_the_rest_is_shown() {
     {
         assert!(text.contains(expected), "{expected}");
     }
+}
+
+#[test]
+fn what_a_calibration_tells_of_its_errors_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let (runs, before) = compared(folder.path());
+    assert!(!before.contains("± mm"));
+    let mut manifest = fake::manifest();
+    manifest.cameras[2].pose_sigma = Some(PoseSigma { centre_m: [3e-4, 0.0, 4e-4], rotation_deg: [0.0, 0.012, 0.005] });
+    manifest.cameras[2].clock_sigma_s = Some(12.34e-6);
+    runs[0].write_dataset(&manifest).unwrap();
+    let page = page(&runs, folder.path());
+    let row = page.split("<tr>").find(|row| row.starts_with("<th>cam02</th><td>RGB</td>")).unwrap();
+    let told = [">0.50<", ">0.013<", ">12.3<"];
+    assert!(page.contains("± mm") && told.iter().all(|told| row.contains(told)), "{row}");
 }
 
 #[test]
