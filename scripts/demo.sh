@@ -11,8 +11,8 @@ usage="usage: scripts/demo.sh [--small | --stage | PANOPTIC_FOLDER [--frames A..
   --stage          the stage is filmed directly, without a rig, its recordings and its calibration
   PANOPTIC_FOLDER  a recording of PanopticSports, such as basketball
   --frames A..B    the frames of the recording to take, both ends included (default: all)
-  --out FOLDER     where everything goes (default: demo, demo-small, demo-stage or demo-panoptic); what is there already is not
-                   made again
+  --out FOLDER     where everything goes (default: demo-rig, demo-small, demo-stage or demo-panoptic); what is there already is
+                   not made again
   --minutes M      training time of each method (default: 3; 4 with --stage, 18 for a recording)"
 what=rig recording= frames=() out= minutes= small=()
 while [ $# -gt 0 ]; do
@@ -64,7 +64,7 @@ elif [ $what = rig ]; then
   if [ ${#small[@]} -gt 0 ]; then
     out=${out:-demo-small} minutes=${minutes:-0.17}
   else
-    out=${out:-demo} minutes=${minutes:-3}
+    out=${out:-demo-rig} minutes=${minutes:-3}
   fi
   mkdir -p "$out"
   for take in screen wand performance; do
