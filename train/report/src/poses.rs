@@ -1,5 +1,7 @@
 //! Where the training cameras were found to stand, beside their calibration.
 
+use glam::DVec3;
+
 use super::{
     html::{self, number},
     load::{Run, Scene},
@@ -13,8 +15,7 @@ pub(super) fn section(scene: &Scene) -> String {
     let cameras = first.info.camera_poses.iter().map(|of| &of.camera);
     let table = per_camera::table(&runs, "px mm degrees", cameras, |run, camera| {
         let of = run.info.camera_poses.iter().find(|of| of.camera == camera)?;
-        let length = |by: [f64; 3]| by.iter().map(|by| by * by).sum::<f64>().sqrt();
-        let (shift, turn) = (1e3 * length(of.shift_m), length(of.turn_degrees));
+        let (shift, turn) = (1e3 * DVec3::from(of.shift_m).length(), DVec3::from(of.turn_degrees).length());
         Some(format!("{} {} {}", number(of.moved_px, 2), number(shift, 1), number(turn, 3)))
     });
     let text = "<p>How far from its calibration training found each camera, by what its frames and those of the others agree on: the \

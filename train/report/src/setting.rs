@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use erfgs_dataset::{Camera, Manifest, Split};
 use erfgs_scene::Modality;
+use glam::DVec3;
 
 use super::{
     html::{self, Escaped, count, number},
@@ -129,10 +130,9 @@ fn table(dataset: &Manifest) -> String {
 
 /// What the calibration of a camera tells of its own errors, three cells of a row.
 fn deviations(camera: &Camera) -> String {
-    let together = |of: [f64; 3]| of.iter().map(|of| of * of).sum::<f64>().sqrt();
     let told = |of: Option<f64>, digits| of.map_or("–".into(), |of| number(of, digits));
-    let place = camera.pose_sigma.as_ref().map(|sigma| 1e3 * together(sigma.centre_m));
-    let turn = camera.pose_sigma.as_ref().map(|sigma| together(sigma.rotation_deg));
+    let place = camera.pose_sigma.as_ref().map(|sigma| 1e3 * DVec3::from(sigma.centre_m).length());
+    let turn = camera.pose_sigma.as_ref().map(|sigma| DVec3::from(sigma.rotation_deg).length());
     let clock = camera.clock_sigma_s.map(|sigma| 1e6 * sigma);
     format!(
         "<td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>",

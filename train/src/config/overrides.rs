@@ -12,9 +12,10 @@ use crate::{
 const NEAREST: f32 = 0.2;
 /// Where exposures leave less unseen than this share of the picture's width from frame to frame, frames tell of paths.
 const LITTLE: f64 = 0.01;
-/// Where velocities change by less than this share of the speed from frame to frame, in the median, so do they, without events and beside
-/// events, which tell of what bends. Pairs of chance have 1.41.
-const STRAIGHT: [f64; 2] = [1.1, 0.9];
+/// Where velocities change by less than this share of the speed from frame to frame, in the median, so do they. Pairs of chance have 1.41.
+const STRAIGHT: f64 = 1.1;
+/// The same beside events, which tell of what bends.
+const STRAIGHT_BESIDE_EVENTS: f64 = 0.9;
 
 /// Why a configuration was refused.
 #[derive(Debug, thiserror::Error)]
@@ -135,7 +136,7 @@ impl Config {
         if self.free_time.guide == Guide::Auto {
             let told = moved.is_some_and(|moves| {
                 let little = moves.displacement * (1.0 - exposed(dataset)) < LITTLE;
-                let straight = STRAIGHT[usize::from(self.earl.enabled)];
+                let straight = if self.earl.enabled { STRAIGHT_BESIDE_EVENTS } else { STRAIGHT };
                 little || moves.displacement <= FAR && moves.bend.is_some_and(|bend| bend < straight)
             });
             self.free_time.guide = if told && !by_hand { Guide::Frames } else { Guide::Events };

@@ -39,7 +39,8 @@ fn check(name: &str, target: impl Fn(&[u8]), mutations: u64, artifacts: &Path) {
     }
 }
 
-/// A test for each target, with the number of mutations: together they take some 15 seconds of one core. `scripts/fuzz.sh` looks for longer.
+/// A test for each target, with the number of mutations: together they take some 15 seconds of one core.
+/// `scripts/fuzz.sh` looks for longer.
 macro_rules! targets {
     ($($name:ident $mutations:literal,)*) => {
         $(#[test]

@@ -67,10 +67,8 @@ fn gradients_of_the_regularisers_match_finite_differences() {
             let [space, time, time_l1] = [weights.space, weights.time, weights.time_l1].map(f64::from);
             space * losses.space + time * losses.time + time_l1 * losses.time_l1
         };
-        let features = twin.layout.config.features as usize;
         // They are of the planes alone, which come first.
-        let planes =
-            twin.layout.planes.iter().map(|plane| plane.offset + plane.rows * plane.cols * features).max().unwrap();
+        let planes = twin.layout.grid;
         assert!(planes < gradient.len() && gradient[planes..].iter().all(|&gradient| gradient == 0.0));
         for (at, &gradient) in gradient[..planes].iter().enumerate() {
             let expected = difference(&mut twin, |twin, at| &mut twin.parameters[at], at, loss);
