@@ -40,6 +40,19 @@ case $form:$CARGO_PKG_NAME:$source in
     ;;
 esac
 
+# Nobody runs the studies here, nor benchmarks: that they compile is told without code being made of them.
+case $CARGO_PKG_NAME:$source in
+  erfgs-lab:*src/bin/* | *:*benches/*)
+    seen=()
+    for argument in "${@:2}"; do
+      case $argument in --emit=*) argument=--emit=dep-info,metadata ;; esac
+      seen+=("$argument")
+    done
+    clippy-driver "$1" "${seen[@]}" -D warnings
+    exit
+    ;;
+esac
+
 # Clippy is the compiler with more to say, which optimises less: of what is not optimised, it reads, looks and writes in one.
 alone=true
 if [ $form != library ] && [ "$level" = 0 ]; then

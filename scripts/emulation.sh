@@ -3,8 +3,7 @@
 # kernel. usage: scripts/emulation.sh [build] [host] [CHECK...]
 #   build    builds what the checks run, and nothing else unless it is named (without it, that is done first)
 #   run      the checks alone: what they run is built
-#   CHECK    a job of scripts/guest/jobs; without any, the host, and the guest with the job devices (three others in one boot) and
-#            with the job show
+#   CHECK    a job of scripts/guest/jobs; without any, the host, and the guest with the job all (the others in one boot)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ -x "$HOME/.cargo/bin/cargo" ] && PATH=$HOME/.cargo/bin:$PATH
@@ -84,7 +83,7 @@ case "${1:-}" in
   run) shift ;;
   *) build ;;
 esac
-[ $# -gt 0 ] || set -- host devices show
+[ $# -gt 0 ] || set -- host all
 # In the guest's own time, so that it does not matter what this machine does besides.
 export GUEST_CLOCK=instructions GUEST_SECONDS=900
 for check in "$@"; do
@@ -92,7 +91,8 @@ for check in "$@"; do
   started=$SECONDS
   case $check in
     host) host ;;
-    devices | cameras) scripts/guest/run.sh "$check" target/emulation/guest_cameras ;;
+    all) scripts/guest/run.sh all target/emulation/guest_cameras target/emulation ;;
+    cameras) scripts/guest/run.sh cameras target/emulation/guest_cameras ;;
     show) scripts/guest/run.sh show target/emulation ;;
     *) scripts/guest/run.sh "$check" ;;
   esac

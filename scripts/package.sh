@@ -1,62 +1,87 @@
 #!/usr/bin/env bash
-# Packs the crates that are published, compiles each from its package alone, and prints what each costs: the size of its package,
-# and the crates that it depends on (itself included, on Linux) by default and with as few features as a use of it takes.
-# Before that it looks whether each feature compiles alone.
-# usage: scripts/package.sh [--sizes]   (--sizes packs and counts, and compiles nothing)
+# Packs the crates that are published, compiles each from its package alone, by default and with each of its features alone, and
+# prints what each costs: the size of its package, and the crates that it depends on (itself included, on Linux) by default and with
+# as few features as a use of it takes.
+# usage: scripts/package.sh [--sizes | --exact]
+#   --sizes   packs and counts, and compiles nothing
+#   --exact   has each set of features compile with no more of other crates than it asks for itself, as for somebody who depends on
+#             nothing else: before a release. Without it, other crates are read once, with all features that any set asks for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-compile=true
+compile=true exact=false
 case "${1:-}" in
   "") ;;
   --sizes) compile=false ;;
-  *) sed -n '2,5p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
+  --exact) exact=true ;;
+  *) sed -n '2,8p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
 esac
 
 crates=(base events scene session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
 # .ci/run has had clippy look at them.
 unset RUSTC_WORKSPACE_WRAPPER
-
-# Each feature alone, and none.
-alone() { # alone CRATE FEATURE...
-  local crate=$1 feature
-  shift
-  for feature in '' "$@"; do
-    cargo check --quiet --locked -p "erfgs-$crate" --no-default-features --features "$feature" \
-      || { echo "package.sh: erfgs-$crate does not compile with the features '$feature' alone" >&2; return 1; }
-  done
-}
-if $compile; then
-  alone base files parallel
-  alone events aedat4 npz digest serde
-  alone scene cameras images formats exr
-  alone session file pictures export exr rosbag2
-  alone rig evk4 davis346 frames trigger
-fi
 target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
+unpacked=$target/unpacked
+# Of the unpacked crates, which cannot be in one lock file with those here under the same name and version.
+version=$(sed -n '/^\[workspace.package\]/,$s/^version = "\(.*\)"/\1+packed/p' Cargo.toml | head -n 1)
+
 # Whether it is committed is not asked: the check is for what lies here. Cargo's own look at the packages would build all that they
 # depend on once more, in another profile.
 cargo package --locked --quiet --allow-dirty --no-verify "${crates[@]/#/-perfgs-}"
 
 # A workspace of nothing but what the packages hold, each in place of what the registry has of that name. With the profiles of
 # this one, so that dependencies that were read above are not read again.
-if $compile; then
-  unpacked=$target/unpacked
+unpack() {
+  local crate
   rm -rf "$unpacked"
-  mkdir -p "$unpacked"
+  mkdir -p "$unpacked/beside/src"
   {
     printf '[workspace]\nresolver = "3"\nmembers = ["*"]\n[patch.crates-io]\n'
     for crate in "${crates[@]}"; do
       tar -xzf "$target"/package/"erfgs-$crate"-*.crate -C "$unpacked"
-      printf 'erfgs-%s = { path = "%s" }\n' "$crate" "$(cd "$unpacked" && echo "erfgs-$crate"-*)"
+      mv "$unpacked/erfgs-$crate"-* "$unpacked/$crate"
+      sed -i "0,/^version = .*/s//version = \"$version\"/" "$unpacked/$crate/Cargo.toml"
+      printf 'erfgs-%s = { path = "%s" }\n' "$crate" "$crate"
     done
     sed -n '/^\[profile/,$p' Cargo.toml
   } >"$unpacked/Cargo.toml"
   cp Cargo.lock "$unpacked"
-  for crate in "${crates[@]}"; do
-    cargo check --quiet --manifest-path "$unpacked/Cargo.toml" --target-dir "$target" -p "erfgs-$crate"
+  # Compiled beside each of them, this has cargo settle on the same features of other crates for all.
+  {
+    printf '[package]\nname = "beside"\nversion = "0.0.0"\nedition = "2024"\n[dependencies]\n'
+    printf 'erfgs-scene = { path = "%s", features = ["exr"] }\n' "$PWD/scene"
+    printf 'erfgs-session = { path = "%s", features = ["export", "exr", "rosbag2"] }\n' "$PWD/session"
+    printf 'erfgs-rig = { path = "%s" }\n' "$PWD/rig"
+  } >"$unpacked/beside/Cargo.toml"
+  touch "$unpacked/beside/src/lib.rs"
+}
+
+check() { # check CRATE [ARGUMENT...]
+  local crate=$1 beside=(-p beside)
+  shift
+  if $exact; then beside=(); fi
+  cargo check --quiet --manifest-path "$unpacked/Cargo.toml" --target-dir "$target" -p "erfgs-$crate@$version" "${beside[@]}" "$@"
+}
+
+# Each feature alone, and none.
+alone() { # alone CRATE FEATURE...
+  local crate=$1 feature
+  check "$crate" || { echo "package.sh: stopped at the package of erfgs-$crate" >&2; return 1; }
+  shift
+  check "$crate" --no-default-features || { echo "package.sh: stopped at erfgs-$crate without features" >&2; return 1; }
+  for feature in "$@"; do
+    check "$crate" --no-default-features --features "erfgs-$crate/$feature" \
+      || { echo "package.sh: stopped at erfgs-$crate with the feature $feature alone" >&2; return 1; }
   done
+}
+if $compile; then
+  unpack
+  alone base files parallel
+  alone events aedat4 npz digest serde
+  alone scene cameras images formats exr
+  alone session file pictures export exr rosbag2
+  alone rig evk4 davis346 frames trigger
 fi
 
 # count CRATE [ARGUMENT...]

@@ -96,7 +96,8 @@ if [ "$oracles" = yes ]; then
   if ! cmp -s tests/oracles/requirements.txt "$stamp"; then
     rm -rf "$venv"
     python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet --disable-pip-version-check -r tests/oracles/requirements.txt
+    # What is never imported need not be compiled, which is half of the time.
+    "$venv/bin/pip" install --quiet --no-compile --disable-pip-version-check -r tests/oracles/requirements.txt
     cp tests/oracles/requirements.txt "$stamp"
   fi
   "$venv/bin/python" tests/oracles/recordings.py target/recordings

@@ -9,7 +9,10 @@ use std::{
 use erfgs_base::FileError;
 use image::{
     ExtendedColorType, ImageBuffer, ImageEncoder, Luma, Rgb,
-    codecs::png::{CompressionType, FilterType, PngEncoder},
+    codecs::{
+        jpeg::JpegEncoder,
+        png::{CompressionType, FilterType, PngEncoder},
+    },
     imageops,
 };
 
@@ -209,6 +212,20 @@ pub fn size(path: &Path) -> Result<[u32; 2], ImageError> {
     Ok([width, height])
 }
 
+/// A picture of `width * height` pixels of red, green and blue as a JPEG file of `quality` (1 to 100); `None` where it has no
+/// pixels, not as many, or more than the format holds.
+#[must_use]
+pub fn jpeg(data: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8>> {
+    let expected = width as usize * height as usize * 3;
+    if expected == 0 || data.len() != expected {
+        return None;
+    }
+    let mut bytes = Vec::new();
+    let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
+    encoder.write_image(data, width, height, ExtendedColorType::Rgb8).ok()?;
+    Some(bytes)
+}
+
 fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
     open(path)?.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source: Box::new(source) })
 }
@@ -289,6 +306,14 @@ fn area<const C: usize>(data: &[u8], from: [u32; 2], to: [u32; 2]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_picture_becomes_a_jpeg_and_one_that_is_none_nothing() {
+        assert!(jpeg(&[0; 60], 5, 4, 80).is_some_and(|bytes| bytes.starts_with(&[0xff, 0xd8, 0xff])));
+        assert_eq!(jpeg(&[], 0, 4, 80), None);
+        assert_eq!(jpeg(&[0; 7], 5, 4, 80), None);
+        assert_eq!(jpeg(&[0; 210_000], 70_000, 1, 80), None);
+    }
 
     fn gradient(width: u32, height: u32) -> ImageRgb8 {
         let mut image = ImageRgb8::new(width, height);

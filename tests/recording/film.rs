@@ -5,9 +5,8 @@ use std::path::Path;
 
 use erfgs_dataset::{Camera, Dataset};
 use erfgs_emulated_rig::{Act, Film, record};
-use erfgs_scene::ImageRgb8;
+use erfgs_scene::{ImageRgb8, image::jpeg};
 use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film};
-use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
 
 use crate::recording::files::json;
 
@@ -81,10 +80,7 @@ fn frames_come_back(shown: &Dataset, back: &Dataset) -> i64 {
 
 /// A picture after the MJPEG of an emulated camera.
 fn as_sent(picture: &ImageRgb8) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, 85)
-        .encode(&picture.data, picture.width, picture.height, ExtendedColorType::Rgb8)
-        .expect("a JPEG");
+    let bytes = jpeg(&picture.data, picture.width, picture.height, 85).expect("a JPEG");
     image::load_from_memory(&bytes).expect("a picture").into_rgb8().into_raw()
 }
 

@@ -11,11 +11,8 @@ use axum::{
     response::{IntoResponse, Response},
     routing::{get, post},
 };
-use erfgs_page::{
-    access::{Access, guard},
-    picture,
-};
-use erfgs_scene::image::ImageRgb8;
+use erfgs_page::access::{Access, guard};
+use erfgs_scene::image::{ImageRgb8, jpeg};
 use erfgs_train::{
     metrics::{Picture, psnr, to_unit},
     raster::View,
@@ -218,7 +215,7 @@ async fn render(State(site): Shared, Path(model): Path<usize>, Query(wanted): Qu
         Ok(picture) => picture,
         Err(refused) => return refused.into_response(),
     };
-    match picture::jpeg_file(&picture.data, picture.width, picture.height, JPEG_QUALITY) {
+    match jpeg(&picture.data, picture.width, picture.height, JPEG_QUALITY) {
         Some(bytes) => ([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response(),
         None => (StatusCode::INTERNAL_SERVER_ERROR, "the picture has no pixels").into_response(),
     }

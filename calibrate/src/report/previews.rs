@@ -4,11 +4,11 @@ use std::{collections::BTreeMap, fmt::Write as _};
 
 use erfgs_page::{
     html::{Escaped, number},
-    picture::jpeg,
+    picture::data_uri,
 };
 use erfgs_scene::{
     Distortion, ImageRgb8, Intrinsics,
-    image::Resample,
+    image::{Resample, jpeg},
     undistort::{Undistortion, pinhole},
 };
 use glam::{DVec2, DVec3};
@@ -110,7 +110,7 @@ fn embedded(picture: &ImageRgb8, width: u32, camera: &Intrinsics, attributes: &s
     let height = (u64::from(picture.height) * u64::from(width) / u64::from(picture.width.max(1))).max(1) as u32;
     let small = (width < picture.width).then(|| picture.resized(width, height, Resample::Area));
     let shown = small.as_ref().unwrap_or(picture);
-    let uri = jpeg(&shown.data, shown.width, shown.height, QUALITY)?;
+    let uri = data_uri("image/jpeg", &jpeg(&shown.data, shown.width, shown.height, QUALITY)?);
     Some(format!(
         "<image{attributes} width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" href=\"{uri}\"/>",
         camera.width, camera.height

@@ -12,11 +12,10 @@ use std::{
 
 use bytes::Bytes;
 use erfgs_events::EventEncoding;
-use erfgs_scene::pixel::PixelFormat;
+use erfgs_scene::{image::jpeg, pixel::PixelFormat};
 use erfgs_session::source::{
     Counters, Description, Encoding, FrameStamp, Outlet, Packet, Source, SourceError, StampClock, StampPoint,
 };
-use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 use serde::{Deserialize, Serialize};
 
 use erfgs_rig::host_time::host_ns;
@@ -242,9 +241,7 @@ fn frame(config: &PatternConfig, index: u32) -> Option<Bytes> {
             });
         }
     }
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, 85).write_image(&rgb, width, height, ExtendedColorType::Rgb8).ok()?;
-    Some(bytes.into())
+    jpeg(&rgb, width, height, 85).map(Bytes::from)
 }
 
 #[cfg(test)]

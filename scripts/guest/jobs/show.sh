@@ -3,6 +3,7 @@
 # the devices delivered, is accounted for on the host (show.after.sh). usage: run.sh show [PROGRAMS]
 #   PROGRAMS   the folder of erfgs and erfgs-usbd (default target/debug; scripts/emulation.sh builds all that runs here)
 set -euo pipefail
+. scripts/guest/wait.sh
 programs=${1:-target/debug}
 board=target/trigger-board
 show=/run/show
@@ -15,19 +16,11 @@ mkfifo $show/commands $show/button
 for module in vhci-hcd uvcvideo dummy_hcd libcomposite usb_f_acm cdc-acm; do modprobe $module; done
 
 since() { echo "show: $1 after $(cut -d' ' -f1 /proc/uptime) s"; }
-wait_for() { # wait_for WHAT CONDITION...
-  local what=$1 try
-  shift
-  for try in $(seq 1200); do "$@" && return; sleep 0.1; done
-  echo "show: there is no $what after 2 minutes"
-  exit 1
-}
 
 # The cameras, on a virtual host controller.
 $show/bin/erfgs-usbd tests/guest/show.toml --keep $show/kept --ledger $show/ledger.json <$show/commands &
 daemon=$!
 exec 3>$show/commands
-on_the_bus() { [ "$(ls /sys/bus/usb/devices | grep -c '^[0-9]*-[0-9]*$')" = "$1" ]; }
 wait_for "bus with 7 devices" on_the_bus 7
 
 # The board: its firmware runs in simavr, whose serial line is a USB serial port of another virtual controller (an Arduino
@@ -46,7 +39,10 @@ simulator=$!
 exec 4>$show/button
 wait_for "serial port of the board" test -e /dev/ttyACM0
 # uvcvideo makes two nodes for each camera.
-nodes() { [ "$(ls /dev/video* 2>/dev/null | wc -l)" = 8 ]; }
+nodes() {
+  local nodes=(/dev/video*)
+  [ ${#nodes[@]} = 8 ]
+}
 wait_for "four cameras" nodes
 since "all devices are there"
 
@@ -59,7 +55,10 @@ trap 'cat $show/log' EXIT
 # Pulses are the last to start.
 pulses() {
   kill -0 $recorder 2>/dev/null || exit 1
-  [ "$(grep -c B $show/edges)" -gt 40 ]
+  local edges without
+  read -rd '' edges <$show/edges || true
+  without=${edges//B/}
+  [ $((${#edges} - ${#without})) -gt 40 ]
 }
 wait_for pulses pulses
 since "the rig runs"

@@ -1,14 +1,14 @@
 # The kernel's own camera driver binds to an emulated camera, lists what it offers, sets its controls and receives its
 # frames; a pulled cable takes the camera away, and it comes back.
 set -euo pipefail
+. scripts/guest/wait.sh
 modprobe vhci-hcd
 modprobe uvcvideo
 mkfifo /run/commands
 target/debug/erfgs-usbd tests/guest/uvc.toml --ledger /run/ledger.json </run/commands &
 daemon=$!
 exec 3>/run/commands
-appears() { for try in $(seq 100); do [ -e "$1" ] && return; sleep 0.1; done; echo "there is no $1"; exit 1; }
-appears /dev/video0
+wait_for /dev/video0 test -e /dev/video0
 v4l2-ctl -d /dev/video0 --list-formats | grep "'" | tee /run/formats
 [ "$(grep -oE "'(MJPG|YUYV|NV12|GREY)'" /run/formats | sort -u | wc -l)" = 4 ]
 
@@ -40,14 +40,14 @@ done
 timeout -s KILL 60 v4l2-ctl -d /dev/video0 --stream-mmap=4 --stream-count=300 --stream-to=/dev/null >/run/log 2>&1 &
 stream=$!
 # It draws a mark for each frame, and starts as slowly as this machine is.
-for try in $(seq 600); do grep -q '<<' /run/log && break; sleep 0.1; done
+for try in {1..240}; do grep -q '<<' /run/log && break; rest 0.25; done
 echo unplug camera >&3
 # v4l2-ctl ends well whatever the error was; what it printed tells.
 wait $stream || true
 grep -o 'VIDIOC_DQBUF: failed.*' /run/log || { echo "the stream did not end with the camera"; cat /run/log; exit 1; }
 [ ! -e /dev/video0 ]
 echo plug camera >&3
-appears /dev/video0
+wait_for /dev/video0 test -e /dev/video0
 timeout -s KILL 60 v4l2-ctl -d /dev/video0 --stream-mmap=4 --stream-count=10 --stream-to=/dev/null >/run/log 2>&1
 echo quit >&3
 wait $daemon

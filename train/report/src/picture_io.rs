@@ -3,15 +3,17 @@
 use std::{io::Cursor, path::Path};
 
 use erfgs_page::picture;
-use erfgs_scene::image::ImageRgb8;
+use erfgs_scene::image::{ImageRgb8, jpeg};
 use image::{
     ExtendedColorType, ImageEncoder, RgbImage,
-    codecs::{jpeg::JpegEncoder, png::PngEncoder},
+    codecs::png::PngEncoder,
     imageops::{self, FilterType},
 };
 
 /// Larger pictures are reduced to this width in the page, pixels.
 const MAX_WIDTH: u32 = 800;
+/// The URI of a picture that cannot be written.
+const NOTHING: &str = "data:,";
 /// The error that the brightest colour of a map stands for, 8-bit steps.
 pub(super) const FULL_ERROR: u8 = 64;
 /// Colours of an error map at equal steps of the error, from none to [`FULL_ERROR`].
@@ -120,10 +122,8 @@ pub(super) fn detail(picture: &RgbImage, at: (u32, u32), width: u32, height: u32
 /// A photograph as a data URI, reduced if it is large.
 pub(super) fn photograph(picture: &RgbImage) -> String {
     let picture = reduced(picture);
-    let mut bytes = Cursor::new(Vec::new());
-    let encoder = JpegEncoder::new_with_quality(&mut bytes, 92);
-    let written = encoder.write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8);
-    uri("image/jpeg", written, &bytes.into_inner())
+    let bytes = jpeg(picture.as_raw(), picture.width(), picture.height(), 92);
+    bytes.map_or_else(|| NOTHING.into(), |bytes| picture::data_uri("image/jpeg", &bytes))
 }
 
 /// A picture that must be exact (an error map, a detail) as a data URI, reduced if it is large.
@@ -132,7 +132,7 @@ pub(super) fn exact(picture: &RgbImage) -> String {
     let mut bytes = Cursor::new(Vec::new());
     let encoder = PngEncoder::new(&mut bytes);
     let written = encoder.write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8);
-    uri("image/png", written, &bytes.into_inner())
+    if written.is_ok() { picture::data_uri("image/png", &bytes.into_inner()) } else { NOTHING.into() }
 }
 
 fn reduced(picture: &RgbImage) -> std::borrow::Cow<'_, RgbImage> {
@@ -144,10 +144,6 @@ fn reduced(picture: &RgbImage) -> std::borrow::Cow<'_, RgbImage> {
 }
 
 /// Encoding into memory fails for no picture that `read` lets through; if it did, the page would show a gap.
-fn uri(kind: &str, written: image::ImageResult<()>, bytes: &[u8]) -> String {
-    if written.is_ok() { picture::data_uri(kind, bytes) } else { "data:,".into() }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

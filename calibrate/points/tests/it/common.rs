@@ -32,10 +32,9 @@ fn texture(surface: u64, at: DVec2) -> f64 {
         let p = at / scale;
         let cell = p.floor();
         let f = p - cell;
-        let corner = |dx: i64, dy: i64| {
-            let (x, y) = (cell.x as i64 + dx, cell.y as i64 + dy);
-            random::uniform(random::key(11, &[surface, scale.to_bits(), x as u64, y as u64]))
-        };
+        let of_octave = random::key(11, &[surface, scale.to_bits()]);
+        let columns = [0, 1].map(|dx| random::extend(of_octave, (cell.x as i64 + dx) as u64));
+        let corner = |dx: usize, dy: i64| random::uniform(random::extend(columns[dx], (cell.y as i64 + dy) as u64));
         let smooth = f * f * (DVec2::splat(3.0) - 2.0 * f);
         let upper = corner(0, 0) + (corner(1, 0) - corner(0, 0)) * smooth.x;
         let lower = corner(0, 1) + (corner(1, 1) - corner(0, 1)) * smooth.x;

@@ -104,6 +104,12 @@ fn colours_are_those_of_the_surface() {
 fn the_union_keeps_colmaps_points_and_its_limit_and_tells_every_step_to_its_end() {
     let folder = tempfile::tempdir().unwrap();
     let dataset = film(folder.path(), 5);
+    // Fewer points than of enlarged images are enough to tell whether they are kept.
+    let options = |method: Method| {
+        let mut options = options(method);
+        options.colmap.enlarge = 1;
+        options
+    };
     let colmap = cloud(&dataset, &options(Method::Colmap)).unwrap();
     let limit = colmap.points.len() + 800;
     let union = CloudOptions { max_points: Some(limit), ..options(Method::ColmapSweep) };

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
+use erfgs_scene::image::jpeg;
 use serde::{Deserialize, Serialize};
 
 use crate::usb::scene::{Picture, luma};
@@ -126,13 +126,8 @@ impl Encoder {
 fn encode(format: Format, picture: &Picture) -> Vec<u8> {
     let pixels = picture.rgb.as_chunks::<3>().0;
     match format {
-        Format::Mjpeg => {
-            let mut bytes = Vec::new();
-            let encoder = JpegEncoder::new_with_quality(&mut bytes, 85);
-            // Memory does not fail to be written; a picture of the wrong size leaves a frame that does not decode.
-            let _ = { encoder }.encode(&picture.rgb, picture.width, picture.height, ExtendedColorType::Rgb8);
-            bytes
-        }
+        // A picture of the wrong size leaves a frame that does not decode.
+        Format::Mjpeg => jpeg(&picture.rgb, picture.width, picture.height, 85).unwrap_or_default(),
         Format::Grey => picture.luma(),
         Format::Yuyv => pixels
             .chunks(2)

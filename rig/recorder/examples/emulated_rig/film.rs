@@ -12,8 +12,8 @@ use std::{
 
 use erfgs_base::atomic;
 use erfgs_events::{Events, npz};
+use erfgs_scene::image::jpeg;
 use erfgs_stage::{EventOptions, RigOptions, Stage, StageOptions, StageView, events::record, film::image};
-use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
 
 /// Counts what changes the films, so that old ones are not taken for new ones.
 const VERSION: u32 = 1;
@@ -111,9 +111,7 @@ impl Films {
         let picture = |number: usize| -> Result<Vec<u8>, Box<dyn Error>> {
             let start = number as i64 * period_ns;
             let picture = image(&view, &view.exposure([start, start + exposure_ns], 3));
-            let mut jpeg = Vec::new();
-            let encoder = JpegEncoder::new_with_quality(&mut jpeg, 90);
-            encoder.write_image(&picture.data, picture.width, picture.height, ExtendedColorType::Rgb8)?;
+            let jpeg = jpeg(&picture.data, picture.width, picture.height, 90).ok_or("a picture without pixels")?;
             atomic::write(&path(number), &jpeg)?;
             shown.share((number + 1) as f64 / count as f64);
             Ok(jpeg)

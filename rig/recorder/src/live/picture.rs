@@ -1,6 +1,6 @@
 //! Pictures for the page: small, and cheap to make.
 
-use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
+use erfgs_scene::image::jpeg;
 
 /// Widest preview, pixels; of a camera that is enlarged.
 pub(super) const WIDEST: u32 = 640;
@@ -33,10 +33,7 @@ impl Picture {
 
     /// JPEG; `None` if the picture is empty.
     pub fn jpeg(&self) -> Option<Vec<u8>> {
-        let mut bytes = Vec::new();
-        let encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
-        encoder.write_image(&self.rgb, self.width, self.height, ExtendedColorType::Rgb8).ok()?;
-        Some(bytes)
+        jpeg(&self.rgb, self.width, self.height, QUALITY)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Run folders that look like real ones: a ball thrown through a room, seen by a ring of cameras.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, path::Path, sync::Mutex};
 
 use erfgs_dataset::{Camera, CameraEvents, Frame, Manifest, PointCloudFile, Provenance, Split, VariantStep};
 use erfgs_run::{ColourCorrected, CurveRow, LeftOut, MaskKind, Metrics, Part, PerView, RunFolder, RunInfo};
@@ -110,8 +110,14 @@ pub fn manifest() -> Manifest {
     }
 }
 
-/// The room with the ball `lag` pixels behind its place at frame `at`.
+/// The room with the ball `lag` pixels behind its place at frame `at`, painted once for all runs.
 fn picture(camera: u32, at: f64, lag: f64, noise: u64) -> RgbImage {
+    static PAINTED: Mutex<BTreeMap<(u32, u64, u64, u64), RgbImage>> = Mutex::new(BTreeMap::new());
+    let mut painted = PAINTED.lock().unwrap();
+    painted.entry((camera, at.to_bits(), lag.to_bits(), noise)).or_insert_with(|| paint(camera, at, lag, noise)).clone()
+}
+
+fn paint(camera: u32, at: f64, lag: f64, noise: u64) -> RgbImage {
     let progress = at / f64::from(FRAMES - 1);
     let ball =
         (20.0 + 150.0 * progress - lag, 80.0 - 230.0 * progress * (1.0 - progress) + f64::from(camera % 3) * 4.0);
