@@ -13,10 +13,10 @@ use erfgs_train::{
 
 use super::{Folder, page::film_small};
 
-/// What passes in the fine iterations 11 to 40 while the cameras' `poses` are learned or not, and how many Gaussians there are.
+/// What passes in the fine iterations 11 to 25 while the cameras' `poses` are learned or not, and how many Gaussians there are.
 fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffic, u32) {
     let mut config = Config::preset(method, Preset::Default);
-    (config.coarse_iterations, config.fine_iterations) = (5, 40);
+    (config.coarse_iterations, config.fine_iterations) = (5, 25);
     config.init.max_points = points;
     config.density.from = 1000;
     config.eds.enabled = false;
@@ -40,7 +40,7 @@ fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffi
 
 #[test]
 fn little_passes_between_host_and_graphics_processor_in_an_iteration() {
-    const ITERATIONS: u64 = 30;
+    const ITERATIONS: u64 = 15;
     // A frame of the dataset, four bytes a pixel; its event counts take as many.
     const PICTURE: u64 = 64 * 48 * 4;
     let folder = Folder::new();

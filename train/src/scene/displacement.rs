@@ -109,8 +109,8 @@ mod tests {
         let mut cloud = PointCloud::default();
         let mut runs = Vec::new();
         for t in 0..3_u32 {
-            for point in 0..250_u8 {
-                let quick = point < 50;
+            for point in 0..125_u8 {
+                let quick = point < 25;
                 let at = |axis: u64| random::range(random::key(7, &[point.into(), axis]), -0.1, 0.1);
                 let (speed, colour, aside) =
                     if quick { (fast, [250, 10, 10], 0.9) } else { (0.01, [10, 10, 250], 0.0) };
@@ -120,7 +120,7 @@ mod tests {
                 cloud.positions.push(place.map(|p| p as f32));
                 cloud.colours.push(colour);
             }
-            runs.push(PointRun { t_ns: 50_000_000 * i64::from(t), found_again: false, moving: true, count: 250 });
+            runs.push(PointRun { t_ns: 50_000_000 * i64::from(t), found_again: false, moving: true, count: 125 });
         }
         let parameters = [(PointCloudFile::RUNS.to_owned(), serde_json::json!(runs))].into();
         std::fs::create_dir_all(root).unwrap();
