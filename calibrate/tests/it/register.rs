@@ -45,7 +45,7 @@ fn event_cameras_that_saw_light_come_up_are_placed_among_the_rig_s_cameras() {
     // four times.
     let mut model = read_views(folder.path(), 0, &KnownIntrinsics::Dataset).unwrap();
     let options = RegisterOptions::default();
-    let options = RegisterOptions { setting: Setting { enlarge: 1.5, ..options.setting }, ..options };
+    let options = RegisterOptions { setting: Setting { enlarge: 1.0, ..options.setting }, ..options };
     let events: Vec<CameraView> = [("noisy", 4, model.remove(4)), ("clean", 1, model.remove(2))]
         .into_iter()
         .map(|(preset, count, view)| {

@@ -36,7 +36,7 @@ fn options() -> SfmOptions {
 /// How cameras are added, from images as large as those of [`options`].
 fn adding() -> RegisterOptions {
     let options = RegisterOptions::default();
-    RegisterOptions { setting: Setting { enlarge: 1.5, ..options.setting }, ..options }
+    RegisterOptions { setting: Setting { enlarge: 1.0, ..options.setting }, ..options }
 }
 
 /// Greatest distance of a camera from where it is, metres, after a similarity; and the similarity's scale.
