@@ -33,7 +33,7 @@ fn options() -> SfmOptions {
     SfmOptions { settings: vec![first, second], ..SfmOptions::default() }
 }
 
-/// How cameras are added, from images as large as those of [`options`].
+/// How cameras are added, from images as they are.
 fn adding() -> RegisterOptions {
     let options = RegisterOptions::default();
     RegisterOptions { setting: Setting { enlarge: 1.0, ..options.setting }, ..options }

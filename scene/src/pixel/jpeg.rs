@@ -55,15 +55,11 @@ fn with_huffman_tables(jpeg: &[u8]) -> Cow<'_, [u8]> {
 fn standard_tables() -> &'static [u8] {
     static TABLES: OnceLock<Vec<u8>> = OnceLock::new();
     TABLES.get_or_init(|| {
-        let mut plain = Vec::new();
-        let encoder = image::codecs::jpeg::JpegEncoder::new(&mut plain);
-        match image::ImageEncoder::write_image(encoder, &[0; 3], 1, 1, image::ExtendedColorType::Rgb8) {
-            Ok(()) => segments(&plain)
-                .filter(|(marker, ..)| *marker == DHT)
-                .flat_map(|(_, start, end)| plain[start..end].to_vec())
-                .collect(),
-            Err(_) => Vec::new(),
-        }
+        let plain = crate::image::jpeg(&[0; 3], 1, 1, 75).unwrap_or_default();
+        segments(&plain)
+            .filter(|(marker, ..)| *marker == DHT)
+            .flat_map(|(_, start, end)| plain[start..end].to_vec())
+            .collect()
     })
 }
 
@@ -74,17 +70,7 @@ mod tests {
     use super::*;
 
     fn jpeg(image: &ImageRgb8) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 95);
-        image::ImageEncoder::write_image(
-            encoder,
-            &image.data,
-            image.width,
-            image.height,
-            image::ExtendedColorType::Rgb8,
-        )
-        .unwrap();
-        bytes
+        crate::image::jpeg(&image.data, image.width, image.height, 95).unwrap()
     }
 
     fn gradient() -> ImageRgb8 {

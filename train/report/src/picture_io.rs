@@ -12,7 +12,7 @@ use image::{
 
 /// Larger pictures are reduced to this width in the page, pixels.
 const MAX_WIDTH: u32 = 800;
-/// The URI of a picture that cannot be written.
+/// The URI of a picture that cannot be encoded, which no picture is that `read` lets through; the page would show a gap.
 const NOTHING: &str = "data:,";
 /// The error that the brightest colour of a map stands for, 8-bit steps.
 pub(super) const FULL_ERROR: u8 = 64;
@@ -143,7 +143,6 @@ fn reduced(picture: &RgbImage) -> std::borrow::Cow<'_, RgbImage> {
     std::borrow::Cow::Owned(imageops::resize(picture, MAX_WIDTH, height, FilterType::Triangle))
 }
 
-/// Encoding into memory fails for no picture that `read` lets through; if it did, the page would show a gap.
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -205,8 +205,10 @@ fn errors(
         // The only edge that the packet can have told: pulses are twice as far apart. Where it was later, since this machine is busy, it
         // told the edge after the one before.
         let window = arrived[&sequence] - LATE_NS..arrived[&sequence];
-        let told = edges.iter().position(|edge| edge.1 == rising && window.contains(&edge.0));
-        let told = told.or(before.map(|before: usize| before + 1)).expect("an edge");
+        let within = |&at: &usize| edges[at].1 == rising && window.contains(&edges[at].0);
+        let told: Vec<usize> = (0..edges.len()).filter(within).collect();
+        assert!(told.len() <= 1, "packet {sequence}");
+        let told = told.first().copied().or(before.map(|before: usize| before + 1)).expect("an edge");
         assert_eq!(edges[told].1, rising, "packet {sequence}");
         before = Some(told);
         (edges[told].0, at_ns + START_NS - edges[told].0)

@@ -1,6 +1,9 @@
 //! Frames of cameras.
 
-use erfgs_scene::pixel::{self, PixelFormat};
+use erfgs_scene::{
+    image,
+    pixel::{self, PixelFormat},
+};
 
 use super::Seeds;
 
@@ -13,8 +16,7 @@ pub fn put(seeds: &mut Seeds) {
         seeds.put("frames", &[&head[..], &levels[..bytes]].concat());
     }
     let mjpeg = PixelFormat::all().position(|format| format == PixelFormat::Mjpeg).unwrap_or_default();
-    let mut jpeg = Vec::new();
-    image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode(&levels, 8, 4, image::ExtendedColorType::Rgb8).unwrap();
+    let jpeg = image::jpeg(&levels, 8, 4, 75).unwrap();
     let is_table = |at: &usize| jpeg[*at..].starts_with(&[0xff, 0xc4]);
     let tables = (0..jpeg.len()).find(is_table).unwrap_or_default();
     let scan = (tables..jpeg.len()).find(|&at| jpeg[at..].starts_with(&[0xff, 0xda])).unwrap_or_default();
