@@ -36,7 +36,7 @@ fn a_stereo_pair_is_calibrated_reported_and_converted() {
 fn a_report_is_read_at_a_desk_and_on_a_phone() {
     let folder = with_pairs();
     folder.succeed("calibrate board pairs --target chessboard:9x6:0.025 --out rig.json -q");
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     browser.open(&format!("file://{}", folder.path("rig.html").display()));
     for (width, height) in [(1280, 800), (390, 844)] {
         browser.resize(width, height);

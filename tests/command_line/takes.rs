@@ -107,7 +107,7 @@ fn refused(folder: &Folder) {
 
 /// The page of the take, from a disk and served.
 fn played(folder: &Folder) {
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     let window = |number: u32| format!("document.body?.dataset.window === '{number}'");
     let go = |browser: &mut Browser, seconds: f64| {
         let time = "document.getElementById('time')";

@@ -106,6 +106,7 @@ fn the_order_is_the_same_whoever_sorts(browser: &mut Browser) {
            const scene = await reader.better(Infinity);
            const texts = { train: (name) => source.text(`train/${name}`), own: (name) => source.text(`wgsl/${name}`) };
            const viewer = await Viewer.make(gpu, texts, scene, 'rgba8unorm');
+           await viewer.sorter.prepare();
            const view = { ...scene.header.cameras[0], near: 0.2 };
            const pictures = [];
            // Two that overlap take turns.

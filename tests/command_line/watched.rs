@@ -46,7 +46,7 @@ fn a_training_is_watched_saved_and_stopped_from_its_page() {
     assert_eq!(first["motion"]["kind"], "still", "nothing moves before the fine stage");
 
     // A browser shows it, without a graphics processor: pictures that the trainer draws between two iterations.
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     browser.open(&format!("{}&renderer=server", page.link));
     browser.wait("document.body?.dataset.drawn > 0");
     browser.wait("Number(document.getElementById('training').dataset.version) >= 1");

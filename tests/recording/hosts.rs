@@ -460,7 +460,7 @@ fn one_page_has_the_cameras_of_two_hosts() {
     let other = Waiting::start(right.path(), &[]);
     let own = Waiting::start(left.path(), &["--with", &other.link]);
     let name = other.link.trim_start_matches("http://").split('/').next().expect("a host").to_owned();
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     browser.open(&own.link);
     browser.wait("$('link').textContent === '2 streams of 2 hosts, live'");
     browser.wait(&format!("cards.get('{name} right-eye').image.naturalWidth > 0"));

@@ -103,7 +103,7 @@ fn a_recording_is_shown_on_the_live_page() {
     assert!(shows, "no picture of the camera\n{}\n{summary}\n{}", page.status(), page.said.lock().expect("the words"));
     assert_eq!(page.status()["guidance"], serde_json::json!([]));
     // By its pixels: previews in their own shape, and rates that are drawn.
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     browser.open(&format!("http://{}/", page.address));
     browser.wait(
         "[...document.querySelectorAll('.view img')].some((image) => image.naturalWidth > 0 && \
@@ -122,7 +122,7 @@ fn a_playback_is_paused_sought_stepped_and_slowed_on_its_page() {
     let folder = tempfile::tempdir().expect("a folder");
     files::write_session(folder.path());
     let page = Played::start(folder.path(), "s.mcap", &[]);
-    let mut browser = Browser::start();
+    let mut browser = Browser::unseen();
     browser.open(&format!("http://{}/", page.address));
     browser.resize(390, 844);
     let of = |page: &Played, what: &str| page.status()["playback"][what].clone();

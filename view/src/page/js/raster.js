@@ -56,17 +56,18 @@ export class Projector {
 export class Tiles {
   static async make(gpu, texts, sorter, scene) {
     const self = new Tiles();
-    const [view, splat, tiles, ...stages] = await Promise.all(
-      ['shared/view', 'shared/splat', 'shared/tiles', 'intersect', 'order', 'emit', 'plan_tiles', 'tile_ranges', 'blend_gpu'].map((n) => texts.train(part(n))));
+    const [sort, view, splat, tiles, ...stages] = await Promise.all(['sort/shared.wgsl', ...['shared/view', 'shared/splat', 'shared/tiles',
+      'intersect', 'order', 'emit', 'plan_tiles', 'tile_ranges', 'blend_gpu'].map(part)].map((name) => texts.train(name)));
     const [intersect, order, emit, plan, ranges, blend] = stages;
     const threads = `const THREADS = ${THREADS}u;`;
     [self.intersect, self.order, self.emit, self.planTiles, self.ranges, self.blend] = await Promise.all([
       gpu.kernel('intersect', [threads, view, splat, tiles, intersect]),
       gpu.kernel('order', [threads, view, splat, tiles, order]),
       gpu.kernel('emit', [threads, view, splat, tiles, emit]),
-      gpu.kernel('plan tiles', [sorter.shared, view, splat, plan]),
-      gpu.kernel('tile ranges', [sorter.shared, view, splat, ranges]),
+      gpu.kernel('plan tiles', [sort, view, splat, plan]),
+      gpu.kernel('tile ranges', [sort, view, splat, ranges]),
       gpu.kernel('blend', ['const WITH_DEPTH = false;', view, splat, tiles, blend]),
+      sorter.prepare(),
     ]);
     Object.assign(self, { gpu, sorter, count: scene.count, room: 0 });
     const n = scene.count;

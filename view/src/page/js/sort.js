@@ -22,18 +22,21 @@ export const Plan = {
 };
 
 export class Sorter {
-  static async make(gpu, texts) {
+  constructor(gpu, texts) {
+    Object.assign(this, { gpu, texts });
+    this.shifts = Array.from({ length: 8 }, (_, pass) => gpu.uniformFrom(Uint32Array.of(4 * pass, 0, 0, 0)));
+  }
+
+  // Makes the kernels, which a processor compiles for a second, and which fast pictures do without there.
+  async prepare() {
+    const { gpu, texts } = this;
     const text = (name) => texts.train(`sort/${name}.wgsl`);
     const [shared, scan, reduce, sums, apply, whole, count, scatter] = await Promise.all(
       ['shared', 'scan_shared', 'scan_reduce', 'scan_sums', 'scan_apply', 'scan_whole', 'radix_count', 'radix_scatter'].map(text));
-    const self = new Sorter();
     const k = (label, ...parts) => gpu.kernel(label, [shared, ...parts]);
-    [self.reduce, self.sums, self.apply, self.whole, self.count, self.scatter] = await Promise.all([
+    [this.reduce, this.sums, this.apply, this.whole, this.count, this.scatter] = await Promise.all([
       k('scan reduce', scan, reduce), k('scan sums', scan, sums), k('scan apply', scan, apply), k('scan whole', scan, whole),
       k('radix count', count), k('radix scatter', scatter)]);
-    self.shifts = Array.from({ length: 8 }, (_, pass) => gpu.uniformFrom(Uint32Array.of(4 * pass, 0, 0, 0)));
-    self.shared = shared;
-    return self;
   }
 
   scanBuffers(gpu, count) { return gpu.storage(4 * blocks(count)); }

@@ -36,12 +36,13 @@ export class Viewer {
     const self = new Viewer();
     const uploaded = { ...scene, core: gpu.storageFrom(scene.core), sh: gpu.storageFrom(scene.sh) };
     Object.assign(self, { gpu, texts, format, scene: uploaded, host: scene });
-    self.sorter = await Sorter.make(gpu, texts);
+    self.sorter = new Sorter(gpu, texts);
     [self.projector, self.quads, self.motion, self.blitTexture] = await Promise.all([
       Projector.make(gpu, texts, uploaded),
       Quads.make(gpu, texts, self.sorter, uploaded, ACCUMULATE),
       scene.dynamic === 0 ? null : scene.field ? Field.make(gpu, texts, uploaded) : Rows.make(gpu, texts, uploaded),
-      Blit.make(gpu, texts, format, 'blit_texture.wgsl')]);
+      Blit.make(gpu, texts, format, 'blit_texture.wgsl'),
+      gpu.onProcessor ? null : self.sorter.prepare()]);
     // Seen k times as large as in training, a splat needs k^2 times the low pass, or thin ones shrink to needles.
     self.trainedFocal = Math.max(1e-3, ...scene.header.cameras.map((camera) => camera.fx));
     return self;
