@@ -40,6 +40,10 @@ case $form:$CARGO_PKG_NAME:$source in
     ;;
 esac
 
+# What computes is compiled in one part: parts see nothing of each other (`lto` of the profile), and calibrations take a fifth less so. By
+# default it is many, for whoever builds again after a change.
+if [ "$level" = 2 ]; then set -- "$@" -C codegen-units=1; fi
+
 # Nobody runs the studies here, nor benchmarks: that they compile is told without code being made of them.
 case $CARGO_PKG_NAME:$source in
   erfgs-lab:*src/bin/* | *:*benches/*)

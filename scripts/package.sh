@@ -2,18 +2,18 @@
 # Packs the crates that are published, compiles each from its package alone, by default and with each of its features alone, and
 # prints what each costs: the size of its package, and the crates that it depends on (itself included, on Linux) by default and with
 # as few features as a use of it takes.
-# usage: scripts/package.sh [--sizes | --exact]
+# usage: scripts/package.sh [--sizes | --built]
 #   --sizes   packs and counts, and compiles nothing
-#   --exact   has each set of features compile with no more of other crates than it asks for itself, as for somebody who depends on
-#             nothing else: before a release. Without it, other crates are read once, with all features that any set asks for.
+#   --built   other crates are those that the tests were built with, with all of their features. Without it, each set of features has
+#             no more of other crates than it asks for itself, as somebody has who depends on nothing else: before a release.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-compile=true exact=false
+compile=true built=false
 case "${1:-}" in
   "") ;;
   --sizes) compile=false ;;
-  --exact) exact=true ;;
+  --built) built=true ;;
   *) sed -n '2,8p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
 esac
 
@@ -21,6 +21,7 @@ crates=(base events scene session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
 # .ci/run has had clippy look at them.
 unset RUSTC_WORKSPACE_WRAPPER
+: "${ERFGS_FEATURES=}"
 target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
 unpacked=$target/unpacked
 # Of the unpacked crates, which cannot be in one lock file with those here under the same name and version.
@@ -35,7 +36,7 @@ cargo package --locked --quiet --allow-dirty --no-verify "${crates[@]/#/-perfgs-
 unpack() {
   local crate
   rm -rf "$unpacked"
-  mkdir -p "$unpacked/beside/src"
+  mkdir -p "$unpacked"
   {
     printf '[workspace]\nresolver = "3"\nmembers = ["*"]\n[patch.crates-io]\n'
     for crate in "${crates[@]}"; do
@@ -47,21 +48,32 @@ unpack() {
     sed -n '/^\[profile/,$p' Cargo.toml
   } >"$unpacked/Cargo.toml"
   cp Cargo.lock "$unpacked"
-  # Compiled beside each of them, this has cargo settle on the same features of other crates for all.
+}
+
+# Compiled beside each of them, this has cargo settle on the same features of other crates as for the tests.
+beside() {
+  mkdir -p "$unpacked/beside/src"
+  touch "$unpacked/beside/src/lib.rs"
   {
     printf '[package]\nname = "beside"\nversion = "0.0.0"\nedition = "2024"\n[dependencies]\n'
-    printf 'erfgs-scene = { path = "%s", features = ["exr"] }\n' "$PWD/scene"
-    printf 'erfgs-session = { path = "%s", features = ["export", "exr", "rosbag2"] }\n' "$PWD/session"
-    printf 'erfgs-rig = { path = "%s" }\n' "$PWD/rig"
+    cargo tree --locked --workspace --features "$ERFGS_FEATURES" --depth 1 --prefix none --no-dedupe -e normal,dev -f '{p}|{f}' \
+      | sed -n 's/^\([^ ]*\) v\([0-9.]*\)[^ ]*|\(.*\)/\1 \2 \3/p' | sort -u | while read -r name its_version features; do
+      [ -z "$features" ] || features="\"${features//,/\", \"}\""
+      printf '%s = { version = "=%s", default-features = false, features = [%s] }\n' "$name" "$its_version" "$features"
+    done
   } >"$unpacked/beside/Cargo.toml"
-  touch "$unpacked/beside/src/lib.rs"
 }
 
 check() { # check CRATE [ARGUMENT...]
-  local crate=$1 beside=(-p beside)
+  local crate=$1
   shift
-  if $exact; then beside=(); fi
-  cargo check --quiet --manifest-path "$unpacked/Cargo.toml" --target-dir "$target" -p "erfgs-$crate@$version" "${beside[@]}" "$@"
+  set -- --quiet --manifest-path "$unpacked/Cargo.toml" --target-dir "$target" -p "erfgs-$crate@$version" "$@"
+  # What cargo checks depends on what it checked, and what it builds on what it built.
+  if $built; then
+    RUSTC_WORKSPACE_WRAPPER=$PWD/scripts/looking-rustc.sh cargo build -p beside "$@"
+  else
+    cargo check "$@"
+  fi
 }
 
 # Each feature alone, and none.
@@ -77,6 +89,7 @@ alone() { # alone CRATE FEATURE...
 }
 if $compile; then
   unpack
+  if $built; then beside; fi
   alone base files parallel
   alone events aedat4 npz digest serde
   alone scene cameras images formats exr

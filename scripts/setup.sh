@@ -96,8 +96,10 @@ if [ "$oracles" = yes ]; then
   if ! cmp -s tests/oracles/requirements.txt "$stamp"; then
     rm -rf "$venv"
     python3 -m venv "$venv"
-    # What is never imported need not be compiled, which is half of the time.
+    # What is never imported need not be compiled, which is half of the time; what is, would be compiled by each oracle anew, where the
+    # environment says that Python shall keep nothing of it.
     "$venv/bin/pip" install --quiet --no-compile --disable-pip-version-check -r tests/oracles/requirements.txt
+    env -u PYTHONDONTWRITEBYTECODE JAX_PLATFORMS=cpu "$venv/bin/python" -c 'import cv2, h5py, jax; jax.jit(jax.grad(lambda x: x * x))(1.0)'
     cp tests/oracles/requirements.txt "$stamp"
   fi
   "$venv/bin/python" tests/oracles/recordings.py target/recordings

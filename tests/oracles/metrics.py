@@ -30,7 +30,7 @@ def convolve(x, weight, bias, stride, padding):
     """NCHW cross-correlation, the layout that the published networks use."""
     y = jax.lax.conv_general_dilated(x, weight, (stride, stride), [(padding, padding)] * 2,
                                      dimension_numbers=("NCHW", "OIHW", "NCHW"))
-    return y + bias[None, :, None, None]
+    return y + bias
 
 
 def pool(x, size, stride):
@@ -52,34 +52,35 @@ def random_weights(layers, rng):
     return {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
 
 
-def lpips(a, b, layers, tensors, signed):
-    def enter(image):
-        x = jnp.asarray(image, jnp.float64).transpose(2, 0, 1)[None]
-        x = 2 * x - 1 if signed else x
-        shift = jnp.array([-0.030, -0.088, -0.188])[None, :, None, None]
-        scale = jnp.array([0.458, 0.448, 0.450])[None, :, None, None]
-        return (x - shift) / scale
-
+def lpips(layers):
+    """The distance of a pair, which is compiled once."""
     def unit(x):
         return x / (jnp.sqrt(jnp.sum(x**2, axis=1, keepdims=True)) + 1e-10)
 
-    a, b, looks, total = enter(a), enter(b), 0, 0.0
-    for layer in layers:
-        if layer == "look":
-            weight = jnp.asarray(tensors[f"lin{looks}.model.1.weight"], jnp.float64)
-            looks += 1
-            difference = (unit(a) - unit(b)) ** 2
-            total += jnp.mean(jax.lax.conv_general_dilated(difference, weight, (1, 1), "VALID",
-                                                           dimension_numbers=("NCHW", "OIHW", "NCHW")))
-        elif layer[0] == "pool":
-            a, b = (pool(x, *layer[1:]) for x in (a, b))
-        else:
-            _, index, _, _, stride, padding = layer
-            weight, bias = (jnp.asarray(tensors[f"features.{index}.{kind}"], jnp.float64) for kind in ("weight", "bias"))
-            a, b = (jnp.maximum(convolve(x, weight, bias, stride, padding), 0) for x in (a, b))
-    return float(total)
+    @jax.jit
+    def distance(pair, tensors):
+        tensors = {name: tensor.astype(jnp.float64) for name, tensor in tensors.items()}
+        shift = jnp.array([-0.030, -0.088, -0.188])[:, None, None]
+        scale = jnp.array([0.458, 0.448, 0.450])[:, None, None]
+        pair, looks, total = (pair.transpose(0, 3, 1, 2) - shift) / scale, 0, 0.0
+        for layer in layers:
+            if layer == "look":
+                a, b = unit(pair)
+                difference = (a - b) ** 2
+                total += jnp.mean(jnp.sum(tensors[f"lin{looks}.model.1.weight"][0] * difference, axis=0))
+                looks += 1
+            elif layer[0] == "pool":
+                pair = pool(pair, *layer[1:])
+            else:
+                _, index, _, _, stride, padding = layer
+                weight, bias = (tensors[f"features.{index}.{kind}"] for kind in ("weight", "bias"))
+                pair = jnp.maximum(convolve(pair, weight, bias[:, None, None], stride, padding), 0)
+        return total
+
+    return distance
 
 
+@jax.jit
 def ssim(a, b):
     x = np.arange(11) - 5
     line = np.exp(-(x**2) / (2 * 1.5**2))
@@ -94,7 +95,7 @@ def ssim(a, b):
     ma, mb = blur(a), blur(b)
     va, vb, cov = blur(a * a) - ma**2, blur(b * b) - mb**2, blur(a * b) - ma * mb
     value = ((2 * ma * mb + 0.01**2) * (2 * cov + 0.03**2)) / ((ma**2 + mb**2 + 0.01**2) * (va + vb + 0.03**2))
-    return float(value.mean())
+    return value.mean()
 
 
 def write_safetensors(path, tensors):
@@ -115,12 +116,13 @@ def main():
     b = np.clip(np.roll(a, 1, axis=1) + rng.normal(0, 0.03, a.shape), 0, 1).astype(np.float32)
     (folder / "a.f32").write_bytes(a.tobytes())
     (folder / "b.f32").write_bytes(b.tobytes())
-    expected = {"width": WIDTH, "height": HEIGHT, "ssim": ssim(a, b)}
+    expected = {"width": WIDTH, "height": HEIGHT, "ssim": float(ssim(a, b))}
     for name, layers in [("alex", ALEX), ("vgg16", VGG16)]:
         tensors = random_weights(layers, rng)
         write_safetensors(folder / f"{name}.safetensors", tensors)
-        expected[name] = {"zero_to_one": lpips(a, b, layers, tensors, False),
-                          "minus_one_to_one": lpips(a, b, layers, tensors, True)}
+        pair, distance = np.stack([a, b]).astype(np.float64), lpips(layers)
+        expected[name] = {"zero_to_one": float(distance(pair, tensors)),
+                          "minus_one_to_one": float(distance(2 * pair - 1, tensors))}
     (folder / "expected.json").write_text(json.dumps(expected))
 
 
