@@ -43,7 +43,7 @@ fn cameras_that_look_at_other_times_are_found() {
     let folder = Folder::new();
     film_at_other_times(&folder);
     folder.succeed(
-        "train off --method 4dgs --iterations 100+700 --no-evaluation --set camera_colour.enabled=false \
+        "train off --method 4dgs --iterations 100+500 --no-evaluation --set camera_colour.enabled=false \
          --set camera_pose.enabled=false --set camera_time.rate=[0.04,0.002] --out found",
     );
     let told = RunFolder::open(folder.path("found")).expect("a run").read_info().expect("told").camera_times;
