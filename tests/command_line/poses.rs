@@ -52,7 +52,7 @@ fn cameras_that_stand_elsewhere_are_found() {
     let folder = Folder::new();
     film_beside(&folder);
     let train =
-        "train off --method 4dgs --iterations 600+0 --set camera_colour.enabled=false --set camera_pose.enabled";
+        "train off --method 4dgs --iterations 450+0 --set camera_colour.enabled=false --set camera_pose.enabled";
     let plain = folder.figures(&format!("{train}=false --out plain"));
     let found = folder.figures(&format!("{train}=true --out found"));
     let psnr = |figures: &serde_json::Value| figures["psnr"].as_f64().expect("a PSNR");
