@@ -21,7 +21,7 @@ crates=(base events scene session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
 # .ci/run has had clippy look at them.
 unset RUSTC_WORKSPACE_WRAPPER
-: "${ERFGS_FEATURES=}"
+. scripts/driver.sh
 target=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
 unpacked=$target/unpacked
 # Of the unpacked crates, which cannot be in one lock file with those here under the same name and version.
