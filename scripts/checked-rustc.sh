@@ -47,12 +47,7 @@ if [ "$level" = 2 ]; then set -- "$@" -C codegen-units=1; fi
 # Nobody runs the studies here, nor benchmarks: that they compile is told without code being made of them.
 case $CARGO_PKG_NAME:$source in
   erfgs-lab:*src/bin/* | *:*benches/*)
-    seen=()
-    for argument in "${@:2}"; do
-      case $argument in --emit=*) argument=--emit=dep-info,metadata ;; esac
-      seen+=("$argument")
-    done
-    clippy-driver "$1" "${seen[@]}" -D warnings
+    "${0%/*}/looking-rustc.sh" clippy-driver "$@" -D warnings
     exit
     ;;
 esac

@@ -32,7 +32,7 @@ version=$(sed -n '/^\[workspace.package\]/,$s/^version = "\(.*\)"/\1+packed/p' C
 cargo package --locked --quiet --allow-dirty --no-verify "${crates[@]/#/-perfgs-}"
 
 # A workspace of nothing but what the packages hold, each in place of what the registry has of that name. With the profiles of
-# this one, so that dependencies that were read above are not read again.
+# this one, so that other crates that the tests were built with are the same.
 unpack() {
   local crate
   rm -rf "$unpacked"
