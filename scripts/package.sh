@@ -40,7 +40,8 @@ unpack() {
   {
     printf '[workspace]\nresolver = "3"\nmembers = ["*"]\n[patch.crates-io]\n'
     for crate in "${crates[@]}"; do
-      tar -xzf "$target"/package/"erfgs-$crate"-*.crate -C "$unpacked"
+      # As of now: packages date all of their files to one day in 2006, and cargo would take what changed for what it knows.
+      tar -xzmf "$target"/package/"erfgs-$crate"-*.crate -C "$unpacked"
       mv "$unpacked/erfgs-$crate"-* "$unpacked/$crate"
       sed -i "0,/^version = .*/s//version = \"$version\"/" "$unpacked/$crate/Cargo.toml"
       printf 'erfgs-%s = { path = "%s" }\n' "$crate" "$crate"
