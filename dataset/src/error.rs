@@ -121,6 +121,14 @@ pub enum DatasetError {
         /// What is wrong.
         reason: String,
     },
+    /// The bodies make no sense.
+    #[error("{}: {reason}; find the bodies again with `erfgs dataset bodies`", path.display())]
+    Bodies {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
     /// The file of another program cannot be written.
     #[error(transparent)]
     Exchange(#[from] erfgs_scene::exchange::ExchangeError),

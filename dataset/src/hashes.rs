@@ -14,10 +14,11 @@ use sha2::{Digest, Sha256};
 use super::{Dataset, DatasetError};
 
 impl Dataset {
-    /// Every file that the manifest names, relative to the folder: frames, masks, events, points.
+    /// Every file that the manifest names, relative to the folder: frames, masks, events, points, bodies.
     #[must_use]
     pub fn files(&self) -> BTreeSet<PathBuf> {
         let mut files: BTreeSet<PathBuf> = self.manifest.points.iter().map(|points| points.file.clone()).collect();
+        files.extend(self.manifest.bodies.iter().map(|bodies| bodies.file.clone()));
         for camera in &self.manifest.cameras {
             files.extend(camera.frames.iter().map(|frame| frame.file.clone()));
             files.extend(camera.frames.iter().filter_map(|frame| frame.mask.clone()));

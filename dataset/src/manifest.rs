@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::BodiesFile;
 use erfgs_scene::{Intrinsics, Modality, Pose, rig_file::Sigma};
 
 /// What a viewpoint is for.
@@ -219,6 +220,9 @@ pub struct Manifest {
     /// The initial point cloud, where made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub points: Option<PointCloudFile>,
+    /// What moves as bodies, where found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bodies: Option<BodiesFile>,
     /// All viewpoints.
     pub cameras: Vec<Camera>,
     /// SHA-256 (hexadecimal) of every file that the manifest names, by its path.

@@ -64,6 +64,7 @@ fn some_manifest() -> Manifest {
             method: "random".to_owned(),
             parameters: std::collections::BTreeMap::new(),
         }),
+        bodies: None,
         cameras,
         sha256: std::collections::BTreeMap::new(),
     }

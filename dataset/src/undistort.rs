@@ -63,8 +63,9 @@ pub fn undistort(dataset: &Dataset, out: &Path, progress: &mut dyn FnMut(Progres
             file.count = count;
         }
     }
-    if let Some(points) = &dataset.manifest.points {
-        dataset.copy_file(&points.file, &folder.path().join(&points.file))?;
+    let points = dataset.manifest.points.iter().map(|points| &points.file);
+    for file in points.chain(dataset.manifest.bodies.iter().map(|bodies| &bodies.file)) {
+        dataset.copy_file(file, &folder.path().join(file))?;
     }
     let factors: BTreeMap<_, _> = cameras
         .iter()

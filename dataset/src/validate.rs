@@ -32,8 +32,9 @@ impl Dataset {
                 .and_then(|()| check_unique(camera, &mut files))
                 .map_err(|problem| self.in_camera(camera, problem))?;
         }
-        if let Some(points) = &manifest.points {
-            let path = self.path(&points.file)?;
+        let points = manifest.points.iter().map(|points| &points.file);
+        for file in points.chain(manifest.bodies.iter().map(|bodies| &bodies.file)) {
+            let path = self.path(file)?;
             if !path.is_file() {
                 return Err(wrong(Problem::MissingFile(path)));
             }

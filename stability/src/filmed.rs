@@ -253,6 +253,7 @@ impl Filmed {
             variant,
             linear_exposure: false,
             points: None,
+            bodies: None,
             cameras,
             sha256: Default::default(),
         };

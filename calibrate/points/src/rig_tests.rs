@@ -45,6 +45,7 @@ fn dataset(eyes: &[DVec3], target: DVec3, times: &[i64]) -> Dataset {
         variant: Vec::new(),
         linear_exposure: false,
         points: None,
+        bodies: None,
         cameras: eyes.iter().enumerate().map(camera).collect(),
         sha256: Default::default(),
     };

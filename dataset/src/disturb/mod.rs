@@ -158,6 +158,8 @@ pub fn disturb(
     if disturbance.moves_frames() {
         new.manifest.points = None;
     }
+    // Paths of bodies follow from frames, events, clocks and poses alike.
+    new.manifest.bodies = None;
     // Frames that were shifted over an end of the recording take it with them.
     let times = new.manifest.cameras.iter().flat_map(|camera| camera.frames.iter().map(|frame| frame.t_ns));
     let [first, last] = new.manifest.span_ns;

@@ -21,6 +21,7 @@ fn dataset(folder: &Path) -> Dataset {
             variant: Vec::new(),
             linear_exposure: true,
             points: None,
+            bodies: None,
             cameras: Vec::new(),
             sha256: std::collections::BTreeMap::new(),
         },

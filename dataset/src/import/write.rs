@@ -305,6 +305,7 @@ fn manifest(recording: &SourceRecording, cameras: Vec<Camera>, options: &ImportO
         linear_exposure: false,
         variant: Vec::new(),
         points: None,
+        bodies: None,
         cameras,
         sha256: BTreeMap::new(),
     }

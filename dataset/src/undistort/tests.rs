@@ -107,6 +107,7 @@ fn a_dataset_loses_its_distortion_and_keeps_the_rest() {
         variant: Vec::new(),
         linear_exposure: false,
         points: Some(points),
+        bodies: None,
         cameras,
         sha256: BTreeMap::new(),
     };

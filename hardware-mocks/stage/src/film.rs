@@ -289,6 +289,7 @@ fn empty_manifest(options: &FilmOptions) -> Manifest {
         variant: Vec::new(),
         linear_exposure: true,
         points: None,
+        bodies: None,
         cameras: Vec::new(),
         sha256: BTreeMap::new(),
     }

@@ -70,6 +70,7 @@ pub fn variant(
     }
     if !plan.points {
         manifest.points = None;
+        manifest.bodies = None;
     }
     if options.blur.frames > 1 {
         manifest.linear_exposure = options.blur.linear_light;

@@ -181,6 +181,9 @@ impl Plan {
         }
         if let (true, Some(points)) = (self.points, &source.points) {
             self.add(&points.file, Job::Link(points.file.clone()))?;
+            if let Some(bodies) = &source.bodies {
+                self.add(&bodies.file, Job::Link(bodies.file.clone()))?;
+            }
         }
         let suffix = match (blinded.is_empty(), blur.frames > 1, options.subsample > 1) {
             (false, _, _) => "-dv",

@@ -102,6 +102,7 @@ fn source(root: &Path, recorded: usize) -> Dataset {
             method: "known".into(),
             parameters: Default::default(),
         }),
+        bodies: None,
         cameras,
         sha256: Default::default(),
     };

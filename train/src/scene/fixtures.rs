@@ -33,6 +33,7 @@ pub(super) fn dataset(root: &Path, cameras: Vec<Camera>, span_ns: [i64; 2]) -> D
         variant: Vec::new(),
         linear_exposure: false,
         points: None,
+        bodies: None,
         cameras,
         sha256: Default::default(),
     };

@@ -147,6 +147,7 @@ pub fn film_at(folder: &Path, count: usize, times: &[i64]) -> Dataset {
         variant: Vec::new(),
         linear_exposure: false,
         points: None,
+        bodies: None,
         cameras,
         sha256: Default::default(),
     };

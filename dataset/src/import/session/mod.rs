@@ -443,6 +443,7 @@ fn manifest(session: &Session, cameras: Vec<Camera>, window_ns: [i64; 2], option
         linear_exposure: true,
         variant: Vec::new(),
         points: None,
+        bodies: None,
         cameras,
         sha256: BTreeMap::new(),
     }

@@ -105,6 +105,7 @@ pub fn manifest() -> Manifest {
             method: "colmap".into(),
             parameters: BTreeMap::new(),
         }),
+        bodies: None,
         cameras: cameras(),
         sha256: BTreeMap::new(),
     }
