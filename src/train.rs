@@ -176,6 +176,8 @@ pub enum MotionName {
     HexPlane,
     /// A trajectory and a life for each Gaussian.
     FreeTime,
+    /// Bodies whose Gaussians share paths, found by `erfgs dataset bodies`
+    Bodies,
     /// Nothing moves.
     Still,
     /// By what the dataset shows.
@@ -187,6 +189,7 @@ impl From<MotionName> for MotionModel {
         match name {
             MotionName::HexPlane => Self::HexPlane,
             MotionName::FreeTime => Self::FreeTime,
+            MotionName::Bodies => Self::Bodies,
             MotionName::Still => Self::Still,
             MotionName::Auto => Self::Auto,
         }

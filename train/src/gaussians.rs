@@ -102,6 +102,20 @@ impl Gaussians {
         Self { sh_degree: degree, sh, ..self.clone() }
     }
 
+    /// The same Gaussians with rows of `floats` floats for their motion; what is added is 0.
+    #[must_use]
+    pub fn with_motion_floats(self, floats: usize) -> Self {
+        if self.motion_floats == floats || self.motion_floats == 0 {
+            return Self { motion_floats: floats, ..self };
+        }
+        let mut motion = vec![0.0; self.dynamic * floats];
+        for (new, old) in motion.chunks_exact_mut(floats).zip(self.motion.chunks_exact(self.motion_floats)) {
+            let kept = old.len().min(floats);
+            new[..kept].copy_from_slice(&old[..kept]);
+        }
+        Self { motion_floats: floats, motion, ..self }
+    }
+
     /// The rows `order` names, in that order, of which the first `dynamic` are dynamic; those must have been so before
     /// where the motion model keeps something for each.
     #[must_use]

@@ -10,7 +10,7 @@ pub use crate::{
     camera_colour::CameraColourOptions,
     camera_pose::CameraPoseOptions,
     camera_time::CameraTimeOptions,
-    motion::{FreeTimeOptions, Guide},
+    motion::{BodiesOptions, FreeTimeOptions, Guide},
 };
 pub use overrides::ConfigError;
 
@@ -48,6 +48,9 @@ pub enum MotionModel {
     HexPlane,
     /// An instant, a velocity, an acceleration and a life for each Gaussian (after FreeTimeGS).
     FreeTime,
+    /// Bodies whose Gaussians share paths for the whole recording, found before by `erfgs dataset bodies`; what no body explains is as
+    /// with `free-time`.
+    Bodies,
     /// Nothing moves: no motion is learned, and events, which tell of nothing else, are not looked at.
     Still,
     /// `free-time` where the dataset has points that are known to move, `still` where neither frames nor events show that
@@ -108,9 +111,12 @@ pub struct Config {
     pub motion: MotionModel,
     /// The deformation field, where the motion is `hexplane`.
     pub field: FieldOptions,
-    /// Gaussians that are free in time, where the motion is `free-time`.
+    /// Gaussians that are free in time, where the motion is `free-time` or, of those that no body carries, `bodies`.
     #[serde(default)]
     pub free_time: FreeTimeOptions,
+    /// Bodies, where the motion is `bodies`.
+    #[serde(default)]
+    pub bodies: BodiesOptions,
     /// Adaptive density control.
     pub density: DensityConfig,
     /// Event-assisted regularised loss.
@@ -434,6 +440,10 @@ pub struct BlurConfig {
     pub model: Switch,
     /// Renderings an exposure, spread evenly with both ends included.
     pub samples: u32,
+    /// Whether each of the renderings is at a random instant of its share of the exposure, and not always at the same: what moves far in an
+    /// exposure is then never learned as so many sharp things.
+    #[serde(default)]
+    pub jitter: bool,
     /// Whether only one of the renderings, drawn at random, is gone back through, with the weight of all of them: the
     /// same gradient on average at a third of the cost.
     pub one_gradient: bool,

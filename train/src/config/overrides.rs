@@ -122,14 +122,16 @@ impl Config {
                 MotionModel::HexPlane
             };
         }
-        if self.motion == MotionModel::FreeTime {
+        if matches!(self.motion, MotionModel::FreeTime | MotionModel::Bodies) {
             // Gaussians are born where things were in the middle of an exposure.
             self.blur.instant = self.blur.instant.or(Some(0.5));
         }
         let extent = extent(dataset, without_points)?;
         let undecided = self.free_time.guide == Guide::Auto || self.free_time.first_life == 0.0;
         let moved = match self.motion {
-            MotionModel::FreeTime if undecided && !without_points => moves(dataset, self.free_time.fastest * extent)?,
+            MotionModel::FreeTime | MotionModel::Bodies if undecided && !without_points => {
+                moves(dataset, self.free_time.fastest * extent)?
+            }
             _ => None,
         };
         let by_hand = self.paths_by_hand();
@@ -261,6 +263,7 @@ impl Config {
             "between 0 and 1",
         )?;
         free.check_path()?;
+        self.bodies.validate()?;
         check(positive(free.fastest), "free_time.fastest", free.fastest.to_string(), "above 0")?;
         check(
             (0.0..=1.0).contains(&free.event_opacity),

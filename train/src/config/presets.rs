@@ -1,9 +1,9 @@
 //! The presets: the paper, its released code, and ours.
 
 use super::{
-    BlurConfig, CameraColourOptions, CameraPoseOptions, CameraTimeOptions, Coherence, Config, DensityConfig,
-    DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions, FreeTimeOptions, Guide, InitConfig,
-    LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
+    BlurConfig, BodiesOptions, CameraColourOptions, CameraPoseOptions, CameraTimeOptions, Coherence, Config,
+    DensityConfig, DynamicConfig, EarlConfig, EdsConfig, EvaluationConfig, FieldOptions, FreeTimeOptions, Guide,
+    InitConfig, LearningRates, Method, MotionModel, Norm, Pairing, Preset, Quantise, ShConfig, Switch, Uniqueness,
 };
 
 impl Config {
@@ -56,6 +56,7 @@ impl Config {
             },
             motion: MotionModel::HexPlane,
             free_time: FreeTimeOptions::default(),
+            bodies: BodiesOptions::default(),
             field: FieldOptions {
                 levels: vec![1, 2],
                 features: 16,
@@ -130,7 +131,7 @@ impl Config {
             camera_colour: CameraColourOptions::default(),
             camera_pose: CameraPoseOptions::default(),
             camera_time: CameraTimeOptions::default(),
-            blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
+            blur: BlurConfig { model: Switch::Off, samples: 3, jitter: false, one_gradient: false, instant: None },
             dynamic: DynamicConfig {
                 skip_static: false,
                 motion_threshold: 0.06,
@@ -221,7 +222,7 @@ impl Config {
         config.camera_pose.enabled = true;
         config.camera_time.enabled = true;
         // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
-        config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
+        config.blur = BlurConfig { model: Switch::Off, samples: 3, jitter: false, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;
         config

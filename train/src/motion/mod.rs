@@ -1,21 +1,24 @@
 //! How the dynamic Gaussians move: what a motion model gives is each one's difference from its stored parameters at a time,
 //! and it takes the gradients of those differences back.
 //!
-//! Two models stand behind [`Motion`]: the deformation field of 4DGS, whose planes and network all Gaussians share
-//! ([`crate::field`]), and rows of their own for each Gaussian, born at an instant with a velocity ([`free_time`]).
+//! Three models stand behind [`Motion`]: the deformation field of 4DGS, whose planes and network all Gaussians share
+//! ([`crate::field`]); rows of their own for each Gaussian, born at an instant with a velocity ([`free_time`]); and bodies, whose
+//! paths many Gaussians share for the whole recording ([`bodies`]).
 
 pub mod birth;
+pub mod bodies;
 pub mod free_time;
 mod shutter;
 mod track;
 
 use wgpu::Buffer;
 
+pub use bodies::{Bodies, BodiesOptions};
 pub(crate) use free_time::FAR;
 pub use free_time::{FreeTime, FreeTimeOptions, Guide};
 
 use crate::{
-    field::{Field, FieldError, Outputs, Tape},
+    field::{Field, FieldError, FieldState, Outputs, Tape},
     gpu::Gpu,
     raster::Deltas,
 };
@@ -64,6 +67,8 @@ pub enum Motion {
     HexPlane(Box<Field>),
     /// A trajectory and a life for each Gaussian.
     FreeTime(Box<FreeTime>),
+    /// Bodies on paths that their Gaussians share; the others are free in time.
+    Bodies(Box<Bodies>),
 }
 
 impl Motion {
@@ -82,6 +87,7 @@ impl Motion {
         match self {
             Self::HexPlane(field) => field.forward(gpu, rows.core, rows.count, t01, tape, what),
             Self::FreeTime(model) => model.forward(gpu, rows, t01, tape),
+            Self::Bodies(model) => model.forward(gpu, rows, t01, tape),
         }
     }
 
@@ -102,14 +108,17 @@ impl Motion {
         match self {
             Self::HexPlane(field) => field.backward(gpu, tape, d_deltas, d_core),
             Self::FreeTime(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
+            Self::Bodies(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
         }
     }
 
-    /// Adds the gradient of the time of the pass on `tape` to a camera's row, where the model tells it: a deformation field does not.
+    /// Adds the gradient of the time of the pass on `tape`, which was the last to be gone back through, to a camera's row, where the model
+    /// tells it: a deformation field does not.
     pub fn clock(&self, gpu: &Gpu, rows: MotionRows<'_>, tape: &Tape, d_deltas: &Deltas, to: ClockRow<'_>) {
         match self {
             Self::HexPlane(_) => {}
             Self::FreeTime(model) => model.clock(gpu, rows, tape, d_deltas, to),
+            Self::Bodies(model) => model.clock(gpu, rows, tape, d_deltas, to),
         }
     }
 
@@ -118,7 +127,7 @@ impl Motion {
     pub fn field(&self) -> Option<&Field> {
         match self {
             Self::HexPlane(field) => Some(field),
-            Self::FreeTime(_) => None,
+            Self::FreeTime(_) | Self::Bodies(_) => None,
         }
     }
 
@@ -126,7 +135,52 @@ impl Motion {
     pub fn field_mut(&mut self) -> Option<&mut Field> {
         match self {
             Self::HexPlane(field) => Some(field),
-            Self::FreeTime(_) => None,
+            Self::FreeTime(_) | Self::Bodies(_) => None,
+        }
+    }
+
+    /// The bodies, where there are any.
+    #[must_use]
+    pub fn bodies(&self) -> Option<&Bodies> {
+        match self {
+            Self::Bodies(bodies) => Some(bodies),
+            Self::HexPlane(_) | Self::FreeTime(_) => None,
+        }
+    }
+
+    /// The bodies, where there are any.
+    pub fn bodies_mut(&mut self) -> Option<&mut Bodies> {
+        match self {
+            Self::Bodies(bodies) => Some(bodies),
+            Self::HexPlane(_) | Self::FreeTime(_) => None,
+        }
+    }
+
+    /// What is shared by all Gaussians, if anything is: parameters, moments and step counter.
+    ///
+    /// # Errors
+    /// [`FieldError::Gpu`].
+    pub fn state(&self, gpu: &Gpu) -> Result<Option<FieldState>, FieldError> {
+        match self {
+            Self::HexPlane(field) => Ok(Some(field.state(gpu)?)),
+            Self::Bodies(bodies) => Ok(Some(bodies.state(gpu)?)),
+            Self::FreeTime(_) => Ok(None),
+        }
+    }
+
+    /// Goes on from what [`Motion::state`] gave.
+    ///
+    /// # Errors
+    /// [`FieldError::State`] where that is of another model, or of one of another size.
+    pub fn restore(&mut self, gpu: &Gpu, state: Option<&FieldState>) -> Result<(), FieldError> {
+        match (self, state) {
+            (Self::HexPlane(field), Some(state)) => field.restore(gpu, state),
+            (Self::Bodies(bodies), Some(state)) => bodies.restore(gpu, state),
+            (Self::FreeTime(_), None) => Ok(()),
+            _ => {
+                let reason = "it was saved with another motion model; resume with the same `motion`".into();
+                Err(FieldError::State { reason })
+            }
         }
     }
 }

@@ -29,7 +29,11 @@ pub use near::near_plane;
 pub use pictures::{Pictures, Pixels};
 pub(crate) use still::stands_still;
 
-use crate::raster::{RasterError, View};
+use crate::{
+    config::Config,
+    motion::bodies::{Recording, Start},
+    raster::{RasterError, View},
+};
 
 /// Why a dataset cannot be trained on.
 #[derive(Debug, thiserror::Error)]
@@ -64,6 +68,14 @@ pub enum SceneError {
         "no point of dataset '{path}' is known to move, and `motion = \"free-time\"` starts from those; make the points again with `erfgs dataset points {path}` (each camera needs four frames, and something must move), or train with --motion hexplane"
     )]
     NoMovingPoints {
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// The motion model starts from bodies, and there are none.
+    #[error(
+        "no bodies of dataset '{path}' are known, and `motion = \"bodies\"` starts from those; find them with `erfgs dataset bodies {path}`, or train with --motion free-time"
+    )]
+    NoBodies {
         /// The dataset.
         path: PathBuf,
     },
@@ -227,6 +239,24 @@ impl Scene {
     pub fn still_points(&self) -> Vec<Point> {
         let moves = |index: usize| self.point_times.get(index).is_some_and(Option::is_some);
         self.points.iter().enumerate().filter(|(index, _)| !moves(*index)).map(|(_, point)| *point).collect()
+    }
+
+    /// What recordings are to bodies.
+    #[must_use]
+    pub fn recording(&self) -> Recording {
+        Recording { span_ns: self.dataset.manifest.span_ns, intervals: self.intervals() }
+    }
+
+    /// Where the bodies of the dataset start from.
+    ///
+    /// # Errors
+    /// [`SceneError::NoBodies`] where none were found, [`SceneError::Dataset`] where their file is damaged.
+    pub fn bodies(&self, config: &Config) -> Result<Start, SceneError> {
+        let bodies = self.dataset.read_bodies()?.map(|file| file.bodies).unwrap_or_default();
+        if bodies.is_empty() {
+            return Err(SceneError::NoBodies { path: self.dataset.root.clone() });
+        }
+        Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 
     /// The points that are known to move, and when each was where it is, in [0, 1].

@@ -37,7 +37,9 @@ impl Clocks {
             |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| s / interval_s) };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
         let options = &config.camera_time;
-        let told = options.enabled && config.motion == MotionModel::FreeTime && scene.frame_times.len() > 1;
+        let told = options.enabled
+            && matches!(config.motion, MotionModel::FreeTime | MotionModel::Bodies)
+            && scene.frame_times.len() > 1;
         if !told || learners.len() < options.fewest as usize {
             return Ok(None);
         }

@@ -35,6 +35,7 @@ impl Trainer<'_> {
         }
         population = match self.config.motion {
             MotionModel::FreeTime => self.born(population),
+            MotionModel::Bodies => self.carried(population)?,
             MotionModel::Still => {
                 population.gaussians.dynamic = 0;
                 population
@@ -90,6 +91,15 @@ impl Trainer<'_> {
         population.with_dynamic(&rows)
     }
 
+    /// The Gaussians of the coarse stage as what stands still, with them those of the bodies, and those born from points that move and
+    /// that no body explains.
+    fn carried(&self, population: Population) -> Result<Population, TrainError> {
+        let start = self.scene.bodies(&self.config)?;
+        let mut population = population;
+        population.gaussians.dynamic = 0;
+        Ok(population.with_dynamic(&start.gaussians))
+    }
+
     /// Finds where things move, and keeps it for the views whose samples look there alone.
     pub(super) fn find_regions(&mut self) -> Result<MotionMasks, TrainError> {
         self.regions = vec![None; self.scene.views.len()];
@@ -135,6 +145,7 @@ impl Trainer<'_> {
         if guided {
             let rows = self.guided(&population.gaussians)?;
             let at = population.gaussians.dynamic;
+            let rows = rows.with_motion_floats(population.gaussians.motion_floats);
             population = population.with_dynamic(&rows);
             seen.splice(at..at, vec![Default::default(); rows.len()]);
         }
@@ -177,7 +188,8 @@ impl Trainer<'_> {
         let start = model.means_at(self.gpu, gaussians, edges[0])?;
         let end = model.means_at(self.gpu, gaussians, edges[1])?;
         let moving = eds::Moving { start: &start, end: &end };
-        let birth = (self.config.motion == MotionModel::FreeTime).then(|| eds::Birth {
+        let free = matches!(self.config.motion, MotionModel::FreeTime | MotionModel::Bodies);
+        let birth = free.then(|| eds::Birth {
             time: (0.5 * (edges[0] + edges[1]) * self.scene.intervals()) as f32,
             half: (0.5 * (edges[1] - edges[0]) * self.scene.intervals()) as f32,
             options: &self.config.free_time,
@@ -292,7 +304,7 @@ impl Trainer<'_> {
             let options = &self.config.camera_time;
             let why = if !options.enabled {
                 "switched off in the configuration".into()
-            } else if self.config.motion != MotionModel::FreeTime {
+            } else if !matches!(self.config.motion, MotionModel::FreeTime | MotionModel::Bodies) {
                 "the motion does not tell them".into()
             } else if self.scene.frame_times.len() < 2 {
                 "all frames are of one instant".into()

@@ -33,7 +33,7 @@ use crate::{
     config::{Config, ConfigError, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
-    field::{FieldError, FieldState},
+    field::FieldState,
     gaussians::Gaussians,
     gpu::Gpu,
     losses::Levels,
@@ -52,6 +52,7 @@ const FAR_OFF: f64 = 0.02;
 
 const GAUSSIANS_COLOURS: &str = "colours of the Gaussians";
 const TRAJECTORIES: &str = "trajectories and lives of the Gaussians";
+const PATHS: &str = "paths of the bodies";
 const CAMERAS_COLOURS: &str = "colours of the cameras";
 
 /// Time that counts as training, since a moment.
@@ -126,7 +127,7 @@ impl<'a> Trainer<'a> {
             MotionModel::FreeTime if scene.moving_points().is_empty() => {
                 return Err(SceneError::NoMovingPoints { path: scene.dataset.root.clone() }.into());
             }
-            MotionModel::FreeTime | MotionModel::Still => {
+            MotionModel::FreeTime | MotionModel::Bodies | MotionModel::Still => {
                 grow::thin(&scene.still_points(), config.init.max_points as usize)
             }
         };
@@ -158,13 +159,8 @@ impl<'a> Trainer<'a> {
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
-            let live = trainer.model.motion.as_mut().and_then(Motion::field_mut);
-            if live.is_some() != field.is_some() {
-                let reason = "it was saved with another motion model; resume with the same `motion`".into();
-                return Err(FieldError::State { reason }.into());
-            }
-            if let (Some(live), Some(saved)) = (live, &field) {
-                live.restore(gpu, saved)?;
+            if let Some(motion) = &mut trainer.model.motion {
+                motion.restore(gpu, field.as_ref())?;
             }
         }
         // After all that is found from the frames as the dataset has them, as in a run that was not stopped.
@@ -442,10 +438,14 @@ impl<'a> Trainer<'a> {
     fn check_finite(&self) -> Result<(), TrainError> {
         let gaussians = &self.model.gaussians;
         let (rows, row_floats) = self.model.motion_values();
+        let [(paths, path_floats), (nodes, node_floats)] =
+            self.model.motion.as_ref().and_then(Motion::bodies).map_or([(rows, 0); 2], |bodies| bodies.values());
         for (what, buffer, floats) in [
             ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
             (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * crate::raster::sh_stride(gaussians.sh_degree)),
             (TRAJECTORIES, rows, row_floats),
+            (PATHS, paths, path_floats),
+            (PATHS, nodes, node_floats),
             (CAMERAS_COLOURS, &self.colours.values, self.colours.floats()),
         ] {
             let mut commands = self.gpu.commands();
@@ -464,6 +464,7 @@ impl<'a> Trainer<'a> {
         let lower = match what {
             GAUSSIANS_COLOURS => format!("learning_rate.sh_dc={:e}", 0.5 * rates.sh_dc),
             TRAJECTORIES => format!("free_time.velocity={:e}", 0.5 * self.config.free_time.velocity),
+            PATHS => two("bodies.path", self.config.bodies.path),
             CAMERAS_COLOURS => two("camera_colour.rate", self.config.camera_colour.rate),
             _ => two("learning_rate.position", rates.position),
         };
@@ -510,13 +511,12 @@ impl<'a> Trainer<'a> {
         self.model.gaussians(self.gpu)
     }
 
-    /// The deformation field, where there is one.
+    /// What all Gaussians share of the motion, where they do: the deformation field, or the paths of bodies.
     ///
     /// # Errors
     /// [`TrainError::Field`] where the device fails.
     pub fn field(&self) -> Result<Option<FieldState>, TrainError> {
-        let field = self.model.motion.as_ref().and_then(Motion::field);
-        Ok(field.map(|field| field.state(self.gpu)).transpose()?)
+        Ok(self.model.motion.as_ref().map(|motion| motion.state(self.gpu)).transpose()?.flatten())
     }
 
     /// What the scene turned out not to need.

@@ -9,7 +9,7 @@ use crate::{
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
-    motion::{ClockRow, FreeTime, Motion, MotionRows, Witness},
+    motion::{Bodies, ClockRow, FreeTime, Motion, MotionRows, Witness},
     optimiser::{Adam, AdamBuffers, AdamConfig},
     raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted},
     scene::Scene,
@@ -130,6 +130,7 @@ impl Model {
         self.aside = self.aside.take().map(|_| self.beside(gpu)).transpose()?;
         self.moments = upload_moments(gpu, &population.moments)?;
         self.rows = RowBuffers::new(gpu, population)?;
+        self.hang(gpu)?;
         self.size_deltas(gpu)
     }
 
@@ -150,13 +151,30 @@ impl Model {
                 let intervals = scene.intervals() as f32;
                 Some(Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)?)))
             }
+            MotionModel::Bodies => {
+                let start = scene.bodies(config)?;
+                let lengths = [scene.recording().length(), scene.intervals()];
+                let (bodies, free) = (&config.bodies, &config.free_time);
+                Some(Motion::Bodies(Box::new(Bodies::new(gpu, &start, bodies, free, lengths, scene.extent)?)))
+            }
             MotionModel::Still => None,
         };
-        let events_move_only = config.motion == MotionModel::FreeTime && config.free_time.events_move_only;
+        self.hang(gpu)?;
+        let free = matches!(config.motion, MotionModel::FreeTime | MotionModel::Bodies);
+        let events_move_only = free && config.free_time.events_move_only;
         self.aside = events_move_only.then(|| self.beside(gpu)).transpose()?;
         self.field_box = field_box;
         self.sh_head = matches!(self.motion, Some(Motion::HexPlane(_))) && config.field.sh_head;
         self.size_deltas(gpu)
+    }
+
+    /// Says to bodies which Gaussians there are.
+    fn hang(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
+        if let Some(bodies) = self.motion.as_mut().and_then(Motion::bodies_mut) {
+            let rows: Vec<f32> = gpu.download(&self.rows.values, self.dynamic as usize * self.rows.floats)?;
+            bodies.hang(gpu, &rows)?;
+        }
+        Ok(())
     }
 
     /// Gradients that share nothing but the statistics with those that are learned from.
@@ -281,7 +299,7 @@ impl Model {
     /// [`TrainError`] where the device fails.
     pub fn gaussians_still(&mut self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
         match &self.motion {
-            Some(Motion::FreeTime(_)) => self.gaussians_at(gpu, 0.5),
+            Some(Motion::FreeTime(_) | Motion::Bodies(_)) => self.gaussians_at(gpu, 0.5),
             Some(Motion::HexPlane(_)) | None => self.gaussians(gpu),
         }
     }
@@ -364,10 +382,10 @@ impl Model {
         let d_core = self.gradients_of(witness).core.clone();
         if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
             let rows = self.rows.with(&self.gaussians.core, self.dynamic);
+            motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
             if let Some(clock) = clock {
                 motion.clock(gpu, rows, &rendering.tape, d_deltas, clock);
             }
-            motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
         }
         Ok(())
     }
@@ -385,6 +403,9 @@ impl Model {
         commands.clear(&self.gradients.screen);
         commands.clear(&self.rows.gradients);
         commands.submit();
+        if let Some(bodies) = self.motion.as_ref().and_then(Motion::bodies) {
+            bodies.clear_gradients(gpu);
+        }
     }
 
     /// One step of Adam over everything; `progress` says how far the decay of the learning rates is.
@@ -411,7 +432,8 @@ impl Model {
         let mut sh_rates = vec![rates.sh_rest; sh_stride(self.gaussians.sh_degree)];
         sh_rates[..3].fill(rates.sh_dc);
         let free = &config.free_time;
-        let row_rates = free.rates(position);
+        let mut row_rates = free.rates(position);
+        row_rates.resize(self.rows.floats.max(row_rates.len()), 0.0);
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [row_first, row_second] = &self.rows.moments;
         let count = self.learning();
@@ -442,6 +464,9 @@ impl Model {
             let planes = extent * decayed(rates.planes, progress);
             let network = extent * decayed(rates.network, progress);
             field.step(gpu, planes, network, &adam)?;
+        }
+        if let Some(bodies) = self.motion.as_mut().and_then(Motion::bodies_mut).filter(|_| self.dynamic > 0) {
+            bodies.step(gpu, progress, adam.epsilon)?;
         }
         Ok(())
     }

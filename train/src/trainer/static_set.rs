@@ -39,7 +39,7 @@ impl<'a> Trainer<'a> {
                     "a deformation field has no Gaussians of its own for what moves; train with --motion free-time",
                 ));
             }
-            MotionModel::FreeTime | MotionModel::Still => {}
+            MotionModel::FreeTime | MotionModel::Bodies | MotionModel::Still => {}
         }
         if config.coarse_iterations > 0 {
             return Err(refused("its windows have no coarse stage; give --iterations 0+N"));

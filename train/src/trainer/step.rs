@@ -20,6 +20,7 @@ use crate::{
 };
 
 const EXPOSURE: u64 = 0x6578_706f;
+const JITTER: u64 = 0x6a69_7474;
 /// How many iterations before its own a frame is begun to be read that is not kept.
 const READ_AHEAD: u32 = 16;
 
@@ -181,7 +182,9 @@ impl Trainer<'_> {
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let frame_pixels = self.scene.pictures.get(index)?;
-        let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame);
+        let drawn =
+            random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
+        let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame, drawn);
         let view = self.scene.views[frame.view].view;
         let options = self.options();
         let pixels = view.width * view.height;
@@ -414,14 +417,25 @@ pub(super) fn within(region: Option<&Region>, width: u32, mut counts: Vec<f32>) 
     counts
 }
 
-/// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant.
-fn exposure_times(config: &crate::config::Config, stage: Stage, dynamic: u32, frame: &TrainFrame) -> Vec<f64> {
+/// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant. `drawn`, in [0, 1), says where
+/// in its share each is that is drawn at random.
+fn exposure_times(
+    config: &crate::config::Config,
+    stage: Stage,
+    dynamic: u32,
+    frame: &TrainFrame,
+    drawn: f64,
+) -> Vec<f64> {
     let [start, end] = frame.exposure;
     let on = match config.blur.model {
         Switch::Off => false,
         Switch::On | Switch::Auto => stage == Stage::Fine && end > start && dynamic > 0,
     };
     let samples = config.blur.samples;
+    if on && config.blur.jitter {
+        let share = |k: u32| (f64::from(k) + drawn) / f64::from(samples);
+        return (0..samples).map(|k| start + (end - start) * share(k)).collect();
+    }
     if on && samples > 1 {
         return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
     }

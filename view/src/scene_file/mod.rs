@@ -414,6 +414,9 @@ fn motion(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
             let &FreeTimeOptions { least_life, knots, spacing, .. } = &config.free_time;
             (HeaderMotion::FreeTime { intervals, least_life, gone: free_time::GONE, knots, spacing }, None)
         }
+        MotionModel::Bodies => {
+            (HeaderMotion::Still, Some("its bodies move on paths that it does not have yet".to_owned()))
+        }
         MotionModel::HexPlane | MotionModel::Auto => {
             let field = &config.field;
             let beyond = if field.sh_head {

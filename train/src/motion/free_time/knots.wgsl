@@ -2,7 +2,6 @@
 // at its instant it is at its place. Between them a cubic with the tangents of Catmull and Rom; those of the outermost knots are of the
 // parabola through three, and beyond them the path goes straight on.
 
-const VECTORS = 2u * SIDE;
 const LAST = i32(SIDE);
 
 // Which four knots decide, from `first` on (-LAST is the earliest), and with what weights.

@@ -178,7 +178,7 @@ impl FreeTimeOptions {
         if self.knots == 0 {
             return std::array::from_fn(|axis| dt * (row[axis] + 0.5 * dt * row[4 + axis]));
         }
-        let (before, after) = row.as_chunks::<4>().0.split_at(self.knots as usize);
+        let (before, after) = row[..self.floats()].as_chunks::<4>().0.split_at(self.knots as usize);
         let knot = |[x, y, z, _]: &[f32; 4]| [*x, *y, *z];
         let places = before.iter().map(knot).chain([[0.0; 3]]).chain(after.iter().map(knot));
         let time = |index: usize| (index as f32 - self.knots as f32) * self.spacing;
@@ -272,13 +272,28 @@ impl FreeTime {
     /// # Errors
     /// [`GpuError`] where the device has no room.
     pub fn new(gpu: &Gpu, options: &FreeTimeOptions, intervals: f32, extent: f32) -> Result<Self, GpuError> {
+        Self::with_rows(gpu, options, 0, intervals, extent)
+    }
+
+    /// The same where so many floats (a multiple of 4) of something else follow in each row.
+    ///
+    /// # Errors
+    /// As [`FreeTime::new`].
+    pub(super) fn with_rows(
+        gpu: &Gpu,
+        options: &FreeTimeOptions,
+        extra_floats: usize,
+        intervals: f32,
+        extent: f32,
+    ) -> Result<Self, GpuError> {
         // A thread of a CPU takes several rows; a group of a GPU has 256 threads.
         let (threads, per_thread) = match gpu.shape {
             Shape::Gpu => (256, 1),
             Shape::Cpu => (8, 32),
         };
         let constants = format!(
-            "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst GONE = {GONE:?};\n{}",
+            "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst GONE = {GONE:?};\nconst VECTORS = {}u;\n{}",
+            (options.floats() + extra_floats) / 4,
             options.constants()
         );
         let shared = include_str!("row.wgsl");
@@ -302,7 +317,13 @@ impl FreeTime {
     }
 
     /// Fills `tape.deltas` for the dynamic rows at `t01`.
-    pub(super) fn forward(&self, gpu: &Gpu, rows: MotionRows<'_>, t01: f32, tape: &mut Tape) -> Result<(), FieldError> {
+    pub(in crate::motion) fn forward(
+        &self,
+        gpu: &Gpu,
+        rows: MotionRows<'_>,
+        t01: f32,
+        tape: &mut Tape,
+    ) -> Result<(), FieldError> {
         tape.begin_rows(gpu, rows.count, t01)?;
         let uniform = gpu.uniform("motion", &self.uniform(rows.count, t01, 0.0, 0.0));
         let mut commands = gpu.commands();

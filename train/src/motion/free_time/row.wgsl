@@ -1,4 +1,4 @@
-// A row of a Gaussian that is free in time, as it stands at a moment. Of its VECTORS vectors of `values` the last number of the first is
+// A row of a Gaussian that is free in time, as it stands at a moment. Of its VECTORS vectors of `values` (those that its path needs, and what others keep behind them) the last number of the first is
 // its instant, that of the second the logarithm of how much longer than the least it lives; the others are its path (parabola.wgsl,
 // knots.wgsl).
 

@@ -1,0 +1,119 @@
+//! How bodies start and learn.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::ConfigError;
+
+/// How bodies start and learn. Rates fall exponentially from the first to the last value over the fine stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BodiesOptions {
+    /// Knots of paths in an RGB interval; more where something turns by more than a radian from one to the next.
+    pub knots: f32,
+    /// Nodes of all bodies together; each has at least five.
+    pub nodes: u32,
+    /// When nodes begin to learn, as a share of the fine stage; 1 or more: bodies stay rigid.
+    pub nodes_from: f32,
+    /// The opacity that a Gaussian of a body starts with.
+    pub opacity: f32,
+    /// Learning rate of the places of bodies, extents of the scene: first, last.
+    pub path: [f32; 2],
+    /// Learning rate of the turns of bodies: first, last.
+    pub turn: [f32; 2],
+    /// Learning rate of the places of nodes, extents of the scene: first, last.
+    pub node_path: [f32; 2],
+    /// Learning rate of the turns of nodes: first, last.
+    pub node_turn: [f32; 2],
+    /// Learning rate of the logarithm of how far a node reaches.
+    pub reach: f32,
+    /// Learning rate of when a body appears and vanishes, seconds.
+    pub gate: f32,
+    /// Weight of the squared change of places between neighbouring nodes, in extents (as rigid as possible).
+    pub rigid: f32,
+    /// Weight of the squared shift of nodes, in extents.
+    pub away: f32,
+    /// Weight of the squared sine of half the turn between neighbouring nodes.
+    pub alike: f32,
+    /// Weight of the squared third differences of places, in extents: of bodies, of nodes.
+    pub smooth_path: [f32; 2],
+    /// Weight of the squared third differences of turns: of bodies, of nodes.
+    pub smooth_turn: [f32; 2],
+    /// Learning rates of places, sizes, turns, opacities and colours of a body's Gaussians, as multiples of those of others.
+    pub appearance: f32,
+}
+
+impl Default for BodiesOptions {
+    fn default() -> Self {
+        Self {
+            knots: 3.0,
+            nodes: 128,
+            nodes_from: 0.1,
+            opacity: 0.57,
+            path: [1e-3, 8e-5],
+            turn: [5e-3, 3e-4],
+            node_path: [4e-4, 4e-5],
+            node_turn: [2e-3, 2e-4],
+            reach: 5e-3,
+            gate: 5e-4,
+            rigid: 90.0,
+            away: 2.0,
+            alike: 0.03,
+            smooth_path: [0.3, 1.2],
+            smooth_turn: [0.005, 0.02],
+            appearance: 1.0,
+        }
+    }
+}
+
+/// More nodes have never been of use; each row names four of them in numbers that single precision holds.
+const MOST_NODES: u32 = 1 << 12;
+
+impl BodiesOptions {
+    /// Whether every number makes sense.
+    ///
+    /// # Errors
+    /// [`ConfigError::OutOfRange`] names the first that does not.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let refuse = |key, value: String, reason| Err(ConfigError::OutOfRange { key, value, reason });
+        if !(1.0..=64.0).contains(&self.knots) {
+            return refuse("bodies.knots", self.knots.to_string(), "1 to 64 an RGB interval");
+        }
+        if self.nodes == 0 || self.nodes > MOST_NODES {
+            return refuse("bodies.nodes", self.nodes.to_string(), "1 to 4096");
+        }
+        if !(self.opacity > 0.0 && self.opacity < 1.0) {
+            return refuse("bodies.opacity", self.opacity.to_string(), "between 0 and 1");
+        }
+        let pair = |[a, b]: [f32; 2]| [a, b];
+        let rates = [
+            ("bodies.path", pair(self.path)),
+            ("bodies.turn", pair(self.turn)),
+            ("bodies.node_path", pair(self.node_path)),
+            ("bodies.node_turn", pair(self.node_turn)),
+        ];
+        for (key, [first, last]) in rates {
+            if !(first > 0.0 && last > 0.0 && first.is_finite() && last.is_finite()) {
+                return refuse(key, format!("[{first}, {last}]"), "two numbers above 0");
+            }
+        }
+        let others = [
+            ("bodies.nodes_from", self.nodes_from),
+            ("bodies.reach", self.reach),
+            ("bodies.gate", self.gate),
+            ("bodies.rigid", self.rigid),
+            ("bodies.away", self.away),
+            ("bodies.alike", self.alike),
+            ("bodies.smooth_path", self.smooth_path[0]),
+            ("bodies.smooth_path", self.smooth_path[1]),
+            ("bodies.smooth_turn", self.smooth_turn[0]),
+            ("bodies.smooth_turn", self.smooth_turn[1]),
+            ("bodies.appearance", self.appearance),
+        ];
+        for (key, value) in others {
+            if !(value.is_finite() && value >= 0.0) {
+                return refuse(key, value.to_string(), "0 or more");
+            }
+        }
+        Ok(())
+    }
+}

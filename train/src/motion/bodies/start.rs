@@ -1,0 +1,284 @@
+//! From the bodies of a dataset to control points, nodes and Gaussians.
+
+use erfgs_dataset::{Body, BodyPose};
+use glam::{DQuat, DVec3, DVec4};
+
+use super::{BodiesOptions, spline};
+use crate::{
+    gaussians::{Gaussians, Neighbours},
+    motion::free_time::FreeTimeOptions,
+    scene::Point,
+};
+
+/// Vectors of a row of a Gaussian beside its path: see `row.wgsl`.
+pub const EXTRA_FLOATS: usize = 8;
+/// Neighbours of a node on either side, at most.
+pub const NEIGHBOURS: usize = 16;
+/// Neighbours that a node looks for.
+const NEAREST: usize = 6;
+/// The nodes that a Gaussian hangs on.
+const HANGS_ON: usize = 4;
+/// Fewest nodes of a body.
+const FEWEST_NODES: usize = 5;
+/// The largest turn from a knot to the next, radians.
+const MOST_TURN: f64 = 1.0;
+/// Most control points of all bodies and nodes together: 64 MiB of them.
+const MOST_CONTROL: usize = 1 << 21;
+/// The instant of a Gaussian that a body carries, as one that is free in time would have it: never.
+const NEVER: f32 = 1e9;
+/// How much third differences of control points count beside errors of poses, squared.
+const STIFFNESS: f64 = 1e-3;
+
+/// Where bodies start from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// How many.
+    pub bodies: usize,
+    /// How many nodes they have in all.
+    pub nodes: usize,
+    /// Control points of each.
+    pub knots: usize,
+    /// Stretches between knots in a second.
+    pub per_second: f64,
+    /// Control points: see `shared.wgsl`.
+    pub control: Vec<f32>,
+    /// Gates and nodes: see `poses.wgsl`.
+    pub other: Vec<f32>,
+    /// Neighbours of nodes: see `settle.wgsl`.
+    pub neighbours: Vec<u32>,
+    /// The Gaussians of all bodies, with their rows.
+    pub gaussians: Gaussians,
+}
+
+/// What a recording is like, as bodies need to know it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recording {
+    /// First and last instant, nanoseconds.
+    pub span_ns: [i64; 2],
+    /// RGB intervals in it.
+    pub intervals: f64,
+}
+
+impl Recording {
+    fn seconds(&self, t_ns: i64) -> f64 {
+        1e-9 * t_ns.saturating_sub(self.span_ns[0]) as f64
+    }
+
+    /// How long it is, seconds.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.seconds(self.span_ns[1]).max(1e-6)
+    }
+}
+
+impl Start {
+    /// Control points, nodes and Gaussians of `bodies`; rows are as long as those of `free` and what bodies need.
+    #[must_use]
+    pub fn new(
+        bodies: &[Body],
+        recording: Recording,
+        sh_degree: u32,
+        options: &BodiesOptions,
+        free: &FreeTimeOptions,
+    ) -> Self {
+        let length = recording.length();
+        let interval = length / recording.intervals.max(1e-6);
+        let fastest = bodies.iter().map(fastest_turn).fold(0.0, f64::max);
+        let spacing = (interval / f64::from(options.knots)).min(MOST_TURN / fastest.max(1e-9));
+        let total = bodies.iter().map(|body| (body.points.len() as f64).sqrt()).sum::<f64>();
+        let mut nodes: Vec<(usize, DVec3, f64)> = Vec::new();
+        let mut gaussians =
+            Gaussians { sh_degree, motion_floats: free.floats() + EXTRA_FLOATS, ..Gaussians::default() };
+        for (index, body) in bodies.iter().enumerate() {
+            let places: Vec<DVec3> = body.points.iter().map(|point| DVec3::from(point.position_m)).collect();
+            let share = f64::from(options.nodes) * (places.len() as f64).sqrt() / total.max(1e-9);
+            let rests = spread(&places, (share as usize).max(FEWEST_NODES));
+            let reach = reach_of(&rests).ln();
+            let first = nodes.len();
+            nodes.extend(rests.into_iter().map(|rest| (index, rest, reach)));
+            add_gaussians(&mut gaussians, body, index, &nodes[first..], first, options, free);
+        }
+        gaussians.dynamic = gaussians.len();
+        let count = bodies.len() + nodes.len();
+        let most = (MOST_CONTROL / count.max(1)).max(4);
+        let knots = ((length / spacing).ceil() as usize).clamp(1, most - 3) + 3;
+        let per_second = (knots - 3) as f64 / length;
+        let mut control = vec![0.0_f32; knots * count * 8];
+        for (index, body) in bodies.iter().enumerate() {
+            for (knot, [x, y, z, qw, qx, qy, qz]) in path(body, recording, knots, per_second).into_iter().enumerate() {
+                let turn = DVec4::new(qw, qx, qy, qz).normalize_or(DVec4::X);
+                let row = [x, y, z, 0.0, turn.x, turn.y, turn.z, turn.w].map(|value| value as f32);
+                control[8 * (knot * count + index)..][..8].copy_from_slice(&row);
+            }
+        }
+        for knot in 0..knots {
+            for node in 0..nodes.len() {
+                control[8 * (knot * count + bodies.len() + node) + 4] = 1.0;
+            }
+        }
+        let gate = |body: &Body| {
+            let [begin, end] = body.span_ns.map(|t_ns| recording.seconds(t_ns) as f32);
+            let comes_or_goes = body.span_ns[0] > recording.span_ns[0] || body.span_ns[1] < recording.span_ns[1];
+            [begin, end, f32::from(u8::from(comes_or_goes)), 0.0]
+        };
+        let node = |(_, rest, reach): &(usize, DVec3, f64)| [rest.x, rest.y, rest.z, *reach].map(|value| value as f32);
+        Self {
+            bodies: bodies.len(),
+            nodes: nodes.len(),
+            knots,
+            per_second,
+            control,
+            other: bodies.iter().map(gate).chain(nodes.iter().map(node)).flatten().collect(),
+            neighbours: neighbours(&nodes),
+            gaussians,
+        }
+    }
+}
+
+/// How fast a body turns at most, radians a second.
+fn fastest_turn(body: &Body) -> f64 {
+    let rate = |pair: &[BodyPose]| {
+        let turn = 2.0 * pair[0].rotation().dot(pair[1].rotation()).abs().min(1.0).acos();
+        turn / (1e-9 * pair[1].t_ns.saturating_sub(pair[0].t_ns) as f64).max(1e-9)
+    };
+    body.poses.windows(2).map(rate).fold(0.0, f64::max)
+}
+
+/// Control points of the path of a body: it stays where its poses end.
+fn path(body: &Body, recording: Recording, knots: usize, per_second: f64) -> Vec<[f64; 7]> {
+    let mut last = DQuat::IDENTITY;
+    let mut samples: Vec<(f64, [f64; 7])> = Vec::with_capacity(body.poses.len() + 2 * knots);
+    for pose in &body.poses {
+        let mut q = pose.rotation();
+        if q.dot(last) < 0.0 {
+            q = -q;
+        }
+        last = q;
+        let [x, y, z] = pose.translation_m;
+        samples.push((per_second * recording.seconds(pose.t_ns), [x, y, z, q.w, q.x, q.y, q.z]));
+    }
+    let (Some(first), Some(last)) = (samples.first().copied(), samples.last().copied()) else { return Vec::new() };
+    let places = (0..2 * knots).map(|half| 0.5 * half as f64).filter(|s| *s <= (knots - 3) as f64);
+    for s in places {
+        if s < first.0 {
+            samples.push((s, first.1));
+        } else if s > last.0 {
+            samples.push((s, last.1));
+        }
+    }
+    spline::fit(&samples, knots, STIFFNESS)
+}
+
+/// Up to `most` of `places`, each as far from those before it as can be, from the one that is farthest from the middle on.
+fn spread(places: &[DVec3], most: usize) -> Vec<DVec3> {
+    let middle = places.iter().sum::<DVec3>() / places.len().max(1) as f64;
+    let mut away: Vec<f64> = places.iter().map(|place| place.distance_squared(middle)).collect();
+    let mut chosen: Vec<DVec3> = Vec::new();
+    while chosen.len() < most.min(places.len()) {
+        let farthest = (0..places.len()).max_by(|a, b| away[*a].total_cmp(&away[*b]).then(b.cmp(a)));
+        let Some(next) = farthest.filter(|&next| chosen.is_empty() || away[next] > 0.0) else { break };
+        for (away, place) in away.iter_mut().zip(places) {
+            let distance = place.distance_squared(places[next]);
+            *away = if chosen.is_empty() { distance } else { away.min(distance) };
+        }
+        chosen.push(places[next]);
+    }
+    chosen
+}
+
+/// How far nodes are apart, metres: the median distance to the nearest other.
+fn reach_of(rests: &[DVec3]) -> f64 {
+    let nearest = |index: usize| {
+        let others = rests.iter().enumerate().filter(|(other, _)| *other != index);
+        others.map(|(_, other)| other.distance(rests[index])).fold(f64::INFINITY, f64::min)
+    };
+    let mut apart: Vec<f64> = (0..rests.len()).map(nearest).filter(|apart| apart.is_finite()).collect();
+    apart.sort_by(f64::total_cmp);
+    apart.get(apart.len() / 2).map_or(0.1, |apart| apart.max(1e-4))
+}
+
+/// For each node those of the same body that are nearest, and those that it is one of the nearest of.
+fn neighbours(nodes: &[(usize, DVec3, f64)]) -> Vec<u32> {
+    const NONE: u32 = u32::MAX;
+    let mut codes: Vec<Vec<(u32, u32)>> = vec![Vec::new(); nodes.len()];
+    for (index, (body, rest, _)) in nodes.iter().enumerate() {
+        let mut others: Vec<(f64, usize)> = (0..nodes.len())
+            .filter(|&other| other != index && nodes[other].0 == *body)
+            .map(|other| (nodes[other].1.distance_squared(*rest), other))
+            .collect();
+        others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for &(_, other) in others.iter().take(NEAREST) {
+            // A node that many look to keeps the first of them: an edge is held at both of its ends or not at all.
+            let [mine, yours] = [index, other].map(|node| codes[node].len() < NEIGHBOURS);
+            let known = |node: usize, beside: usize| codes[node].iter().any(|(seen, _)| *seen as usize == beside);
+            if (mine || known(index, other)) && (yours || known(other, index)) {
+                mark(&mut codes[index], other as u32, 1);
+                mark(&mut codes[other], index as u32, 2);
+            }
+        }
+    }
+    let filled = |codes: Vec<(u32, u32)>| {
+        let mut row = [NONE; NEIGHBOURS];
+        row.iter_mut().zip(codes).for_each(|(to, (other, flags))| *to = 4 * other + flags);
+        row
+    };
+    codes.into_iter().flat_map(filled).collect()
+}
+
+fn mark(codes: &mut Vec<(u32, u32)>, other: u32, flag: u32) {
+    match codes.iter_mut().find(|(seen, _)| *seen == other) {
+        Some((_, flags)) => *flags |= flag,
+        None => codes.push((other, flag)),
+    }
+}
+
+/// Adds a Gaussian for each point of a body: a disc on its surface.
+fn add_gaussians(
+    all: &mut Gaussians,
+    body: &Body,
+    index: usize,
+    nodes: &[(usize, DVec3, f64)],
+    first_node: usize,
+    options: &BodiesOptions,
+    free: &FreeTimeOptions,
+) {
+    let points: Vec<Point> =
+        body.points.iter().map(|point| (point.position_m.map(|at| at as f32), point.colour)).collect();
+    let mut born = Gaussians::from_points(&points, all.sh_degree, options.opacity);
+    let places: Vec<[f32; 3]> = points.iter().map(|(place, _)| *place).collect();
+    let size = disc_size(&places).ln();
+    let stride = born.core.len() / points.len().max(1);
+    for (core, point) in born.core.chunks_exact_mut(stride).zip(&body.points) {
+        let normal = DVec3::from(point.normal).normalize_or(DVec3::Z);
+        let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
+        core[3..6].copy_from_slice(&[size, size, size - std::f32::consts::LN_2]);
+        core[6..10].copy_from_slice(&[turn.w, turn.x, turn.y, turn.z].map(|q| q as f32));
+        let place = DVec3::from(point.position_m);
+        let mut order: Vec<(f64, usize)> =
+            nodes.iter().enumerate().map(|(node, (_, rest, _))| (rest.distance_squared(place), node)).collect();
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut row = vec![0.0_f32; free.floats() + EXTRA_FLOATS];
+        row[3] = NEVER;
+        row[free.floats()] = (1 + index) as f32;
+        for (slot, (_, node)) in row[free.floats() + 1..].iter_mut().zip(order.iter().take(HANGS_ON)) {
+            *slot = (1 + first_node + node) as f32;
+        }
+        all.motion.extend(row);
+    }
+    all.core.extend(born.core);
+    all.sh.extend(born.sh);
+}
+
+/// How large the discs on a surface of such points are, metres.
+fn disc_size(places: &[[f32; 3]]) -> f32 {
+    let around = Neighbours::new(places);
+    let mut apart: Vec<f32> = places
+        .iter()
+        .map(|place| {
+            let near = around.nearest(place, 4);
+            near.iter().skip(1).map(|(_, squared)| squared.sqrt()).sum::<f32>() / (near.len().max(2) - 1) as f32
+        })
+        .collect();
+    apart.sort_by(f32::total_cmp);
+    (0.6 * apart.get(apart.len() / 2).copied().unwrap_or(0.02)).clamp(1e-3, 0.1)
+}
