@@ -57,6 +57,7 @@ Motion:
   free-time  each Gaussian is born at an instant, with a velocity, and lives for a while (after FreeTimeGS); starts from the \
 points of what moves, which `erfgs dataset points` finds
   still      nothing moves: no motion is learned, and events are not looked at
+  bodies     what moves is a few bodies, whose Gaussians share a path for the whole recording; starts from `erfgs dataset bodies`
   auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
              hexplane; what the default preset does
 

@@ -440,10 +440,6 @@ pub struct BlurConfig {
     pub model: Switch,
     /// Renderings an exposure, spread evenly with both ends included.
     pub samples: u32,
-    /// Whether each of the renderings is at a random instant of its share of the exposure, and not always at the same: what moves far in an
-    /// exposure is then never learned as so many sharp things.
-    #[serde(default)]
-    pub jitter: bool,
     /// Whether only one of the renderings, drawn at random, is gone back through, with the weight of all of them: the
     /// same gradient on average at a third of the cost.
     pub one_gradient: bool,

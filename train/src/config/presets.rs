@@ -131,7 +131,7 @@ impl Config {
             camera_colour: CameraColourOptions::default(),
             camera_pose: CameraPoseOptions::default(),
             camera_time: CameraTimeOptions::default(),
-            blur: BlurConfig { model: Switch::Off, samples: 3, jitter: false, one_gradient: false, instant: None },
+            blur: BlurConfig { model: Switch::Off, samples: 3, one_gradient: false, instant: None },
             dynamic: DynamicConfig {
                 skip_static: false,
                 motion_threshold: 0.06,
@@ -222,7 +222,7 @@ impl Config {
         config.camera_pose.enabled = true;
         config.camera_time.enabled = true;
         // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
-        config.blur = BlurConfig { model: Switch::Off, samples: 3, jitter: false, one_gradient: true, instant: None };
+        config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;
         config

@@ -77,27 +77,33 @@ impl Trainer<'_> {
 
     /// The Gaussians of the coarse stage as what stands still, and with them those born from points that move.
     fn born(&self, mut population: Population) -> Population {
+        let rows = self.born_of(&self.scene.moving_points(), population.gaussians.sh_degree);
+        population.gaussians.dynamic = 0;
+        population.with_dynamic(&rows)
+    }
+
+    /// The Gaussians that are born from points that move, each at its instant (in [0, 1]).
+    fn born_of(&self, points: &[(Point, f64)], degree: u32) -> Gaussians {
         let intervals = self.scene.intervals();
-        let points: Vec<_> =
-            self.scene.moving_points().into_iter().map(|(point, t01)| (point, t01 * intervals)).collect();
-        let (degree, extent) = (population.gaussians.sh_degree, self.scene.extent);
+        let points: Vec<_> = points.iter().map(|(point, t01)| (*point, t01 * intervals)).collect();
+        let extent = self.scene.extent;
         // A frame that is taken for an instant shows what the shutter stretched as if it were so.
         let exposure = match self.config.blur.model {
             Switch::Off => 0.0,
             Switch::On | Switch::Auto => (self.scene.exposure() * intervals) as f32,
         };
-        let rows = birth::gaussians(&points, degree, extent, exposure, &self.config.free_time);
-        population.gaussians.dynamic = 0;
-        population.with_dynamic(&rows)
+        birth::gaussians(&points, degree, extent, exposure, &self.config.free_time)
     }
 
     /// The Gaussians of the coarse stage as what stands still, with them those of the bodies, and those born from points that move and
     /// that no body explains.
-    fn carried(&self, population: Population) -> Result<Population, TrainError> {
+    fn carried(&self, mut population: Population) -> Result<Population, TrainError> {
         let start = self.scene.bodies(&self.config)?;
-        let mut population = population;
+        let points = start.unexplained(&self.scene.moving_points(), self.scene.recording().length());
+        let degree = population.gaussians.sh_degree;
+        let rest = self.born_of(&points, degree).with_motion_floats(start.gaussians.motion_floats);
         population.gaussians.dynamic = 0;
-        Ok(population.with_dynamic(&start.gaussians))
+        Ok(population.with_dynamic(&rest).with_dynamic(&start.gaussians.with_sh_degree(degree)))
     }
 
     /// Finds where things move, and keeps it for the views whose samples look there alone.
@@ -203,6 +209,9 @@ impl Trainer<'_> {
 
     fn note_left_out(&mut self, gaussians: &Gaussians) {
         let every = self.whole_image_every();
+        let first = self.config.free_time.floats();
+        let rows = gaussians.motion.chunks_exact(gaussians.motion_floats.max(1));
+        let carried = rows.filter(|row| row.get(first).is_some_and(|body| *body > 0.0)).count();
         let mut note = |what: &str, why: String, saves: String| {
             self.left_out.push(LeftOut { what: what.into(), why, saves });
         };
@@ -212,6 +221,12 @@ impl Trainer<'_> {
                 "motion",
                 "nothing moves, by frames, events and points, or as the configuration says".into(),
                 "the motion model and its gradients".into(),
+            );
+        } else if self.config.motion == MotionModel::Bodies {
+            note(
+                "paths of their own for Gaussians of bodies",
+                format!("{carried} of {dynamic} moving Gaussians are carried by bodies for the whole recording"),
+                "planes and network of the deformation field; instants, lives and knots of those Gaussians".into(),
             );
         } else if self.config.motion == MotionModel::FreeTime {
             note(
@@ -313,12 +328,15 @@ impl Trainer<'_> {
             };
             note("the clocks of the cameras", why, "a time for each camera".into());
         }
-        let blur_off = self.config.blur.model == Switch::Off;
-        if blur_off || !self.scene.has_blur() {
+        let (renderings, off) = match self.config.motion {
+            MotionModel::Bodies => (self.config.bodies.exposure, self.config.bodies.exposure == 1),
+            _ => (self.config.blur.samples, self.config.blur.model == Switch::Off),
+        };
+        if off || !self.scene.has_blur() {
             note(
                 "the model of the exposure",
-                if blur_off { "switched off in the configuration" } else { "every frame is an instant" }.into(),
-                format!("{} renderings a frame", self.config.blur.samples.saturating_sub(1)),
+                if off { "switched off in the configuration" } else { "every frame is an instant" }.into(),
+                format!("{} renderings a frame", renderings.saturating_sub(1)),
             );
         }
         if self.config.sh.max_degree < 3 {

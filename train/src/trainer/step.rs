@@ -9,7 +9,7 @@ use super::{
     samples::{self, Sample},
 };
 use crate::{
-    config::{Norm, Pairing, Switch},
+    config::{MotionModel, Norm, Pairing, Switch},
     field::{Blend, Outputs, Tape},
     gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
@@ -427,16 +427,15 @@ fn exposure_times(
     drawn: f64,
 ) -> Vec<f64> {
     let [start, end] = frame.exposure;
-    let on = match config.blur.model {
-        Switch::Off => false,
-        Switch::On | Switch::Auto => stage == Stage::Fine && end > start && dynamic > 0,
-    };
-    let samples = config.blur.samples;
-    if on && config.blur.jitter {
+    let moves = stage == Stage::Fine && end > start && dynamic > 0;
+    if moves && config.motion == MotionModel::Bodies && config.bodies.exposure > 1 {
+        // What goes far in an exposure would be learned as so many sharp things, were they always at the same places.
+        let samples = config.bodies.exposure;
         let share = |k: u32| (f64::from(k) + drawn) / f64::from(samples);
         return (0..samples).map(|k| start + (end - start) * share(k)).collect();
     }
-    if on && samples > 1 {
+    let samples = config.blur.samples;
+    if moves && config.blur.model != Switch::Off && samples > 1 {
         return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
     }
     vec![frame.instant(config.blur.instant)]

@@ -16,6 +16,7 @@
 mod device;
 mod index;
 mod options;
+mod rest;
 pub mod spline;
 mod start;
 #[cfg(test)]

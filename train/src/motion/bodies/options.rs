@@ -14,6 +14,8 @@ pub struct BodiesOptions {
     pub nodes: u32,
     /// When nodes begin to learn, as a share of the fine stage; 1 or more: bodies stay rigid.
     pub nodes_from: f32,
+    /// Renderings of an exposure, each at a random instant of its share of it; 1: a frame is taken for an instant.
+    pub exposure: u32,
     /// The opacity that a Gaussian of a body starts with.
     pub opacity: f32,
     /// Learning rate of the places of bodies, extents of the scene: first, last.
@@ -38,8 +40,6 @@ pub struct BodiesOptions {
     pub smooth_path: [f32; 2],
     /// Weight of the squared third differences of turns: of bodies, of nodes.
     pub smooth_turn: [f32; 2],
-    /// Learning rates of places, sizes, turns, opacities and colours of a body's Gaussians, as multiples of those of others.
-    pub appearance: f32,
 }
 
 impl Default for BodiesOptions {
@@ -48,6 +48,7 @@ impl Default for BodiesOptions {
             knots: 3.0,
             nodes: 128,
             nodes_from: 0.1,
+            exposure: 4,
             opacity: 0.57,
             path: [1e-3, 8e-5],
             turn: [5e-3, 3e-4],
@@ -60,7 +61,6 @@ impl Default for BodiesOptions {
             alike: 0.03,
             smooth_path: [0.3, 1.2],
             smooth_turn: [0.005, 0.02],
-            appearance: 1.0,
         }
     }
 }
@@ -80,6 +80,9 @@ impl BodiesOptions {
         }
         if self.nodes == 0 || self.nodes > MOST_NODES {
             return refuse("bodies.nodes", self.nodes.to_string(), "1 to 4096");
+        }
+        if !(1..=64).contains(&self.exposure) {
+            return refuse("bodies.exposure", self.exposure.to_string(), "1 to 64");
         }
         if !(self.opacity > 0.0 && self.opacity < 1.0) {
             return refuse("bodies.opacity", self.opacity.to_string(), "between 0 and 1");
@@ -107,7 +110,6 @@ impl BodiesOptions {
             ("bodies.smooth_path", self.smooth_path[1]),
             ("bodies.smooth_turn", self.smooth_turn[0]),
             ("bodies.smooth_turn", self.smooth_turn[1]),
-            ("bodies.appearance", self.appearance),
         ];
         for (key, value) in others {
             if !(value.is_finite() && value >= 0.0) {

@@ -282,3 +282,140 @@ fn disc_size(places: &[[f32; 3]]) -> f32 {
     apart.sort_by(f32::total_cmp);
     (0.6 * apart.get(apart.len() / 2).copied().unwrap_or(0.02)).clamp(1e-3, 0.1)
 }
+
+#[cfg(test)]
+mod tests {
+    use erfgs_base::random;
+    use erfgs_dataset::SurfacePoint;
+
+    use super::*;
+    use crate::{
+        gaussians::CORE,
+        reference::bodies::{Control, pose},
+    };
+
+    const SPAN_NS: [i64; 2] = [1_000_000_000, 1_600_000_000];
+    const RECORDING: Recording = Recording { span_ns: SPAN_NS, intervals: 9.0 };
+
+    /// A ball that flies along x and turns about z at `rate` radians a second.
+    fn ball(name: &str, rate: f64, span_ns: [i64; 2], points: u64) -> Body {
+        let pose = |k: i64| {
+            let t_ns = SPAN_NS[0] + 5_000_000 * k;
+            let seconds = 5e-3 * k as f64;
+            let turn = DQuat::from_rotation_z(rate * seconds);
+            BodyPose { t_ns, translation_m: [2.0 * seconds, 1.0, 0.0], rotation_wxyz: [turn.w, turn.x, turn.y, turn.z] }
+        };
+        let point = |i: u64| {
+            let at = DVec3::from_array([0, 1, 2].map(|axis| random::range(random::key(5, &[i, axis]), -1.0, 1.0)));
+            let normal = at.normalize_or(DVec3::X);
+            SurfacePoint { position_m: (0.2 * normal).to_array(), normal: normal.to_array(), colour: [10, 20, 200] }
+        };
+        Body {
+            name: name.into(),
+            span_ns,
+            poses: (0..=120).map(pose).collect(),
+            points: (0..points).map(point).collect(),
+            found_by: Default::default(),
+        }
+    }
+
+    fn start(bodies: &[Body], options: &BodiesOptions) -> Start {
+        Start::new(bodies, RECORDING, 1, options, &FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() })
+    }
+
+    /// The control points of a body or node.
+    fn control(start: &Start, entity: usize) -> Vec<Control> {
+        let count = start.bodies + start.nodes;
+        let point = |knot: usize| {
+            let at: Vec<f64> =
+                start.control[8 * (knot * count + entity)..][..8].iter().map(|v| f64::from(*v)).collect();
+            (DVec3::new(at[0], at[1], at[2]), DVec4::new(at[4], at[5], at[6], at[7]))
+        };
+        (0..start.knots).map(point).collect()
+    }
+
+    #[test]
+    fn paths_follow_the_poses_however_fast_they_turn() {
+        for rate in [0.0, 15.0, 250.0] {
+            let bodies = [ball("slow", 0.5, SPAN_NS, 50), ball("fast", rate, SPAN_NS, 80)];
+            let start = start(&bodies, &BodiesOptions::default());
+            let rate_a_knot = rate / start.per_second;
+            assert!(rate_a_knot <= 1.01 && start.per_second >= 44.9, "{rate_a_knot} radians a knot");
+            for (entity, body) in bodies.iter().enumerate() {
+                let path = control(&start, entity);
+                for at in &body.poses {
+                    let seconds = RECORDING.seconds(at.t_ns);
+                    let found = pose(&path, seconds * start.per_second, 0.0);
+                    let turn = found.turn.dot(DVec4::from_array(at.rotation_wxyz)).abs().min(1.0).acos() * 2.0;
+                    let apart = found.shift.distance(DVec3::from(at.translation_m));
+                    assert!(turn < 0.03 && apart < 1e-3, "{} at {seconds}: {turn} radians, {apart} m", body.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_gaussian_hangs_on_nodes_of_its_body() {
+        let gone = [SPAN_NS[0] + 100_000_000, SPAN_NS[1]];
+        let bodies = [ball("a", 1.0, SPAN_NS, 300), ball("b", 1.0, gone, 900), ball("dot", 0.0, SPAN_NS, 1)];
+        let options = BodiesOptions { nodes: 40, ..BodiesOptions::default() };
+        let start = start(&bodies, &options);
+        assert_eq!((start.bodies, start.gaussians.len(), start.gaussians.dynamic), (3, 1201, 1201));
+        assert!((30..=45).contains(&start.nodes), "{}", start.nodes);
+        let floats = start.gaussians.motion_floats;
+        let mut seen = vec![0; start.nodes];
+        let mut body_of = vec![0.0; start.nodes];
+        for row in start.gaussians.motion.chunks_exact(floats) {
+            let ids = &row[floats - EXTRA_FLOATS..];
+            let nodes: Vec<usize> = ids[1..5].iter().filter(|id| **id > 0.0).map(|id| *id as usize - 1).collect();
+            assert!((nodes.len() == 4 || ids[0] == 3.0) && row[3] == NEVER, "{row:?}");
+            nodes.iter().for_each(|&node| {
+                seen[node] += 1;
+                assert!(body_of[node] == 0.0 || body_of[node] == ids[0], "a node of two bodies");
+                body_of[node] = ids[0];
+            });
+        }
+        assert!(seen.iter().all(|&seen| seen > 0));
+        let gates: Vec<&[f32]> = start.other.chunks_exact(4).take(3).collect();
+        assert_eq!((gates[0][2], gates[1], gates[2][2]), (0.0, &[0.1, 0.6, 1.0, 0.0][..], 0.0));
+        // An edge is held at both of its ends.
+        for (node, codes) in start.neighbours.chunks_exact(NEIGHBOURS).enumerate() {
+            for code in codes.iter().filter(|code| **code != u32::MAX) {
+                let (other, flags) = ((code / 4) as usize, code % 4);
+                let back = start.neighbours[other * NEIGHBOURS..][..NEIGHBOURS]
+                    .iter()
+                    .find(|code| **code != u32::MAX && (**code / 4) as usize == node)
+                    .map(|code| code % 4);
+                assert_eq!(back, Some((flags & 1) << 1 | flags >> 1), "{node} and {other}");
+                assert_eq!(body_of[node], body_of[other]);
+            }
+        }
+    }
+
+    #[test]
+    fn discs_lie_on_the_surface() {
+        let bodies = [ball("a", 1.0, SPAN_NS, 400)];
+        let start = start(&bodies, &BodiesOptions::default());
+        for (core, point) in start.gaussians.core.chunks_exact(CORE).zip(&bodies[0].points) {
+            let q = DQuat::from_xyzw(core[7].into(), core[8].into(), core[9].into(), core[6].into());
+            assert!((q * DVec3::Z).dot(DVec3::from(point.normal)) > 0.999 && core[5] < core[4]);
+        }
+    }
+
+    #[test]
+    fn odd_bodies_are_taken_without_failing() {
+        let mut still = ball("still", 0.0, SPAN_NS, 3);
+        still.poses.truncate(1);
+        still.points.iter_mut().for_each(|point| point.position_m = [0.0; 3]);
+        let mut wild = ball("wild", 0.0, [i64::MIN, i64::MAX], 2);
+        wild.poses = vec![
+            wild.poses[0],
+            BodyPose { t_ns: wild.poses[0].t_ns + 1, rotation_wxyz: [0.0, 1.0, 0.0, 0.0], ..wild.poses[0] },
+        ];
+        let start = start(&[still, wild], &BodiesOptions { nodes: 1, ..BodiesOptions::default() });
+        assert!(start.control.len() <= 8 * MOST_CONTROL);
+        assert!(start.control.iter().chain(&start.other).chain(&start.gaussians.core).all(|value| value.is_finite()));
+        let none = Start::new(&[], RECORDING, 0, &BodiesOptions::default(), &FreeTimeOptions::default());
+        assert_eq!((none.bodies, none.nodes, none.gaussians.len()), (0, 0, 0));
+    }
+}
