@@ -209,6 +209,9 @@ fn describe_run(summary: &RunSummary<'_>) -> String {
                 .map_or("none".into(), |size| format!("{}; `erfgs train --resume` continues", bytes(size))),
         ),
     ];
+    if !run.bodies.is_empty() {
+        rows.push(("bodies", format!("{}: {}", run.bodies.len(), run.bodies.join(", "))));
+    }
     match &summary.metrics {
         Some(metrics) => {
             let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2} dB"));

@@ -11,9 +11,11 @@
 //! | [`raster`] | the rasteriser | its `f64` twin |
 //! | [`placing`] | scenes of other sizes and elsewhere | the same scene in its place |
 //! | [`motion`] | lives and velocities | the `f64` twin of the motion |
+//! | [`bodies`] | paths, nodes and gates of bodies | their `f64` twin, and exact rotations |
 //! | [`clocks`] | fits of clocks | the clock that the samples were drawn from |
 //! | [`training`] | whole trainings | a scene that is filmed exactly ([`filmed`]) |
 
+pub mod bodies;
 mod case;
 pub mod clocks;
 pub mod cloud;
@@ -36,6 +38,7 @@ pub fn cases(size: Size) -> Vec<Case> {
         raster::cases(size),
         placing::cases(size),
         motion::cases(size),
+        bodies::cases(size),
         clocks::cases(size),
         training::cases(size),
     ]
@@ -44,6 +47,7 @@ pub fn cases(size: Size) -> Vec<Case> {
 
 /// What the cases of a part are compared with.
 pub(crate) fn truth(part: &str) -> &'static str {
-    let all = [sensor::ABOUT, raster::ABOUT, placing::ABOUT, motion::ABOUT, clocks::ABOUT, training::ABOUT];
+    let all =
+        [sensor::ABOUT, raster::ABOUT, placing::ABOUT, motion::ABOUT, bodies::ABOUT, clocks::ABOUT, training::ABOUT];
     all.into_iter().find(|[name, _]| *name == part).map_or("", |[_, truth]| truth)
 }

@@ -264,6 +264,7 @@ fn the_page_shows_more_than_the_picture(folder: &Folder, served: &Served, browse
         change(browser, id, "checked = false");
         browser.wait(&format!("{painted} === 0"));
     }
+    assert_eq!(browser.evaluate("document.querySelectorAll('.body').length"), 0, "there are no bodies");
     // Pictures of other looks and parts differ from each other.
     let mut pictures = vec![browser.screenshot()];
     for (id, value) in [("look", "depth"), ("look", "ellipsoids"), ("layer", "move"), ("layer", "stand")] {
@@ -435,12 +436,17 @@ fn scene_files_keep_what_is_seen(folder: &Folder) {
     let open = folder.figures("export run --to 4dgs --out scene.4dgs");
     assert!(folder.fail(2, "export run --to 4dgs --exact --out b.4dgs").contains("--exact"));
     folder.succeed("export run --instants 4 --out splats");
-    let scene = fourdgs::read_path(folder.path("scene.4dgs")).expect("a scene");
-    assert_eq!(scene.gaussians.count() as u64, open["gaussians"].as_u64().expect("a count"));
+    let scene = open_container_shows(folder, "scene.4dgs", "splats", 0.02);
+    assert_eq!(scene, open["gaussians"].as_u64().expect("a count"));
+}
+
+/// What is well seen in clouds at four instants is seen in a file of the open container, too, as opaque but for so much. Gives how many Gaussians that has.
+pub fn open_container_shows(folder: &Folder, file: &str, clouds: &str, most_faded: f32) -> u64 {
+    let scene = fourdgs::read_path(folder.path(file)).expect("a scene");
     for instant in 0..4 {
         let t = scene.header.duration_sec * f64::from(instant) / 3.0;
         let there = scene.gaussians.state_at(t, scene.header.cutoff);
-        let path = folder.path(&format!("splats/point_cloud_t/{instant:05}.ply"));
+        let path = folder.path(&format!("{clouds}/point_cloud_t/{instant:05}.ply"));
         let cloud = erfgs_scene::ply::GaussianCloud::read(&path).expect("a cloud");
         // What is well seen in one is in the other, at the same place but for a share of its size, and as opaque.
         for index in 0..cloud.len() {
@@ -450,10 +456,11 @@ fn scene_files_keep_what_is_seen(folder: &Folder) {
             let off = (0..there.count()).map(|k| {
                 let centre = &there.centers[3 * k..];
                 let away = (centre[0] - x).hypot(centre[1] - y).hypot(centre[2] - z);
-                (away / most).max((there.opacity[k] - opacity).abs() / 0.02)
+                (away / most).max((there.opacity[k] - opacity).abs() / most_faded)
             });
             let off = off.fold(f32::INFINITY, f32::min);
             assert!(opacity < 0.3 || off < 1.0, "{t} s: {off} from {x} {y} {z} of opacity {opacity}");
         }
     }
+    scene.gaussians.count() as u64
 }

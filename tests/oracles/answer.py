@@ -2,7 +2,7 @@
 
     python answer.py QUESTIONS.json ANSWERS.json
 
-A question names its oracle under "oracle": raster, field, event or motion. All arithmetic is float64.
+A question names its oracle under "oracle": raster, field, event, motion or bodies. All arithmetic is float64.
 """
 
 import json
@@ -14,12 +14,13 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np  # noqa: E402
 
+import bodies  # noqa: E402
 import event  # noqa: E402
 import field  # noqa: E402
 import motion  # noqa: E402
 import raster  # noqa: E402
 
-ORACLES = {"raster": raster.run, "field": field.run, "event": event.run, "motion": motion.run}
+ORACLES = {"raster": raster.run, "field": field.run, "event": event.run, "motion": motion.run, "bodies": bodies.run}
 
 
 def plain(value):

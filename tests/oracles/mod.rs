@@ -4,6 +4,7 @@
 //! `scripts/setup.sh --oracles` makes the Python environment; the environment variable `ERFGS_ORACLES` names another
 //! Python that has JAX.
 
+mod bodies;
 mod event;
 mod exchange;
 mod field;

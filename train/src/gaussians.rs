@@ -108,7 +108,7 @@ impl Gaussians {
         if self.motion_floats == floats || self.motion_floats == 0 {
             return Self { motion_floats: floats, ..self };
         }
-        let mut motion = vec![0.0; self.dynamic * floats];
+        let mut motion = vec![0.0; self.motion.len() / self.motion_floats * floats];
         for (new, old) in motion.chunks_exact_mut(floats).zip(self.motion.chunks_exact(self.motion_floats)) {
             let kept = old.len().min(floats);
             new[..kept].copy_from_slice(&old[..kept]);
@@ -209,6 +209,14 @@ impl Neighbours {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_of_motion_grow_behind_what_they_hold() {
+        let motion = vec![1.0, 2.0, 3.0, 4.0];
+        let gaussians = Gaussians { dynamic: 2, motion_floats: 2, motion, ..Gaussians::default() };
+        let grown = gaussians.with_motion_floats(3);
+        assert_eq!((grown.motion_floats, grown.motion), (3, vec![1.0, 2.0, 0.0, 3.0, 4.0, 0.0]));
+    }
 
     #[test]
     fn the_nearest_points_come_first() {

@@ -5,8 +5,12 @@ use erfgs_train::shaders;
 /// Name, kind and text of each file of the page.
 const FILES: &[(&str, &str, &str)] = &[
     ("style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    ("js/arrows.js", SCRIPT, include_str!("page/js/arrows.js")),
+    ("js/bodies.js", SCRIPT, include_str!("page/js/bodies.js")),
     ("js/camera.js", SCRIPT, include_str!("page/js/camera.js")),
+    ("js/carried.js", SCRIPT, include_str!("page/js/carried.js")),
     ("js/check.js", SCRIPT, include_str!("page/js/check.js")),
+    ("js/choices.js", SCRIPT, include_str!("page/js/choices.js")),
     ("js/codings.js", SCRIPT, include_str!("page/js/codings.js")),
     ("js/controls.js", SCRIPT, include_str!("page/js/controls.js")),
     ("js/field.js", SCRIPT, include_str!("page/js/field.js")),

@@ -96,6 +96,9 @@ pub struct RunInfo {
     /// What was left out, why, and what that saved.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
+    /// What the bodies are called that carry Gaussians, where any do.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bodies: Vec<String>,
     /// How the training cameras show colours, where that was learned.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_colours: Vec<CameraColour>,
@@ -133,6 +136,7 @@ impl Default for RunInfo {
             identity: None,
             finished: false,
             left_out: Vec::new(),
+            bodies: Vec::new(),
             camera_colours: Vec::new(),
             camera_poses: Vec::new(),
             camera_times: Vec::new(),

@@ -83,7 +83,8 @@ pub fn propose<E: From<SceneError>>(
 ) -> Result<(Gaussians, EdsReport), E> {
     let Draw { bin, denoise, seed, iteration, birth } = *draw;
     let mut report = EdsReport::default();
-    let motion_floats = gaussians.motion_floats;
+    // Bodies keep more behind the path of a row than a birth knows of.
+    let motion_floats = birth.map_or(gaussians.motion_floats, |birth| birth.options.floats());
     let nothing = Gaussians { sh_degree: gaussians.sh_degree, motion_floats, ..Gaussians::default() };
     if scene.events.is_empty() || gaussians.is_empty() || bin + 1 >= scene.bins.edges.len() {
         return Ok((nothing, report));

@@ -565,10 +565,16 @@ impl<'a> Trainer<'a> {
             // Whoever writes what comes after the training says that it is there.
             finished: false,
             left_out: self.left_out.clone(),
+            bodies: self.body_names(),
             camera_colours: self.camera_colours()?,
             camera_poses: self.camera_poses(),
             camera_times: self.camera_times(),
         })?)
+    }
+
+    /// What the bodies are called that carry Gaussians by now.
+    fn body_names(&self) -> Vec<String> {
+        self.model.motion.as_ref().and_then(Motion::bodies).map_or(Vec::new(), |bodies| bodies.names().to_vec())
     }
 
     /// Where the cameras were found to stand, beside their calibration; nothing where that is not learned.

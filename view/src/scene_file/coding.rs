@@ -1,4 +1,4 @@
-//! How the numbers of a section are written: as they are, as halves, or as codes of eight or sixteen bits in blocks of rows with
+//! How the numbers of a section are written: as they are, as halves, as whole numbers, or as codes of eight or sixteen bits in blocks of rows with
 //! a range for each column.
 
 use half::f16;
@@ -12,6 +12,8 @@ pub enum Coding {
     Exact,
     /// f16.
     Half,
+    /// u16, of whole numbers.
+    Whole,
     /// Codes in blocks of so many rows. First, for each block and column, the least value and the step (f32); then, column by
     /// column, the codes of all rows: the upper bytes of a column of two, then the lower ones.
     Blocks {
@@ -36,7 +38,7 @@ impl Coding {
         let too_many = || "a section is too long".to_owned();
         match self {
             Self::Exact => floats.checked_mul(4).ok_or_else(too_many),
-            Self::Half => floats.checked_mul(2).ok_or_else(too_many),
+            Self::Half | Self::Whole => floats.checked_mul(2).ok_or_else(too_many),
             Self::Blocks { rows, columns } => {
                 if *rows == 0 || columns.is_empty() || columns.iter().any(|&bytes| bytes > 2) {
                     return Err("a section has blocks without rows or columns".into());
@@ -57,6 +59,7 @@ impl Coding {
         match self {
             Self::Exact => values.iter().flat_map(|value| value.to_le_bytes()).collect(),
             Self::Half => values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect(),
+            Self::Whole => values.iter().flat_map(|value| (*value as u16).to_le_bytes()).collect(),
             Self::Blocks { rows, columns } => write_blocks(values, *rows, columns),
         }
     }
@@ -66,6 +69,7 @@ impl Coding {
         match self {
             Self::Exact => bytes.as_chunks::<4>().0.iter().map(|four| f32::from_le_bytes(*four)).collect(),
             Self::Half => bytes.as_chunks::<2>().0.iter().map(|two| f16::from_le_bytes(*two).to_f32()).collect(),
+            Self::Whole => bytes.as_chunks::<2>().0.iter().map(|two| u16::from_le_bytes(*two).into()).collect(),
             Self::Blocks { rows, columns } => read_blocks(bytes, floats / columns.len(), *rows, columns),
         }
     }
@@ -174,6 +178,7 @@ mod tests {
         assert!(there_and_back(&coding, &[]).is_empty());
         assert_eq!(there_and_back(&Coding::Exact, &values), values);
         assert_eq!(there_and_back(&Coding::Half, &[0.5, -2.0]), [0.5, -2.0]);
+        assert_eq!(there_and_back(&Coding::Whole, &[0.0, 4097.0, 65535.0]), [0.0, 4097.0, 65535.0]);
     }
 
     #[test]

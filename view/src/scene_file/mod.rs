@@ -6,6 +6,7 @@
 
 mod coding;
 mod fidelity;
+mod motion;
 mod order;
 mod read;
 
@@ -13,10 +14,7 @@ use std::{io::Write as _, ops::Range};
 
 use erfgs_dataset::Split;
 use erfgs_train::{
-    config::MotionModel,
-    field::{FieldState, NamedVector},
     gaussians::{CORE, select_rows, sh_stride},
-    motion::{FreeTimeOptions, free_time},
     raster::View,
     scene::{EventView, Scene, SceneError},
     schedule::Stage,
@@ -25,11 +23,15 @@ use erfgs_train::{
 use flate2::{Compression, write::GzEncoder};
 use serde::{Deserialize, Serialize};
 
-use self::order::{Order, order};
 pub use self::{
     coding::Coding,
     fidelity::{FidelityError, fidelity},
+    motion::HeaderMotion,
     read::SceneFileError,
+};
+use self::{
+    motion::parts_of_motion,
+    order::{Order, order},
 };
 
 /// What a file begins with.
@@ -117,59 +119,9 @@ pub enum Precision {
     Packed,
 }
 
-/// How Gaussians move.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum HeaderMotion {
-    /// They do not.
-    Still,
-    /// Each has a trajectory and a life: section `motion`.
-    FreeTime {
-        /// RGB intervals in the span: the unit of time of the rows.
-        intervals: f32,
-        /// The shortest life, intervals.
-        least_life: f32,
-        /// The logit change that stands for an opacity of nothing.
-        gone: f32,
-        /// Knots of a path on either side of its instant; 0: a path is a parabola.
-        #[serde(default)]
-        knots: u32,
-        /// Intervals from a knot to the next.
-        #[serde(default = "one")]
-        spacing: f32,
-    },
-    /// A deformation field: sections named as in a checkpoint.
-    Hexplane {
-        /// The box of the planes, metres.
-        aabb: [[f32; 3]; 2],
-        /// Multipliers of the spatial resolution.
-        levels: Vec<u32>,
-        /// Features of a plane.
-        features: u32,
-        /// Width of the network.
-        width: u32,
-        /// Cells along each axis at multiplier 1.
-        spatial_resolution: u32,
-        /// Whether [0, 1] falls on the upper half of the rows of time.
-        upper_half: bool,
-    },
-}
-
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
 fn is_zero(number: &usize) -> bool {
     *number == 0
-}
-
-fn one() -> f32 {
-    1.0
-}
-
-impl HeaderMotion {
-    /// How the rows of `motion` are to be read, where there are any.
-    fn free_time(&self) -> Option<FreeTimeOptions> {
-        let &Self::FreeTime { least_life, knots, spacing, .. } = self else { return None };
-        Some(FreeTimeOptions { least_life, knots, spacing, ..FreeTimeOptions::default() })
-    }
 }
 
 /// A camera of the recording.
@@ -214,16 +166,12 @@ struct Part {
     packed: Coding,
     /// Floats of the row of a Gaussian, if these are rows of Gaussians.
     row: Option<usize>,
+    /// Whether it comes before all rows of Gaussians, where it is none itself.
+    early: bool,
 }
 
 /// Bytes of a code for each float of a row of `core`: means finer than all else.
 const CORE_CODES: [u8; CORE] = [2, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 0];
-/// The same of a row of `motion`: vectors of the path, the instant beside the first, the life beside the second.
-fn motion_codes(floats: usize) -> Vec<u8> {
-    let mut codes = [2, 2, 2, 0].repeat(floats / 4);
-    (codes[3], codes[7]) = (2, 1);
-    codes
-}
 
 impl Learned {
     /// What a run has learned by now.
@@ -234,7 +182,7 @@ impl Learned {
         let gaussians = trainer.gaussians()?;
         let Trainer { scene, config, .. } = trainer;
         let moves = trainer.clock.stage == Stage::Fine && gaussians.dynamic > 0;
-        let (motion, only_server) = if moves { motion(trainer) } else { (HeaderMotion::Still, None) };
+        let (motion, only_server) = if moves { motion::of(trainer) } else { (HeaderMotion::Still, None) };
         let options = trainer.options();
         let every = scene.points.len().div_ceil(POINTS).max(1);
         let points: Vec<f32> = scene.points.iter().step_by(every).flat_map(|(place, _)| *place).collect();
@@ -263,16 +211,12 @@ impl Learned {
             values,
             packed: Coding::blocks(codes),
             row: Some(codes.len()),
+            early: false,
         };
         let mut parts = vec![rows("core", gaussians.core, &CORE_CODES), rows("sh", gaussians.sh, &sh_codes)];
-        match (&header.motion, trainer.field()?) {
-            (HeaderMotion::FreeTime { .. }, _) => {
-                parts.push(rows("motion", gaussians.motion, &motion_codes(gaussians.motion_floats)));
-            }
-            (HeaderMotion::Hexplane { features, .. }, Some(field)) => parts.extend(learned(field, *features as usize)),
-            _ => {}
-        }
-        parts.push(Part { name: POINTS_NAME.into(), values: points, packed: Coding::blocks(&[2; 3]), row: None });
+        parts.extend(parts_of_motion(&header.motion, &gaussians.motion, trainer.field()?));
+        let packed = Coding::blocks(&[2; 3]);
+        parts.push(Part { name: POINTS_NAME.into(), values: points, packed, row: None, early: true });
         Ok(Self { header, parts })
     }
 
@@ -281,10 +225,10 @@ impl Learned {
     pub fn file(&self, precision: Precision) -> SceneFile {
         let Header { count, dynamic, .. } = self.header;
         let (rows, others): (Vec<&Part>, Vec<&Part>) = self.parts.iter().partition(|part| part.row.is_some());
-        let (points, others): (Vec<&Part>, Vec<&Part>) = others.into_iter().partition(|part| part.name == POINTS_NAME);
+        let (early, others): (Vec<&Part>, Vec<&Part>) = others.into_iter().partition(|part| part.early);
         let Order { rows: order, parts } = order(&rows[0].values, dynamic, precision);
         let mut writer = Writer { header: self.header.clone(), written: Vec::new(), precision };
-        writer.parts(&points);
+        writer.parts(&early);
         let mut from = [0, 0];
         for (index, &to) in parts.iter().enumerate() {
             // Rows of `motion` end with those that move.
@@ -391,56 +335,6 @@ impl SceneFile {
     }
 }
 
-/// The vectors of a field that are parameters, not moments. Planes have a range for each of their features.
-fn learned(field: FieldState, features: usize) -> impl Iterator<Item = Part> {
-    let learned = |name: &str| !name.ends_with(".m") && !name.ends_with(".v");
-    field.vectors.into_iter().filter(move |vector| learned(&vector.name)).map(move |NamedVector { name, values }| {
-        let packed = if name.starts_with("grid.") {
-            Coding::Blocks { rows: (values.len() / features).max(1), columns: vec![1; features] }
-        } else {
-            Coding::Half
-        };
-        Part { name, values, packed, row: None }
-    })
-}
-
-/// How the Gaussians move, and what of that a browser cannot compute.
-fn motion(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
-    let Trainer { scene, config, .. } = trainer;
-    match config.motion {
-        MotionModel::Still => (HeaderMotion::Still, None),
-        MotionModel::FreeTime => {
-            let intervals = scene.intervals() as f32;
-            let &FreeTimeOptions { least_life, knots, spacing, .. } = &config.free_time;
-            (HeaderMotion::FreeTime { intervals, least_life, gone: free_time::GONE, knots, spacing }, None)
-        }
-        MotionModel::Bodies => {
-            (HeaderMotion::Still, Some("its bodies move on paths that it does not have yet".to_owned()))
-        }
-        MotionModel::HexPlane | MotionModel::Auto => {
-            let field = &config.field;
-            let beyond = if field.sh_head {
-                Some("its field deforms colours")
-            } else if field.depth > 1 {
-                Some("its network has several hidden layers")
-            } else if !field.width.is_multiple_of(4) || !field.features.is_multiple_of(4) {
-                Some("its network has a width that is no multiple of four")
-            } else {
-                None
-            };
-            let motion = HeaderMotion::Hexplane {
-                aabb: trainer.model.field_box,
-                levels: field.levels.clone(),
-                features: field.features,
-                width: field.width,
-                spatial_resolution: field.spatial_resolution,
-                upper_half: field.upper_half_time,
-            };
-            (motion, beyond.map(str::to_owned))
-        }
-    }
-}
-
 fn cameras(trainer: &Trainer<'_>) -> Vec<HeaderCamera> {
     let scene = &trainer.scene;
     let camera = |(view, of): (&erfgs_train::scene::SceneView, &erfgs_dataset::Camera)| {
@@ -493,7 +387,7 @@ mod tests {
         };
         let part = |name: &str, values: Vec<f32>, row: usize| {
             let row = (row > 0).then_some(row);
-            Part { name: name.into(), values, packed: Coding::Exact, row }
+            Part { name: name.into(), values, packed: Coding::Exact, row, early: name == POINTS_NAME }
         };
         let rows = |floats: usize, count: usize| (0..count).flat_map(|row| vec![row as f32; floats]).collect();
         let parts = vec![

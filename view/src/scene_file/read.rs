@@ -8,11 +8,14 @@ use std::{
 
 use erfgs_train::{
     gaussians::{CORE, Gaussians, sh_stride},
-    motion::FreeTimeOptions,
+    motion::{FreeTimeOptions, bodies::EXTRA_FLOATS},
 };
 use flate2::read::GzDecoder;
 
-use super::{FIRST_MAGIC, Header, MAGIC, SceneFile, Section};
+use super::{
+    FIRST_MAGIC, Header, MAGIC, SceneFile, Section,
+    motion::{HANGS, check_hangs, joined_rows},
+};
 
 /// What a file may unpack to: so many bytes, so many more for each of its own, and never more than the last. Packed scenes
 /// unpack to twice their size, and exact ones to less.
@@ -116,9 +119,13 @@ impl SceneFile {
             return Err("its header contradicts itself".into());
         }
         let mut rows = vec![("core", count.checked_mul(CORE)), ("sh", count.checked_mul(sh_stride(*sh_degree)))];
+        motion.check()?;
         if let Some(options) = motion.free_time() {
-            options.check_path().map_err(|error| error.to_string())?;
             rows.push(("motion", dynamic.checked_mul(options.floats())));
+        }
+        if let Some(carriers) = motion.carriers() {
+            let [control, other] = carriers.floats();
+            rows.extend([("hangs", dynamic.checked_mul(HANGS)), ("bodies.control", control), ("bodies.other", other)]);
         }
         let lengths = self.lengths()?;
         for (name, floats) in rows {
@@ -133,6 +140,9 @@ impl SceneFile {
                 return Err(format!("its section '{name}' holds what is no number"));
             }
         }
+        if let Some(carriers) = motion.carriers() {
+            check_hangs(&self.section("hangs").unwrap_or_default(), carriers)?;
+        }
         let still = count - dynamic;
         if self.header.coarse.iter().any(|part| part.dynamic > *dynamic || part.still > still) {
             return Err("it says that parts of it have more Gaussians than all of it".into());
@@ -146,14 +156,19 @@ impl SceneFile {
     /// What is missing; no file that was opened or made here gives one.
     pub fn gaussians(&self) -> Result<Gaussians, String> {
         let need = |name: &str| self.section(name).ok_or_else(|| format!("it has no section '{name}'"));
-        let rows = self.header.motion.free_time();
+        let floats = self.header.motion.free_time().as_ref().map_or(0, FreeTimeOptions::floats);
+        let paths = if floats > 0 { need("motion")? } else { Vec::new() };
+        let (motion_floats, motion) = match self.header.motion.carriers() {
+            Some(_) => (floats + EXTRA_FLOATS, joined_rows(&paths, floats, &need("hangs")?)),
+            None => (floats, paths),
+        };
         Ok(Gaussians {
             sh_degree: self.header.sh_degree,
             dynamic: self.header.dynamic,
             core: need("core")?,
             sh: need("sh")?,
-            motion_floats: rows.as_ref().map_or(0, FreeTimeOptions::floats),
-            motion: if rows.is_some() { need("motion")? } else { Vec::new() },
+            motion_floats,
+            motion,
         })
     }
 }
@@ -161,7 +176,7 @@ impl SceneFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene_file::{Coarse, Coding};
+    use crate::scene_file::{Coarse, Coding, Precision, motion::tests::with_bodies};
 
     #[test]
     fn a_file_comes_back_and_sections_are_found_by_name() {
@@ -191,13 +206,18 @@ mod tests {
 
     #[test]
     fn whatever_is_changed_is_refused_or_still_a_scene() {
-        let whole = SceneFile::for_tests().bytes;
+        for file in [SceneFile::for_tests(), with_bodies().file(Precision::Packed)] {
+            changed_everywhere(&file.bytes);
+        }
+    }
+
+    fn changed_everywhere(whole: &[u8]) {
         for end in 0..whole.len() {
             assert!(SceneFile::parse(whole[..end].to_vec()).is_err(), "{end} bytes");
         }
         for at in 0..whole.len() {
             for flip in [1, 0x10, 0x80, 0xff] {
-                let mut bytes = whole.clone();
+                let mut bytes = whole.to_vec();
                 bytes[at] ^= flip;
                 // What still parses can be read.
                 if let Ok(file) = SceneFile::parse(bytes) {

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// How softly a body appears and vanishes, seconds.
-const SOFTNESS: f32 = 0.012;
+pub const SOFTNESS: f32 = 0.012;
 /// Adam's memory of squared gradients: each control point is asked for now and then alone.
 const BETA2: f32 = 0.99;
 
@@ -95,6 +95,7 @@ pub struct Bodies {
     /// Of the Gaussians that no body carries.
     free: FreeTime,
     options: BodiesOptions,
+    names: Vec<String>,
     counts: [u32; 3],
     /// Stretches of splines, seconds and RGB intervals in the recording.
     stretches: f64,
@@ -166,6 +167,7 @@ impl Bodies {
         Ok(Self {
             free,
             options: options.clone(),
+            names: start.names.clone(),
             counts: [start.bodies, start.nodes, start.knots].map(|count| count as u32),
             stretches: (start.knots - 3) as f64,
             seconds,
@@ -195,6 +197,18 @@ impl Bodies {
         let index = Index::new(rows, self.row[0], self.row[1], bodies, nodes);
         self.hung = Hung::new(gpu, &index, rows.len() / self.row[0])?;
         Ok(())
+    }
+
+    /// Bodies, nodes, and control points of each.
+    #[must_use]
+    pub fn counts(&self) -> [u32; 3] {
+        self.counts
+    }
+
+    /// What the bodies are called.
+    #[must_use]
+    pub fn names(&self) -> &[String] {
+        &self.names
     }
 
     fn entities(&self) -> u32 {
@@ -443,10 +457,13 @@ impl Bodies {
         self.learned().map(|(_, learned)| (&learned.values, learned.floats as u32))
     }
 
-    /// The gradients of paths, and of gates and nodes.
-    #[cfg(test)]
-    pub(super) fn gradients(&self, gpu: &Gpu) -> [Vec<f32>; 2] {
-        self.learned().map(|(_, learned)| gpu.download(&learned.gradients, learned.floats).expect("read back"))
+    /// The gradients of paths, and of gates and nodes, copied to the host.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn gradients(&self, gpu: &Gpu) -> Result<[Vec<f32>; 2], GpuError> {
+        let [control, other] = self.learned().map(|(_, learned)| gpu.download(&learned.gradients, learned.floats));
+        Ok([control?, other?])
     }
 }
 

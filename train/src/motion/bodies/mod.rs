@@ -22,8 +22,6 @@ mod start;
 #[cfg(test)]
 mod tests;
 
-pub use device::Bodies;
+pub use device::{Bodies, SOFTNESS};
 pub use options::BodiesOptions;
-#[cfg(test)]
-use start::NEIGHBOURS;
-pub use start::{EXTRA_FLOATS, Recording, Start};
+pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Recording, Start};

@@ -25,7 +25,7 @@ const MOST_TURN: f64 = 1.0;
 /// Most control points of all bodies and nodes together: 64 MiB of them.
 const MOST_CONTROL: usize = 1 << 21;
 /// The instant of a Gaussian that a body carries, as one that is free in time would have it: never.
-const NEVER: f32 = 1e9;
+pub const NEVER: f32 = 1e9;
 /// How much third differences of control points count beside errors of poses, squared.
 const STIFFNESS: f64 = 1e-3;
 
@@ -34,6 +34,8 @@ const STIFFNESS: f64 = 1e-3;
 pub struct Start {
     /// How many.
     pub bodies: usize,
+    /// What they are called.
+    pub names: Vec<String>,
     /// How many nodes they have in all.
     pub nodes: usize,
     /// Control points of each.
@@ -124,6 +126,7 @@ impl Start {
         let node = |(_, rest, reach): &(usize, DVec3, f64)| [rest.x, rest.y, rest.z, *reach].map(|value| value as f32);
         Self {
             bodies: bodies.len(),
+            names: bodies.iter().map(|body| body.name.clone()).collect(),
             nodes: nodes.len(),
             knots,
             per_second,

@@ -156,6 +156,7 @@ impl Case {
         };
         Start {
             bodies,
+            names: (0..bodies).map(|body| body.to_string()).collect(),
             nodes,
             knots,
             per_second: (knots - 3) as f64 / SECONDS,
@@ -220,7 +221,7 @@ fn run(gpu: &Gpu, case: &Case, options: &BodiesOptions, d: &[f32], t01: f32, wit
     let sums = gpu.storage("clocks", 16).expect("a buffer");
     bodies.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &sums, row: 1 });
     let read = |buffer, floats: usize| gpu.download::<f32>(buffer, floats).expect("read back");
-    let [control, other] = bodies.gradients(gpu);
+    let [control, other] = bodies.gradients(gpu).expect("read back");
     assert!(
         read(&gradients, count * floats).iter().all(|gradient| *gradient == 0.0),
         "rows of bodies have no path of their own"

@@ -10,7 +10,7 @@ export const need = (holds, what = DAMAGED) => { if (!holds) throw new Error(wha
 // Bytes of a section.
 export function sizeOf(coding, floats) {
   if (coding.kind === 'exact') return 4 * floats;
-  if (coding.kind === 'half') return 2 * floats;
+  if (coding.kind === 'half' || coding.kind === 'whole') return 2 * floats;
   need(coding.kind === 'blocks', FOREIGN);
   const { rows, columns } = coding;
   const count = floats / columns.length;
@@ -26,6 +26,9 @@ export const READERS = {
     const size = exponent === 0 ? fraction * 2 ** -24 : (1024 + fraction) * 2 ** (exponent - 25);
     return code >> 15 ? -size : size;
   }),
+
+  // Whole numbers.
+  whole: (bytes, floats) => Float32Array.from(new Uint16Array(bytes.buffer, 0, floats)),
 
   // For each block of rows and column the least value and the step; then, by columns, the codes: upper bytes, lower bytes.
   blocks: (bytes, floats, { rows, columns }) => {

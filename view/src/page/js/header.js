@@ -1,7 +1,7 @@
 // What a scene file says of itself, and whether that can be.
 
 import { CUT_OFF, DAMAGED, FOREIGN, isCount, need, sizeOf } from './codings.js';
-import { rowFloats } from './trajectory.js';
+import { pathFloats } from './trajectory.js';
 
 // Numbers of a row of harmonics, by their degree.
 export const SH_STRIDE = [4, 12, 28, 48];
@@ -10,7 +10,7 @@ export const SH_STRIDE = [4, 12, 28, 48];
 export function checked(header, size) {
   const { count, dynamic, sh_degree: degree, active_sh_degree: active, motion, cameras, sections, coarse = [], near, span_ns: span, events } = header;
   need(isCount(count) && isCount(dynamic) && dynamic <= count && isCount(active) && active <= degree && degree in SH_STRIDE);
-  need(['still', 'free-time', 'hexplane'].includes(motion.kind), FOREIGN);
+  need(['still', 'free-time', 'bodies', 'hexplane'].includes(motion.kind), FOREIGN);
   const numbers = (list, length) => need(list.length === length && list.every(Number.isFinite));
   numbers(near, 2);
   numbers(span, 2);
@@ -33,7 +33,15 @@ export function checked(header, size) {
     lengths.set(name, at + floats);
   }
   need(lengths.get('core') === 12 * count && lengths.get('sh') === SH_STRIDE[degree] * count && lengths.has('points'));
-  if (motion.kind === 'free-time') need(lengths.get('motion') === rowFloats(motion) * dynamic);
+  if (motion.kind === 'free-time' || motion.kind === 'bodies') need(lengths.get('motion') === pathFloats(motion) * dynamic);
+  if (motion.kind === 'bodies') {
+    const { names, nodes, control, seconds, softness } = motion;
+    need(names.length > 0 && names.every((name) => typeof name === 'string') && isCount(nodes) && isCount(control) && control >= 4);
+    numbers([seconds, softness], 2);
+    need(seconds > 0 && softness > 0);
+    const carriers = names.length + nodes;
+    need(lengths.get('hangs') === 5 * dynamic && lengths.get('bodies.control') === 8 * control * carriers && lengths.get('bodies.other') === 4 * carriers);
+  }
   if (motion.kind === 'hexplane') need(lengths.get('grid.level0.xt') > 0 && lengths.has('trunk.0.weight'));
   const still = count - dynamic;
   for (const part of coarse) need(isCount(part.sections) && isCount(part.dynamic) && part.dynamic <= dynamic && isCount(part.still) && part.still <= still);

@@ -7,7 +7,9 @@ import { Training } from './training.js';
 import { FreeCamera, overview, preset } from './camera.js';
 import { listen } from './controls.js';
 import { Timeline } from './timeline.js';
+import { arrows } from './arrows.js';
 import { Overlay } from './overlay.js';
+import { offerBodies } from './choices.js';
 import { Recorded } from './recorded.js';
 import { CameraPath } from './path.js';
 import { save, savePicture } from './save.js';
@@ -200,8 +202,8 @@ async function start() {
       if (packed) overlay.events(packed, camera);
     }
     if ($('cameras').checked) overlay.cameras(header.cameras, camera);
-    $('velocitieslabel').hidden = scene.motion.kind !== 'free-time';
-    if ($('velocities').checked && scene.motion.kind === 'free-time') overlay.velocities(scene, now.t01);
+    $('velocitieslabel').hidden = !arrows(scene.motion);
+    if ($('velocities').checked && arrows(scene.motion)) overlay.velocities(scene, now.t01);
   };
 
   let last = performance.now();
@@ -244,6 +246,7 @@ async function start() {
         $('note').textContent = `window ${now.number + 1} of ${abouts.length} is being loaded`;
         return;
       }
+      offerBodies($('look'), $('layer'), shown.map(({ scene }) => scene));
       const seen = view();
       showMore(seen, shown[0].scene, now);
       $('picture1').style.clipPath = `inset(0 0 0 ${100 * Number($('split').value)}%)`;

@@ -1,7 +1,7 @@
 // What is drawn over the picture: the cameras of the rig, where what moves is going, events.
 
 import { centreOf, distance } from './camera.js';
-import { moved, rowFloats } from './trajectory.js';
+import { carriedRows, freeRows } from './arrows.js';
 
 const COLOURS = { rgb: '#d9a441', event: '#6fa8ff', both: '#7fd18b', on: '#ff5a4f', off: '#4f8bff', velocity: '#7dffb0' };
 // Arrows that are drawn at most.
@@ -66,19 +66,10 @@ export class Overlay {
 
   // Where the Gaussians that are there at `t01` will be a quarter of an interval later.
   velocities(scene, t01) {
-    const { intervals, least_life: least } = scene.motion;
-    const seen = [];
-    for (let k = 0; k < scene.dynamic; k++) {
-      const [core, row] = [12 * k, rowFloats(scene.motion) * k];
-      const dt = t01 * intervals - scene.rows[row + 3];
-      const life = least + Math.exp(Math.min(30, scene.rows[row + 7]));
-      const opacity = Math.exp(-0.5 * (dt / life) ** 2) / (1 + Math.exp(-scene.core[core + 10]));
-      if (opacity > 0.1) seen.push([core, row, dt]);
-    }
+    const seen = [...freeRows(scene, t01), ...carriedRows(scene, t01)];
     const every = Math.ceil(seen.length / ARROWS);
-    for (const [core, row, dt] of seen.filter((_, k) => k % every === 0)) {
-      const at = (d) => moved(scene.motion, scene.rows, row, d).map((by, i) => scene.core[core + i] + by);
-      const [from, to] = [project(this.view, at(dt)), project(this.view, at(dt + 0.25))];
+    for (const way of seen.filter((_, k) => k % every === 0)) {
+      const [from, to] = way().map((place) => project(this.view, place));
       if (!from || !to) continue;
       const { paint } = this;
       paint.strokeStyle = paint.fillStyle = COLOURS.velocity;

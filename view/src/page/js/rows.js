@@ -1,14 +1,12 @@
 // Gaussians that are free in time: a trajectory and a life of its own for each, by the trainer's kernel.
 
-import { rowFloats } from './trajectory.js';
-
 const THREADS = 64;
 
 export class Rows {
   static async make(gpu, texts, scene) {
     const { gone, knots, spacing } = scene.motion;
     const constants = `const THREADS = ${THREADS}u;\nconst PER_THREAD = 1u;\nconst GONE = f32(${gone});\n`
-      + `const VECTORS = ${rowFloats(scene.motion) / 4}u;\n`
+      + `const VECTORS = ${scene.rowFloats / 4}u;\n`
       + (knots > 0 ? `const SIDE = ${knots}u;\nconst SPACING = f32(${spacing});` : '');
     const names = [knots > 0 ? 'knots' : 'parabola', 'row', 'forward'];
     const parts = await Promise.all(names.map((name) => texts.train(`motion/free_time/${name}.wgsl`)));

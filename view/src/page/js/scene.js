@@ -3,7 +3,7 @@
 
 import { SH_STRIDE, checked } from './header.js';
 import { CUT_OFF, DAMAGED, FOREIGN, READERS, isCount, need, sizeOf } from './codings.js';
-import { rowFloats } from './trajectory.js';
+import { NEVER, pathFloats, rowFloats } from './trajectory.js';
 
 // The first version had each section whole.
 const MAGICS = ['ERFGS4D1', 'ERFGS4D2'];
@@ -105,17 +105,36 @@ export class SceneReader {
       ...motion, vectors,
       times: vectors.get('grid.level0.xt').length / motion.features / (motion.spatial_resolution * motion.levels[0]),
     };
+    const paths = rows('motion', pathFloats(header.motion), 0);
+    const hangs = rows('hangs', 5, 0);
     return {
       header, motion, field, whole,
       count: there.moving + there.standing, dynamic: motion.kind === 'still' ? 0 : there.moving,
       shDegree: header.sh_degree, activeShDegree: header.active_sh_degree,
-      core: rows('core', 12), sh: rows('sh', SH_STRIDE[header.sh_degree]), rows: rows('motion', rowFloats(header.motion), 0), points: vectors.get('points'),
+      core: rows('core', 12), sh: rows('sh', SH_STRIDE[header.sh_degree]), rows: hangs ? joined(motion, paths, hangs) : paths, points: vectors.get('points'),
+      hangs, control: vectors.get('bodies.control'), other: vectors.get('bodies.other'), rowFloats: rowFloats(motion),
     };
   }
 }
 
+// Rows as the trainer has them, where bodies carry some: the path, then what the row hangs on. What a body carries is at no instant of its own.
+function joined(motion, paths, hangs) {
+  const [path, whole] = [pathFloats(motion), rowFloats(motion)];
+  const { names, nodes } = motion;
+  const count = hangs.length / 5;
+  const rows = new Float32Array(whole * count);
+  for (let k = 0; k < count; k++) {
+    const on = hangs.subarray(5 * k, 5 * k + 5);
+    need(on[0] <= names.length && on.every((id, n) => Number.isInteger(id) && id >= 0 && (n === 0 || id <= nodes)));
+    rows.set(paths.subarray(path * k, path * (k + 1)), whole * k);
+    rows.set(on, whole * k + path);
+    if (on[0] > 0) rows[whole * k + 3] = NEVER;
+  }
+  return rows;
+}
+
 // Sections of rows of Gaussians.
-const ROWS = ['core', 'sh', 'motion'];
+const ROWS = ['core', 'sh', 'motion', 'hangs'];
 const lengthOf = (sections, name) => Math.max(...sections.filter((section) => section.name === name).map(({ at = 0, floats }) => at + floats));
 
 // Depths (metres, ascending) of the initial points that a view sees.

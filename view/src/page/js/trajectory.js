@@ -1,7 +1,11 @@
 // Where a row of a Gaussian that is free in time takes it, for arrows; pictures are drawn by the trainer's kernel.
 
-// Numbers of a row.
-export const rowFloats = ({ knots }) => 8 * Math.max(1, knots ?? 0);
+// Numbers of the path of a row, in the file; on the device bodies keep eight more behind them.
+export const pathFloats = ({ knots }) => 8 * Math.max(1, knots ?? 0);
+export const rowFloats = (motion) => pathFloats(motion) + (motion.kind === 'bodies' ? 8 : 0);
+
+// The instant of what a body carries.
+export const NEVER = 1e9;
 
 // How far the row at `row` is from its place `dt` intervals after its instant, metres: along a parabola, or, for arrows well enough,
 // straight from knot to knot.

@@ -4,6 +4,8 @@ import { Sorter } from './sort.js';
 import { Projector, Tiles, Quads, Blit, viewUniform } from './raster.js';
 import { Field } from './field.js';
 import { Rows } from './rows.js';
+import { Bodies } from './bodies.js';
+import { colourOf } from './carried.js';
 import { centreOf, distance } from './camera.js';
 import { depthsOf } from './scene.js';
 
@@ -11,6 +13,10 @@ import { depthsOf } from './scene.js';
 const ACCUMULATE = 'rgba16float';
 // Square pixels of the images that were trained on.
 const LOW_PASS = 0.3;
+// The zeroth harmonic.
+const SH_C0 = 0.28209479;
+// Looks that show colours, which both modes draw.
+const PLAIN = ['colours', 'bodies'];
 // An opacity of nothing, as a logit.
 const GONE = -100;
 
@@ -40,7 +46,7 @@ export class Viewer {
     [self.projector, self.quads, self.motion, self.blitTexture] = await Promise.all([
       Projector.make(gpu, texts, uploaded),
       Quads.make(gpu, texts, self.sorter, uploaded, ACCUMULATE),
-      scene.dynamic === 0 ? null : scene.field ? Field.make(gpu, texts, uploaded) : Rows.make(gpu, texts, uploaded),
+      scene.dynamic === 0 ? null : (scene.field ? Field : scene.motion.kind === 'bodies' ? Bodies : Rows).make(gpu, texts, uploaded),
       Blit.make(gpu, texts, format, 'blit_texture.wgsl'),
       gpu.onProcessor ? null : self.sorter.prepare()]);
     // Seen k times as large as in training, a splat needs k^2 times the low pass, or thin ones shrink to needles.
@@ -50,8 +56,8 @@ export class Viewer {
 
   // Makes what a mode or a look needs: kernels and memory that most pages never use.
   async prepare({ mode, look = 'colours' }) {
-    if (look !== 'colours' || mode !== 'tiles') {
-      await this.quads.prepare(look);
+    if (!PLAIN.includes(look) || mode !== 'tiles') {
+      await this.quads.prepare(PLAIN.includes(look) ? 'colours' : look);
       return;
     }
     if (this.tiles) return;
@@ -62,15 +68,40 @@ export class Viewer {
     this.tiles = await Tiles.make(gpu, texts, this.sorter, this.scene);
   }
 
-  // The parameters of those that are shown: `all`, or those that `move` or `stand` alone.
+  // The parameters of those that are shown: `all`, those that `move` or `stand` alone, or those of a body (`body:` and its name).
   core(layer) {
     this.cores ??= { all: this.scene.core };
+    const { core: all, count, dynamic, hangs, motion } = this.host;
+    const body = layer.startsWith('body:') ? 1 + (motion.names?.indexOf(layer.slice(5)) ?? -1) : null;
+    // A scene beside it, which has no such body, is shown whole.
+    if (body === 0) return this.cores.all;
     if (!this.cores[layer]) {
-      const core = this.host.core.slice();
-      for (let k = 0; k < this.host.count; k++) if (k < this.host.dynamic !== (layer === 'move')) core[12 * k + 10] = GONE;
+      const core = all.slice();
+      const shown = body ? (k) => k < dynamic && hangs[5 * k] === body : (k) => k < dynamic === (layer === 'move');
+      for (let k = 0; k < count; k++) if (!shown(k)) core[12 * k + 10] = GONE;
       this.cores[layer] = this.gpu.storageFrom(core);
     }
     return this.cores[layer];
+  }
+
+  // The colours of a look: with `bodies` each body has one, as bright as its Gaussians are, and what none carries is grey.
+  harmonics(look) {
+    this.colours ??= { own: this.scene.sh };
+    if (look !== 'bodies' || !this.host.hangs) return this.colours.own;
+    if (!this.colours.bodies) {
+      const { sh, count, dynamic, hangs } = this.host;
+      const stride = sh.length / Math.max(1, count);
+      const tinted = new Float32Array(sh.length);
+      for (let k = 0; k < count; k++) {
+        const [r, g, b] = [0, 1, 2].map((channel) => 0.5 + SH_C0 * sh[stride * k + channel]);
+        const bright = Math.min(1, Math.max(0, 0.3 * r + 0.6 * g + 0.1 * b));
+        const body = k < dynamic ? hangs[5 * k] : 0;
+        const colour = body > 0 ? colourOf(body - 1).map((c) => c * (0.4 + 0.6 * bright)) : Array(3).fill(0.5 * bright);
+        colour.forEach((c, channel) => { tinted[stride * k + channel] = (c - 0.5) / SH_C0; });
+      }
+      this.colours.bodies = this.gpu.storageFrom(tinted);
+    }
+    return this.colours.bodies;
   }
 
   // Depths of the initial points in view between which colours are spread.
@@ -106,8 +137,8 @@ export class Viewer {
 
   async #frame(view, t01, target, { mode: wanted = 'quads', near, look = 'colours', layer = 'all' }) {
     if (this.gone) return;
-    const mode = look === 'colours' ? wanted : 'quads';
-    this.scene.core = this.core(layer);
+    const mode = PLAIN.includes(look) ? wanted : 'quads';
+    Object.assign(this.scene, { core: this.core(layer), sh: this.harmonics(look) });
     const { gpu, scene, quads } = this;
     const { background, near_sigmas: nearSigmas } = scene.header;
     const room = mode === 'tiles' ? this.tiles.fit(view.width, view.height, this.room) : 0;
@@ -139,14 +170,15 @@ export class Viewer {
     }
     const sums = this.sums.createView();
     const depths = look === 'depth' ? this.depths(view) : [1, 2];
-    quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, { look, depths });
+    const shown = PLAIN.includes(look) ? 'colours' : look;
+    quads.record(commands, this.projector, sums, look === 'depth' ? [0, 0, 0] : background, { look: shown, depths });
     this.blitTexture.record(commands, this.sums, () => [sums], target());
     commands.submit();
   }
 
   // Frees the device's memory.
   destroy() {
-    for (const part of [this.scene, this.cores, this.projector, this.tiles, this.quads, this.motion]) release(part);
+    for (const part of [this.scene, this.cores, this.colours, this.motion?.free, this.projector, this.tiles, this.quads, this.motion]) release(part);
     this.sums?.destroy();
     this.gone = true;
   }

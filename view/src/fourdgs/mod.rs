@@ -2,20 +2,29 @@
 //!
 //! There, a Gaussian stands at `position + motion (t - mu)` within a window of time, and its opacity is multiplied by
 //! `exp(-((t - mu) / sigma)^2 / 2)`. What is free in time is that but for its acceleration: where a curve leaves its tangent
-//! visibly, and for what a field deforms, each Gaussian becomes one for each RGB interval, on a chord of its path.
+//! visibly, and for what a field deforms, each Gaussian becomes one for each RGB interval, on a chord of its path. What bodies carry becomes
+//! as many as its way and its turning ask for ([`chords`]).
+
+mod chords;
 
 use erfgs_train::{
     config::MotionModel,
     gaussians::{CORE, Gaussians, SH_C0, sh_stride, sigmoid},
     gpu::Gpu,
-    motion::FreeTimeOptions,
+    motion::{FreeTimeOptions, Motion, bodies::EXTRA_FLOATS},
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };
 use fourdgs::{GaussianSet, SceneExtras, WriteOptions};
 
+use self::chords::{Chord, Chords};
+
 /// Standard deviations at which an opacity falls to the container's least share of 0.05.
 const SUPPORT: f32 = 2.45;
+/// Samples of what bodies carry, a stretch of their splines.
+const SAMPLES: usize = 4;
+/// More Gaussians no file has that a reader is asked to open.
+const MOST: usize = 1 << 22;
 /// How far a curve may leave its tangent, as a share of the largest standard deviation of its Gaussian.
 const STRAIGHT: f32 = 0.25;
 
@@ -39,6 +48,12 @@ pub enum FourDgsError {
     /// The container's own code.
     #[error("the scene cannot be written as 4dgs: {0}")]
     Container(#[from] fourdgs::Error),
+    /// Bodies that turn fast, for long.
+    #[error(
+        "on straight lines, which 4dgs knows alone, what bodies carry takes more than {MOST} Gaussians: export the run --to e4d or html, which \
+         hold bodies as they are"
+    )]
+    TooManyChords,
 }
 
 /// One Gaussian at a time, in the container's terms.
@@ -78,6 +93,32 @@ pub fn write(
                     set.push(&gaussians, index, &birth);
                 }
             }
+        }
+        MotionModel::Bodies if moves > 0 => {
+            left_out.push("how what bodies carry turns along each of its straight pieces".to_owned());
+            let free = &trainer.config.free_time;
+            let floats = free.floats();
+            let (of_none, carried): (Vec<usize>, Vec<usize>) =
+                (0..moves).partition(|index| gaussians.motion[index * (floats + EXTRA_FLOATS) + floats] < 1.0);
+            for index in of_none {
+                let row = &gaussians.motion[index * (floats + EXTRA_FLOATS)..][..floats];
+                for birth in births(&gaussians, index, row, free, [intervals, seconds], whole) {
+                    set.push(&gaussians, index, &birth);
+                }
+            }
+            let stretches = trainer.model.motion.as_ref().and_then(Motion::bodies).map_or(1, |bodies| {
+                let [_, _, control] = bodies.counts();
+                control.saturating_sub(3).max(1) as usize
+            });
+            let steps = SAMPLES * stretches;
+            let mut chords = Chords::new(carried.into_iter());
+            for step in 0..=steps {
+                on_progress(step as u64, steps as u64);
+                let t01 = step as f64 / steps as f64;
+                let there = trainer.model.gaussians_at(gpu, t01)?;
+                set.follow(&gaussians, &chords.push(t01 as f32 * seconds, &there))?;
+            }
+            set.follow(&gaussians, &chords.end(whole[1]))?;
         }
         MotionModel::HexPlane | MotionModel::Auto if moves > 0 => {
             if trainer.config.field.sh_head {
@@ -190,6 +231,21 @@ impl Set {
             ..GaussianSet::default()
         };
         Self { set, stride: sh_stride(gaussians.sh_degree), degree }
+    }
+
+    /// Adds pieces of the ways of `gaussians`.
+    fn follow(&mut self, gaussians: &Gaussians, chords: &[Chord]) -> Result<(), FourDgsError> {
+        if self.set.count() + chords.len() > MOST {
+            return Err(FourDgsError::TooManyChords);
+        }
+        for &Chord { index, span, mean, motion, turn: [w, x, y, z], opacity } in chords {
+            self.push(gaussians, index, &Birth { mean, motion, mu: span[0], sigma: f32::INFINITY, window: span });
+            let Set { set, .. } = self;
+            let (turns, colours) = (set.rotations.len(), set.colors.len());
+            set.rotations[turns - 4..].copy_from_slice(&[x, y, z, w]);
+            set.colors[colours - 1] = opacity;
+        }
+        Ok(())
     }
 
     /// Adds Gaussian `index` of `gaussians`, as it stands there but for its place.
