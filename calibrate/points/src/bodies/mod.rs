@@ -195,8 +195,8 @@ fn assemble(film: &Film, track: &Track, shapes: &[Shape], path: &Path, spin: Spi
         rotation: turn.at(film.moments[shape.moment].t_s),
     };
     let places: Vec<Place> = shapes.iter().map(place).collect();
-    // Cells as fine as the silhouettes are, but of a thing no more than some thousand.
-    let cell_m = (0.6 * film.cell_m).max(0.045 * track.radius_m);
+    // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
+    let cell_m = (0.36 * film.cell_m).max(0.045 * track.radius_m);
     let carved = carve::carve(film, &best.places, &places, cell_m)?;
     let span_ns = span_ns(film, track);
     let mut found_by = spin.found_by;

@@ -162,3 +162,15 @@ pub(super) fn rounded(value: f64, digits: i32) -> f64 {
 pub(super) fn vector(of: DVec3) -> Value {
     json!(of.to_array().map(|value| rounded(value, 2)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rotation_that_nothing_tells_is_none_and_says_so() {
+        let spin = spin(None, &[], 0.1);
+        assert_eq!(spin.rate, DVec3::ZERO);
+        assert!(spin.found_by["rotation"].as_str().is_some_and(|why| why.starts_with("not determined")), "{spin:?}");
+    }
+}
