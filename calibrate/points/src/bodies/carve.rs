@@ -30,6 +30,8 @@ pub struct Place {
     pub centre: DVec3,
     /// From its frame to the world.
     pub rotation: DQuat,
+    /// Where it is soon after the exposure begins and soon before it ends: centre, and from its frame to the world.
+    pub exposed: [(DVec3, DQuat); 2],
 }
 
 /// A shape and how sure it is.
@@ -187,10 +189,14 @@ fn agreement(film: &Film, places: &[Place], position: DVec3) -> f64 {
     let (mut seen, mut moving) = (0_u32, 0_u32);
     for place in places {
         let at = place.rotation * position + place.centre;
+        // A blurred silhouette is fatter than the thing: what is of it stays inside all the time that the shutter is open.
+        let exposed = place.exposed.map(|(centre, rotation)| rotation * position + centre);
         for view in &film.moments[place.moment].views {
-            let Some(pixel) = film.eyes[view.eye].pixel(at) else { continue };
+            let eye = &film.eyes[view.eye];
+            let Some(pixel) = eye.pixel(at) else { continue };
             seen += 1;
-            moving += u32::from(view.moving[pixel]);
+            let inside = exposed.iter().all(|&at| eye.pixel(at).is_none_or(|pixel| view.moving[pixel]));
+            moving += u32::from(inside && view.moving[pixel]);
         }
     }
     f64::from(moving) / f64::from(seen.max(1))
@@ -250,6 +256,7 @@ mod tests {
         let moment = |place: &Place| Moment {
             t_ns: 0,
             t_s: 0.0,
+            exposure_s: 0.0,
             points: vec![],
             colours: vec![],
             views: (0..8).map(|eye| view(eye, place)).collect(),
@@ -258,14 +265,30 @@ mod tests {
         Film { span_ns: [0, 1], eyes, moments, cell_m: 0.03 }
     }
 
+    /// The film of the first of `places` at four instants, whose silhouettes are those of a ball that moves by `blur` either way.
+    fn blurred(film: Film, places: &[Place], blur: DVec3) -> Film {
+        let at: Vec<Place> =
+            (-2..=2).map(|k| Place { centre: places[0].centre + 0.5 * f64::from(k) * blur, ..places[0] }).collect();
+        let all = self::film(0.2, &at);
+        let mut moment = all.moments[2].clone();
+        for (index, view) in moment.views.iter_mut().enumerate() {
+            for other in &all.moments {
+                for (moving, more) in std::iter::zip(&mut view.moving, &other.views[index].moving) {
+                    *moving |= more;
+                }
+            }
+        }
+        Film { moments: vec![moment; 4], ..film }
+    }
+
     #[test]
     fn a_ball_is_carved_out_of_a_fat_hull_with_the_colours_of_its_halves() {
         let radius = 0.2;
         let places: Vec<Place> = (0..4)
-            .map(|k| Place {
-                moment: k,
-                centre: DVec3::new(0.1 * k as f64 - 0.15, 0.05, 0.02 * k as f64),
-                rotation: DQuat::from_scaled_axis(DVec3::new(0.7, 0.2, 0.9) * k as f64),
+            .map(|k| {
+                let centre = DVec3::new(0.1 * k as f64 - 0.15, 0.05, 0.02 * k as f64);
+                let rotation = DQuat::from_scaled_axis(DVec3::new(0.7, 0.2, 0.9) * k as f64);
+                Place { moment: k, centre, rotation, exposed: [(centre, rotation); 2] }
             })
             .collect();
         let film = film(radius, &places);
@@ -281,8 +304,31 @@ mod tests {
         assert!(carved.points.len() > 300, "{}", carved.points.len());
         assert!(right * 20 > carved.points.len() * 19, "{right} of {}", carved.points.len());
         assert!(outwards * 20 > carved.points.len() * 19, "{outwards} of {}", carved.points.len());
+        // By silhouettes that are blurred along x it is no longer than it is, if it is known to have moved so.
+        let blur = DVec3::X * 0.06;
+        let swept: Vec<Place> = (0..4)
+            .map(|moment| {
+                let centre = places[0].centre;
+                let exposed = [(centre - blur, DQuat::IDENTITY), (centre + blur, DQuat::IDENTITY)];
+                Place { moment, centre, rotation: DQuat::IDENTITY, exposed }
+            })
+            .collect();
+        let longest = |places: &[Place], film: &Film| {
+            let carved = carve(film, &hull, places, 0.02).unwrap();
+            carved.points.iter().map(|point| point.position_m[0].abs()).fold(0.0, f64::max)
+        };
+        let film = blurred(film, &places, blur);
+        let still: Vec<Place> =
+            swept.iter().map(|place| Place { exposed: [(place.centre, DQuat::IDENTITY); 2], ..*place }).collect();
+        assert!(longest(&swept, &film) < 0.23 && longest(&still, &film) > 0.24);
         // By a motion that is wrong, hardly anything agrees.
-        let lost: Vec<Place> = places.iter().map(|place| Place { centre: place.centre + 3.0, ..*place }).collect();
+        let lost: Vec<Place> = places
+            .iter()
+            .map(|place| {
+                let centre = place.centre + 3.0;
+                Place { centre, exposed: [(centre, place.rotation); 2], ..*place }
+            })
+            .collect();
         assert!(carve(&film, &hull, &lost, 0.02).is_none());
         assert!(carve(&film, &[], &places, 0.02).is_none());
     }

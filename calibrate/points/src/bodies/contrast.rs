@@ -14,12 +14,14 @@ const ROOM_PX: f64 = 20.0;
 /// A net event: where it was, and how it moves with the thing's motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Moved {
-    /// In cells of the picture, moved back by what the path alone does.
+    /// In cells of the picture, moved back by the motion that is assumed.
     at: DVec2,
     /// Net number of events: ON less OFF.
     value: f64,
-    /// Cells of the picture that it is moved by for a rate of turning, along x and y: the products with the rate.
+    /// Cells of the picture that it is moved back by for a rate of turning more, along x and y: the products with the rate.
     turn: [DVec3; 2],
+    /// The same for a velocity more.
+    shift: [DVec3; 2],
 }
 
 /// A net event as it was counted.
@@ -31,7 +33,9 @@ pub struct NetEvent {
     pub seconds: f64,
     /// ON less OFF.
     pub value: f64,
-    /// The place about the thing's centre that it is of, metres.
+    /// Where the thing's surface was seen at its time, in the world, metres.
+    pub then: DVec3,
+    /// Where that part of it was in the middle of the window by the motion that is assumed, about the thing's centre.
     pub place: DVec3,
 }
 
@@ -43,40 +47,67 @@ pub struct Window {
     rows: usize,
 }
 
+/// A motion that differs from the one that a window assumes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Change {
+    /// So much faster about the thing's centre, radians per second about axes.
+    pub rate: DVec3,
+    /// So much faster on its path, metres per second.
+    pub velocity: DVec3,
+}
+
 impl Window {
-    /// Of `events` in a camera; the thing's centre is at `centre` in the middle of the window and goes at `velocity`; cells of the
-    /// picture are `cell_px` wide. None without events.
-    pub fn new(eye: &Eye, events: &[NetEvent], centre: DVec3, velocity: DVec3, cell_px: f64) -> Option<Self> {
-        let first = events.first()?.pixel;
-        let (low, high) =
-            events.iter().fold((first, first), |(low, high), event| (low.min(event.pixel), high.max(event.pixel)));
+    /// Of `events` in a camera, of a thing whose centre is at `centre` in the middle of the window; cells of the picture are `cell_px`
+    /// wide. None without events.
+    pub fn new(eye: &Eye, events: &[NetEvent], centre: DVec3, cell_px: f64) -> Option<Self> {
+        let to_world = eye.rotation.transpose();
+        let k = &eye.intrinsics;
+        let back = |event: &NetEvent| {
+            let then = k.project_pinhole(eye.inside(event.then));
+            let middle = k.project_pinhole(eye.inside(event.place + centre));
+            event.pixel - (then - middle)
+        };
+        let back: Vec<DVec2> = events.iter().map(back).collect();
+        let low = back.iter().copied().reduce(DVec2::min)?;
+        let high = back.iter().copied().reduce(DVec2::max)?;
+        if !(low.is_finite() && high.is_finite()) {
+            return None;
+        }
         let corner = low - ROOM_PX;
         let size = (high + ROOM_PX - corner) / cell_px + 2.0;
-        let to_world = eye.rotation.transpose();
-        let moved = |event: &NetEvent| {
+        let moved = |(event, back): (&NetEvent, DVec2)| {
             let at = eye.inside(event.place + centre);
             let depth = at.z.max(1e-6);
-            let k = &eye.intrinsics;
             // The gradients of the pixel by the place in the world.
             let across = to_world * (DVec3::new(1.0, 0.0, -at.x / depth) * (k.fx / depth));
             let down = to_world * (DVec3::new(0.0, 1.0, -at.y / depth) * (k.fy / depth));
-            let drift = DVec2::new(across.dot(velocity), down.dot(velocity));
-            // across . (rate x place) = rate . (place x across)
-            let turn = [across, down].map(|along| event.place.cross(along) * (event.seconds / cell_px));
-            Moved { at: (event.pixel - drift * event.seconds - corner) / cell_px, value: event.value, turn }
+            let shift = [across, down].map(|along| along * (event.seconds / cell_px));
+            // along . (rate x place) = rate . (place x along)
+            Moved {
+                at: (back - corner) / cell_px,
+                value: event.value,
+                turn: shift.map(|along| event.place.cross(along)),
+                shift,
+            }
         };
         Some(Self {
-            events: events.iter().map(moved).collect(),
+            events: std::iter::zip(events, back).map(moved).collect(),
             columns: size.x.clamp(1.0, 4096.0) as usize,
             rows: size.y.clamp(1.0, 4096.0) as usize,
         })
     }
 
-    /// The sum of squares of the picture of the events moved back by a rate of turning, for each event.
-    pub fn contrast(&self, rate: DVec3) -> f64 {
+    /// Every other event, and the others: what is found by the one can be held against the other.
+    pub fn halves(&self) -> [Self; 2] {
+        [0, 1].map(|first| Self { events: self.events.iter().skip(first).step_by(2).copied().collect(), ..*self })
+    }
+
+    /// The sum of squares of the picture of the events moved back by a motion, for each event.
+    pub fn contrast(&self, change: Change) -> f64 {
         let mut picture = vec![0.0; self.columns * self.rows];
         for event in &self.events {
-            let at = event.at - DVec2::new(event.turn[0].dot(rate), event.turn[1].dot(rate));
+            let along = |axis: usize| event.turn[axis].dot(change.rate) + event.shift[axis].dot(change.velocity);
+            let at = event.at - DVec2::new(along(0), along(1));
             let low = at.floor();
             let part = at - low;
             if !(low.x >= 0.0 && low.y >= 0.0) {
@@ -96,11 +127,14 @@ impl Window {
     }
 }
 
-/// The mean contrast of several windows for each of `rates`; 0 without windows.
+/// The mean contrast of several windows; 0 without windows.
+pub fn mean_contrast(windows: &[Window], change: Change) -> f64 {
+    windows.iter().map(|window| window.contrast(change)).sum::<f64>() / windows.len().max(1) as f64
+}
+
+/// The mean contrast of several windows for each of `rates` more.
 pub fn contrasts(windows: &[Window], rates: &[DVec3]) -> Vec<f64> {
-    let mean =
-        |&rate: &DVec3| windows.iter().map(|window| window.contrast(rate)).sum::<f64>() / windows.len().max(1) as f64;
-    rates.par_iter().map(mean).collect()
+    rates.par_iter().map(|&rate| mean_contrast(windows, Change { rate, velocity: DVec3::ZERO })).collect()
 }
 
 #[cfg(test)]
@@ -135,10 +169,11 @@ mod tests {
                     let value = if spot % 2 == 0 { 1.0 } else { -1.0 };
                     // Where the hull is wrong the place is, too.
                     let place = place + rate_error * noise;
-                    events.push(NetEvent { pixel: pixel.floor() + 0.5, seconds, value, place });
+                    let then = centre + velocity * seconds + place;
+                    events.push(NetEvent { pixel: pixel.floor() + 0.5, seconds, value, then, place });
                 }
             }
-            Window::new(eye, &events, centre, velocity, 1.5)
+            Window::new(eye, &events, centre, 1.5)
         };
         eyes.iter().enumerate().filter_map(of).collect()
     }
@@ -157,7 +192,7 @@ mod tests {
 
     #[test]
     fn no_events_have_no_contrast() {
-        assert_eq!(Window::new(&test_eye(DVec3::NEG_Z, DVec3::ZERO), &[], DVec3::ZERO, DVec3::ZERO, 1.5), None);
+        assert_eq!(Window::new(&test_eye(DVec3::NEG_Z, DVec3::ZERO), &[], DVec3::ZERO, 1.5), None);
         assert_eq!(contrasts(&[], &[DVec3::X]), [0.0]);
     }
 }

@@ -106,6 +106,8 @@ pub struct Moment {
     pub t_ns: i64,
     /// The same in seconds since the beginning of the recording.
     pub t_s: f64,
+    /// How long the exposures are, seconds.
+    pub exposure_s: f64,
     /// Places on hulls, metres.
     pub points: Vec<DVec3>,
     /// Their colours, sRGB.
@@ -162,8 +164,13 @@ impl Film {
                 (start + end) / 2
             });
             let t_ns = (middles.sum::<i128>() / (instant.shots.len().max(1) as i128)) as i64;
+            let lengths = instant.shots.iter().map(|(_, frame)| {
+                let [start, end] = frame.exposure_ns;
+                1e-9 * end.saturating_sub(start).max(0) as f64
+            });
+            let exposure_s = median(lengths).unwrap_or(0.0);
             let t_s = 1e-9 * t_ns.saturating_sub(dataset.manifest.span_ns[0]) as f64;
-            moments.push(Moment { t_ns, t_s, points, colours, views });
+            moments.push(Moment { t_ns, t_s, exposure_s, points, colours, views });
             progress((done + 1) * rig.stations.len(), total);
         }
         // Two labels may mean the same frames; later steps divide by what lies between two instants.

@@ -21,6 +21,16 @@ impl Path {
         Self { times_s, places, tangents }
     }
 
+    /// With velocities at some of its times, metres per second, instead of those that its places tell.
+    pub fn with_velocities(mut self, velocities: &[(f64, DVec3)]) -> Self {
+        for &(t_s, velocity) in velocities {
+            if let Some(index) = self.times_s.iter().position(|&time| time == t_s) {
+                self.tangents[index] = velocity;
+            }
+        }
+        self
+    }
+
     /// Where it is at a time; the origin if there is no place at all.
     pub fn at(&self, t_s: f64) -> DVec3 {
         let (Some(&first), Some(&last)) = (self.times_s.first(), self.times_s.last()) else { return DVec3::ZERO };
