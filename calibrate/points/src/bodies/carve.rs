@@ -12,8 +12,8 @@ use crate::photo::median_colour;
 const AGREE: f64 = 0.86;
 const LEAST_AGREE: f64 = 0.5;
 const AGREE_STEP: f64 = 0.04;
-/// So much of the hull must be left.
-const LEFT: f64 = 0.25;
+/// So much of the hull must be left: hulls of few blurred views may be twice as wide as what they are of.
+const LEFT: f64 = 0.1;
 /// More cells are no small thing; they are made larger.
 const MOST_CELLS: usize = 1 << 21;
 /// Surfaces that a camera sees more aslant have no colour in it.

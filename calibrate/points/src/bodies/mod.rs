@@ -47,8 +47,8 @@ const POSE_STEP_S: f64 = 0.004;
 const POSE_TURN: f64 = 0.5;
 /// More poses of one body are of no use; they are farther apart then.
 const MOST_POSES: f64 = 50_000.0;
-/// For this share of the exposure a thing must be inside its silhouettes; at the very ends it leaves hardly a trace.
-const EXPOSED: f64 = 0.7;
+/// For this share of the exposure a thing must be inside its silhouettes; near its ends it hardly leaves a trace.
+const EXPOSED: f64 = 0.4;
 /// So many places of a shape are held against events, at most.
 const MOST_SURFACE: usize = 2400;
 /// With fewer points than this at most instants, how a thing turns is not asked of frames.

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::{
     contrast::{Change, Window, mean_contrast},
     spin::rounded,
-    turn::climb,
+    turn::{climb, rates},
 };
 
 /// Events move back by at most so much of a turn, radians, and over so long, microseconds.
@@ -20,8 +20,9 @@ const AROUND_US: [f64; 2] = [8_000.0, 24_000.0];
 /// A change of velocity of a metre per second must be worth so much of the contrast, and of the rate from one instant to the next of a
 /// radian per second so much.
 const VELOCITY_COSTS: f64 = 0.01;
-const RATE_COSTS: f64 = 0.001;
-/// So much sharper the other half must be for a rate that changes.
+const RATE_COSTS: f64 = 0.0003;
+/// So much sharper the other half must be for another rate, and for a rate that changes.
+const STEADY_IF: f64 = 1.005;
 const CHANGING_IF: f64 = 1.05;
 
 /// Events so long before and after an instant are looked at again for a thing that turns at `rate` (radians per second), microseconds.
@@ -56,6 +57,17 @@ impl Instant {
     fn gain(&self, change: Change) -> f64 {
         mean_contrast(&self.half, change) / self.usual
     }
+
+    /// The velocity that makes it sharpest with its rate, near `start`.
+    fn best_velocity(&self, start: DVec3) -> DVec3 {
+        let score = |tries: &[DVec3]| -> Vec<f64> {
+            let one = |&velocity: &DVec3| {
+                self.gain(Change { velocity, ..self.change }) - VELOCITY_COSTS * velocity.length_squared()
+            };
+            tries.iter().map(one).collect()
+        };
+        climb((score(&[start])[0], start), 0.4, 3, score).1
+    }
 }
 
 /// Looks at windows again, given by instant, in the order of time.
@@ -75,15 +87,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
     // Velocities and the common rate by turns.
     for _ in 0..2 {
         for instant in &mut instants {
-            let change = instant.change;
-            let score = |tries: &[DVec3]| -> Vec<f64> {
-                let one = |&velocity: &DVec3| {
-                    instant.gain(Change { velocity, ..change }) - VELOCITY_COSTS * velocity.length_squared()
-                };
-                tries.iter().map(one).collect()
-            };
-            let start = (score(&[change.velocity])[0], change.velocity);
-            instant.change.velocity = climb(start, 0.4, 3, score).1;
+            instant.change.velocity = instant.best_velocity(instant.change.velocity);
         }
         let common = |tries: &[DVec3]| -> Vec<f64> {
             let one = |&rate: &DVec3| {
@@ -108,7 +112,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
     let rate = others(&|instant| Change { velocity: DVec3::ZERO, ..instant.change });
     let both = others(&|instant| instant.change);
     let keep_velocities = both.max(velocities) > none.max(rate);
-    let keep_rate = both.max(rate) > none.max(velocities);
+    let keep_rate = both.max(rate) > STEADY_IF * none.max(velocities);
     for instant in &mut instants {
         if !keep_velocities {
             instant.change.velocity = DVec3::ZERO;
@@ -119,6 +123,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
     }
     let steady: Vec<Change> = instants.iter().map(|instant| instant.change).collect();
     // A rate of its own at each instant, near to those before and after.
+    let around = rates(20, &[1.5, 3.0, 6.0]);
     for _ in 0..3 {
         for index in 0..instants.len() {
             let beside: Vec<DVec3> = [index.checked_sub(1), Some(index + 1)]
@@ -134,8 +139,20 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
                 };
                 tries.iter().map(one).collect()
             };
-            let start = (score(&[instant.change.rate])[0], instant.change.rate);
-            instants[index].change.rate = climb(start, 2.0, 3, score).1;
+            // From the best of what is around, since there are tops of less height between.
+            let tries: Vec<DVec3> =
+                around.iter().map(|more| instant.change.rate + *more).chain(beside.clone()).collect();
+            let mut start = (f64::NEG_INFINITY, instant.change.rate);
+            for (score, rate) in std::iter::zip(score(&tries), tries) {
+                if score > start.0 {
+                    start = (score, rate);
+                }
+            }
+            instants[index].change.rate = climb(start, 1.0, 3, score).1;
+            if keep_velocities {
+                let instant = &mut instants[index];
+                instant.change.velocity = instant.best_velocity(instant.change.velocity);
+            }
         }
     }
     let sharper = |of: &dyn Fn(usize) -> Change| {
@@ -161,4 +178,54 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
         ("rate_changes".into(), json!(refined.changing)),
     ]);
     refined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bodies::{contrast::NetEvent, film::test_eye, turn::directions};
+    use erfgs_base::random;
+    use glam::DQuat;
+
+    /// What three cameras see around each of five instants of a ball with spots, if it is assumed not to turn.
+    fn windows(rate: impl Fn(usize) -> DVec3) -> BTreeMap<usize, Vec<Window>> {
+        let eyes = [DVec3::new(0.0, -0.5, -2.0), DVec3::new(1.8, -0.8, -0.8), DVec3::new(-1.5, -1.0, 1.3)]
+            .map(|from| test_eye(from, DVec3::ZERO));
+        let of = |moment: usize, eye: usize| {
+            let mut events = Vec::new();
+            for (spot, along) in directions(50).into_iter().enumerate() {
+                let place = 0.3 * along;
+                if (eyes[eye].centre - place).dot(place) < 0.0 {
+                    continue;
+                }
+                for tick in 0..24 {
+                    let seconds = 2e-3 * (f64::from(tick) - 11.5);
+                    let then = DQuat::from_scaled_axis(rate(moment) * seconds) * place;
+                    let Some((pixel, _)) = eyes[eye].see(then) else { continue };
+                    let value = if spot % 2 == 0 { 1.0 } else { -1.0 };
+                    events.push(NetEvent { pixel: pixel.floor() + 0.5, seconds, value, then: place, place });
+                }
+            }
+            let key = random::key(3, &[moment as u64, eye as u64]);
+            let order = random::permutation(key, events.len());
+            let events: Vec<NetEvent> = order.into_iter().map(|index| events[index]).collect();
+            Window::new(&eyes[eye], &events, DVec3::ZERO, 1.5)
+        };
+        (0..5).map(|moment| (moment, (0..3).filter_map(|eye| of(moment, eye)).collect())).collect()
+    }
+
+    #[test]
+    fn a_steady_rate_is_one_and_a_rate_that_changes_is_followed() {
+        let truth = DVec3::new(1.0, 4.0, -2.0);
+        let steady = refine(&windows(|_| truth));
+        assert!(!steady.changing && steady.rates.len() == 1, "{steady:?}");
+        assert!(steady.rates[0].1.distance(truth) < 0.7, "{steady:?}");
+        let change = |moment: usize| truth * (0.4 * moment as f64);
+        let changing = refine(&windows(change));
+        assert!(changing.changing, "{changing:?}");
+        for (moment, rate) in changing.rates {
+            assert!(rate.distance(change(moment)) < 1.5, "{rate} at {moment}");
+        }
+        assert!(refine(&BTreeMap::new()).rates.is_empty());
+    }
 }

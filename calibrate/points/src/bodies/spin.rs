@@ -13,7 +13,7 @@ use super::{
 
 /// Directions that are tried, by frames and by events.
 const FRAME_DIRECTIONS: usize = 60;
-const EVENT_DIRECTIONS: usize = 120;
+const EVENT_DIRECTIONS: usize = 80;
 /// Turns from one instant to the next that are tried by frames, degrees.
 const FRAME_TURNS_DEG: [f64; 10] = [12.0, 28.0, 44.0, 60.0, 76.0, 92.0, 108.0, 124.0, 140.0, 156.0];
 /// Rates that are tried by events, radians per second.
