@@ -1,5 +1,6 @@
 //! `erfgs dataset`: make, vary, complete and check datasets.
 
+mod bodies;
 mod check;
 mod disturb;
 mod fit;
@@ -22,6 +23,8 @@ pub enum Command {
     Variant(Box<variant::Arguments>),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
+    /// Find what moves as bodies: tracks, rotations, shapes.
+    Bodies(bodies::Arguments),
     /// Read every file of a dataset and check it against the manifest, and the poses against the pictures.
     Check(check::Arguments),
     /// Make a dataset wrong by a known amount: poses, lenses, clocks, thresholds, noise, lost packets.
@@ -36,6 +39,7 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Import(arguments) => import::run(arguments, terminal),
         Command::Variant(arguments) => variant::run(arguments, terminal),
         Command::Points(arguments) => points::run(arguments, terminal),
+        Command::Bodies(arguments) => bodies::run(arguments, terminal),
         Command::Check(arguments) => check::run(arguments, terminal),
         Command::Disturb(arguments) => disturb::run(arguments, terminal),
         Command::Undistort(arguments) => undistort::run(arguments, terminal),

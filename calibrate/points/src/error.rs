@@ -97,6 +97,24 @@ pub enum CloudError {
         /// In how many images.
         images: usize,
     },
+    /// No hulls that bodies could be found in.
+    #[error(
+        "bodies are found by points of what moves at several instants, and the dataset has them at {instants}; make them with \
+         `erfgs dataset points` (not with --moving 0)"
+    )]
+    NoMovingPoints {
+        /// At how many instants there are any.
+        instants: usize,
+    },
+    /// What moves could not be followed.
+    #[error(
+        "nothing that moves could be followed through the {instants} instants with moving points; make points at more of them \
+         (`erfgs dataset points --moving N`), or train without bodies"
+    )]
+    NoBodies {
+        /// At how many instants there are moving points.
+        instants: usize,
+    },
     /// Next to nothing was found.
     #[error(
         "the {method} cloud has only {found} points (at least {needed} are needed); check that poses and intrinsics \

@@ -88,7 +88,7 @@ pub fn points(
 }
 
 /// What a camera shows most of the time: the median of its frames, row-major.
-fn usual(rig: &Rig<'_>, station: usize) -> Result<Vec<[u8; 3]>, CloudError> {
+pub fn usual(rig: &Rig<'_>, station: usize) -> Result<Vec<[u8; 3]>, CloudError> {
     let frames = &rig.stations[station].camera.frames;
     let photos: Vec<Photo> = spread(frames.len(), USUAL_OF)
         .into_iter()

@@ -2,6 +2,7 @@
 //!
 //! Training cameras with frames take part; held-out and event-only cameras do not.
 
+mod bodies;
 mod colmap;
 mod error;
 mod event_fit;
@@ -22,6 +23,7 @@ use serde_json::{Value, json};
 
 pub use erfgs_calibrate::colmap::{Colmap, ColmapProgram};
 
+pub use bodies::{BodyProgress, BodyStep, FoundBodies, attach_bodies, find_bodies};
 pub use error::CloudError;
 pub use event_fit::{EventFit, event_fit};
 pub use options::{CloudOptions, ColmapOptions, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions};

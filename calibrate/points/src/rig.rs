@@ -102,7 +102,8 @@ impl<'a> Rig<'a> {
     }
 }
 
-fn station(camera: &Camera) -> Result<Station<'_>, CloudError> {
+/// Checks a camera: a finite pose, an undistorted image with pixels.
+pub fn station(camera: &Camera) -> Result<Station<'_>, CloudError> {
     let wrong = |why: &str| CloudError::DegenerateCamera { camera: camera.name.clone(), why: why.into() };
     let pose = &camera.world_to_camera;
     if !pose.is_finite() {

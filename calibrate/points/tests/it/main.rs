@@ -1,5 +1,6 @@
 //! Initial clouds of a small rendered room, whose surfaces are known.
 
+mod bodies;
 mod common;
 mod moving;
 

@@ -1,0 +1,287 @@
+//! Where each tracked thing is at every instant: points go to the nearest thing in place and colour, and tracks go on beyond the ends
+//! of their chains.
+
+use glam::DVec3;
+
+use super::{
+    chains::Chain,
+    detections::{Detection, Histogram, mean},
+    path::fitted,
+};
+
+/// A point belongs to a thing within so many of its radii.
+const NEAR: f64 = 1.25;
+/// A thing is found at an instant if it has so large a share of its usual points.
+const FOUND: f64 = 0.35;
+/// Beyond the ends of its chain a thing must be more surely there: in points and in colours.
+const FOUND_BEYOND: f64 = 0.4;
+const SAME_BEYOND: f64 = 0.55;
+
+/// A thing that is followed through the instants.
+#[derive(Clone, Debug)]
+pub struct Track {
+    /// Where its centre is at each instant; none where it was not followed.
+    pub centres: Vec<Option<DVec3>>,
+    /// Whether its detection stood alone then, and was as large as usual.
+    pub sure: Vec<bool>,
+    /// Nine tenths of its points are nearer to its centre, metres.
+    pub radius_m: f64,
+    /// Its colours.
+    pub colours: Histogram,
+    /// How many points it usually has.
+    pub usual_points: f64,
+}
+
+impl Track {
+    /// The instants at which it was followed.
+    pub fn instants(&self) -> impl DoubleEndedIterator<Item = usize> {
+        self.centres.iter().enumerate().filter(|(_, centre)| centre.is_some()).map(|(instant, _)| instant)
+    }
+
+    /// Times and centres of the instants at which it was followed.
+    pub fn places(&self, times_s: &[f64]) -> (Vec<f64>, Vec<DVec3>) {
+        std::iter::zip(times_s, &self.centres).filter_map(|(&time, &centre)| Some((time, centre?))).unzip()
+    }
+}
+
+/// Which track each point of each instant belongs to.
+pub type Owners = Vec<Vec<Option<usize>>>;
+
+/// The points and colours of an instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Cloud<'a> {
+    /// Places, metres.
+    pub points: &'a [DVec3],
+    /// Colours, sRGB.
+    pub colours: &'a [[u8; 3]],
+}
+
+/// Follows the things of `chains` at all instants.
+pub fn follow(
+    chains: &[Chain],
+    detections: &[Vec<Detection>],
+    clouds: &[Cloud<'_>],
+    times_s: &[f64],
+    cell_m: f64,
+) -> (Vec<Track>, Owners) {
+    let tracks = chains.iter().map(|chain| begin(chain, detections, clouds, times_s)).collect();
+    let owners = clouds.iter().map(|cloud| vec![None; cloud.points.len()]).collect();
+    let mut followed = Followed { tracks, owners, clouds, times_s, cell_m };
+    followed.assign(6);
+    followed.extend();
+    followed.assign(4);
+    (followed.tracks, followed.owners)
+}
+
+/// A track by its chain alone; between its detections by what is around.
+fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], times_s: &[f64]) -> Track {
+    let of = |&(instant, index): &(usize, usize)| (instant, &detections[instant][index]);
+    let mut sizes: Vec<usize> = chain.iter().map(|at| of(at).1.members.len()).collect();
+    sizes.sort_unstable();
+    let usual_points = sizes[sizes.len() / 2] as f64;
+    // Where two things are one piece, it is larger than usual and its centre between them.
+    let alone = |detection: &Detection| {
+        let share = detection.members.len() as f64 / usual_points;
+        share > 0.6 && share < 1.4
+    };
+    let mut certain: Vec<(usize, &Detection)> = chain.iter().map(of).filter(|(_, found)| alone(found)).collect();
+    if certain.len() < 2 {
+        certain = chain.iter().map(of).collect();
+    }
+    let mut radii: Vec<f64> = certain
+        .iter()
+        .map(|(instant, found)| {
+            let points = clouds[*instant].points;
+            let mut away: Vec<f64> = found.members.iter().map(|&at| points[at].distance(found.centre)).collect();
+            away.sort_unstable_by(f64::total_cmp);
+            away.get(away.len() * 9 / 10).copied().unwrap_or(0.0)
+        })
+        .collect();
+    radii.sort_unstable_by(f64::total_cmp);
+    let (first, last) = (chain[0].0, chain[chain.len() - 1].0);
+    let (mut centres, mut sure) = (vec![None; times_s.len()], vec![false; times_s.len()]);
+    let known: (Vec<f64>, Vec<DVec3>) =
+        certain.iter().map(|(instant, found)| (times_s[*instant], found.centre)).unzip();
+    for instant in first..=last {
+        let here = certain.iter().find(|(of, _)| *of == instant);
+        sure[instant] = here.is_some();
+        centres[instant] = Some(here.map_or_else(|| between(&known, times_s[instant]), |(_, found)| found.centre));
+    }
+    Track {
+        centres,
+        sure,
+        radius_m: radii[radii.len() / 2],
+        colours: Histogram::mean(certain.iter().map(|(_, found)| &found.colours)),
+        usual_points,
+    }
+}
+
+/// Where a thing is at a time by the nearest places that are known: on a parabola between them, straight on beyond them.
+fn between((times_s, places): &(Vec<f64>, Vec<DVec3>), t_s: f64) -> DVec3 {
+    let mut near: Vec<usize> = (0..times_s.len()).collect();
+    near.sort_by(|&a, &b| (times_s[a] - t_s).abs().total_cmp(&(times_s[b] - t_s).abs()));
+    near.truncate(4);
+    let inside = near.iter().any(|&at| times_s[at] <= t_s) && near.iter().any(|&at| times_s[at] >= t_s);
+    if !inside {
+        near.truncate(2);
+    }
+    let times: Vec<f64> = near.iter().map(|&at| times_s[at] - t_s).collect();
+    let places: Vec<DVec3> = near.iter().map(|&at| places[at]).collect();
+    fitted(&times, &places, if inside { 2 } else { 1 })
+}
+
+struct Followed<'a> {
+    tracks: Vec<Track>,
+    owners: Owners,
+    clouds: &'a [Cloud<'a>],
+    times_s: &'a [f64],
+    cell_m: f64,
+}
+
+impl Followed<'_> {
+    /// Gives points to tracks and moves centres to the mean of their points, by turns.
+    fn assign(&mut self, rounds: usize) {
+        for _ in 0..rounds {
+            for instant in 0..self.clouds.len() {
+                self.assign_at(instant);
+            }
+        }
+    }
+
+    fn assign_at(&mut self, instant: usize) {
+        let Cloud { points, colours } = self.clouds[instant];
+        let here: Vec<(usize, DVec3)> = self
+            .tracks
+            .iter()
+            .enumerate()
+            .filter_map(|(index, track)| Some((index, track.centres[instant]?)))
+            .collect();
+        for (at, owner) in self.owners[instant].iter_mut().enumerate() {
+            let nearest = here.iter().map(|&(index, centre)| {
+                let track = &self.tracks[index];
+                let away = points[at].distance(centre) / (track.radius_m + self.cell_m);
+                (away - 0.12 * track.colours.speaks_for(colours[at]), away, index)
+            });
+            let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0));
+            *owner = nearest.and_then(|(_, away, index)| (away < NEAR).then_some(index));
+        }
+        for (index, centre) in here {
+            let members = self.owners[instant].iter().zip(points).filter(|(owner, _)| **owner == Some(index));
+            let members: Vec<DVec3> = members.map(|(_, &point)| point).collect();
+            let track = &mut self.tracks[index];
+            if members.len() as f64 > FOUND * track.usual_points {
+                let step = (mean(members) - centre).clamp_length_max(0.5 * track.radius_m);
+                let trust = if track.sure[instant] { 1.0 } else { 0.7 };
+                track.centres[instant] = Some(centre + trust * step);
+            }
+        }
+    }
+
+    /// Follows tracks beyond their ends, as long as there are points of such a thing that no other track has.
+    fn extend(&mut self) {
+        let mut order: Vec<usize> = (0..self.tracks.len()).collect();
+        order.sort_by(|&a, &b| self.tracks[b].usual_points.total_cmp(&self.tracks[a].usual_points));
+        let mut ended = vec![[false; 2]; self.tracks.len()];
+        for _ in 0..self.times_s.len() {
+            let mut grown = false;
+            for &index in &order {
+                for (side, ended) in ended[index].iter_mut().enumerate() {
+                    if *ended {
+                        continue;
+                    }
+                    match self.beyond(index, side == 1) {
+                        Some((instant, centre)) => {
+                            self.tracks[index].centres[instant] = Some(centre);
+                            self.tracks[index].sure[instant] = false;
+                            grown = true;
+                        }
+                        None => *ended = true,
+                    }
+                }
+            }
+            if !grown {
+                break;
+            }
+            self.assign(2);
+        }
+    }
+
+    /// The next instant before or after a track, and where it is then, if it is anywhere.
+    fn beyond(&self, index: usize, after: bool) -> Option<(usize, DVec3)> {
+        let track = &self.tracks[index];
+        let end = if after { track.instants().next_back()? + 1 } else { track.instants().next()?.checked_sub(1)? };
+        let &t_s = self.times_s.get(end)?;
+        let known = track.places(self.times_s);
+        if known.0.len() < 2 {
+            return None;
+        }
+        // Half by the parabola of its last places and half straight on: the one follows a fall, the other noise less.
+        let last = known.0.len().min(4);
+        let tail = if after { known.0.len() - last..known.0.len() } else { 0..last };
+        let times: Vec<f64> = known.0[tail.clone()].iter().map(|time| time - t_s).collect();
+        let bent = fitted(&times, &known.1[tail], if known.0.len() > 4 { 2 } else { 1 });
+        let mut centre = 0.5 * (bent + between(&known, t_s));
+        let Cloud { points, colours } = self.clouds[end];
+        let free = |at: usize| {
+            self.owners[end][at].is_none_or(|other| {
+                let other = &self.tracks[other];
+                other.centres[end].is_none_or(|centre| points[at].distance(centre) > 0.9 * other.radius_m)
+            })
+        };
+        let reach = NEAR * (track.radius_m + self.cell_m);
+        let mut members = Vec::new();
+        for _ in 0..8 {
+            members = (0..points.len()).filter(|&at| points[at].distance(centre) < reach && free(at)).collect();
+            if (members.len() as f64) < FOUND_BEYOND * track.usual_points {
+                return None;
+            }
+            centre += 0.7 * (mean(members.iter().map(|&at| points[at])) - centre);
+        }
+        let looks = Histogram::of(members.iter().map(|&at| &colours[at]));
+        (looks.overlap(&track.colours) > SAME_BEYOND).then_some((end, centre))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bodies::{chains::chains, detections::detections, turn::directions};
+
+    /// Points on a sphere.
+    fn sphere(centre: DVec3, radius: f64) -> impl Iterator<Item = DVec3> {
+        directions(200).into_iter().map(move |along| centre + radius * along)
+    }
+
+    #[test]
+    fn two_balls_that_pass_as_one_piece_are_told_apart_and_followed_to_the_ends() {
+        let ways = [|t: f64| DVec3::new(4.0 * t, 0.0, 0.0), |t: f64| DVec3::new(2.2 - 4.0 * t, 0.15 + t * t, 0.1)];
+        let times: Vec<f64> = (0..11).map(|k| 0.05 * f64::from(k)).collect();
+        let paints = [[210, 40, 40], [40, 60, 210]];
+        let instants: Vec<(Vec<DVec3>, Vec<[u8; 3]>)> = times
+            .iter()
+            .map(|&t| {
+                let of = |ball: usize| sphere(ways[ball](t), 0.15).map(move |point| (point, paints[ball]));
+                of(0).chain(of(1)).unzip()
+            })
+            .collect();
+        let clouds: Vec<Cloud<'_>> = instants.iter().map(|(points, colours)| Cloud { points, colours }).collect();
+        let cell = 0.03;
+        let found: Vec<Vec<Detection>> =
+            clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell)).collect();
+        assert!(found.iter().any(|pieces| pieces.len() == 1), "they are one piece somewhere");
+        let (tracks, owners) = follow(&chains(&found, &times), &found, &clouds, &times, cell);
+        assert_eq!(tracks.len(), 2);
+        for (index, track) in tracks.iter().enumerate() {
+            assert_eq!(track.instants().count(), times.len());
+            let first = track.centres[0].unwrap();
+            let way = ways.iter().min_by(|a, b| a(0.0).distance(first).total_cmp(&b(0.0).distance(first))).unwrap();
+            for (instant, &t) in times.iter().enumerate() {
+                let off = track.centres[instant].unwrap().distance(way(t));
+                assert!(off < 0.06, "{off} m at {t} s");
+            }
+            assert!((track.radius_m - 0.15).abs() < 0.01);
+            let mine = owners.iter().flatten().filter(|owner| **owner == Some(index)).count();
+            assert!(mine.abs_diff(200 * times.len()) < 40 * times.len(), "{mine} points");
+        }
+    }
+}

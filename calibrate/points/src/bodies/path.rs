@@ -1,0 +1,184 @@
+//! Curves through places at known times.
+
+use glam::{DMat3, DVec3};
+
+/// Beyond its ends a path goes straight on for so long, seconds, and then stands still.
+const ON_S: f64 = 0.08;
+
+/// A smooth path through places: cubic between two, with tangents that do not swing beyond a bounce (Akima's, modified as MATLAB's
+/// `makima` does); straight on beyond its ends, and then still.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Path {
+    times_s: Vec<f64>,
+    places: Vec<DVec3>,
+    tangents: Vec<DVec3>,
+}
+
+impl Path {
+    /// Through `places` at `times_s`, which increase.
+    pub fn new(times_s: Vec<f64>, places: Vec<DVec3>) -> Self {
+        let tangents = tangents(&times_s, &places);
+        Self { times_s, places, tangents }
+    }
+
+    /// With velocities at some of its times, metres per second, instead of those that its places tell.
+    pub fn with_velocities(mut self, velocities: &[(f64, DVec3)]) -> Self {
+        for &(t_s, velocity) in velocities {
+            if let Some(index) = self.times_s.iter().position(|&time| time == t_s) {
+                self.tangents[index] = velocity;
+            }
+        }
+        self
+    }
+
+    /// Where it is at a time; the origin if there is no place at all.
+    pub fn at(&self, t_s: f64) -> DVec3 {
+        let (Some(&first), Some(&last)) = (self.times_s.first(), self.times_s.last()) else { return DVec3::ZERO };
+        let end = self.places.len() - 1;
+        if t_s <= first {
+            return self.places[0] - self.leaving(0) * (first - t_s).min(ON_S);
+        }
+        if t_s >= last {
+            return self.places[end] + self.leaving(end) * (t_s - last).min(ON_S);
+        }
+        let (index, u, step) = self.piece(t_s);
+        let (p, q) = (self.places[index], self.places[index + 1]);
+        let (m, n) = (self.tangents[index] * step, self.tangents[index + 1] * step);
+        p + (m + (3.0 * (q - p) - 2.0 * m - n + (2.0 * (p - q) + m + n) * u) * u) * u
+    }
+
+    /// How fast it goes at a time, metres per second; that at its ends beyond them.
+    pub fn velocity(&self, t_s: f64) -> DVec3 {
+        let (Some(&first), Some(&last)) = (self.times_s.first(), self.times_s.last()) else { return DVec3::ZERO };
+        if self.places.len() < 2 {
+            return DVec3::ZERO;
+        }
+        let (index, u, step) = self.piece(t_s.clamp(first, last));
+        let (p, q) = (self.places[index], self.places[index + 1]);
+        let (m, n) = (self.tangents[index] * step, self.tangents[index + 1] * step);
+        (m + (2.0 * (3.0 * (q - p) - 2.0 * m - n) + 3.0 * (2.0 * (p - q) + m + n) * u) * u) / step
+    }
+
+    /// Which piece a time is in, how far along it, and how long the piece is.
+    fn piece(&self, t_s: f64) -> (usize, f64, f64) {
+        let index = self.times_s.partition_point(|&time| time <= t_s).clamp(1, self.times_s.len() - 1) - 1;
+        let step = self.times_s[index + 1] - self.times_s[index];
+        (index, (t_s - self.times_s[index]) / step, step)
+    }
+
+    /// How it goes on beyond an end: as it went on the whole between the last two places, which noise disturbs less than a tangent.
+    fn leaving(&self, end: usize) -> DVec3 {
+        if self.places.len() < 2 {
+            return DVec3::ZERO;
+        }
+        let index = end.min(self.places.len() - 2);
+        (self.places[index + 1] - self.places[index]) / (self.times_s[index + 1] - self.times_s[index])
+    }
+}
+
+fn tangents(times_s: &[f64], places: &[DVec3]) -> Vec<DVec3> {
+    if places.len() < 2 {
+        return vec![DVec3::ZERO; places.len()];
+    }
+    let slope = |index: usize| (places[index + 1] - places[index]) / (times_s[index + 1] - times_s[index]);
+    let inner: Vec<DVec3> = (0..places.len() - 1).map(slope).collect();
+    // Two slopes more at either end, on the parabola through the last three places.
+    let beyond = |last: DVec3, next: DVec3| [2.0 * last - next, 3.0 * last - 2.0 * next];
+    let end = inner.len() - 1;
+    let before = beyond(inner[0], inner[1.min(end)]);
+    let after = beyond(inner[end], inner[end.saturating_sub(1)]);
+    let slopes: Vec<DVec3> = [before[1], before[0]].into_iter().chain(inner).chain(after).collect();
+    let weight = |a: DVec3, b: DVec3| (a - b).length() + 0.5 * (a + b).length();
+    let tangent = |four: &[DVec3]| {
+        let [far, near] = [weight(four[3], four[2]), weight(four[1], four[0])];
+        if far + near > 0.0 { (far * four[1] + near * four[2]) / (far + near) } else { DVec3::ZERO }
+    };
+    slopes.windows(4).map(tangent).collect()
+}
+
+/// The value at time 0 of the polynomial of a degree (at most 2) that fits `values` at `times` best.
+pub fn fitted(times: &[f64], values: &[DVec3], degree: usize) -> DVec3 {
+    let count = times.len() as f64;
+    let scale = times.iter().fold(0.0, |most: f64, time| most.max(time.abs()));
+    let mean = values.iter().sum::<DVec3>() / count.max(1.0);
+    if times.len() < 2 || degree == 0 || scale <= 0.0 {
+        return mean;
+    }
+    // Normal equations of 1, t, t^2 with |t| <= 1.
+    let (mut sums, mut right) = ([0.0; 5], [DVec3::ZERO; 3]);
+    for (time, &value) in std::iter::zip(times, values) {
+        let mut power = 1.0;
+        for (index, sum) in sums.iter_mut().enumerate() {
+            *sum += power;
+            if let Some(right) = right.get_mut(index) {
+                *right += power * value;
+            }
+            power *= time / scale;
+        }
+    }
+    if degree >= 2 && times.len() > 2 {
+        let [a, b, c, d, e] = sums;
+        let normal = DMat3::from_cols_array(&[a, b, c, b, c, d, c, d, e]);
+        if normal.determinant() > 1e-9 * count.powi(3) {
+            let first = normal.inverse().row(0);
+            return right[0] * first.x + right[1] * first.y + right[2] * first.z;
+        }
+    }
+    let determinant = sums[0] * sums[2] - sums[1] * sums[1];
+    if determinant > 1e-9 * count.powi(2) { (right[0] * sums[2] - right[1] * sums[1]) / determinant } else { mean }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn thrown(t: f64) -> DVec3 {
+        DVec3::new(4.0 * t, -3.0 * t + 4.905 * t * t, 0.3)
+    }
+
+    #[test]
+    fn a_throw_is_followed_between_its_instants_and_goes_straight_on_and_then_stops() {
+        let times: Vec<f64> = (0..9).map(|k| 0.0667 * f64::from(k)).collect();
+        let path = Path::new(times.clone(), times.iter().map(|&t| thrown(t)).collect());
+        for step in 0..530 {
+            let t = 0.001 * f64::from(step);
+            assert!(path.at(t).distance(thrown(t)) < 3e-3, "{t} s: {}", path.at(t).distance(thrown(t)));
+            let slope = (path.at(t + 5e-7) - path.at(t - 5e-7)) / 1e-6;
+            assert!(t < 1e-3 || slope.distance(path.velocity(t)) < 1e-4, "{t} s");
+        }
+        let last = times[8];
+        assert!(path.at(last + 0.04).distance(thrown(last + 0.04)) < 0.03);
+        assert!(path.at(last + 0.08).abs_diff_eq(path.at(last + 3.0), 1e-12));
+        assert!(path.at(-0.08).abs_diff_eq(path.at(-9.0), 1e-12));
+        assert!(path.at(-0.01).distance(thrown(-0.01)) < 0.01);
+    }
+
+    #[test]
+    fn a_bounce_does_not_swing_and_few_places_are_a_line_or_a_point() {
+        let fold = |t: f64| DVec3::new(t, -(t - 0.35).abs(), 0.0);
+        let times: Vec<f64> = (0..8).map(|k| 0.1 * f64::from(k)).collect();
+        let path = Path::new(times.clone(), times.iter().map(|&t| fold(t)).collect());
+        for step in 0..700 {
+            let t = 0.001 * f64::from(step);
+            let allowed = if (0.3..0.4).contains(&t) { 0.051 } else { 0.011 };
+            assert!(path.at(t).distance(fold(t)) < allowed, "{t} s: {}", path.at(t).distance(fold(t)));
+        }
+        let line = Path::new(vec![0.0, 0.2], vec![DVec3::ZERO, DVec3::X]);
+        assert!(line.at(0.1).abs_diff_eq(DVec3::X * 0.5, 1e-12));
+        assert_eq!(Path::new(vec![0.5], vec![DVec3::Y]).at(7.0), DVec3::Y);
+        assert_eq!(Path::new(vec![0.5], vec![DVec3::Y]).velocity(7.0), DVec3::ZERO);
+        assert_eq!(Path::new(vec![], vec![]).at(1.0), DVec3::ZERO);
+    }
+
+    #[test]
+    fn a_fitted_parabola_tells_the_value_in_between_and_beyond() {
+        let times = [-0.2, -0.1, 0.1, 0.25];
+        let values = times.map(|t| thrown(t + 1.0));
+        assert!(fitted(&times, &values, 2).abs_diff_eq(thrown(1.0), 1e-9));
+        assert!(fitted(&times[..2], &values[..2], 1).abs_diff_eq(2.0 * values[1] - values[0], 1e-9));
+        assert_eq!(fitted(&[0.1], &[DVec3::X], 2), DVec3::X);
+        assert_eq!(fitted(&[], &[], 2), DVec3::ZERO);
+        // Twice the same time: no parabola, and no division by zero.
+        assert!(fitted(&[0.1, 0.1, 0.1], &[DVec3::X; 3], 2).abs_diff_eq(DVec3::X, 1e-9));
+    }
+}

@@ -1,0 +1,176 @@
+//! How fast a thing turns: what frames say, what events say, and both together.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use serde_json::{Value, json};
+
+use super::{
+    contrast::{Window, contrasts},
+    shades::Shades,
+    turn::{climb, rates},
+};
+
+/// Directions that are tried, by frames and by events.
+const FRAME_DIRECTIONS: usize = 60;
+const EVENT_DIRECTIONS: usize = 80;
+/// Turns from one instant to the next that are tried by frames, degrees.
+const FRAME_TURNS_DEG: [f64; 10] = [12.0, 28.0, 44.0, 60.0, 76.0, 92.0, 108.0, 124.0, 140.0, 156.0];
+/// Rates that are tried by events, radians per second.
+const EVENT_RATES: [f64; 10] = [3.0, 5.0, 8.0, 11.5, 15.0, 21.0, 28.0, 37.0, 48.0, 62.0];
+/// So many hypotheses by frames are improved, which differ by at least so many radians from one instant to the next.
+const KEPT: usize = 6;
+const APART: f64 = 0.45;
+/// So many by events.
+const KEPT_BY_EVENTS: usize = 40;
+/// By frames alone a thing turns if its colours are so much nearer to one another than if it did not.
+const BY_FRAMES: f64 = 0.95;
+/// How much more the contrast of events weighs than the colours of frames, and by how much both must be better than without a turn.
+const EVENTS_WEIGH: f64 = 10.0;
+const BETTER: f64 = 0.1;
+/// A contrast without a turn that is so near to the best tells nothing.
+const FLAT: f64 = 0.985;
+
+/// What was found.
+#[derive(Clone, Debug, Default)]
+pub struct Spin {
+    /// Axis times rate, radians per second; zero if none was found.
+    pub rate: DVec3,
+    /// What it was found by: numbers for reports.
+    pub found_by: BTreeMap<String, Value>,
+}
+
+/// How a thing turns, by the frames and windows of events that there are; `step_s` is the usual time between instants.
+pub fn spin(shades: Option<&Shades<'_>>, windows: &[Window], step_s: f64) -> Spin {
+    let mut spin = Spin::default();
+    let mut note = |name: &str, value: Value| {
+        spin.found_by.insert(name.into(), value);
+    };
+    let by_frames = shades.map(|shades| by_frames(shades, step_s)).unwrap_or_default();
+    if let Some(best) = by_frames.first() {
+        note("rate_by_frames_rad_s", vector(best.1));
+        note("colours_apart_to_no_turn", json!(rounded(best.0, 3)));
+    }
+    note("event_windows", json!(windows.len()));
+    let frames_tell = by_frames.first().filter(|best| best.0 < BY_FRAMES);
+    if windows.is_empty() {
+        match (frames_tell, by_frames.first()) {
+            (Some(best), _) => {
+                spin.rate = best.1;
+                spin.found_by.insert("rotation".into(), json!("by frames"));
+            }
+            (None, Some(_)) => {
+                let why = "not determined: frames show no texture that turns, and there are too few events";
+                spin.found_by.insert("rotation".into(), json!(why));
+            }
+            (None, None) => {
+                let why = "not determined: too few points or instants, and too few events";
+                spin.found_by.insert("rotation".into(), json!(why));
+            }
+        }
+        return spin;
+    }
+    let mut tried = rates(EVENT_DIRECTIONS, &EVENT_RATES);
+    tried.extend(by_frames.iter().map(|best| best.1));
+    let contrast = contrasts(windows, &tried);
+    let top = contrast.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    order.sort_by(|&a, &b| contrast[b].total_cmp(&contrast[a]));
+    let colours = |rates: &[DVec3]| -> Vec<f64> {
+        let Some(shades) = shades else { return vec![1.0; rates.len()] };
+        let still = shades.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE);
+        shades.apart(rates).into_iter().map(|apart| apart / still).collect()
+    };
+    let score = |rates: &[DVec3]| -> Vec<f64> {
+        let sharp = contrasts(windows, rates);
+        std::iter::zip(colours(rates), sharp).map(|(apart, sharp)| EVENTS_WEIGH * sharp / top - apart).collect()
+    };
+    let kept: Vec<DVec3> = order.iter().take(KEPT_BY_EVENTS).map(|&index| tried[index]).collect();
+    let candidates: Vec<DVec3> =
+        [DVec3::ZERO].into_iter().chain(by_frames.iter().map(|best| best.1)).chain(kept).collect();
+    let scores = score(&candidates);
+    let mut best = (f64::NEG_INFINITY, DVec3::ZERO);
+    for (&rate, &score) in std::iter::zip(&candidates, &scores) {
+        if score > best.0 {
+            best = (score, rate);
+        }
+    }
+    let best = climb(best, 3.0, 4, score);
+    let [still, sharp]: [f64; 2] = {
+        let both = contrasts(windows, &[DVec3::ZERO, best.1]);
+        let most = both[1].max(top);
+        [both[0] / most, both[1] / most]
+    };
+    let mut apart: Vec<(DVec3, f64)> = Vec::new();
+    for &index in &order {
+        if apart.iter().all(|(rate, _)| rate.distance(tried[index]) > 6.0) {
+            apart.push((tried[index], contrast[index] / top));
+        }
+        if apart.len() >= KEPT {
+            break;
+        }
+    }
+    spin.found_by.insert("rate_by_events_rad_s".into(), vector(best.1));
+    spin.found_by.insert("contrast_without_turn".into(), json!(rounded(still, 3)));
+    spin.found_by.insert("contrast_with_turn".into(), json!(rounded(sharp, 3)));
+    let hypotheses =
+        apart.iter().map(|(rate, contrast)| json!({"rate_rad_s": vector(*rate), "contrast": rounded(*contrast, 3)}));
+    spin.found_by.insert("hypotheses".into(), hypotheses.collect());
+    let why = if still > FLAT && frames_tell.is_none() {
+        "not determined: events are as sharp without a turn, and frames show no texture that turns"
+    } else if best.0 > scores[0] + BETTER {
+        spin.rate = best.1;
+        if shades.is_some() { "by events and frames" } else { "by events" }
+    } else {
+        "none found: events and frames fit as well without a turn"
+    };
+    spin.found_by.insert("rotation".into(), json!(why));
+    spin
+}
+
+/// The best rates by colours: how far they are apart compared with no turn, and the rate.
+fn by_frames(shades: &Shades<'_>, step_s: f64) -> Vec<(f64, DVec3)> {
+    let turns = FRAME_TURNS_DEG.map(|degrees| degrees.to_radians() / step_s);
+    let tried = rates(FRAME_DIRECTIONS, &turns);
+    let apart = shades.apart(&tried);
+    let still = apart[0].max(f64::MIN_POSITIVE);
+    let mut order: Vec<usize> = (0..tried.len()).collect();
+    order.sort_by(|&a, &b| apart[a].total_cmp(&apart[b]));
+    let mut kept: Vec<usize> = Vec::new();
+    for index in order.into_iter().take(40) {
+        if kept.len() < KEPT && kept.iter().all(|&other| tried[other].distance(tried[index]) > APART / step_s) {
+            kept.push(index);
+        }
+    }
+    let nearer = |rates: &[DVec3]| shades.apart(rates).into_iter().map(|apart| -apart).collect::<Vec<_>>();
+    let mut best: Vec<(f64, DVec3)> = kept
+        .into_iter()
+        .map(|index| {
+            let (apart, rate) = climb((-apart[index], tried[index]), 0.12 / step_s, 2, nearer);
+            (-apart / still, rate)
+        })
+        .collect();
+    best.sort_by(|a, b| a.0.total_cmp(&b.0));
+    best
+}
+
+pub(super) fn rounded(value: f64, digits: i32) -> f64 {
+    let scale = 10_f64.powi(digits);
+    (value * scale).round() / scale
+}
+
+pub(super) fn vector(of: DVec3) -> Value {
+    json!(of.to_array().map(|value| rounded(value, 2)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rotation_that_nothing_tells_is_none_and_says_so() {
+        let spin = spin(None, &[], 0.1);
+        assert_eq!(spin.rate, DVec3::ZERO);
+        assert!(spin.found_by["rotation"].as_str().is_some_and(|why| why.starts_with("not determined")), "{spin:?}");
+    }
+}

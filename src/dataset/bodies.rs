@@ -1,0 +1,68 @@
+//! `erfgs dataset bodies`: what moves in a dataset as bodies.
+
+use std::path::PathBuf;
+
+use erfgs_dataset::{Body, Dataset};
+use erfgs_points::{attach_bodies, find_bodies};
+
+use crate::terminal::{Terminal, table, thousands};
+
+/// Find what moves as bodies: tracks, rotations and shapes that training with bodies starts from.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Reads the points of what moves (`erfgs dataset points`), the frames of their instants and the events around them. What moves is \
+followed through the instants; how it turns is found by the colours of frames and by how sharp its events are if they are moved back; \
+its shape is carved by the silhouettes of all instants. Writes bodies.json into the dataset and names it in the manifest.
+
+A body whose rotation is not determined does not turn, and says so.
+
+Examples:
+  erfgs dataset points ds
+  erfgs dataset bodies ds
+  erfgs dataset points ds --moving 24 && erfgs dataset bodies ds
+  erfgs dataset bodies ds --json")]
+pub struct Arguments {
+    /// The dataset; it needs points of what moves.
+    dataset: PathBuf,
+}
+
+/// Finds bodies and names them in the manifest.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut dataset = Dataset::load(&arguments.dataset)?;
+    let progress = terminal.progress("bodies");
+    let found = find_bodies(&dataset, &|step, done, total| {
+        progress.update(done as u64, total as u64, &step.to_string());
+    })?;
+    drop(progress);
+    let file = attach_bodies(&mut dataset, &found)?;
+    terminal.result(&file, || {
+        let heading = ["body", "instants", "points", "radius m", "rad/s", "contrast", "rotation"].map(str::to_owned);
+        let mut rows = vec![heading.to_vec()];
+        rows.extend(found.bodies.iter().map(row));
+        let mut text = table(&rows);
+        text.push('\n');
+        let mut rows = vec![vec!["file".into(), dataset.root.join(&file.file).display().to_string()]];
+        for (name, value) in file.parameters.iter().filter(|(_, value)| value.is_number()) {
+            rows.push(vec![name.replace('_', " "), value.to_string()]);
+        }
+        text + &table(&rows)
+    })
+}
+
+/// What the terminal shows of a body.
+fn row(body: &Body) -> Vec<String> {
+    let number = |name: &str| body.found_by.get(name).map_or("-".into(), ToString::to_string);
+    let rate = body.found_by.get("rate_rad_s").and_then(|value| serde_json::from_value::<[f64; 3]>(value.clone()).ok());
+    let rate =
+        rate.map_or("-".into(), |rate| format!("{:.1}", rate.iter().map(|part| part * part).sum::<f64>().sqrt()));
+    let rotation = body.found_by.get("rotation").and_then(|value| value.as_str()).unwrap_or("-");
+    vec![
+        body.name.clone(),
+        number("instants"),
+        thousands(body.points.len() as u64),
+        number("radius_m"),
+        rate,
+        number("contrast_without_turn"),
+        rotation.to_owned(),
+    ]
+}
