@@ -22,9 +22,6 @@ impl Actors {
     pub const NONE: Self = Self { parts: 0, shadows: 0 };
     pub const SHADOWS: Self = Self { parts: 0, shadows: u128::MAX };
     pub const ALL: Self = Self { parts: u128::MAX, shadows: u128::MAX };
-    /// So many parts have a bit.
-    pub const MOST: usize = 128;
-
     pub fn part(number: usize) -> Self {
         Self { parts: 1 << number, shadows: 0 }
     }

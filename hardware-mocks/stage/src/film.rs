@@ -265,7 +265,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
         points.write(&path).map_err(|source| StageError::Write { path, source: Box::new(source) })?;
     }
     if options.tells_truth() {
-        truth::write(out, &stage, [0, options.duration_ns])?;
+        truth::write(out, &stage, [0, options.duration_ns], &test_times)?;
     }
     let failed = |source| StageError::Write { path: out.join(Dataset::MANIFEST), source: Box::new(source) };
     report.dataset.hash_files().map_err(failed)?;

@@ -89,7 +89,7 @@ impl Ball {
 }
 
 /// `x` folded into a range as a ball that turns round at both ends.
-fn there_and_back(x: f64, [low, high]: [f64; 2]) -> f64 {
+pub(crate) fn there_and_back(x: f64, [low, high]: [f64; 2]) -> f64 {
     let width = high - low;
     let u = (x - low).rem_euclid(2.0 * width);
     low + if u > width { 2.0 * width - u } else { u }

@@ -3,14 +3,20 @@
 //! Acts can be combined. Those that need the room's middle share it in depth, each a lane of its own; with more than three of them
 //! lanes are narrower than things, which then pass through one another.
 
+mod articulated;
+mod cloth;
 mod crossing;
 mod debris;
 mod fan;
 mod gloss;
 mod pendulum;
 mod shadow;
+mod squash;
 mod throw;
 mod tumble;
+
+#[cfg(test)]
+mod tests;
 
 use std::{fmt, str::FromStr};
 
@@ -34,6 +40,12 @@ pub enum Act {
     Tumble,
     /// A ball on a rod.
     Pendulum,
+    /// A figure of capsules that walks, runs or throws.
+    Articulated,
+    /// A flag: smooth, and not rigid.
+    Cloth,
+    /// A soft ball that is pressed flat where it bounces.
+    Squash,
     /// Forty small pieces from one place, which appear within the take.
     Debris,
     /// Things that pass before one another, and two that touch.
@@ -46,11 +58,14 @@ pub enum Act {
 
 impl Act {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 11] = [
         Self::Fan,
         Self::Throw,
         Self::Tumble,
         Self::Pendulum,
+        Self::Articulated,
+        Self::Cloth,
+        Self::Squash,
         Self::Debris,
         Self::Crossing,
         Self::Shadow,
@@ -65,6 +80,9 @@ impl Act {
             Self::Throw => "throw",
             Self::Tumble => "tumble",
             Self::Pendulum => "pendulum",
+            Self::Articulated => "articulated",
+            Self::Cloth => "cloth",
+            Self::Squash => "squash",
             Self::Debris => "debris",
             Self::Crossing => "crossing",
             Self::Shadow => "shadow",
@@ -83,6 +101,9 @@ impl Act {
             Self::Throw => throw::enter(script),
             Self::Tumble => tumble::enter(script),
             Self::Pendulum => pendulum::enter(script),
+            Self::Articulated => articulated::enter(script),
+            Self::Cloth => cloth::enter(script),
+            Self::Squash => squash::enter(script),
             Self::Debris => debris::enter(script),
             Self::Crossing => crossing::enter(script),
             Self::Shadow => shadow::enter(script),

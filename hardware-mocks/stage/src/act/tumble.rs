@@ -24,7 +24,7 @@ pub(super) fn enter(script: &mut Script) {
         let draw = script.draw.of(number);
         // Columns of their own, in an order of the seed's.
         let column = 0.48 * ((number + first) % 4) as f64 - 0.72;
-        let at = DVec3::new(column + draw.range(1, -0.06, 0.06), draw.range(2, -1.75, -1.15), script.depth());
+        let at = DVec3::new(column + draw.range(1, -0.06, 0.06), draw.range(2, -1.55, -1.05), script.depth());
         let velocity = DVec3::new(draw.range(3, -0.15, 0.15), 0.0, draw.range(4, -0.1, 0.1));
         let state = draw.state(at, velocity, draw.range(5, 7.0, 18.0));
         // The highest point of its way is near the middle of the take.

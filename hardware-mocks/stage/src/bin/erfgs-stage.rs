@@ -79,8 +79,8 @@ struct Set {
     /// Nothing moves: the room without the ball, the fan's blades and the pendulum.
     #[arg(long, conflicts_with = "shadows")]
     empty: bool,
-    /// What happens instead of the thrown ball, the fan and the pendulum: fan, throw, tumble, pendulum, debris, crossing, shadow or
-    /// gloss. Several can be combined, and the seed varies each.
+    /// What happens instead of the thrown ball, the fan and the pendulum: fan, throw, tumble, pendulum, articulated, cloth, squash,
+    /// debris, crossing, shadow or gloss. Several can be combined, and the seed varies each.
     #[arg(long = "act", value_name = "NAME", conflicts_with = "empty")]
     acts: Vec<Act>,
     /// Let the lamp flicker, so often a second (100 or 120 where it hangs on the mains). Held-out frames are taken in its mean light.

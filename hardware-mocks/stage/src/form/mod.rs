@@ -8,12 +8,16 @@ mod blade;
 mod block;
 mod capsule;
 mod disc;
+mod flag;
 mod rod;
 mod sample;
+mod soft;
+
+pub(crate) use flag::{Flag, Wave};
 
 use glam::DVec3;
 
-use super::path::Place;
+use super::path::{Place, SoftBall};
 
 /// A ray that stands for a cone.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +76,10 @@ pub(crate) enum Form {
     Capsule { half: f64, radius: f64 },
     /// A disc without thickness about the origin, across z.
     Disc { radius: f64 },
+    /// A ball that its path presses flat.
+    Soft(SoftBall),
+    /// A patch of cloth, x from the pole and y down.
+    Flag(Flag),
 }
 
 /// A rod is bounded by this many spheres.
@@ -81,6 +89,8 @@ impl Form {
     /// Where a ray touches it nearer than `limit` metres.
     pub(crate) fn touch(&self, ray: &Ray, limit: f64, place: &Place) -> Option<Touch> {
         match *self {
+            Self::Soft(ref ball) => soft::touch(ray, limit, place, ball.axes(place.t)),
+            Self::Flag(ref flag) => flag::touch(ray, limit, place, flag),
             Self::Ball { radius } => ball::touch(ray, limit, place, radius),
             Self::Blade { span, width } => blade::touch(ray, limit, place, span, width),
             Self::Rod { length, radius } => rod::touch(ray, limit, place, length, radius),
@@ -104,6 +114,8 @@ impl Form {
             }
             Self::Block { half } => vec![(DVec3::ZERO, half.length())],
             Self::Capsule { half, radius } => vec![(DVec3::ZERO, half + radius)],
+            Self::Soft(ref ball) => vec![(DVec3::ZERO, ball.reach())],
+            Self::Flag(ref flag) => flag.spheres(),
         }
     }
 
@@ -115,12 +127,30 @@ impl Form {
             Self::Rod { length, radius } => length + radius,
             Self::Block { half } => half.length(),
             Self::Capsule { half, radius } => half + radius,
+            Self::Soft(ref ball) => ball.reach(),
+            Self::Flag(ref flag) => flag.size[0].hypot(flag.size[1]) + flag.most(),
+        }
+    }
+
+    /// Where a place of its surface is in the world.
+    pub(crate) fn carried(&self, sample: &Sample, place: &Place) -> DVec3 {
+        match self {
+            Self::Soft(ball) => place.origin + (place.axes * sample.normal) * ball.axes(place.t),
+            Self::Flag(flag) => {
+                let at = sample.position;
+                place.world(at.with_z(flag.lift(at.x, at.y, place.t)[0]))
+            }
+            _ => place.world(sample.position),
         }
     }
 
     /// No point of it moves faster than this in its frame, metres per second.
     pub(crate) fn bends(&self) -> f64 {
-        0.0
+        match self {
+            Self::Soft(ball) => ball.bends(),
+            Self::Flag(flag) => flag.bends(),
+            _ => 0.0,
+        }
     }
 
     /// Whether it may come within `margin` (radians) of a ray.

@@ -20,6 +20,8 @@ impl Form {
             Self::Block { half } => 8.0 * (half.x * half.y + half.y * half.z + half.z * half.x),
             Self::Capsule { half, radius } => 2.0 * TAU * radius * (half + radius),
             Self::Disc { radius } => TAU * radius * radius,
+            Self::Soft(ref ball) => 2.0 * TAU * ball.radius * ball.radius,
+            Self::Flag(ref flag) => flag.size[0] * flag.size[1],
         }
     }
 
@@ -57,6 +59,14 @@ impl Form {
                 let down = if u < caps { half * normal.y.signum() } else { half * (2.0 * (u - caps) / (1.0 - caps) - 1.0) };
                 let position = normal * radius + DVec3::Y * down;
                 Sample { position, normal, surface: position }
+            }
+            Self::Soft(ref ball) => {
+                let normal = on_ball(u, sin, cos);
+                Sample { position: normal * ball.radius, normal, surface: normal }
+            }
+            Self::Flag(ref flag) => {
+                let position = DVec3::new(flag.size[0] * u, flag.size[1] * v, 0.0);
+                Sample { position, normal: DVec3::Z, surface: position }
             }
             Self::Disc { radius } => {
                 let position = DVec3::new(cos, sin, 0.0) * (radius * u.sqrt());

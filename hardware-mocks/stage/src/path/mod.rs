@@ -1,8 +1,16 @@
 //! Where a part is at a time: closed forms, without state.
 
+mod figure;
 mod flight;
+mod soft;
+mod swing;
 
+pub(crate) use figure::{Figure, Limb};
 pub(crate) use flight::{Arena, Flight, Meeting, State, Top};
+pub(crate) use soft::SoftBall;
+pub(crate) use swing::Swing;
+
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
@@ -55,6 +63,12 @@ pub(crate) enum Path {
     Bob(Pendulum),
     /// Free flight from bounce to bounce.
     Flight(Flight),
+    /// A limb of a figure: y along it.
+    Limb(Arc<Figure>, Limb),
+    /// A ball that is pressed flat on the floor.
+    Soft(SoftBall),
+    /// What hangs on an upright hinge.
+    Swing(Swing),
 }
 
 impl Path {
@@ -76,6 +90,9 @@ impl Path {
                 (pose.bob, pose.rotation)
             }
             Self::Flight(flight) => flight.place(t),
+            Self::Limb(figure, limb) => figure.place(*limb, t),
+            Self::Soft(ball) => ball.place(t),
+            Self::Swing(swing) => swing.place(t),
         };
         Place { origin, axes, t }
     }
@@ -88,6 +105,9 @@ impl Path {
             // The limit is that of every point.
             Self::Rod(pendulum) | Self::Bob(pendulum) => Speed { origin: pendulum.speed_limit(), turn: 0.0 },
             Self::Flight(flight) => flight.speed(t, half),
+            Self::Limb(figure, limb) => figure.speed(*limb),
+            Self::Soft(ball) => ball.speed(),
+            Self::Swing(swing) => swing.speed(),
         }
     }
 }

@@ -80,6 +80,11 @@ fn points(stage: &Stage, part: &Part, frame: &Part, [begin, end]: [f64; 2]) -> V
     part.form.samples(count).into_iter().map(of).collect()
 }
 
+/// The colour of a place on a part's surface, in the mean light of these instants, seconds.
+pub(crate) fn colour_at(stage: &Stage, part: &Part, sample: &Sample, instants: &[f64]) -> [u8; 3] {
+    colour(stage, part, sample, &instants.iter().map(|&t| part.path.place(t)).collect::<Vec<_>>())
+}
+
 fn colour(stage: &Stage, part: &Part, sample: &Sample, instants: &[Place]) -> [u8; 3] {
     // A ball's surface is measured in radii.
     let unit = if sample.surface == sample.normal { sample.position.length() } else { 1.0 };
@@ -88,5 +93,5 @@ fn colour(stage: &Stage, part: &Part, sample: &Sample, instants: &[Place]) -> [u
         let (at, normal) = (place.world(sample.position), place.axes * sample.normal);
         stage.light.ambient(normal) + stage.light.direct(at, normal)
     };
-    to_u8(albedo * instants.iter().map(lit).sum::<DVec3>() / instants.len() as f64)
+    to_u8(albedo * instants.iter().map(lit).sum::<DVec3>() / instants.len().max(1) as f64)
 }

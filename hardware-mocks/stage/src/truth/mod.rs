@@ -3,9 +3,11 @@
 //! | file | what it holds |
 //! |---|---|
 //! | `truth/bodies.json` | the rigid bodies, as [`erfgs_dataset::Bodies`] describes them |
+//! | `truth/bending/NAME/*.npy` | a body that bends, at the instants of the held-out frames: `t_ns` [instants], `position_m` and `velocity_m_s` [instants, places, 3], `colour` [places, 3] (sRGB); a place is the same bit of the surface at every instant |
 //! | `truth/labels.json` | the names of all bodies, in the order of their labels, and which of them are rigid |
 //! | `truth/labels/CAMERA/00000.png` | for each frame of a held-out camera the label of the body that each pixel shows: 0 for none |
 
+mod bending;
 mod bodies;
 
 pub use bodies::truth_bodies;
@@ -46,8 +48,8 @@ pub(crate) fn label(body: usize) -> u8 {
     u8::try_from(body + 1).unwrap_or(u8::MAX)
 }
 
-/// Writes what is true of a stage's bodies over a span of nanoseconds into the folder of a dataset.
-pub(crate) fn write(out: &Path, stage: &Stage, span_ns: [i64; 2]) -> Result<(), StageError> {
+/// Writes what is true of a stage's bodies over a span of nanoseconds into the folder of a dataset; of what bends at these instants.
+pub(crate) fn write(out: &Path, stage: &Stage, span_ns: [i64; 2], times_ns: &[i64]) -> Result<(), StageError> {
     let folder = out.join(TRUTH);
     let json = |name: &str, value: serde_json::Result<Vec<u8>>| {
         let path = folder.join(name);
@@ -58,5 +60,9 @@ pub(crate) fn write(out: &Path, stage: &Stage, span_ns: [i64; 2]) -> Result<(), 
         erfgs_base::atomic::write(&path, &text).map_err(|error| failed(Box::new(error)))
     };
     json(erfgs_dataset::Bodies::FILE, serde_json::to_vec(&truth_bodies(stage, span_ns)))?;
+    for (number, body) in stage.cast.bodies.iter().enumerate().filter(|(_, body)| !body.rigid) {
+        let followed = bending::followed(stage, number, times_ns);
+        bending::write(&folder.join("bending").join(&body.name), &followed, times_ns)?;
+    }
     json("labels.json", serde_json::to_vec_pretty(&labelled(stage)))
 }
