@@ -166,7 +166,8 @@ impl Work<'_> {
         }
         let asked = &self.arguments.methods;
         let mut methods = Vec::new();
-        for method in METHODS.into_iter().filter(|method| asked.is_empty() || asked.iter().any(|name| name == method.name))
+        for method in
+            METHODS.into_iter().filter(|method| asked.is_empty() || asked.iter().any(|name| name == method.name))
         {
             match (is_known(&method), asked.is_empty()) {
                 (Ok(()), _) => methods.push(method),

@@ -60,7 +60,8 @@ impl StageView<'_> {
             let fastest = speed.origin + speed.turn * part.form.reach() + part.form.bends();
             for &(centre, radius) in &part.spheres {
                 // What is about its frame's origin is not carried by a turn.
-                let margin = if centre == DVec3::ZERO && part.form.bends() == 0.0 { speed.origin } else { fastest } * half;
+                let margin =
+                    if centre == DVec3::ZERO && part.form.bends() == 0.0 { speed.origin } else { fastest } * half;
                 let (actor, centre) = (Actors::part(*number), place.world(centre));
                 bounds.push(Bound { actor, centre, radius: radius + margin, speed: fastest });
             }

@@ -24,7 +24,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::to_u8,
+    EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView,
+    colour::to_u8,
     events,
     truth::{self, TRUTH},
     truth_points,

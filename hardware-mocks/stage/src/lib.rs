@@ -1,7 +1,7 @@
 //! The stage: a small scene that can be rendered exactly from any camera at any time.
 //!
 //! A thrown ball that spins, a spinning fan and a swinging pendulum move before a furnished, textured room about 4 m
-//! wide. Everything is a closed-form function of time, with no state carried from one time to the next, so that a frame
+//! wide; or other things do, by name ([`Act`]). Everything is a closed-form function of time, with no state carried from one time to the next, so that a frame
 //! with a true exposure integral, the events of an ideal sensor with microsecond crossing times, and the ground truth
 //! (colour, depth, mask of what moves) can be had at any instant and from any viewpoint.
 //!
@@ -33,8 +33,8 @@
 //! # Ok::<(), erfgs_stage::StageError>(())
 //! ```
 
-mod activity;
 pub mod act;
+mod activity;
 mod actors;
 mod cast;
 pub mod colour;
@@ -62,8 +62,8 @@ pub use error::StageError;
 pub use events::EventOptions;
 pub use film::{FilmOptions, FilmReport, film};
 pub use points::truth_points;
-pub use truth::truth_bodies;
 pub use rig::{RigCamera, RigOptions, Role};
+pub use truth::truth_bodies;
 pub use view::StageView;
 
 use self::{
@@ -94,7 +94,15 @@ pub struct StageOptions {
 
 impl Default for StageOptions {
     fn default() -> Self {
-        Self { seed: 1, shadows: false, empty: false, flicker: None, acts: Vec::new(), seconds: 0.5, samples_per_axis: 3 }
+        Self {
+            seed: 1,
+            shadows: false,
+            empty: false,
+            flicker: None,
+            acts: Vec::new(),
+            seconds: 0.5,
+            samples_per_axis: 3,
+        }
     }
 }
 

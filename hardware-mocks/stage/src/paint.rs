@@ -60,7 +60,9 @@ pub(crate) fn albedo(paint: Paint, seed: u64, at: DVec3, footprint: f64) -> DVec
         Paint::Rod => mottled(seed, at, footprint, hex(0x4A4540), 0.1),
         Paint::Blade(number) => blade(seed, at, footprint, number),
         Paint::Plain(look) => hex(LOOKS[usize::from(look) % 8][0]),
-        Paint::Motley(look, cell) => motley(seed, at, footprint, LOOKS[usize::from(look) % 11], 0.001 * f64::from(cell)),
+        Paint::Motley(look, cell) => {
+            motley(seed, at, footprint, LOOKS[usize::from(look) % 11], 0.001 * f64::from(cell))
+        }
     }
 }
 

@@ -17,13 +17,7 @@ pub struct Method {
 
 /// The methods, in the order of the report. One that the program does not know yet is left out.
 pub const METHODS: [Method; 5] = [
-    Method {
-        name: BASELINE,
-        about: "4DGS, frames alone",
-        train: &[("method", "4dgs")],
-        ideal: false,
-        bodies: false,
-    },
+    Method { name: BASELINE, about: "4DGS, frames alone", train: &[("method", "4dgs")], ideal: false, bodies: false },
     Method {
         name: "erf-gs",
         about: "ERF-GS, frames and events",

@@ -51,7 +51,8 @@ fn nothing_leaves_the_room_and_everything_keeps_its_speed_limit() {
                         let limit = speed.origin + speed.turn * reach + part.form.bends();
                         let moved = (part.form.carried(sample, &next) - at).length();
                         assert!(moved <= limit * step * (1.0 + 1e-6) + 1e-9, "{name} of {act}: {moved} in {step} s");
-                        let held = part.spheres.iter().any(|&(c, r)| (place.world(c) - at).length() <= r * (1.0 + 1e-9));
+                        let held =
+                            part.spheres.iter().any(|&(c, r)| (place.world(c) - at).length() <= r * (1.0 + 1e-9));
                         assert!(held, "{name} of {act} is not held by its spheres");
                     }
                 }
@@ -71,7 +72,10 @@ fn nothing_but_what_comes_out_of_a_pot_touches_the_furniture() {
                     let (at, centre) = (part.form.carried(&sample, &place), place.world(part.spheres[0].0));
                     let (way, length) = (at - centre).normalize_and_length();
                     let through = length > 1e-3
-                        && stage.set.hit(centre, way).is_some_and(|(hit, shape)| shape > 0 && hit.distance < length - 2e-3);
+                        && stage
+                            .set
+                            .hit(centre, way)
+                            .is_some_and(|(hit, shape)| shape > 0 && hit.distance < length - 2e-3);
                     // Blades and rods begin within what carries them.
                     let carried = matches!(act, Act::Fan | Act::Pendulum | Act::Cloth);
                     assert!(!through || carried, "{} of seed {seed} at {at}, {t} s", stage.cast.bodies[part.body].name);

@@ -23,7 +23,8 @@ pub(super) fn enter(script: &mut Script) {
             _ => Meeting::none(t, flying(script, draw)),
         };
         let flight = Flight::through(&meeting, Top::BALL, &arena, script.span());
-        let paint = if number == 2 { Paint::Plain(draw.range(3, 0.0, 8.0) as u8) } else { Paint::Motley(look(draw), 420) };
+        let paint =
+            if number == 2 { Paint::Plain(draw.range(3, 0.0, 8.0) as u8) } else { Paint::Motley(look(draw), 420) };
         script.cast.add(name, vec![Part::new(Form::Ball { radius }, Path::Flight(flight), paint).shaded(radius)]);
     }
 }
@@ -52,6 +53,7 @@ fn wall(draw: Draw, radius: f64, arena: &Arena, t: f64) -> Meeting {
 /// It is half way.
 fn flying(script: &Script, draw: Draw) -> State {
     let at = DVec3::new(draw.range(10, -0.3, 0.3), draw.range(11, -1.6, -1.2), script.depth());
-    let velocity = DVec3::new(draw.range(12, 1.6, 3.2) * draw.sign(13), draw.range(14, -1.0, 0.0), draw.range(15, -0.3, 0.3));
+    let velocity =
+        DVec3::new(draw.range(12, 1.6, 3.2) * draw.sign(13), draw.range(14, -1.0, 0.0), draw.range(15, -0.3, 0.3));
     draw.state(at, velocity, draw.range(16, 2.0, 8.0))
 }

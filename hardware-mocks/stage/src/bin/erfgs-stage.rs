@@ -285,7 +285,8 @@ impl Film {
 
 impl FrameCommand {
     fn run(&self) -> Result<(), StageError> {
-        let (stage, rig) = FilmOptions { duration_ns: nanoseconds(self.duration_ms), ..self.set.film_options() }.set_up()?;
+        let (stage, rig) =
+            FilmOptions { duration_ns: nanoseconds(self.duration_ms), ..self.set.film_options() }.set_up()?;
         let numbered = self.camera.parse::<usize>().ok().and_then(|number| rig.get(number));
         let named = || rig.iter().find(|camera| camera.name == self.camera);
         let camera = numbered.or_else(named).ok_or_else(|| StageError::unknown(&self.camera, &rig))?;

@@ -26,14 +26,7 @@ pub(super) fn touch(ray: &Ray, limit: f64, place: &Place, half: f64, radius: f64
     let core = DVec3::Y * at.y.clamp(-half, half);
     let normal = (at - core).normalize_or(-direction);
     let surface = core + normal * radius;
-    Some(Touch {
-        distance,
-        cover,
-        at: place.world(surface),
-        normal: place.axes * normal,
-        surface,
-        footprint: width,
-    })
+    Some(Touch { distance, cover, at: place.world(surface), normal: place.axes * normal, surface, footprint: width })
 }
 
 /// Where the ray's line comes nearest to the core: the distance along it, and the place on the core.

@@ -66,11 +66,9 @@ impl Flag {
         let (columns, rows) = (4, 3);
         let (dx, dy) = (width / f64::from(columns), height / f64::from(rows));
         let radius = (0.5 * dx).hypot(0.5 * dy) + self.most();
-        let of = |index: i32| DVec3::new(
-            dx * (f64::from(index % columns) + 0.5),
-            dy * (f64::from(index / columns) + 0.5),
-            0.0,
-        );
+        let of = |index: i32| {
+            DVec3::new(dx * (f64::from(index % columns) + 0.5), dy * (f64::from(index / columns) + 0.5), 0.0)
+        };
         (0..columns * rows).map(|index| (of(index), radius)).collect()
     }
 

@@ -56,7 +56,8 @@ impl Form {
             Self::Capsule { half, radius } => {
                 let caps = radius / (half + radius);
                 let normal = if u < caps { on_ball(u / caps, sin, cos) } else { DVec3::new(cos, 0.0, sin) };
-                let down = if u < caps { half * normal.y.signum() } else { half * (2.0 * (u - caps) / (1.0 - caps) - 1.0) };
+                let down =
+                    if u < caps { half * normal.y.signum() } else { half * (2.0 * (u - caps) / (1.0 - caps) - 1.0) };
                 let position = normal * radius + DVec3::Y * down;
                 Sample { position, normal, surface: position }
             }

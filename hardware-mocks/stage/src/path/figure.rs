@@ -107,9 +107,7 @@ impl Figure {
             },
             Limb::Forearm(side) => self.angle(Limb::UpperArm(side), t) + self.elbow,
             Limb::Thigh(side) => self.swing * stride(side).sin(),
-            Limb::Shin(side) => {
-                self.angle(Limb::Thigh(side), t) - self.knee * (0.5 + 0.5 * (stride(side) + 0.4).cos())
-            }
+            Limb::Shin(side) => self.angle(Limb::Thigh(side), t) - self.knee * (0.5 + 0.5 * (stride(side) + 0.4).cos()),
             Limb::Foot(side) => self.angle(Limb::Shin(side), t) + FRAC_PI_2,
         }
     }
@@ -219,7 +217,9 @@ mod tests {
                 lowest = lowest.max(end(0.5).y.max(end(-0.5).y) + radius);
                 let (next, turned) = figure.place(limb, t + step);
                 assert!((next - at).length() <= figure.speed(limb).origin * step, "{limb:?} at {t} s");
-                assert!((turned.y_axis - axes.y_axis).length() <= figure.speed(limb).turn * step * (1.0 + 1e-6) + 1e-12);
+                assert!(
+                    (turned.y_axis - axes.y_axis).length() <= figure.speed(limb).turn * step * (1.0 + 1e-6) + 1e-12
+                );
                 if let Limb::Shin(side) = limb {
                     let (thigh, turned) = figure.place(Limb::Thigh(side), t);
                     let knee = thigh + turned.y_axis * (0.5 * Limb::Thigh(side).size()[0]);

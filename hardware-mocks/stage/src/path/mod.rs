@@ -100,7 +100,9 @@ impl Path {
     /// Bounds on the speed within `half` seconds about `t`.
     pub(crate) fn speed(&self, t: f64, half: f64) -> Speed {
         match self {
-            Self::Ball(ball) | Self::Hung(ball, _) => Speed { origin: ball.centre_speed_limit(), turn: ball.spin.abs() },
+            Self::Ball(ball) | Self::Hung(ball, _) => {
+                Speed { origin: ball.centre_speed_limit(), turn: ball.spin.abs() }
+            }
             Self::Blade(fan, _) => Speed { origin: 0.0, turn: fan.rate.abs() },
             // The limit is that of every point.
             Self::Rod(pendulum) | Self::Bob(pendulum) => Speed { origin: pendulum.speed_limit(), turn: 0.0 },

@@ -107,7 +107,9 @@ mod tests {
             let t = f64::from(tick) * step;
             let ((at, _), axes) = (ball.place(t), ball.axes(t));
             assert!(-at.y - axes.y > -1e-9, "{at} and {axes} at {t} s");
-            assert!((axes.element_product() / ball.radius.powi(3) - 1.0).abs() < 1e-9 && axes.max_element() <= ball.reach());
+            assert!(
+                (axes.element_product() / ball.radius.powi(3) - 1.0).abs() < 1e-9 && axes.max_element() <= ball.reach()
+            );
             let (next, after) = (ball.place(t + step).0, ball.axes(t + step));
             assert!((next - at).length() <= ball.speed().origin * step * (1.0 + 1e-9));
             assert!((after - axes).abs().max_element() <= ball.bends() * step);

@@ -53,7 +53,8 @@ pub(crate) fn write(out: &Path, stage: &Stage, span_ns: [i64; 2], times_ns: &[i6
     let folder = out.join(TRUTH);
     let json = |name: &str, value: serde_json::Result<Vec<u8>>| {
         let path = folder.join(name);
-        let failed = |source: Box<dyn std::error::Error + Send + Sync>| StageError::Write { path: path.clone(), source };
+        let failed =
+            |source: Box<dyn std::error::Error + Send + Sync>| StageError::Write { path: path.clone(), source };
         let mut text = value.map_err(|error| failed(Box::new(error)))?;
         text.push(b'\n');
         std::fs::create_dir_all(&folder).map_err(|error| failed(Box::new(error)))?;

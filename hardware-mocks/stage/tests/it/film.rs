@@ -6,8 +6,7 @@ use erfgs_dataset::{Dataset, Split};
 use erfgs_scene::{Modality, PointCloud};
 use erfgs_stage::{
     Act, FilmOptions, Flicker, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film,
-    film::image,
-    motion::Ball,
+    film::image, motion::Ball,
 };
 use glam::{DVec2, DVec3};
 
@@ -354,7 +353,7 @@ fn acts_are_filmed_with_their_truth_and_an_ideal_rig_sees_the_same() {
     assert_eq!(usual.manifest.provenance.options["acts"], serde_json::json!(["squash", "fan"]));
     let held_out = |dataset: &Dataset| -> Vec<String> {
         let frames = dataset.cameras(Split::Test).flat_map(|camera| camera.frames.clone());
-        frames.map(|frame| dataset.manifest.sha256[&frame.file.display().to_string()].clone()).collect()
+        frames.map(|frame| dataset.manifest.sha256[&frame.file].clone()).collect()
     };
     assert_eq!(held_out(&usual), held_out(&ideal));
     let sharp: Vec<_> = ideal.cameras(Split::Train).collect();

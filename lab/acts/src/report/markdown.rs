@@ -46,10 +46,14 @@ mod tests {
 
     #[test]
     fn means_over_seeds_stand_beside_their_methods() {
-        let made = Made { command: "erfgs bench acts".into(), version: "1".into(), adapter: "a|b".into(), what: "It.".into() };
+        let made =
+            Made { command: "erfgs bench acts".into(), version: "1".into(), adapter: "a|b".into(), what: "It.".into() };
         let text = markdown(&crate::board::tests::board(), &made);
         assert!(text.contains("trained on a/b"));
         assert!(text.contains("## throw\n\nSeeds 1, 2.\n"), "{text}");
-        assert!(text.contains("| ERF-GS, frames and events | 25.00 | 30.00 | 19.00 | 18.00 | - | 1.0 | 38 % |"), "{text}");
+        assert!(
+            text.contains("| ERF-GS, frames and events | 25.00 | 30.00 | 19.00 | 18.00 | - | 1.0 | 38 % |"),
+            "{text}"
+        );
     }
 }

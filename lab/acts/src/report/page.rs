@@ -52,7 +52,9 @@ fn pictures(board: &Board, act: &str, seed: u64) -> String {
         let bytes = std::fs::read(file).ok()?;
         let caption = Escaped(caption);
         let source = data_uri("image/png", &bytes);
-        Some(format!("<figure><figcaption>{caption}</figcaption><img class=\"detail\" src=\"{source}\" alt=\"{caption}\"></figure>\n"))
+        Some(format!(
+            "<figure><figcaption>{caption}</figcaption><img class=\"detail\" src=\"{source}\" alt=\"{caption}\"></figure>\n"
+        ))
     };
     let truth = board.truths.iter().find(|(of, with, _)| of == act && *with == seed);
     let mut figures: Vec<String> = truth.and_then(|(.., file)| figure(file, "what is true")).into_iter().collect();
