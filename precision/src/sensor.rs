@@ -8,6 +8,7 @@ use erfgs_stability::pixel::Pixel;
 use erfgs_stage::{
     RigOptions, Stage, StageOptions, StageView,
     colour::{encode, luma},
+    motion::Ball,
 };
 use glam::DVec3;
 
@@ -60,7 +61,7 @@ impl Film {
         let rig = RigOptions { width, height, rgb: 0, event: 1, test: 0, ..RigOptions::default() };
         let camera = &rig.cameras(1)?[0];
         let view = StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera)?;
-        let start = 0.5 * stage.ball.flight_seconds();
+        let start = 0.5 * Ball::default().flight_seconds();
         let frame = |index: usize| {
             let t_ns = (1e9 * (start + index as f64 / f64::from(FINE))).round() as i64;
             // The light grows by a fiftieth: where a pixel comes back to just what it was, a whole number of thresholds away, rounding

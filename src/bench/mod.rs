@@ -1,5 +1,6 @@
 //! `erfgs bench`: how fast the stages are on this machine, what precision costs, and what they do at their extremes.
 
+mod acts;
 mod budget;
 mod decode;
 mod precision;
@@ -29,6 +30,8 @@ pub enum Command {
     Precision(precision::Arguments),
     /// What each error of a rig costs in the quality of its reconstructions.
     Budget(budget::Arguments),
+    /// How well each method reconstructs the acts of the stage, and how much of the gap to an ideal rig it closes.
+    Acts(acts::Arguments),
 }
 
 /// Runs the command.
@@ -41,5 +44,6 @@ pub fn run(command: &Command, terminal: &Terminal) -> anyhow::Result<()> {
         Command::Stability(arguments) => stability::run(arguments, terminal),
         Command::Precision(arguments) => precision::run(arguments, terminal),
         Command::Budget(arguments) => budget::run(arguments, terminal),
+        Command::Acts(arguments) => acts::run(arguments, terminal),
     }
 }

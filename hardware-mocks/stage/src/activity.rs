@@ -8,7 +8,7 @@ use super::{
     view::StageView,
 };
 
-/// A sphere that holds an actor (or what casts its shadow) during an interval of time.
+/// A sphere that holds a piece of an actor (or what casts its shadow) during an interval of time.
 #[derive(Clone, Copy, Debug)]
 struct Bound {
     actor: Actors,
@@ -17,9 +17,6 @@ struct Bound {
     /// No point of the actor moves faster than this, metres per second.
     speed: f64,
 }
-
-/// The rod is bounded by this many spheres.
-const ROD_SPHERES: u32 = 6;
 
 impl StageView<'_> {
     /// The pixels that something can touch during `[from, to]` seconds, in order, and what can touch each.
@@ -56,32 +53,24 @@ impl StageView<'_> {
     fn bounds(&self, t: f64, half: f64) -> Vec<Bound> {
         let stage = self.stage;
         let moment = Moment::at(stage, t, Actors::ALL);
-        let (ball, fan, pendulum) = (&stage.ball, &stage.fan, &stage.pendulum);
-        let bob = moment.pendulum.bob;
-        let ball_margin = ball.centre_speed_limit() * half;
-        let margin = pendulum.speed_limit() * half;
-        let bound = |actor, centre, radius, speed| Bound { actor, centre, radius, speed };
-        let mut bounds = vec![
-            bound(Actors::BALL, moment.ball, ball.radius + ball_margin, ball.speed_limit()),
-            bound(Actors::BOB, bob, pendulum.bob_radius + margin, pendulum.speed_limit()),
-        ];
-        bounds.extend(moment.blades.iter().enumerate().map(|(number, blade)| {
-            let (centre, radius) = fan.blade_sphere(blade);
-            bound(Actors::blade(number), centre, radius + fan.speed_limit() * half, fan.speed_limit())
-        }));
-        let piece = pendulum.length / f64::from(ROD_SPHERES);
-        bounds.extend((0..ROD_SPHERES).map(|index| {
-            let centre = pendulum.pivot + moment.pendulum.along * (piece * (f64::from(index) + 0.5));
-            bound(Actors::ROD, centre, 0.5 * piece + pendulum.rod_radius + margin, pendulum.speed_limit())
-        }));
-        if stage.options.shadows {
-            let penumbra = stage.light.radius;
-            let ball_reach = ball.radius + penumbra + ball_margin;
-            let bob_reach = pendulum.bob_radius + penumbra + margin;
-            bounds.push(bound(Actors::BALL_SHADOW, moment.ball, ball_reach, 2.0 * ball.centre_speed_limit()));
-            bounds.push(bound(Actors::BOB_SHADOW, bob, bob_reach, 2.0 * pendulum.speed_limit()));
+        let mut bounds = Vec::new();
+        for (number, place) in &moment.places {
+            let part = &stage.cast.parts[*number];
+            let speed = part.path.speed(t, half);
+            let fastest = speed.origin + speed.turn * part.form.reach() + part.form.bends();
+            for &(centre, radius) in &part.spheres {
+                // What is about its frame's origin is not carried by a turn.
+                let margin =
+                    if centre == DVec3::ZERO && part.form.bends() == 0.0 { speed.origin } else { fastest } * half;
+                let (actor, centre) = (Actors::part(*number), place.world(centre));
+                bounds.push(Bound { actor, centre, radius: radius + margin, speed: fastest });
+            }
+            if let Some(shade) = part.shade.filter(|_| stage.casts_shadows()) {
+                let radius = shade + stage.light.radius + speed.origin * half;
+                let speed = 2.0 * speed.origin;
+                bounds.push(Bound { actor: Actors::shadow(*number), centre: place.origin, radius, speed });
+            }
         }
-        bounds.retain(|bound| moment.actors.has(bound.actor));
         bounds
     }
 

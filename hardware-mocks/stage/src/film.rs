@@ -3,7 +3,8 @@
 //! RGB cameras record at a low rate with a true exposure integral (in linear light, then sRGB-encoded to 8 bits); event
 //! cameras record events alone; held-out cameras record sharp frames at a high rate, with exact masks of what moves.
 //! A frame is labelled with the middle of its exposure. The dataset has no initial point cloud, as a recording has
-//! none; `truth_points.ply`, which the manifest does not name, holds points of the true surfaces for tests.
+//! none; `truth_points.ply`, which the manifest does not name, holds points of the true surfaces for tests, and `truth`
+//! what is true of what moves ([`crate::truth`]).
 
 use std::{
     collections::BTreeMap,
@@ -23,8 +24,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::to_u8,
-    events, truth_points,
+    EventOptions, Flicker, RigCamera, RigOptions, Role, Stage, StageError, StageOptions, StageView,
+    colour::to_u8,
+    events,
+    truth::{self, TRUTH},
+    truth_points,
 };
 
 /// What to film, and how.
@@ -48,6 +52,8 @@ pub struct FilmOptions {
     pub test_fps: f64,
     /// How many points of the true surfaces to put into `truth_points.ply`; 0 for no such file.
     pub truth_points: usize,
+    /// Whether to write what is true of what moves into the folder `truth` (see [`crate::truth`]). With acts it is written anyway.
+    pub truth: bool,
     /// Names of the cameras of the rig that film; all of them without it.
     pub cameras: Option<Vec<String>>,
     /// Name of the dataset in reports.
@@ -66,12 +72,15 @@ impl Default for FilmOptions {
             exposure_ns: 33_000_000,
             test_fps: 60.0,
             truth_points: 20_000,
+            truth: false,
             cameras: None,
             name: "stage".to_owned(),
         }
     }
 }
 
+/// How many times faster than the RGB cameras the ideal rig is.
+pub const CEILING: f64 = 8.0;
 /// The most frames of one camera.
 const MOST_FRAMES: f64 = 100_000.0;
 /// Between two instants of an exposure nothing moves farther than this, pixels.
@@ -104,6 +113,17 @@ impl FilmOptions {
         Ok(())
     }
 
+    /// What an ideal rig would record of the same take: the same RGB cameras, sharp and [`CEILING`] times as fast, and no event
+    /// cameras. Held-out cameras stay as they are.
+    #[must_use]
+    pub fn ceiling(self) -> Self {
+        Self { rig: RigOptions { event: 0, ..self.rig }, rgb_fps: CEILING * self.rgb_fps, exposure_ns: 0, ..self }
+    }
+
+    fn tells_truth(&self) -> bool {
+        self.truth || !self.stage.acts.is_empty()
+    }
+
     /// The times of the frames of a camera at `fps` hertz, nanoseconds: 0, 1/fps, ... up to the end of the take.
     fn times(&self, fps: f64) -> Vec<i64> {
         (0..)
@@ -117,7 +137,8 @@ impl FilmOptions {
     /// # Errors
     /// If the rig is impossible, or has no camera of a name.
     pub fn set_up(&self) -> Result<(Stage, Vec<RigCamera>), StageError> {
-        let stage = Stage::new(StageOptions { seed: self.seed, ..self.stage.clone() });
+        let seconds = self.duration_ns as f64 * 1e-9;
+        let stage = Stage::new(StageOptions { seed: self.seed, seconds, ..self.stage.clone() });
         let rig = self.rig.cameras(self.seed)?;
         let unknown = |name: &&String| rig.iter().all(|camera| camera.name != **name);
         if let Some(name) = self.cameras.iter().flatten().find(unknown) {
@@ -232,7 +253,8 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
             }
             Role::Test => {
                 entry.split = Split::Test;
-                entry.frames = test_frames(out, &view, &camera.name, &test_times, &|| advance(1))?;
+                let labelled = options.tells_truth();
+                entry.frames = test_frames(out, &view, &camera.name, &test_times, labelled, &|| advance(1))?;
                 report.test_frames += entry.frames.len() as u64;
                 report.test_time += start.elapsed();
             }
@@ -243,6 +265,9 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
         let path = out.join("truth_points.ply");
         points.write(&path).map_err(|source| StageError::Write { path, source: Box::new(source) })?;
     }
+    if options.tells_truth() {
+        truth::write(out, &stage, [0, options.duration_ns], &test_times)?;
+    }
     let failed = |source| StageError::Write { path: out.join(Dataset::MANIFEST), source: Box::new(source) };
     report.dataset.hash_files().map_err(failed)?;
     report.dataset.save().map_err(failed)?;
@@ -252,7 +277,7 @@ pub fn film(out: &Path, options: &FilmOptions, progress: &(dyn Fn(Progress) + Sy
 
 /// Whether a folder holds anything but what an interrupted film leaves: the manifest comes last.
 fn in_use(out: &Path) -> bool {
-    let ours = ["images", "masks", "events", "truth_points.ply"];
+    let ours = ["images", "masks", "events", "truth_points.ply", TRUTH];
     let Ok(entries) = std::fs::read_dir(out) else { return false };
     entries.flatten().any(|entry| !ours.iter().any(|name| entry.file_name() == *name))
 }
@@ -269,6 +294,9 @@ fn empty_manifest(options: &FilmOptions) -> Manifest {
     note("exposure_ns", options.exposure_ns.into());
     note("test_fps", options.test_fps.into());
     note("shadows", options.stage.shadows.into());
+    if !options.stage.acts.is_empty() {
+        note("acts", options.stage.acts.iter().map(|act| act.name()).collect::<Vec<_>>().into());
+    }
     if let Some(Flicker { hz, depth }) = options.stage.flicker {
         note("flicker", serde_json::json!({ "hz": hz, "depth": depth }));
     }
@@ -320,11 +348,17 @@ fn test_frames(
     view: &StageView<'_>,
     name: &str,
     times: &[i64],
+    labelled: bool,
     advance: &(dyn Fn() + Sync),
 ) -> Result<Vec<Frame>, StageError> {
     let one = |(index, &t): (usize, &i64)| {
         let file = PathBuf::from(format!("images/{name}/{index:05}.png"));
         write_image(out, &file, &image(view, &view.frame(t)))?;
+        if labelled {
+            let file = PathBuf::from(format!("{TRUTH}/labels/{name}/{index:05}.png"));
+            let (width, height) = (view.intrinsics.width, view.intrinsics.height);
+            write_mask(out, &file, &ImageGrey8 { width, height, data: view.labels(t) })?;
+        }
         let mask = PathBuf::from(format!("masks/{name}/{index:05}.png"));
         write_mask(out, &mask, &mask_image(view, &view.mask(t)))?;
         advance();

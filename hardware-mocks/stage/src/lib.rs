@@ -1,7 +1,7 @@
 //! The stage: a small scene that can be rendered exactly from any camera at any time.
 //!
 //! A thrown ball that spins, a spinning fan and a swinging pendulum move before a furnished, textured room about 4 m
-//! wide. Everything is a closed-form function of time, with no state carried from one time to the next, so that a frame
+//! wide; or other things do, by name ([`Act`]). Everything is a closed-form function of time, with no state carried from one time to the next, so that a frame
 //! with a true exposure integral, the events of an ideal sensor with microsecond crossing times, and the ground truth
 //! (colour, depth, mask of what moves) can be had at any instant and from any viewpoint.
 //!
@@ -13,11 +13,14 @@
 //! | [`motion`] | where the ball, the fan and the pendulum are at a time |
 //! | [`texture`], `paint` | band-limited procedural textures, and what each surface looks like |
 //! | `shape`, `set` | the static primitives and the furniture built from them |
-//! | `actors` | the moving objects: coverage of a ray, colour, bounds |
+//! | [`act`], `cast` | what moves instead, by name and seed; the list of what moves |
+//! | `path`, `form` | where each part of it is at a time; how a ray meets its shape |
+//! | `actors` | the moving objects of a ray: order, colour |
 //! | `light` | Lambert shading, the soft shadows |
 //! | [`rig`] | where the cameras stand |
 //! | [`view`] | one camera's pixels: colour, mask, depth at a time |
 //! | [`events`] | the event sensor |
+//! | [`truth`] | paths and surfaces of what moves, and which body a pixel shows |
 //! | [`mod@film`] | the dataset writer |
 //!
 //! ```
@@ -30,36 +33,43 @@
 //! # Ok::<(), erfgs_stage::StageError>(())
 //! ```
 
+pub mod act;
 mod activity;
 mod actors;
+mod cast;
 pub mod colour;
 mod error;
 pub mod events;
 pub mod film;
+mod form;
 mod light;
 pub mod motion;
 mod paint;
+mod path;
 mod pixel;
 mod points;
 pub mod rig;
 mod set;
 mod shape;
 pub mod texture;
+pub mod truth;
 pub mod view;
 
 use std::f64::consts::TAU;
 
+pub use act::Act;
 pub use error::StageError;
 pub use events::EventOptions;
 pub use film::{FilmOptions, FilmReport, film};
 pub use points::truth_points;
 pub use rig::{RigCamera, RigOptions, Role};
+pub use truth::truth_bodies;
 pub use view::StageView;
 
 use self::{
+    cast::Cast,
     light::Light,
-    motion::{Ball, Fan, Pendulum},
-    set::StageSet,
+    set::{Furniture, StageSet},
 };
 
 /// What can be chosen about a stage.
@@ -74,13 +84,25 @@ pub struct StageOptions {
     pub empty: bool,
     /// How the lamp flickers; it is steady without.
     pub flicker: Option<Flicker>,
+    /// What happens, in place of the ball, the fan and the pendulum; an act that is named again counts once.
+    pub acts: Vec<Act>,
+    /// How long the take is that the acts happen in, seconds.
+    pub seconds: f64,
     /// A pixel is the mean of `samples_per_axis` squared sub-pixel rays. At least 1.
     pub samples_per_axis: u32,
 }
 
 impl Default for StageOptions {
     fn default() -> Self {
-        Self { seed: 1, shadows: false, empty: false, flicker: None, samples_per_axis: 3 }
+        Self {
+            seed: 1,
+            shadows: false,
+            empty: false,
+            flicker: None,
+            acts: Vec::new(),
+            seconds: 0.5,
+            samples_per_axis: 3,
+        }
     }
 }
 
@@ -98,12 +120,7 @@ pub struct Flicker {
 pub struct Stage {
     /// How it was made.
     pub options: StageOptions,
-    /// The thrown ball.
-    pub ball: Ball,
-    /// The spinning fan.
-    pub fan: Fan,
-    /// The swinging pendulum.
-    pub pendulum: Pendulum,
+    cast: Cast,
     set: StageSet,
     light: Light,
 }
@@ -113,9 +130,17 @@ impl Stage {
     #[must_use]
     pub fn new(options: StageOptions) -> Self {
         let options = StageOptions { samples_per_axis: options.samples_per_axis.clamp(1, 16), ..options };
-        let (ball, fan, pendulum) = (Ball::default(), Fan::default(), Pendulum::default());
-        let set = StageSet::new(options.seed, &fan, &pendulum);
-        Self { options, ball, fan, pendulum, set, light: Light::default() }
+        let (cast, furniture) = match options.acts.as_slice() {
+            [] => (Cast::ordinary(), Furniture::ordinary()),
+            acts => act::staged(acts, options.seed, options.seconds),
+        };
+        let set = StageSet::new(options.seed, &furniture);
+        Self { options, cast, set, light: Light::default() }
+    }
+
+    /// Whether what moves casts shadows on the room.
+    pub(crate) fn casts_shadows(&self) -> bool {
+        self.options.shadows || self.options.acts.contains(&Act::Shadow)
     }
 
     /// The lamp's light at a time, seconds, as a share of its mean.

@@ -4,6 +4,9 @@ use glam::{DVec2, DVec3};
 
 use super::set::{ROOM_HIGH, ROOM_LOW, StageSet};
 
+/// The sharpness of a highlight: Blinn's exponent.
+const GLOSS: i32 = 48;
+
 /// The lamp and the ambient light.
 #[derive(Clone, Debug)]
 pub(crate) struct Light {
@@ -35,6 +38,15 @@ impl Light {
         // Softer than the inverse square, as the unmodelled bounces from the walls are.
         let falloff = 1.0 / (0.35 + 0.65 * (distance / 2.0).powi(2));
         self.power * (falloff * normal.dot(direction).max(0.0))
+    }
+
+    /// Light of the lamp that a glossy surface of a moving thing sends along a ray that comes from `direction`.
+    pub(crate) fn mirrored(&self, at: DVec3, normal: DVec3, direction: DVec3) -> DVec3 {
+        let (to_lamp, distance) = (self.position - at).normalize_and_length();
+        let middle = (to_lamp - direction).normalize_or(normal);
+        let falloff = 1.0 / (0.35 + 0.65 * (distance / 2.0).powi(2));
+        let faces = normal.dot(to_lamp).max(0.0);
+        self.power * (falloff * faces.min(0.2) * 5.0 * normal.dot(middle).max(0.0).powi(GLOSS))
     }
 
     /// Ambient light on a surface, without regard to what stands about.

@@ -89,18 +89,17 @@ impl Ball {
 }
 
 /// `x` folded into a range as a ball that turns round at both ends.
-fn there_and_back(x: f64, [low, high]: [f64; 2]) -> f64 {
+pub(crate) fn there_and_back(x: f64, [low, high]: [f64; 2]) -> f64 {
     let width = high - low;
     let u = (x - low).rem_euclid(2.0 * width);
     low + if u > width { 2.0 * width - u } else { u }
 }
 
-/// How many blades the fan has.
-pub const BLADES: usize = 4;
-
-/// The fan: [`BLADES`] pitched blades about an axis, turning at a constant rate.
+/// The fan: pitched blades about an axis, turning at a constant rate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fan {
+    /// How many blades it has.
+    pub count: usize,
     /// Position of the hub, metres.
     pub centre: DVec3,
     /// Unit vector from the hub to where the air goes.
@@ -120,6 +119,7 @@ pub struct Fan {
 impl Default for Fan {
     fn default() -> Self {
         Self {
+            count: 4,
             centre: DVec3::new(-0.85, -1.12, 0.72),
             axis: DVec3::new(0.25, -0.05, -1.0).normalize(),
             blade_span: [0.06, 0.4],
@@ -145,34 +145,29 @@ pub struct BladePose {
 impl Fan {
     /// The blades at a time.
     #[must_use]
-    pub fn blades(&self, t: f64) -> [BladePose; BLADES] {
+    pub fn blades(&self, t: f64) -> Vec<BladePose> {
+        (0..self.count).map(|number| self.blade(t, number)).collect()
+    }
+
+    /// One of the blades at a time.
+    #[must_use]
+    pub fn blade(&self, t: f64, number: usize) -> BladePose {
         // The angle is reduced first, so that the sine of a large time keeps its digits.
         let turned = (self.rate * t).rem_euclid(std::f64::consts::TAU) + self.phase;
         let u = self.axis.cross(DVec3::Y).normalize();
         let v = self.axis.cross(u);
         let (pitch_sin, pitch_cos) = self.pitch.sin_cos();
-        std::array::from_fn(|blade| {
-            let angle = turned + blade as f64 * std::f64::consts::TAU / BLADES as f64;
-            let (sin, cos) = angle.sin_cos();
-            let along = u * cos + v * sin;
-            let across = (v * cos - u * sin) * pitch_cos + self.axis * pitch_sin;
-            BladePose { along, across, normal: along.cross(across) }
-        })
+        let angle = turned + number as f64 * std::f64::consts::TAU / self.count as f64;
+        let (sin, cos) = angle.sin_cos();
+        let along = u * cos + v * sin;
+        let across = (v * cos - u * sin) * pitch_cos + self.axis * pitch_sin;
+        BladePose { along, across, normal: along.cross(across) }
     }
 
     /// Half the width of a blade at `distance` (metres) from the axis: a leaf, widest past its middle.
     #[must_use]
     pub fn half_width(&self, distance: f64) -> f64 {
-        let [root, tip] = self.blade_span;
-        let u = ((distance - root) / (tip - root)).clamp(0.0, 1.0);
-        0.5 * self.blade_width * ((0.25 + 1.9 * u) * (1.0 - u.powi(4))).clamp(0.0, 1.0).sqrt()
-    }
-
-    /// A sphere that holds a blade: its centre and radius, metres.
-    #[must_use]
-    pub fn blade_sphere(&self, blade: &BladePose) -> (DVec3, f64) {
-        let [root, tip] = self.blade_span;
-        (self.centre + blade.along * (0.5 * (root + tip)), (0.5 * (tip - root)).hypot(0.5 * self.blade_width))
+        leaf_half_width(self.blade_span, self.blade_width, distance)
     }
 
     /// No point of a blade moves faster than this, metres per second.
@@ -180,6 +175,12 @@ impl Fan {
     pub fn speed_limit(&self) -> f64 {
         self.rate.abs() * self.blade_span[1].hypot(0.5 * self.blade_width)
     }
+}
+
+/// Half the width of a leaf from `root` to `tip` whose greatest width is `width`, at a distance from its root's end, metres.
+pub(crate) fn leaf_half_width([root, tip]: [f64; 2], width: f64, distance: f64) -> f64 {
+    let u = ((distance - root) / (tip - root)).clamp(0.0, 1.0);
+    0.5 * width * ((0.25 + 1.9 * u) * (1.0 - u.powi(4))).clamp(0.0, 1.0).sqrt()
 }
 
 /// The pendulum: a rod with a ball (the bob) at its end, in the harmonic motion of small swings.
@@ -325,7 +326,7 @@ mod tests {
         let turn = std::f64::consts::TAU / fan.rate;
         for tick in 0..100 {
             let t = f64::from(tick) * 0.031;
-            for (now, later) in fan.blades(t).iter().zip(fan.blades(t + turn)) {
+            for (now, later) in fan.blades(t).into_iter().zip(fan.blades(t + turn)) {
                 assert!(now.along.dot(now.across).abs() < 1e-12 && (now.normal.length() - 1.0).abs() < 1e-12);
                 assert!((now.along - later.along).length() < 1e-9);
             }

@@ -31,6 +31,11 @@ pub(crate) enum Paint {
     Rod,
     /// A blade of the fan; the colour goes by its number.
     Blade(u8),
+    /// Of one colour, one of eight.
+    Plain(u8),
+    /// Patches and spots throughout the body, of one of eleven sets of colours (the last three are dark); the size of the patches in
+    /// thousandths of the surface's unit.
+    Motley(u8, u16),
 }
 
 /// Albedo (linear RGB) at `at`: metres on the surface, or the unit vector from the centre of a sphere. `footprint` is
@@ -54,6 +59,10 @@ pub(crate) fn albedo(paint: Paint, seed: u64, at: DVec3, footprint: f64) -> DVec
         Paint::Bob => octants(seed, at, footprint, [hex(0x1F8A8C), hex(0xF3D36B)], hex(0x5A2340)),
         Paint::Rod => mottled(seed, at, footprint, hex(0x4A4540), 0.1),
         Paint::Blade(number) => blade(seed, at, footprint, number),
+        Paint::Plain(look) => hex(LOOKS[usize::from(look) % 8][0]),
+        Paint::Motley(look, cell) => {
+            motley(seed, at, footprint, LOOKS[usize::from(look) % 11], 0.001 * f64::from(cell))
+        }
     }
 }
 
@@ -75,6 +84,8 @@ fn paint_number(paint: Paint) -> u64 {
         Paint::Bob => 13,
         Paint::Rod => 14,
         Paint::Blade(number) => 16 + u64::from(number),
+        Paint::Plain(look) => 512 + u64::from(look),
+        Paint::Motley(look, _) => 1024 + u64::from(look),
     }
 }
 
@@ -261,6 +272,31 @@ fn octants(seed: u64, at: DVec3, footprint: f64, pair: [DVec3; 2], belt: DVec3) 
         .max(step(0.24 - (at - DVec3::new(-0.7, -0.6, 0.4).normalize()).length(), footprint));
     let colour = mix(colour, hex(0x2A1C14), spots);
     shaded(colour, 0.2 * fractal_noise(seed, at, 0.4, 1, footprint))
+}
+
+/// Ground, patches and spots.
+const LOOKS: [[u32; 3]; 11] = [
+    [0xE2571E, 0xF6E7C8, 0x27418C],
+    [0x1F8A8C, 0xF3D36B, 0x5A2340],
+    [0xF2B632, 0x8C2F5B, 0xF7F1E1],
+    [0x2F7D3A, 0xEDE6D6, 0xD8432B],
+    [0x3A5BBF, 0xF7D9A0, 0x22253A],
+    [0xD94F70, 0xFBF3E4, 0x2A6E6B],
+    [0xF0F0E8, 0x30343F, 0xE2571E],
+    [0x6B3FA0, 0xBFE3C0, 0xF2B632],
+    [0x1A2036, 0x3A4A78, 0x6B2A2A],
+    [0x2A1616, 0x6A2A22, 0x2E4A3A],
+    [0x14261E, 0x2C5A44, 0x5A4A1E],
+];
+
+/// Patches and spots of noise throughout the body, so that every side differs from every other.
+fn motley(seed: u64, at: DVec3, footprint: f64, look: [u32; 3], cell: f64) -> DVec3 {
+    // How much the noise changes over a footprint.
+    let blur = (2.0 * footprint / cell).max(0.12);
+    let patches = step(fractal_noise(seed, at, cell, 2, footprint) - 0.02, blur);
+    let spots = step(fractal_noise(seed ^ 9, at, 0.8 * cell, 1, footprint) - 0.42, blur);
+    let colour = mix(mix(hex(look[0]), hex(look[1]), patches), hex(look[2]), spots);
+    shaded(colour, 0.2 * fractal_noise(seed ^ 5, at, 0.5 * cell, 2, footprint))
 }
 
 /// A blade: `at` is (distance from the axis, distance across, 0), metres.

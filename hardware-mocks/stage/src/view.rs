@@ -10,11 +10,13 @@ use rayon::prelude::*;
 
 use super::{
     Stage, StageError,
-    actors::{Actors, Moment, Ray},
+    actors::{Actors, Moment},
+    form::Ray,
     light::Light,
     paint::albedo,
     rig::MOST_PIXELS,
     seconds,
+    truth::label,
 };
 
 /// What a sub-pixel ray sees of the static set.
@@ -180,6 +182,18 @@ impl<'stage> StageView<'stage> {
         mask
     }
 
+    /// The label of the body that each pixel shows at an instant, row-major, as [`crate::truth`] numbers them: that which covers most of
+    /// the pixel, where bodies cover half of it or more, and 0 elsewhere.
+    #[must_use]
+    pub fn labels(&self, t_ns: i64) -> Vec<u8> {
+        let moment = Moment::at(self.stage, seconds(t_ns), Actors::ALL);
+        let mut labels = vec![0; self.pixels()];
+        for (pixel, actors) in self.reached(seconds(t_ns), seconds(t_ns)) {
+            labels[pixel] = self.looker(pixel).body(&moment, actors).map_or(0, label);
+        }
+        labels
+    }
+
     /// Depth (z in the camera, metres) of what the centre of each pixel sees at an instant, row-major. A moving object
     /// counts where it covers at least half of the ray.
     #[must_use]
@@ -234,11 +248,11 @@ impl<'stage> StageView<'stage> {
         let at = ray.origin + ray.direction * f64::from(backdrop.distance);
         let light = &self.stage.light;
         let mut lit = 1.0;
-        if actors.has(Actors::BALL_SHADOW) {
-            lit *= light.past_sphere(at, moment.ball, self.stage.ball.radius);
-        }
-        if actors.has(Actors::BOB_SHADOW) {
-            lit *= light.past_sphere(at, moment.pendulum.bob, self.stage.pendulum.bob_radius);
+        for (number, place) in &moment.places {
+            let shade = self.stage.cast.parts[*number].shade;
+            if let Some(radius) = shade.filter(|_| actors.has(Actors::shadow(*number))) {
+                lit *= light.past_sphere(at, place.origin, radius);
+            }
         }
         lit
     }
@@ -338,6 +352,23 @@ impl Looker<'_> {
             sum += colour;
         }
         touched.then(|| sum / self.rays.len() as f64)
+    }
+
+    /// The body that covers most of the pixel, where bodies cover half of it or more.
+    fn body(&self, moment: &Moment, actors: Actors) -> Option<usize> {
+        let stage = self.view.stage;
+        let actors = stage.within(&self.middle, self.margin, moment, actors);
+        let mut shares = vec![0.0; stage.cast.bodies.len()];
+        for (ray, backdrop) in self.rays.iter().zip(self.backdrop) {
+            let mut left = 1.0;
+            for fragment in stage.fragments(ray, moment, actors, f64::from(backdrop.distance)).iter() {
+                shares[stage.cast.parts[fragment.part].body] += left * fragment.cover;
+                left *= 1.0 - fragment.cover;
+            }
+        }
+        let most = (0..shares.len()).max_by(|&a, &b| shares[a].total_cmp(&shares[b]))?;
+        let covered: f64 = shares.iter().sum();
+        (covered >= 0.5 * self.rays.len() as f64).then_some(most)
     }
 }
 

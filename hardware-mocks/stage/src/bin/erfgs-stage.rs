@@ -11,7 +11,7 @@ use std::{
 use clap::{Args, Parser, Subcommand};
 use erfgs_base::Progress;
 use erfgs_stage::{
-    EventOptions, FilmOptions, FilmReport, Flicker, RigOptions, StageError, StageOptions, StageView, film,
+    Act, EventOptions, FilmOptions, FilmReport, Flicker, RigOptions, StageError, StageOptions, StageView, film,
     film::{image, mask_image},
 };
 
@@ -37,6 +37,8 @@ enum Command {
   erfgs-stage film --out ds
   erfgs-stage film --out ds --rgb-fps 7.5 --exposure-ms 33 --event 4
   erfgs-stage film --out clean --ideal --exposure-ms 0 --seed 3
+  erfgs-stage film --out thrown --act throw --act fan --seed 3
+  erfgs-stage film --out ideal --act throw --act fan --seed 3 --ceiling
   erfgs-stage film --out still --empty --rgb-fps 4
   erfgs-stage film --out flickers --flicker-hz 100 --flicker-depth 0.3")]
     Film(Film),
@@ -77,6 +79,10 @@ struct Set {
     /// Nothing moves: the room without the ball, the fan's blades and the pendulum.
     #[arg(long, conflicts_with = "shadows")]
     empty: bool,
+    /// What happens instead of the thrown ball, the fan and the pendulum: fan, throw, tumble, pendulum, articulated, cloth, squash,
+    /// debris, crossing, shadow or gloss. Several can be combined, and the seed varies each.
+    #[arg(long = "act", value_name = "NAME", conflicts_with = "empty")]
+    acts: Vec<Act>,
     /// Let the lamp flicker, so often a second (100 or 120 where it hangs on the mains). Held-out frames are taken in its mean light.
     #[arg(long, value_name = "HZ", allow_negative_numbers = true)]
     flicker_hz: Option<f64>,
@@ -131,6 +137,13 @@ struct Film {
     /// How many points of the true surfaces to write to truth_points.ply, for tests.
     #[arg(long, default_value_t = 20_000)]
     points: usize,
+    /// Also write what is true of what moves: bodies with their paths and surfaces, and which body each pixel of a held-out camera
+    /// shows (folder `truth`). Acts always come with it.
+    #[arg(long)]
+    truth: bool,
+    /// Film what an ideal rig would record: the same RGB cameras, sharp, at eight times their rate, and no event cameras.
+    #[arg(long)]
+    ceiling: bool,
     /// Only these cameras film (rgb00, event01, test00), names separated by commas; all of the rig without it.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     cameras: Option<Vec<String>>,
@@ -155,6 +168,9 @@ struct FrameCommand {
     exposure_ms: f64,
     #[command(flatten)]
     set: Set,
+    /// Length of the take that acts happen in, milliseconds.
+    #[arg(long, default_value_t = 500.0, allow_negative_numbers = true)]
+    duration_ms: f64,
     /// PNG file to write.
     #[arg(long)]
     out: PathBuf,
@@ -185,8 +201,10 @@ impl Set {
                 shadows: self.shadows,
                 empty: self.empty,
                 flicker: self.flicker_hz.map(|hz| Flicker { hz, depth: self.flicker_depth }),
+                acts: self.acts.clone(),
                 samples_per_axis: self.samples,
                 seed: self.seed,
+                ..StageOptions::default()
             },
             rig: RigOptions { width, height, rgb, event, test, arc_degrees: self.arc_degrees, ..RigOptions::default() },
             seed: self.seed,
@@ -205,7 +223,7 @@ impl Film {
             hot_share: self.hot_share,
             ..EventOptions::default()
         };
-        FilmOptions {
+        let options = FilmOptions {
             events: EventOptions {
                 threshold_on: self.threshold,
                 threshold_off: self.threshold,
@@ -218,9 +236,11 @@ impl Film {
             test_fps: self.test_fps,
             truth_points: self.points,
             cameras: self.cameras.clone(),
+            truth: self.truth,
             name: self.name.clone(),
             ..self.set.film_options()
-        }
+        };
+        if self.ceiling { options.ceiling() } else { options }
     }
 
     fn run(&self) -> Result<(), StageError> {
@@ -265,7 +285,8 @@ impl Film {
 
 impl FrameCommand {
     fn run(&self) -> Result<(), StageError> {
-        let (stage, rig) = self.set.film_options().set_up()?;
+        let (stage, rig) =
+            FilmOptions { duration_ns: nanoseconds(self.duration_ms), ..self.set.film_options() }.set_up()?;
         let numbered = self.camera.parse::<usize>().ok().and_then(|number| rig.get(number));
         let named = || rig.iter().find(|camera| camera.name == self.camera);
         let camera = numbered.or_else(named).ok_or_else(|| StageError::unknown(&self.camera, &rig))?;

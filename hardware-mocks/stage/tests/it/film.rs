@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path, process::Command};
 use erfgs_dataset::{Dataset, Split};
 use erfgs_scene::{Modality, PointCloud};
 use erfgs_stage::{
-    FilmOptions, Flicker, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film,
-    film::image,
+    Act, FilmOptions, Flicker, RigOptions, Role, Stage, StageError, StageOptions, StageView, colour::encode, film,
+    film::image, motion::Ball,
 };
 use glam::{DVec2, DVec3};
 
@@ -225,7 +225,8 @@ fn depth_agrees_between_viewpoints_and_follows_the_ball() {
         rig.iter().map(|camera| StageView::new(&stage, &camera.intrinsics, &camera.world_to_camera).unwrap()).collect();
     let t_ns = 250_000_000;
     let depths: Vec<Vec<f32>> = views.iter().map(|view| view.depth(t_ns)).collect();
-    let ball = stage.ball.centre(0.25);
+    let thrown = Ball::default();
+    let ball = thrown.centre(0.25);
     let (mut looks, mut farther) = (0, 0);
     for (from, to) in [(0, 1), (1, 2), (2, 0), (1, 0)] {
         let (a, b) = (&rig[from], &rig[to]);
@@ -247,7 +248,7 @@ fn depth_agrees_between_viewpoints_and_follows_the_ball() {
         let seen = a.world_to_camera.transform(ball);
         let at = a.intrinsics.project_pinhole(seen);
         let front = f64::from(depths[from][at.y as usize * 80 + at.x as usize]);
-        assert!((front - (seen.z - stage.ball.radius)).abs() < 0.02, "{front} and {}", seen.z);
+        assert!((front - (seen.z - thrown.radius)).abs() < 0.02, "{front} and {}", seen.z);
     }
     assert!(looks > 5000 && f64::from(farther) < 0.04 * f64::from(looks), "{farther} of {looks}");
 }
@@ -304,6 +305,9 @@ fn the_command_films_and_explains_what_it_cannot() {
     assert!(!negative.status.success());
     assert!(String::from_utf8_lossy(&negative.stderr).contains("duration"));
 
+    let odd = run(&["film", "--out", "other", "--act", "juggle"]);
+    assert!(String::from_utf8_lossy(&odd.stderr).contains("choose from fan, throw"));
+
     let unknown = run(&["frame", "--camera", "rgb77", "--t-ms", "0", "--out", "a.png"]);
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("rgb00"));
 
@@ -311,6 +315,68 @@ fn the_command_films_and_explains_what_it_cannot() {
     let output = run(&[&frame[..], &["--out", "a.png", "--mask", "m.png", "--depth", "d.f32"]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(std::fs::metadata(folder.path().join("d.f32")).unwrap().len(), 16 * 12 * 4);
+}
+
+#[test]
+fn the_take_without_acts_is_what_it_always_was() {
+    let (stage, rig) = small().set_up().unwrap();
+    let view = StageView::new(&stage, &rig[1].intrinsics, &rig[1].world_to_camera).unwrap();
+    let picture = image(&view, &view.exposure([200_000_000, 233_000_000], 40));
+    let sum: u64 = picture.data.iter().zip(1..).map(|(&value, place): (&u8, u64)| place * u64::from(value)).sum();
+    assert_eq!(sum, 0, "figures of the documentation were measured on this take");
+    // Its truth is told when it is asked for, and changes nothing else.
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str, truth: bool| {
+        let out = folder.path().join(name);
+        let dataset = film(&out, &FilmOptions { truth, ..small() }, &|_| {}).unwrap().dataset;
+        assert_eq!(out.join("truth").exists(), truth);
+        dataset.manifest
+    };
+    assert_eq!(of("plain", false), of("told", true));
+    let text = std::fs::read(folder.path().join("told/truth/bodies.json")).unwrap();
+    let bodies: erfgs_dataset::Bodies = serde_json::from_slice(&text).unwrap();
+    bodies.check().unwrap();
+    let names: Vec<&str> = bodies.bodies.iter().map(|body| body.name.as_str()).collect();
+    assert_eq!(names, ["ball", "fan", "pendulum"]);
+}
+
+#[test]
+fn acts_are_filmed_with_their_truth_and_an_ideal_rig_sees_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut options = small();
+    options.stage.acts = vec![Act::Squash, Act::Fan];
+    options.seed = 4;
+    let of = |name: &str, options: &FilmOptions| film(&folder.path().join(name), options, &|_| {}).unwrap().dataset;
+    let (usual, again) = (of("usual", &options), of("again", &options));
+    let ideal = of("ideal", &options.clone().ceiling());
+    assert_eq!(usual.manifest, again.manifest, "the same seed gives the same bytes");
+    assert_eq!(usual.manifest.provenance.options["acts"], serde_json::json!(["squash", "fan"]));
+    let held_out = |dataset: &Dataset| -> Vec<String> {
+        let frames = dataset.cameras(Split::Test).flat_map(|camera| camera.frames.clone());
+        frames.map(|frame| dataset.manifest.sha256[&frame.file].clone()).collect()
+    };
+    assert_eq!(held_out(&usual), held_out(&ideal));
+    let sharp: Vec<_> = ideal.cameras(Split::Train).collect();
+    assert!(sharp.len() == 2 && sharp.iter().all(|camera| camera.frames.len() == 17));
+    assert!(sharp[0].frames.iter().all(|frame| frame.exposure_ns == [frame.t_ns; 2]));
+    let truth = folder.path().join("usual/truth");
+    let names: serde_json::Value = serde_json::from_slice(&std::fs::read(truth.join("labels.json")).unwrap()).unwrap();
+    assert_eq!(names[0]["name"], "soft-ball");
+    assert_eq!((&names[0]["rigid"], &names[1]["label"]), (&false.into(), &2.into()));
+    let labels = erfgs_scene::ImageGrey8::read(&truth.join("labels/test00/00003.png")).unwrap();
+    assert!(labels.data.iter().any(|label| *label == 1) && labels.data.iter().all(|label| *label <= 2));
+    // Places of what bends move as fast as they say.
+    let array = |name: &str| {
+        let bytes = std::fs::read(truth.join("bending/soft-ball").join(name)).unwrap();
+        erfgs_base::npy::NpyArray::decode(&bytes).unwrap().floats().unwrap()
+    };
+    let (positions, velocities) = (array("position_m.npy"), array("velocity_m_s.npy"));
+    let (a_frame, step) = (positions.len() / 7, 1.0 / 60.0);
+    for at in (0..a_frame).step_by(17) {
+        let moved = (positions[a_frame + at] - positions[at]) / step;
+        let mean = 0.5 * (velocities[a_frame + at] + velocities[at]);
+        assert!((moved - mean).abs() < 1.5, "{moved} and {mean} m/s");
+    }
 }
 
 #[test]

@@ -1,0 +1,359 @@
+//! `erfgs bench acts`.
+
+use std::{
+    collections::BTreeMap,
+    fmt,
+    path::{Path, PathBuf},
+    process::Command,
+    str::FromStr,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+use anyhow::Context;
+use erfgs_acts::{Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
+use erfgs_base::Progress;
+use erfgs_dataset::Dataset;
+use erfgs_points::{CloudOptions, Method as CloudMethod};
+use erfgs_run::RunFolder;
+use erfgs_stage::Act;
+use erfgs_sweep::{Job, JobState, Manifest, Overview, Plan, run_here};
+
+use crate::{
+    dataset::points,
+    device::Adapter,
+    errors::{Stopped, Usage},
+    interrupt::stop_flag,
+    parse::Iterations,
+    sweep,
+    terminal::{Terminal, table},
+};
+
+const ITERATIONS: Iterations = Iterations { coarse: Some(600), fine: 4000 };
+
+/// Measure how well each method reconstructs the acts of the stage, and how much of the gap to an ideal rig it closes.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Every act is filmed for every seed by an ordinary rig (8 RGB cameras at 15 frames a second with 20 ms exposures, 3 event cameras) and \
+by an ideal one (the same RGB cameras, sharp, at 120 a second), which gives the ceiling. Each method trains on the first; 4DGS trains on \
+both, and what lies between is the gap. A method that this program does not know (bodies, so far) is left out.
+
+The folder holds the datasets, a sweep for each method, pictures, and acts.html, acts.md and acts.csv. The same command at any later \
+time goes on with what is not done, and with more acts, seeds or methods.
+
+Examples:
+  erfgs bench acts --out acts
+  erfgs bench acts --out acts --acts throw,fan,throw+fan --seeds 1,2,3
+  erfgs bench acts --out acts --acts cloth --methods 4dgs,erf-gs,ceiling --iterations 300+1500
+  erfgs bench acts --small --acts throw --out try")]
+pub struct Arguments {
+    /// The folder for datasets, trainings and the report.
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Acts, separated by commas; with a + those that happen at once. All of them without it.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    acts: Vec<Acts>,
+    /// Seeds of the takes, separated by commas.
+    #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "1")]
+    seeds: Vec<u64>,
+    /// Methods, separated by commas: 4dgs, erf-gs, bodies-frames, bodies, ceiling. All that this program knows without it.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    methods: Vec<String>,
+    /// Iterations of each training.
+    #[arg(long, value_name = "[COARSE+]FINE", default_value_t = ITERATIONS)]
+    iterations: Iterations,
+    /// Trainings at a time.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    at_once: usize,
+    /// Tiny films, to see that everything works.
+    #[arg(long)]
+    small: bool,
+    #[command(flatten)]
+    adapter: Adapter,
+}
+
+/// Acts that happen at once.
+#[derive(Clone, Debug, PartialEq)]
+struct Acts(Vec<Act>);
+
+impl FromStr for Acts {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        text.split('+').map(str::parse).collect::<Result<_, _>>().map(Self)
+    }
+}
+
+impl fmt::Display for Acts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.iter().map(|act| act.name()).collect::<Vec<_>>().join("+"))
+    }
+}
+
+/// Films, trains, and tells what it came to.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let adapter = arguments.adapter.open()?.info;
+    let stop = stop_flag("what runs is saved")?;
+    let folder = std::path::absolute(&arguments.out).context("cannot find the current folder")?;
+    let datasets = folder.join("datasets");
+    std::fs::create_dir_all(&datasets).with_context(|| format!("cannot make {}", datasets.display()))?;
+    let work = Work { arguments, terminal, stop, folder: &folder, datasets: &datasets };
+    let (takes, methods) = (takes(arguments), work.methods()?);
+    for take in &takes {
+        for ideal in [false, true] {
+            if methods.iter().any(|method| method.ideal == ideal) {
+                let bodies = methods.iter().any(|method| method.ideal == ideal && method.bodies);
+                work.film(take, ideal, bodies)?;
+            }
+        }
+    }
+    let mut runs: BTreeMap<(&str, String), RunFolder> = BTreeMap::new();
+    for method in &methods {
+        for (dataset, run) in work.train(method, &takes)? {
+            runs.insert((method.name, dataset), run);
+        }
+    }
+    let board = work.board(&takes, &methods, &runs)?;
+    let made = report::Made {
+        command: command(arguments),
+        version: env!("CARGO_PKG_VERSION").into(),
+        adapter: format!("{} ({} {})", adapter.name, adapter.driver, adapter.driver_info),
+        what: format!(
+            "{} takes of the stage{}, {} iterations of each method.",
+            takes.len(),
+            if arguments.small { " in small" } else { "" },
+            arguments.iterations
+        ),
+    };
+    for (name, text) in [
+        ("acts.csv", report::csv(&board)),
+        ("acts.md", report::markdown(&board, &made)),
+        ("acts.html", report::page(&board, &made)),
+    ] {
+        let path = folder.join(name);
+        erfgs_base::atomic::write(&path, text.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    terminal.result(&board, || describe(&board, &folder))
+}
+
+fn takes(arguments: &Arguments) -> Vec<Take> {
+    let all = || Act::ALL.into_iter().map(|act| Acts(vec![act])).collect();
+    let acts: Vec<Acts> = if arguments.acts.is_empty() { all() } else { arguments.acts.clone() };
+    let with_seeds = |Acts(acts): Acts| arguments.seeds.iter().map(move |&seed| Take { acts: acts.clone(), seed });
+    let mut takes: Vec<Take> = Vec::new();
+    for take in acts.into_iter().flat_map(with_seeds) {
+        if !takes.contains(&take) {
+            takes.push(take);
+        }
+    }
+    takes
+}
+
+struct Work<'a> {
+    arguments: &'a Arguments,
+    terminal: &'a Terminal,
+    stop: &'static AtomicBool,
+    folder: &'a Path,
+    datasets: &'a Path,
+}
+
+impl Work<'_> {
+    /// The methods that were asked for, or all that this program knows.
+    fn methods(&self) -> anyhow::Result<Vec<Method>> {
+        let known = || METHODS.map(|method| method.name).join(", ");
+        if let Some(name) = self.arguments.methods.iter().find(|name| Method::named(name).is_none()) {
+            return Err(Usage(format!("no method is called `{name}`; there are {}", known())).into());
+        }
+        let asked = &self.arguments.methods;
+        let mut methods = Vec::new();
+        for method in
+            METHODS.into_iter().filter(|method| asked.is_empty() || asked.iter().any(|name| name == method.name))
+        {
+            match (is_known(&method), asked.is_empty()) {
+                (Ok(()), _) => methods.push(method),
+                (Err(_), true) => {}
+                (Err(why), false) => return Err(Usage(format!("{} cannot be trained here: {why}", method.name)).into()),
+            }
+        }
+        Ok(methods)
+    }
+
+    fn go_on(&self) -> anyhow::Result<()> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+        }
+        Ok(())
+    }
+
+    /// The dataset of a take, with its points, and its bodies where a method needs them.
+    fn film(&self, take: &Take, ideal: bool, bodies: bool) -> anyhow::Result<()> {
+        self.go_on()?;
+        let bar = self.terminal.progress(&format!("filming {}", take.name(ideal)));
+        let told = |step: Progress| bar.update(step.done, step.total, step.what);
+        let mut dataset = take.film(self.datasets, self.size(), ideal, &told)?;
+        drop(bar);
+        self.go_on()?;
+        if dataset.manifest.points.is_none() {
+            let mut options = CloudOptions::default();
+            if self.arguments.small {
+                // Features need larger pictures.
+                options.method = CloudMethod::Sweep;
+            }
+            points::make_trusting(&mut dataset, &options, self.terminal)?;
+        }
+        if bodies && dataset.manifest.bodies.is_none() {
+            self.go_on()?;
+            let mut find = Command::new(sweep::program()?);
+            find.args(["dataset", "bodies"]).arg(&dataset.root);
+            let done = find.output().context("cannot start this program, which finds bodies")?;
+            anyhow::ensure!(
+                done.status.success(),
+                "`erfgs dataset bodies {}` failed: {}; without it ask for other --methods",
+                dataset.root.display(),
+                String::from_utf8_lossy(&done.stderr).trim()
+            );
+        }
+        Ok(())
+    }
+
+    fn size(&self) -> Size {
+        if self.arguments.small { Size::Small } else { Size::Full }
+    }
+
+    /// Trains all takes with a method as a sweep, and gives the folder of each run by the name of its dataset.
+    fn train(&self, method: &Method, takes: &[Take]) -> anyhow::Result<Vec<(String, RunFolder)>> {
+        let mut options = vec![("iterations", self.arguments.iterations.to_string())];
+        options.extend(method.train.iter().map(|(key, value)| (*key, (*value).to_owned())));
+        options.extend(self.arguments.adapter.adapter.clone().map(|adapter| ("adapter", adapter)));
+        let plan = Plan {
+            name: method.name.to_owned(),
+            out: self.folder.join(method.name),
+            datasets: takes.iter().map(|take| take.folder(self.datasets, method.ideal)).collect(),
+            takes: Vec::new(),
+            seeds: vec![1],
+            evaluate: true,
+            train: options.into_iter().map(|(key, value)| (key.to_owned(), value.into())).collect(),
+            set: BTreeMap::new(),
+            slurm: Default::default(),
+        };
+        let manifest = Manifest::of_plan(&plan, &plan.out, sweep::check)?;
+        manifest.save()?;
+        let bar = self.terminal.progress(&format!("training, {}", method.name));
+        let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
+        let overview = run_here(&manifest, &sweep::program()?, self.arguments.at_once, self.stop, told)?;
+        drop(bar);
+        let left = overview.jobs.len() - overview.count(JobState::Done);
+        if left > 0 && self.stop.load(Ordering::Relaxed) {
+            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+        }
+        if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
+            let why = job.failed.as_deref().unwrap_or("it was not trained");
+            let log = manifest.log(manifest.job(&job.name)?);
+            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+        }
+        let name = |job: &Job| job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(manifest.jobs.iter().map(|job| (name(job), manifest.run(job))).collect())
+    }
+
+    /// What it came to, with a picture of each training.
+    fn board(
+        &self,
+        takes: &[Take],
+        methods: &[Method],
+        runs: &BTreeMap<(&str, String), RunFolder>,
+    ) -> anyhow::Result<Board> {
+        let mut board = Board::default();
+        let pictures = self.folder.join("pictures");
+        for take in takes {
+            let usual = take.folder(self.datasets, false);
+            let shown = if usual.join(Dataset::MANIFEST).is_file() { usual } else { take.folder(self.datasets, true) };
+            let shown = Dataset::load(&shown)?;
+            let shot = choose(&shown)?;
+            let (act, file) = (take.act(), |name: &str| pictures.join(format!("{}-{name}.png", take.name(false))));
+            if let Some(shot) = &shot {
+                shot.write_truth(&shown, &file("truth"))?;
+                board.truths.push((act.clone(), take.seed, file("truth")));
+            }
+            for method in methods {
+                let Some(run) = runs.get(&(method.name, take.name(method.ideal))) else { continue };
+                let quality = Quality::from(&run.read_metrics()?);
+                let file = file(method.name);
+                let rendered = shot.as_ref().map(|shot| shot.write_render(run, &file)).transpose()?;
+                let picture = rendered.unwrap_or(false).then_some(file);
+                board.rows.push(Row { act: act.clone(), seed: take.seed, method: method.name, quality, picture });
+            }
+        }
+        Ok(board)
+    }
+}
+
+/// Whether this program can train with a method.
+fn is_known(method: &Method) -> Result<(), String> {
+    let arguments = method.train.iter().map(|(key, value)| format!("--{key}={value}")).collect();
+    let job = Job {
+        name: method.name.into(),
+        dataset: "dataset".into(),
+        preparation: None,
+        window: None,
+        after: None,
+        seed: 1,
+        settings: BTreeMap::new(),
+        arguments,
+    };
+    sweep::check(&job)
+}
+
+/// The command as it can be given again.
+fn command(arguments: &Arguments) -> String {
+    let mut words = "erfgs bench acts".to_owned();
+    let joined = |words: Vec<String>| words.join(",");
+    if !arguments.acts.is_empty() {
+        words.push_str(&format!(" --acts {}", joined(arguments.acts.iter().map(Acts::to_string).collect())));
+    }
+    if arguments.seeds != [1] {
+        words.push_str(&format!(" --seeds {}", joined(arguments.seeds.iter().map(u64::to_string).collect())));
+    }
+    if !arguments.methods.is_empty() {
+        words.push_str(&format!(" --methods {}", arguments.methods.join(",")));
+    }
+    if arguments.iterations != ITERATIONS {
+        words.push_str(&format!(" --iterations {}", arguments.iterations));
+    }
+    if arguments.small {
+        words.push_str(" --small");
+    }
+    words.push_str(&format!(" --out {}", arguments.out.display()));
+    words
+}
+
+fn describe(board: &Board, folder: &Path) -> String {
+    let head = ["act", "seeds", "method"].into_iter().chain(report::COLUMNS);
+    let mut rows = vec![head.map(String::from).collect::<Vec<_>>()];
+    for act in board.acts() {
+        for method in board.methods() {
+            let means = board.mean(Some(act), method).into_iter().enumerate();
+            let names = [act.to_owned(), board.seeds(act).len().to_string(), method.to_owned()];
+            rows.push(names.into_iter().chain(means.map(|(column, value)| report::cell(column, value))).collect());
+        }
+    }
+    format!("{}\n{}", table(&rows), folder.join("acts.html").display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn acts_are_given_alone_or_at_once() {
+        assert_eq!("throw+fan".parse(), Ok(Acts(vec![Act::Throw, Act::Fan])));
+        assert_eq!("throw+fan".parse::<Acts>().unwrap().to_string(), "throw+fan");
+        assert!("throw+".parse::<Acts>().unwrap_err().contains("choose from"));
+    }
+
+    #[test]
+    fn the_methods_of_today_are_known() {
+        for name in ["4dgs", "erf-gs", "ceiling"] {
+            assert_eq!(is_known(&Method::named(name).unwrap()), Ok(()));
+        }
+    }
+}
