@@ -352,7 +352,7 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
 #[test]
 fn both_shapes_follow_the_double_precision_twin() {
     let gpus = [Shape::Cpu, Shape::Gpu].map(open);
-    follows_the_twin(&Case::new(3, 6, 700, 9).rounded(), &gpus, 0.57);
+    follows_the_twin(&Case::new(3, 6, 300, 9).rounded(), &gpus, 0.57);
 }
 
 #[test]
