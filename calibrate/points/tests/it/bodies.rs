@@ -14,7 +14,7 @@ fn with_points(dataset: &mut Dataset, instants: u32) {
     let mut options = CloudOptions { method: Method::Random, random_points: 20, ..CloudOptions::default() };
     options.hull.instants = instants;
     let work = tempfile::tempdir().unwrap();
-    let cloud = initial_cloud(&dataset, &options, work.path(), &|_, _, _| {}).unwrap();
+    let cloud = initial_cloud(dataset, &options, work.path(), &|_, _, _| {}).unwrap();
     attach(dataset, &cloud).unwrap();
 }
 
