@@ -16,17 +16,19 @@ const SHORTEST: usize = 3;
 /// At most so many instants from one detection of a chain to the next.
 const WIDEST_GAP: usize = 3;
 
-/// A chain: instant and index of each of its detections.
-pub type Chain = Vec<(usize, usize)>;
+/// A detection: its instant and its index.
+type At = (usize, usize);
+/// A chain of detections.
+pub type Chain = Vec<At>;
 
 /// A detection and one before it, as a chain may go.
 #[derive(Clone, Copy)]
 struct Link {
-    from: (usize, usize),
+    from: At,
     score: f64,
     velocity: DVec3,
     /// The detection before `from`.
-    before: Option<(usize, usize)>,
+    before: Option<At>,
 }
 
 /// The chains of all tracks, the best first. `times_s` are the instants.
@@ -49,7 +51,7 @@ pub fn chains(detections: &[Vec<Detection>], times_s: &[f64]) -> Vec<Chain> {
 /// The chain with the greatest score among detections that are free.
 fn best(detections: &[Vec<Detection>], free: &[Vec<bool>], times_s: &[f64]) -> Option<Chain> {
     let mut links: Vec<Vec<Vec<Link>>> = detections.iter().map(|found| vec![Vec::new(); found.len()]).collect();
-    let mut top: Option<(f64, (usize, usize), (usize, usize))> = None;
+    let mut top: Option<(f64, At, At)> = None;
     for to in 1..detections.len() {
         for (index, there) in detections[to].iter().enumerate().filter(|(index, _)| free[to][*index]) {
             let mut new = Vec::new();
@@ -58,7 +60,7 @@ fn best(detections: &[Vec<Detection>], free: &[Vec<bool>], times_s: &[f64]) -> O
                 let seconds = times_s[to] - times_s[from];
                 for (before, here) in detections[from].iter().enumerate().filter(|(before, _)| free[from][*before]) {
                     let velocity = (there.centre - here.centre) / seconds;
-                    if !(velocity.length() <= FASTEST) {
+                    if velocity.length() > FASTEST || !velocity.is_finite() {
                         continue;
                     }
                     let cost = 1.2 * (1.0 - here.colours.overlap(&there.colours))

@@ -96,7 +96,7 @@ pub fn mean(places: impl IntoIterator<Item = DVec3>) -> DVec3 {
 
 /// Groups of points that are linked by steps of at most `reach_m`, in the order of their first points.
 fn connected(points: &[DVec3], reach_m: f64) -> Vec<Vec<usize>> {
-    if !(reach_m > 0.0) {
+    if reach_m <= 0.0 || reach_m.is_nan() {
         return Vec::new();
     }
     let cell = |point: DVec3| (point / reach_m).floor().as_ivec3();
