@@ -10,12 +10,11 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_acts::{Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
+use erfgs_acts::{Act, Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
 use erfgs_base::Progress;
 use erfgs_dataset::Dataset;
 use erfgs_points::{CloudOptions, Method as CloudMethod};
 use erfgs_run::RunFolder;
-use erfgs_stage::Act;
 use erfgs_sweep::{Job, JobState, Manifest, Overview, Plan, run_here};
 
 use crate::{

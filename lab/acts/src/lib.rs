@@ -17,6 +17,7 @@ pub mod report;
 mod take;
 
 pub use board::{Board, Quality, Row, closed};
+pub use erfgs_stage::Act;
 pub use method::{BASELINE, CEILING, METHODS, Method};
 pub use picture::{Shot, choose};
 pub use take::{Size, Take};

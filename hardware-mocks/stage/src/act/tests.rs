@@ -145,12 +145,12 @@ fn true_surfaces_lie_on_what_the_labels_show() {
                 let at = camera.intrinsics.project_pinhole(there);
                 let outwards = (pose.rotation() * DVec3::from(point.normal)).dot((world - view.eye).normalize());
                 let inside = at.x > 1.0 && at.y > 1.0 && at.x < 119.0 && at.y < 89.0;
-                if !inside || outwards > -0.3 {
+                if !inside || outwards > -0.6 {
                     continue;
                 }
                 let pixel = at.y as usize * 120 + at.x as usize;
                 // What another thing hides is not looked for. (Labels are those of what covers half a pixel: a thin rod has gaps.)
-                if f64::from(depth[pixel]) < there.z - 0.03 {
+                if f64::from(depth[pixel]) < there.z - 0.015 {
                     continue;
                 }
                 seen += 1;

@@ -3,7 +3,7 @@
 //! | file | what it holds |
 //! |---|---|
 //! | `truth/bodies.json` | the rigid bodies, as [`erfgs_dataset::Bodies`] describes them |
-//! | `truth/bending/NAME/*.npy` | a body that bends, at the instants of the held-out frames: `t_ns` [instants], `position_m` and `velocity_m_s` [instants, places, 3], `colour` [places, 3] (sRGB); a place is the same bit of the surface at every instant |
+//! | `truth/bending/NAME/*.npy` | a body that bends, at the instants of the held-out frames: `t_ns` (instants), `position_m` and `velocity_m_s` (instants, places, 3), `colour` (places, 3) (sRGB); a place is the same bit of the surface at every instant |
 //! | `truth/labels.json` | the names of all bodies, in the order of their labels, and which of them are rigid |
 //! | `truth/labels/CAMERA/00000.png` | for each frame of a held-out camera the label of the body that each pixel shows: 0 for none |
 
