@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use erfgs_dataset::{Body, Dataset};
-use erfgs_points::{attach_bodies, find_bodies};
+use erfgs_dataset::{BodiesFile, Body, Dataset};
+use erfgs_points::{CloudError, FoundBodies, attach_bodies, find_bodies};
 
 use crate::terminal::{Terminal, table, thousands};
 
@@ -26,15 +26,21 @@ pub struct Arguments {
     dataset: PathBuf,
 }
 
-/// Finds bodies and names them in the manifest.
-pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let mut dataset = Dataset::load(&arguments.dataset)?;
+/// Finds the bodies of a dataset and names them in its manifest, which is saved.
+pub fn find(dataset: &mut Dataset, terminal: &Terminal) -> Result<(FoundBodies, BodiesFile), CloudError> {
     let progress = terminal.progress("bodies");
-    let found = find_bodies(&dataset, &|step, done, total| {
+    let found = find_bodies(dataset, &|step, done, total| {
         progress.update(done as u64, total as u64, &step.to_string());
     })?;
     drop(progress);
-    let file = attach_bodies(&mut dataset, &found)?;
+    let file = attach_bodies(dataset, &found)?;
+    Ok((found, file))
+}
+
+/// Finds bodies and tells of each.
+pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let mut dataset = Dataset::load(&arguments.dataset)?;
+    let (found, file) = find(&mut dataset, terminal)?;
     terminal.result(&file, || {
         let heading = ["body", "instants", "points", "radius m", "rad/s", "contrast", "rotation"].map(str::to_owned);
         let mut rows = vec![heading.to_vec()];

@@ -1,6 +1,6 @@
 //! `erfgs dataset`: make, vary, complete and check datasets.
 
-mod bodies;
+pub mod bodies;
 mod check;
 mod disturb;
 mod fit;

@@ -15,7 +15,7 @@ pub struct Method {
     pub bodies: bool,
 }
 
-/// The methods, in the order of the report. One that the program does not know yet is left out.
+/// The methods, in the order of the report.
 pub const METHODS: [Method; 5] = [
     Method { name: BASELINE, about: "4DGS, frames alone", train: &[("method", "4dgs")], ideal: false, bodies: false },
     Method {
