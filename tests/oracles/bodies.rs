@@ -209,7 +209,6 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
     assert_close(&what("d reaches"), &reaches, &numbers(answer, "d_reaches"), 1e-4);
 
     // What rows say of a camera's clock: what holds nodes together says nothing of it.
-    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Events).expect("gradients");
     let clock = gpu.storage("clock", 4 * ClockRow::FLOATS as u64).expect("a buffer");
     motion.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &clock, row: 0 });
     let late = read(&clock, ClockRow::FLOATS)[0];

@@ -12,7 +12,7 @@
 @group(0) @binding(7) var<storage, read_write> d_control: array<vec4f>;
 // Gradients of gates (xy) and reaches (w).
 @group(0) @binding(8) var<storage, read_write> d_other: array<vec4f>;
-// What is said of each pose, the turn's before it is brought to length 1.
+// What rows say of each pose, the turn's before it is brought to length 1: what holds nodes together tells nothing of a time.
 @group(0) @binding(9) var<storage, read_write> d_poses: array<Pose>;
 
 struct Said {
@@ -73,6 +73,7 @@ fn main(
         d_turn += partial[2u * chunk + 1u];
     }
     var d_shift = a.xyz;
+    let of_rows = d_turn;
     if entity >= moment.bodies {
         d_other[entity].w += a.w;
         if moment.rigid + moment.away + moment.alike > 0.0 {
@@ -95,7 +96,7 @@ fn main(
     let inverse = inverseSqrt(max(dot(raw, raw), 1e-20));
     let unit = raw * inverse;
     d_turn = inverse * (d_turn - unit * dot(unit, d_turn));
-    d_poses[entity] = Pose(d_shift, 0.0, d_turn);
+    d_poses[entity] = Pose(a.xyz, 0.0, inverse * (of_rows - unit * dot(unit, of_rows)));
     for (var k = 0u; k < 4u; k++) {
         let at = 2u * ((basis.first + k) * count + entity);
         d_control[at] += vec4f(basis.weights[k] * d_shift, 0.0);
