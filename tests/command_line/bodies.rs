@@ -83,7 +83,8 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     assert!(said.contains("erfgs dataset bodies"), "{said}");
     give_bodies(&folder.path("ds"));
     // Events add Gaussians that no body carries.
-    let free = "--set eds.from=5 --set eds.every=5 --set eds.until=1.0 --set free_time.knots=2";
+    let free = "--set eds.from=5 --set eds.every=1 --set eds.until=1.0 --set eds.min_events=1 --set eds.tolerance_px=8 \
+                --set eds.depths=64 --set free_time.knots=2";
     folder.succeed(&format!("train ds --out run --motion bodies --iterations 20+30 {free} -q"));
     let told = folder.succeed("info run");
     assert!(told.contains("bodies") && told.contains("2: disc, <b>ball"), "{told}");
