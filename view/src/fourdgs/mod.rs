@@ -3,7 +3,7 @@
 //! There, a Gaussian stands at `position + motion (t - mu)` within a window of time, and its opacity is multiplied by
 //! `exp(-((t - mu) / sigma)^2 / 2)`. What is free in time is that but for its acceleration: where a curve leaves its tangent
 //! visibly, and for what a field deforms, each Gaussian becomes one for each RGB interval, on a chord of its path. What bodies carry becomes
-//! as many as its way and its turning ask for ([`chords`]).
+//! as many as its way and its turning ask for (`chords`).
 
 mod chords;
 
