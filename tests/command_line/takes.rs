@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use erfgs_stage::{EventOptions, FilmOptions, RigOptions, Stage, StageOptions, film};
+use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film, motion::Ball};
 use erfgs_train::{
     checkpoint::Checkpoint,
     gaussians::{CORE, sh_stride},
@@ -158,7 +158,7 @@ fn what_no_longer_stands_where_it_stood_is_learned_anew() {
     let folder = Folder::new();
     let stage = StageOptions { samples_per_axis: 1, ..StageOptions::default() };
     let options = FilmOptions {
-        stage: stage.clone(),
+        stage,
         rig: RigOptions { width: 96, height: 72, rgb: 6, event: 1, test: 1, ..RigOptions::default() },
         events: EventOptions::default(),
         duration_ns: 250_000_000,
@@ -173,7 +173,7 @@ fn what_no_longer_stands_where_it_stood_is_learned_anew() {
     folder.succeed("dataset points ds --method random --random-points 400 --moving 4 --moving-points 400");
     folder.succeed("train instant --motion still --iterations 200+10 --no-evaluation --out frozen -q");
     folder.succeed("train ds --static frozen --iterations 10 --no-evaluation --out run -q");
-    let ball = Stage::new(stage).ball;
+    let ball = Ball::default();
     let centre = ball.centre(0.0).as_vec3();
     let in_the_ball = |rows: &[Vec<u32>]| {
         let place = |row: &Vec<u32>| glam::Vec3::from_array([0, 1, 2].map(|axis| f32::from_bits(row[axis])));
