@@ -135,12 +135,11 @@ impl Made {
                     Measured::between([f64::from(computed) / may], [truth / may])
                 };
                 let size = truth.place.length() + row.place.length() + 1e-3;
-                for axis in 0..3 {
-                    measured = measured.and(of(delta[axis], truth.place[axis] - row.place[axis], size));
+                for (moved, way) in delta.iter().zip((truth.place - row.place).to_array()) {
+                    measured = measured.and(of(*moved, way, size));
                 }
-                for axis in 0..4 {
-                    measured =
-                        measured.and(of(delta[6 + axis], truth.turn[axis] - row.turn[axis], 2.0 * row.turn.length()));
+                for (turned, way) in delta[6..].iter().zip((truth.turn - row.turn).to_array()) {
+                    measured = measured.and(of(*turned, way, 2.0 * row.turn.length()));
                 }
                 let change = (truth.logit - row.logit).max(f64::from(GONE));
                 measured = measured.and(of(delta[10], change, 1.0 + change.abs() + row.logit.abs()));

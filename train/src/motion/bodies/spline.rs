@@ -72,16 +72,15 @@ fn solve<const N: usize>(mut matrix: Vec<[f64; 4]>, mut right: Vec<[f64; N]>) ->
             for column in below..4 {
                 matrix[i + below][column - below] -= share * row[column];
             }
-            for k in 0..N {
-                right[i + below][k] -= share * right[i][k];
-            }
+            let own = right[i];
+            right[i + below].iter_mut().zip(own).for_each(|(value, own)| *value -= share * own);
         }
     }
     for i in (0..size).rev() {
-        for k in 0..N {
+        right[i] = std::array::from_fn(|k| {
             let beyond: f64 = (1..4.min(size - i)).map(|at| matrix[i][at] * right[i + at][k]).sum();
-            right[i][k] = (right[i][k] - beyond) / matrix[i][0];
-        }
+            (right[i][k] - beyond) / matrix[i][0]
+        });
     }
     right
 }

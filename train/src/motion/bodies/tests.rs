@@ -271,8 +271,8 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
         let [deltas, d_core, control, other, clock] = run(gpu, case, &options, &d, t01 as f32, Witness::Frame(1.0));
         for (index, ((_, _, row), carried)) in case.rows.iter().zip(&carried).enumerate() {
             let at = &deltas[index * CORE..(index + 1) * CORE];
-            for axis in 0..3 {
-                assert_close("place", at[axis], carried.place[axis] - row.place[axis], 1.0);
+            for (moved, way) in at.iter().zip((carried.place - row.place).to_array()) {
+                assert_close("place", *moved, way, 1.0);
             }
             for axis in 0..4 {
                 assert_close("turn", at[6 + axis], carried.turn[axis] - row.turn[axis], 1.0);
@@ -283,11 +283,11 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
         for index in (0..case.rows.len()).step_by(case.rows.len() / 12 + 1) {
             let at = &d_core[index * CORE..(index + 1) * CORE];
             let d = |k: usize| f64::from(d[index * CORE + k]);
-            for axis in 0..3 {
+            for (axis, found) in at.iter().enumerate().take(3) {
                 let want = slope(case, t01, &gradients(case.rows.len()), weights, |case, step| {
                     case.rows[index].2.place[axis] += step
                 });
-                assert_close("d place", at[axis], want - d(axis), 1.0);
+                assert_close("d place", *found, want - d(axis), 1.0);
             }
             for axis in 0..4 {
                 let want = slope(case, t01, &gradients(case.rows.len()), weights, |case, step| {
@@ -305,9 +305,9 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
             let scale = if entity < bodies { case.rows.len() as f64 } else { 30.0 };
             for knot in [first, first + 3] {
                 let at = &control[8 * (knot * count + entity)..][..8];
-                for axis in 0..3 {
+                for (axis, found) in at.iter().enumerate().take(3) {
                     let want = slope(case, t01, &d, weights, |case, step| case.control[entity][knot].0[axis] += step);
-                    assert_close(format_args!("d shift of {entity} at {knot}"), at[axis], want, scale);
+                    assert_close(format_args!("d shift of {entity} at {knot}"), *found, want, scale);
                 }
                 for axis in 0..4 {
                     let want =
