@@ -244,7 +244,7 @@ mod tests {
         Body {
             name: name.into(),
             span_ns: [0, 100],
-            poses: vec![pose(0, 0.0), pose(50, 2.0), pose(100, 4.0)],
+            poses: vec![pose(0, 0.0), pose(50, 1.5), pose(100, 3.0)],
             points: vec![SurfacePoint { position_m: [1.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0], colour: [1, 2, 3] }],
             found_by: BTreeMap::new(),
         }
