@@ -8,7 +8,7 @@ use crate::{gaussians::Neighbours, scene::Point};
 
 /// A point is of a body where the body's surface is nearer than so many distances between points of its instant.
 const NEAR: f32 = 3.0;
-/// What is so faint of a body is not there.
+/// So long before a body appears, and after it vanishes, there is nothing of it, seconds.
 const THERE: f64 = 0.05;
 
 impl Start {
