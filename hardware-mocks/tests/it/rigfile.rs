@@ -78,6 +78,7 @@ fn fields_that_a_device_does_not_have_are_refused_by_name() {
         (format!("{davis}raw = \"a.raw\""), "raw"),
         (format!("{uvc}events = \"a.raw\""), "events"),
         (format!("{uvc}latency_ms = 3"), "latency_ms"),
+        (format!("{uvc}queue_mib = 3"), "queue_mib"),
         (format!("{evk4}rates_hz = [10.0]"), "rates_hz"),
         (format!("{evk4}slave = true"), "slave"),
         (format!("{evk4}dataset = \"ds\""), "camera"),

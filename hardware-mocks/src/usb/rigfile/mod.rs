@@ -17,6 +17,7 @@
 //! # camera = "event00"
 //! sync = "chain"               # devices that name the same wire share a clock if their driver asks for it
 //! latency_ms = 20              # holds data back until edges of a board in another process have arrived
+//! queue_mib = 256              # how much waits for a slow host before it is lost (default: as the hardware's, 4 and 8)
 //!
 //! [device.faults]
 //! jitter_mean_us = 200
@@ -185,6 +186,8 @@ pub struct DeviceFile {
     /// How long data is held back, milliseconds.
     #[serde(default)]
     pub latency_ms: i64,
+    /// How much waits for the host at most, MiB (EVK4, DAVIS346); without it, what its options have.
+    pub queue_mib: Option<u16>,
     /// What goes wrong.
     #[serde(default)]
     pub faults: Faults,
@@ -257,6 +260,11 @@ impl RigFile {
     }
 }
 
+/// What waits for the host at most, bytes.
+fn queue_bytes(mib: Option<u16>, default: usize) -> usize {
+    mib.map_or(default, |mib| usize::from(mib) << 20)
+}
+
 /// A device and what it counts.
 type Built = (Box<dyn UsbDevice>, SharedCounts);
 
@@ -264,13 +272,15 @@ impl DeviceFile {
     fn evk4(&self, number: usize, sync: SyncWire, trigger: TriggerLine) -> Result<Built, RigError> {
         let serial = u32::from_str_radix(&self.serial, 16)
             .map_err(|_| RigError::Serial { name: self.name.clone(), serial: self.serial.clone() })?;
+        let default = Evk4Options::default();
         let options = Evk4Options {
             serial,
             sync,
             trigger,
             latency_ns: self.latency_ms * 1_000_000,
+            queue_bytes: queue_bytes(self.queue_mib, default.queue_bytes),
             faults: self.faults.clone(),
-            ..Evk4Options::default()
+            ..default
         };
         let stimulus = match &self.raw {
             Some(path) => Stimulus::Words(RecordedWords::open(path)?),
@@ -282,14 +292,16 @@ impl DeviceFile {
     }
 
     fn davis346(&self, number: usize, sync: SyncWire, trigger: TriggerLine) -> Result<Built, RigError> {
+        let default = Davis346Options::default();
         let options = Davis346Options {
             serial: self.serial.clone(),
             master: !self.slave,
             sync,
             trigger,
             latency_ns: self.latency_ms * 1_000_000,
+            queue_bytes: queue_bytes(self.queue_mib, default.queue_bytes),
             faults: self.faults.clone(),
-            ..Davis346Options::default()
+            ..default
         };
         let mut device =
             Davis346::new(options, self.event_scene(number, [346, 260])?, self.frame_scene(number, [346, 260])?);

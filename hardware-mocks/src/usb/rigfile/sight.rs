@@ -30,8 +30,8 @@ impl DeviceFile {
                 wrong("raw is sent word for word by an evk4; an events file is played by a davis346, too")
             }
             Kind::Uvc if self.events.is_some() => wrong("events are for event cameras; leave them out"),
-            Kind::Uvc if self.sync.is_some() || self.latency_ms != 0 => {
-                wrong("sync and latency_ms are for event cameras; leave them out")
+            Kind::Uvc if self.sync.is_some() || self.latency_ms != 0 || self.queue_mib.is_some() => {
+                wrong("sync, latency_ms and queue_mib are for event cameras; leave them out")
             }
             Kind::Evk4 | Kind::Davis346 if frames => {
                 wrong("formats, sizes, rates_hz and triggered are for a uvc camera; leave them out")
