@@ -12,9 +12,10 @@ use crate::terminal::{Terminal, table, thousands};
 #[command(after_help = "\
 Reads the points of what moves (`erfgs dataset points`), the frames of their instants and the events around them. What moves is \
 followed through the instants; how it turns is found by the colours of frames and by how sharp its events are if they are moved back; \
-its shape is carved by the silhouettes of all instants. Writes bodies.json into the dataset and names it in the manifest.
+its shape is carved by the silhouettes of all instants; by that it is followed from the instant at which it is seen best, if events are \
+sharper then. Writes bodies.json into the dataset and names it in the manifest.
 
-A body whose rotation is not determined does not turn, and says so.
+A body whose rotation nothing determines does not turn, and says so.
 
 Examples:
   erfgs dataset points ds

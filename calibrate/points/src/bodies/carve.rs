@@ -218,7 +218,7 @@ fn colour(film: &Film, places: &[Place], position: DVec3, normal: DVec3) -> Opti
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::bodies::{
         film::{Eye, Moment, View, test_eye},
@@ -227,7 +227,7 @@ mod tests {
     use erfgs_scene::image::ImageRgb8;
 
     /// A ball that is red above and blue below its own middle, which flies and turns, before eight cameras.
-    fn film(radius: f64, places: &[Place]) -> Film {
+    pub fn film(radius: f64, places: &[Place]) -> Film {
         let eyes: Vec<Eye> = (0..8)
             .map(|index| {
                 let angle = 0.785 * f64::from(index);

@@ -3,15 +3,19 @@
 //! The moving points of the initial cloud are hulls of all that moves, one for each instant. Connected pieces of them are chained into
 //! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); a smooth
 //! path goes through the centres (`path`). How a thing turns is told by the colours of frames (`shades`) and by its events, which are
-//! sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both. With its motion known, a thing is carved in its
-//! own frame by the silhouettes of all instants (`carve`); with that shape its events are looked at again (`refine`).
+//! sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one rate, and `varying` for rates that change.
+//! With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates that are a little wrong
+//! add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape its events are looked
+//! at again (`refine`), which tell how it gets from one instant to the next.
 
 mod carve;
 mod centres;
 mod chains;
 mod contrast;
 mod detections;
+mod draft;
 mod film;
+mod grow;
 mod near_events;
 mod normals;
 mod path;
@@ -20,37 +24,28 @@ mod shades;
 mod smooth;
 mod spin;
 mod turn;
+mod varying;
 
 use std::{collections::BTreeMap, fmt};
 
 use erfgs_calibrate::statistics::median;
-use erfgs_dataset::{Bodies, BodiesFile, Body, BodyPose, Dataset, SurfacePoint};
+use erfgs_dataset::{Bodies, BodiesFile, Body, Dataset};
 use glam::DVec3;
 use serde_json::{Value, json};
 
 use self::{
-    carve::{Carved, Place},
     centres::{Cloud, Owners, Track},
-    contrast::Window,
     detections::detections,
+    draft::{Draft, Windows},
     film::Film,
     near_events::Subject,
     path::Path,
     shades::{Shades, Shape},
-    spin::{Spin, rounded, vector},
-    turn::Turn,
+    spin::rounded,
+    varying::Evidence,
 };
 use crate::CloudError;
 
-/// Poses are at most so far apart, seconds, and turn by at most so much from one to the next, radians.
-const POSE_STEP_S: f64 = 0.004;
-const POSE_TURN: f64 = 0.5;
-/// More poses of one body are of no use; they are farther apart then.
-const MOST_POSES: f64 = 50_000.0;
-/// For this share of the exposure a thing must be inside its silhouettes; near its ends it hardly leaves a trace.
-const EXPOSED: f64 = 0.4;
-/// So many places of a shape are held against events, at most.
-const MOST_SURFACE: usize = 2400;
 /// With fewer points than this at most instants, how a thing turns is not asked of frames.
 const FEWEST_POINTS_THAT_TURN: f64 = 60.0;
 
@@ -115,9 +110,9 @@ pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<Foun
     for (thing, (shapes, path)) in things.iter().enumerate() {
         subjects.extend(shapes.iter().map(|shape| Subject::of_hull(&film, thing, shape, path)));
     }
-    let mut windows = vec![Vec::new(); things.len()];
+    let mut windows = vec![Windows::new(); things.len()];
     for near in near_events::windows(dataset, &film, &subjects, &reading)? {
-        windows[near.thing].push(near.window);
+        windows[near.thing].entry(near.moment).or_default().push(near.window);
     }
     drop(subjects);
     let step_s = median(film.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0);
@@ -127,19 +122,20 @@ pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<Foun
         let (shapes, path) = &things[index];
         let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
         let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(&film, shapes) } else { None };
-        let spin = spin::spin(shades.as_ref(), &windows[index], step_s);
+        let all: Vec<_> = windows[index].values().flatten().cloned().collect();
+        let spin = spin::spin(shades.as_ref(), &all, step_s);
+        let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
+        let evidence = Evidence { shades: shades.as_ref(), windows: &windows[index], instants };
+        let rates = varying::varying(&evidence, spin.rate);
         progress(BodyStep::Shapes, index, tracks.len());
-        drafts.extend(Draft::new(&film, track, shapes, path.clone(), spin));
+        drafts.extend(Draft::new(&film, track, shapes, path.clone(), spin, rates));
     }
-    let subjects: Vec<Subject<'_>> = drafts
-        .iter()
-        .enumerate()
-        .flat_map(|(thing, draft)| draft.shapes.iter().map(move |shape| (thing, draft, shape.moment)))
-        .map(|(thing, draft, moment)| draft.subject(&film, thing, moment, step_s))
-        .collect();
-    let mut again = vec![BTreeMap::<usize, Vec<Window>>::new(); drafts.len()];
+    let subjects: Vec<Subject<'_>> =
+        drafts.iter().enumerate().flat_map(|(index, draft)| draft.subjects(&film, 2 * index, step_s)).collect();
+    // Of each, the windows by its motion, and by its looks.
+    let mut again = vec![[(); 2].map(|()| Windows::new()); drafts.len()];
     for near in near_events::windows(dataset, &film, &subjects, &reading)? {
-        again[near.thing].entry(near.moment).or_default().push(near.window);
+        again[near.thing / 2][near.thing % 2].entry(near.moment).or_default().push(near.window);
     }
     drop(subjects);
     let mut bodies = Vec::new();
@@ -212,154 +208,4 @@ fn path(film: &Film, track: &Track) -> Path {
     let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
     let (times, places) = track.places(&times);
     Path::new(times, places)
-}
-
-/// A body as far as it is known.
-struct Draft<'a> {
-    track: &'a Track,
-    shapes: &'a [Shape],
-    best: &'a Shape,
-    path: Path,
-    turn: Turn,
-    carved: Carved,
-    found_by: BTreeMap<String, Value>,
-}
-
-impl<'a> Draft<'a> {
-    /// With a shape of its own; none where none is left.
-    fn new(film: &Film, track: &'a Track, shapes: &'a [Shape], path: Path, spin: Spin) -> Option<Self> {
-        let best = best_seen(film, track, shapes)?;
-        let turn = Turn::steady(film.moments[best.moment].t_s, spin.rate);
-        let carved = carved(film, track, shapes, best, &path, &turn)?;
-        Some(Self { track, shapes, best, path, turn, carved, found_by: spin.found_by })
-    }
-
-    /// The shape as it is held against the events around an instant.
-    fn subject(&self, film: &Film, thing: usize, moment: usize, step_s: f64) -> Subject<'_> {
-        let t_s = film.moments[moment].t_s;
-        let rotation = self.turn.at(t_s);
-        let step = self.carved.points.len().div_ceil(MOST_SURFACE).max(1);
-        let points = self.carved.points.iter().step_by(step);
-        let turned =
-            |point: &SurfacePoint| (rotation * DVec3::from(point.position_m), rotation * DVec3::from(point.normal));
-        let (places, normals): (Vec<DVec3>, Vec<DVec3>) = points.map(turned).unzip();
-        let rate = self.turn.rate(t_s);
-        let around_us = refine::around_us(self.turn.fastest(), step_s);
-        Subject { thing, moment, places, normals: Some(normals), path: &self.path, rate, around_us }
-    }
-
-    /// Improves the rotation by windows of its own shape, and carves that again.
-    fn look_again(&mut self, film: &Film, windows: &BTreeMap<usize, Vec<Window>>) {
-        let refined = refine::refine(windows);
-        let upright_s = film.moments[self.best.moment].t_s;
-        let time = |moment: usize| film.moments[moment].t_s;
-        let rates: Vec<(f64, DVec3)> =
-            refined.rates.iter().map(|&(moment, more)| (time(moment), self.turn.rate(time(moment)) + more)).collect();
-        let turn = match rates.first() {
-            None => return,
-            Some(&(_, rate)) if !refined.changing => Turn::steady(upright_s, rate),
-            Some(_) => Turn::changing(upright_s, rates.clone()),
-        };
-        let velocities: Vec<(f64, DVec3)> = refined
-            .velocities
-            .iter()
-            .map(|&(moment, more)| (time(moment), self.path.velocity(time(moment)) + more))
-            .collect();
-        self.found_by.extend(refined.found_by);
-        let path = self.path.clone().with_velocities(&velocities);
-        if let Some(carved) = carved(film, self.track, self.shapes, self.best, &path, &turn) {
-            (self.path, self.turn, self.carved) = (path, turn, carved);
-            if refined.changing {
-                let rates = rates.iter().map(|&(t_s, rate)| json!({"t_ns": film.ns(t_s), "rate_rad_s": vector(rate)}));
-                self.found_by.insert("rates".into(), rates.collect());
-            }
-        }
-    }
-
-    /// The body.
-    fn body(self, film: &Film, number: usize) -> Body {
-        let usual = median(self.shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
-        let upright_s = film.moments[self.best.moment].t_s;
-        let facts = [
-            ("instants", json!(self.shapes.len())),
-            ("sure_instants", json!(self.track.sure.iter().filter(|sure| **sure).count())),
-            ("hull_points", json!(usual)),
-            ("radius_m", json!(rounded(self.track.radius_m, 4))),
-            ("rate_rad_s", vector(self.turn.rate(upright_s))),
-            ("carving_agreement", json!(rounded(self.carved.agree, 2))),
-            ("carving_cell_m", json!(rounded(self.carved.cell_m, 5))),
-            ("best_seen_ns", json!(film.moments[self.best.moment].t_ns)),
-        ];
-        let mut found_by = self.found_by;
-        found_by.extend(facts.map(|(name, value)| (name.to_owned(), value)));
-        Body {
-            name: format!("body{number}"),
-            span_ns: span_ns(film, self.track),
-            poses: poses(film, &self.path, &self.turn),
-            points: self.carved.points,
-            found_by,
-        }
-    }
-}
-
-/// Carves a thing by how it turns.
-fn carved(film: &Film, track: &Track, shapes: &[Shape], best: &Shape, path: &Path, turn: &Turn) -> Option<Carved> {
-    let place = |shape: &Shape| {
-        let moment = &film.moments[shape.moment];
-        let open = [-0.5, 0.5].map(|side| moment.t_s + side * EXPOSED * moment.exposure_s);
-        Place {
-            moment: shape.moment,
-            centre: shape.centre,
-            rotation: turn.at(moment.t_s),
-            exposed: open.map(|t_s| (path.at(t_s), turn.at(t_s))),
-        }
-    };
-    let places: Vec<Place> = shapes.iter().map(place).collect();
-    // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
-    let cell_m = (0.36 * film.cell_m).max(0.045 * track.radius_m);
-    carve::carve(film, &best.places, &places, cell_m)
-}
-
-/// The instant at which a thing is seen best: surely, with about as many points as usual, about the middle of its time.
-fn best_seen<'a>(film: &Film, track: &Track, shapes: &'a [Shape]) -> Option<&'a Shape> {
-    let usual = median(shapes.iter().map(|shape| shape.places.len() as f64))?.max(1.0);
-    let middle = median(shapes.iter().map(|shape| film.moments[shape.moment].t_s))?;
-    let any_sure = shapes.iter().any(|shape| track.sure[shape.moment]);
-    let odd = |shape: &Shape| {
-        (shape.places.len().max(1) as f64 / usual).ln().abs() + (film.moments[shape.moment].t_s - middle).abs()
-    };
-    shapes.iter().filter(|shape| track.sure[shape.moment] || !any_sure).min_by(|a, b| odd(a).total_cmp(&odd(b)))
-}
-
-/// When a track is in view: half an interval beyond its ends, or as long as the recording where it is followed from end to end.
-fn span_ns(film: &Film, track: &Track) -> [i64; 2] {
-    let [begin, end] = film.span_ns;
-    let (first, last) = (track.instants().next(), track.instants().next_back());
-    let time = |moment: usize| film.moments[moment].t_ns;
-    let from = match first {
-        Some(first) if first > 0 => time(first) - (time(first) - time(first - 1)) / 2,
-        _ => begin,
-    };
-    let to = match last {
-        Some(last) if last + 1 < film.moments.len() => time(last) + (time(last + 1) - time(last)) / 2,
-        _ => end,
-    };
-    [from.max(begin), to.min(end)]
-}
-
-/// The poses of a body over the whole recording.
-fn poses(film: &Film, path: &Path, turn: &Turn) -> Vec<BodyPose> {
-    let seconds = film.seconds();
-    let step = POSE_STEP_S.min(POSE_TURN / turn.fastest().max(1e-9)).max(seconds / MOST_POSES);
-    let count = (seconds / step).ceil().max(1.0) as usize;
-    let pose = |index: usize| {
-        let t_s = seconds * index as f64 / count as f64;
-        let rotation = turn.at(t_s);
-        BodyPose {
-            t_ns: film.ns(t_s),
-            translation_m: path.at(t_s).to_array(),
-            rotation_wxyz: [rotation.w, rotation.x, rotation.y, rotation.z],
-        }
-    };
-    (0..=count).map(pose).collect()
 }

@@ -21,6 +21,20 @@ impl Path {
         Self { times_s, places, tangents }
     }
 
+    /// With places at some of its times instead of its own, and the tangents that they bring.
+    pub fn through(&self, places: &[(f64, DVec3)]) -> Self {
+        let mut new = self.places.clone();
+        for &(t_s, place) in places {
+            if let Some(index) = self.times_s.iter().position(|&time| time == t_s) {
+                new[index] = place;
+            }
+        }
+        let (before, after) = (tangents(&self.times_s, &self.places), tangents(&self.times_s, &new));
+        let tangents = std::iter::zip(&self.tangents, std::iter::zip(before, after))
+            .map(|(own, (before, after))| own + after - before);
+        Self { times_s: self.times_s.clone(), tangents: tangents.collect(), places: new }
+    }
+
     /// With velocities at some of its times, metres per second, instead of those that its places tell.
     pub fn with_velocities(mut self, velocities: &[(f64, DVec3)]) -> Self {
         for &(t_s, velocity) in velocities {
@@ -180,5 +194,18 @@ mod tests {
         assert_eq!(fitted(&[], &[], 2), DVec3::ZERO);
         // Twice the same time: no parabola, and no division by zero.
         assert!(fitted(&[0.1, 0.1, 0.1], &[DVec3::X; 3], 2).abs_diff_eq(DVec3::X, 1e-9));
+    }
+
+    #[test]
+    fn a_path_through_other_places_goes_through_them_and_keeps_velocities_that_were_told() {
+        let times: Vec<f64> = (0..6).map(|k| 0.1 * f64::from(k)).collect();
+        let path = Path::new(times.clone(), times.iter().map(|&t| thrown(t)).collect());
+        let path = path.with_velocities(&[(0.2, DVec3::X)]);
+        let moved = path.through(&times.iter().map(|&t| (t, thrown(t) + DVec3::Z)).collect::<Vec<_>>());
+        for &t in &times {
+            assert!(moved.at(t).abs_diff_eq(thrown(t) + DVec3::Z, 1e-12));
+        }
+        assert!(moved.velocity(0.2).abs_diff_eq(DVec3::X, 1e-9));
+        assert_eq!(path.through(&[(7.0, DVec3::Z)]), path);
     }
 }

@@ -181,14 +181,14 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::bodies::{contrast::NetEvent, film::test_eye, turn::directions};
     use erfgs_base::random;
     use glam::DQuat;
 
     /// What three cameras see around each of five instants of a ball with spots, if it is assumed not to turn.
-    fn windows(rate: impl Fn(usize) -> DVec3) -> BTreeMap<usize, Vec<Window>> {
+    pub fn windows(rate: impl Fn(usize) -> DVec3) -> BTreeMap<usize, Vec<Window>> {
         let eyes = [DVec3::new(0.0, -0.5, -2.0), DVec3::new(1.8, -0.8, -0.8), DVec3::new(-1.5, -1.0, 1.3)]
             .map(|from| test_eye(from, DVec3::ZERO));
         let of = |moment: usize, eye: usize| {

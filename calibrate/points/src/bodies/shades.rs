@@ -30,8 +30,9 @@ struct Pair {
     centre: DVec3,
     /// From the one to the other, seconds.
     seconds: f64,
-    /// Which instant the other is.
-    moment: usize,
+    /// Which instants they are.
+    from: usize,
+    to: usize,
 }
 
 /// The pairs of instants of a thing.
@@ -81,7 +82,7 @@ impl<'a> Shades<'a> {
                 let order = random::permutation(key, from.places.len());
                 let shades = order.into_iter().take(MOST_POINTS).map(shade).collect();
                 let seconds = film.moments[to.moment].t_s - film.moments[from.moment].t_s;
-                pairs.push(Pair { shades, centre: to.centre, seconds, moment: to.moment });
+                pairs.push(Pair { shades, centre: to.centre, seconds, from: from.moment, to: to.moment });
             }
         }
         (pairs.len() >= FEWEST_PAIRS).then_some(Self { film, pairs })
@@ -92,13 +93,22 @@ impl<'a> Shades<'a> {
         rates.par_iter().map(|&rate| self.apart_at(rate)).collect()
     }
 
+    /// The same between two instants alone; none where they are not compared.
+    pub fn apart_between(&self, instants: [usize; 2], rate: DVec3) -> Option<f64> {
+        self.mean(rate, self.pairs.iter().filter(|pair| instants == [pair.from.min(pair.to), pair.from.max(pair.to)]))
+    }
+
     fn apart_at(&self, rate: DVec3) -> f64 {
+        self.mean(rate, &self.pairs).unwrap_or(MOST_APART)
+    }
+
+    fn mean<'b>(&self, rate: DVec3, pairs: impl IntoIterator<Item = &'b Pair>) -> Option<f64> {
         let (mut sum, mut weights) = (0.0, 0.0);
-        for pair in &self.pairs {
+        for pair in pairs {
             let turn = DQuat::from_scaled_axis(rate * pair.seconds);
             for shade in &pair.shades {
                 let (place, normal) = (turn * shade.place + pair.centre, turn * shade.normal);
-                for view in &self.film.moments[pair.moment].views {
+                for view in &self.film.moments[pair.to].views {
                     let eye = &self.film.eyes[view.eye];
                     let facing = (eye.centre - place).normalize_or_zero().dot(normal);
                     if facing <= 0.0 {
@@ -113,6 +123,6 @@ impl<'a> Shades<'a> {
                 }
             }
         }
-        if weights > 0.0 { sum / weights } else { MOST_APART }
+        (weights > 0.0).then(|| sum / weights)
     }
 }

@@ -12,6 +12,8 @@ pub struct Turn {
     /// Rotations every so often since `from_s`, where the rate changes.
     samples: Vec<DQuat>,
     from_s: f64,
+    /// Turns more, after those, at times; between two of them evenly, and the first and last beyond.
+    more: Vec<(f64, DQuat)>,
 }
 
 /// Rotations are summed up in steps of so many seconds.
@@ -22,7 +24,7 @@ const MOST_STEPS: f64 = 200_000.0;
 impl Turn {
     /// At one rate.
     pub fn steady(upright_s: f64, rate: DVec3) -> Self {
-        Self { upright_s, rates: vec![(upright_s, rate)], samples: Vec::new(), from_s: upright_s }
+        Self { upright_s, rates: vec![(upright_s, rate)], samples: Vec::new(), from_s: upright_s, more: Vec::new() }
     }
 
     /// At rates at times, which increase.
@@ -30,18 +32,24 @@ impl Turn {
         let (Some(&(first, _)), Some(&(last, _))) = (rates.first(), rates.last()) else {
             return Self::steady(upright_s, DVec3::ZERO);
         };
-        let mut turn = Self { upright_s, rates, samples: vec![DQuat::IDENTITY], from_s: first };
+        let mut turn = Self { upright_s, rates, samples: vec![DQuat::IDENTITY], from_s: first, more: Vec::new() };
         let step = turn.step();
         for index in 0..((last - first) / step).ceil() as usize {
-            let rate = turn.rate(first + (index as f64 + 0.5) * step);
+            let rate = turn.bare_rate(first + (index as f64 + 0.5) * step);
             let before = turn.samples[index];
             turn.samples.push((DQuat::from_scaled_axis(rate * step) * before).normalize());
         }
-        let upright = turn.at(upright_s).conjugate();
+        let upright = turn.bare(upright_s).conjugate();
         for sample in &mut turn.samples {
             *sample *= upright;
         }
         turn
+    }
+
+    /// The same with rotations at times that it has instead of its own, ordered.
+    pub fn through(&self, rotations: &[(f64, DQuat)]) -> Self {
+        let more = rotations.iter().map(|&(t_s, rotation)| (t_s, rotation * self.bare(t_s).conjugate()));
+        Self { more: more.collect(), ..self.clone() }
     }
 
     fn step(&self) -> f64 {
@@ -51,12 +59,31 @@ impl Turn {
 
     /// Axis times rate at a time, radians per second.
     pub fn rate(&self, t_s: f64) -> DVec3 {
+        if self.more.is_empty() {
+            return self.bare_rate(t_s);
+        }
+        let turn = self.at(t_s + STEP_S) * self.at(t_s - STEP_S).conjugate();
+        let turn = if turn.w < 0.0 { -turn } else { turn };
+        turn.to_scaled_axis() / (2.0 * STEP_S)
+    }
+
+    fn bare_rate(&self, t_s: f64) -> DVec3 {
         let next = self.rates.partition_point(|rate| rate.0 <= t_s);
         match (next.checked_sub(1).map(|before| self.rates[before]), self.rates.get(next)) {
             (Some((from, before)), Some(&(to, after))) => before.lerp(after, (t_s - from) / (to - from)),
             (Some((_, rate)), None) | (None, Some(&(_, rate))) => rate,
             (None, None) => DVec3::ZERO,
         }
+    }
+
+    /// Times and rates, axis times radians per second.
+    pub fn rates(&self) -> &[(f64, DVec3)] {
+        &self.rates
+    }
+
+    /// Whether its rate is not the same all the time.
+    pub fn changes(&self) -> bool {
+        self.rates.len() > 1 || self.more.len() > 1
     }
 
     /// The greatest rate, radians per second.
@@ -66,15 +93,25 @@ impl Turn {
 
     /// From the body's axes to the world's.
     pub fn at(&self, t_s: f64) -> DQuat {
+        let next = self.more.partition_point(|more| more.0 <= t_s);
+        let more = match (next.checked_sub(1).map(|before| self.more[before]), self.more.get(next)) {
+            (Some((from, before)), Some(&(to, after))) => before.slerp(after, (t_s - from) / (to - from)),
+            (Some((_, more)), None) | (None, Some(&(_, more))) => more,
+            (None, None) => return self.bare(t_s),
+        };
+        more * self.bare(t_s)
+    }
+
+    fn bare(&self, t_s: f64) -> DQuat {
         let Some(end) = self.samples.len().checked_sub(1) else {
-            return DQuat::from_scaled_axis(self.rate(t_s) * (t_s - self.upright_s));
+            return DQuat::from_scaled_axis(self.bare_rate(t_s) * (t_s - self.upright_s));
         };
         let step = self.step();
         let along = ((t_s - self.from_s) / step).clamp(0.0, end as f64);
         let index = along as usize;
         let here = self.samples[index].slerp(self.samples[(index + 1).min(end)], along - index as f64);
         let beyond = t_s - (self.from_s + along * step);
-        DQuat::from_scaled_axis(self.rate(t_s) * beyond) * here
+        DQuat::from_scaled_axis(self.bare_rate(t_s) * beyond) * here
     }
 }
 
@@ -162,5 +199,21 @@ mod tests {
         assert_eq!(Turn::changing(0.0, vec![]).at(3.0), DQuat::IDENTITY);
         let steady = Turn::changing(0.2, vec![(0.0, DVec3::X), (1.0, DVec3::X)]);
         assert!(steady.at(0.7).abs_diff_eq(Turn::steady(0.2, DVec3::X).at(0.7), 1e-9));
+    }
+
+    #[test]
+    fn a_turn_through_rotations_has_them_and_its_rate_is_that_of_its_rotations() {
+        let turn = Turn::steady(0.0, DVec3::Z * 30.0);
+        let off = |t_s: f64| DQuat::from_scaled_axis(DVec3::X * 2.0 * t_s) * turn.at(t_s);
+        let rotations: Vec<(f64, DQuat)> = (0..5).map(|at| 0.1 * f64::from(at)).map(|t_s| (t_s, off(t_s))).collect();
+        let through = turn.through(&rotations);
+        for t_s in [0.0, 0.1, 0.25, 0.33, 0.4] {
+            assert!(through.at(t_s).angle_between(off(t_s)) < 1e-6, "{t_s} s");
+        }
+        let expected = DVec3::X * 2.0 + DQuat::from_scaled_axis(DVec3::X * 0.5) * DVec3::Z * 30.0;
+        assert!(through.rate(0.25).distance(expected) < 0.01, "{}", through.rate(0.25));
+        // Beyond the last, as it would have turned.
+        assert!((through.rate(0.6).length() - 30.0).abs() < 1e-3);
+        assert!(through.through(&[]).at(0.2).angle_between(turn.at(0.2)) < 1e-6);
     }
 }

@@ -43,10 +43,11 @@ fn the_ball_is_the_only_body_and_lies_where_it_flies_the_same_on_any_number_of_t
         let off = DVec3::from(pose.translation_m).distance(ball(pose.t_ns));
         assert!(off < 0.7 * BALL_RADIUS, "off by {off} m at {} ns", pose.t_ns);
     }
-    // It does not turn; the hull of cameras at one side does a little, as the ball passes them.
+    // It does not turn; the hull of cameras at one side does a little, as the ball passes them, and a ball of one colour looks the same
+    // however it is turned.
     assert_eq!(body.found_by["event_windows"], 0);
     let rate: [f64; 3] = serde_json::from_value(body.found_by["rate_rad_s"].clone()).unwrap();
-    assert!(DVec3::from(rate).length() < 0.8, "{:?}", body.found_by);
+    assert!(DVec3::from(rate).length() < 1.2, "{:?}", body.found_by);
     let pose = body.poses[body.poses.len() / 2];
     // A hull of views of one side is deeper than the ball.
     let near = body.points.iter().filter(|point| {
