@@ -3,6 +3,8 @@
 //! Events of some milliseconds are moved back to the middle of them, as a hypothesis of the motion has it. If it is right, those of one
 //! edge fall onto one line, and the sum of squares of the picture that they make is large.
 
+use std::borrow::Borrow;
+
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -128,12 +130,12 @@ impl Window {
 }
 
 /// The mean contrast of several windows; 0 without windows.
-pub fn mean_contrast(windows: &[Window], change: Change) -> f64 {
-    windows.iter().map(|window| window.contrast(change)).sum::<f64>() / windows.len().max(1) as f64
+pub fn mean_contrast(windows: &[impl Borrow<Window>], change: Change) -> f64 {
+    windows.iter().map(|window| window.borrow().contrast(change)).sum::<f64>() / windows.len().max(1) as f64
 }
 
 /// The mean contrast of several windows for each of `rates` more.
-pub fn contrasts(windows: &[Window], rates: &[DVec3]) -> Vec<f64> {
+pub fn contrasts(windows: &[impl Borrow<Window> + Sync], rates: &[DVec3]) -> Vec<f64> {
     rates.par_iter().map(|&rate| mean_contrast(windows, Change { rate, velocity: DVec3::ZERO })).collect()
 }
 
@@ -193,6 +195,6 @@ mod tests {
     #[test]
     fn no_events_have_no_contrast() {
         assert_eq!(Window::new(&test_eye(DVec3::NEG_Z, DVec3::ZERO), &[], DVec3::ZERO, 1.5), None);
-        assert_eq!(contrasts(&[], &[DVec3::X]), [0.0]);
+        assert_eq!(contrasts(&[] as &[Window], &[DVec3::X]), [0.0]);
     }
 }

@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use super::{
     carve::{self, Carved, Place},
     centres::Track,
-    contrast::{Change, Window},
+    contrast::{Change, mean_contrast},
     film::Film,
     grow::{Grower, Grown},
-    near_events::Subject,
+    near_events::{Subject, Windows},
     path::Path,
     refine::{self, Refined},
     shades::Shape,
@@ -32,8 +32,6 @@ pub const EXPOSED: f64 = 0.4;
 const MOST_SURFACE: usize = 2400;
 /// So much sharper events must be for a thing to be followed by its looks; if it was not found to turn, sharper at all.
 const LOOKS_IF: f64 = 1.03;
-/// Windows of events by instant.
-pub type Windows = BTreeMap<usize, Vec<Window>>;
 
 /// How a thing moves, and its shape by that.
 pub struct Motion {
@@ -145,8 +143,8 @@ impl<'a> Draft<'a> {
     /// Whether events, which took no part in following its looks, are sharper by them. Without events they are all that there is.
     fn looks_are_better(&mut self, [by_motion, by_looks]: &[Windows; 2]) -> bool {
         let sharp = |windows: &Windows| {
-            let all: Vec<f64> = windows.values().flatten().map(|window| window.contrast(Change::default())).collect();
-            all.iter().sum::<f64>() / all.len().max(1) as f64
+            let all: Vec<_> = windows.values().flatten().collect();
+            mean_contrast(&all, Change::default())
         };
         let gained = sharp(by_looks) / sharp(by_motion).max(f64::MIN_POSITIVE);
         let least = if self.motion.turn.fastest() > 0.0 { LOOKS_IF } else { 1.0 };

@@ -21,6 +21,8 @@ const MOST_POINTS: usize = 4000;
 const MOST_PIXELS: u64 = 40_000_000;
 /// A pixel whose largest channel differs by more than this from its usual look, of 255, is of something that moves.
 const DIFFERS: f32 = 18.0;
+/// Colours that differ by more, summed over channels, count as this: what is hidden must not decide.
+pub const MOST_APART: f64 = 200.0;
 
 /// A pinhole camera with its matrices at hand.
 #[derive(Clone, Debug)]
@@ -89,9 +91,11 @@ impl View {
         channels(&self.image, pixel)
     }
 
-    /// The colour of a pixel of the smoothed frame by its index.
-    pub fn soft_colour(&self, pixel: usize) -> [u8; 3] {
-        channels(&self.soft, pixel)
+    /// How far a colour is apart from a pixel of the smoothed frame by its index, summed over channels, at most [`MOST_APART`].
+    pub fn apart(&self, pixel: usize, colour: [u8; 3]) -> f64 {
+        let soft = channels(&self.soft, pixel);
+        let apart: f64 = std::iter::zip(soft, colour).map(|(a, b)| f64::from(a.abs_diff(b))).sum();
+        apart.min(MOST_APART)
     }
 }
 

@@ -11,7 +11,7 @@ use erfgs_dataset::SurfacePoint;
 use super::{
     carve::{self, Carved, Place},
     draft::EXPOSED,
-    film::Film,
+    film::{Film, MOST_APART},
     path::{Path, fitted},
     shades::Shape,
     turn::{Turn, rates},
@@ -24,8 +24,6 @@ const TURN_STEP: f64 = 0.2;
 const PLACE_STEP: f64 = 0.1;
 const HALVINGS: i32 = 4;
 const MOST_STEPS: usize = 8;
-/// Colours that differ by more, summed over channels, count as this; so does what is where nothing moves.
-const MOST_APART: f64 = 200.0;
 /// What being away by a step from where its motion takes a thing costs.
 const AWAY_COSTS: f64 = 5.0;
 /// It is carved again with so many times more instants than the last time, so that long takes are not carved for each.
@@ -267,11 +265,10 @@ impl Grower<'_> {
                     continue;
                 }
                 let Some(pixel) = eye.pixel(place) else { continue };
-                let apart: f64 =
-                    std::iter::zip(view.soft_colour(pixel), point.colour).map(|(a, b)| f64::from(a.abs_diff(b))).sum();
                 // A blurred silhouette is longer than the thing: it is inside while the shutter is open.
                 let inside = ends.iter().all(|&end| eye.pixel(end).is_none_or(|pixel| view.moving[pixel]));
-                sum += facing * if inside && view.moving[pixel] { apart.min(MOST_APART) } else { MOST_APART };
+                let moves = inside && view.moving[pixel];
+                sum += facing * if moves { view.apart(pixel, point.colour) } else { MOST_APART };
                 weights += facing;
             }
         }

@@ -36,7 +36,7 @@ use serde_json::{Value, json};
 use self::{
     centres::{Cloud, Owners, Track},
     detections::detections,
-    draft::{Draft, Windows},
+    draft::Draft,
     film::Film,
     near_events::Subject,
     path::Path,
@@ -110,10 +110,7 @@ pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<Foun
     for (thing, (shapes, path)) in things.iter().enumerate() {
         subjects.extend(shapes.iter().map(|shape| Subject::of_hull(&film, thing, shape, path)));
     }
-    let mut windows = vec![Windows::new(); things.len()];
-    for near in near_events::windows(dataset, &film, &subjects, &reading)? {
-        windows[near.thing].entry(near.moment).or_default().push(near.window);
-    }
+    let windows = near_events::windows(dataset, &film, &subjects, things.len(), &reading)?;
     drop(subjects);
     let step_s = median(film.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0);
     let mut drafts = Vec::new();
@@ -122,7 +119,7 @@ pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<Foun
         let (shapes, path) = &things[index];
         let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
         let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(&film, shapes) } else { None };
-        let all: Vec<_> = windows[index].values().flatten().cloned().collect();
+        let all: Vec<_> = windows[index].values().flatten().collect();
         let spin = spin::spin(shades.as_ref(), &all, step_s);
         let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
         let evidence = Evidence { shades: shades.as_ref(), windows: &windows[index], instants };
@@ -132,17 +129,13 @@ pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<Foun
     }
     let subjects: Vec<Subject<'_>> =
         drafts.iter().enumerate().flat_map(|(index, draft)| draft.subjects(&film, 2 * index, step_s)).collect();
-    // Of each, the windows by its motion, and by its looks.
-    let mut again = vec![[(); 2].map(|()| Windows::new()); drafts.len()];
-    for near in near_events::windows(dataset, &film, &subjects, &reading)? {
-        again[near.thing / 2][near.thing % 2].entry(near.moment).or_default().push(near.window);
-    }
+    let again = near_events::windows(dataset, &film, &subjects, 2 * drafts.len(), &reading)?;
     drop(subjects);
     let mut bodies = Vec::new();
     let (count, unshaped) = (drafts.len(), tracks.len() - drafts.len());
-    for (index, (mut draft, windows)) in std::iter::zip(drafts, again).enumerate() {
+    for (index, (mut draft, windows)) in std::iter::zip(drafts, again.as_chunks().0).enumerate() {
         progress(BodyStep::Shapes, index, count);
-        draft.look_again(&film, &windows);
+        draft.look_again(&film, windows);
         bodies.push(draft.body(&film, bodies.len()));
     }
     progress(BodyStep::Shapes, tracks.len(), tracks.len());

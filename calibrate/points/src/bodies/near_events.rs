@@ -63,16 +63,8 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// A thing's events around an instant in one camera.
-#[derive(Clone, Debug)]
-pub struct Near {
-    /// Index of the thing.
-    pub thing: usize,
-    /// Index of the instant.
-    pub moment: usize,
-    /// Its events.
-    pub window: Window,
-}
+/// A thing's events by instant, a window for each camera.
+pub type Windows = BTreeMap<usize, Vec<Window>>;
 
 /// What a thing looks like to a camera at an instant.
 struct Look<'a> {
@@ -87,15 +79,16 @@ struct Look<'a> {
 
 const PURPOSE: u64 = random::purpose("bodies: events that take part");
 
-/// The windows of all subjects over all training cameras with events, in the order of cameras and then of subjects.
+/// The windows of each of `things` that are the subjects', over all training cameras with events.
 pub fn windows(
     dataset: &Dataset,
     film: &Film,
     subjects: &[Subject<'_>],
+    things: usize,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Vec<Near>, CloudError> {
+) -> Result<Vec<Windows>, CloudError> {
     let cameras: Vec<&Camera> = dataset.cameras(Split::Train).filter(|camera| camera.events.is_some()).collect();
-    let mut found = Vec::new();
+    let mut found = vec![Windows::new(); things];
     for (index, camera) in cameras.iter().enumerate() {
         progress(index, cameras.len());
         station(camera)?;
@@ -114,9 +107,11 @@ pub fn windows(
         let windows = looks.par_iter().map(|look| {
             let Subject { thing, moment, .. } = *look.subject;
             let key = random::key(0, &[PURPOSE, index as u64, moment as u64, thing as u64]);
-            Some(Near { thing, moment, window: window(&eye, film, look, &counts[moment], key)? })
+            Some((thing, moment, window(&eye, film, look, &counts[moment], key)?))
         });
-        found.extend(windows.collect::<Vec<_>>().into_iter().flatten());
+        for (thing, moment, window) in windows.collect::<Vec<_>>().into_iter().flatten() {
+            found[thing].entry(moment).or_default().push(window);
+        }
     }
     progress(cameras.len(), cameras.len());
     Ok(found)

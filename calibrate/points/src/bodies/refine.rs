@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::{
@@ -58,16 +59,21 @@ impl Instant {
         mean_contrast(&self.half, change) / self.usual
     }
 
-    /// The velocity that makes it sharpest with its rate, near `start`.
-    fn best_velocity(&self, start: DVec3) -> DVec3 {
-        let score = |tries: &[DVec3]| -> Vec<f64> {
-            let one = |&velocity: &DVec3| {
-                self.gain(Change { velocity, ..self.change }) - VELOCITY_COSTS * velocity.length_squared()
-            };
-            tries.iter().map(one).collect()
-        };
-        climb((score(&[start])[0], start), 0.4, 3, score).1
+    fn best_velocity(&self) -> DVec3 {
+        best_velocity(&self.half, self.usual, self.change)
     }
+}
+
+/// The velocity, near that of `start`, that makes windows sharpest with the rate of `start`; `usual` is the contrast that gains are
+/// measured by.
+pub fn best_velocity(windows: &[Window], usual: f64, start: Change) -> DVec3 {
+    let score = |tries: &[DVec3]| -> Vec<f64> {
+        let one = |&velocity: &DVec3| {
+            mean_contrast(windows, Change { velocity, ..start }) / usual - VELOCITY_COSTS * velocity.length_squared()
+        };
+        tries.par_iter().map(one).collect()
+    };
+    climb((score(&[start.velocity])[0], start.velocity), 0.4, 3, score).1
 }
 
 /// Looks at windows again, given by instant, in the order of time.
@@ -87,7 +93,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
     // Velocities and the common rate by turns.
     for _ in 0..2 {
         for instant in &mut instants {
-            instant.change.velocity = instant.best_velocity(instant.change.velocity);
+            instant.change.velocity = instant.best_velocity();
         }
         let common = |tries: &[DVec3]| -> Vec<f64> {
             let one = |&rate: &DVec3| {
@@ -151,7 +157,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
             instants[index].change.rate = climb(start, 1.0, 3, score).1;
             if keep_velocities {
                 let instant = &mut instants[index];
-                instant.change.velocity = instant.best_velocity(instant.change.velocity);
+                instant.change.velocity = instant.best_velocity();
             }
         }
     }

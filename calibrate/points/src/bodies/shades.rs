@@ -4,15 +4,16 @@ use erfgs_base::random;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::{film::Film, normals::normals};
+use super::{
+    film::{Film, MOST_APART},
+    normals::normals,
+};
 
 /// Points of one pair of instants that are compared, at most.
 const MOST_POINTS: usize = 80;
 /// With fewer points at an instant a thing is not compared there, and with fewer pairs not at all.
 const FEWEST_POINTS: usize = 25;
 const FEWEST_PAIRS: usize = 4;
-/// Colours that differ by more, summed over channels, count as this: what is hidden must not decide.
-const MOST_APART: f64 = 200.0;
 
 /// A point of an instant about its centre.
 #[derive(Clone, Copy, Debug)]
@@ -115,10 +116,7 @@ impl<'a> Shades<'a> {
                         continue;
                     }
                     let Some(pixel) = eye.pixel(place) else { continue };
-                    let apart: f64 = std::iter::zip(view.soft_colour(pixel), shade.colour)
-                        .map(|(a, b)| f64::from(a.abs_diff(b)))
-                        .sum();
-                    sum += facing * apart.min(MOST_APART);
+                    sum += facing * view.apart(pixel, shade.colour);
                     weights += facing;
                 }
             }

@@ -41,7 +41,7 @@ pub struct Spin {
 }
 
 /// How a thing turns, by the frames and windows of events that there are; `step_s` is the usual time between instants.
-pub fn spin(shades: Option<&Shades<'_>>, windows: &[Window], step_s: f64) -> Spin {
+pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Spin {
     let mut spin = Spin::default();
     let mut note = |name: &str, value: Value| {
         spin.found_by.insert(name.into(), value);

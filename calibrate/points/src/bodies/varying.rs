@@ -10,6 +10,8 @@ use rayon::prelude::*;
 
 use super::{
     contrast::{Change, Window, mean_contrast},
+    near_events::Windows,
+    refine::best_velocity,
     shades::Shades,
     turn::{climb, rates},
 };
@@ -26,15 +28,13 @@ const MOST_CHANGE: f64 = 0.5;
 const RATE_COSTS: f64 = 0.003;
 /// A rate that changes must be so much better at each interval in the mean than one that does not.
 const BETTER: f64 = 0.08;
-/// A velocity of a metre per second more than the path tells must be worth so much of the contrast.
-const VELOCITY_COSTS: f64 = 0.01;
 
 /// What tells how a thing turns.
 pub struct Evidence<'a> {
     /// Colours, where there are enough points.
     pub shades: Option<&'a Shades<'a>>,
     /// Events around instants.
-    pub windows: &'a BTreeMap<usize, Vec<Window>>,
+    pub windows: &'a Windows,
     /// The instants at which the thing is seen, with their times in seconds, ordered.
     pub instants: Vec<(usize, f64)>,
 }
@@ -91,8 +91,12 @@ impl<'a> Costs<'a> {
 
     fn at(&self, interval: usize, rate: DVec3) -> f64 {
         let sharp = self.events(interval, |_, around| around.sharp(rate));
-        self.colours(interval, rate) - EVENTS_WEIGH * sharp + RATE_COSTS * rate.length()
+        weighed(self.colours(interval, rate), sharp, rate)
     }
+}
+
+fn weighed(colours: f64, sharp: f64, rate: DVec3) -> f64 {
+    colours - EVENTS_WEIGH * sharp + RATE_COSTS * rate.length()
 }
 
 fn change(a: DVec3, b: DVec3) -> f64 {
@@ -115,15 +119,7 @@ pub fn varying(evidence: &Evidence<'_>, steady: DVec3) -> Option<Vec<(f64, DVec3
             let Some(around) = costs.around.get_mut(&moment) else { continue };
             let windows = around.windows;
             let usual = mean_contrast(windows, Change { rate, velocity: DVec3::ZERO }).max(f64::MIN_POSITIVE);
-            let score = |tries: &[DVec3]| -> Vec<f64> {
-                let one = |&velocity: &DVec3| {
-                    mean_contrast(windows, Change { rate, velocity }) / usual
-                        - VELOCITY_COSTS * velocity.length_squared()
-                };
-                tries.par_iter().map(one).collect()
-            };
-            let start = around.velocity;
-            around.velocity = climb((score(&[start])[0], start), 0.4, 3, score).1;
+            around.velocity = best_velocity(windows, usual, Change { rate, velocity: around.velocity });
         }
         let sharp: BTreeMap<usize, Vec<f64>> = costs
             .around
@@ -135,7 +131,7 @@ pub fn varying(evidence: &Evidence<'_>, steady: DVec3) -> Option<Vec<(f64, DVec3
             .map(|interval| {
                 let one = |at: usize| {
                     let sharp = costs.events(interval, |moment, _| sharp[&moment][at] / top(moment));
-                    colours[interval][at] - EVENTS_WEIGH * sharp + RATE_COSTS * grid[at].length()
+                    weighed(colours[interval][at], sharp, grid[at])
                 };
                 (0..grid.len()).map(one).collect()
             })

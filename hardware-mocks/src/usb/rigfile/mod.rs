@@ -17,7 +17,7 @@
 //! # camera = "event00"
 //! sync = "chain"               # devices that name the same wire share a clock if their driver asks for it
 //! latency_ms = 20              # holds data back until edges of a board in another process have arrived
-//! queue_mib = 256              # how much waits for a slow host before it is lost (default: as the hardware's, 4 and 8)
+//! queue_mib = 256              # how much waits for a slow host before it is lost (default: 4 for an evk4, 8 for a davis346)
 //!
 //! [device.faults]
 //! jitter_mean_us = 200
