@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::{
-    carve::{self, Carved, Place},
+    carve::Carved,
     centres::Track,
     contrast::{Change, mean_contrast},
     film::Film,
@@ -26,8 +26,6 @@ const POSE_STEP_S: f64 = 0.004;
 const POSE_TURN: f64 = 0.5;
 /// More poses of one body are of no use; they are farther apart then.
 const MOST_POSES: f64 = 50_000.0;
-/// For this share of the exposure a thing must be inside its silhouettes; near its ends it hardly leaves a trace.
-pub const EXPOSED: f64 = 0.4;
 /// So many places of a shape are held against events, at most.
 const MOST_SURFACE: usize = 2400;
 /// So much sharper events must be for a thing to be followed by its looks; if it was not found to turn, sharper at all.
@@ -75,7 +73,8 @@ impl Motion {
 pub struct Draft<'a> {
     track: &'a Track,
     shapes: &'a [Shape],
-    best: &'a Shape,
+    /// Which of the shapes is seen best.
+    best: usize,
     motion: Motion,
     /// The motion that its looks tell.
     grown: Option<Motion>,
@@ -93,17 +92,16 @@ impl<'a> Draft<'a> {
         rates: Option<Vec<(f64, DVec3)>>,
     ) -> Option<Self> {
         let best = best_seen(film, track, shapes)?;
-        let upright_s = film.moments[best.moment].t_s;
+        let upright_s = film.moments[shapes[best].moment].t_s;
         let turn = match rates {
             Some(rates) => Turn::changing(upright_s, rates),
             None => Turn::steady(upright_s, spin.rate),
         };
-        let carved = carved(film, track, shapes, best, &path, &turn)?;
+        let grower = Grower { film, shapes, path: &path, turn: &turn, best, radius_m: track.radius_m };
+        let (carved, grown) = (grower.carved()?, grower.grow());
+        let grown = grown.map(|grown| followed(film, shapes, &path, &turn, grown));
         let motion = Motion { path, turn, carved };
-        let mut draft = Self { track, shapes, best, motion, grown: None, found_by: spin.found_by };
-        let grown = draft.grower(film, &draft.motion).grow();
-        draft.grown = grown.map(|grown| draft.followed(film, &draft.motion, grown));
-        Some(draft)
+        Some(Self { track, shapes, best, motion, grown, found_by: spin.found_by })
     }
 
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
@@ -116,19 +114,8 @@ impl<'a> Draft<'a> {
         subjects
     }
 
-    fn grower<'b>(&'b self, film: &'b Film, motion: &'b Motion) -> Grower<'b> {
-        let best = self.shapes.iter().position(|shape| shape.moment == self.best.moment).unwrap_or(0);
-        let (cell_m, radius_m) = (cell_m(film, self.track), self.track.radius_m);
-        Grower { film, shapes: self.shapes, path: &motion.path, turn: &motion.turn, best, radius_m, cell_m }
-    }
-
-    /// The motion through the poses that its looks tell.
-    fn followed(&self, film: &Film, motion: &Motion, grown: Grown) -> Motion {
-        let poses =
-            || std::iter::zip(self.shapes, &grown.poses).map(|(shape, pose)| (film.moments[shape.moment].t_s, pose));
-        let rotations: Vec<_> = poses().map(|(t_s, pose)| (t_s, pose.1)).collect();
-        let places: Vec<_> = poses().map(|(t_s, pose)| (t_s, pose.0)).collect();
-        Motion { turn: motion.turn.through(&rotations), path: motion.path.through(&places), carved: grown.carved }
+    fn grower<'b>(&'b self, film: &'b Film, path: &'b Path, turn: &'b Turn) -> Grower<'b> {
+        Grower { film, shapes: self.shapes, path, turn, best: self.best, radius_m: self.track.radius_m }
     }
 
     /// Improves the motion by windows of its own shape: those by its motion, and those by its looks.
@@ -165,25 +152,28 @@ impl<'a> Draft<'a> {
         let Some((path, turn)) = self.refined(film, windows) else { return };
         let time = |shape: &Shape| film.moments[shape.moment].t_s;
         let kept: Vec<_> = self.shapes.iter().map(time).map(|t_s| (t_s, self.motion.turn.at(t_s))).collect();
-        (self.motion.path, self.motion.turn) = (path, turn.through(&kept));
-        let again = self.grower(film, &self.motion).realign(self.motion.carved.clone());
-        if let Some(grown) = again {
-            self.found_by.insert("colours_apart".into(), json!(grown.apart.map(|apart| rounded(apart, 1))));
-            self.motion = self.followed(film, &self.motion, grown);
-        }
+        let turn = turn.through(&kept);
+        let again = self.grower(film, &path, &turn).realign(self.motion.carved.clone());
+        self.motion = match again {
+            Some(grown) => {
+                self.found_by.insert("colours_apart".into(), json!(grown.apart.map(|apart| rounded(apart, 1))));
+                followed(film, self.shapes, &path, &turn, grown)
+            }
+            None => Motion { path, turn, carved: self.motion.carved.clone() },
+        };
     }
 
     /// Takes what events tell more than its motion, if a shape can be carved by that.
     fn improve_motion(&mut self, film: &Film, windows: &Windows) {
         let Some((path, turn)) = self.refined(film, windows) else { return };
-        if let Some(carved) = carved(film, self.track, self.shapes, self.best, &path, &turn) {
+        if let Some(carved) = self.grower(film, &path, &turn).carved() {
             self.motion = Motion { path, turn, carved };
         }
     }
 
     fn refined(&mut self, film: &Film, windows: &Windows) -> Option<(Path, Turn)> {
         let refined = refine::refine(windows);
-        let next = self.motion.refined(film, &refined, film.moments[self.best.moment].t_s);
+        let next = self.motion.refined(film, &refined, film.moments[self.shapes[self.best].moment].t_s);
         self.found_by.extend(refined.found_by);
         next
     }
@@ -191,16 +181,16 @@ impl<'a> Draft<'a> {
     /// The body.
     pub fn body(self, film: &Film, number: usize) -> Body {
         let usual = median(self.shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
-        let upright_s = film.moments[self.best.moment].t_s;
+        let best = &film.moments[self.shapes[self.best].moment];
         let facts = [
             ("instants", json!(self.shapes.len())),
             ("sure_instants", json!(self.track.sure.iter().filter(|sure| **sure).count())),
             ("hull_points", json!(usual)),
             ("radius_m", json!(rounded(self.track.radius_m, 4))),
-            ("rate_rad_s", vector(self.motion.turn.rate(upright_s))),
+            ("rate_rad_s", vector(self.motion.turn.rate(best.t_s))),
             ("carving_agreement", json!(rounded(self.motion.carved.agree, 2))),
             ("carving_cell_m", json!(rounded(self.motion.carved.cell_m, 5))),
-            ("best_seen_ns", json!(film.moments[self.best.moment].t_ns)),
+            ("best_seen_ns", json!(best.t_ns)),
         ];
         let mut found_by = self.found_by;
         if self.motion.turn.changes() {
@@ -221,36 +211,24 @@ impl<'a> Draft<'a> {
     }
 }
 
-/// Carves a thing by how it turns.
-fn carved(film: &Film, track: &Track, shapes: &[Shape], best: &Shape, path: &Path, turn: &Turn) -> Option<Carved> {
-    let place = |shape: &Shape| {
-        let moment = &film.moments[shape.moment];
-        let open = [-0.5, 0.5].map(|side| moment.t_s + side * EXPOSED * moment.exposure_s);
-        Place {
-            moment: shape.moment,
-            centre: shape.centre,
-            rotation: turn.at(moment.t_s),
-            exposed: open.map(|t_s| (path.at(t_s), turn.at(t_s))),
-        }
-    };
-    let places: Vec<Place> = shapes.iter().map(place).collect();
-    carve::carve(film, &best.places, &places, cell_m(film, track))
+/// A motion led through the poses that its looks tell.
+fn followed(film: &Film, shapes: &[Shape], path: &Path, turn: &Turn, grown: Grown) -> Motion {
+    let poses = || std::iter::zip(shapes, &grown.poses).map(|(shape, pose)| (film.moments[shape.moment].t_s, pose));
+    let rotations: Vec<_> = poses().map(|(t_s, pose)| (t_s, pose.1)).collect();
+    let places: Vec<_> = poses().map(|(t_s, pose)| (t_s, pose.0)).collect();
+    Motion { turn: turn.through(&rotations), path: path.through(&places), carved: grown.carved }
 }
 
-/// A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
-fn cell_m(film: &Film, track: &Track) -> f64 {
-    (0.36 * film.cell_m).max(0.045 * track.radius_m)
-}
-
-/// The instant at which a thing is seen best: surely, with about as many points as usual, about the middle of its time.
-fn best_seen<'a>(film: &Film, track: &Track, shapes: &'a [Shape]) -> Option<&'a Shape> {
+/// Which of a thing's shapes is seen best: surely, with about as many points as usual, about the middle of its time.
+fn best_seen(film: &Film, track: &Track, shapes: &[Shape]) -> Option<usize> {
     let usual = median(shapes.iter().map(|shape| shape.places.len() as f64))?.max(1.0);
     let middle = median(shapes.iter().map(|shape| film.moments[shape.moment].t_s))?;
     let any_sure = shapes.iter().any(|shape| track.sure[shape.moment]);
     let odd = |shape: &Shape| {
         (shape.places.len().max(1) as f64 / usual).ln().abs() + (film.moments[shape.moment].t_s - middle).abs()
     };
-    shapes.iter().filter(|shape| track.sure[shape.moment] || !any_sure).min_by(|a, b| odd(a).total_cmp(&odd(b)))
+    let sure = (0..shapes.len()).filter(|&at| track.sure[shapes[at].moment] || !any_sure);
+    sure.min_by(|&a, &b| odd(&shapes[a]).total_cmp(&odd(&shapes[b])))
 }
 
 /// When a track is in view: half an interval beyond its ends, or as long as the recording where it is followed from end to end.
@@ -272,7 +250,7 @@ fn span_ns(film: &Film, track: &Track) -> [i64; 2] {
 /// The poses of a body over the whole recording.
 fn poses(film: &Film, path: &Path, turn: &Turn) -> Vec<BodyPose> {
     let seconds = film.seconds();
-    let step = POSE_STEP_S.min(POSE_TURN / turn.fastest().max(1e-9)).max(seconds / MOST_POSES);
+    let step = POSE_STEP_S.min(POSE_TURN / turn.fastest_led().max(1e-9)).max(seconds / MOST_POSES);
     let count = (seconds / step).ceil().max(1.0) as usize;
     let pose = |index: usize| {
         let t_s = seconds * index as f64 / count as f64;

@@ -10,13 +10,14 @@ use erfgs_dataset::SurfacePoint;
 
 use super::{
     carve::{self, Carved, Place},
-    draft::EXPOSED,
     film::{Film, MOST_APART},
     path::{Path, fitted},
     shades::Shape,
     turn::{Turn, rates},
 };
 
+/// For this share of the exposure a thing must be inside its silhouettes; near its ends it hardly leaves a trace.
+const EXPOSED: f64 = 0.4;
 /// Points of a shape that are laid onto frames, at most.
 const MOST_POINTS: usize = 400;
 /// The first steps: of turns, radians, and of places, radii of the thing; and how often they are halved.
@@ -54,8 +55,6 @@ pub struct Grower<'a> {
     pub best: usize,
     /// How large it is, metres.
     pub radius_m: f64,
-    /// Cells that it is carved of, metres.
-    pub cell_m: f64,
 }
 
 /// How a thing moves by its looks.
@@ -69,9 +68,14 @@ pub struct Grown {
 }
 
 impl Grower<'_> {
+    /// Its shape by its motion alone; none where nothing of it is left.
+    pub fn carved(&self) -> Option<Carved> {
+        self.carve(&self.all_assumed(), &self.all())
+    }
+
     /// Follows it from its best instant; none where nothing of it is left.
     pub fn grow(&self) -> Option<Grown> {
-        let mut poses: Vec<Pose> = (0..self.shapes.len()).map(|at| self.assumed(at)).collect();
+        let mut poses = self.all_assumed();
         let mut known = vec![self.best];
         let mut carved = self.carve(&poses, &known)?;
         let mut carved_by = known.len();
@@ -105,20 +109,21 @@ impl Grower<'_> {
 
     /// Lays a shape onto all instants from where it is assumed to be, and carves it again.
     pub fn realign(&self, carved: Carved) -> Option<Grown> {
-        let poses = (0..self.shapes.len()).map(|at| self.assumed(at)).collect();
-        self.settle(poses, carved)
+        self.settle(self.all_assumed(), carved)
     }
 
     fn settle(&self, mut poses: Vec<Pose>, mut carved: Carved) -> Option<Grown> {
-        let all: Vec<usize> = (0..self.shapes.len()).collect();
+        let all = self.all();
         let mut apart = [0.0; 2];
         for _ in 0..2 {
             let starts = self.smoothed(&poses);
-            let aligned: Vec<(Pose, f64)> =
-                all.par_iter().map(|&at| self.aligned(&carved.points, at, starts[at])).collect();
-            let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len().max(1) as f64;
-            let before: Vec<f64> = all.iter().map(|&at| self.apart(&carved.points, at, self.assumed(at))).collect();
-            apart = [mean(&before), mean(&aligned.iter().map(|aligned| aligned.1).collect::<Vec<_>>())];
+            let aligned = all.par_iter().map(|&at| {
+                let before = self.apart(&carved.points, at, self.assumed(at));
+                let (pose, after) = self.aligned(&carved.points, at, starts[at]);
+                (pose, [before, after])
+            });
+            let aligned: Vec<(Pose, [f64; 2])> = aligned.collect();
+            apart = [0, 1].map(|when| aligned.iter().map(|both| both.1[when]).sum::<f64>() / all.len().max(1) as f64);
             poses = aligned.into_iter().map(|aligned| aligned.0).collect();
             carved = self.carve(&poses, &all)?;
         }
@@ -153,6 +158,14 @@ impl Grower<'_> {
 
     fn time(&self, at: usize) -> f64 {
         self.film.moments[self.shapes[at].moment].t_s
+    }
+
+    fn all(&self) -> Vec<usize> {
+        (0..self.shapes.len()).collect()
+    }
+
+    fn all_assumed(&self) -> Vec<Pose> {
+        (0..self.shapes.len()).map(|at| self.assumed(at)).collect()
     }
 
     /// The pose by its motion alone.
@@ -211,7 +224,9 @@ impl Grower<'_> {
         let shape = &self.shapes[self.best];
         let hull: Vec<DVec3> =
             shape.places.iter().map(|&about| rotation.conjugate() * (shape.centre + about - centre)).collect();
-        carve::carve(self.film, &hull, &places, self.cell_m)
+        // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
+        let cell_m = (0.36 * self.film.cell_m).max(0.045 * self.radius_m);
+        carve::carve(self.film, &hull, &places, cell_m)
     }
 
     /// The pose near `start` at which a shape fits the frames of an instant best, and how far its colours are apart then, with what
@@ -311,8 +326,8 @@ mod tests {
         let turn = Turn::steady(0.15, 0.65 * rate);
         let wrong = |(at, place): (usize, &Place)| place.centre + DVec3::Y * if at % 2 == 0 { 0.02 } else { -0.02 };
         let path = Path::new(times.clone(), places.iter().enumerate().map(wrong).collect());
-        let (best, cell_m) = (3, 0.02);
-        let grower = Grower { film: &film, shapes: &shapes, path: &path, turn: &turn, best, radius_m: radius, cell_m };
+        let best = 3;
+        let grower = Grower { film: &film, shapes: &shapes, path: &path, turn: &turn, best, radius_m: radius };
         let grown = grower.grow().unwrap();
         assert!(grown.apart[1] < 0.6 * grown.apart[0], "{:?}", grown.apart);
         let middle = grown.poses[best];

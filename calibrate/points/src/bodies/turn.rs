@@ -86,7 +86,13 @@ impl Turn {
         self.rates.len() > 1 || self.more.len() > 1
     }
 
-    /// The greatest rate, radians per second.
+    /// The greatest rate with the turns that lead it through rotations, radians per second, or more.
+    pub fn fastest_led(&self) -> f64 {
+        let more = |pair: &[(f64, DQuat)]| pair[0].1.angle_between(pair[1].1) / (pair[1].0 - pair[0].0);
+        self.fastest() + self.more.windows(2).map(more).fold(0.0, f64::max)
+    }
+
+    /// The greatest rate without those turns, radians per second.
     pub fn fastest(&self) -> f64 {
         self.rates.iter().map(|rate| rate.1.length()).fold(0.0, f64::max)
     }
@@ -212,6 +218,7 @@ mod tests {
         }
         let expected = DVec3::X * 2.0 + DQuat::from_scaled_axis(DVec3::X * 0.5) * DVec3::Z * 30.0;
         assert!(through.rate(0.25).distance(expected) < 0.01, "{}", through.rate(0.25));
+        assert!(turn.fastest_led() == 30.0 && (through.fastest_led() - 32.0).abs() < 1e-6);
         // Beyond the last, as it would have turned.
         assert!((through.rate(0.6).length() - 30.0).abs() < 1e-3);
         assert!(through.through(&[]).at(0.2).angle_between(turn.at(0.2)) < 1e-6);
