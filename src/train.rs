@@ -2,6 +2,7 @@
 
 mod begin;
 mod live;
+mod trial;
 
 use std::{
     net::SocketAddr,
@@ -21,9 +22,10 @@ use erfgs_train::{
     export::write_ply,
     gpu::Gpu,
     scene::{Flicker, Scene},
-    schedule::Budget,
+    schedule::{Budget, Clock},
     static_set::StaticSet,
     trainer::{Outcome, Progress, TrainError, TrainOptions, Trainer, Watch},
+    trial::Setting,
 };
 use serde::Serialize;
 
@@ -58,8 +60,12 @@ Motion:
 points of what moves, which `erfgs dataset points` finds
   still      nothing moves: no motion is learned, and events are not looked at
   bodies     what moves is a few bodies, whose Gaussians share a path for the whole recording; starts from `erfgs dataset bodies`
-  auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
-             hexplane; what the default preset does
+  auto       bodies where they were found and events take part, free-time where the dataset has such points, still where neither \
+frames nor events show that anything moves, else hexplane; what the default preset does
+
+Not all that moves is rigid or was followed rightly. Before a training with bodies two short ones, with them and without, are compared \
+where each body is with what a camera saw that took no part; those that explain it worse are left free in time. trial.json in the run \
+tells; --set bodies.trial=0 lets all carry, and --set 'bodies.free=[\"body3\"]' says which do not.
 
 A dataset may be larger than memory: frames that do not fit in --memory are read again while others are trained on, by a thread for \
 each processor, and events that would take more than half of it, at 8 bytes each, lie in files in the run's folder, which are gone with \
@@ -82,6 +88,7 @@ Examples:
   erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
   erfgs train ds-dv --cpu-minutes 14 --out run-14
   erfgs train ds-dv --motion free-time --out run
+  erfgs dataset bodies ds-dv && erfgs train ds-dv --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --live
   erfgs train ds-long --out run --memory 4
@@ -407,6 +414,17 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let without_points = random || dataset.manifest.points.is_none();
     let static_set = begin::settle(&mut config, &dataset, without_points, static_set, checkpoint.as_ref(), terminal)?;
     let options = arguments.options();
+    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
+    let gpu = arguments.adapter.open()?;
+    let tried = {
+        let static_set = static_set.as_ref();
+        let setting = Setting { gpu: &gpu, dataset: &dataset, config: &config, static_set, memory };
+        let stop = stop_flag("bodies are tried no further")?;
+        trial::decide(&setting, options.budget, &folder, checkpoint.is_some(), stop, terminal)?
+    };
+    if let Some(tried) = &tried {
+        trial::take(&mut config, &dataset, tried);
+    }
     if let Some(checkpoint) = &checkpoint {
         let identity = |config: &Config| Trainer::identity(&dataset, config, options.budget);
         let stands = begin::same(&folder, &identity(&checkpoint.config)?, &identity(&config)?, arguments.change)?;
@@ -419,15 +437,17 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             return terminal.result(&summary, || describe(&summary));
         }
     }
-    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
     let scene = Scene::load_within(dataset, &config, without_points, memory, folder.root())?;
     tell_of(&scene, terminal);
-    let gpu = arguments.adapter.open()?;
-    let trainer = match (checkpoint, &static_set) {
+    let begun = checkpoint.is_some();
+    let mut trainer = match (checkpoint, &static_set) {
         (Some(checkpoint), _) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
         (None, None) => Trainer::new(&gpu, scene, config, &options)?,
     };
+    if let Some(tried) = tried.filter(|_| !begun && !arguments.deterministic) {
+        trainer.clock = Clock::after([tried.seconds, tried.cpu_seconds]);
+    }
     drive(arguments, terminal, &gpu, trainer, &folder, &options)
 }
 

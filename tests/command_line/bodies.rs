@@ -84,7 +84,7 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     give_bodies(&folder.path("ds"));
     // Events add Gaussians that no body carries.
     let free = "--set eds.from=5 --set eds.every=1 --set eds.until=1.0 --set eds.min_events=1 --set eds.tolerance_px=8 \
-                --set eds.depths=64 --set free_time.knots=2";
+                --set eds.depths=64 --set free_time.knots=2 --set bodies.trial=0";
     folder.succeed(&format!("train ds --out run --motion bodies --iterations 20+30 {free} -q"));
     let told = folder.succeed("info run");
     assert!(told.contains("bodies") && told.contains("2: disc, <b>ball"), "{told}");
@@ -121,6 +121,55 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     browser.open(&format!("file://{}#t=0.15", folder.path("one.html").display()));
     browser.wait("document.body?.dataset.shown === 'all' && document.querySelectorAll('.body').length === 3");
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
+}
+
+/// The bodies of the stage as they truly move, and one that flies where there is nothing.
+fn give_true_bodies_and_a_ghost(dataset: &Path) {
+    let text = std::fs::read(dataset.join("truth/bodies.json")).expect("the truth");
+    let mut bodies: Bodies = serde_json::from_slice(&text).expect("bodies");
+    let mut ghost = body("disc", [0.0, SECONDS]);
+    ghost.name = "ghost".into();
+    ghost.points.iter_mut().for_each(|point| point.colour = [250, 0, 250]);
+    ghost.poses.iter_mut().for_each(|pose| pose.translation_m[0] += 4.0 * (1e-9 * pose.t_ns as f64 - 0.15));
+    bodies.bodies.push(ghost);
+    let mut dataset = Dataset::load(dataset).expect("a dataset");
+    dataset.set_bodies(&bodies, BTreeMap::new()).expect("bodies");
+    dataset.save().expect("a manifest");
+}
+
+#[test]
+fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
+    let folder = Folder::new();
+    film_small(&folder);
+    give_true_bodies_and_a_ghost(&folder.path("ds"));
+    let unknown = folder.fail(1, "train ds --out none --iterations 10+10 --set bodies.free=[\"rope\"] -q");
+    assert!(unknown.contains("'rope'") && unknown.contains("ghost"), "{unknown}");
+    // What the default makes of a dataset with bodies.
+    let train = "train ds --out run --iterations 60+240 --seed 3 --no-evaluation --resume";
+    let output = folder.run(train);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("a trial of 60 iterations"), "{said}");
+    let trial: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path("run/trial.json")).expect("a trial")).expect("JSON");
+    let carries = |name: &str| {
+        let all = trial["bodies"].as_array().expect("bodies");
+        let of = all.iter().find(|tried| tried["body"] == name).unwrap_or_else(|| panic!("{name} in {trial}"));
+        of["carries"].as_bool().expect("whether it does")
+    };
+    assert!(!carries("ghost") && carries("fan"), "{trial}");
+    let info = folder.figures("info run");
+    let names: Vec<&str> =
+        info["run"]["bodies"].as_array().expect("names").iter().filter_map(serde_json::Value::as_str).collect();
+    assert!(names.contains(&"fan") && !names.contains(&"ghost"), "{names:?}");
+    let left_out = info["run"]["left_out"].to_string();
+    assert!(left_out.contains("ghost"), "{left_out}");
+    // The time that it took is of the training.
+    let rows = std::fs::read_to_string(folder.path("run/curve.csv")).expect("a curve");
+    let last = rows.lines().last().expect("a row").split(',').nth(2).and_then(|value| value.parse::<f64>().ok());
+    assert!(last > trial["seconds"].as_f64(), "{rows}");
+    // The same command ends at once, as its trial is known.
+    let again = String::from_utf8_lossy(&folder.run(train).stderr).into_owned();
+    assert!(again.contains("nothing is left to be done"), "{again}");
 }
 
 /// Gaussians of the files at instants stand and turn as their body did between these: what was learned since changes that little.

@@ -100,6 +100,7 @@ pub fn film_small(folder: &Folder) {
         rgb_fps: 20.0,
         test_fps: 20.0,
         truth_points: 0,
+        truth: true,
         ..FilmOptions::default()
     };
     film(&folder.path("ds"), &options, &|_| {}).expect("a film");

@@ -25,3 +25,4 @@ pub mod shaders;
 pub mod sort;
 pub mod static_set;
 pub mod trainer;
+pub mod trial;

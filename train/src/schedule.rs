@@ -44,6 +44,22 @@ pub struct Clock {
     /// CPU seconds of training at which the stage began.
     #[serde(default)]
     pub stage_start_cpu: f64,
+    /// Seconds and CPU seconds of these that a trial took before the training ([`crate::trial`]).
+    #[serde(default, skip_serializing_if = "is_nothing")]
+    pub trial: [f64; 2],
+}
+
+fn is_nothing(trial: &[f64; 2]) -> bool {
+    *trial == [0.0; 2]
+}
+
+impl Clock {
+    /// The clock of a training that begins after a trial that took so long, seconds and CPU seconds.
+    #[must_use]
+    pub fn after(trial: [f64; 2]) -> Self {
+        let [seconds, cpu_seconds] = trial;
+        Self { seconds, stage_start: seconds, cpu_seconds, stage_start_cpu: cpu_seconds, trial, ..Self::default() }
+    }
 }
 
 impl Default for Clock {
@@ -56,6 +72,7 @@ impl Default for Clock {
             stage_start: 0.0,
             cpu_seconds: 0.0,
             stage_start_cpu: 0.0,
+            trial: [0.0; 2],
         }
     }
 }
@@ -116,10 +133,11 @@ impl Schedule {
         let by_iteration = f64::from(clock.iteration) / f64::from(length);
         let total = f64::from(self.iterations[0]) + f64::from(self.iterations[1]);
         let share = f64::from(self.length(clock.stage)) / total.max(1.0);
-        let spent =
-            |budget: Option<f64>, seconds: f64| budget.map_or(0.0, |budget| seconds / (budget * share).max(1e-9));
-        let by_clock = spent(self.budget.seconds, clock.seconds - clock.stage_start);
-        let by_cpu = spent(self.budget.cpu_seconds, clock.cpu_seconds - clock.stage_start_cpu);
+        let spent = |budget: Option<f64>, trial: f64, seconds: f64| {
+            budget.map_or(0.0, |budget| seconds / ((budget - trial) * share).max(1e-9))
+        };
+        let by_clock = spent(self.budget.seconds, clock.trial[0], clock.seconds - clock.stage_start);
+        let by_cpu = spent(self.budget.cpu_seconds, clock.trial[1], clock.cpu_seconds - clock.stage_start_cpu);
         by_iteration.max(by_clock).max(by_cpu).min(1.0)
     }
 

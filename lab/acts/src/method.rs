@@ -21,7 +21,7 @@ pub const METHODS: [Method; 5] = [
     Method {
         name: "erf-gs",
         about: "ERF-GS, frames and events",
-        train: &[("method", "erf-gs")],
+        train: &[("method", "erf-gs"), ("motion", "free-time")],
         ideal: false,
         bodies: false,
     },

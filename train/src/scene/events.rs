@@ -273,7 +273,6 @@ pub(super) fn around(width: usize, height: usize, x: usize, y: usize) -> impl It
 
 #[cfg(test)]
 mod tests {
-    use erfgs_dataset::CameraEvents;
     use erfgs_events::Event;
     use erfgs_scene::Modality;
 
@@ -283,16 +282,7 @@ mod tests {
     fn camera() -> Camera {
         Camera {
             modality: Modality::Event,
-            events: Some(CameraEvents {
-                file: "e.npz".into(),
-                count: 0,
-                threshold_on: 0.2,
-                threshold_off: 0.2,
-                lin_log_threshold: 20.0,
-                linear_light: false,
-                covers_ns: [0, 50_000_000],
-                simulator: None,
-            }),
+            events: Some(fixtures::events([0, 50_000_000])),
             ..fixtures::camera("e", [4, 2], 4.0)
         }
     }

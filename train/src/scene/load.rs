@@ -180,14 +180,30 @@ impl Scene {
             .collect();
         let views = cameras
             .into_par_iter()
-            .map(|(view, camera)| {
-                let counter = EventCounter::new(view, camera, &self.bins, earl, self.flicker.is_some(), scratch)?;
-                let Some(mut counter) = counter else { return Ok(None) };
-                self.dataset.read_event_pieces(camera, |events| counter.add(events))?;
-                counter.finish().map(Some)
-            })
+            .map(|(view, _)| self.read_event_view(view, earl, scratch))
             .collect::<Result<Vec<_>, SceneError>>()?;
         Ok(views.into_iter().flatten().collect())
+    }
+
+    /// The events of a view, held out or not; none where it has none in any bin.
+    ///
+    /// # Errors
+    /// [`SceneError`] where they cannot be read.
+    pub(crate) fn event_view(&self, view: usize, earl: &EarlConfig) -> Result<Option<EventView>, SceneError> {
+        self.read_event_view(view, earl, None)
+    }
+
+    fn read_event_view(
+        &self,
+        view: usize,
+        earl: &EarlConfig,
+        scratch: Option<&Path>,
+    ) -> Result<Option<EventView>, SceneError> {
+        let camera = &self.dataset.manifest.cameras[view];
+        let counter = EventCounter::new(view, camera, &self.bins, earl, self.flicker.is_some(), scratch)?;
+        let Some(mut counter) = counter else { return Ok(None) };
+        self.dataset.read_event_pieces(camera, |events| counter.add(events))?;
+        counter.finish().map(Some)
     }
 
     /// The configured bins an interval, or as many as source frames lie in it, or 8. A simulator that knows no more than

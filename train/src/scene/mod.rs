@@ -6,7 +6,7 @@ mod counts;
 mod displacement;
 mod events;
 #[cfg(test)]
-mod fixtures;
+pub(crate) mod fixtures;
 mod flicker;
 mod load;
 mod motion;
@@ -25,6 +25,7 @@ pub use events::EventView;
 pub use flicker::Flicker;
 pub(crate) use load::{extent, median};
 pub use motion::{MotionMasks, classify, project};
+pub(crate) use motion::grow;
 pub use near::near_plane;
 pub use pictures::{Pictures, Pixels};
 pub(crate) use still::stands_still;
@@ -78,6 +79,16 @@ pub enum SceneError {
     NoBodies {
         /// The dataset.
         path: PathBuf,
+    },
+    /// A body is named that is none of the dataset's.
+    #[error("`bodies.free` names '{name}', and no body of dataset '{path}' is called that; they are called {known}")]
+    UnknownBody {
+        /// The name.
+        name: String,
+        /// The dataset.
+        path: PathBuf,
+        /// The bodies that there are.
+        known: String,
     },
     /// The numbers of the trainer cannot tell places apart so far away.
     #[error(
@@ -213,6 +224,13 @@ impl Scene {
         if end > start { (t_ns - start) as f64 / (end - start) as f64 } else { 0.0 }
     }
 
+    /// An instant in [0, 1] in nanoseconds.
+    #[must_use]
+    pub fn from_unit(&self, t01: f64) -> i64 {
+        let [start, end] = self.dataset.manifest.span_ns;
+        start + ((end - start) as f64 * t01).round() as i64
+    }
+
     /// The training frames of a view, as indices into [`Scene::frames`].
     pub(crate) fn frames_of(&self, view: usize) -> impl Iterator<Item = usize> {
         (0..self.frames.len()).filter(move |&index| self.frames[index].view == view)
@@ -256,6 +274,12 @@ impl Scene {
         if bodies.is_empty() {
             return Err(SceneError::NoBodies { path: self.dataset.root.clone() });
         }
+        let free = &config.bodies.free;
+        if let Some(name) = free.iter().find(|name| bodies.iter().all(|body| body.name != **name)) {
+            let known = bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>().join(", ");
+            return Err(SceneError::UnknownBody { name: name.clone(), path: self.dataset.root.clone(), known });
+        }
+        let bodies: Vec<_> = bodies.into_iter().filter(|body| !free.contains(&body.name)).collect();
         Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 

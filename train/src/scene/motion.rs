@@ -157,7 +157,7 @@ impl OverTime {
 }
 
 /// The mask grown by `radius` pixels (a square).
-fn grow(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
+pub(crate) fn grow(mask: &[bool], width: usize, radius: usize) -> Vec<bool> {
     if radius == 0 || width == 0 {
         return mask.to_vec();
     }

@@ -228,6 +228,13 @@ impl Trainer<'_> {
                 format!("{carried} of {dynamic} moving Gaussians are carried by bodies for the whole recording"),
                 "planes and network of the deformation field; instants, lives and knots of those Gaussians".into(),
             );
+            if let free @ [_, ..] = &self.config.bodies.free[..] {
+                note(
+                    "bodies that explain less than Gaussians that are free in time",
+                    format!("{}: by a trial, or as the configuration says", free.join(", ")),
+                    "their paths and nodes".into(),
+                );
+            }
         } else if self.config.motion == MotionModel::FreeTime {
             note(
                 "the deformation field",

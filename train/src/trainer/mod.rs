@@ -6,6 +6,7 @@ mod level;
 mod model;
 mod poses;
 mod progress;
+mod quiet;
 mod render;
 mod samples;
 mod stages;
@@ -121,6 +122,10 @@ impl<'a> Trainer<'a> {
     /// [`TrainError`] where the device has no room.
     pub fn new(gpu: &'a Gpu, scene: Scene, config: Config, options: &TrainOptions) -> Result<Self, TrainError> {
         config.validate()?;
+        if config.motion == MotionModel::Bodies {
+            // What is wrong with them is said before the coarse stage, not after it.
+            scene.bodies(&config)?;
+        }
         // What is free in time is born at its own instant, when the fine stage begins.
         let points = match config.motion {
             MotionModel::HexPlane | MotionModel::Auto => grow::thin(&scene.points, config.init.max_points as usize),
@@ -482,7 +487,14 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        let timeless = Clock { seconds: 0.0, stage_start: 0.0, cpu_seconds: 0.0, stage_start_cpu: 0.0, ..self.clock };
+        let timeless = Clock {
+            seconds: 0.0,
+            stage_start: 0.0,
+            cpu_seconds: 0.0,
+            stage_start_cpu: 0.0,
+            trial: [0.0; 2],
+            ..self.clock
+        };
         Ok(Checkpoint {
             config: self.config.clone(),
             clock: if self.deterministic { timeless } else { self.clock },

@@ -40,6 +40,11 @@ pub struct BodiesOptions {
     pub smooth_path: [f32; 2],
     /// Weight of the squared third differences of turns: of bodies, of nodes.
     pub smooth_turn: [f32; 2],
+    /// Iterations of each of the two short trainings that tell which bodies carry Gaussians, a quarter of the fine stage at most; 0: all
+    /// bodies do.
+    pub trial: u32,
+    /// Bodies that carry none: what lies on them is free in time. A trial is made where none is named.
+    pub free: Vec<String>,
 }
 
 impl Default for BodiesOptions {
@@ -61,6 +66,8 @@ impl Default for BodiesOptions {
             alike: 0.03,
             smooth_path: [0.3, 1.2],
             smooth_turn: [0.005, 0.02],
+            trial: 120,
+            free: Vec::new(),
         }
     }
 }

@@ -1,0 +1,107 @@
+//! Which bodies carry Gaussians, before a training begins.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use erfgs_dataset::Dataset;
+use erfgs_run::{RunFolder, write_atomically};
+use erfgs_train::{
+    config::{Config, MotionModel},
+    schedule::Budget,
+    trainer::Trainer,
+    trial::{self, Setting, Trial, Tried},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    errors::Stopped,
+    progress::duration,
+    terminal::{Terminal, table},
+};
+
+const FILE: &str = "trial.json";
+
+/// What `trial.json` holds.
+#[derive(Serialize, Deserialize)]
+struct Told {
+    /// Of the training as it was asked for: another one has a trial of its own.
+    identity: String,
+    #[serde(flatten)]
+    trial: Trial,
+}
+
+/// Decides which bodies carry Gaussians where that is left to a trial, by the trial that the run has had, or else by one that is made
+/// now unless the training has `begun`. None where nothing was to be decided.
+pub fn decide(
+    setting: &Setting<'_>,
+    budget: Budget,
+    folder: &RunFolder,
+    begun: bool,
+    stop: &AtomicBool,
+    terminal: &Terminal,
+) -> anyhow::Result<Option<Trial>> {
+    if !trial::is_due(setting.config) {
+        return Ok(None);
+    }
+    let identity = Trainer::identity(setting.dataset, setting.config, budget)?.sha256();
+    if let Some(told) = earlier(folder).filter(|told| told.identity == identity) {
+        return Ok(Some(told.trial));
+    }
+    if begun {
+        return Ok(None);
+    }
+    let bar = terminal.progress("trial of bodies");
+    let mut go_on = |step: erfgs_base::Progress| {
+        bar.update(step.done, step.total, step.what);
+        !stop.load(Ordering::Relaxed)
+    };
+    let found = trial::trial(setting, budget, &mut go_on)?;
+    drop(bar);
+    let Some(trial) = found else {
+        return Err(Stopped("stopped while bodies were tried; the same command begins anew".into()).into());
+    };
+    terminal.note(describe(&trial));
+    let told = Told { identity, trial };
+    std::fs::create_dir_all(folder.root())?;
+    write_atomically(&folder.root().join(FILE), serde_json::to_string_pretty(&told)?.as_bytes())?;
+    Ok(Some(told.trial))
+}
+
+/// Takes over what a trial found.
+pub fn take(config: &mut Config, dataset: &Dataset, trial: &Trial) {
+    let free = trial.free();
+    let all = dataset.manifest.bodies.as_ref().map_or(0, |file| file.count);
+    if free.len() as u64 == all {
+        config.motion = MotionModel::FreeTime;
+    } else {
+        config.bodies.free = free;
+    }
+}
+
+fn earlier(folder: &RunFolder) -> Option<Told> {
+    let text = std::fs::read_to_string(folder.root().join(FILE)).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+/// What the terminal shows of a trial.
+fn describe(trial: &Trial) -> String {
+    let heading = ["body", "error of frames", "of events", "against free in time", ""].map(str::to_owned);
+    let both = |errors: Option<[f64; 2]>, digits: usize| {
+        errors.map_or("-".into(), |[carried, free]| format!("{carried:.digits$} / {free:.digits$}"))
+    };
+    let row = |tried: &Tried| {
+        vec![
+            tried.body.clone(),
+            both(tried.frames, 3),
+            both(tried.events, 2),
+            tried.ratio().map_or("-".into(), |ratio| format!("{ratio:.2}")),
+            if tried.carries { "a body" } else { "free in time" }.into(),
+        ]
+    };
+    let rows: Vec<Vec<String>> = std::iter::once(heading.to_vec()).chain(trial.bodies.iter().map(row)).collect();
+    format!(
+        "a trial of {} iterations, {}, tells which bodies explain better what cameras saw that took no part:\n{}",
+        trial.iterations,
+        duration(trial.seconds),
+        table(&rows)
+    )
+}

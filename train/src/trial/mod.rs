@@ -1,0 +1,213 @@
+//! Which bodies carry Gaussians: those that explain what took no part in a short training better than Gaussians that are free in time.
+//!
+//! Bodies are right for what is nearly rigid and was found well. What bends, or was followed wrongly, is better off with Gaussians that
+//! are free in time. Which is which is not guessed: both are trained for a while on the same frames and events, of which a camera of
+//! either kind is kept apart, and what these saw is compared with both where each body is.
+
+mod errors;
+mod held_out;
+
+use erfgs_base::{Progress, cpu};
+use erfgs_dataset::{Body, Dataset};
+use serde::{Deserialize, Serialize};
+
+pub use held_out::HeldOut;
+
+use self::errors::Errors;
+use crate::{
+    checkpoint::Checkpoint,
+    config::{Config, MotionModel},
+    gpu::Gpu,
+    scene::Scene,
+    schedule::{Budget, Stage},
+    static_set::StaticSet,
+    trainer::{TrainError, TrainOptions, Trainer},
+};
+
+/// The trial takes no more than one in so many iterations of the fine stage.
+const MOST_SHARE: u32 = 4;
+/// And, where training may take a given time, no more than this share of it.
+const MOST_TIME: f64 = 0.2;
+
+/// How a body and Gaussians that are free in time explain what a body is seen by.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tried {
+    /// The body.
+    pub body: String,
+    /// Root mean square error of the frames of the camera that was kept apart, of 1, where the body is: carried by it, and free in time.
+    pub frames: Option<[f64; 2]>,
+    /// The share, root mean square, of what the events of a camera that was kept apart say there that is not explained, likewise.
+    pub events: Option<[f64; 2]>,
+    /// Whether it carries Gaussians from now on.
+    pub carries: bool,
+}
+
+impl Tried {
+    /// The error by the body beside that of what is free in time: the geometric mean of what frames and events say. None where nothing
+    /// was seen.
+    #[must_use]
+    pub fn ratio(&self) -> Option<f64> {
+        let ratios: Vec<f64> = [self.frames, self.events]
+            .into_iter()
+            .flatten()
+            .map(|[carried, free]| (carried.max(1e-9) / free.max(1e-9)).ln())
+            .collect();
+        (!ratios.is_empty()).then(|| (ratios.iter().sum::<f64>() / ratios.len() as f64).exp())
+    }
+}
+
+/// What a trial found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Each body.
+    pub bodies: Vec<Tried>,
+    /// Iterations of the fine stage, of each of the two trainings.
+    pub iterations: u32,
+    /// The cameras that were kept apart.
+    pub held_out: HeldOut,
+    /// How long it took, seconds.
+    pub seconds: f64,
+    /// CPU time, seconds; 0 where the system does not tell.
+    pub cpu_seconds: f64,
+}
+
+impl Trial {
+    /// The bodies that carry nothing.
+    #[must_use]
+    pub fn free(&self) -> Vec<String> {
+        self.bodies.iter().filter(|tried| !tried.carries).map(|tried| tried.body.clone()).collect()
+    }
+}
+
+/// Whether a training that begins with such settings has a trial: its motion is by bodies, and nobody said which are to carry.
+#[must_use]
+pub fn is_due(config: &Config) -> bool {
+    config.motion == MotionModel::Bodies && config.bodies.trial > 0 && config.bodies.free.is_empty()
+}
+
+/// What a trial is made with.
+pub struct Setting<'a> {
+    /// The device.
+    pub gpu: &'a Gpu,
+    /// The dataset, with bodies.
+    pub dataset: &'a Dataset,
+    /// The settings of the training, which are settled.
+    pub config: &'a Config,
+    /// What stands still, where another run learned it.
+    pub static_set: Option<&'a StaticSet>,
+    /// Bytes of memory that frames and events may take.
+    pub memory: Option<u64>,
+}
+
+/// Trains for a while with bodies, and without, and compares; `budget` is that of the training. `go_on` is told how far it is and says whether it is to go on; nothing is
+/// found where it is not.
+///
+/// # Errors
+/// [`TrainError`]: as a training's.
+pub fn trial(
+    setting: &Setting<'_>,
+    budget: Budget,
+    go_on: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<Trial>, TrainError> {
+    let began = (std::time::Instant::now(), cpu::process_seconds());
+    let bodies = setting.dataset.read_bodies().map_err(crate::scene::SceneError::from)?;
+    let bodies = bodies.map(|file| file.bodies).unwrap_or_default();
+    let (dataset, held_out) = held_out::keep_apart(setting.dataset);
+    let config = short(setting.config);
+    let iterations = config.fine_iterations;
+    let lengths = [config.coarse_iterations, iterations, iterations].map(u64::from);
+    let mut done = 0;
+    let total = lengths.iter().sum();
+    let mut on = |trainer: &Trainer<'_>, before: u64| {
+        done = before + u64::from(trainer.clock.iteration);
+        let what = match before {
+            0 => "what stands still",
+            before if before == lengths[0] => "free in time",
+            _ => "bodies",
+        };
+        go_on(Progress { done, total, what })
+    };
+    let free_config = Config { motion: MotionModel::FreeTime, ..config.clone() };
+    let scratch = std::env::temp_dir();
+    let scene = Scene::load_within(dataset, &free_config, false, setting.memory, &scratch)?;
+    let seen = errors::Seen::new(&scene, &bodies, &held_out, &config)?;
+    // Two of its three parts are stages of one training; the third goes on from the first.
+    let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME * 2.0 / 3.0);
+    let budget = Budget { seconds: part(budget.seconds), cpu_seconds: part(budget.cpu_seconds) };
+    let options = TrainOptions { budget, ..TrainOptions::default() };
+    let mut trainer = match setting.static_set {
+        Some(set) => Trainer::within(setting.gpu, scene, free_config, &options, set)?,
+        None => Trainer::new(setting.gpu, scene, free_config, &options)?,
+    };
+    if !trainer.train_quietly(Stage::Coarse, &mut |trainer| on(trainer, 0))? {
+        return Ok(None);
+    }
+    let coarse = trainer.checkpoint()?;
+    if !trainer.train_quietly(Stage::Fine, &mut |trainer| on(trainer, lengths[0]))? {
+        return Ok(None);
+    }
+    let free = seen.errors(&mut trainer)?;
+    let checkpoint = Checkpoint { config: Config { motion: MotionModel::Bodies, ..config }, ..coarse };
+    let mut trainer = Trainer::resume(setting.gpu, trainer.into_scene(), checkpoint, &options)?;
+    if !trainer.train_quietly(Stage::Fine, &mut |trainer| on(trainer, lengths[0] + lengths[1]))? {
+        return Ok(None);
+    }
+    let carried = seen.errors(&mut trainer)?;
+    let tried = |(body, (carried, free)): (&Body, (&Errors, &Errors))| judged(&body.name, carried, free);
+    let bodies = std::iter::zip(&bodies, std::iter::zip(&carried, &free)).map(tried).collect();
+    let cpu_seconds = began.1.zip(cpu::process_seconds()).map_or(0.0, |(from, to)| to - from);
+    Ok(Some(Trial { bodies, iterations, held_out, seconds: began.0.elapsed().as_secs_f64(), cpu_seconds }))
+}
+
+/// The settings of each of the two trainings.
+fn short(config: &Config) -> Config {
+    let mut short = config.clone();
+    let fine = config.bodies.trial.min(config.fine_iterations / MOST_SHARE).max(1);
+    short.fine_iterations = fine;
+    short.coarse_iterations = config.coarse_iterations.min(fine);
+    short.bodies.free = Vec::new();
+    short
+}
+
+fn judged(body: &str, carried: &Errors, free: &Errors) -> Tried {
+    let both = |of: fn(&Errors) -> Option<f64>| Some([of(carried)?, of(free)?]);
+    let mut tried = Tried {
+        body: body.into(),
+        frames: both(Errors::frames),
+        events: both(Errors::events),
+        carries: true,
+    };
+    tried.carries = tried.ratio().is_none_or(|ratio| ratio < 1.0);
+    tried
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_carries_where_its_errors_are_smaller_in_the_mean_or_nothing_tells() {
+        let carries = |frames: Option<[f64; 2]>, events: Option<[f64; 2]>| {
+            let [carried, free] = [0, 1].map(|which| Errors::of(frames.map(|of| of[which]), events.map(|of| of[which])));
+            judged("ball", &carried, &free).carries
+        };
+        assert!(carries(Some([0.1, 0.11]), Some([0.5, 0.5])));
+        assert!(!carries(Some([0.12, 0.11]), Some([0.5, 0.5])));
+        // Frames are a little worse, and events much better.
+        assert!(carries(Some([0.12, 0.11]), Some([0.4, 0.5])));
+        assert!(!carries(None, Some([0.6, 0.5])) && carries(Some([0.1, 0.2]), None) && carries(None, None));
+    }
+
+    #[test]
+    fn a_trial_is_a_fraction_of_the_training_and_made_where_nobody_decided() {
+        let mut config = Config { motion: MotionModel::Bodies, ..Config::default() };
+        assert!(is_due(&config));
+        config.fine_iterations = 200;
+        assert_eq!(short(&config).fine_iterations, 50);
+        config.fine_iterations = 100_000;
+        assert_eq!(short(&config).fine_iterations, config.bodies.trial);
+        config.bodies.free = vec!["ball".into()];
+        assert!(!is_due(&config) && short(&config).bodies.free.is_empty());
+        assert!(!is_due(&Config { motion: MotionModel::FreeTime, ..Config::default() }));
+    }
+}
