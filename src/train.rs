@@ -60,8 +60,8 @@ Motion:
 points of what moves, which `erfgs dataset points` finds
   still      nothing moves: no motion is learned, and events are not looked at
   bodies     what moves is a few bodies, whose Gaussians share a path for the whole recording; starts from `erfgs dataset bodies`
-  auto       bodies where they were found and events take part, free-time where the dataset has such points, still where neither \
-frames nor events show that anything moves, else hexplane; what the default preset does
+  auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
+             hexplane; what the default preset does
 
 Not all that moves is rigid or was followed rightly. Before a training with bodies two short ones, with them and without, are compared \
 where each body is with what a camera saw that took no part; those that explain it worse are left free in time. trial.json in the run \
@@ -88,7 +88,7 @@ Examples:
   erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
   erfgs train ds-dv --cpu-minutes 14 --out run-14
   erfgs train ds-dv --motion free-time --out run
-  erfgs dataset bodies ds-dv && erfgs train ds-dv --out run
+  erfgs dataset bodies ds-dv && erfgs train ds-dv --motion bodies --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --live
   erfgs train ds-long --out run --memory 4
@@ -414,14 +414,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let without_points = random || dataset.manifest.points.is_none();
     let static_set = begin::settle(&mut config, &dataset, without_points, static_set, checkpoint.as_ref(), terminal)?;
     let options = arguments.options();
-    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
-    let gpu = arguments.adapter.open()?;
-    let tried = {
-        let static_set = static_set.as_ref();
-        let setting = Setting { gpu: &gpu, dataset: &dataset, config: &config, static_set, memory };
-        let stop = stop_flag("bodies are tried no further")?;
-        trial::decide(&setting, options.budget, &folder, checkpoint.is_some(), stop, terminal)?
-    };
+    let mut tried = trial::known(&dataset, &config, options.budget, &folder)?;
     if let Some(tried) = &tried {
         trial::take(&mut config, &dataset, tried);
     }
@@ -437,9 +430,19 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             return terminal.result(&summary, || describe(&summary));
         }
     }
+    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
+    let gpu = arguments.adapter.open()?;
+    let begun = checkpoint.is_some();
+    if !begun && tried.is_none() {
+        let static_set = static_set.as_ref();
+        let setting = Setting { gpu: &gpu, dataset: &dataset, config: &config, static_set, memory };
+        tried = trial::make(&setting, options.budget, &folder, terminal)?;
+        if let Some(tried) = &tried {
+            trial::take(&mut config, &dataset, tried);
+        }
+    }
     let scene = Scene::load_within(dataset, &config, without_points, memory, folder.root())?;
     tell_of(&scene, terminal);
-    let begun = checkpoint.is_some();
     let mut trainer = match (checkpoint, &static_set) {
         (Some(checkpoint), _) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,

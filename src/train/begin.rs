@@ -62,6 +62,9 @@ pub fn settle(
         );
         (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
     }
+    if by_the_data && config.motion == MotionModel::FreeTime && dataset.manifest.bodies.is_some() {
+        terminal.note("the dataset has bodies: --motion bodies starts from them, which is far sharper where what moves is nearly rigid");
+    }
     Ok(set)
 }
 

@@ -1,6 +1,6 @@
 //! Which bodies carry Gaussians, before a training begins.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 use erfgs_dataset::Dataset;
 use erfgs_run::{RunFolder, write_atomically};
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     errors::Stopped,
+    interrupt::stop_flag,
     progress::duration,
     terminal::{Terminal, table},
 };
@@ -29,26 +30,29 @@ struct Told {
     trial: Trial,
 }
 
-/// Decides which bodies carry Gaussians where that is left to a trial, by the trial that the run has had, or else by one that is made
-/// now unless the training has `begun`. None where nothing was to be decided.
-pub fn decide(
+/// The trial that such a run has had, where which bodies carry Gaussians is left to one.
+pub fn known(dataset: &Dataset, config: &Config, budget: Budget, folder: &RunFolder) -> anyhow::Result<Option<Trial>> {
+    if !trial::is_due(config) {
+        return Ok(None);
+    }
+    let identity = Trainer::identity(dataset, config, budget)?.sha256();
+    let text = std::fs::read_to_string(folder.root().join(FILE)).ok();
+    let told = text.and_then(|text| serde_json::from_str::<Told>(&text).ok());
+    Ok(told.filter(|told| told.identity == identity).map(|told| told.trial))
+}
+
+/// Makes a trial where one is due, and keeps what it found.
+pub fn make(
     setting: &Setting<'_>,
     budget: Budget,
     folder: &RunFolder,
-    begun: bool,
-    stop: &AtomicBool,
     terminal: &Terminal,
 ) -> anyhow::Result<Option<Trial>> {
     if !trial::is_due(setting.config) {
         return Ok(None);
     }
     let identity = Trainer::identity(setting.dataset, setting.config, budget)?.sha256();
-    if let Some(told) = earlier(folder).filter(|told| told.identity == identity) {
-        return Ok(Some(told.trial));
-    }
-    if begun {
-        return Ok(None);
-    }
+    let stop = stop_flag("bodies are tried no further")?;
     let bar = terminal.progress("trial of bodies");
     let mut go_on = |step: erfgs_base::Progress| {
         bar.update(step.done, step.total, step.what);
@@ -75,11 +79,6 @@ pub fn take(config: &mut Config, dataset: &Dataset, trial: &Trial) {
     } else {
         config.bodies.free = free;
     }
-}
-
-fn earlier(folder: &RunFolder) -> Option<Told> {
-    let text = std::fs::read_to_string(folder.root().join(FILE)).ok()?;
-    serde_json::from_str(&text).ok()
 }
 
 /// What the terminal shows of a trial.

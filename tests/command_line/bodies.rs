@@ -142,10 +142,10 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     let folder = Folder::new();
     film_small(&folder);
     give_true_bodies_and_a_ghost(&folder.path("ds"));
-    let unknown = folder.fail(1, "train ds --out none --iterations 10+10 --set bodies.free=[\"rope\"] -q");
+    let unknown =
+        folder.fail(1, "train ds --out none --motion bodies --iterations 10+10 --set bodies.free=[\"rope\"] -q");
     assert!(unknown.contains("'rope'") && unknown.contains("ghost"), "{unknown}");
-    // What the default makes of a dataset with bodies.
-    let train = "train ds --out run --iterations 60+240 --seed 3 --no-evaluation --resume";
+    let train = "train ds --out run --motion bodies --iterations 60+240 --seed 3 --no-evaluation --resume";
     let output = folder.run(train);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success() && said.contains("a trial of 60 iterations"), "{said}");

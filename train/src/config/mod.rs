@@ -53,8 +53,7 @@ pub enum MotionModel {
     Bodies,
     /// Nothing moves: no motion is learned, and events, which tell of nothing else, are not looked at.
     Still,
-    /// `bodies` where the dataset has some and events take part, as a trial then tells which of them carry Gaussians; else `free-time`
-    /// where the dataset has points that are known to move, `still` where neither frames nor events show that
+    /// `free-time` where the dataset has points that are known to move, `still` where neither frames nor events show that
     /// anything does, else `hexplane`; see [`Config::settle`].
     Auto,
 }

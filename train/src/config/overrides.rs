@@ -2,7 +2,7 @@
 
 use erfgs_dataset::{Dataset, DatasetError};
 
-use super::{Config, FreeTimeOptions, Guide, Method, MotionModel};
+use super::{Config, FreeTimeOptions, Guide, MotionModel};
 use crate::{
     motion::FAR,
     scene::{exposed, extent, moves, stands_still},
@@ -114,9 +114,7 @@ impl Config {
     pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), DatasetError> {
         if self.motion == MotionModel::Auto {
             let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
-            self.motion = if moving && self.tries_bodies() && dataset.manifest.bodies.is_some() {
-                MotionModel::Bodies
-            } else if moving {
+            self.motion = if moving {
                 MotionModel::FreeTime
             } else if stands_still(dataset, &self.dynamic)? {
                 MotionModel::Still
@@ -156,11 +154,6 @@ impl Config {
             self.near_m = self.near_m.min(NEAREST * extent);
         }
         Ok(())
-    }
-
-    /// Whether what was found as bodies may carry Gaussians if nobody asked for it: by events, and where a trial tells which do.
-    fn tries_bodies(&self) -> bool {
-        self.method == Method::ErfGs && (self.bodies.trial > 0 || !self.bodies.free.is_empty())
     }
 
     /// Whether a setting that [`Guide`] decides is another than the preset has it.

@@ -151,9 +151,7 @@ impl Seen {
         let pixels = |of: &dyn Fn(usize) -> usize| (0..alone.len()).map(of).sum::<usize>() as f64;
         let all: Vec<&Vec<Vec<usize>>> = self.all_seen().collect();
         let enough: Vec<bool> = (0..self.bodies)
-            .map(|body| {
-                pixels(&|at| alone[at][body].len()) >= LEAST_ALONE * pixels(&|at| all[at][body].len())
-            })
+            .map(|body| pixels(&|at| alone[at][body].len()) >= LEAST_ALONE * pixels(&|at| all[at][body].len()))
             .collect();
         let frames = self.frames.iter_mut().map(|frame| &mut frame.bodies);
         let windows = self.windows.iter_mut().map(|window| &mut window.bodies);
@@ -246,7 +244,11 @@ fn fit_colours(rendered: &mut [f32], truth: &[f32], beside: &[bool]) {
         }
         let gain = (n * xy - x * y) / spread;
         let offset = (y - gain * x) / n;
-        rendered.iter_mut().skip(channel).step_by(3).for_each(|value| *value = (gain * f64::from(*value) + offset) as f32);
+        rendered
+            .iter_mut()
+            .skip(channel)
+            .step_by(3)
+            .for_each(|value| *value = (gain * f64::from(*value) + offset) as f32);
     }
 }
 
@@ -331,7 +333,8 @@ mod tests {
     #[test]
     fn the_colours_of_a_camera_are_told_by_what_stands_still() {
         let mut rendered: Vec<f32> = (0..60).map(|k| 0.01 * k as f32).collect();
-        let mut truth: Vec<f32> = rendered.iter().enumerate().map(|(at, value)| value * [0.8, 1.0, 1.1][at % 3] + 0.05).collect();
+        let mut truth: Vec<f32> =
+            rendered.iter().enumerate().map(|(at, value)| value * [0.8, 1.0, 1.1][at % 3] + 0.05).collect();
         // Something moves at a pixel, of which nothing is to be learned.
         truth[..3].fill(1.0);
         let beside: Vec<bool> = (0..20).map(|pixel| pixel > 0).collect();
@@ -353,10 +356,7 @@ mod tests {
             bodies: bodies.to_vec(),
             beside: Vec::new(),
         };
-        let frames = vec![
-            frame([vec![0, 1, 2], vec![2, 3], vec![3]]),
-            frame([vec![5], vec![6, 7], vec![6, 7]]),
-        ];
+        let frames = vec![frame([vec![0, 1, 2], vec![2, 3], vec![3]]), frame([vec![5], vec![6, 7], vec![6, 7]])];
         let mut seen = Seen { frames, windows: Vec::new(), events: None, bodies: 3 };
         seen.tell_apart();
         // The first has pixels of its own; the others have none in either frame, and keep what they share.

@@ -26,8 +26,13 @@ use crate::{
 
 /// The trial takes no more than one in so many iterations of the fine stage.
 const MOST_SHARE: u32 = 4;
-/// And, where training may take a given time, no more than this share of it.
-const MOST_TIME: f64 = 0.2;
+/// And, where training may take a given time, its first two parts of three no more than this share of it.
+const MOST_TIME: f64 = 0.13;
+/// Trainings of fewer iterations tell nothing: bodies carry then.
+const FEWEST: u32 = 40;
+/// A body carries unless its error is so many times that of what is free in time: what is right a little becomes sharp in a longer
+/// training, as what is free in time does not.
+const WORSE: f64 = 1.01;
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,7 +87,7 @@ impl Trial {
 /// Whether a training that begins with such settings has a trial: its motion is by bodies, and nobody said which are to carry.
 #[must_use]
 pub fn is_due(config: &Config) -> bool {
-    config.motion == MotionModel::Bodies && config.bodies.trial > 0 && config.bodies.free.is_empty()
+    config.motion == MotionModel::Bodies && short(config).fine_iterations >= FEWEST && config.bodies.free.is_empty()
 }
 
 /// What a trial is made with.
@@ -114,8 +119,7 @@ pub fn trial(
     let bodies = bodies.map(|file| file.bodies).unwrap_or_default();
     let (dataset, held_out) = held_out::keep_apart(setting.dataset);
     let config = short(setting.config);
-    let iterations = config.fine_iterations;
-    let lengths = [config.coarse_iterations, iterations, iterations].map(u64::from);
+    let lengths = [config.coarse_iterations, config.fine_iterations, config.fine_iterations].map(u64::from);
     let mut done = 0;
     let total = lengths.iter().sum();
     let mut on = |trainer: &Trainer<'_>, before: u64| {
@@ -131,8 +135,7 @@ pub fn trial(
     let scratch = std::env::temp_dir();
     let scene = Scene::load_within(dataset, &free_config, false, setting.memory, &scratch)?;
     let seen = errors::Seen::new(&scene, &bodies, &held_out, &config)?;
-    // Two of its three parts are stages of one training; the third goes on from the first.
-    let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME * 2.0 / 3.0);
+    let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME);
     let budget = Budget { seconds: part(budget.seconds), cpu_seconds: part(budget.cpu_seconds) };
     let options = TrainOptions { budget, ..TrainOptions::default() };
     let mut trainer = match setting.static_set {
@@ -147,13 +150,19 @@ pub fn trial(
         return Ok(None);
     }
     let free = seen.errors(&mut trainer)?;
-    let checkpoint = Checkpoint { config: Config { motion: MotionModel::Bodies, ..config }, ..coarse };
-    let mut trainer = Trainer::resume(setting.gpu, trainer.into_scene(), checkpoint, &options)?;
+    // As many iterations as the other had, which take a little longer.
+    let iterations = trainer.clock.iteration;
+    let config = Config { motion: MotionModel::Bodies, fine_iterations: iterations, ..config };
+    let checkpoint = Checkpoint { config, ..coarse };
+    let mut trainer = Trainer::resume(setting.gpu, trainer.into_scene(), checkpoint, &TrainOptions::default())?;
     if !trainer.train_quietly(Stage::Fine, &mut |trainer| on(trainer, lengths[0] + lengths[1]))? {
         return Ok(None);
     }
     let carried = seen.errors(&mut trainer)?;
-    let tried = |(body, (carried, free)): (&Body, (&Errors, &Errors))| judged(&body.name, carried, free);
+    let tried = |(body, (carried, free)): (&Body, (&Errors, &Errors))| {
+        let tried = judged(&body.name, carried, free);
+        Tried { carries: tried.carries || iterations < FEWEST, ..tried }
+    };
     let bodies = std::iter::zip(&bodies, std::iter::zip(&carried, &free)).map(tried).collect();
     let cpu_seconds = began.1.zip(cpu::process_seconds()).map_or(0.0, |(from, to)| to - from);
     Ok(Some(Trial { bodies, iterations, held_out, seconds: began.0.elapsed().as_secs_f64(), cpu_seconds }))
@@ -171,13 +180,9 @@ fn short(config: &Config) -> Config {
 
 fn judged(body: &str, carried: &Errors, free: &Errors) -> Tried {
     let both = |of: fn(&Errors) -> Option<f64>| Some([of(carried)?, of(free)?]);
-    let mut tried = Tried {
-        body: body.into(),
-        frames: both(Errors::frames),
-        events: both(Errors::events),
-        carries: true,
-    };
-    tried.carries = tried.ratio().is_none_or(|ratio| ratio < 1.0);
+    let mut tried =
+        Tried { body: body.into(), frames: both(Errors::frames), events: both(Errors::events), carries: true };
+    tried.carries = tried.ratio().is_none_or(|ratio| ratio < WORSE);
     tried
 }
 
@@ -188,7 +193,8 @@ mod tests {
     #[test]
     fn a_body_carries_where_its_errors_are_smaller_in_the_mean_or_nothing_tells() {
         let carries = |frames: Option<[f64; 2]>, events: Option<[f64; 2]>| {
-            let [carried, free] = [0, 1].map(|which| Errors::of(frames.map(|of| of[which]), events.map(|of| of[which])));
+            let [carried, free] =
+                [0, 1].map(|which| Errors::of(frames.map(|of| of[which]), events.map(|of| of[which])));
             judged("ball", &carried, &free).carries
         };
         assert!(carries(Some([0.1, 0.11]), Some([0.5, 0.5])));
@@ -202,6 +208,8 @@ mod tests {
     fn a_trial_is_a_fraction_of_the_training_and_made_where_nobody_decided() {
         let mut config = Config { motion: MotionModel::Bodies, ..Config::default() };
         assert!(is_due(&config));
+        config.fine_iterations = 4 * FEWEST - 1;
+        assert!(!is_due(&config), "it would tell nothing");
         config.fine_iterations = 200;
         assert_eq!(short(&config).fine_iterations, 50);
         config.fine_iterations = 100_000;
