@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # A rig of emulated RGB and event cameras records a calibration and a small stage, as a real one would; what it saw is
 # reconstructed by 4DGS and by ERF-GS, trained for equal time, and compared in a report. With the folder of a PanopticSports
-# recording, does the same with that; with --stage, with a film of the stage whose cameras and clocks are known.
+# recording, does the same with that; with --stage, with a film of the stage whose cameras and clocks are known, and besides by bodies.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -120,20 +120,33 @@ if [ $what = rig ]; then
   [ ${#small[@]} -gt 0 ] && iterations=150+350
   options=(--iterations "$iterations" --set blur.model=off)
 fi
-for method in 4dgs erf-gs; do
+methods=(4dgs erf-gs)
+if [ $what = stage ]; then
+  methods+=(bodies)
+  if [ ! -e "$out/ds/bodies.json" ]; then
+    say "finding bodies: what moves, how it turns, and its shapes"
+    erfgs dataset bodies "$out/ds"
+  fi
+fi
+runs=()
+for method in "${methods[@]}"; do
   run=$out/run-$method
+  runs+=("$run")
   if [ ! -e "$run/metrics.json" ]; then
     say "training $method for $minutes minutes"
+    how=(--method "$method" "${options[@]}")
+    # An exposure takes several renderings there, so that fewer iterations fit into the time.
+    [ "$method" = bodies ] && how=(--method erf-gs --motion bodies --iterations 800+2400)
     resume=()
     [ -e "$run/checkpoint.bin" ] && resume=(--resume)
-    erfgs train "$out/ds" --method "$method" --minutes "$minutes" "${options[@]}" --seed 1 --out "$run" "${resume[@]}"
+    erfgs train "$out/ds" --minutes "$minutes" "${how[@]}" --seed 1 --out "$run" "${resume[@]}"
     say "evaluating $method on the held-out cameras"
     erfgs eval "$run"
   fi
 done
 say "comparing"
-erfgs report "$out/run-4dgs" "$out/run-erf-gs" --out "$out/report.html"
+erfgs report "${runs[@]}" --out "$out/report.html"
 echo
 echo "report: $out/report.html (everything after the build took $(((SECONDS - started) / 60)) min $(((SECONDS - started) % 60)) s)"
 [ $what = rig ] && echo "calibration: $out/lenses.html and $out/rig.html"
-echo "walk around in it: target/release/erfgs view $out/run-4dgs $out/run-erf-gs"
+echo "walk around in it: target/release/erfgs view $out/run-4dgs ${runs[-1]}"
