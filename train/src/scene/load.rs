@@ -180,7 +180,7 @@ impl Scene {
             .collect();
         let views = cameras
             .into_par_iter()
-            .map(|(view, _)| self.read_event_view(view, earl, scratch))
+            .map(|(view, _)| self.event_view(view, earl, scratch))
             .collect::<Result<Vec<_>, SceneError>>()?;
         Ok(views.into_iter().flatten().collect())
     }
@@ -189,11 +189,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError`] where they cannot be read.
-    pub(crate) fn event_view(&self, view: usize, earl: &EarlConfig) -> Result<Option<EventView>, SceneError> {
-        self.read_event_view(view, earl, None)
-    }
-
-    fn read_event_view(
+    pub(crate) fn event_view(
         &self,
         view: usize,
         earl: &EarlConfig,

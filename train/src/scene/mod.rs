@@ -17,7 +17,7 @@ mod words;
 
 use std::path::PathBuf;
 
-use erfgs_dataset::{Dataset, DatasetError, Split};
+use erfgs_dataset::{Body, Dataset, DatasetError, Split};
 
 pub use bins::Bins;
 pub(crate) use displacement::{exposed, moves};
@@ -265,11 +265,12 @@ impl Scene {
         Recording { span_ns: self.dataset.manifest.span_ns, intervals: self.intervals() }
     }
 
-    /// Where the bodies of the dataset start from.
+    /// The bodies of the dataset that carry Gaussians.
     ///
     /// # Errors
-    /// [`SceneError::NoBodies`] where none were found, [`SceneError::Dataset`] where their file is damaged.
-    pub fn bodies(&self, config: &Config) -> Result<Start, SceneError> {
+    /// [`SceneError::NoBodies`] where none were found, [`SceneError::UnknownBody`] where the configuration names one that is not there,
+    /// [`SceneError::Dataset`] where their file is damaged.
+    pub fn carrying(&self, config: &Config) -> Result<Vec<Body>, SceneError> {
         let bodies = self.dataset.read_bodies()?.map(|file| file.bodies).unwrap_or_default();
         if bodies.is_empty() {
             return Err(SceneError::NoBodies { path: self.dataset.root.clone() });
@@ -279,7 +280,15 @@ impl Scene {
             let known = bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>().join(", ");
             return Err(SceneError::UnknownBody { name: name.clone(), path: self.dataset.root.clone(), known });
         }
-        let bodies: Vec<_> = bodies.into_iter().filter(|body| !free.contains(&body.name)).collect();
+        Ok(bodies.into_iter().filter(|body| !free.contains(&body.name)).collect())
+    }
+
+    /// Where the bodies of the dataset start from.
+    ///
+    /// # Errors
+    /// As [`Scene::carrying`].
+    pub fn bodies(&self, config: &Config) -> Result<Start, SceneError> {
+        let bodies = self.carrying(config)?;
         Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 

@@ -124,7 +124,7 @@ impl<'a> Trainer<'a> {
         config.validate()?;
         if config.motion == MotionModel::Bodies {
             // What is wrong with them is said before the coarse stage, not after it.
-            scene.bodies(&config)?;
+            scene.carrying(&config)?;
         }
         // What is free in time is born at its own instant, when the fine stage begins.
         let points = match config.motion {
@@ -487,14 +487,8 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        let timeless = Clock {
-            seconds: 0.0,
-            stage_start: 0.0,
-            cpu_seconds: 0.0,
-            stage_start_cpu: 0.0,
-            trial: [0.0; 2],
-            ..self.clock
-        };
+        let Clock { stage, iteration, coarse, .. } = self.clock;
+        let timeless = Clock { stage, iteration, coarse, ..Clock::default() };
         Ok(Checkpoint {
             config: self.config.clone(),
             clock: if self.deterministic { timeless } else { self.clock },

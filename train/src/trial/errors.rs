@@ -118,7 +118,7 @@ impl Seen {
         // Where each event camera is needed, what is learned from is better than nothing.
         let of_events = find(&held_out.events).or_else(|| scene.events.first().map(|events| events.view));
         let events = match of_events {
-            Some(view) if !scene.bins.is_empty() => scene.event_view(view, &config.earl)?,
+            Some(view) if !scene.bins.is_empty() => scene.event_view(view, &config.earl, None)?,
             _ => None,
         };
         let mut windows = Vec::new();

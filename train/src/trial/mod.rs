@@ -104,8 +104,8 @@ pub struct Setting<'a> {
     pub memory: Option<u64>,
 }
 
-/// Trains for a while with bodies, and without, and compares; `budget` is that of the training. `go_on` is told how far it is and says whether it is to go on; nothing is
-/// found where it is not.
+/// Trains for a while with bodies, and without, and compares; `budget` is that of the training. `go_on` is told how far it is and says
+/// whether it is to go on; nothing is found where it is not.
 ///
 /// # Errors
 /// [`TrainError`]: as a training's.
@@ -115,8 +115,6 @@ pub fn trial(
     go_on: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<Trial>, TrainError> {
     let began = (std::time::Instant::now(), cpu::process_seconds());
-    let bodies = setting.dataset.read_bodies().map_err(crate::scene::SceneError::from)?;
-    let bodies = bodies.map(|file| file.bodies).unwrap_or_default();
     let (dataset, held_out) = held_out::keep_apart(setting.dataset);
     let config = short(setting.config);
     let lengths = [config.coarse_iterations, config.fine_iterations, config.fine_iterations].map(u64::from);
@@ -134,6 +132,7 @@ pub fn trial(
     let free_config = Config { motion: MotionModel::FreeTime, ..config.clone() };
     let scratch = std::env::temp_dir();
     let scene = Scene::load_within(dataset, &free_config, false, setting.memory, &scratch)?;
+    let bodies = scene.carrying(&config)?;
     let seen = errors::Seen::new(&scene, &bodies, &held_out, &config)?;
     let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME);
     let budget = Budget { seconds: part(budget.seconds), cpu_seconds: part(budget.cpu_seconds) };
