@@ -47,6 +47,13 @@ pub struct Clock {
     /// Seconds and CPU seconds of these that a trial took before the training ([`crate::trial`]).
     #[serde(default, skip_serializing_if = "is_nothing")]
     pub trial: [f64; 2],
+    /// How often the part of the recording that bodies are followed in has grown.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub followed: u32,
+}
+
+fn is_none(followed: &u32) -> bool {
+    *followed == 0
 }
 
 fn is_nothing(trial: &[f64; 2]) -> bool {
@@ -73,6 +80,7 @@ impl Default for Clock {
             cpu_seconds: 0.0,
             stage_start_cpu: 0.0,
             trial: [0.0; 2],
+            followed: 0,
         }
     }
 }

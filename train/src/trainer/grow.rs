@@ -62,6 +62,7 @@ impl Trainer<'_> {
         self.model.replace(gpu, &population)?;
         self.model.step = 0;
         self.model.start_motion(gpu, &self.config, &self.scene, field_box)?;
+        self.start_following();
         self.statistics.replace(gpu, &vec![Default::default(); count])?;
         self.clock.stage = Stage::Fine;
         self.clock.coarse = self.clock.iteration;

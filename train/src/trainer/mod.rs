@@ -1,6 +1,7 @@
 //! The training loop.
 
 mod clocks;
+mod follow;
 mod grow;
 mod level;
 mod model;
@@ -21,7 +22,7 @@ use std::{
     time::Instant,
 };
 
-use self::{clocks::Clocks, model::Rendering, poses::Poses, step::Workspace};
+use self::{clocks::Clocks, follow::Follow, model::Rendering, poses::Poses, step::Workspace};
 pub use self::{
     model::Model,
     progress::{Outcome, Progress, TrainError, TrainOptions, Watch},
@@ -107,6 +108,8 @@ pub struct Trainer<'a> {
     poses: Option<Poses>,
     /// When they are found to have taken their frames, where that is learned.
     clocks: Option<Clocks>,
+    /// How bodies are followed.
+    follow: Option<Follow>,
     left_out: Vec<LeftOut>,
     deterministic: bool,
     viewer: Option<Rendering>,
@@ -167,6 +170,7 @@ impl<'a> Trainer<'a> {
             if let Some(motion) = &mut trainer.model.motion {
                 motion.restore(gpu, field.as_ref())?;
             }
+            trainer.start_following();
         }
         // After all that is found from the frames as the dataset has them, as in a run that was not stopped.
         trainer.restore_clocks(camera_times)?;
@@ -212,6 +216,7 @@ impl<'a> Trainer<'a> {
             colours_differ,
             poses: Poses::new(gpu, &scene, &config.camera_pose)?,
             clocks: Clocks::new(gpu, &scene, &config)?,
+            follow: None,
             left_out: Vec::new(),
             deterministic: options.deterministic,
             times: StageTimes::default(),
@@ -487,8 +492,8 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        let Clock { stage, iteration, coarse, .. } = self.clock;
-        let timeless = Clock { stage, iteration, coarse, ..Clock::default() };
+        let Clock { stage, iteration, coarse, followed, .. } = self.clock;
+        let timeless = Clock { stage, iteration, coarse, followed, ..Clock::default() };
         Ok(Checkpoint {
             config: self.config.clone(),
             clock: if self.deterministic { timeless } else { self.clock },

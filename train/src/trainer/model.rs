@@ -408,8 +408,15 @@ impl Model {
         }
     }
 
-    /// One step of Adam over everything; `progress` says how far the decay of the learning rates is.
-    pub(super) fn step(&mut self, gpu: &Gpu, config: &Config, extent: f32, progress: f64) -> Result<(), TrainError> {
+    /// One step of Adam over everything; `progress` says how far the decay of the learning rates is, `follows` whether bodies are followed.
+    pub(super) fn step(
+        &mut self,
+        gpu: &Gpu,
+        config: &Config,
+        extent: f32,
+        progress: f64,
+        follows: bool,
+    ) -> Result<(), TrainError> {
         self.step += 1;
         let rates = &config.learning_rate;
         let adam = AdamConfig { epsilon: rates.adam_epsilon, ..AdamConfig::default() };
@@ -466,7 +473,7 @@ impl Model {
             field.step(gpu, planes, network, &adam)?;
         }
         if let Some(bodies) = self.motion.as_mut().and_then(Motion::bodies_mut).filter(|_| self.dynamic > 0) {
-            bodies.step(gpu, progress, adam.epsilon)?;
+            bodies.step(gpu, progress, follows, adam.epsilon)?;
         }
         Ok(())
     }

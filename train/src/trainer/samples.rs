@@ -3,6 +3,7 @@
 
 use erfgs_base::random;
 
+use super::follow::Part;
 use crate::{
     config::{Config, Pairing},
     scene::Scene,
@@ -13,6 +14,13 @@ const KIND: u64 = 0x6b69_6e64;
 const PAIR: u64 = 0x7061_6972;
 const FRAME: u64 = 0x0066_7261_6d65;
 const EVENT: u64 = 0x0065_7665_6e74;
+const PART_FRAME: u64 = random::purpose("a frame of a part of the recording");
+const PART_EVENT: u64 = random::purpose("an event pair of a part of the recording");
+/// Times that differ by less are the same, of the whole recording.
+const SLACK: f64 = 1e-6;
+/// Of the iterations that learn from a part so many have an event sample at least, and of these so many lie where the part is new.
+const PART_EVENTS: f32 = 0.8;
+const NEW_PART: f64 = 0.6;
 
 /// A training sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,10 +38,22 @@ pub(super) enum Sample {
     },
 }
 
-/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`.
-pub(super) fn draw(scene: &Scene, config: &Config, stage: Stage, iteration: u32, slot: u32) -> Sample {
+/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`, within a part of the recording where it is not all.
+pub(super) fn draw(
+    scene: &Scene,
+    config: &Config,
+    part: Option<&Part>,
+    stage: Stage,
+    iteration: u32,
+    slot: u32,
+) -> Sample {
     let at = u64::from(iteration) * u64::from(config.batch) + u64::from(slot);
     let stage_word = stage as u64;
+    if let Some(part) = part {
+        let frames = frames_within(scene, part.whole);
+        let drawn = random::uniform(random::key(config.seed, &[PART_FRAME, stage_word, at]));
+        return Sample::Frame(frames[((drawn * frames.len() as f64) as usize).min(frames.len() - 1)]);
+    }
     let events = stage == Stage::Fine && config.earl.enabled && iteration >= config.earl.from;
     let pairs = if events { scene.events.len() * event_pairs(scene, config) } else { 0 };
     let frames = scene.frames.len();
@@ -56,17 +76,74 @@ pub(super) fn draw(scene: &Scene, config: &Config, stage: Stage, iteration: u32,
     }
 }
 
+/// The frames whose exposures lie within a part of the recording; without any, those of the instant nearest to its middle.
+fn frames_within(scene: &Scene, [begin, end]: [f64; 2]) -> Vec<usize> {
+    let all = 0..scene.frames.len();
+    let within = |&frame: &usize| {
+        let exposure = scene.frames[frame].exposure;
+        exposure[0] >= begin - SLACK && exposure[1] <= end + SLACK
+    };
+    let frames: Vec<usize> = all.clone().filter(within).collect();
+    if !frames.is_empty() {
+        return frames;
+    }
+    let away = |frame: usize| (scene.frames[frame].instant(Some(0.5)) - (begin + end) / 2.0).abs();
+    let least = all.clone().map(away).fold(f64::INFINITY, f64::min);
+    all.filter(|&frame| away(frame) <= least + SLACK).collect()
+}
+
 /// The event sample that an iteration has besides its frames, where `earl.share` asks for one.
-pub(super) fn draw_besides(scene: &Scene, config: &Config, stage: Stage, iteration: u32) -> Option<Sample> {
+pub(super) fn draw_besides(
+    scene: &Scene,
+    config: &Config,
+    part: Option<&Part>,
+    stage: Stage,
+    iteration: u32,
+) -> Option<Sample> {
     let (at, stage_word) = (u64::from(iteration), stage as u64);
     let on = stage == Stage::Fine && config.earl.enabled && iteration >= config.earl.from;
     let pairs = if on { scene.events.len() * event_pairs(scene, config) } else { 0 };
     let drawn = random::uniform(random::key(config.seed, &[KIND, stage_word, at]));
-    if pairs == 0 || drawn >= f64::from(config.earl.share) {
+    // What is new of a part is told by events first.
+    let share = if part.is_some() { config.earl.share.max(PART_EVENTS) } else { config.earl.share };
+    if pairs == 0 || drawn >= f64::from(share) {
         return None;
+    }
+    if let Some(part) = part {
+        return event_within(scene, config, part, random::key(config.seed, &[PART_EVENT, stage_word, at]));
     }
     let pair = random::uniform(random::key(config.seed, &[PAIR, stage_word, at])) * pairs as f64;
     Some(event(scene, config, stage_word, at, (pair as usize).min(pairs - 1)))
+}
+
+/// A pair of edges within a part of the recording, more often than not where it grew last; none of a camera that recorded nothing then.
+fn event_within(scene: &Scene, config: &Config, part: &Part, key: u64) -> Option<Sample> {
+    let drawn = |what: u64| random::uniform(random::extend(key, what));
+    let view = ((drawn(0) * scene.events.len() as f64) as usize).min(scene.events.len() - 1);
+    let ([begin, end], before) = (part.whole, part.before);
+    let grown = [begin, before[0], before[1], end];
+    let sides = [grown[1] - grown[0], grown[3] - grown[2]];
+    let at = if drawn(1) < NEW_PART && sides[0] + sides[1] > 0.0 {
+        let along = drawn(2) * (sides[0] + sides[1]);
+        if along < sides[0] { grown[0] + along } else { grown[2] + along - sides[0] }
+    } else {
+        begin + drawn(2) * (end - begin)
+    };
+    let edges = &scene.bins.edges;
+    // Within what the camera recorded, and within the part.
+    let [first, last] = scene.events[view].covers;
+    let low = edges.partition_point(|&edge| edge < begin - SLACK).max(first);
+    let high = edges.partition_point(|&edge| edge <= end + SLACK).saturating_sub(1).min(last);
+    if low >= high {
+        return None;
+    }
+    let longest = if config.earl.pairing == Pairing::Level { 1 } else { scene.bins.per_interval.max(1) };
+    let length = 1 + ((drawn(3) * longest as f64) as usize).min(longest - 1);
+    // The instant lies between the two edges, anywhere.
+    let middle = edges.partition_point(|&edge| edge <= at).saturating_sub(1);
+    let back = (drawn(4) * length as f64) as usize;
+    let from = middle.saturating_sub(back).clamp(low, high - 1);
+    Some(Sample::Event { view, from, to: (from + length).min(high) })
 }
 
 /// First times that an event pair can have.

@@ -95,15 +95,17 @@ impl Trainer<'_> {
         let before = self.gpu.traffic();
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
+        self.follow()?;
+        let part = self.part();
         self.read_ahead();
         for slot in 0..self.config.batch {
-            match samples::draw(&self.scene, &self.config, stage, iteration, slot) {
+            match samples::draw(&self.scene, &self.config, part.as_ref(), stage, iteration, slot) {
                 Sample::Frame(index) => self.learn_frame(index, slot)?,
                 Sample::Event { view, from, to } => self.learn_events(view, from, to)?,
             }
         }
         if let Some(Sample::Event { view, from, to }) =
-            samples::draw_besides(&self.scene, &self.config, stage, iteration)
+            samples::draw_besides(&self.scene, &self.config, part.as_ref(), stage, iteration)
         {
             self.learn_events(view, from, to)?;
         }
@@ -128,7 +130,8 @@ impl Trainer<'_> {
             (0, _) | (_, false) => self.schedule.progress(&self.clock),
             (steps, true) => f64::from(iteration) / f64::from(steps),
         };
-        self.model.step(self.gpu, &self.config, self.scene.extent, decay)?;
+        let follows = self.follows();
+        self.model.step(self.gpu, &self.config, self.scene.extent, decay, follows)?;
         self.times.lap(self.gpu, "Adam")?;
         self.learn_poses()?;
         self.learn_clocks()?;
@@ -140,13 +143,16 @@ impl Trainer<'_> {
     /// Has frames read that a later iteration of this stage will ask for.
     fn read_ahead(&self) {
         let (pictures, now) = (&self.scene.pictures, self.schedule.done(&self.clock));
+        let part = self.part();
         if pictures.all_are_kept() {
             return;
         }
         pictures.forget_before(now);
         for slot in 0..self.config.batch {
             let then = self.clock.iteration + READ_AHEAD;
-            if let Sample::Frame(index) = samples::draw(&self.scene, &self.config, self.clock.stage, then, slot) {
+            if let Sample::Frame(index) =
+                samples::draw(&self.scene, &self.config, part.as_ref(), self.clock.stage, then, slot)
+            {
                 pictures.expect(index, now + u64::from(READ_AHEAD));
             }
         }

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
-use super::{BodiesOptions, Start, index::Index, start::NEIGHBOURS};
+use super::{BodiesOptions, Start, carry_on::Paths, index::Index, start::NEIGHBOURS};
 use crate::{
     field::{FieldError, FieldState, NamedVector, Tape},
     gpu::{Gpu, GpuError, Kernel, Shape},
@@ -18,6 +18,8 @@ use crate::{
 
 /// How softly a body appears and vanishes, seconds.
 pub const SOFTNESS: f32 = 0.012;
+/// How much faster bodies learn while they are followed.
+const FASTER: f32 = 2.0;
 /// Adam's memory of squared gradients: each control point is asked for now and then alone.
 const BETA2: f32 = 0.99;
 
@@ -96,6 +98,12 @@ pub struct Bodies {
     free: FreeTime,
     options: BodiesOptions,
     names: Vec<String>,
+    /// When each is in view, in [0, 1].
+    spans: Vec<[f64; 2]>,
+    /// Whether how each turns at the start is a guess.
+    guessed: Vec<bool>,
+    /// The control points at the start.
+    started: Vec<f32>,
     counts: [u32; 3],
     /// Stretches of splines, seconds and RGB intervals in the recording.
     stretches: f64,
@@ -163,11 +171,15 @@ impl Bodies {
             clock: of_each("clock of a camera", include_str!("clock.wgsl")),
         };
         let entities = (start.bodies + start.nodes) as u64;
+        let in_view = |at_s: f32| f64::from(at_s) / seconds;
         let free = FreeTime::with_rows(gpu, free, extra, intervals as f32, extent)?;
         Ok(Self {
             free,
             options: options.clone(),
             names: start.names.clone(),
+            spans: start.other.chunks_exact(4).take(start.bodies).map(|gate| [gate[0], gate[1]].map(in_view)).collect(),
+            guessed: start.guessed.clone(),
+            started: start.control.clone(),
             counts: [start.bodies, start.nodes, start.knots].map(|count| count as u32),
             stretches: (start.knots - 3) as f64,
             seconds,
@@ -209,6 +221,31 @@ impl Bodies {
     #[must_use]
     pub fn names(&self) -> &[String] {
         &self.names
+    }
+
+    /// When each was found to be in view, in [0, 1].
+    #[must_use]
+    pub fn spans(&self) -> &[[f64; 2]] {
+        &self.spans
+    }
+
+    /// Whether how any of them turns at the start is a guess.
+    #[must_use]
+    pub fn some_are_guessed(&self) -> bool {
+        self.guessed.contains(&true)
+    }
+
+    /// Lays paths anew beyond a part of the recording (in [0, 1]), from what was learned in it.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn carry_on(&mut self, gpu: &Gpu, part: [f64; 2]) -> Result<(), GpuError> {
+        let [entities, knots] = [self.entities(), self.counts[2]].map(|count| count as usize);
+        let paths = Paths { started: &self.started, guessed: &self.guessed, entities, knots };
+        let mut control = gpu.download(&self.control.values, self.control.floats)?;
+        paths.carry_on(&mut control, part.map(|at| at * self.stretches));
+        gpu.upload(&self.control.values, 0, &control);
+        Ok(())
     }
 
     fn entities(&self) -> u32 {
@@ -353,11 +390,11 @@ impl Bodies {
         commands.submit();
     }
 
-    /// One step of Adam, where `progress` is the share of the fine stage that is done.
+    /// One step of Adam, where `progress` is the share of the fine stage that is done; bodies learn faster while they are followed.
     ///
     /// # Errors
     /// [`FieldError::Gpu`].
-    pub fn step(&mut self, gpu: &Gpu, progress: f64, epsilon: f32) -> Result<(), FieldError> {
+    pub fn step(&mut self, gpu: &Gpu, progress: f64, follows: bool, epsilon: f32) -> Result<(), FieldError> {
         self.steps += 1;
         let [bodies, nodes, knots] = self.counts;
         let options = &self.options;
@@ -367,7 +404,8 @@ impl Bodies {
         let late = if progress < from { 0.0 } else { ((progress - from) / 0.05).clamp(0.02, 1.0) as f32 };
         let rate = |rates: [f32; 2], scale: f32| scale * decayed(rates, progress);
         let pose = |path: f32, turn: f32| [path, path, path, 0.0, turn, turn, turn, turn];
-        let of_body = pose(rate(options.path, early * self.extent), rate(options.turn, early));
+        let speed = if follows { early * FASTER } else { early };
+        let of_body = pose(rate(options.path, speed * self.extent), rate(options.turn, speed));
         let of_node = pose(rate(options.node_path, late * self.extent), rate(options.node_turn, late));
         let control_rates = [of_body.repeat(bodies as usize), of_node.repeat(nodes as usize)].concat();
         let [gate, reach] = [early * options.gate, late * options.reach];

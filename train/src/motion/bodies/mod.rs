@@ -13,6 +13,7 @@
 //! are free in time ([`super::free_time`]): a row holds what either needs. The definition in double precision is
 //! [`crate::reference::bodies`].
 
+mod carry_on;
 mod device;
 mod index;
 mod options;

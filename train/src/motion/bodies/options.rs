@@ -14,6 +14,10 @@ pub struct BodiesOptions {
     pub nodes: u32,
     /// When nodes begin to learn, as a share of the fine stage; 1 or more: bodies stay rigid.
     pub nodes_from: f32,
+    /// For this share of the fine stage bodies are followed, where frames do not tell how some of them turn: the part of the recording that
+    /// is learned from grows from its middle; 0: all of it is learned from at once.
+    #[serde(default)]
+    pub follow: f32,
     /// Renderings of an exposure, each at a random instant of its share of it; 1: a frame is taken for an instant.
     pub exposure: u32,
     /// The opacity that a Gaussian of a body starts with.
@@ -53,6 +57,7 @@ impl Default for BodiesOptions {
             knots: 3.0,
             nodes: 128,
             nodes_from: 0.1,
+            follow: 0.4,
             exposure: 4,
             opacity: 0.57,
             path: [1e-3, 8e-5],
@@ -93,6 +98,9 @@ impl BodiesOptions {
         }
         if !(self.opacity > 0.0 && self.opacity < 1.0) {
             return refuse("bodies.opacity", self.opacity.to_string(), "between 0 and 1");
+        }
+        if !(0.0..1.0).contains(&self.follow) {
+            return refuse("bodies.follow", self.follow.to_string(), "0 or more, and less than 1");
         }
         let pair = |[a, b]: [f32; 2]| [a, b];
         let rates = [

@@ -36,6 +36,8 @@ pub struct Start {
     pub bodies: usize,
     /// What they are called.
     pub names: Vec<String>,
+    /// Whether how each turns between instants is a guess: frames did not tell.
+    pub guessed: Vec<bool>,
     /// How many nodes they have in all.
     pub nodes: usize,
     /// Control points of each.
@@ -127,6 +129,7 @@ impl Start {
         Self {
             bodies: bodies.len(),
             names: bodies.iter().map(|body| body.name.clone()).collect(),
+            guessed: bodies.iter().map(guessed).collect(),
             nodes: nodes.len(),
             knots,
             per_second,
@@ -136,6 +139,11 @@ impl Start {
             gaussians,
         }
     }
+}
+
+/// Whether whoever found a body says that it could not be followed by its looks. Poses that come from elsewhere are taken for right.
+fn guessed(body: &Body) -> bool {
+    body.found_by.get("followed_by_looks").and_then(serde_json::Value::as_bool) == Some(false)
 }
 
 /// How fast a body turns at most, radians a second.

@@ -157,6 +157,7 @@ impl Case {
         Start {
             bodies,
             names: (0..bodies).map(|body| body.to_string()).collect(),
+            guessed: vec![false; bodies],
             nodes,
             knots,
             per_second: (knots - 3) as f64 / SECONDS,

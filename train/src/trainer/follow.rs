@@ -1,0 +1,159 @@
+//! Bodies are followed: the fine stage learns from a part of the recording first, which grows to both sides from its middle.
+//!
+//! Where a body is known a while before and after, an error of its start a little beyond is small, however wrong it is at the ends. Where
+//! frames told all poses at the start there is nothing to be gained, and bodies that bend learn less in the time that is left.
+
+use super::{TrainError, Trainer};
+use crate::{
+    config::{Config, MotionModel, Pairing},
+    motion::Motion,
+};
+
+/// The first part reaches so many RGB intervals to either side, and grows by so many at a time.
+const FIRST: f64 = 1.1;
+const STEP: f64 = 0.25;
+/// The first part has as long as so many steps.
+const LEAD: f64 = 2.0;
+/// Each step has at least so many iterations; with less time, the part grows by more.
+const FEWEST: f64 = 20.0;
+
+/// How the part that is learned from grows. Times are in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Follow {
+    middle: f64,
+    first: f64,
+    step: f64,
+    steps: u32,
+    /// Of the fine stage.
+    share: f64,
+}
+
+/// A part of the recording, in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Part {
+    /// From when to when.
+    pub whole: [f64; 2],
+    /// The same before it grew last.
+    pub before: [f64; 2],
+}
+
+impl Follow {
+    /// For bodies that are in view in `spans`, in a recording of so many RGB `intervals`; none where nothing is to be gained.
+    pub fn new(spans: &[[f64; 2]], intervals: f64, config: &Config) -> Option<Self> {
+        let earl = &config.earl;
+        // Events are drawn from the part only where frames and they are not one pool, and pairs lie anywhere.
+        let draws = !earl.enabled || (earl.share > 0.0 && earl.pairing != Pairing::FrameAnchored);
+        let share = f64::from(config.bodies.follow);
+        if config.motion != MotionModel::Bodies || share <= 0.0 || !draws {
+            return None;
+        }
+        let away = |span: &[f64; 2]| (span[0] - 0.5).max(0.5 - span[1]).max(0.0);
+        let nearest = spans.iter().filter(|span| span[0] <= span[1]).min_by(|a, b| away(a).total_cmp(&away(b)))?;
+        let middle = 0.5_f64.clamp(nearest[0], nearest[1]).clamp(0.0, 1.0);
+        let first = FIRST / intervals.max(1e-6);
+        let rest = middle.max(1.0 - middle) - first;
+        let most = (share * f64::from(config.fine_iterations) / FEWEST - LEAD).floor();
+        let steps = (rest * intervals / STEP).ceil().min(most);
+        (steps >= 1.0).then(|| Self { middle, first, step: rest / steps, steps: steps as u32, share })
+    }
+
+    /// How often the part is to have grown when so much of the fine stage is done; none once it is the whole.
+    fn due(&self, progress: f64) -> Option<u32> {
+        let at = progress / self.share * (f64::from(self.steps) + LEAD) - LEAD + 1.0;
+        (progress < self.share).then(|| (at.max(0.0) as u32).min(self.steps))
+    }
+
+    fn window(&self, grown: u32) -> [f64; 2] {
+        let reach = self.first + self.step * f64::from(grown);
+        [(self.middle - reach).max(0.0), (self.middle + reach).min(1.0)]
+    }
+}
+
+impl Trainer<'_> {
+    /// How the bodies of the fine stage are followed.
+    pub(super) fn start_following(&mut self) {
+        let bodies = self.model.motion.as_ref().and_then(Motion::bodies);
+        // What its looks tell at all instants need not be followed.
+        let bodies = bodies.filter(|bodies| bodies.some_are_guessed());
+        self.follow = bodies.and_then(|bodies| Follow::new(bodies.spans(), self.scene.intervals(), &self.config));
+    }
+
+    /// The part of the recording that is learned from now, where that is not all of it.
+    pub(super) fn part(&self) -> Option<Part> {
+        let follow = self.follow?;
+        follow.due(self.schedule.progress(&self.clock))?;
+        let grown = self.clock.followed;
+        Some(Part { whole: follow.window(grown), before: follow.window(grown.saturating_sub(1)) })
+    }
+
+    /// Lets the part grow if it is to, and carries what was learned in it on beyond it.
+    pub(super) fn follow(&mut self) -> Result<(), TrainError> {
+        let Some(follow) = self.follow else { return Ok(()) };
+        let due = follow.due(self.schedule.progress(&self.clock)).unwrap_or(follow.steps);
+        let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
+        if let Some(bodies) = bodies.filter(|_| due > self.clock.followed) {
+            bodies.carry_on(self.gpu, follow.window(self.clock.followed))?;
+            self.clock.followed = due;
+        }
+        Ok(())
+    }
+
+    /// Whether bodies are still followed.
+    pub(super) fn follows(&self) -> bool {
+        self.part().is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Method, Preset};
+
+    fn config(iterations: u32) -> Config {
+        let mut config = Config::preset(Method::ErfGs, Preset::Default);
+        config.motion = MotionModel::Bodies;
+        config.fine_iterations = iterations;
+        config
+    }
+
+    #[test]
+    fn the_part_grows_from_the_middle_until_it_is_all() {
+        let follow = Follow::new(&[[0.0, 1.0], [0.7, 1.0]], 9.0, &config(1000)).unwrap();
+        assert_eq!(follow.due(0.0), Some(0));
+        let first = follow.window(0);
+        assert!((first[0] + first[1] - 1.0).abs() < 1e-12 && (first[1] - first[0] - 2.2 / 9.0).abs() < 1e-12);
+        let mut last = first;
+        for thousandth in 0..400 {
+            let due = follow.due(0.001 * f64::from(thousandth)).unwrap();
+            let window = follow.window(due);
+            assert!(window[0] <= last[0] && window[1] >= last[1]);
+            last = window;
+        }
+        assert!(last[0] < 1e-12 && last[1] > 1.0 - 1e-12, "{last:?}");
+        assert_eq!(follow.due(f64::from(config(1000).bodies.follow)), None);
+        // With few iterations by more at a time.
+        let hasty = Follow::new(&[[0.0, 1.0]], 9.0, &config(200)).unwrap();
+        assert!(hasty.steps < follow.steps && hasty.window(hasty.steps) == [0.0, 1.0]);
+    }
+
+    #[test]
+    fn where_nothing_is_in_view_in_the_middle_it_begins_elsewhere() {
+        let follow = Follow::new(&[[0.0, 0.3], [0.8, 1.0]], 12.0, &config(1000)).unwrap();
+        assert!((follow.middle - 0.3).abs() < 1e-12);
+        assert_eq!(follow.window(follow.steps), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn short_recordings_and_those_without_bodies_are_learned_from_at_once() {
+        assert_eq!(Follow::new(&[], 9.0, &config(1000)), None);
+        assert_eq!(Follow::new(&[[0.0, 1.0]], 2.0, &config(1000)), None);
+        assert_eq!(Follow::new(&[[0.0, 1.0]], 9.0, &config(40)), None);
+        assert_eq!(Follow::new(&[[f64::NAN, f64::NAN]], 9.0, &config(1000)), None);
+        let mut off = config(1000);
+        off.bodies.follow = 0.0;
+        assert_eq!(Follow::new(&[[0.0, 1.0]], 9.0, &off), None);
+        let mut anchored = config(1000);
+        anchored.earl.pairing = Pairing::FrameAnchored;
+        assert_eq!(Follow::new(&[[0.0, 1.0]], 9.0, &anchored), None);
+    }
+}
