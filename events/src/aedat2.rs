@@ -13,6 +13,7 @@
 use super::{
     Anomalies, Decoder, Edge, SensorSize, Sink,
     carry::Carry,
+    evt::BYTE_ORDER_MARK,
     stage::Stage,
     state::{BitReader, BitWriter},
 };
@@ -42,7 +43,8 @@ impl Aedat2Chip {
     /// Reads the header: the chip, if its lines name one that is known, the lines, and where the events begin.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> (Option<Self>, Vec<(String, String)>, usize) {
-        let (mut at, mut chip, mut fields) = (0, None, Vec::new());
+        let start = if bytes.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+        let (mut at, mut chip, mut fields) = (start, None, Vec::new());
         while bytes.get(at) == Some(&b'#') {
             let line = &bytes[at..];
             let Some(length) = line.iter().position(|&byte| byte == b'\n') else { break };

@@ -8,7 +8,7 @@ use std::{
 
 use zip::ZipArchive;
 
-use super::{Anomalies, Decoder, EventFileError, Sink};
+use super::{Anomalies, Decoder, EventFile, EventFileError, RawHeader, Sink};
 
 /// Bytes unpacked at once.
 const PIECE: usize = 1 << 20;
@@ -31,7 +31,10 @@ pub(super) fn text_in(path: &Path) -> Result<(String, Vec<u8>), String> {
     };
     let mut start = Vec::new();
     let member = zip.by_name(&name).map_err(|error| format!("its `{name}` cannot be unpacked ({error})"))?;
-    member.take(4096).read_to_end(&mut start).map_err(|error| format!("its `{name}` cannot be unpacked ({error})"))?;
+    member
+        .take(RawHeader::MAX_BYTES as u64)
+        .read_to_end(&mut start)
+        .map_err(|error| format!("its `{name}` cannot be unpacked ({error})"))?;
     Ok((name, start))
 }
 
@@ -44,15 +47,18 @@ fn open(path: &Path) -> zip::result::ZipResult<ZipArchive<BufReader<File>>> {
 /// # Errors
 /// If it cannot be unpacked, or unpacks to much more than the archive holds.
 pub(super) fn decode(
-    path: &Path,
+    file: &EventFile,
     name: &str,
-    mut decoder: impl Decoder,
     sink: &mut impl Sink,
     mut go_on: impl FnMut(u64) -> bool,
 ) -> Result<Anomalies, EventFileError> {
-    let failed = |offset, source| EventFileError::Io { doing: "unpack", path: path.to_owned(), offset, source };
+    let path = &file.path;
+    let failed = |offset, source| EventFileError::Io { doing: "unpack", path: path.clone(), offset, source };
     let mut zip = open(path).map_err(|error| failed(0, error.into()))?;
     let mut member = zip.by_name(name).map_err(|error| failed(0, error.into()))?;
+    let mut decoder = file.decoder();
+    let skipped = std::io::copy(&mut (&mut member).take(file.body), &mut std::io::sink());
+    skipped.map_err(|source| failed(0, source))?;
     let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let most = ROOM.saturating_add(length.saturating_mul(ROOM_FOR_EACH));
     let (mut piece, mut offset) = (vec![0; PIECE], 0);
@@ -67,10 +73,12 @@ pub(super) fn decode(
             return Err(failed(offset, std::io::Error::other(what)));
         }
         decoder.decode(&piece[..count], sink);
+        file.check(&decoder)?;
         if !go_on(offset) {
             break;
         }
     }
     decoder.finish(sink);
+    file.check(&decoder)?;
     Ok(decoder.anomalies())
 }

@@ -37,19 +37,20 @@ pub struct DatFormat {
 }
 
 impl DatFormat {
-    /// Reads the header; gives the keys and where the items begin as well. A header without a version is of version 1,
-    /// as the first files had none.
+    /// Reads the header; gives the keys and where the items begin as well. Where a header has no version, as the first files
+    /// had none, the items that `bytes` holds behind it tell: version 1 leaves bits at 0 that version 2 uses.
     ///
     /// # Errors
-    /// What is wrong, and at which byte.
+    /// What is wrong or contradicts itself, and at which byte.
     pub fn parse(bytes: &[u8]) -> Result<(Self, RawHeader, usize), (usize, String)> {
         let (header, at) = RawHeader::parse(bytes);
         let Some(&[kind, size]) = bytes.get(at..at + 2) else {
             return Err((at, "the file ends before the type of its items".to_owned()));
         };
-        let version = match header.get("Version").or(header.get("version")) {
-            None | Some("1") => 1,
-            Some("2") => 2,
+        let declared = match header.get("Version").or(header.get("version")) {
+            None => None,
+            Some("1") => Some(1),
+            Some("2") => Some(2),
             Some(other) => return Err((0, format!("version {other} is unknown; 1 and 2 are read"))),
         };
         let items = match kind {
@@ -60,8 +61,20 @@ impl DatFormat {
         if size != 8 {
             return Err((at + 1, format!("items of {size} bytes are unknown; they have 8")));
         }
-        let number = |key| header.get(key).and_then(|text| text.parse().ok()).filter(|&number: &u16| number > 0);
-        let size = number("Width").zip(number("Height")).map(|(width, height)| SensorSize { width, height });
+        let side = |key: &str| match header.get(key).or(header.get(&key.to_ascii_lowercase())) {
+            None => Ok(None),
+            Some(text) => match text.parse() {
+                Ok(side @ 1..) => Ok(Some(side)),
+                _ => Err((0, format!("its {key} `{text}` is no number of pixels; correct the line or remove it"))),
+            },
+        };
+        let size = side("Width")?.zip(side("Height")?).map(|(width, height)| SensorSize { width, height });
+        let version = match items {
+            DatItems::Events => {
+                version(declared, size, &bytes[at + 2..]).map_err(|(item, what)| (at + 2 + item, what))?
+            }
+            DatItems::Triggers => declared.unwrap_or(1),
+        };
         Ok((Self { version, items, size }, header, at + 2))
     }
 
@@ -74,6 +87,47 @@ impl DatFormat {
             size.height, size.width
         );
         [text.as_bytes(), &[0x0C, 8]].concat()
+    }
+}
+
+/// Bits that version 1 leaves at 0.
+const UNUSED_BY_1: u32 = 21;
+
+/// Column, row and payload of an item.
+#[inline(always)]
+fn address(version: u8, packed: u32) -> (u16, u16, u32) {
+    match version {
+        1 => ((packed & 0x1FF) as u16, (packed >> 9 & 0xFF) as u16, packed >> 17 & 0xF),
+        _ => ((packed & 0x3FFF) as u16, (packed >> 14 & 0x3FFF) as u16, packed >> 28),
+    }
+}
+
+/// The version of items of events: as declared, if they do not contradict it, else as they tell.
+fn version(declared: Option<u8>, size: Option<SensorSize>, items: &[u8]) -> Result<u8, (usize, String)> {
+    let packed = || items.as_chunks::<8>().0.iter().map(|&[.., a, b, c, d]| u32::from_le_bytes([a, b, c, d]));
+    let of_2 = packed().position(|packed| packed >> UNUSED_BY_1 != 0);
+    let outside = |version: u8| {
+        let lies_outside = |packed| {
+            let (x, y, _) = address(version, packed);
+            size.is_some_and(|size| x >= size.width || y >= size.height)
+        };
+        packed().filter(|&packed| lies_outside(packed)).count()
+    };
+    match (declared, of_2) {
+        (Some(1), Some(item)) => {
+            let what = format!(
+                "its header says version 1, and item {item} uses bits that version 1 leaves at 0: correct the line to `% Version 2`"
+            );
+            Err((item * 8, what))
+        }
+        (Some(2), None) if outside(2) * 2 > packed().count() && outside(1) == 0 => {
+            let what = "its header says version 2, and most items lie outside its sensor unless they are of version 1: correct the \
+                        line to `% Version 1`";
+            Err((0, what.to_owned()))
+        }
+        (Some(version), _) => Ok(version),
+        (None, Some(_)) => Ok(2),
+        (None, None) => Ok(1),
     }
 }
 
@@ -165,12 +219,7 @@ impl DatDecoder {
             self.stage.flush(sink);
             return sink.edge(Edge { t_us, channel: (packed >> 8 & 0x1F) as u8, rising: packed & 1 == 1 });
         }
-        let (x, y, payload) = if self.version == 1 {
-            (packed & 0x1FF, packed >> 9 & 0xFF, packed >> 17 & 0xF)
-        } else {
-            (packed & 0x3FFF, packed >> 14 & 0x3FFF, packed >> 28)
-        };
-        let (x, y) = (x as u16, y as u16);
+        let (x, y, payload) = address(self.version, packed);
         if x < self.size.width && y < self.size.height {
             self.stage.room(1, sink);
             self.stage.push(t_us, x, y, payload & 1 == 1);

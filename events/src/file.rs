@@ -8,9 +8,9 @@ use std::{
 
 use super::{
     Aedat2Chip, Aedat2Decoder, Anomalies, CsvDecoder, DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink,
-    StreamDecoder,
-    csv::{is_text, text_size},
+    StreamDecoder, TextLayout,
     es::{self, EsDecoder, EsKind},
+    evt::BYTE_ORDER_MARK,
 };
 use crate::EventEncoding;
 #[cfg(feature = "aedat4")]
@@ -55,6 +55,16 @@ pub enum EventFileError {
         /// What is wrong and what to do.
         what: String,
     },
+    /// A line of text is not understood, or contradicts the others.
+    #[error("line {line} of {}: {what}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Which line, from 1.
+        line: u64,
+        /// What is wrong and what to do.
+        what: String,
+    },
 }
 
 /// The format of an event file.
@@ -71,7 +81,7 @@ pub enum EventFormat {
     #[cfg(feature = "aedat4")]
     Aedat4,
     /// CSV and other text.
-    Csv,
+    Csv(TextLayout),
     /// Event Stream.
     Es(EsKind),
 }
@@ -90,7 +100,7 @@ impl EventFormat {
             Self::Aedat2(_) => "aedat2",
             #[cfg(feature = "aedat4")]
             Self::Aedat4 => "aedat4",
-            Self::Csv => "csv",
+            Self::Csv(_) => "csv",
             Self::Es(EsKind::Dvs) => "es",
             Self::Es(EsKind::Atis) => "es-atis",
         }
@@ -137,8 +147,10 @@ impl EventFile {
         let mut member = None;
         let (format, size, header, body) = match &head[..] {
             _ if extension == "dat" => dat(path, &head)?,
-            [b'%', b' ', ..] => raw(path, &head)?,
-            _ if head.starts_with(b"#!AER-DAT2.0") => aedat2(path, &mut file, head)?,
+            _ if is_raw(&head, &extension) => raw(path, &head)?,
+            _ if head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&head).starts_with(b"#!AER-DAT2.0") => {
+                aedat2(path, &mut file, head)?
+            }
             #[cfg(not(feature = "aedat4"))]
             _ if head.starts_with(b"#!AER-DAT4.") => {
                 return Err(unknown("it is AEDAT 4, without which erfgs-events was built (feature `aedat4`)"));
@@ -153,10 +165,10 @@ impl EventFile {
             _ if head.starts_with(b"PK\x03\x04") => {
                 let (name, start) = crate::archive::text_in(path).map_err(|what| unknown(&what))?;
                 member = Some(name);
-                text(&start)
+                text(path, &start)?
             }
-            _ if extension == "csv" || extension == "txt" && first_line(&head).is_some_and(is_text) => text(&head),
-            _ => return Err(unknown("its first bytes are those of no format")),
+            _ if extension == "csv" || extension == "txt" && TextLayout::is_likely(&head) => text(path, &head)?,
+            _ => return Err(unknown(foreign(&head).unwrap_or("its first bytes are those of no format"))),
         };
         Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length, member })
     }
@@ -177,7 +189,7 @@ impl EventFile {
             EventFormat::Aedat2(chip) => StreamDecoder::Aedat2(Aedat2Decoder::new(chip)),
             #[cfg(feature = "aedat4")]
             EventFormat::Aedat4 => StreamDecoder::Aedat4(Aedat4Decoder::new()),
-            EventFormat::Csv => StreamDecoder::Csv(CsvDecoder::new(self.size)),
+            EventFormat::Csv(layout) => StreamDecoder::Csv(CsvDecoder::of(layout, self.size)),
             EventFormat::Es(kind) => {
                 let size = self.size.unwrap_or(SensorSize { width: u16::MAX, height: u16::MAX });
                 StreamDecoder::Es(EsDecoder::new(kind, size))
@@ -205,7 +217,7 @@ impl EventFile {
     ) -> Result<Anomalies, EventFileError> {
         #[cfg(feature = "npz")]
         if let Some(member) = &self.member {
-            return crate::archive::decode(&self.path, member, self.decoder(), sink, go_on);
+            return crate::archive::decode(self, member, sink, go_on);
         }
         let mut offset = self.body;
         let io = |doing, offset| move |source| EventFileError::Io { doing, path: self.path.clone(), offset, source };
@@ -221,24 +233,22 @@ impl EventFile {
                 Err(error) => return Err(io("read", offset)(error)),
             };
             decoder.decode(&piece[..count], sink);
+            self.check(&decoder)?;
             offset += count as u64;
             if !go_on(offset - self.body) {
                 break;
             }
         }
         decoder.finish(sink);
+        self.check(&decoder)?;
         Ok(decoder.anomalies())
     }
-}
 
-/// The first line that is neither empty nor a comment.
-fn first_line(head: &[u8]) -> Option<&[u8]> {
-    head.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii).find(|line| !line.is_empty() && !line.starts_with(b"#"))
-}
-
-/// Text may begin with the size of the sensor.
-fn text(head: &[u8]) -> Head {
-    (EventFormat::Csv, first_line(head).and_then(text_size), Vec::new(), 0)
+    /// Refuses a text that contradicts itself.
+    pub(super) fn check(&self, decoder: &StreamDecoder) -> Result<(), EventFileError> {
+        let StreamDecoder::Csv(decoder) = decoder else { return Ok(()) };
+        decoder.contradiction().map_or(Ok(()), |wrong| Err(line(&self.path, wrong)))
+    }
 }
 
 type Head = (EventFormat, Option<SensorSize>, Vec<(String, String)>, usize);
@@ -247,11 +257,48 @@ fn malformed(path: &Path, offset: usize, what: impl Into<String>) -> EventFileEr
     EventFileError::Header { path: path.to_owned(), offset: offset as u64, what: what.into() }
 }
 
+/// Whether a file begins as RAW does. Text may have comments of that kind, which name no encoding.
+fn is_raw(head: &[u8], extension: &str) -> bool {
+    let start = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
+    let is_text = matches!(extension, "csv" | "txt") && RawHeader::parse(head).0.format().is_none();
+    start.starts_with(b"% ") && !is_text
+}
+
+/// What a file is that others read and erfgs does not, and what makes one of it that is read.
+fn foreign(head: &[u8]) -> Option<&'static str> {
+    const KNOWN: [(&[u8], &str); 6] = [
+        (b"#!AER-DAT3", "it is AEDAT 3, which is not read; convert it to AEDAT 4 with DV or to AEDAT 2 with jAER"),
+        (b"#!AER-DAT1", "it is AEDAT 1, which is not read; convert it to AEDAT 2 with jAER"),
+        (
+            b"#!AER-DAT",
+            "it is AEDAT of a version that is not read; convert it to AEDAT 4 with DV or to AEDAT 2 with jAER",
+        ),
+        (b"#ROSBAG V", "it is a bag of ROS 1, which is not read; convert it: rosbags-convert --src FILE --dst FOLDER"),
+        (b"\x28\xb5\x2f\xfd", "it is compressed by Zstandard, as rosbag2 does it; unpack it first: zstd -d FILE"),
+        (b"\x1f\x8b", "it is compressed by gzip; unpack it first: gunzip FILE"),
+    ];
+    KNOWN.into_iter().find(|(magic, _)| head.starts_with(magic)).map(|(_, what)| what)
+}
+
+/// Text says at its beginning how it is laid out.
+fn text(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
+    let layout = TextLayout::of(head, head.len() < RawHeader::MAX_BYTES).map_err(|wrong| line(path, wrong))?;
+    Ok((EventFormat::Csv(layout), layout.size(), Vec::new(), layout.body()))
+}
+
+fn line(path: &Path, (line, what): (u64, impl Into<String>)) -> EventFileError {
+    EventFileError::Line { path: path.to_owned(), line, what: what.into() }
+}
+
 fn raw(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
     let (header, body) = RawHeader::parse(head);
     // Some programs name DAT files otherwise: their header has a version of its own and no encoding.
     if header.get("Version").is_some() && header.get("evt").is_none() && header.get("format").is_none() {
         return dat(path, head);
+    }
+    if let Some((format, evt)) = header.contradiction() {
+        let what = format!("its line `format` says {format}, its line `evt` {evt}; remove the one that is wrong");
+        return Err(malformed(path, 0, what));
     }
     let format = header.format().ok_or_else(|| {
         let what = "it names no encoding that is read; put a line `% format EVT3;height=720;width=1280` (or EVT2, EVT21 \

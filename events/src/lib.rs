@@ -95,7 +95,7 @@ pub use aedat4::{
 };
 pub use anomalies::Anomalies;
 pub use columns::Columns;
-pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder};
+pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder, TextLayout};
 pub use dat::{DatDecoder, DatEncoder, DatFormat, DatItems};
 pub use davis::{DavisDecoder, DavisEncoder, DavisLayout};
 #[cfg(feature = "digest")]

@@ -294,6 +294,9 @@ fn next_events_of(
         let at_all = first + at as i64;
         return wrong(format!("event {at_all} has the polarity {}; it must be 1 (ON) or 0 (OFF)", p[at]));
     }
+    if p.contains(&0) && p.contains(&-1) {
+        return wrong("polarities are 0 for some events and -1 for others; write OFF in one way".to_owned());
+    }
     Ok(Events { width, height, t_us, x, y, on: p.into_iter().map(|p| p == 1).collect() })
 }
 
@@ -535,6 +538,9 @@ mod tests {
         write(&path, &[column("t", 1), column("x", 1), column("y", 1), ("p", npy::encode(&[1], [2_u8].into_iter()))])
             .unwrap();
         assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("polarity 2"));
+        let signs = ("p", npy::encode(&[2], [0_i64, -1].into_iter()));
+        write(&path, &[column("t", 2), column("x", 2), column("y", 2), signs]).unwrap();
+        assert!(read_events(&path, Some([9, 9])).unwrap_err().to_string().contains("write OFF in one way"));
     }
 
     #[test]

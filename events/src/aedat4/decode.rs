@@ -42,7 +42,11 @@ impl Aedat4Header {
         let compression =
             Aedat4Compression::from_code(code).ok_or_else(|| format!("its compression {code} is unknown"))?;
         let table = root.scalar(1).map_or(-1, i64::from_le_bytes);
-        let text = root.bytes(2).and_then(|text| std::str::from_utf8(text).ok()).ok_or("it has no description")?;
+        let text = root.bytes(2).ok_or("it has no description")?;
+        // What is no UTF-8 is Latin-1: names of people and of folders.
+        let text = std::str::from_utf8(text)
+            .map_or_else(|_| text.iter().copied().map(char::from).collect::<String>(), str::to_owned);
+        let text = text.trim_start_matches('\u{feff}');
         Ok(Self { compression, table: u64::try_from(table).ok(), streams: description::parse(text)?, length })
     }
 

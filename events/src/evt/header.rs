@@ -1,5 +1,7 @@
 //! The text at the beginning of RAW files: lines `% key value`, the last of them `% end`.
 
+use std::borrow::Cow;
+
 use super::super::SensorSize;
 use crate::EventEncoding;
 
@@ -48,6 +50,18 @@ const SYSTEMS: [(u32, bool, bool); 21] = [
 /// From this system on, words of EVT 2.1 come in little-endian order where nothing else is said.
 const FIRST_LITTLE_SYSTEM: u32 = 0x37;
 
+/// The mark that editors put before UTF-8.
+pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// A line as UTF-8 or else Latin-1; `None` if it is neither, but the first events: these hold control characters.
+fn text(line: &[u8]) -> Option<Cow<'_, str>> {
+    if let Ok(text) = std::str::from_utf8(line) {
+        return Some(text.into());
+    }
+    let is_text = |&byte: &u8| !byte.is_ascii_control() || byte == b'\t' || byte == b'\r';
+    line.iter().all(is_text).then(|| line.iter().copied().map(char::from).collect::<String>().into())
+}
+
 impl RawHeader {
     /// Headers end before this, bytes.
     pub const MAX_BYTES: usize = 1 << 16;
@@ -95,14 +109,14 @@ impl RawHeader {
     }
 
     /// Reads the header at the beginning of `bytes` and tells where the events begin. Where a header has no `% end`, as
-    /// older files have none, it ends with its last line.
+    /// older files have none, it ends with its last line. What is no UTF-8 is read as Latin-1, and a byte order mark is skipped.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> (Self, usize) {
         let mut header = Self::default();
-        let mut at = 0;
+        let mut at = if bytes.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
         while let [b'%', b' ', line @ ..] = &bytes[at..bytes.len().min(Self::MAX_BYTES)] {
             let Some(length) = line.iter().position(|&byte| byte == b'\n') else { break };
-            let Ok(text) = std::str::from_utf8(&line[..length]) else { break };
+            let Some(text) = text(&line[..length]) else { break };
             at += length + 3;
             let mut words = text.split_whitespace();
             match words.next() {
@@ -137,6 +151,16 @@ impl RawHeader {
         fields.sort();
         let lines = fields.into_iter().map(|(key, value)| format!("% {key} {value}\n"));
         lines.chain(["% end\n".to_owned()]).collect::<String>().into_bytes()
+    }
+
+    /// What the lines `format` and `evt` say, if they do not agree.
+    pub(crate) fn contradiction(&self) -> Option<(&str, &str)> {
+        let format = self.get("format")?;
+        let evt = self.get("evt")?;
+        let digits = |text: &str| text.chars().filter(char::is_ascii_digit).collect::<String>();
+        let [of_format, of_evt] = [format.split(';').next().unwrap_or_default(), evt].map(digits);
+        let agree = of_format.trim_end_matches('0') == of_evt.trim_end_matches('0');
+        (!agree && format.starts_with("EVT")).then_some((format, evt))
     }
 
     /// EventEncoding and size: from `format`, else from `evt` and `geometry`, else from the number of the system.

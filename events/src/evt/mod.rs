@@ -12,4 +12,5 @@ pub use evt2::{Evt2Decoder, Evt2Encoder};
 pub use evt3::Evt3Decoder;
 pub use evt3_encode::Evt3Encoder;
 pub use evt21::{Evt21Decoder, Evt21Encoder, WordOrder};
+pub(crate) use header::BYTE_ORDER_MARK;
 pub use header::{RawFormat, RawHeader};

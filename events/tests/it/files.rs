@@ -192,3 +192,105 @@ fn what_is_no_event_file_is_named_with_a_remedy() {
     let missing = EventFile::open(&folder.0.path().join("none.raw")).unwrap_err();
     assert!(matches!(missing, EventFileError::Io { doing: "open", .. }), "{missing}");
 }
+
+/// A header of RAW with these lines in any encoding, before as many words.
+fn with_lines(lines: &[&[u8]], mark: bool) -> Vec<u8> {
+    let mut bytes = if mark { b"\xef\xbb\xbf".to_vec() } else { Vec::new() };
+    for line in lines {
+        bytes.extend([b"% ", *line, b"\n"].concat());
+    }
+    bytes
+}
+
+#[test]
+fn headers_in_other_encodings_and_with_marks_are_read_to_their_end() {
+    let folder = Folder::new();
+    let foreign: [&[u8]; 4] =
+        [b"operator Andr\xe9", b"pc_name Caf\xe9-PC\r", "lab Zürich µ".as_bytes(), b"note \x80 \xff"];
+    let mut words = Vec::new();
+    let mut encoder = Evt3Encoder::default();
+    events().into_iter().for_each(|event| encoder.event(event, &mut words).unwrap());
+    encoder.finish(&mut words);
+    let mut items = b"\x0C\x08".to_vec();
+    let mut encoder = DatEncoder::default();
+    events().into_iter().for_each(|event| encoder.event(event, &mut items).unwrap());
+    for (name, own, body) in [
+        ("a.raw", &[&b"format EVT3;height=720;width=1280"[..]][..], &words),
+        ("a.dat", &[&b"Version 2"[..], b"Width 1280", b"Height 720"], &items),
+    ] {
+        for line in foreign {
+            for mark in [false, true] {
+                for ends in [false, true] {
+                    for before in [false, true] {
+                        let mut lines = own.to_vec();
+                        lines.insert(if before { 0 } else { lines.len() }, line);
+                        if ends {
+                            lines.push(b"end");
+                        }
+                        let bytes = [with_lines(&lines, mark), body.clone()].concat();
+                        let (file, columns, anomalies) = read(&folder.write(name, &bytes));
+                        assert_eq!(
+                            columns.iter().collect::<Vec<_>>(),
+                            events(),
+                            "{name} {line:?} {mark} {ends} {before}"
+                        );
+                        assert!(file.size == Some(SIZE) && anomalies.is_empty());
+                    }
+                }
+            }
+        }
+    }
+    let aedat2 =
+        [&b"\xef\xbb\xbf#!AER-DAT2.0\r\n# Andr\xe9\r\n# AEChip: DVS128\r\n"[..], &[0, 0, 0, 3, 0, 0, 0, 9]].concat();
+    let (_, columns, _) = read(&folder.write("a.aedat", &aedat2));
+    assert_eq!(columns.t_us, [9]);
+}
+
+#[test]
+fn a_header_of_dat_and_its_items_may_not_contradict_each_other() {
+    let folder = Folder::new();
+    let pixels: Vec<(u16, u16, bool)> = (0..60_u16).map(|n| (n * 5, n * 4, n % 3 == 0)).collect();
+    let body = |version: u8| {
+        let mut bytes = b"\x00\x08".to_vec();
+        for (t, &(x, y, on)) in (0_u32..).zip(&pixels) {
+            let [x, y, on] = [x.into(), y.into(), u32::from(on)];
+            let packed = if version == 1 { on << 17 | y << 9 | x } else { on << 28 | y << 14 | x };
+            bytes.extend([t.to_le_bytes(), packed.to_le_bytes()].concat());
+        }
+        bytes
+    };
+    let file = |declared: &str, version| {
+        [format!("{declared}% Width 304\n% Height 240\n% end\n").into_bytes(), body(version)].concat()
+    };
+    for version in [1, 2] {
+        for declared in [String::new(), format!("% Version {version}\n")] {
+            let (read, columns, anomalies) = read(&folder.write("a.dat", &file(&declared, version)));
+            let found: Vec<_> = columns.iter().map(|event| (event.x, event.y, event.on)).collect();
+            assert_eq!((found, read.format.name()), (pixels.clone(), if version == 1 { "dat1" } else { "dat2" }));
+            assert!(anomalies.is_empty());
+        }
+        let wrong = format!("% Version {}\n", 3 - version);
+        let said = EventFile::open(&folder.write("b.dat", &file(&wrong, version))).unwrap_err().to_string();
+        assert!(said.contains(&format!("correct the line to `% Version {version}`")), "{said}");
+    }
+    let said = EventFile::open(&folder.write("c.dat", b"% Width many\n% end\n\x0C\x08")).unwrap_err().to_string();
+    assert!(said.contains("Width `many`"), "{said}");
+    let said = EventFile::open(&folder.write("d.raw", b"% evt 2.0\n% format EVT3;height=7;width=9\n% end\n"));
+    assert!(said.unwrap_err().to_string().contains("its line `evt` 2.0"));
+    EventFile::open(&folder.write("e.raw", b"% evt 2.1\n% format EVT21;height=7;width=9\n% end\n")).unwrap();
+}
+
+#[test]
+fn files_of_others_are_named_with_what_converts_them() {
+    let folder = Folder::new();
+    for (start, words) in [
+        (&b"#!AER-DAT3.1\r\n#Format: RAW\r\n"[..], "AEDAT 3"),
+        (b"#!AER-DAT1.0\r\n", "AEDAT 1"),
+        (b"#ROSBAG V2.0\n", "rosbags-convert"),
+        (b"\x28\xb5\x2f\xfd....", "zstd -d"),
+        (b"\x1f\x8b\x08\x00", "gunzip"),
+    ] {
+        let said = EventFile::open(&folder.write("a.bin", start)).unwrap_err().to_string();
+        assert!(said.contains(words), "{said}");
+    }
+}

@@ -7,6 +7,7 @@ mod numpy;
 mod reference;
 mod roundtrip;
 mod splits;
+mod text;
 mod words;
 
 use erfgs_events::{Anomalies, Columns, Decoder};

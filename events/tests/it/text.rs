@@ -1,0 +1,223 @@
+//! Text of events: what the file says is taken, what it does not say is asked for, and what contradicts itself is refused by line.
+
+use std::path::Path;
+
+use erfgs_events::{
+    Anomalies, CdEvent, Columns, CsvDecoder, Decoder, EventFile, EventFileError, SensorSize, TextLayout,
+};
+use proptest::prelude::*;
+
+/// What a file of this text gives.
+fn read(
+    folder: &Path,
+    name: &str,
+    text: &[u8],
+) -> Result<(Vec<CdEvent>, Option<SensorSize>, Anomalies), EventFileError> {
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    let file = EventFile::open(&path)?;
+    let mut columns = Columns::default();
+    let anomalies = file.decode(&mut columns)?;
+    Ok((columns.iter().collect(), file.size, anomalies))
+}
+
+/// Events in order of time, whole milliseconds, of which not all times are whole seconds.
+fn events() -> impl Strategy<Value = Vec<CdEvent>> {
+    let one = (1..400_u64, 0..1280_u16, 0..720_u16, any::<bool>());
+    proptest::collection::vec(one, 5..40).prop_map(|rows| {
+        let mut t_us = 0;
+        let event = |(step, x, y, on)| {
+            t_us += step * 1000;
+            CdEvent { t_us, x, y, on }
+        };
+        rows.into_iter().map(event).collect()
+    })
+}
+
+/// Names of times with the number of microseconds in one.
+const TIMES: [(&str, u64); 12] = [
+    ("t_us", 1),
+    ("Timestamp [us]", 1),
+    ("time (µs)", 1),
+    ("t_ms", 1000),
+    ("\"t_ms\"", 1000),
+    ("time_ms", 1000),
+    ("milliseconds", 1000),
+    ("t_ns", 0),
+    ("timestamp_ns", 0),
+    ("t_s", 1_000_000),
+    ("seconds", 1_000_000),
+    ("time [s]", 1_000_000),
+];
+
+/// A time in a unit, as C prints it: a whole number has no point.
+fn time(t_us: u64, unit: u64) -> String {
+    match unit {
+        0 => (t_us * 1000).to_string(),
+        1 => t_us.to_string(),
+        _ => (t_us as f64 / unit as f64).to_string(),
+    }
+}
+
+fn orders() -> impl Strategy<Value = Vec<usize>> {
+    Just(vec![0, 1, 2, 3]).prop_shuffle()
+}
+
+fn lines(events: &[CdEvent], order: &[usize], separator: &str, unit: u64) -> String {
+    let line = |event: &CdEvent| {
+        let fields = [time(event.t_us, unit), event.x.to_string(), event.y.to_string(), u8::from(event.on).to_string()];
+        order.iter().map(|&at| fields[at].clone()).collect::<Vec<_>>().join(separator)
+    };
+    events.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn names_tell_order_and_unit_whatever_editor_wrote_them(
+        events in events(),
+        order in orders(),
+        (name, unit) in proptest::sample::select(&TIMES[..]),
+        separator in proptest::sample::select(&[",", ";", "\t"][..]),
+        mark: bool,
+        crlf: bool,
+        comment: bool,
+        ends: bool,
+        indexed: bool,
+    ) {
+        let names = [name, "x", "Y", "polarity"];
+        let header = order.iter().map(|&at| names[at]).collect::<Vec<_>>().join(separator);
+        let mut text = lines(&events, &order, separator, unit);
+        let mut header = format!("{}{header}", if comment { "# " } else { "" });
+        if indexed && !comment {
+            header.insert_str(0, separator);
+            text = text.lines().enumerate().map(|(n, line)| format!("{n}{separator}{line}\n")).collect();
+            text.pop();
+        }
+        let mut text = format!("{}{header}\n{text}", if mark { "\u{feff}" } else { "" });
+        if ends {
+            text.push('\n');
+        }
+        if crlf {
+            text = text.replace('\n', "\r\n");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let (found, _, anomalies) = read(folder.path(), "a.csv", text.as_bytes()).unwrap();
+        prop_assert_eq!(&found, &events, "{}", text);
+        prop_assert!(anomalies.is_empty());
+        // As text of any other ending, and in an archive's place of it.
+        let (found, ..) = read(folder.path(), "a.txt", text.as_bytes()).unwrap();
+        prop_assert_eq!(&found, &events);
+    }
+
+    #[test]
+    fn a_name_that_is_not_known_is_refused_with_its_column(
+        events in events(),
+        order in orders(),
+        unknown in "(t_h|t_min|when|stamp|u|v|foo|p_x|t_us_x|polarity_on)",
+        at in 0..4_usize,
+        mark: bool,
+    ) {
+        let mut names = order.iter().map(|&at| ["t", "x", "y", "p"][at]).collect::<Vec<_>>();
+        names[at] = &unknown;
+        let text = format!("{}{}\n{}\n", if mark { "\u{feff}" } else { "" }, names.join(","), lines(&events, &order, ",", 1));
+        let folder = tempfile::tempdir().unwrap();
+        let error = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err();
+        prop_assert!(matches!(error, EventFileError::Line { line: 1, .. }), "{}", error);
+        let said = error.to_string();
+        prop_assert!(said.contains(&format!("column {} is called `{unknown}`", at + 1)) && said.contains("t_ms"), "{}", said);
+    }
+
+    #[test]
+    fn the_file_decides_whether_times_are_seconds(events in events(), whole in 1..5_u64) {
+        // Some times are whole seconds, which are printed without a point.
+        let mut events = events;
+        let last_us = events.last().unwrap().t_us.div_ceil(1_000_000) * 1_000_000;
+        for n in 0..whole {
+            events.push(CdEvent { t_us: last_us + n * 1_000_000, x: 1, y: 2, on: true });
+        }
+        events[0].t_us = 1;
+        let text = lines(&events, &[0, 1, 2, 3], " ", 1_000_000);
+        let folder = tempfile::tempdir().unwrap();
+        let (found, _, anomalies) = read(folder.path(), "events.txt", text.as_bytes()).unwrap();
+        prop_assert_eq!(found, events, "{}", text);
+        prop_assert!(anomalies.is_empty());
+    }
+
+    #[test]
+    fn microseconds_among_seconds_are_refused_by_their_line(at in 2..60_usize, seconds_first: bool) {
+        let line = |n: usize| {
+            let t_us = 900_000_000_000 + n * 333;
+            if (n < at) == seconds_first { format!("{:.6} 3 4 1\n", t_us as f64 * 1e-6) } else { format!("{t_us} 3 4 1\n") }
+        };
+        let text: String = (1..80).map(line).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let error = read(folder.path(), "events.txt", text.as_bytes()).unwrap_err();
+        let EventFileError::Line { line, .. } = error else { panic!("{error}") };
+        prop_assert_eq!(line as usize, at, "{}", error);
+    }
+
+    #[test]
+    fn columns_in_another_order_are_never_taken_for_t_x_y_p(events in events(), geometry: bool) {
+        let text = lines(&events, &[1, 2, 3, 0], ",", 1);
+        let folder = tempfile::tempdir().unwrap();
+        if geometry {
+            let text = format!("%geometry:1280,720\n{text}\n");
+            let (found, size, _) = read(folder.path(), "a.csv", text.as_bytes()).unwrap();
+            prop_assert_eq!((found, size), (events, Some(SensorSize { width: 1280, height: 720 })));
+        } else {
+            let said = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
+            prop_assert!(said.contains("put a line `x,y,p,t` before"), "{}", said);
+        }
+    }
+
+    #[test]
+    fn a_layout_and_its_decoder_take_any_bytes(bytes: Vec<u8>, text in "[0-9txyp_,;# \n%.e-]{0,200}") {
+        let folder = tempfile::tempdir().unwrap();
+        for bytes in [bytes, text.into_bytes()] {
+            let _ = read(folder.path(), "a.csv", &bytes);
+            let _ = read(folder.path(), "a.txt", &bytes);
+        }
+    }
+}
+
+#[test]
+fn what_text_leaves_open_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |text: &[u8]| read(folder.path(), "a.csv", text).unwrap_err().to_string();
+    for (text, words) in [
+        (&b"1.0 2 3 1\n2.0 3 4 0\n"[..], &["line 1", "seconds or microseconds", "t_us,x,y,p"][..]),
+        (b"\xff\xfet\0,\0x\0", &["UTF-16", "iconv"]),
+        (b"1,2,3,0,9\n2,2,3,0,9\n", &["line 1", "5 columns"]),
+        (b"# a note\n1,2,3,7\n2,2,3,9\n", &["line 2", "column 4 is `7`", "x,y,p,t_us"]),
+        (b"t,x,y,y\n1,2,3,4\n", &["line 1", "two columns are called y"]),
+        (b"t,x,p\n1,2,1\n", &["line 1", "lacks y"]),
+        (b"%geometry:wide\n1,2,1,5\n", &["line 1", "no size of a sensor"]),
+        (b"1,2,3,0\n2,2,3,-1\n", &["line 2", "0 in some lines and -1"]),
+        (b"10,2,3,0\n11.5,2,3,1\n11,2,3,0\n12,1,1,1\n20000000000,1,1,1\n", &["line 5", "not both are seconds"]),
+    ] {
+        let said = refused(text);
+        assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    }
+    // The first 64 KiB say microseconds, and what follows something else.
+    let mut long: String = (0..9000).map(|n| format!("{n},2,3,1\n")).collect();
+    assert!(long.len() > 80_000);
+    long += "9000.5,2,3,1\n";
+    let said = refused(long.as_bytes());
+    assert!(said.contains("line 9001 of") && said.contains("t_ms"), "{said}");
+}
+
+#[test]
+fn a_text_is_read_alike_with_its_layout_and_without() {
+    let text = b"x,y,p,t_ms\n3,4,1,10\n5,6,0,11\n";
+    let mut columns = Columns::default();
+    let mut decoder = CsvDecoder::new(None);
+    decoder.decode(text, &mut columns);
+    decoder.finish(&mut columns);
+    assert_eq!((columns.t_us.as_slice(), columns.x.as_slice()), (&[10_000, 11_000][..], &[3, 5][..]));
+    assert_eq!(decoder.contradiction(), None);
+    let mut plain = CsvDecoder::of(TextLayout::default(), None);
+    plain.decode(b"7,1,2,1\n0.5,1,2,1\n", &mut columns);
+    assert!(plain.contradiction().is_some_and(|(line, what)| line == 2 && what.contains("0.5")));
+}
