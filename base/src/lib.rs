@@ -6,7 +6,9 @@
 //! - [`cpu`]: CPU time of a thread or of the process (feature `cpu`).
 //! - [`memory`]: how much memory is free.
 //! - [`names`]: names from files, as names of files and on a terminal.
+//! - [`mod@order`]: the order of names as a person sees it.
 //! - [`npy`]: NumPy's arrays.
+//! - [`text`]: text files, whatever editor wrote them.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
 //! - [`calendar`](mod@calendar): dates as UTC.
 
@@ -19,9 +21,11 @@ mod file_error;
 pub mod memory;
 pub mod names;
 pub mod npy;
+pub mod order;
 #[cfg(feature = "parallel")]
 pub mod progress;
 pub mod random;
+pub mod text;
 
 pub use file_error::FileError;
 #[cfg(feature = "parallel")]

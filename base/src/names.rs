@@ -38,6 +38,27 @@ impl FileNames {
     }
 }
 
+/// Short names of paths, such as topics and files: what their parts have in common at the beginning and at the end is left out, and
+/// what remains is joined by `_`. Names may still be alike where paths are.
+#[must_use]
+pub fn apart(paths: &[&str]) -> Vec<String> {
+    let parts: Vec<Vec<&str>> =
+        paths.iter().map(|path| path.split('/').filter(|part| !part.is_empty() && *part != ".").collect()).collect();
+    let shortest = parts.iter().map(Vec::len).min().unwrap_or(0);
+    let alike = |at: &dyn Fn(&[&str]) -> usize| {
+        let first = parts.first().map(|parts| parts[at(parts)]);
+        parts.iter().all(|parts| Some(parts[at(parts)]) == first)
+    };
+    let before = (0..shortest).take_while(|&index| alike(&|_| index)).count();
+    let behind = (0..shortest - before).take_while(|&index| alike(&|parts| parts.len() - 1 - index)).count();
+    let own = |parts: &Vec<&str>| match &parts[before..parts.len() - behind] {
+        // One of the paths is the beginning of the others.
+        [] => parts.join("_"),
+        own => own.join("_"),
+    };
+    parts.iter().map(own).collect()
+}
+
 /// `text` without what a terminal takes for a command: control characters but line breaks and tabs are written out, as `\u{1b}`, and
 /// so is what turns the direction of the text around it.
 #[must_use]
@@ -71,6 +92,25 @@ mod tests {
         }
         assert_eq!(file_name("cam-1.x"), "cam-1.x");
         assert_eq!(file_name("../a b"), "_.._a_b");
+    }
+
+    #[test]
+    fn paths_are_called_by_what_tells_them_apart() {
+        for (paths, names) in [
+            (&["/stereo/left/image_raw", "/stereo/right/image_raw"][..], &["left", "right"][..]),
+            (&["/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"], &["infra1", "infra2"]),
+            (
+                &["cam0/images/1", "cam1/images/1", "cam1/images/2"],
+                &["cam0_images_1", "cam1_images_1", "cam1_images_2"],
+            ),
+            (&["/rig/a", "/rig/a/b", "/rig/a/c/d"], &["rig_a", "b", "c_d"]),
+            (&["/x", "/x"], &["x", "x"]),
+            (&["one"], &["one"]),
+            (&[], &[]),
+            (&["", "a"], &["", "a"]),
+        ] {
+            assert_eq!(apart(paths), names, "{paths:?}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Images in memory and in PNG and JPEG files.
 
+mod reading;
+
 use std::{
     fs::File,
     io::{BufWriter, Write},
@@ -16,6 +18,7 @@ use image::{
     imageops,
 };
 
+pub use self::reading::{FEW_BITS, Reading};
 use crate::srgb;
 
 /// What can go wrong with an image file.
@@ -31,6 +34,38 @@ pub enum ImageError {
         path: PathBuf,
         /// Why.
         source: Box<image::ImageError>,
+    },
+    /// The image is transparent somewhere, and nothing says what it is to be laid over.
+    #[error(
+        "{} is transparent in places: say what it lies over (erfgs dataset import --background black, or white, or #rrggbb), or \
+         write it without transparency",
+        path.display()
+    )]
+    Transparent {
+        /// The image file.
+        path: PathBuf,
+    },
+    /// The samples have 16 bits of which the upper ones may not count.
+    #[error(
+        "the samples of {} have 16 bits, and the largest is {most}: either fewer bits count, or the picture is nearly black; say \
+         how many (erfgs dataset import --bits 10, or 12; --bits 16 if all do), or write them in 8 bits",
+        path.display()
+    )]
+    FewBits {
+        /// The image file.
+        path: PathBuf,
+        /// The largest sample.
+        most: u16,
+    },
+    /// A sample has more bits than count.
+    #[error("a sample of {} is {sample}, which is more than {bits} bits hold; give --bits as many as count", path.display())]
+    MoreBits {
+        /// The image file.
+        path: PathBuf,
+        /// The sample.
+        sample: u16,
+        /// The bits that count.
+        bits: u8,
     },
     /// The image cannot be encoded.
     #[error("cannot encode image {}: {source}", path.display())]
@@ -93,13 +128,15 @@ impl ImageRgb8 {
         Self { width, height, data: vec![0; width as usize * height as usize * 3] }
     }
 
-    /// Reads a PNG or JPEG file. Grey images are spread to three channels, 16-bit ones reduced to 8, alpha dropped.
+    /// Reads a PNG or JPEG file. Grey images are spread to three channels, 16-bit ones reduced to 8.
     ///
     /// # Errors
-    /// If the file is missing, cut short or no image.
+    /// If the file is missing, cut short or no image, is transparent somewhere, or has samples of 16 bits of which the upper ones
+    /// may not count; [`ImageRgb8::read_as`] is told more.
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        let image = decode(path)?.into_rgb8();
-        Ok(Self { width: image.width(), height: image.height(), data: image.into_raw() })
+        let (image, most) = Self::read_as(path, Reading::default())?;
+        reading::few_bits(path, most)?;
+        Ok(image)
     }
 
     /// Writes a PNG file (fast compression; the same image gives the same bytes), making its folder where needed.
@@ -173,9 +210,11 @@ impl ImageGrey8 {
     /// Reads a PNG or JPEG file. Colour is reduced to luma, 1-bit values become 0 and 255.
     ///
     /// # Errors
-    /// If the file is missing, cut short or no image.
+    /// As [`ImageRgb8::read`].
     pub fn read(path: &Path) -> Result<Self, ImageError> {
-        let image = decode(path)?.into_luma8();
+        let image = decode(path)?;
+        reading::check(path, &image)?;
+        let image = image.into_luma8();
         Ok(Self { width: image.width(), height: image.height(), data: image.into_raw() })
     }
 

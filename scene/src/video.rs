@@ -5,6 +5,7 @@
 //! depending on how it was built) stays apart, and nobody needs its headers to build erfgs. The price is one pipe:
 //! frames arrive as PPM images, which cost less to parse than to decode.
 
+mod times;
 mod write;
 
 use std::{
@@ -15,7 +16,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-pub use self::write::VideoWriter;
+pub use self::{times::FrameTimes, write::VideoWriter};
 use crate::ImageRgb8;
 
 /// What can go wrong with a video.
@@ -153,7 +154,19 @@ impl Video {
         let mut child = Command::new(ffmpeg)
             .args(["-nostdin", "-v", "error", "-xerror", "-threads", "1", "-i"])
             .arg(input)
-            .args(["-map", "0:v:0", "-vsync", "passthrough", "-f", "image2pipe", "-c:v", "ppm", "-"])
+            .args([
+                "-map",
+                "0:v:0",
+                "-vsync",
+                "passthrough",
+                "-f",
+                "image2pipe",
+                "-pix_fmt",
+                "rgb24",
+                "-c:v",
+                "ppm",
+                "-",
+            ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(messages.try_clone().map_err(failed)?)

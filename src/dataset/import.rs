@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use erfgs_dataset::import::{ImportOptions, Layout, import, session::SessionOptions};
-use erfgs_scene::image::Resample;
+use erfgs_scene::image::{Reading, Resample};
 
 use super::session::{self, SessionArguments};
 use crate::{info, parse::FrameRange, terminal::Terminal};
@@ -23,6 +23,7 @@ Examples:
   erfgs dataset import session take1.mcap --rig rig.json --from 2.5 --seconds 1 --scale 0.5 --out ds
   erfgs dataset import panoptic basketball --frames 40..84 --scale 0.5 --out ds
   erfgs dataset import neu3d flame_steak --frames 0..299 --scale 0.5 --out ds
+  erfgs dataset import nerfstudio lego --background white --out ds
   erfgs dataset import colmap scene --test cam00,cam07 --fps 60 --out ds")]
 pub struct Arguments {
     /// How the recording is laid out.
@@ -42,9 +43,16 @@ pub struct Arguments {
     /// How images are resized.
     #[arg(long, value_enum, default_value_t = ResampleName::Area)]
     resample: ResampleName,
-    /// Frames a second, where the source does not say or is wrong.
+    /// Frames a second, where the source (videos, `time` of transforms.json) does not say or is wrong.
     #[arg(long, value_name = "FPS")]
     fps: Option<f64>,
+    /// The colour that transparent pixels are laid over: black, white or #rrggbb; without it such images are refused.
+    #[arg(long, value_name = "COLOUR", value_parser = colour)]
+    background: Option<[u8; 3]>,
+    /// How many low bits of samples of 16 bits count, 8 to 16, in images and in frames of AEDAT 4; without it all, and images that are
+    /// nearly black then are refused.
+    #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16))]
+    bits: Option<u8>,
     /// Names of the held-out cameras, separated by commas; the layout's own choice without it.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     test: Option<Vec<String>>,
@@ -94,6 +102,18 @@ pub fn scale(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `black`, `white` or `#rrggbb`.
+fn colour(text: &str) -> Result<[u8; 3], String> {
+    let digits = match text {
+        "black" => "000000",
+        "white" => "ffffff",
+        _ => text.strip_prefix('#').unwrap_or_default(),
+    };
+    let value = u32::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 6 && digits.is_ascii());
+    let [_, r, g, b] = value.ok_or("a colour is needed: black, white or #rrggbb")?.to_be_bytes();
+    Ok([r, g, b])
+}
+
 /// Imports and says what came of it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let resample = match arguments.resample {
@@ -106,9 +126,19 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             arguments.frames.is_none() && arguments.fps.is_none(),
             "a session tells its own times: choose with --from, --seconds and --every instead of --frames and --fps"
         );
+        anyhow::ensure!(
+            arguments.background.is_none(),
+            "frames of a session are not transparent: --background is for images of other layouts"
+        );
         let scale = arguments.scale.unwrap_or(1.0);
-        let options =
-            SessionOptions { scale, resample, test_cameras, jobs: arguments.jobs, ..SessionOptions::default() };
+        let options = SessionOptions {
+            scale,
+            resample,
+            test_cameras,
+            bits: arguments.bits,
+            jobs: arguments.jobs,
+            ..SessionOptions::default()
+        };
         let (dataset, faults) = session::run(&arguments.source, &arguments.out, options, &arguments.session, terminal)?;
         info::dataset(&dataset, terminal)?;
         return faults;
@@ -123,6 +153,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         scale: arguments.scale,
         resample,
         fps: arguments.fps,
+        reading: Reading { background: arguments.background, bits: arguments.bits },
         test_cameras,
         jobs: arguments.jobs,
     };

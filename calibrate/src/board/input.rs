@@ -8,7 +8,7 @@ use std::{
 use erfgs_scene::{
     ImageRgb8,
     image::ImageError,
-    video::{Video, VideoError},
+    video::{FrameTimes, Video, VideoError},
 };
 use rayon::prelude::*;
 
@@ -155,9 +155,9 @@ fn of_video(
     const BATCH: usize = 16;
     let mut video = Video::open(path)?;
     let labels = times.and_then(|times| times.of(camera));
-    // Without a table, frames come at the video's rate: enough to find out that cameras do not run together.
-    let rate = Video::probe(path).and_then(|probe| probe.rate);
-    let nominal = |number: usize| rate.filter(|_| labels.is_none()).map(|rate| number as f64 / rate);
+    // Without a table, frames come when the video says: enough to find out that cameras do not run together.
+    let shown = if labels.is_none() { FrameTimes::of(path) } else { None };
+    let nominal = |number: usize| shown.as_ref()?.since(0, number as u64).map(|ns| ns as f64 * 1e-9);
     let (mut size, mut frames, mut views) = ([0, 0], 0, Vec::new());
     let mut broken: Option<VideoError> = None;
     while broken.is_none() {
@@ -205,7 +205,7 @@ impl Times {
             return Ok(None);
         }
         let error = |what: String| BoardError::Times { path: path.into(), what };
-        let text = std::fs::read_to_string(path).map_err(|source| error(format!("it cannot be read: {source}")))?;
+        let text = erfgs_base::text::read(path).map_err(|source| error(format!("it cannot be read: {source}")))?;
         let mut lines = text.lines();
         let head: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
         let column = |names: &[&str]| {

@@ -78,7 +78,8 @@ pub fn import(
     }
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
-    let notes = left_out(&model, &images, &views)?;
+    let mut notes = left_out(&model, &images, &views)?;
+    notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &common::told_rate(options, fps)));
     let recording =
         SourceRecording { importer: "colmap", source, views, any_size: false, fps, points: points(&model), notes };
     write::write(recording, options, out, progress)
@@ -153,7 +154,7 @@ fn view(
     let single = images.join(&first.name);
     let own = images.join(name);
     let files = match (single.is_file(), own.is_dir()) {
-        (_, true) => common::images(&own)?,
+        (_, true) => common::frames(&own)?,
         (true, false) => vec![single],
         (false, false) => {
             let what = "the image is missing; put the images where the model was made from".to_owned();

@@ -7,7 +7,8 @@ use std::{
 
 use super::{ImportError, ImportOptions};
 use crate::Split;
-use erfgs_scene::{Intrinsics, Pose, exchange::llff};
+use erfgs_base::order::{natural, order};
+use erfgs_scene::{Intrinsics, Pose, exchange::llff, video::FrameTimes};
 
 /// One viewpoint of a recording.
 pub(super) struct SourceView {
@@ -19,6 +20,16 @@ pub(super) struct SourceView {
     pub(super) frames: Frames,
 }
 
+impl SourceView {
+    /// Its name and its files, where frames are files.
+    pub(super) fn files(&self) -> Option<(&str, &[FileFrame])> {
+        match &self.frames {
+            Frames::Files(files) => Some((&self.name, files)),
+            Frames::Video { .. } => None,
+        }
+    }
+}
+
 /// Where a viewpoint's frames come from.
 pub(super) enum Frames {
     Files(Vec<FileFrame>),
@@ -27,7 +38,7 @@ pub(super) enum Frames {
         path: PathBuf,
         first: u64,
         last: Option<u64>,
-        fps: f64,
+        times: FrameTimes,
     },
 }
 
@@ -101,15 +112,88 @@ pub(super) fn is_image(name: &str) -> bool {
     !name.starts_with('.') && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
 }
 
-/// The images in a folder, ordered by the last number in their names, then by name.
+/// The images in a folder, in no order that means anything.
 pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let mut found: Vec<(Option<u64>, String, PathBuf)> = entries(folder)?
+    let mut found: Vec<PathBuf> = entries(folder)?
         .into_iter()
         .filter(|(name, path)| is_image(name) && path.is_file())
-        .map(|(name, path)| (number(&stem(&path)), name, path))
+        .map(|(_, path)| path)
         .collect();
-    found.sort();
-    Ok(found.into_iter().map(|(_, _, path)| path).collect())
+    found.sort_by(|a, b| natural(&stem(a), &stem(b)));
+    Ok(found)
+}
+
+/// The images in a folder as frames that follow each other, by all numbers in their names.
+pub(super) fn frames(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    in_order(images(folder)?, folder)
+}
+
+/// Files or folders in the order of their names; `of` is what lists them.
+pub(super) fn in_order(paths: Vec<PathBuf>, of: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    let names: Vec<String> =
+        paths.iter().map(|path| if path.is_dir() { file_name(path) } else { stem(path) }).collect();
+    let order =
+        order(&names).map_err(|doubt| ImportError::Malformed { path: of.to_owned(), what: doubt.to_string() })?;
+    Ok(order.into_iter().map(|at| paths[at].clone()).collect())
+}
+
+/// Refuses names of cameras whose order in the alphabet, in which rows of poses follow them, is not that of their numbers.
+pub(super) fn check_rows<'a>(names: impl Iterator<Item = &'a str>, poses: &Path) -> Result<(), ImportError> {
+    let mut sorted: Vec<&str> = names.collect();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| natural(pair[0], pair[1]).is_gt()) {
+        None => Ok(()),
+        Some(pair) => Err(ImportError::Malformed {
+            path: poses.to_owned(),
+            what: format!(
+                "its rows belong to the cameras in order, and whether {} or {} comes first is not known; rename the cameras so that \
+                 their numbers have as many digits, in the order of the rows",
+                pair[0], pair[1]
+            ),
+        }),
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Says in which order the frames were taken and how far apart, where names gave the order: the first, second and last name, once
+/// for all cameras whose frames are called alike.
+pub(super) fn order_notes<'a>(views: impl Iterator<Item = (&'a str, &'a [FileFrame])>, rate: &str) -> Vec<String> {
+    let mut alike: Vec<([String; 3], usize, Vec<&str>)> = Vec::new();
+    for (camera, frames) in views {
+        let [first, second, .., last] = frames.iter().map(|frame| &frame.image).collect::<Vec<_>>()[..] else {
+            let [first, last] = frames else { continue };
+            let names = [&first.image, &last.image, &last.image].map(|path| file_name(path));
+            alike.push((names, 2, vec![camera]));
+            continue;
+        };
+        let names = [first, second, last].map(|path| file_name(path));
+        match alike.iter_mut().find(|(known, count, _)| *known == names && *count == frames.len()) {
+            Some((.., cameras)) => cameras.push(camera),
+            None => alike.push((names, frames.len(), vec![camera])),
+        }
+    }
+    let note = |([first, second, last], count, cameras): ([String; 3], usize, Vec<&str>)| {
+        let camera = match cameras[..] {
+            [one] => one.to_owned(),
+            [one, ref others @ ..] => format!("{one} and {} others", others.len()),
+            [] => String::new(),
+        };
+        format!(
+            "{camera}: {count} frames in the order of the numbers in their names: {first}, {second}, ... {last}; {rate}"
+        )
+    };
+    alike.into_iter().map(note).collect()
+}
+
+/// Where the rate of frames comes from, for the user.
+pub(super) fn told_rate(options: &ImportOptions, fps: f64) -> String {
+    match options.fps {
+        Some(_) => format!("{fps} frames a second, as --fps says"),
+        None => format!("{fps} frames a second are assumed, --fps says another rate"),
+    }
 }
 
 /// A file's name without its extension.

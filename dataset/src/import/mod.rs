@@ -11,7 +11,7 @@ use std::path::Path;
 
 use crate::Dataset;
 use erfgs_base::progress::Progress;
-use erfgs_scene::image::Resample;
+use erfgs_scene::image::{Reading, Resample};
 
 pub mod colmap;
 mod common;
@@ -36,6 +36,8 @@ pub struct ImportOptions {
     pub resample: Resample,
     /// Frames a second, where the source does not say or is to be overruled.
     pub fps: Option<f64>,
+    /// What is said of images that are transparent, or whose samples have 16 bits of which not all count.
+    pub reading: Reading,
     /// Names of the test cameras (as imported, or their numbers); the layout's own choice where absent.
     pub test_cameras: Option<Vec<String>>,
     /// Threads to work with; one for each core where absent.

@@ -5,7 +5,7 @@
 //! images. Units are those of the file. Masks are not taken: they say what to ignore, not what moves.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -15,7 +15,7 @@ use super::{
     write::{self, SourceRecording},
 };
 use crate::Split;
-use erfgs_base::{names, progress::Progress};
+use erfgs_base::{names, order, progress::Progress};
 use erfgs_scene::{Distortion, Intrinsics, Pose, exchange::nerfstudio::Transforms};
 
 const FPS: f64 = 30.0;
@@ -63,7 +63,11 @@ pub fn import(
         let split = if held_out.contains(&frame.file) { Split::Test } else { Split::Train };
         shots.push(Shot { path: image, intrinsics, pose, time, split });
     }
+    let is_timed = shots.iter().any(|shot| shot.time.is_some());
     let mut views = gather(shots, options, &path, fps, &mut notes)?;
+    if !is_timed {
+        notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &common::told_rate(options, fps)));
+    }
     if !split_given {
         common::every_eighth(&mut views);
     }
@@ -78,6 +82,29 @@ fn find_image(root: &Path, file: &str) -> Option<PathBuf> {
     let plain = root.join(file);
     let extended = ["png", "jpg", "jpeg"].map(|extension| root.join(format!("{file}.{extension}")));
     std::iter::once(plain).chain(extended).find(|path| path.is_file())
+}
+
+/// Frames of one camera in the order of the numbers in their names.
+fn by_name(shots: Vec<Shot>, list: &Path) -> Result<Vec<Shot>, ImportError> {
+    let root = list.parent().unwrap_or(Path::new(""));
+    let name = |shot: &Shot| {
+        shot.path.strip_prefix(root).unwrap_or(&shot.path).with_extension("").to_string_lossy().into_owned()
+    };
+    let names: Vec<String> = shots.iter().map(name).collect();
+    let malformed = |what| ImportError::Malformed { path: list.to_owned(), what };
+    let order = order::order(&names).map_err(|doubt| malformed(format!("{doubt}, or give all frames a `time`")))?;
+    // Letters alone tell no order: the list must agree.
+    let is_numbered =
+        |name: &String| name.rsplit('/').next().is_some_and(|own| own.contains(|c: char| c.is_ascii_digit()));
+    if !names.iter().all(is_numbered) && !order.is_sorted() {
+        let what = format!(
+            "the frames of {} have neither a `time` nor numbers, and are not in the order of the alphabet",
+            names[0]
+        );
+        return Err(malformed(what + "; give all of them a `time`"));
+    }
+    let mut shots: Vec<Option<Shot>> = shots.into_iter().map(Some).collect();
+    Ok(order.into_iter().filter_map(|at| shots[at].take()).collect())
 }
 
 /// Frames of equal pose and intrinsics made into views with times.
@@ -112,7 +139,7 @@ fn gather(
         }
         cameras.entry(key).or_default().push(shot);
     }
-    // Distinct times in order; without times, frames follow each other as in the file.
+    // Distinct times in order; without times, frames follow each other by their names: a list may have any order.
     let mut times: Vec<f64> = cameras.values().flatten().filter_map(|shot| shot.time).collect();
     times.sort_by(f64::total_cmp);
     times.dedup();
@@ -127,9 +154,12 @@ fn gather(
     // Times are kept as they are given: they need not be evenly spaced.
     let seconds = |time: f64| if length > 0.0 { (time - start) / length * (times.len() - 1) as f64 / fps } else { 0.0 };
 
-    let mut views: Vec<SourceView> = Vec::new();
+    let (mut views, mut sources): (Vec<SourceView>, Vec<(String, usize)>) = (Vec::new(), Vec::new());
     for (number, key) in order.iter().enumerate() {
         let mut shots = cameras.remove(key).unwrap_or_default();
+        if timed == 0 && shots.len() > 1 {
+            shots = by_name(shots, path)?;
+        }
         shots.sort_by(|a, b| a.time.unwrap_or(0.0).total_cmp(&b.time.unwrap_or(0.0)));
         let mut frames = Vec::new();
         for (index, shot) in shots.iter().enumerate() {
@@ -148,15 +178,17 @@ fn gather(
             frames.push(FileFrame { image: shot.path.clone(), mask: None, t_ns });
         }
         let Some(shot) = shots.first() else { continue };
-        let folder = shot.path.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
-        let own = if shots.len() > 1 { folder.unwrap_or_default() } else { common::stem(&shot.path) };
-        let name = names::file_name(&own);
+        let own = if shots.len() > 1 {
+            shot.path.parent().unwrap_or(Path::new("")).to_owned()
+        } else {
+            shot.path.with_extension("")
+        };
+        let name = names::file_name(&own.file_name().unwrap_or_default().to_string_lossy());
         if frames.is_empty() {
             notes.push(format!("{name}: left out, it has no frame among those asked for"));
             continue;
         }
-        let taken = views.iter().any(|view| view.name == name);
-        let name = if taken { format!("{name}_{number:03}") } else { name };
+        sources.push((own.to_string_lossy().into_owned(), number));
         let split = if shots.iter().any(|shot| shot.split == Split::Test) { Split::Test } else { Split::Train };
         views.push(SourceView {
             name,
@@ -166,5 +198,21 @@ fn gather(
             frames: Frames::Files(frames),
         });
     }
+    name_apart(&mut views, &sources);
     Ok(views)
+}
+
+/// Calls cameras by what tells the paths of their images apart where the last parts of these do not; `sources` has the path and the
+/// number of each.
+fn name_apart(views: &mut [SourceView], sources: &[(String, usize)]) {
+    let distinct: BTreeSet<&str> = views.iter().map(|view| view.name.as_str()).collect();
+    if distinct.len() == views.len() {
+        return;
+    }
+    let paths: Vec<&str> = sources.iter().map(|(path, _)| path.as_str()).collect();
+    let mut taken = BTreeSet::new();
+    for ((view, name), (_, number)) in views.iter_mut().zip(names::apart(&paths)).zip(sources) {
+        let name = names::file_name(&name);
+        view.name = if taken.insert(name.clone()) { name } else { format!("{name}_{number:03}") };
+    }
 }

@@ -47,7 +47,7 @@ pub fn import(
     let poses = root.join("poses_bounds.npy");
     let rows = poses_bounds(&poses)?;
     let times: Vec<PathBuf> = common::entries(&folder)?.into_values().filter(|path| path.is_dir()).collect();
-    let times = common::in_range(times, options, &folder)?;
+    let times = common::in_range(common::in_order(times, &folder)?, options, &folder)?;
     let images: Vec<Vec<PathBuf>> = times.iter().map(|time| common::images(time)).collect::<Result<_, _>>()?;
     let names: Vec<String> =
         images.iter().flatten().map(|path| common::stem(path)).collect::<BTreeSet<_>>().into_iter().collect();
@@ -56,6 +56,7 @@ pub fn import(
             format!("it holds {} poses, but there are {} cameras ({})", rows.len(), names.len(), names.join(", "));
         return Err(ImportError::Malformed { path: poses, what });
     }
+    common::check_rows(names.iter().map(String::as_str), &poses)?;
     let mut views = Vec::new();
     for (index, name) in names.iter().enumerate() {
         let wrong = |path: &Path, what: &str| ImportError::Camera {
@@ -83,15 +84,11 @@ pub fn import(
         views.push(SourceView { name: names::file_name(name), split, intrinsics, pose, frames: Frames::Files(frames) });
     }
     common::override_split(&mut views, options)?;
-    let recording = SourceRecording {
-        importer: "nvidia",
-        source,
-        views,
-        any_size: true,
-        fps,
-        points: None,
-        notes: vec![BOUNDS_LEFT_OUT.to_owned()],
-    };
+    let of = |path: &PathBuf| FileFrame { image: path.clone(), mask: None, t_ns: 0 };
+    let folders: Vec<FileFrame> = times.iter().map(of).collect();
+    let mut notes = common::order_notes(std::iter::once(("mv_images", &folders[..])), &common::told_rate(options, fps));
+    notes.push(BOUNDS_LEFT_OUT.to_owned());
+    let recording = SourceRecording { importer: "nvidia", source, views, any_size: true, fps, points: None, notes };
     write::write(recording, options, out, progress)
 }
 

@@ -111,6 +111,7 @@ fn gather(
     }
     let mut known = None::<(u64, u64)>;
     let mut used = 0;
+    let mut last: BTreeMap<u64, u64> = BTreeMap::new();
     for (row, (((k, w2c), files), ids)) in meta.k.iter().zip(&meta.w2c).zip(&meta.files).zip(&meta.cam_id).enumerate() {
         let counts = [k.len(), w2c.len(), files.len(), ids.len()];
         if counts.iter().any(|&count| count != counts[0]) {
@@ -121,6 +122,12 @@ fn gather(
             let Some(number) = common::number(&common::stem(&file)) else {
                 return malformed(format!("the file name {} holds no frame number", file.display()));
             };
+            if let Some(before) = last.insert(id, number).filter(|before| number < *before) {
+                return malformed(format!(
+                    "row {row} names frame {number} of camera {id} behind frame {before}; rows are in the order of time, so that the \
+                     numbers at the ends of the names must ascend"
+                ));
+            }
             known = Some(known.map_or((number, number), |(low, high)| (low.min(number), high.max(number))));
             if range.is_some_and(|(first, last)| !(first..=last).contains(&number)) {
                 continue;

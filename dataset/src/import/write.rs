@@ -1,6 +1,10 @@
 //! The one writer of all importers.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    sync::atomic::{AtomicU32, Ordering::Relaxed},
+};
 
 use serde_json::json;
 
@@ -12,7 +16,7 @@ use crate::{Camera, Dataset, DatasetError, Frame, Manifest, Provenance, layout};
 use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_scene::{
     ImageGrey8, ImageRgb8, Intrinsics, Modality,
-    image::{self, Resample},
+    image::{self, FEW_BITS, Resample},
     ply::PointCloud,
     video::Video,
 };
@@ -58,11 +62,13 @@ pub(super) fn write(
         Frames::Files(files) => (0..files.len()).map(|frame| Task::File { view, frame }).collect(),
         Frames::Video { .. } => vec![Task::Video { view }],
     });
+    let largest = AtomicU32::new(0);
     let write = |task: &Task, tick: &dyn Fn()| match *task {
         Task::File { view, frame } => {
             let source = &recording.views[view];
             let Frames::Files(files) = &source.frames else { return Ok(0) };
-            write_file(source, &targets[view], &files[frame], frame, building.path(), options.resample)?;
+            let most = write_file(source, &targets[view], &files[frame], frame, building.path(), options)?;
+            largest.fetch_max(most.unwrap_or(0).into(), Relaxed);
             tick();
             Ok(1)
         }
@@ -73,6 +79,7 @@ pub(super) fn write(
     let total = total(&recording.views);
     let counts = in_parallel(options.jobs, &tasks.collect::<Vec<_>>(), ("frames", total), write, progress)?;
 
+    check_depth(&recording, options, largest.into_inner())?;
     let mut cameras = Vec::new();
     let mut counts = counts.into_iter();
     for (view, target) in recording.views.iter().zip(&targets) {
@@ -85,9 +92,17 @@ pub(super) fn write(
                     .map(|(index, file)| frame(view, index, file.t_ns, file.mask.is_some()))
                     .collect()
             }
-            Frames::Video { fps, .. } => {
+            Frames::Video { path, first, times, .. } => {
                 let count = counts.next().unwrap_or(0);
-                (0..count).map(|index| frame(view, index, frame_time(index as u64, *fps), false)).collect()
+                let timed = |index| {
+                    let t_ns = times.since(*first, *first + index as u64).ok_or_else(|| ImportError::Camera {
+                        camera: view.name.clone(),
+                        path: path.clone(),
+                        what: format!("it has {count} frames and says times of fewer; give their rate with --fps"),
+                    })?;
+                    Ok(frame(view, index, t_ns, false))
+                };
+                (0..count).map(timed).collect::<Result<_, ImportError>>()?
             }
         };
         cameras.push(Camera {
@@ -174,15 +189,15 @@ fn write_file(
     file: &FileFrame,
     index: usize,
     root: &Path,
-    how: Resample,
-) -> Result<(), ImportError> {
+    options: &ImportOptions,
+) -> Result<Option<u16>, ImportError> {
     let broken = |source| ImportError::Image { camera: view.name.clone(), source };
-    let image = ImageRgb8::read(&file.image).map_err(broken)?;
+    let (image, most) = ImageRgb8::read_as(&file.image, options.reading).map_err(broken)?;
     let size = [image.width, image.height];
     if size != target.source {
         return Err(size_error(&view.name, &file.image, size, target.source));
     }
-    target.resize(image, how).write_png(&root.join(layout::image(&view.name, index))).map_err(broken)?;
+    target.resize(image, options.resample).write_png(&root.join(layout::image(&view.name, index))).map_err(broken)?;
     if let Some(path) = &file.mask {
         let mask = ImageGrey8::read(path).map_err(broken)?;
         let size = [mask.width, mask.height];
@@ -192,7 +207,20 @@ fn write_file(
         let mask = white(mask).resized(target.intrinsics.width, target.intrinsics.height, Resample::Area);
         mask.binarised().write_png(&root.join(layout::mask(&view.name, index))).map_err(broken)?;
     }
-    Ok(())
+    Ok(most)
+}
+
+/// Refuses a recording whose samples of 16 bits all stay so small that the upper bits may not count. `largest` is the largest of
+/// all its frames, 0 where none has 16 bits.
+fn check_depth(recording: &SourceRecording, options: &ImportOptions, largest: u32) -> Result<(), ImportError> {
+    if options.reading.bits.is_some() || largest == 0 || largest >= FEW_BITS.into() {
+        return Ok(());
+    }
+    let what = format!(
+        "its images have samples of 16 bits, and the largest is {largest}: either fewer bits count, or all of them are nearly black; say \
+         how many with --bits (10 or 12 for most cameras, 16 if all count)"
+    );
+    Err(ImportError::Malformed { path: recording.source.to_owned(), what })
 }
 
 /// A mask of 0 and 255, whether it was written as 0 and 1 or as 0 and 255.

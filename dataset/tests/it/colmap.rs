@@ -5,7 +5,7 @@ fn intrinsics() -> Intrinsics {
     Intrinsics { width: 16, height: 8, fx: 20.0, fy: 21.0, cx: 7.0, cy: 4.5, distortion }
 }
 
-fn model(names: &[(&str, u64)]) -> Model {
+pub(super) fn model(names: &[(&str, u64)]) -> Model {
     let mut model = Model::default();
     model.cameras.insert(1, ColmapCamera::from_intrinsics(&intrinsics()));
     for (id, (name, number)) in names.iter().enumerate() {

@@ -16,7 +16,7 @@ use erfgs_scene::{
     Distortion, ImageGrey8, ImageRgb8, Intrinsics, Modality, Pose,
     colmap::{ColmapCamera, ColmapImage, Model, Point3d},
     exchange::{self, Format},
-    image::Resample,
+    image::{Reading, Resample},
     rig_file::{RigCamera, RigFile},
 };
 use glam::{DMat3, DVec3};
@@ -24,6 +24,7 @@ use serde_json::{Value, json};
 
 mod colmap;
 mod export;
+mod left_open;
 mod nerfstudio;
 mod neu3d;
 mod panoptic;

@@ -1,6 +1,6 @@
 use super::*;
 
-fn frame(file: &str, camera: u64, extra: Value) -> Value {
+pub(super) fn frame(file: &str, camera: u64, extra: Value) -> Value {
     let to_world = pose(camera).inverse();
     let rotation = DMat3::from_quat(to_world.rotation);
     let columns = [rotation.x_axis, -rotation.y_axis, -rotation.z_axis, to_world.translation];

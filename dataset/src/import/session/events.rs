@@ -3,7 +3,7 @@
 use super::{ImportError, Timing, Viewpoint};
 use erfgs_base::progress::Progress;
 use erfgs_events::{ApsFrame, CdEvent, Edge, Event, Events, Sink};
-use erfgs_scene::{ImageRgb8, srgb};
+use erfgs_scene::{ImageRgb8, image::FEW_BITS, srgb};
 use erfgs_session::{
     clock::{Epoch, EpochCursor},
     container::Session,
@@ -25,7 +25,8 @@ pub(super) struct Gathered {
 /// Of a break that is no longer than this it is taken that nothing happened in it, nanoseconds.
 const BREAK_NS: i64 = 20_000_000;
 
-/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`. `None` where no part
+/// Decodes a stream; `merged` pixels each way become one. Pictures are taken where `pictures`, and `bits` of their
+/// samples of 16 count, all where absent. `None` where no part
 /// of it is dated.
 pub(super) fn gather(
     session: &mut Session,
@@ -33,7 +34,7 @@ pub(super) fn gather(
     view: &Viewpoint,
     window: [i64; 2],
     merged: u32,
-    pictures: bool,
+    (pictures, bits): (bool, Option<u8>),
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Option<Gathered>, ImportError> {
     let Timing { epochs, offset_ns, .. } = &view.timing;
@@ -65,6 +66,8 @@ pub(super) fn gather(
             damage: Vec::new(),
         },
         pictures,
+        bits,
+        largest: 0,
         begun,
         is_broken: false,
     };
@@ -72,6 +75,7 @@ pub(super) fn gather(
     let decoded = session.decode_events(stream, (!whole).then_some(arrival), &mut sink, |done| {
         progress(Progress { what: "bytes of events", done, total: if whole { total } else { 0 } });
     })?;
+    check_depth(view, bits, sink.largest)?;
     let mut found = sink.found;
     found.damage = decoded.map(|decoded| decoded.damage).unwrap_or_default();
     // Where nothing moves there is nothing to send.
@@ -84,6 +88,21 @@ pub(super) fn gather(
     Ok(Some(found))
 }
 
+/// Refuses frames of which nothing tells how many bits count, or that have more than is said.
+fn check_depth(view: &Viewpoint, bits: Option<u8>, largest: u16) -> Result<(), ImportError> {
+    let name = &view.camera;
+    match bits {
+        None if (1..FEW_BITS).contains(&largest) => Err(ImportError::Options(format!(
+            "camera {name}: its frames have samples of 16 bits, and the largest is {largest}: either fewer bits count, or all frames are \
+             nearly black; say how many with --bits (10 as jAER writes a DAVIS's, 16 if all count)"
+        ))),
+        Some(bits) if u32::from(largest) >> bits.min(16) != 0 => Err(ImportError::Options(format!(
+            "camera {name}: a sample of its frames is {largest}, which is more than {bits} bits hold; give --bits as many as count"
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// Takes what lies within the window.
 struct Window<'a> {
     cursor: EpochCursor<'a>,
@@ -93,6 +112,10 @@ struct Window<'a> {
     last_us: i64,
     found: Gathered,
     pictures: bool,
+    /// How many bits of samples of 16 count, where it is said.
+    bits: Option<u8>,
+    /// The largest of these samples.
+    largest: u16,
     /// The packets with which other epochs than the first begin.
     begun: Vec<u64>,
     /// Whether something is not known since the last time that was told.
@@ -158,6 +181,11 @@ impl Sink for Window<'_> {
         let exposure = [start, end];
         let within = exposure[0] >= self.window[0] && exposure[1] <= self.window[1] && exposure[0] <= exposure[1];
         if self.pictures && within {
+            let mut frame = frame;
+            if frame.bits == 16 {
+                self.largest = frame.pixels.iter().copied().max().unwrap_or(0).max(self.largest);
+                frame.bits = self.bits.unwrap_or(16);
+            }
             self.found.pictures.extend(picture(&frame).map(|picture| (exposure, picture)));
         }
     }

@@ -103,6 +103,8 @@ pub struct SessionOptions {
     pub thresholds: Option<[f64; 2]>,
     /// What event cameras answer to.
     pub response: Response,
+    /// How many bits of samples of 16 count in frames of AEDAT 4; all where absent.
+    pub bits: Option<u8>,
     /// Whether frames without colour are taken although other cameras see colours.
     pub grey: bool,
     /// Cameras that are left out.
@@ -123,6 +125,7 @@ impl Default for SessionOptions {
             resample: Resample::Area,
             thresholds: None,
             response: Response::default(),
+            bits: None,
             grey: false,
             without: Vec::new(),
             test_cameras: None,
@@ -184,8 +187,15 @@ pub fn import(
             continue;
         }
         let window = [first_ns.unwrap_or(window[0]).max(window[0]), window[1]];
-        let found =
-            events::gather(session, streams[view], viewpoint, window, options.merged(viewpoint), grey, progress)?;
+        let found = events::gather(
+            session,
+            streams[view],
+            viewpoint,
+            window,
+            options.merged(viewpoint),
+            (grey, options.bits),
+            progress,
+        )?;
         match found {
             Some(found) => gathered.push((view, found)),
             None => {
