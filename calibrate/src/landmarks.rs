@@ -97,7 +97,7 @@ pub enum LandmarkError {
 /// # Errors
 /// If it cannot be read or understood.
 pub fn read_sights(path: &Path) -> Result<Vec<Sight>, LandmarkError> {
-    let text = std::fs::read_to_string(path).map_err(FileError::when("read the known points", path))?;
+    let text = erfgs_base::text::read(path).map_err(FileError::when("read the known points", path))?;
     let wrong = |what: String| LandmarkError::Malformed { path: path.into(), what };
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
     let head: Vec<String> = match lines.next() {

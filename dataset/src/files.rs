@@ -32,7 +32,7 @@ impl Dataset {
     pub fn load(path: &Path) -> Result<Self, DatasetError> {
         let root = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
         let file = root.join(Self::MANIFEST);
-        let text = std::fs::read_to_string(&file).map_err(|source| match source.kind() {
+        let text = erfgs_base::text::read(&file).map_err(|source| match source.kind() {
             std::io::ErrorKind::NotFound => DatasetError::NotADataset { path: root.to_owned() },
             _ => FileError::when("read", &file)(source).into(),
         })?;

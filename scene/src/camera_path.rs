@@ -111,7 +111,7 @@ struct PathFile {
 /// If the file cannot be read, or holds no path.
 pub fn key_frames(file: &Path, model: &Intrinsics, frames: usize) -> Result<Vec<Station>, PathError> {
     let path = || file.to_owned();
-    let text = std::fs::read_to_string(file).map_err(|source| PathError::Read { path: path(), source })?;
+    let text = erfgs_base::text::read(file).map_err(|source| PathError::Read { path: path(), source })?;
     let read: PathFile = serde_json::from_str(&text).map_err(|source| PathError::Parse { path: path(), source })?;
     let intrinsics = read.intrinsics.unwrap_or(*model);
     let keys = read.world_to_camera;

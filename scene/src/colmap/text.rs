@@ -86,7 +86,7 @@ fn malformed(path: &Path, line: usize, what: impl Into<String>) -> ColmapError {
 impl File {
     fn open(folder: &Path, name: &str) -> Result<Self, ColmapError> {
         let path = folder.join(name);
-        let text = std::fs::read_to_string(&path).map_err(FileError::when("read COLMAP model file", &path))?;
+        let text = erfgs_base::text::read(&path).map_err(FileError::when("read COLMAP model file", &path))?;
         Ok(Self { path, text })
     }
 

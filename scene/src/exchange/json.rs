@@ -35,7 +35,7 @@ const NOT_A_NUMBER: &str = "NaN";
 /// # Errors
 /// If it cannot be read, or is no JSON of this type.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ExchangeError> {
-    let text = std::fs::read_to_string(path).map_err(|source| ExchangeError::Io {
+    let text = erfgs_base::text::read(path).map_err(|source| ExchangeError::Io {
         doing: "read",
         path: path.to_owned(),
         source,

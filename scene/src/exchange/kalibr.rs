@@ -4,7 +4,10 @@
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 use crate::{Distortion, Intrinsics, Modality, Pose, camera::image_side};
-use erfgs_base::{atomic, names::FileNames};
+use erfgs_base::{
+    atomic,
+    names::{self, FileNames},
+};
 use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
@@ -84,19 +87,34 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     if cameras.is_empty() {
         return Err(malformed(path, "it has no camera cam0; is it a camchain?".into()));
     }
-    let names: BTreeSet<String> = (0..cameras.len()).map(|index| format!("cam{index}")).collect();
+    name_apart(&document, &mut cameras);
+    let entries: BTreeSet<String> = (0..cameras.len()).map(|index| format!("cam{index}")).collect();
     let mut other: BTreeSet<String> =
-        yaml::keys(&document).filter(|key| !names.contains(*key)).map(str::to_owned).collect();
+        yaml::keys(&document).filter(|key| !entries.contains(*key)).map(str::to_owned).collect();
     let is_camera = |key: &&String| key.strip_prefix("cam").is_some_and(|number| number.parse::<u32>().is_ok());
     if let Some(camera) = other.iter().find(is_camera) {
         return Err(malformed(path, format!("{camera} follows a gap: number the cameras from cam0 on")));
     }
-    for name in &names {
+    for name in &entries {
         other.extend(yaml::keys(&document[name.as_str()]).filter(|key| !KNOWN.contains(key)).map(str::to_owned));
     }
     let mut rig = RigFile::new("kalibr", true, cameras);
     rig.warnings.extend(notes::unknown(&other));
     Ok(rig)
+}
+
+/// Calls cameras by what tells their topics apart where the first parts of these do not.
+fn name_apart(document: &Yaml, cameras: &mut [RigCamera]) {
+    let distinct: BTreeSet<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+    if distinct.len() == cameras.len() {
+        return;
+    }
+    let topics: Vec<String> = (0..cameras.len()).map(|at| format!("cam{at}")).collect();
+    let topics: Option<Vec<&str>> = topics.iter().map(|key| document[key.as_str()]["rostopic"].as_str()).collect();
+    let Some(topics) = topics else { return };
+    for (camera, name) in cameras.iter_mut().zip(names::apart(&topics)) {
+        camera.name = name;
+    }
 }
 
 /// What is read of a camera, or says nothing of it.

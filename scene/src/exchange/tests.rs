@@ -350,3 +350,60 @@ fn broken_files_are_named() {
     }
     assert!(read(&folder.path().join("nothing")).is_err());
 }
+
+/// A camchain of cameras with these topics.
+fn camchain(topics: &[&str]) -> String {
+    let camera = |(at, topic): (usize, &&str)| {
+        let pose =
+            if at == 0 { "" } else { "  T_cn_cnm1: [[1, 0, 0, -0.1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n" };
+        format!(
+            "cam{at}:\n{pose}  camera_model: pinhole\n  distortion_model: none\n  intrinsics: [9, 9, 8, 4]\n  resolution: [16, 8]\n  \
+             rostopic: {topic}\n"
+        )
+    };
+    topics.iter().enumerate().map(camera).collect()
+}
+
+#[test]
+fn cameras_of_a_camchain_are_called_by_what_tells_their_topics_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("camchain.yaml");
+    for (topics, names) in [
+        (["/stereo/left/image_raw", "/stereo/right/image_raw"], ["left", "right"]),
+        (["/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"], ["infra1", "infra2"]),
+        (["/rig/image/a", "/rig/image/b"], ["a", "b"]),
+        (["/east/image_raw", "/west/image_raw"], ["east", "west"]),
+    ] {
+        for mark in ["", "\u{feff}"] {
+            std::fs::write(&path, format!("{mark}{}", camchain(&topics))).unwrap();
+            let rig = read(&path).unwrap();
+            assert_eq!(rig.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>(), names);
+        }
+    }
+    std::fs::write(&path, camchain(&["/x/y", "/x/y"])).unwrap();
+    assert!(read(&path).unwrap().warnings.iter().any(|said| said.contains("several cameras are called x_y")));
+}
+
+/// Where folders tell the images of cameras apart, and files with and without a byte order mark.
+#[test]
+fn files_with_a_byte_order_mark_are_read_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    for (format, name) in ALL.into_iter().chain([(Format::Rig, "rig.json")]) {
+        let out = folder.path().join(name);
+        write(&rig(Distortion::None), format, &out).unwrap();
+        let plain = read(&out);
+        let files: Vec<std::path::PathBuf> = if out.is_dir() {
+            std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().path()).collect()
+        } else {
+            vec![out.clone()]
+        };
+        for file in files {
+            let bytes = std::fs::read(&file).unwrap();
+            if std::str::from_utf8(&bytes).is_ok() {
+                std::fs::write(&file, [b"\xef\xbb\xbf".to_vec(), bytes].concat()).unwrap();
+            }
+        }
+        let marked = read(&out);
+        assert_eq!(plain.as_ref().ok(), marked.as_ref().ok(), "{format}: {marked:?}");
+    }
+}

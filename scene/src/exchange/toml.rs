@@ -71,7 +71,7 @@ fn quoted(name: &str) -> String {
 }
 
 pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
-    let text = std::fs::read_to_string(path).map_err(|source| ExchangeError::Io {
+    let text = erfgs_base::text::read(path).map_err(|source| ExchangeError::Io {
         doing: "read",
         path: path.into(),
         source,

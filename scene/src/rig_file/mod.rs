@@ -118,7 +118,7 @@ impl RigFile {
     /// # Errors
     /// If the file cannot be read, is no rig file, is of a newer version, or holds numbers that make no sense.
     pub fn read(path: &Path) -> Result<Self, RigFileError> {
-        let text = std::fs::read_to_string(path).map_err(FileError::when("read the rig file", path))?;
+        let text = erfgs_base::text::read(path).map_err(FileError::when("read the rig file", path))?;
         let malformed = |what: String| RigFileError::Malformed { path: path.into(), what };
         let rig: Self = serde_json::from_str(&text).map_err(|error| malformed(error.to_string()))?;
         if rig.format != FORMAT {

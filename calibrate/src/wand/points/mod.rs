@@ -28,7 +28,7 @@ pub fn read_points(path: &Path) -> Result<Vec<WandCamera>, WandError> {
 }
 
 fn read_text(path: &Path) -> Result<String, WandError> {
-    Ok(std::fs::read_to_string(path).map_err(FileError::when("read", path))?)
+    Ok(erfgs_base::text::read(path).map_err(FileError::when("read", path))?)
 }
 
 fn malformed(path: &Path, line: Option<usize>, what: impl Into<String>) -> WandError {

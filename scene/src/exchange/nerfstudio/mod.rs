@@ -10,6 +10,7 @@ mod write;
 
 use std::{collections::BTreeSet, path::Path};
 
+use erfgs_base::names;
 use glam::{DMat3, DVec3};
 
 pub use lens::Lens;
@@ -125,7 +126,18 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
         let intrinsics = frame.lens.intrinsics(size);
         Ok(RigCamera::new(&name.to_string_lossy(), Modality::Rgb, intrinsics, Some(frame.pose)))
     };
-    let mut rig = RigFile::new("nerfstudio", false, file.frames.iter().map(camera).collect::<Result<_, _>>()?);
+    let mut cameras: Vec<RigCamera> = file.frames.iter().map(camera).collect::<Result<_, _>>()?;
+    let distinct: BTreeSet<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
+    if distinct.len() < cameras.len() {
+        let paths: Vec<String> = file
+            .frames
+            .iter()
+            .map(|frame| Path::new(&frame.file).with_extension("").to_string_lossy().into_owned())
+            .collect();
+        let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+        cameras.iter_mut().zip(names::apart(&paths)).for_each(|(camera, name)| camera.name = name);
+    }
+    let mut rig = RigFile::new("nerfstudio", false, cameras);
     rig.warnings.push("a transforms.json does not say whether its unit is the metre".into());
     rig.warnings.extend(file.notes);
     if file.frames.iter().any(|frame| frame.time.is_some()) {
