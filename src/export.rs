@@ -103,6 +103,10 @@ pub struct Arguments {
     /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
     size: Option<SensorSize>,
+    /// How many low bits of samples of 16 bits count in the frames of an AEDAT 4 file, 8 to 16; without it all, and frames that are
+    /// nearly black then are refused (png, exr, mp4).
+    #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16), help_heading = "Of a session or an event file")]
+    bits: Option<u8>,
     /// Leave out what arrived before this second of the recording.
     #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a session or an event file")]
     from: Option<f64>,
@@ -226,6 +230,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if !input.exists() {
         return Err(Usage(format!("'{}' does not exist", input.display())).into());
     }
+    if crate::errors::bag(input).is_some() {
+        crate::errors::recording_at(input)?;
+    }
     let manifest = input.file_name().is_some_and(|name| name == Dataset::MANIFEST);
     match (input.is_file() && !manifest, arguments.to) {
         (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
@@ -312,13 +319,19 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     let mut lost = Vec::new();
     let told = match format.kind() {
         Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
-        Kind::Frames(format) => frames::export(&mut recording, format, &tasks, &mut lost, terminal)?,
+        Kind::Frames(format) => frames::export(&mut recording, (format, arguments.bits), &tasks, &mut lost, terminal)?,
         Kind::Video | Kind::Session => {
             let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
             let (of_events, of_frames): (Vec<_>, Vec<_>) =
                 tasks.into_iter().partition(|task| arguments.video.shows_events_of(encoding(task)));
             let mut told = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
-            told.extend(frames::export(&mut recording, FramesFormat::Mp4, &of_frames, &mut lost, terminal)?);
+            told.extend(frames::export(
+                &mut recording,
+                (FramesFormat::Mp4, arguments.bits),
+                &of_frames,
+                &mut lost,
+                terminal,
+            )?);
             told
         }
     };

@@ -47,6 +47,9 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let path = &arguments.path;
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+    if crate::errors::bag(path).is_some() {
+        crate::errors::recording_at(path)?;
+    }
     let folder = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     if arguments.digest && (path.is_dir() || extension == "ply" || extension == "json") {

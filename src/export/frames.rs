@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use erfgs_session::{
     container::Recording,
-    export::{Exposures, FramesFormat, write_frames},
+    export::{Exposures, FramesChoice, FramesFormat, write_frames},
 };
 use serde::Serialize;
 
@@ -22,10 +22,10 @@ struct Exported {
     rate_hz: f64,
 }
 
-/// Writes the streams, and what is to be told of each.
+/// Writes the streams, and what is to be told of each; `bits` of samples of 16 count, where that is said.
 pub fn export(
     recording: &mut Recording,
-    format: FramesFormat,
+    (format, bits): (FramesFormat, Option<u8>),
     tasks: &[Task],
     lost: &mut Vec<String>,
     terminal: &Terminal,
@@ -42,7 +42,8 @@ pub fn export(
         let update = |done: u64| progress.update(done, total, unit);
         let stream = sync.as_ref().and_then(|sync| sync.stream(&task.id));
         let exposures = stream.map(|sync| Exposures { mids: sync.exposure_mids(), epochs: &sync.epochs });
-        let written = write_frames(recording, &task.id, format, &task.out, exposures.as_ref(), lost, update)?;
+        let choice = FramesChoice { format, exposures: exposures.as_ref(), bits };
+        let written = write_frames(recording, &task.id, choice, &task.out, lost, update)?;
         let damaged = if written.damaged > 0 { format!("; {} did not decode", written.damaged) } else { String::new() };
         let line =
             format!("{}: {} frames, {:.3} a second{damaged}", task.out.display(), written.frames, written.rate_hz);

@@ -15,6 +15,7 @@ use super::{
         plain_id,
     },
     ros::{self, EventPacket},
+    unpack,
 };
 use crate::{
     clock::ClockFit,
@@ -235,7 +236,11 @@ impl Layout {
 
     /// A packet of events of ROS 2. Its stream is known from the first one on.
     fn read_ros(&mut self, message: &RawMessage) -> Meaning {
-        let Some(events) = EventPacket::parse(&message.data) else {
+        let unpacked = match unpack::message(&message.data) {
+            Ok(unpacked) => unpacked,
+            Err(what) => return Meaning::Broken(what),
+        };
+        let Some(events) = EventPacket::parse(&unpacked) else {
             return Meaning::Broken("an EventPacket is shorter than its fields say".into());
         };
         let Some(Role::Ros { topic, stream }) = self.roles.get(&message.channel) else { return Meaning::Foreign };

@@ -89,6 +89,26 @@ fn zstd(mut packed: &[u8], limit: u64, out: &mut Vec<u8>) -> io::Result<()> {
     Ok(())
 }
 
+/// How a frame of Zstandard begins.
+const ZSTD_MAGIC: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
+
+/// A message that rosbag2 compressed by itself (`compression_mode: message`), unpacked; one that it did not as it is. CDR begins
+/// with two zeros, or a zero and a one.
+///
+/// # Errors
+/// If it is damaged, or longer than messages are.
+pub(super) fn message(packed: &Bytes) -> Result<Bytes, String> {
+    if !packed.starts_with(&ZSTD_MAGIC) {
+        return Ok(packed.clone());
+    }
+    let mut unpacked = Vec::new();
+    zstd(packed, MAX_BODY + 1, &mut unpacked).map_err(|error| format!("a message cannot be unpacked: {error}"))?;
+    if unpacked.len() as u64 > MAX_BODY {
+        return Err(format!("a message unpacks to more than {MAX_BODY} bytes"));
+    }
+    Ok(unpacked.into())
+}
+
 #[cfg(test)]
 mod tests {
     use std::io::Write;

@@ -11,7 +11,7 @@ use erfgs_base::atomic;
 use erfgs_scene::exr;
 use erfgs_scene::{pixel, video::VideoWriter};
 
-use super::{ExportError, is_passed_over, sensor_frames};
+use super::{ExportError, depth, is_passed_over, sensor_frames};
 use crate::{
     clock::{EpochCursor, Epochs},
     container::{Entry, Recording, SessionStart},
@@ -31,6 +31,17 @@ pub enum FramesFormat {
     Exr,
     /// A video of H.264, by ffmpeg, at the mean rate of the frames.
     Mp4,
+}
+
+/// How frames are written.
+#[derive(Clone, Copy, Debug)]
+pub struct FramesChoice<'a> {
+    /// As what.
+    pub format: FramesFormat,
+    /// When they were exposed, where that is known.
+    pub exposures: Option<&'a Exposures<'a>>,
+    /// How many bits of samples of 16 count (AEDAT 4), where the user says it.
+    pub bits: Option<u8>,
 }
 
 impl FramesFormat {
@@ -66,20 +77,21 @@ pub struct WrittenFrames {
 /// `progress` is called with the frames so far, of event sensors with the bytes of payload.
 ///
 /// # Errors
-/// If the recording has no such stream or cannot be read, or if a file cannot be written.
+/// If the recording has no such stream or cannot be read, if it leaves open how many bits of its samples count, or if a file cannot be written.
 pub fn write_frames(
     recording: &mut Recording,
     id: &str,
-    format: FramesFormat,
+    choice: FramesChoice<'_>,
     path: &Path,
-    exposures: Option<&Exposures<'_>>,
     damage: &mut Vec<String>,
     mut progress: impl FnMut(u64),
 ) -> Result<WrittenFrames, ExportError> {
     let (stream, _) = recording.stream(id)?;
+    let FramesChoice { format, exposures, bits } = choice;
     let mut writing = Writing::begin(recording, stream, format, path, exposures);
     if writing.is_of_sensor {
-        sensor_frames::decode(recording, stream, &mut writing, damage, progress)?;
+        let bits = depth::of(recording, stream, bits)?;
+        sensor_frames::decode(recording, stream, (&mut writing, bits), damage, progress)?;
     } else {
         let mut packets = 0;
         for entry in recording.messages(None) {

@@ -6,6 +6,7 @@
 //! the stream, where the caller has them, only date it.
 
 mod anew;
+mod depth;
 mod event_video;
 mod events;
 mod frames;
@@ -21,7 +22,7 @@ use erfgs_scene::{image::ImageError, video::VideoError};
 
 pub use event_video::{EventVideo, WrittenVideo, write_event_video};
 pub use events::{EventsFormat, WrittenEvents, write_events};
-pub use frames::{Exposures, FramesFormat, write_frames};
+pub use frames::{Exposures, FramesChoice, FramesFormat, write_frames};
 
 use crate::container::ContainerError;
 
@@ -54,6 +55,29 @@ pub enum ExportError {
         path: PathBuf,
         /// The event, and why.
         source: EncodeError,
+    },
+    /// The samples of a stream's frames have 16 bits of which the upper ones may not count.
+    #[error(
+        "the frames of stream '{id}' have samples of 16 bits, and the largest is {largest}: either fewer bits count, or all frames are \
+         nearly black; say how many with --bits (10 as jAER writes a DAVIS's, 16 if all count)"
+    )]
+    FewBits {
+        /// The stream.
+        id: String,
+        /// The largest sample.
+        largest: u16,
+    },
+    /// A sample has more bits than are said to count.
+    #[error(
+        "a sample of the frames of stream '{id}' is {largest}, which is more than {bits} bits hold; give --bits as many as count"
+    )]
+    MoreBits {
+        /// The stream.
+        id: String,
+        /// The largest sample.
+        largest: u16,
+        /// The bits that are said to count.
+        bits: u8,
     },
     /// The stream has no events.
     #[error("stream '{id}' has no events that can be written")]

@@ -12,16 +12,16 @@ use crate::{clock::EpochCursor, container::Recording, source::Encoding};
 /// Frames from which the rate of a video is taken.
 const RATED: usize = 32;
 
-/// Decodes a stream of events and writes the frames in it.
+/// Decodes a stream of events and writes the frames in it; of samples of 16 bits so many low ones count.
 pub(super) fn decode(
     recording: &mut Recording,
     stream: usize,
-    writing: &mut Writing<'_>,
+    (writing, bits): (&mut Writing<'_>, u8),
     damage: &mut Vec<String>,
     progress: impl FnMut(u64),
 ) -> Result<(), ExportError> {
     let clocks = writing.clocks();
-    let mut sink = Frames { writing, clocks, waiting: Vec::new(), begun: false, error: None };
+    let mut sink = Frames { writing, bits, clocks, waiting: Vec::new(), begun: false, error: None };
     let decoded = recording.decode_events(stream, &mut sink, progress)?;
     sink.flush();
     damage.extend(decoded.into_iter().flat_map(|decoded| decoded.damage));
@@ -31,6 +31,8 @@ pub(super) fn decode(
 /// Writes frames as they are decoded; the first error ends the writing.
 struct Frames<'a, 'b> {
     writing: &'a mut Writing<'b>,
+    /// How many bits of 16 count.
+    bits: u8,
     clocks: Option<EpochCursor<'b>>,
     /// The first frames, which wait until their rate is known, and the middles of their exposures in session time.
     waiting: Vec<(ApsFrame, Option<i64>)>,
@@ -51,7 +53,8 @@ impl Sink for Frames<'_, '_> {
         self.clocks.iter_mut().for_each(EpochCursor::discontinuity);
     }
 
-    fn frame(&mut self, frame: ApsFrame) {
+    fn frame(&mut self, mut frame: ApsFrame) {
+        frame.bits = if frame.bits == 16 { self.bits } else { frame.bits };
         let mid_us = frame.exposure_start_us.midpoint(frame.exposure_end_us);
         let mid_ns = self.clocks.as_ref().and_then(|clocks| clocks.session_ns(mid_us));
         self.waiting.push((frame, mid_ns));
@@ -87,13 +90,16 @@ impl Frames<'_, '_> {
     }
 }
 
-/// A frame as the cameras' encodings have it: of 16 bits the upper 12, of colour the upper 8, alpha left out.
+/// A frame as the cameras' encodings have it: of more than 12 bits the upper 12, of colour the upper 8, alpha left out.
 fn samples(frame: &ApsFrame) -> (Encoding, Vec<u8>) {
-    let words = |shift: u8| frame.pixels.iter().flat_map(|pixel| (pixel >> shift).to_le_bytes()).collect();
+    let words = |bits: u8, wanted: u8| {
+        let scaled = |pixel: &u16| if bits > wanted { pixel >> (bits - wanted) } else { pixel << (wanted - bits) };
+        frame.pixels.iter().flat_map(|pixel| scaled(pixel).to_le_bytes()).collect()
+    };
     match (frame.channels, frame.bits) {
         (1, ..=8) => (Encoding::Frames(PixelFormat::Grey8), frame.pixels.iter().map(|&pixel| pixel as u8).collect()),
-        (1, 10) => (Encoding::Frames(PixelFormat::Grey10), words(0)),
-        (1, bits) => (Encoding::Frames(PixelFormat::Grey12), words(bits.saturating_sub(12))),
+        (1, bits @ ..=10) => (Encoding::Frames(PixelFormat::Grey10), words(bits, 10)),
+        (1, bits) => (Encoding::Frames(PixelFormat::Grey12), words(bits, 12)),
         (channels, bits) => {
             let shift = bits.saturating_sub(8);
             let pixels = frame.pixels.chunks_exact(channels.max(1).into());

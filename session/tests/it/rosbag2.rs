@@ -72,6 +72,31 @@ fn events_of_a_bag_in_sqlite_are_those_of_its_messages() {
 }
 
 #[test]
+fn messages_that_rosbag2_compressed_one_by_one_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let words = |from: u32| -> Vec<u8> { (from..from + 40).flat_map(|n| mono(n * 1000, 3, 4, n % 2 == 0)).collect() };
+    let messages: Vec<Vec<u8>> = (0..3).map(|n| event_packet(n.into(), "mono", &words(40 * n))).collect();
+    let fast = ruzstd::encoding::CompressionLevel::Fastest;
+    let packed: Vec<Vec<u8>> =
+        messages.iter().map(|message| ruzstd::encoding::compress_to_vec(&message[..], fast)).collect();
+    let events = |name: &str, messages: &[Vec<u8>]| {
+        let path = folder.path().join(name);
+        bag(&path, "event_camera_msgs/msg/EventPacket", messages);
+        let mut session = Session::open(&path).unwrap();
+        let mut columns = Columns::default();
+        let decoded = session.decode_events(0, None, &mut columns, |_| {}).unwrap().unwrap();
+        (columns, decoded.damage.len())
+    };
+    let (plain, packed_columns) = (events("a.db3", &messages), events("b.db3", &packed));
+    assert_eq!((plain.0.len(), plain.1), (120, 0));
+    assert_eq!(plain, packed_columns);
+    let mut cut = packed;
+    let half = cut[1].len() / 2;
+    cut[1].truncate(half);
+    assert_eq!(events("c.db3", &cut).0.len(), 80, "what is whole is read");
+}
+
+#[test]
 fn bags_without_events_and_broken_ones_say_so() {
     let folder = tempfile::tempdir().unwrap();
     let said = |name: &str| Session::open(&folder.path().join(name)).err().unwrap().to_string();

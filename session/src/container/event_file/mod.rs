@@ -49,7 +49,7 @@ impl EventFileRecording {
     /// If the file cannot be read, or is none that erfgs reads.
     pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
         let mut source = EventSource::open(path, size)?;
-        let survey = survey::survey(&source)?;
+        let survey = survey::survey(&source, size.is_none())?;
         let of_addresses = source.size().is_none();
         if of_addresses {
             source.set_size(survey.extent);

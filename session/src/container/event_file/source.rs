@@ -86,6 +86,11 @@ impl EventSource {
         }
     }
 
+    /// Whether the file holds the words of a device as it sent them.
+    pub fn is_devices_words(&self) -> bool {
+        matches!(self, Self::Stream(EventFile { format: EventFormat::Raw(_), .. }))
+    }
+
     /// Takes `found` for the sensor's size.
     pub fn set_size(&mut self, found: Option<SensorSize>) {
         match self {

@@ -67,9 +67,16 @@ impl Sink for Seen {
     }
 }
 
-/// What anomalies say of a file that is cut or damaged. Others are those of the device.
-fn faults(anomalies: &Anomalies) -> Vec<String> {
+/// What anomalies say of a file that is cut or damaged, or whose events lie outside the sensor that it tells of. Others are
+/// those of the device, whose own words (RAW) may be wrong.
+fn faults(source: &EventSource, anomalies: &Anomalies, size_is_files: bool) -> Vec<String> {
     let mut faults = Vec::new();
+    if let (true, Some(SensorSize { width, height })) = (anomalies.outside > 0 && size_is_files, source.size()) {
+        faults.push(format!(
+            "{} events lie outside the {width} x {height} pixels that it says and were left out: give the sensor's size with --size",
+            anomalies.outside
+        ));
+    }
     if anomalies.damaged > 0 {
         faults.push(format!("{} lines or packets of it cannot be read", anomalies.damaged));
     }
@@ -79,8 +86,8 @@ fn faults(anomalies: &Anomalies) -> Vec<String> {
     faults
 }
 
-/// Reads the file through.
-pub(super) fn survey(source: &EventSource) -> Result<Survey, ContainerError> {
+/// Reads the file through. `size_is_files`: the sensor's size is that which the file says.
+pub(super) fn survey(source: &EventSource, size_is_files: bool) -> Result<Survey, ContainerError> {
     let mut seen = Seen::default();
     let anomalies = source.decode(&mut seen, |_| true)?;
     if anomalies.are_all(u64::from(seen.first.is_some())) {
@@ -91,7 +98,7 @@ pub(super) fn survey(source: &EventSource) -> Result<Survey, ContainerError> {
     Ok(Survey {
         first_us: seen.first.map_or(0, |[_, earliest]| earliest),
         last_ns: seen.first.map(|first| seen.clock.last_ns().saturating_add(before_ns(first))),
-        faults: faults(&anomalies),
+        faults: faults(source, &anomalies, size_is_files && !source.is_devices_words()),
         extent: (seen.width > 0 && seen.height > 0).then_some(SensorSize { width: seen.width, height: seen.height }),
     })
 }
