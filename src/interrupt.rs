@@ -1,6 +1,7 @@
-//! Ctrl-C and requests to terminate, during work that can be continued.
+//! Ctrl-C and requests to terminate.
 //!
-//! The first asks the work to stop. A second Ctrl-C ends the program at once: there is somebody who does not want to wait. A
+//! Where there is nothing to save, the program ends at once, without leaving intermediate files or children. Work that can be
+//! continued is asked to stop. A second Ctrl-C ends the program at once: there is somebody who does not want to wait. A
 //! second request to terminate does not: job schedulers send it several times, and what is being saved is to be saved.
 
 use std::sync::{
@@ -9,6 +10,7 @@ use std::sync::{
 };
 
 use anyhow::Context;
+use erfgs_base::ending;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 static LISTENING: Mutex<Listening> = Mutex::new(Listening { begun: false, what_follows: None });
@@ -19,8 +21,8 @@ struct Listening {
     what_follows: Option<&'static str>,
 }
 
-/// From now on the program ends at once with exit code 130 when it is asked to stop: there is nothing yet that would have to
-/// be saved, and whoever started it is told that it can be started again.
+/// From now on the program ends at once with exit code 130 when it is asked to stop, after it has removed what is not whole yet:
+/// there is nothing that would have to be saved, and whoever started it is told that it can be started again.
 pub fn stop_at_once() -> anyhow::Result<()> {
     begin(&mut listening())
 }
@@ -46,22 +48,54 @@ fn begin(listening: &mut Listening) -> anyhow::Result<()> {
 
 /// Somebody wants the program to end; `at_the_keyboard` says that it was Ctrl-C.
 fn asked(at_the_keyboard: bool) {
-    let Some(what_follows) = listening().what_follows else { std::process::exit(130) };
+    let Some(what_follows) = listening().what_follows else { end() };
     match (STOP.swap(true, Ordering::SeqCst), at_the_keyboard) {
         (false, _) => eprintln!("\nstopping: {what_follows}; press Ctrl-C again to end at once"),
-        (true, true) => std::process::exit(130),
+        (true, true) => end(),
         (true, false) => {}
     }
+}
+
+fn end() -> ! {
+    ending::clear();
+    std::process::exit(130)
 }
 
 #[cfg(unix)]
 fn listen() -> std::io::Result<()> {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    let mut wanted = vec![SIGINT, SIGTERM];
+    // `nohup` has it ignored, so that work goes on when a terminal is closed.
+    if !is_ignored(SIGHUP) {
+        wanted.push(SIGHUP);
+    }
+    let mut signals = signal_hook::iterator::Signals::new(wanted)?;
     std::thread::Builder::new()
         .name("signals".into())
         .spawn(move || signals.forever().for_each(|signal| asked(signal == SIGINT)))
         .map(drop)
+}
+
+/// Whether this process was started with a signal ignored. Known on Linux.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    ignored(&std::fs::read_to_string("/proc/self/status").unwrap_or_default()) & (1 << (signal - 1)) != 0
+}
+
+/// The signals that are ignored, the first as the lowest bit, by `/proc/PID/status`.
+#[cfg(unix)]
+fn ignored(status: &str) -> u64 {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    #[test]
+    fn ignored_signals_are_read_from_the_status_of_a_process() {
+        assert_eq!(super::ignored("Name:\terfgs\nSigBlk:\tff\nSigIgn:\t0000000000001001\nSigCgt:\t0\n"), 0x1001);
+        assert_eq!(super::ignored(""), 0);
+    }
 }
 
 #[cfg(not(unix))]

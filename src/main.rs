@@ -132,6 +132,9 @@ Examples:
 fn main() -> ExitCode {
     let Cli { terminal, command } = Cli::parse();
     terminal.start_log();
+    if let Err(error) = interrupt::stop_at_once() {
+        return errors::report(&error);
+    }
     let done = match command {
         Command::Devices(arguments) => devices::run(&arguments, &terminal),
         Command::Record(arguments) => record::run(&arguments, &terminal),

@@ -34,7 +34,7 @@ use crate::{
     dataset::points,
     device::Adapter,
     errors::{Stopped, Usage},
-    interrupt::{stop_at_once, stop_flag},
+    interrupt::stop_flag,
     parse::Iterations,
     progress::{Progress as Bar, duration},
     terminal::{Terminal, bytes, table, thousands},
@@ -387,7 +387,6 @@ pub fn check(words: impl Iterator<Item = String>) -> Result<(), String> {
 
 /// Trains.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    stop_at_once()?;
     let folder = RunFolder::new(&arguments.out);
     if !folder.checkpoint_file().is_file() {
         // What is wrong with the words is said before anything is begun.

@@ -1,6 +1,9 @@
 //! What every room of erfgs stands on, and what none of them is about.
 //!
 //! - [`atomic`]: files and folders that appear whole or not at all (feature `files`).
+//! - [`scratch`]: private folders for intermediate files (feature `files`).
+//! - [`children`]: other programs, run to their end or until they hang (feature `children`).
+//! - [`ending`]: what must not outlive the process.
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`cpu`]: CPU time of a thread or of the process (feature `cpu`).
@@ -15,8 +18,11 @@
 #[cfg(feature = "files")]
 pub mod atomic;
 pub mod calendar;
+#[cfg(feature = "children")]
+pub mod children;
 #[cfg(feature = "cpu")]
 pub mod cpu;
+pub mod ending;
 mod file_error;
 pub mod memory;
 pub mod names;
@@ -25,6 +31,8 @@ pub mod order;
 #[cfg(feature = "parallel")]
 pub mod progress;
 pub mod random;
+#[cfg(feature = "files")]
+pub mod scratch;
 pub mod text;
 
 pub use file_error::FileError;

@@ -2,10 +2,10 @@
 
 use std::{path::Path, sync::OnceLock};
 
+use erfgs_base::scratch::Scratch;
 use erfgs_dataset::Dataset;
 use erfgs_points::{CloudOptions, Method, attach, initial_cloud};
 use erfgs_stage::{FilmOptions, RigOptions, film};
-use tempfile::TempDir;
 
 use crate::{Result, Size};
 
@@ -14,7 +14,7 @@ use crate::{Result, Size};
 pub(crate) struct Filmed {
     options: FilmOptions,
     with_points: bool,
-    made: OnceLock<std::result::Result<(TempDir, Dataset), String>>,
+    made: OnceLock<std::result::Result<(Scratch, Dataset), String>>,
 }
 
 impl Filmed {
@@ -54,8 +54,8 @@ impl Filmed {
         made.as_ref().map(|(_, dataset)| dataset).map_err(|error| error.clone().into())
     }
 
-    fn make(&self) -> Result<(TempDir, Dataset)> {
-        let folder = tempfile::tempdir()?;
+    fn make(&self) -> Result<(Scratch, Dataset)> {
+        let folder = Scratch::new()?;
         let mut dataset = film(&folder.path().join("ds"), &self.options, &|_| {})?.dataset;
         if self.with_points {
             let options = CloudOptions { method: Method::Sweep, ..CloudOptions::default() };

@@ -152,7 +152,7 @@ pub(crate) fn component(size: Size) -> Component {
     let run = move |_: &Bench, stopwatch: &mut Stopwatch, options: &CloudOptions| {
         let truth = truth.get_or_init(|| Truth::of(&filmed).map_err(|error| error.to_string()));
         let truth = truth.as_ref().map_err(String::clone)?;
-        let (dataset, folder) = (filmed.dataset()?, tempfile::tempdir()?);
+        let (dataset, folder) = (filmed.dataset()?, erfgs_base::scratch::Scratch::new()?);
         let found = stopwatch.time(|| cloud(dataset, options, folder.path()))?;
         truth.judge(&found.points)
     };

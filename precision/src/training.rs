@@ -72,7 +72,7 @@ impl Setting {
     /// Trains with each seed and judges all by the mean of their PSNR.
     fn learn(&self, filmed: &Filmed, bench: &Bench, stopwatch: &mut Stopwatch) -> Result<Vec<f64>> {
         let dataset = filmed.dataset()?;
-        let folder = tempfile::tempdir()?;
+        let folder = erfgs_base::scratch::Scratch::new()?;
         let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
         let run = RunFolder::new(folder.path().join("run"));
         let mut trained = Vec::new();

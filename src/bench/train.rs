@@ -122,7 +122,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let gpu = arguments.adapter.open()?;
     let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
     let mut trainer = Trainer::new(&gpu, scene, config, &options)?;
-    let folder = tempfile::tempdir().context("cannot make a folder for the run")?;
+    let folder = erfgs_base::scratch::Scratch::new().context("cannot make a folder for the run")?;
     let folder = RunFolder::new(folder.path());
     let progress = terminal.progress("measuring");
     let warm = AtomicBool::new(false);

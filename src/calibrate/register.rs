@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if new.is_empty() {
         bail!("{} holds no image and no event file of a new camera", arguments.images.display());
     }
-    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("registering");
     let (rig, evidence) = register(&rig, &model, &new, &options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());

@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         threads: arguments.jobs.unwrap_or(0),
         ..SfmOptions::default()
     };
-    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("calibrating");
     let (rig, evidence) = sfm(&views, &options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());

@@ -25,7 +25,7 @@ pub fn check(dataset: &Dataset, colmap: &ColmapProgram, terminal: &Terminal) -> 
     let views = read_still_views(dataset)?;
     let poses: Vec<_> = cameras.iter().map(|camera| camera.world_to_camera).collect();
     let options = FitOptions { colmap: colmap.clone(), ..FitOptions::default() };
-    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("checking poses");
     let found = fit(&views, &poses, &options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());

@@ -159,7 +159,7 @@ pub fn make(dataset: &mut Dataset, options: &CloudOptions, terminal: &Terminal) 
 }
 
 fn cloud(dataset: &Dataset, options: &CloudOptions, terminal: &Terminal) -> anyhow::Result<Cloud> {
-    let work = tempfile::tempdir().context("cannot make a folder for intermediate files")?;
+    let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
     let progress = terminal.progress("initial point cloud");
     let cloud = initial_cloud(dataset, options, work.path(), &|stage, done, total| {
         progress.update(done as u64, total as u64, &stage.to_string());

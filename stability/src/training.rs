@@ -2,14 +2,13 @@
 
 use std::sync::atomic::AtomicBool;
 
+use erfgs_base::scratch::Scratch;
 use erfgs_run::RunFolder;
 use erfgs_train::{
     config::{Config, Method, MotionModel, Preset},
     scene::Scene,
     trainer::{Progress, TrainOptions, Trainer},
 };
-
-use tempfile::TempDir;
 
 use crate::{Bench, Bound, Case, Expected, Measured, Refusal, Size, filmed::Filmed};
 
@@ -79,13 +78,13 @@ impl Training {
     /// The rms error of all training pictures, that of an even picture of their mean colour, the largest value of a pixel,
     /// and how many pixels are not finite.
     fn run(&self, bench: &Bench) -> Result<Learned, Refusal> {
-        let folder = tempfile::tempdir()?;
+        let folder = Scratch::new()?;
         // A refusal is the same wherever the folder lies.
         let placeless = |error: Refusal| error.to_string().replace(&folder.path().display().to_string(), "...").into();
         self.run_in(&folder, bench).map_err(placeless)
     }
 
-    fn run_in(&self, folder: &TempDir, bench: &Bench) -> Result<Learned, Refusal> {
+    fn run_in(&self, folder: &Scratch, bench: &Bench) -> Result<Learned, Refusal> {
         let dataset = self.filmed.dataset(&folder.path().join("ds"), self.motion == MotionModel::FreeTime)?;
         let mut config = self.config()?;
         config.settle(&dataset, false)?;

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_base::FileError;
+use erfgs_base::{FileError, atomic::Place};
 use hdf5::{Dataset, H5Type};
 
 use super::Hdf5Error;
@@ -16,7 +16,7 @@ const CHUNK: usize = 1 << 16;
 #[derive(Debug)]
 pub struct Hdf5Writer {
     path: PathBuf,
-    temporary: tempfile::TempPath,
+    place: Place,
     file: hdf5::File,
     t: Column<u32>,
     x: Column<u16>,
@@ -36,8 +36,8 @@ pub struct Hdf5Writer {
 /// If the file cannot be written.
 pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5Error> {
     let failed = |error: hdf5::Error| library(path, error);
-    let temporary = erfgs_base::atomic::place(path).map_err(FileError::when("write", path))?;
-    let file = hdf5::File::create(&temporary).map_err(failed)?;
+    let place = Place::begin(path).map_err(FileError::when("write", path))?;
+    let file = hdf5::File::create(place.path()).map_err(failed)?;
     let events = file.create_group("events").map_err(failed)?;
     if let Some(size) = size {
         for (name, side) in [("width", size.width), ("height", size.height)] {
@@ -47,7 +47,7 @@ pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5E
     }
     Ok(Hdf5Writer {
         path: path.to_owned(),
-        temporary,
+        place,
         t: Column::new(&events, "t").map_err(failed)?,
         x: Column::new(&events, "x").map_err(failed)?,
         y: Column::new(&events, "y").map_err(failed)?,
@@ -142,12 +142,12 @@ impl Hdf5Writer {
             writer.file.new_dataset::<i64>().create("t_offset")?.write_scalar(&offset)
         };
         end(&mut self).map_err(|error| library(&self.path, error))?;
-        let Self { path, temporary, file, t, x, y, p, milliseconds, events, .. } = self;
+        let Self { path, place, file, t, x, y, p, milliseconds, events, .. } = self;
         drop((t, x, y, p, milliseconds));
         file.close().map_err(|error| library(&path, error))?;
         let io = FileError::when("write", &path);
-        std::fs::File::open(&temporary).and_then(|file| file.sync_all()).map_err(&io)?;
-        temporary.persist(&path).map_err(|error| io(error.error))?;
+        std::fs::File::open(place.path()).and_then(|file| file.sync_all()).map_err(&io)?;
+        place.finish().map_err(io)?;
         Ok(events)
     }
 }

@@ -16,7 +16,7 @@ use std::{
     sync::mpsc,
 };
 
-use erfgs_base::{FileError, Progress};
+use erfgs_base::{FileError, Progress, atomic::NewFolder};
 use erfgs_dataset::{CameraEvents, Dataset, DatasetError, Frame};
 use rayon::prelude::*;
 
@@ -46,17 +46,7 @@ pub fn variant(
     config.validate()?;
     let plan = Plan::new(&source.manifest, options)?;
 
-    let parent = std::path::absolute(out).map_err(write)?.parent().map_or_else(PathBuf::new, Path::to_path_buf);
-    std::fs::create_dir_all(&parent).map_err(write)?;
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".variant-");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // As any new folder, and not the 0700 of a temporary one.
-        builder.permissions(std::fs::Permissions::from_mode(0o777));
-    }
-    let building = builder.tempdir_in(&parent).map_err(write)?;
+    let building = NewFolder::begin(out).map_err(write)?;
     let work = Work { source, options, config, root: building.path() };
     let simulated = work.all(&plan, progress)?;
 
@@ -79,12 +69,7 @@ pub fn variant(
     made.hash_files()?;
     made.save()?;
     made.validate()?;
-    if out.exists() {
-        std::fs::remove_dir(out).map_err(write)?;
-    }
-    std::fs::rename(building.path(), out).map_err(write)?;
-    // The folder has another name now, so that there is nothing left to remove.
-    let _ = building.keep();
+    building.finish().map_err(write)?;
     made.root = out.to_owned();
     Ok(made)
 }

@@ -1,11 +1,13 @@
 //! The disk: its speed, measured by writing to it, and its room.
 
 use std::{
-    fs::{self, OpenOptions},
+    fs::File,
     io::{self, Write},
     path::Path,
     time::{Duration, Instant},
 };
+
+use erfgs_base::atomic::TrialFile;
 
 use super::{Finding, Plan, rates::Rates};
 use crate::host;
@@ -31,15 +33,12 @@ pub(super) fn check(plan: &Plan<'_>, rates: &Rates) -> Vec<Finding> {
 /// # Errors
 /// If the folder cannot be written to.
 pub fn measure_write_speed(folder: &Path, duration: Duration) -> io::Result<f64> {
-    let path = folder.join(format!(".erfgs-disk-test-{}", std::process::id()));
-    let measured = write_for(&path, duration, host::disk_space(folder)?.free / SHARE);
-    // The measurement counts even where the file has gone.
-    let _ = fs::remove_file(&path);
-    measured
+    // One that was left by a recorder that was killed takes room, and goes with this.
+    let trial = TrialFile::new(folder, ".erfgs-disk-test-")?;
+    write_for(trial.file(), duration, host::disk_space(folder)?.free / SHARE)
 }
 
-fn write_for(path: &Path, duration: Duration, most: u64) -> io::Result<f64> {
-    let mut file = OpenOptions::new().write(true).create_new(true).open(path)?;
+fn write_for(mut file: &File, duration: Duration, most: u64) -> io::Result<f64> {
     // Numbers that no disk or file system compresses away.
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let block: Vec<u8> = std::iter::repeat_with(|| {
@@ -154,10 +153,11 @@ mod tests {
     }
 
     #[test]
-    fn the_measurement_writes_and_leaves_nothing() {
+    fn the_measurement_writes_and_leaves_nothing_not_even_of_one_that_was_killed() {
         let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(".erfgs-disk-test-123"), [0; 4096]).unwrap();
         assert!(measure_write_speed(folder.path(), Duration::from_millis(1)).unwrap() > 0.0);
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         assert!(measure_write_speed(&folder.path().join("absent"), Duration::from_millis(1)).is_err());
     }
 }

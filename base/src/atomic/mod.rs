@@ -1,0 +1,245 @@
+//! Files and folders that appear whole or not at all.
+
+use std::{
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+pub(crate) mod begun;
+
+use begun::{BegunFile, BegunFolder, PREFIX, Seen};
+
+/// Writes `bytes` to `path` through a temporary file in the same folder, which is renamed once it is on disk. Makes the
+/// folder where needed.
+///
+/// # Errors
+/// If the folder or the file cannot be written.
+pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// As [`write()`], for content that `fill` produces.
+///
+/// # Errors
+/// If the folder or the file cannot be written, or `fill` fails.
+pub fn write_with(
+    path: &Path,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<()>,
+) -> io::Result<()> {
+    try_write_with(path, fill, |error| error)
+}
+
+/// As [`write_with()`], for content whose making fails in ways of its own; `failed` says how it fails where the file does.
+/// Gives what `fill` gives.
+///
+/// # Errors
+/// If the folder or the file cannot be written, or `fill` fails.
+pub fn try_write_with<T, E>(
+    path: &Path,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
+    failed: impl Fn(io::Error) -> E,
+) -> Result<T, E> {
+    let begun = begin(path).map_err(&failed)?;
+    let filled = fill_buffered(&begun, fill, &failed)?;
+    begun.file.as_file().sync_all().map_err(&failed)?;
+    begun.persist(path).map_err(failed)?;
+    Ok(filled)
+}
+
+/// As [`try_write_with()`], without waiting for the disk: for pictures and other files of which there are many. They are whole
+/// under their names however the process ends, but not if the machine loses its power.
+///
+/// # Errors
+/// If the folder or the file cannot be written, or `fill` fails.
+pub fn try_write_one_of_many<T, E>(
+    path: &Path,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
+    failed: impl Fn(io::Error) -> E,
+) -> Result<T, E> {
+    let begun = begin(path).map_err(&failed)?;
+    let filled = fill_buffered(&begun, fill, &failed)?;
+    begun.persist(path).map_err(failed)?;
+    Ok(filled)
+}
+
+/// Begins a file in the folder of `path`, which is made where needed.
+fn begin(path: &Path) -> io::Result<BegunFile> {
+    let folder = folder_of(path);
+    std::fs::create_dir_all(folder)?;
+    BegunFile::new(folder, PREFIX)
+}
+
+fn fill_buffered<T, E>(
+    begun: &BegunFile,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
+    failed: impl Fn(io::Error) -> E,
+) -> Result<T, E> {
+    let mut writer = io::BufWriter::with_capacity(1 << 16, begun.file.as_file());
+    let filled = fill(&mut writer)?;
+    writer.flush().map_err(&failed)?;
+    Ok(filled)
+}
+
+/// The folder that a file lies in.
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// A place for a library or a program that wants to make a file itself: the file's own name, in a folder beside `path` that is
+/// removed with what is in it unless the file is put in its place.
+#[derive(Debug)]
+pub struct Place {
+    folder: BegunFolder,
+    path: PathBuf,
+    place: PathBuf,
+}
+
+impl Place {
+    /// Begins the file that will be `path`. Makes the folder where needed.
+    ///
+    /// # Errors
+    /// If the folder cannot be written, or `path` has no name of a file.
+    pub fn begin(path: &Path) -> io::Result<Self> {
+        let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no name of a file"))?;
+        let folder = BegunFolder::new(folder_of(path), PREFIX, Seen::AsUsual)?;
+        Ok(Self { path: folder.path().join(name), folder, place: path.to_owned() })
+    }
+
+    /// Where to write until then.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// If the file is not there or its place cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        std::fs::rename(&self.path, &self.place)?;
+        drop(self.folder);
+        Ok(())
+    }
+}
+
+/// A file that is there while something is measured or tried in a folder, and never later.
+#[derive(Debug)]
+pub struct TrialFile(BegunFile);
+
+impl TrialFile {
+    /// Makes a file in `folder`, called `prefix` and some letters.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn new(folder: &Path, prefix: &str) -> io::Result<Self> {
+        BegunFile::new(folder, prefix).map(Self)
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn file(&self) -> &std::fs::File {
+        self.0.file.as_file()
+    }
+}
+
+/// A folder that is being filled beside the place where it will appear whole. Dropped before that, it is removed.
+#[derive(Debug)]
+pub struct NewFolder {
+    building: BegunFolder,
+    place: PathBuf,
+}
+
+impl NewFolder {
+    /// Begins the folder that will be `place`, which must not exist yet or be an empty folder.
+    ///
+    /// # Errors
+    /// Of kind [`io::ErrorKind::AlreadyExists`] if `place` is something else; others if nothing can be written there.
+    pub fn begin(place: &Path) -> io::Result<Self> {
+        if place.exists() && std::fs::read_dir(place).map_or(true, |mut entries| entries.next().is_some()) {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        let place = std::path::absolute(place)?;
+        let parent = place.parent().unwrap_or(Path::new("/"));
+        Ok(Self { building: BegunFolder::new(parent, PREFIX, Seen::AsUsual)?, place })
+    }
+
+    /// Where to write until then.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.building.path()
+    }
+
+    /// Puts the folder in its place.
+    ///
+    /// # Errors
+    /// If the place is taken by now or cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        if self.place.exists() {
+            std::fs::remove_dir(&self.place)?;
+        }
+        self.building.persist(&self.place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_whose_writer_fails_keeps_its_old_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a/b.txt");
+        write(&path, b"old").unwrap();
+        let failed = write_with(&path, |file| {
+            file.write_all(b"half")?;
+            Err(io::Error::other("no more"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "no temporary file is left");
+        write(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_file_of_another_program_appears_when_it_is_finished_and_not_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/a.mp4");
+        let place = Place::begin(&path).unwrap();
+        assert_eq!(place.path().file_name(), path.file_name(), "programs go by the extension");
+        std::fs::write(place.path(), b"half").unwrap();
+        assert!(!path.exists());
+        drop(place);
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 0);
+        let place = Place::begin(&path).unwrap();
+        assert!(Place::begin(Path::new("/")).is_err());
+        std::fs::write(place.path(), b"whole").unwrap();
+        place.finish().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"whole");
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+        assert!(Place::begin(&folder.path().join("other")).unwrap().finish().is_err(), "nothing was written");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_appears_when_it_is_finished_and_not_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("deep/ds");
+        let begun = NewFolder::begin(&place).unwrap();
+        std::fs::write(begun.path().join("a"), b"1").unwrap();
+        assert!(!place.exists());
+        drop(begun);
+        assert_eq!(std::fs::read_dir(folder.path().join("deep")).unwrap().count(), 0);
+
+        std::fs::create_dir(&place).unwrap();
+        let begun = NewFolder::begin(&place).unwrap();
+        std::fs::write(begun.path().join("a"), b"1").unwrap();
+        begun.finish().unwrap();
+        assert_eq!(std::fs::read(place.join("a")).unwrap(), b"1");
+        assert_eq!(NewFolder::begin(&place).unwrap_err().kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(NewFolder::begin(&place.join("a")).unwrap_err().kind(), io::ErrorKind::AlreadyExists);
+    }
+}
