@@ -1,7 +1,12 @@
 //! OpenEXR files: linear colour, alpha and depth.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs::File,
+    io::BufWriter,
+    path::{Path, PathBuf},
+};
 
+use erfgs_base::atomic;
 use exr::{
     error::Error,
     math::Vec2,
@@ -57,7 +62,7 @@ pub fn write_layers(path: &Path, layers: &Layers<'_>) -> Result<(), ExrError> {
             let depth = if depth > 0.0 { depth } else { f32::INFINITY };
             (r, g, b, f16::from_f32(1.0 - layers.transmittance[index]), depth)
         });
-    written(path, Image::from_channels((size[0], size[1]), channels).write().to_file(path))
+    appear(path, |file| Image::from_channels((size[0], size[1]), channels).write().to_buffered(file))
 }
 
 /// Writes the `R`, `G`, `B` (half, linear light) of a picture that is coded as sRGB.
@@ -73,7 +78,7 @@ pub fn write_rgb8(path: &Path, image: &ImageRgb8) -> Result<(), ExrError> {
         let [r, g, b] = [0, 1, 2].map(|channel| linear[usize::from(image.data[index + channel])]);
         (r, g, b)
     });
-    written(path, Image::from_channels((width, height), channels).write().to_file(path))
+    appear(path, |file| Image::from_channels((width, height), channels).write().to_buffered(file))
 }
 
 /// Writes the `R`, `G`, `B` (float, linear light, nothing cut) of a frame as a sensor gave it.
@@ -87,7 +92,12 @@ pub fn write_light(path: &Path, light: &LightRgb) -> Result<(), ExrError> {
         let index = 3 * (position.y() * width + position.x());
         (light.data[index], light.data[index + 1], light.data[index + 2])
     });
-    written(path, Image::from_channels((width, height), channels).write().to_file(path))
+    appear(path, |file| Image::from_channels((width, height), channels).write().to_buffered(file))
+}
+
+/// Writes a file that appears whole or not at all.
+fn appear(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> Result<(), Error>) -> Result<(), ExrError> {
+    written(path, atomic::try_write_one_of_many(path, write, Error::Io))
 }
 
 fn require(path: &Path, fits: bool) -> Result<(), ExrError> {

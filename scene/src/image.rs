@@ -4,11 +4,10 @@ mod reading;
 
 use std::{
     fs::File,
-    io::{BufWriter, Write},
     path::{Path, PathBuf},
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{FileError, atomic};
 use image::{
     ExtendedColorType, ImageBuffer, ImageEncoder, Luma, Rgb,
     codecs::{
@@ -277,19 +276,17 @@ fn open(path: &Path) -> Result<image::ImageReader<std::io::BufReader<File>>, Ima
 
 fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {
     let io = FileError::when("write image", path);
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(&io)?;
-    }
     let bytes = usize::from(colour.bits_per_pixel()) / 8;
     if data.len() != width as usize * height as usize * bytes {
         let what = format!("{} bytes do not make {width} x {height} pixels", data.len());
         return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)).into());
     }
-    let mut file = BufWriter::new(File::create(path).map_err(&io)?);
-    PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(data, width, height, colour)
-        .map_err(|source| ImageError::Encode { path: path.to_owned(), source: Box::new(source) })?;
-    Ok(file.flush().map_err(io)?)
+    let write = |file: &mut std::io::BufWriter<&File>| {
+        PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Adaptive)
+            .write_image(data, width, height, colour)
+            .map_err(|source| ImageError::Encode { path: path.to_owned(), source: Box::new(source) })
+    };
+    atomic::try_write_one_of_many(path, write, |error| io(error).into())
 }
 
 fn resize<P, const C: usize>(data: &[u8], from: [u32; 2], to: [u32; 2], how: Resample) -> Vec<u8>

@@ -16,6 +16,8 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
+use erfgs_base::FileError;
+
 pub use self::{times::FrameTimes, write::VideoWriter};
 use crate::ImageRgb8;
 
@@ -50,6 +52,9 @@ pub enum VideoError {
         /// Why.
         source: io::Error,
     },
+    /// The folder of a video cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A frame has another size than its video.
     #[error("a frame of {bytes} bytes in a video whose frames have {wanted}")]
     FrameSize {

@@ -6,13 +6,17 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
+use erfgs_base::{FileError, atomic::Place};
+
 use super::VideoError;
 
-/// A video that is being written.
+/// A video that is being written. It appears under its name when it is finished, and not before.
 #[derive(Debug)]
 pub struct VideoWriter {
     ffmpeg: Child,
     path: PathBuf,
+    /// Where it is until then; nothing once it is finished.
+    place: Option<Place>,
     frame_bytes: usize,
 }
 
@@ -21,21 +25,27 @@ impl VideoWriter {
     /// in 4:2:0 does not have.
     ///
     /// # Errors
-    /// If ffmpeg cannot be started.
+    /// If ffmpeg cannot be started, or the folder cannot be written.
     pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, VideoError> {
         let size = format!("{width}x{height}");
+        let place = Place::begin(path).map_err(FileError::when("write", path))?;
         let ffmpeg = Command::new("ffmpeg")
             .args(["-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "pipe:0"])
             .args(["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-c:v", "libx264", "-crf", "16", "-pix_fmt", "yuv420p"])
             .args(["-movflags", "+faststart"])
-            .arg(path)
+            .arg(place.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .spawn()
             .map_err(|source| VideoError::NoEncoder { source })?;
-        Ok(Self { ffmpeg, path: path.to_owned(), frame_bytes: width as usize * height as usize * 3 })
+        Ok(Self {
+            ffmpeg,
+            path: path.to_owned(),
+            place: Some(place),
+            frame_bytes: width as usize * height as usize * 3,
+        })
     }
 
     /// Adds a frame: RGB, 8 bits a channel, row-major.
@@ -47,7 +57,16 @@ impl VideoWriter {
             return Err(VideoError::FrameSize { bytes: rgb.len(), wanted: self.frame_bytes });
         }
         let written = self.ffmpeg.stdin.as_mut().map(|pipe| pipe.write_all(rgb));
-        if matches!(written, Some(Ok(()))) { Ok(()) } else { self.end() }
+        match written {
+            Some(Ok(())) => Ok(()),
+            // What ffmpeg says tells more than the broken pipe.
+            other => {
+                self.end()?;
+                let closed = || std::io::ErrorKind::BrokenPipe.into();
+                let source = other.and_then(Result::err).unwrap_or_else(closed);
+                Err(VideoError::Encoder { what: "give ffmpeg a frame", source })
+            }
+        }
     }
 
     /// Ends the video.
@@ -55,7 +74,9 @@ impl VideoWriter {
     /// # Errors
     /// If ffmpeg cannot write.
     pub fn finish(mut self) -> Result<(), VideoError> {
-        self.end()
+        self.end()?;
+        let placed = self.place.take().map_or(Ok(()), Place::finish);
+        Ok(placed.map_err(FileError::when("write", &self.path))?)
     }
 
     fn end(&mut self) -> Result<(), VideoError> {
@@ -70,14 +91,17 @@ impl VideoWriter {
         if status.success() {
             return Ok(());
         }
+        // By the name that the user knows.
+        let building = self.place.as_ref().map(|place| place.path().to_string_lossy().into_owned());
+        let said = building.map_or(said.clone(), |building| said.replace(&building, &self.path.to_string_lossy()));
         Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message: said.trim().to_owned() })
     }
 }
 
 impl Drop for VideoWriter {
     fn drop(&mut self) {
-        // Ended already, or abandoned after an error elsewhere: no process stays behind.
-        drop(self.ffmpeg.stdin.take());
+        // Ended already, or abandoned after an error elsewhere: no process stays behind, and nobody wants what it would write.
+        let _ = self.ffmpeg.kill();
         let _ = self.ffmpeg.wait();
     }
 }
@@ -101,9 +125,29 @@ mod tests {
 
     #[test]
     fn a_path_that_cannot_be_written_is_named() {
-        let mut video = VideoWriter::create(Path::new("/nowhere/at/all.mp4"), 16, 16, 30.0).expect("ffmpeg");
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let error = VideoWriter::create(&file.path().join("all.mp4"), 16, 16, 30.0).expect_err("no folder");
+        assert!(error.to_string().contains("all.mp4"), "{error}");
+    }
+
+    #[test]
+    fn a_video_appears_when_it_is_finished_and_leaves_nothing_otherwise() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("x.mp4");
+        std::fs::write(&path, b"an earlier one").expect("written");
         let frame = vec![0; 16 * 16 * 3];
-        let error = (0..1000).find_map(|_| video.push(&frame).err()).unwrap_or_else(|| video.finish().expect_err("no"));
-        assert!(error.to_string().contains("/nowhere/at/all.mp4"), "{error}");
+        let mut video = VideoWriter::create(&path, 16, 16, 30.0).expect("ffmpeg");
+        video.push(&frame).expect("a frame");
+        drop(video);
+        assert_eq!(std::fs::read(&path).expect("kept"), b"an earlier one");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 1);
+
+        // An encoder that ends early, as on a full disk.
+        let mut video = VideoWriter::create(&path, 16, 16, 30.0).expect("ffmpeg");
+        video.ffmpeg.kill().expect("ended");
+        let error = (0..1000).find_map(|_| video.push(&frame).err());
+        assert!(error.or_else(|| video.finish().err()).is_some_and(|error| error.to_string().contains("x.mp4")));
+        assert_eq!(std::fs::read(&path).expect("kept"), b"an earlier one");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 1);
     }
 }
