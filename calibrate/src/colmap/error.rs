@@ -1,6 +1,6 @@
 //! What can go wrong when COLMAP runs.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 /// What can go wrong when COLMAP runs.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +24,24 @@ pub enum RunError {
         /// The command line.
         command: String,
         /// The end of what it printed.
+        log: String,
+    },
+    /// COLMAP did nothing, each time that it was tried.
+    #[error(
+        "COLMAP's {step} was begun {attempts} times, did nothing for {:.0} s each time and was ended, running '{command}'; try another \
+         version of COLMAP (--colmap PATH, --colmap pycolmap:PYTHON), or fewer threads (--jobs); its last words were:\n{log}",
+        patience.as_secs_f64()
+    )]
+    Hung {
+        /// The subcommand, such as `feature_extractor`.
+        step: &'static str,
+        /// How often it was begun.
+        attempts: u32,
+        /// For how long it did nothing.
+        patience: Duration,
+        /// The command line.
+        command: String,
+        /// The end of what it printed the last time.
         log: String,
     },
     /// The database is not as expected.

@@ -5,7 +5,7 @@ mod choice;
 pub mod database;
 mod error;
 pub mod matching;
-mod process;
+mod output;
 mod program;
 mod steps;
 

@@ -7,34 +7,43 @@ use std::{
     collections::HashSet,
     env,
     ffi::OsString,
+    io,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, ExitStatus},
+    time::Duration,
 };
 
+use erfgs_base::children::{self, Ended};
 use serde::Serialize;
 
-use super::process::{Outcome, run};
-use super::{ColmapProgram, RunError};
+use super::{
+    ColmapProgram, RunError,
+    output::{Tail, count},
+};
 
 const SCRIPT: &str = include_str!("pycolmap.py");
 
+/// For so long COLMAP may neither run nor use the processor nor say anything before it is ended. COLMAP 3.8 sometimes loses a wake-up:
+/// all of its threads wait for each other, for ever.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// How often a step is begun before there is no hope.
+const ATTEMPTS: u32 = 3;
+
 /// A COLMAP that answered.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Colmap {
-    /// The program.
-    Binary {
-        /// Where it is.
-        path: PathBuf,
-        /// What it calls itself, such as `COLMAP 3.8`.
-        version: String,
-    },
-    /// Its Python package.
-    Pycolmap {
-        /// The Python that has it.
-        python: PathBuf,
-        /// What the package calls itself.
-        version: String,
-    },
+pub struct Colmap {
+    pub(super) program: Program,
+    version: String,
+    patience: Duration,
+}
+
+/// What is run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Program {
+    /// The program, here.
+    Binary(PathBuf),
+    /// Its Python package, by this Python.
+    Pycolmap(PathBuf),
 }
 
 /// Is told items done and in all.
@@ -46,38 +55,51 @@ impl Colmap {
     /// # Errors
     /// [`RunError::Missing`], saying what was tried.
     pub fn find(program: &ColmapProgram) -> Result<Self, RunError> {
+        Self::find_within(program, PATIENCE)
+    }
+
+    /// As [`Colmap::find`], of a COLMAP that is ended where it does nothing for `patience`.
+    ///
+    /// # Errors
+    /// [`RunError::Missing`], saying what was tried.
+    pub fn find_within(program: &ColmapProgram, patience: Duration) -> Result<Self, RunError> {
         let missing = |tried: Vec<String>| RunError::Missing { tried: tried.join("; ") };
+        let binary = |path: &Path| Self::binary(path, patience);
+        let pycolmap = |python: &Path| Self::pycolmap(python, patience);
         match program {
-            ColmapProgram::Binary(path) => Self::binary(path).map_err(|why| missing(vec![why])),
+            ColmapProgram::Binary(path) => binary(path).map_err(|why| missing(vec![why])),
             ColmapProgram::Pycolmap(python) => {
                 let python = python.clone().unwrap_or_else(default_python);
-                Self::pycolmap(&python).map_err(|why| missing(vec![why]))
+                pycolmap(&python).map_err(|why| missing(vec![why]))
             }
-            ColmapProgram::Auto => Self::binary(Path::new("colmap"))
-                .or_else(|first| Self::pycolmap(&default_python()).map_err(|second| missing(vec![first, second]))),
+            ColmapProgram::Auto => binary(Path::new("colmap"))
+                .or_else(|first| pycolmap(&default_python()).map_err(|second| missing(vec![first, second]))),
         }
     }
 
-    fn binary(path: &Path) -> Result<Self, String> {
-        let output = Command::new(path).arg("help").output();
-        let output = output.map_err(|error| format!("running '{} help': {error}", path.display()))?;
-        let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).join("\n");
+    fn binary(path: &Path, patience: Duration) -> Result<Self, String> {
+        let mut command = Command::new(path);
+        command.arg("help");
+        let (_, text) = answer(command, patience).map_err(|why| format!("running '{} help': {why}", path.display()))?;
         let line = text.lines().find(|line| line.starts_with("COLMAP "));
         let line = line.ok_or_else(|| format!("'{} help' does not answer as COLMAP does", path.display()))?;
         let version = line.split([',', '(', '-']).next().unwrap_or(line).trim().to_owned();
-        Ok(Self::Binary { path: path.to_owned(), version })
+        Ok(Self { program: Program::Binary(path.to_owned()), version, patience })
     }
 
-    fn pycolmap(python: &Path) -> Result<Self, String> {
-        let output = Command::new(python).args(["-c", SCRIPT, "version"]).output();
-        let output = output.map_err(|error| format!("running '{}': {error}", python.display()))?;
-        let version = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    fn pycolmap(python: &Path, patience: Duration) -> Result<Self, String> {
+        let mut command = Command::new(python);
+        command.args(["-c", SCRIPT, "version"]);
+        let (status, text) =
+            answer(command, patience).map_err(|why| format!("running '{}': {why}", python.display()))?;
+        let version = text.lines().last().unwrap_or_default().trim().to_owned();
         let major = version.split('.').next().and_then(|major| major.parse::<u32>().ok());
         match major {
-            Some(major) if output.status.success() && major >= 4 => {
-                Ok(Self::Pycolmap { python: python.to_owned(), version })
+            Some(major) if status.success() && major >= 4 => {
+                let version = format!("pycolmap {version}");
+                Ok(Self { program: Program::Pycolmap(python.to_owned()), version, patience })
             }
-            Some(_) if output.status.success() => {
+            Some(_) if status.success() => {
                 Err(format!("'{}' has pycolmap {version}, and 4 or later is needed", python.display()))
             }
             _ => Err(format!("'{}' has no pycolmap", python.display())),
@@ -87,10 +109,109 @@ impl Colmap {
     /// Name and version, such as `COLMAP 3.8` or `pycolmap 4.2.1`.
     #[must_use]
     pub fn version(&self) -> String {
-        match self {
-            Self::Binary { version, .. } => version.clone(),
-            Self::Pycolmap { version, .. } => format!("pycolmap {version}"),
+        self.version.clone()
+    }
+
+    /// Runs a step of the program, with the arguments that its version knows.
+    pub(super) fn binary_step(
+        &self,
+        step: &'static str,
+        path: &Path,
+        wanted: &[Wanted<'_>],
+        again: &dyn Fn() -> io::Result<()>,
+        progress: Count<'_>,
+    ) -> Result<(), RunError> {
+        let arguments = Flags::of(path, step, self.patience)?.choose(wanted)?;
+        let command = || {
+            let mut command = Command::new(path);
+            command.arg(step).args(&arguments);
+            command
+        };
+        self.finish(step, &command, again, progress)
+    }
+
+    /// Runs a step of the Python package.
+    pub(super) fn python_step(
+        &self,
+        step: &'static str,
+        (python, name): (&Path, &str),
+        job: &impl Serialize,
+        again: &dyn Fn() -> io::Result<()>,
+        progress: Count<'_>,
+    ) -> Result<(), RunError> {
+        let job = serde_json::to_string(job).map_err(|error| RunError::Failed {
+            step,
+            status: "its job cannot be written down".into(),
+            command: python.display().to_string(),
+            log: error.to_string(),
+        })?;
+        let command = || {
+            let mut command = Command::new(python);
+            command.args(["-c", SCRIPT, name, &job]);
+            command
+        };
+        self.finish(step, &command, again, progress)
+    }
+
+    /// Runs a step to its end; from the beginning where it hangs, after `again` has removed what it made.
+    fn finish(
+        &self,
+        step: &'static str,
+        command: &dyn Fn() -> Command,
+        again: &dyn Fn() -> io::Result<()>,
+        progress: Count<'_>,
+    ) -> Result<(), RunError> {
+        let described = describe(&command());
+        tracing::debug!("{described}");
+        let failed = |status: String, log: String| RunError::Failed { step, status, command: described.clone(), log };
+        let mut log = Tail::default();
+        for attempt in 1..=ATTEMPTS {
+            log = Tail::default();
+            let said = |line: &str| {
+                if let Some((done, total)) = count(line) {
+                    progress(done, total);
+                }
+                log.push(line);
+            };
+            match children::run(command(), self.patience, said) {
+                Ok(Ended::Itself(status)) if status.success() => return Ok(()),
+                Ok(Ended::Itself(status)) => return Err(failed(status.to_string(), log.text())),
+                Ok(Ended::Hung) if attempt < ATTEMPTS => {
+                    let seconds = self.patience.as_secs_f64();
+                    tracing::warn!(
+                        "COLMAP's {step} did nothing for {seconds:.0} s and was ended; it is run again, {} of {ATTEMPTS}",
+                        attempt + 1
+                    );
+                    again().map_err(|error| failed("what it left cannot be removed".into(), error.to_string()))?;
+                }
+                Ok(Ended::Hung) => {}
+                Err(error) => return Err(failed("it could not be run".into(), error.to_string())),
+            }
         }
+        Err(RunError::Hung {
+            step,
+            attempts: ATTEMPTS,
+            patience: self.patience,
+            command: described.clone(),
+            log: log.text(),
+        })
+    }
+}
+
+/// How a program ended that was asked something, and all that it said.
+fn answer(command: Command, patience: Duration) -> Result<(ExitStatus, String), String> {
+    let mut text = String::new();
+    let said = |line: &str| {
+        // No version says more; what is no COLMAP may say anything.
+        if text.len() < 1 << 20 {
+            text.push_str(line);
+            text.push('\n');
+        }
+    };
+    match children::run(command, patience, said) {
+        Ok(Ended::Itself(status)) => Ok((status, text)),
+        Ok(Ended::Hung) => Err(format!("no answer in {:.0} s", patience.as_secs_f64())),
+        Err(error) => Err(error.to_string()),
     }
 }
 
@@ -104,30 +225,27 @@ fn default_python() -> PathBuf {
 }
 
 /// The flags that a subcommand knows.
-pub(super) struct Flags {
+struct Flags {
     step: &'static str,
     known: HashSet<String>,
 }
 
 /// The names a flag has had, newest first; its value; whether the step cannot do without it.
-type Wanted<'a> = (&'a [&'a str], OsString, bool);
+pub(super) type Wanted<'a> = (&'a [&'a str], OsString, bool);
 
 impl Flags {
-    pub(super) fn of(path: &Path, step: &'static str) -> Result<Self, RunError> {
-        let output = Command::new(path).args([step, "--help"]).output();
-        let output = output.map_err(|error| RunError::Missing {
-            tried: format!("running '{} {step} --help': {error}", path.display()),
-        })?;
-        let known = [output.stdout, output.stderr]
-            .iter()
-            .flat_map(|bytes| String::from_utf8_lossy(bytes).split_whitespace().map(str::to_owned).collect::<Vec<_>>())
-            .filter_map(|word| word.strip_prefix("--").map(str::to_owned))
-            .collect();
+    fn of(path: &Path, step: &'static str, patience: Duration) -> Result<Self, RunError> {
+        let mut command = Command::new(path);
+        command.args([step, "--help"]);
+        let missing =
+            |why: String| RunError::Missing { tried: format!("running '{} {step} --help': {why}", path.display()) };
+        let (_, text) = answer(command, patience).map_err(missing)?;
+        let known = text.split_whitespace().filter_map(|word| word.strip_prefix("--").map(str::to_owned)).collect();
         Ok(Self { step, known })
     }
 
     /// The command line with the first known name of each flag.
-    pub(super) fn choose(&self, wanted: &[Wanted<'_>]) -> Result<Vec<OsString>, RunError> {
+    fn choose(&self, wanted: &[Wanted<'_>]) -> Result<Vec<OsString>, RunError> {
         let mut arguments = Vec::with_capacity(2 * wanted.len());
         for (names, value, needed) in wanted {
             match names.iter().find(|name| self.known.contains(**name)) {
@@ -141,52 +259,6 @@ impl Flags {
             }
         }
         Ok(arguments)
-    }
-}
-
-pub(super) fn binary_step(
-    step: &'static str,
-    path: &Path,
-    arguments: Vec<OsString>,
-    progress: Count<'_>,
-) -> Result<(), RunError> {
-    let mut command = Command::new(path);
-    command.arg(step).args(arguments);
-    finish(step, command, progress)
-}
-
-pub(super) fn python_step(
-    step: &'static str,
-    python: &Path,
-    name: &str,
-    job: &impl Serialize,
-    progress: Count<'_>,
-) -> Result<(), RunError> {
-    let job = serde_json::to_string(job).map_err(|error| RunError::Failed {
-        step,
-        status: "its job cannot be written down".into(),
-        command: python.display().to_string(),
-        log: error.to_string(),
-    })?;
-    let mut command = Command::new(python);
-    command.args(["-c", SCRIPT, name, &job]);
-    finish(step, command, progress)
-}
-
-fn finish(step: &'static str, command: Command, progress: Count<'_>) -> Result<(), RunError> {
-    let described = describe(&command);
-    tracing::debug!("{described}");
-    match run(command, progress) {
-        Ok(Outcome { status, .. }) if status.success() => Ok(()),
-        Ok(Outcome { status, tail }) => {
-            Err(RunError::Failed { step, status: status.to_string(), command: described, log: tail })
-        }
-        Err(error) => Err(RunError::Failed {
-            step,
-            status: "it could not be run".into(),
-            command: described,
-            log: error.to_string(),
-        }),
     }
 }
 

@@ -169,3 +169,56 @@ fn programs_are_named_as_on_the_command_line() {
         assert_eq!(String::from(program), text);
     }
 }
+
+/// A stand-in that does nothing the first `times` times that a step is run, each time after writing half a database.
+#[cfg(target_os = "linux")]
+fn sleeper(folder: &Path, times: u32) -> PathBuf {
+    let flags = with_prefix("SiftExtraction");
+    let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+    let path = stand_in(folder, "COLMAP 3.8 (x)", &flags, 0);
+    let script = std::fs::read_to_string(&path).unwrap();
+    let folder = folder.display();
+    let sleep = format!(
+        "[ -e '{folder}/database.db' ] && touch '{folder}/seen'\necho half > '{folder}/database.db'\necho x >> '{folder}/begun'\n\
+         if [ $(wc -l < '{folder}/begun') -le {times} ]; then echo 'Processed file [1/2]'; sleep 600; fi\nprintf"
+    );
+    std::fs::write(&path, script.replace("\nprintf", &format!("\n{sleep}"))).unwrap();
+    path
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_step_that_hangs_is_begun_again_from_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = sleeper(folder.path(), 1);
+    let colmap = Colmap::find_within(&ColmapProgram::Binary(path), Duration::from_secs(2)).unwrap();
+    let counted = std::sync::Mutex::new(0);
+    colmap.extract(&extraction(folder.path()), &|_, _| *counted.lock().unwrap() += 1).unwrap();
+    assert_eq!(std::fs::read_to_string(folder.path().join("begun")).unwrap().lines().count(), 2);
+    assert_eq!(counted.into_inner().unwrap(), 2);
+    assert!(!folder.path().join("seen").exists(), "the half database of the first attempt was there for the second");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_step_that_always_hangs_says_what_happened_and_what_to_try() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = sleeper(folder.path(), 9);
+    let colmap = Colmap::find_within(&ColmapProgram::Binary(path), Duration::from_secs(1)).unwrap();
+    let error = colmap.extract(&extraction(folder.path()), &|_, _| {}).unwrap_err();
+    assert!(matches!(error, RunError::Hung { step: "feature_extractor", attempts: 3, .. }), "{error}");
+    let message = error.to_string();
+    for part in ["3 times", "1 s", "--database_path", "Processed file [1/2]", "--colmap"] {
+        assert!(message.contains(part), "'{part}' in: {message}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_program_that_never_answers_is_no_colmap() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = stand_in(folder.path(), "COLMAP 3.8 (x)", &[], 0);
+    std::fs::write(&path, "#!/bin/sh\nsleep 600\n").unwrap();
+    let error = Colmap::find_within(&ColmapProgram::Binary(path), Duration::from_secs(1)).unwrap_err();
+    assert!(error.to_string().contains("no answer in 1 s"), "{error}");
+}

@@ -1,12 +1,15 @@
 //! The steps that COLMAP is asked for, under the names that its versions give their flags.
 
-use std::path::PathBuf;
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use serde::Serialize;
 
 use super::{
     Colmap, RunError,
-    program::{Count, Flags, binary_step, python_step, text},
+    program::{Count, Program, Wanted, text},
 };
 
 /// What feature extraction needs to know.
@@ -85,11 +88,16 @@ pub struct Mapping {
 impl Colmap {
     /// Extracts features into a fresh database.
     pub fn extract(&self, job: &Extraction, progress: Count<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("feature_extractor", python, "extract", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "feature_extractor")?;
-                let arguments = flags.choose(&[
+        match &self.program {
+            Program::Pycolmap(python) => self.python_step(
+                "feature_extractor",
+                (python, "extract"),
+                job,
+                &|| remove_database(&job.database),
+                progress,
+            ),
+            Program::Binary(path) => {
+                let wanted: [Wanted<'_>; _] = [
                     (&["log_to_stderr"], "1".into(), false),
                     (&["database_path"], job.database.clone().into(), true),
                     (&["image_path"], job.images.clone().into(), true),
@@ -107,19 +115,20 @@ impl Colmap {
                     (&["SiftExtraction.max_num_features"], text(job.max_features), true),
                     (&["SiftExtraction.peak_threshold"], text(job.peak_threshold), true),
                     (&["SiftExtraction.edge_threshold"], text(job.edge_threshold), true),
-                ])?;
-                binary_step("feature_extractor", path, arguments, progress)
+                ];
+                self.binary_step("feature_extractor", path, &wanted, &|| remove_database(&job.database), progress)
             }
         }
     }
 
     /// Triangulates the matches, poses and intrinsics fixed.
     pub fn triangulate(&self, job: &Triangulation, progress: Count<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("point_triangulator", python, "triangulate", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "point_triangulator")?;
-                let arguments = flags.choose(&[
+        match &self.program {
+            Program::Pycolmap(python) => {
+                self.python_step("point_triangulator", (python, "triangulate"), job, &|| Ok(()), progress)
+            }
+            Program::Binary(path) => {
+                let wanted: [Wanted<'_>; _] = [
                     (&["log_to_stderr"], "1".into(), false),
                     (&["database_path"], job.database.clone().into(), true),
                     (&["image_path"], job.images.clone().into(), true),
@@ -135,8 +144,8 @@ impl Colmap {
                     (&["Mapper.filter_max_reproj_error"], text(job.max_error_px), true),
                     (&["Mapper.filter_min_tri_angle"], text(job.min_ray_angle_deg), true),
                     (&["Mapper.tri_min_angle"], text(job.min_ray_angle_deg), true),
-                ])?;
-                binary_step("point_triangulator", path, arguments, progress)
+                ];
+                self.binary_step("point_triangulator", path, &wanted, &|| Ok(()), progress)
             }
         }
     }
@@ -144,30 +153,32 @@ impl Colmap {
     /// Estimates the geometry of each pair from the matches in the database. Pairs whose matches are there are not matched
     /// again, by any version.
     pub fn verify(&self, job: &Verification, progress: Count<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("exhaustive_matcher", python, "verify", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "exhaustive_matcher")?;
-                let arguments = flags.choose(&[
+        match &self.program {
+            Program::Pycolmap(python) => {
+                self.python_step("exhaustive_matcher", (python, "verify"), job, &|| Ok(()), progress)
+            }
+            Program::Binary(path) => {
+                let wanted: [Wanted<'_>; _] = [
                     (&["log_to_stderr"], "1".into(), false),
                     (&["database_path"], job.database.clone().into(), true),
                     (&["FeatureMatching.use_gpu", "SiftMatching.use_gpu"], "0".into(), true),
                     (&["FeatureMatching.num_threads", "SiftMatching.num_threads"], text(job.threads), false),
                     (&["TwoViewGeometry.random_seed", "random_seed"], text(job.seed), false),
-                ])?;
-                binary_step("exhaustive_matcher", path, arguments, progress)
+                ];
+                self.binary_step("exhaustive_matcher", path, &wanted, &|| Ok(()), progress)
             }
         }
     }
 
     /// Builds models from the verified matches.
     pub fn map(&self, job: &Mapping, progress: Count<'_>) -> Result<(), RunError> {
-        match self {
-            Self::Pycolmap { python, .. } => python_step("mapper", python, "map", job, progress),
-            Self::Binary { path, .. } => {
-                let flags = Flags::of(path, "mapper")?;
+        match &self.program {
+            Program::Pycolmap(python) => {
+                self.python_step("mapper", (python, "map"), job, &|| empty(&job.output), progress)
+            }
+            Program::Binary(path) => {
                 let refine = if job.refine_intrinsics { "1" } else { "0" };
-                let arguments = flags.choose(&[
+                let wanted: [Wanted<'_>; _] = [
                     (&["log_to_stderr"], "1".into(), false),
                     (&["database_path"], job.database.clone().into(), true),
                     (&["image_path"], job.images.clone().into(), true),
@@ -179,9 +190,28 @@ impl Colmap {
                     (&["Mapper.ba_refine_extra_params"], refine.into(), true),
                     (&["Mapper.min_model_size"], "3".into(), false),
                     (&["Mapper.random_seed", "random_seed"], text(job.seed), false),
-                ])?;
-                binary_step("mapper", path, arguments, progress)
+                ];
+                self.binary_step("mapper", path, &wanted, &|| empty(&job.output), progress)
             }
         }
     }
+}
+
+/// Removes a database, with what SQLite keeps beside it, so that features are extracted anew.
+fn remove_database(database: &Path) -> io::Result<()> {
+    for end in ["", "-journal", "-wal", "-shm"] {
+        let mut name = database.as_os_str().to_owned();
+        name.push(end);
+        match fs::remove_file(name) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Removes the models of a mapper that was ended.
+fn empty(folder: &Path) -> io::Result<()> {
+    fs::remove_dir_all(folder)?;
+    fs::create_dir(folder)
 }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::{CameraView, Progress, Setting, SfmError, SfmStep};
 use crate::colmap::{
-    Colmap, Extraction, Mapping, Verification,
+    Colmap, Extraction, Mapping, RunError, Verification,
     brute::Descriptors,
     database::{Database, ImageRow, Keypoints},
 };
@@ -112,6 +112,9 @@ pub(super) fn run(
     };
     // The mapper fails where it finds no model, which is an answer.
     let mapped = colmap.map(&mapping, &|_, _| {});
+    if let Err(error @ RunError::Hung { .. }) = mapped {
+        return Err(error.into());
+    }
     let models = read_models(&output)?;
     if let (Err(error), true) = (mapped, models.is_empty()) {
         tracing::debug!("{}: {error}", setting.name());
