@@ -1,12 +1,15 @@
 //! `erfgs sweep`: many trainings by one plan, on Slurm or here.
 
 use std::{
+    collections::BTreeSet,
     path::{Path, PathBuf},
     time::Duration,
 };
 
 use anyhow::Context;
-use erfgs_sweep::{Ended, Job, JobState, Manifest, OverSeeds, Overview, Plan, run_here, slurm, work};
+use erfgs_sweep::{
+    Ended, Job, JobState, Manifest, OverSeeds, Overview, Plan, commands, run_here, shell_line, slurm, work,
+};
 use erfgs_view::Precision;
 use serde::Serialize;
 
@@ -154,26 +157,29 @@ fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyh
     }
     tell(manifest, &overview, terminal)?;
     let left = overview.jobs.len() - overview.count(JobState::Done);
+    let never = overview.count(JobState::Waiting) + overview.count(JobState::Stopped);
     match overview.count(JobState::Failed) {
         _ if stop.load(std::sync::atomic::Ordering::Relaxed) && left > 0 => Err(Stopped(format!(
             "stopped with {left} of {} runs to be done; the same command goes on",
             overview.jobs.len()
         ))
         .into()),
+        0 if never > 0 => {
+            anyhow::bail!("{never} of {} runs were not trained; the same command goes on", overview.jobs.len())
+        }
         0 => Ok(()),
         failed => anyhow::bail!("{failed} of {} runs failed; the same command tries them again", overview.jobs.len()),
     }
 }
 
-/// Writes a page for each take whose windows are all done, unless it is there and later than they are.
+/// Writes a page for each take whose windows are all done, unless there is one of these trainings.
 fn pages(manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
     for take in manifest.takes().into_iter().filter(|take| take.missing == 0) {
         let adapter = Adapter { adapter: take.windows[0].job.adapter().map(str::to_owned) };
         let windows = takes::runs(manifest, &take, &adapter);
         let file = takes::page_file(&manifest.folder, &windows);
-        let written = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified()).ok();
-        let trained = windows.iter().filter_map(|window| written(&window.folder.checkpoint_file())).max();
-        if written(&file) >= trained.or(Some(std::time::SystemTime::UNIX_EPOCH)) {
+        let mark = takes::mark(&windows);
+        if mark.as_ref().is_some_and(|mark| takes::has_mark(&file, mark)) {
             continue;
         }
         let page = match takes::page(&windows, Precision::Packed, &adapter, terminal) {
@@ -183,7 +189,7 @@ fn pages(manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
                 continue;
             }
         };
-        takes::write_page(&file, &page.text)?;
+        takes::write_page(&file, &(page.text + mark.as_deref().unwrap_or_default()))?;
         terminal.note(format!("{}: the take {}, which opens from a disk", file.display(), take.name));
     }
     Ok(())
@@ -224,16 +230,19 @@ fn overview(manifest: &Manifest, slurm: bool) -> anyhow::Result<Overview> {
 
 #[derive(Serialize)]
 struct DryRun<'a> {
-    out: &'a std::path::Path,
+    out: &'a Path,
     slurm: bool,
     jobs: &'a [Job],
+    /// Of each job, in their order: the words after the program's name.
+    commands: Vec<Vec<Vec<String>>>,
     scripts: Vec<String>,
 }
 
 fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Result<()> {
     let names: Vec<String> = manifest.jobs.iter().map(|job| job.name.clone()).collect();
-    let scripts = if slurm { slurm::scripts(manifest, &names, &program()?) } else { Vec::new() };
-    let value = DryRun { out: &manifest.folder, slurm, jobs: &manifest.jobs, scripts };
+    let scripts = if slurm { slurm::scripts(manifest, &names, &program()?)? } else { Vec::new() };
+    let commands = manifest.jobs.iter().map(|job| commands(manifest, job)).collect::<Result<Vec<_>, _>>()?;
+    let value = DryRun { out: &manifest.folder, slurm, jobs: &manifest.jobs, commands, scripts };
     terminal.result(&value, || {
         let mut rows = vec![["run", "dataset", "options"].map(String::from).to_vec()];
         rows.extend(
@@ -245,6 +254,14 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
         let place = if slurm { "on Slurm" } else { "here" };
         let mut text = table(&rows);
         text.push_str(&format!("\n{} runs {place}, into {}\n", manifest.jobs.len(), manifest.folder.display()));
+        text.push_str("\nwhat they run; a dataset that several need is made by the first:\n");
+        let mut told = BTreeSet::new();
+        for (job, commands) in manifest.jobs.iter().zip(&value.commands) {
+            text.push_str(&format!("\n# {}\n", job.name));
+            for command in commands.iter().filter(|command| told.insert(*command)) {
+                text.push_str(&format!("erfgs {}\n", shell_line(command)));
+            }
+        }
         for script in &value.scripts {
             text.push_str(&format!("\n{script}"));
         }
@@ -254,7 +271,7 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
 
 #[derive(Serialize)]
 struct Told<'a> {
-    out: &'a std::path::Path,
+    out: &'a Path,
     #[serde(flatten)]
     overview: &'a Overview,
     over_seeds: Vec<OverSeeds>,

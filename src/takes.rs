@@ -1,6 +1,9 @@
 //! Long takes that a sweep trained in windows, as pages show them.
 
-use std::path::{Path, PathBuf};
+use std::{
+    io::{Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context;
 use erfgs_base::{FileError, atomic};
@@ -195,6 +198,32 @@ pub fn write_page(file: &Path, text: &str) -> anyhow::Result<()> {
         std::fs::create_dir_all(folder).map_err(FileError::when("create the folder", folder))?;
     }
     Ok(atomic::write(file, text.as_bytes()).map_err(FileError::when("write", file))?)
+}
+
+/// What stands at the end of a take's page, to know which trainings it shows; nothing where a run does not say how far it is.
+pub fn mark(windows: &[WindowRun]) -> Option<String> {
+    let trained = |window: &WindowRun| {
+        let (info, curve) = (window.folder.read_info().ok()?, window.folder.read_curve().ok()?);
+        let last = curve.rows.last()?;
+        let identity = info.identity.unwrap_or_default();
+        Some(format!("{identity} {} {} {}", last.iteration, last.gaussians, last.wall_seconds))
+    };
+    let trained: Option<Vec<String>> = windows.iter().map(trained).collect();
+    // What a run says may be anything.
+    let text: String = trained?.join(";").chars().filter(|&c| c != '>' && !c.is_control()).collect();
+    Some(format!("\n<!-- trainings: {text} -->\n"))
+}
+
+/// Whether a page ends with a mark.
+pub fn has_mark(file: &Path, mark: &str) -> bool {
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut page = std::fs::File::open(file)?;
+        page.seek(SeekFrom::End(-i64::try_from(mark.len()).unwrap_or(i64::MAX)))?;
+        let mut end = Vec::new();
+        page.take(mark.len() as u64).read_to_end(&mut end)?;
+        Ok(end)
+    };
+    read().is_ok_and(|end| end == mark.as_bytes())
 }
 
 /// Where the page of a take goes, where nobody says otherwise.

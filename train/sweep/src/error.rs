@@ -30,6 +30,16 @@ pub enum SweepError {
         /// What is wrong.
         message: String,
     },
+    /// A script has no place for a text.
+    #[error(
+        "{what} {text:?} cannot stand in a job's script: it has a line break or another control character; give it another name"
+    )]
+    Line {
+        /// What it is.
+        what: &'static str,
+        /// The text.
+        text: String,
+    },
     /// There is no sweep in a folder.
     #[error("'{}' holds no sweep (no sweep.json); give the plan, which writes one", folder.display())]
     NoSweep {

@@ -1,7 +1,7 @@
 //! `sweep.json`: what a plan came to. Jobs know nothing but this.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -138,12 +138,36 @@ impl Manifest {
         if found.format != FORMAT || found.version > VERSION {
             return Err(wrong(format!("it is '{}' of version {}", found.format, found.version)));
         }
-        // Names become paths.
-        if let Some(job) = found.jobs.iter().find(|job| super::plan::plain(&job.name) != job.name) {
-            return Err(wrong(format!("'{}' is no name of a job", job.name)));
-        }
+        found.check().map_err(wrong)?;
         found.folder = std::path::absolute(folder).map_err(FileError::when("read", folder))?;
         Ok(found)
+    }
+
+    /// Says what is wrong with the jobs, if something is: names become paths, and each job has to become ready at some time.
+    fn check(&self) -> Result<(), String> {
+        let mut named: BTreeMap<&str, &Job> = BTreeMap::new();
+        for job in &self.jobs {
+            if super::plan::plain(&job.name) != job.name {
+                return Err(format!("'{}' is no name of a job", job.name));
+            }
+            if named.insert(&job.name, job).is_some() {
+                return Err(format!("two jobs are called '{}'", job.name));
+            }
+        }
+        // Jobs that are known to become ready.
+        let mut becomes_ready: BTreeSet<&str> = BTreeSet::new();
+        for job in &self.jobs {
+            let (mut at, mut way) = (job, BTreeSet::from([job.name.as_str()]));
+            while let Some(before) = at.after.as_deref().filter(|before| !becomes_ready.contains(before)) {
+                if !way.insert(before) {
+                    return Err(format!("job '{}' waits for '{before}', which waits for it", at.name));
+                }
+                let missing = || format!("job '{}' waits for '{before}', which is not among its jobs", at.name);
+                at = named.get(before).ok_or_else(missing)?;
+            }
+            becomes_ready.extend(way);
+        }
+        Ok(())
     }
 
     /// A job by its name.
@@ -192,13 +216,17 @@ impl Manifest {
     }
 }
 
-/// Whether the evaluation is of the training as it ended.
+/// Whether the evaluation is of the training as it ended, by what they say of it: files tell nothing by their times where clocks are
+/// set, or folders copied.
 pub(super) fn is_measured(run: &RunFolder) -> bool {
-    let written = |path: PathBuf| std::fs::metadata(path).and_then(|file| file.modified()).ok();
-    match (written(run.metrics_file()), written(run.checkpoint_file())) {
-        (Some(measured), Some(trained)) => measured >= trained,
-        _ => false,
-    }
+    let (Ok(metrics), Ok(curve)) = (run.read_metrics(), run.read_curve()) else { return false };
+    // The curve is written a moment before the last checkpoint, and rounds to milliseconds.
+    const SECONDS: f64 = 1.0;
+    curve.rows.last().is_some_and(|last| {
+        // A training that is to be repeated to the byte keeps no times.
+        let is_as_long = metrics.train_seconds == 0.0 || (last.wall_seconds - metrics.train_seconds).abs() < SECONDS;
+        (last.iteration, last.gaussians) == (metrics.iterations, metrics.gaussians) && is_as_long
+    })
 }
 
 /// Writes JSON in one step.
@@ -221,4 +249,102 @@ fn ready(folder: &Path, at_random: bool) -> Result<(), SweepError> {
         return Err(SweepError::NoPoints { folder: folder.into() });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use erfgs_run::{CurveRow, MaskKind, Metrics, Part, RunInfo};
+
+    fn job(name: &str, after: Option<&str>) -> serde_json::Value {
+        serde_json::json!({"name": name, "dataset": "ds", "after": after, "seed": 0, "settings": {}, "arguments": []})
+    }
+
+    fn manifest(folder: &Path, jobs: &[serde_json::Value]) -> Result<Manifest, SweepError> {
+        let value = serde_json::json!({"format": FORMAT, "version": 1, "name": "s", "evaluate": true, "jobs": jobs});
+        std::fs::write(folder.join("sweep.json"), value.to_string()).unwrap();
+        Manifest::load(folder)
+    }
+
+    #[test]
+    fn jobs_that_would_wait_for_ever_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |jobs: &[serde_json::Value]| manifest(folder.path(), jobs).unwrap_err().to_string();
+        assert!(manifest(folder.path(), &[job("b", Some("a")), job("c", Some("b")), job("a", None)]).is_ok());
+        let unknown = refused(&[job("a", None), job("b", Some("gone"))]);
+        assert!(unknown.contains("'b' waits for 'gone', which is not among its jobs"), "{unknown}");
+        for cycle in [
+            vec![job("a", Some("a"))],
+            vec![job("x", None), job("a", Some("b")), job("b", Some("a"))],
+            vec![job("d", Some("a")), job("a", Some("b")), job("b", Some("c")), job("c", Some("a"))],
+        ] {
+            let message = refused(&cycle);
+            assert!(message.contains("which waits for it") && message.contains("sweep.json"), "{message}");
+        }
+        assert!(refused(&[job("a", None), job("a", None)]).contains("two jobs are called 'a'"));
+        assert!(refused(&[job("../a", None)]).contains("no name of a job"));
+    }
+
+    #[test]
+    fn a_long_chain_is_looked_through_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let before = |n: usize| n.checked_sub(1).map(|n| format!("j{n}"));
+        let jobs: Vec<_> = (0..20_000).rev().map(|n| job(&format!("j{n}"), before(n).as_deref())).collect();
+        assert!(manifest(folder.path(), &jobs).is_ok());
+    }
+
+    /// What a run says decides, and not when its files were written: clocks are set back.
+    #[test]
+    fn an_evaluation_is_known_by_what_it_is_of() {
+        let folder = tempfile::tempdir().unwrap();
+        let manifest = manifest(folder.path(), &[job("a", None)]).unwrap();
+        let run = manifest.run(&manifest.jobs[0]);
+        run.write_info(&RunInfo { finished: true, ..RunInfo::default() }).unwrap();
+        let row = |iteration, wall_seconds| CurveRow {
+            iteration,
+            stage: "fine".into(),
+            wall_seconds,
+            gaussians: 70,
+            ..CurveRow::default()
+        };
+        let mut curve = run.create_curve().unwrap();
+        curve.append(&row(50, 1.25)).unwrap();
+        curve.append(&row(100, 2.5)).unwrap();
+        assert!(!manifest.is_done(&manifest.jobs[0]), "nothing was measured");
+        let metrics = Metrics {
+            psnr: 20.0,
+            dpsnr: None,
+            dpsnr_pooled: None,
+            dpsnr_mask: MaskKind::Motion,
+            psnr_static: None,
+            psnr_fast: None,
+            at_frames: Part::default(),
+            between_frames: Part::default(),
+            outside_frames: Part::default(),
+            colour_corrected: None,
+            ssim: 0.9,
+            lpips: None,
+            lpips_kind: None,
+            train_psnr: None,
+            iterations: 100,
+            train_seconds: 2.5004,
+            train_cpu_seconds: None,
+            gaussians: 70,
+            bytes: 1,
+            render_fps: 1.0,
+        };
+        run.write_metrics(&metrics).unwrap();
+        // A checkpoint that is later by the clock, as after a copy or before the clock was set back.
+        std::fs::write(run.checkpoint_file(), b"x").unwrap();
+        let later = std::time::SystemTime::now() + std::time::Duration::from_secs(3600);
+        std::fs::File::options().write(true).open(run.checkpoint_file()).unwrap().set_modified(later).unwrap();
+        assert!(manifest.is_done(&manifest.jobs[0]));
+        run.write_metrics(&Metrics { train_seconds: 0.0, ..metrics.clone() }).unwrap();
+        assert!(manifest.is_done(&manifest.jobs[0]), "one that keeps no times");
+        // Trained on, or anew: what was measured is of another training.
+        curve.append(&row(150, 4.0)).unwrap();
+        assert!(!manifest.is_done(&manifest.jobs[0]));
+        run.write_metrics(&Metrics { iterations: 150, train_seconds: 90.0, ..metrics }).unwrap();
+        assert!(!manifest.is_done(&manifest.jobs[0]));
+    }
 }

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     SweepError,
     manifest::{Manifest, write_json},
+    shell::{self, one_line, quoted},
     status::{JobState, Queue},
 };
 
@@ -68,77 +69,72 @@ fn told_within(command: &mut Command, patience: Duration) -> std::io::Result<Opt
 }
 
 /// The scripts of the arrays in which `jobs` are submitted.
-#[must_use]
-pub fn scripts(manifest: &Manifest, jobs: &[String], program: &Path) -> Vec<String> {
+///
+/// # Errors
+/// [`SweepError::Line`] if a name or a folder has a line break.
+pub fn scripts(manifest: &Manifest, jobs: &[String], program: &Path) -> Result<Vec<String>, SweepError> {
     jobs.chunks(TASKS).map(|jobs| script(manifest, jobs, program)).collect()
 }
 
-fn pages_script(manifest: &Manifest, program: &Path) -> String {
-    let mut text = format!(
-        "#!/bin/bash\n\
-         #SBATCH --job-name={}-pages\n\
-         #SBATCH --output={}\n\
-         #SBATCH --open-mode=append\n\
-         #SBATCH --requeue\n",
-        manifest.name,
-        quoted(&manifest.folder.join("logs").join("slurm-pages-%j.log").to_string_lossy()),
-    );
-    text += &options_and_setup(manifest);
-    text += &format!(
-        "srun --ntasks=1 {} sweep {} --pages\n",
-        quoted(&program.to_string_lossy()),
-        quoted(&manifest.folder.to_string_lossy()),
-    );
-    text
+fn pages_script(manifest: &Manifest, program: &Path) -> Result<String, SweepError> {
+    let head = head(manifest, "-pages", "slurm-pages-%j.log", &[])?;
+    Ok(format!("{head}srun --ntasks=1 {}\n", shell::line(&own_words(manifest, program, ["--pages".into()]))))
 }
 
-/// The plan's options of `sbatch`, and its lines before a job.
-fn options_and_setup(manifest: &Manifest) -> String {
-    let options: String = manifest.slurm.options.iter().map(|option| format!("#SBATCH {option}\n")).collect();
-    let setup: String = manifest.slurm.setup.iter().map(|line| format!("{line}\n")).collect();
-    format!("{options}\n{setup}")
-}
-
-fn script(manifest: &Manifest, jobs: &[String], program: &Path) -> String {
+fn script(manifest: &Manifest, jobs: &[String], program: &Path) -> Result<String, SweepError> {
     let options = &manifest.slurm;
     let at_once = options.at_once.map(|count| format!("%{}", count.max(1))).unwrap_or_default();
-    let logs = manifest.folder.join("logs").join("slurm-%A_%a.log");
-    let grace = options.grace.unwrap_or(GRACE_SECONDS);
-    let mut text = format!(
-        "#!/bin/bash\n\
-         #SBATCH --job-name={}\n\
-         #SBATCH --array=0-{}{at_once}\n\
-         #SBATCH --output={}\n\
-         #SBATCH --open-mode=append\n\
-         #SBATCH --requeue\n\
-         #SBATCH --signal=TERM@{grace}\n",
-        manifest.name,
-        jobs.len().saturating_sub(1),
-        quoted(&logs.to_string_lossy()),
-    );
-    text += &options_and_setup(manifest);
+    let more = [
+        format!("--array=0-{}{at_once}", jobs.len().saturating_sub(1)),
+        format!("--signal=TERM@{}", options.grace.unwrap_or(GRACE_SECONDS)),
+    ];
+    let mut text = head(manifest, "", "slurm-%A_%a.log", &more)?;
     text += "jobs=(\n";
     for job in jobs {
-        text += &format!("  {job}\n");
+        text += &format!("  {}\n", quoted(job));
     }
+    let words = own_words(manifest, program, ["--job".into()]);
     text += &format!(
         ")\n\
-         srun --ntasks=1 {} sweep {} --job \"${{jobs[$SLURM_ARRAY_TASK_ID]}}\"\n\
+         srun --ntasks=1 {} \"${{jobs[$SLURM_ARRAY_TASK_ID]}}\"\n\
          code=$?\n\
          # Stopped in good order: it goes on when there is room again.\n\
          if [ $code -eq 130 ]; then\n\
          \x20 scontrol requeue \"${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID\"\n\
          fi\n\
          exit $code\n",
-        quoted(&program.to_string_lossy()),
-        quoted(&manifest.folder.to_string_lossy()),
+        shell::line(&words),
     );
-    text
+    Ok(text)
 }
 
-fn quoted(text: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./+=:%".contains(c);
-    if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', r"'\''")) }
+/// The beginning of a script: options of `sbatch`, the sweep's own, `more` and the plan's, and the plan's lines before a job. Each of
+/// them is one line.
+fn head(manifest: &Manifest, suffix: &str, log: &str, more: &[String]) -> Result<String, SweepError> {
+    let log = manifest.folder.join("logs").join(log);
+    let log = one_line("the folder of the sweep", &log.to_string_lossy()).map(quoted)?;
+    let name = one_line("the name of the sweep", &manifest.name).map(quoted)?;
+    let mut text = format!(
+        "#!/bin/bash\n\
+         #SBATCH --job-name={name}{suffix}\n\
+         #SBATCH --output={log}\n\
+         #SBATCH --open-mode=append\n\
+         #SBATCH --requeue\n",
+    );
+    for option in more.iter().chain(&manifest.slurm.options) {
+        text += &format!("#SBATCH {}\n", one_line("the entry of slurm.options", option)?);
+    }
+    text.push('\n');
+    for line in &manifest.slurm.setup {
+        text += &format!("{}\n", one_line("the entry of slurm.setup", line)?);
+    }
+    Ok(text)
+}
+
+/// The words of a command of this program in a sweep's folder.
+fn own_words<const N: usize>(manifest: &Manifest, program: &Path, more: [String; N]) -> Vec<String> {
+    let text = |path: &Path| path.to_string_lossy().into_owned();
+    [text(program), "sweep".into(), text(&manifest.folder)].into_iter().chain(more).collect()
 }
 
 /// Submits the jobs that are neither done nor in the queue, and says what was submitted.
@@ -157,7 +153,7 @@ pub fn submit(manifest: &Manifest, program: &Path) -> Result<Vec<Submission>, Sw
     std::fs::create_dir_all(&logs).map_err(FileError::when("create the folder", &logs))?;
     let (mut all, mut new) = (submissions(manifest), Vec::new());
     for (jobs, waits) in [(names(&first), false), (names(&later), true)] {
-        for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)) {
+        for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)?) {
             let path = manifest.folder.join(format!("jobs-{}.sh", all.len()));
             erfgs_base::atomic::write(&path, script.as_bytes()).map_err(FileError::when("write", &path))?;
             let mut words = vec!["--parsable".into()];
@@ -192,7 +188,7 @@ fn submit_pages(manifest: &Manifest, program: &Path, all: &[Submission]) -> Resu
     let waits = |of: &&Submission| of.jobs.iter().any(|job| queue.contains_key(job));
     let ids: Vec<String> = all.iter().filter(waits).map(|of| of.id.to_string()).collect();
     let path = manifest.folder.join("pages.sh");
-    let text = pages_script(manifest, program);
+    let text = pages_script(manifest, program)?;
     erfgs_base::atomic::write(&path, text.as_bytes()).map_err(FileError::when("write", &path))?;
     let mut words = vec!["--parsable".into()];
     words.extend((!ids.is_empty()).then(|| format!("--dependency=afterany:{}", ids.join(":"))));
@@ -285,7 +281,7 @@ mod tests {
         let out = folder.path().join("it's here");
         std::fs::create_dir(&out).unwrap();
         let jobs: Vec<String> = (0..1200).map(|n| format!("ds-s{n}")).collect();
-        let scripts = scripts(&manifest(&out), &jobs, Path::new("/opt/my programs/erfgs"));
+        let scripts = scripts(&manifest(&out), &jobs, Path::new("/opt/my programs/erfgs")).unwrap();
         assert_eq!(scripts.len(), 2, "an array has 1000 tasks at most");
         assert!(scripts[0].contains("#SBATCH --array=0-999%3\n") && scripts[1].contains("#SBATCH --array=0-199%3\n"));
         for line in ["#SBATCH --partition=gpu", "module load vulkan", "#SBATCH --signal=TERM@120", "  ds-s1000"] {
@@ -310,6 +306,33 @@ mod tests {
             words.starts_with("/opt/my programs/erfgs|sweep|") && words.ends_with("/it's here|--job|a|"),
             "{words}"
         );
+    }
+
+    /// Nothing of a plan or of a manifest becomes a line of its own.
+    #[test]
+    fn what_would_be_a_line_of_the_script_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let jobs = ["a".to_owned()];
+        let program = Path::new("erfgs");
+        let refused = |manifest: &Manifest| match scripts(manifest, &jobs, program) {
+            Err(SweepError::Line { what, .. }) if pages_script(manifest, program).is_err() => what,
+            other => panic!("{other:?}"),
+        };
+        let whole = manifest(folder.path());
+        let mut out = whole.clone();
+        out.folder = folder.path().join("a\nrm -r x");
+        assert_eq!(refused(&out), "the folder of the sweep");
+        let mut name = whole.clone();
+        name.name = "a\nrm -r x".into();
+        assert_eq!(refused(&name), "the name of the sweep");
+        let mut option = whole.clone();
+        option.slurm.options.push("--partition=a\nrm -r x".into());
+        assert_eq!(refused(&option), "the entry of slurm.options");
+        let mut setup = whole.clone();
+        setup.slurm.setup.push("true\rrm".into());
+        assert_eq!(refused(&setup), "the entry of slurm.setup");
+        // A program may lie anywhere: the shell is given its name as one word.
+        assert!(scripts(&whole, &jobs, Path::new("/opt/a\nb/erfgs")).is_ok());
     }
 
     #[test]

@@ -9,13 +9,14 @@ use std::{
     time::Duration,
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{FileError, children};
 use erfgs_run::FolderLock;
 use serde::{Deserialize, Serialize};
 
 use super::{
     SweepError,
     manifest::{Job, Manifest, Preparation, is_measured, write_json},
+    shell,
 };
 
 /// How often is looked whether a step has ended, or is to.
@@ -94,26 +95,80 @@ fn steps(manifest: &Manifest, job: &Job, hand: &Hand<'_>) -> Result<Ended, Sweep
         }
     }
     let run = manifest.run(job);
-    let mut words = words(["train"]);
-    words.extend([text(&job.dataset), "--out".into(), text(run.root()), "--resume".into()]);
     if let Some(before) = &job.after {
         let before = manifest.job(before)?;
         if !manifest.is_done(before) {
             let message = format!("{} is not done, from which it takes what stands still", before.name);
             return Ok(Ended::Failed { message });
         }
-        words.extend(["--static".into(), text(manifest.run(before).root())]);
     }
-    words.extend(job.arguments.iter().cloned());
-    let ended = hand.step(&words)?;
+    let ended = hand.step(&train_words(manifest, job)?)?;
     if ended != Ended::Done || !manifest.evaluate || is_measured(&run) {
         return Ok(ended);
     }
-    let mut eval = self::words(["eval"]);
-    eval.push(text(run.root()));
+    hand.step(&eval_words(manifest, job))
+}
+
+/// The commands that a job comes to, in their order, each as the words after the program's name. Those that make the dataset of a
+/// window are run by the first job that needs it.
+///
+/// # Errors
+/// [`SweepError::NoJob`] if it waits for a job that there is not.
+pub fn commands(manifest: &Manifest, job: &Job) -> Result<Vec<Vec<String>>, SweepError> {
+    let mut all = job.preparation.as_ref().map_or(Vec::new(), |of| Preparing::new(&job.dataset, of).commands);
+    all.push(train_words(manifest, job)?);
+    if manifest.evaluate {
+        all.push(eval_words(manifest, job));
+    }
+    Ok(all)
+}
+
+fn train_words(manifest: &Manifest, job: &Job) -> Result<Vec<String>, SweepError> {
+    let mut words = words(["train"]);
+    words.extend([text(&job.dataset), "--out".into(), text(manifest.run(job).root()), "--resume".into()]);
+    if let Some(before) = &job.after {
+        words.extend(["--static".into(), text(manifest.run(manifest.job(before)?).root())]);
+    }
+    words.extend(job.arguments.iter().cloned());
+    Ok(words)
+}
+
+fn eval_words(manifest: &Manifest, job: &Job) -> Vec<String> {
+    let mut words = words(["eval"]);
+    words.push(text(manifest.run(job).root()));
     // It is measured where it was trained.
-    eval.extend(job.adapter().map(|name| format!("--adapter={name}")));
-    hand.step(&eval)
+    words.extend(job.adapter().map(|name| format!("--adapter={name}")));
+    words
+}
+
+/// How the dataset of a window is made.
+struct Preparing {
+    /// What is imported, and what becomes the dataset.
+    imported: PathBuf,
+    ready: PathBuf,
+    commands: Vec<Vec<String>>,
+}
+
+impl Preparing {
+    fn new(folder: &Path, preparation: &Preparation) -> Self {
+        let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let imported = folder.with_file_name(format!("{name}.imported"));
+        let ready =
+            if preparation.undistort { folder.with_file_name(format!("{name}.pinhole")) } else { imported.clone() };
+        let mut import = preparation.import.clone();
+        import.extend(["--out".into(), text(&imported)]);
+        let mut commands = vec![import];
+        if preparation.undistort {
+            let mut undistort = words(["dataset", "undistort"]);
+            undistort.extend([text(&imported), "--out".into(), text(&ready)]);
+            commands.push(undistort);
+        }
+        let mut points = words(["dataset", "points"]);
+        points.push(text(&ready));
+        points.extend(preparation.points.iter().cloned());
+        commands.push(points);
+        Self { imported, ready, commands }
+    }
 }
 
 /// Makes the dataset of a window, unless it is there: several jobs may need the same one.
@@ -140,9 +195,7 @@ fn prepare(
         if is_there() {
             return Ok(Ended::Done);
         }
-        let imported = folder.with_file_name(format!("{name}.imported"));
-        let ready =
-            if preparation.undistort { folder.with_file_name(format!("{name}.pinhole")) } else { imported.clone() };
+        let Preparing { imported, ready, commands } = Preparing::new(folder, preparation);
         // What an attempt left that was killed.
         let clear = |folder: &Path| match std::fs::remove_dir_all(folder) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(FileError::when("remove", folder)(error)),
@@ -150,15 +203,8 @@ fn prepare(
         };
         clear(&imported)?;
         clear(&ready)?;
-        let mut import = preparation.import.clone();
-        import.extend(["--out".into(), text(&imported)]);
-        let mut undistort = words(["dataset", "undistort"]);
-        undistort.extend([text(&imported), "--out".into(), text(&ready)]);
-        let mut points = words(["dataset", "points"]);
-        points.push(text(&ready));
-        points.extend(preparation.points.iter().cloned());
-        for (words, wanted) in [(import, true), (undistort, preparation.undistort), (points, true)] {
-            let ended = if wanted { hand.step(&words)? } else { Ended::Done };
+        for words in commands {
+            let ended = hand.step(&words)?;
             if ended != Ended::Done {
                 return Ok(ended);
             }
@@ -186,12 +232,15 @@ impl Hand<'_> {
         if self.is_to_stop() {
             return Ok(Ended::Stopped);
         }
-        let command = format!("erfgs {}", words.join(" "));
+        let command = format!("erfgs {}", shell::line(words));
         let mut log = self.open_log()?;
         writeln!(log, "$ {command}").map_err(FileError::when("write", self.log))?;
         let out = log.try_clone().map_err(FileError::when("write", self.log))?;
-        let child = Command::new(self.program).args(words).stdin(Stdio::null()).stdout(out).stderr(log).spawn();
-        let mut child = child.map_err(|source| SweepError::Start { command: command.clone(), source })?;
+        let mut step = Command::new(self.program);
+        step.args(words).stdin(Stdio::null()).stdout(out).stderr(log);
+        // Where this process is killed, what runs is asked to save and to end, as when it is asked to stop.
+        children::end_with_us(&mut step, children::Signal::Terminate);
+        let mut child = step.spawn().map_err(|source| SweepError::Start { command: command.clone(), source })?;
         let mut asked = false;
         let status = loop {
             match child.try_wait() {
@@ -276,4 +325,38 @@ fn words<const N: usize>(words: [&str; N]) -> Vec<String> {
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plan may name programs, which its reader is to see.
+    #[test]
+    fn every_word_that_will_run_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = r#"{"format": "erfgs-sweep", "version": 1, "name": "s", "evaluate": true, "jobs": [
+            {"name": "a", "dataset": "/ds/a", "seed": 1, "settings": {}, "arguments": ["--seed", "1", "--adapter=llvmpipe"],
+             "preparation": {"import": ["dataset", "import", "session", "take one.mcap"], "undistort": true,
+                             "points": ["--colmap", "/home/me/program; rm -r x"]}},
+            {"name": "b", "dataset": "/ds/b", "after": "a", "seed": 1, "settings": {}, "arguments": []}]}"#;
+        std::fs::write(folder.path().join("sweep.json"), text).unwrap();
+        let manifest = Manifest::load(folder.path()).unwrap();
+        let runs = folder.path().join("runs").display().to_string();
+        let told = |job: usize| -> Vec<String> {
+            let commands = commands(&manifest, &manifest.jobs[job]).unwrap();
+            commands.iter().map(|words| shell::line(words).replace(&runs, "RUNS")).collect()
+        };
+        assert_eq!(
+            told(0),
+            [
+                "dataset import session 'take one.mcap' --out /ds/a.imported",
+                "dataset undistort /ds/a.imported --out /ds/a.pinhole",
+                "dataset points /ds/a.pinhole --colmap '/home/me/program; rm -r x'",
+                "train /ds/a --out RUNS/a --resume --seed 1 --adapter=llvmpipe",
+                "eval RUNS/a --adapter=llvmpipe",
+            ]
+        );
+        assert_eq!(told(1), ["train /ds/b --out RUNS/b --resume --static RUNS/a", "eval RUNS/b"]);
+    }
 }
