@@ -24,10 +24,12 @@ use crate::{
 use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where some Gaussians are a static set. Without one, a file is of [`TIMES`] where clocks of cameras are learned; without them, of [`POSES`] where their poses are; without those, of [`LEVELS`]
+/// The version where a run was stopped between two rows of its curve. Otherwise a file is of [`STATIC`] where some Gaussians are
+/// a static set. Without one, a file is of [`TIMES`] where clocks of cameras are learned; without them, of [`POSES`] where their poses are; without those, of [`LEVELS`]
 /// where levels of event cameras' pixels are learned; without those, of [`COLOURS`] where colours of cameras are learned; without those,
 /// too, it is of [`ROWS`] where the motion model keeps rows for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
+const STATIC: u32 = 7;
 const TIMES: u32 = 6;
 const POSES: u32 = 5;
 const LEVELS: u32 = 4;
@@ -39,6 +41,7 @@ const PLAIN: u32 = 1;
 const COLOURS_OF_CAMERAS: &str = "camera-colours";
 const POSES_OF_CAMERAS: &str = "camera-poses";
 const TIMES_OF_CAMERAS: &str = "camera-times";
+const LOSSES: &str = "losses";
 
 /// Why a checkpoint could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -94,8 +97,19 @@ pub struct Checkpoint {
     pub camera_times: Option<CameraTimeState>,
     /// What is known of the levels of each event camera's pixels, where that is learned ([`crate::losses::Levels::read`]).
     pub levels: Vec<Vec<f32>>,
+    /// What the losses came to since the last row of the curve, where they did.
+    pub loss_sums: Option<LossSums>,
     /// What the run leaves out.
     pub left_out: Vec<LeftOut>,
+}
+
+/// Sums of losses that the next row of the curve is a mean over.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LossSums {
+    /// Sums and numbers of samples that are kept on the host, as [`crate::trainer`] has them.
+    pub counts: [f64; 7],
+    /// What each thread of the device has added: photometric, event and colour loss.
+    pub partial: [Vec<f32>; 3],
 }
 
 #[derive(Serialize, Deserialize)]
@@ -120,6 +134,8 @@ struct Header {
     camera_time_steps: Option<Vec<u32>>,
     #[serde(default, skip_serializing_if = "is_none")]
     event_cameras: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    loss_counts: Option<[f64; 7]>,
     left_out: Vec<LeftOut>,
     vectors: Vec<(String, usize)>,
 }
@@ -187,12 +203,17 @@ impl Checkpoint {
             vectors.extend(of_cameras(TIMES_OF_CAMERAS, &times.values, &times.moments, Some(&times.sums)));
         }
         vectors.extend(self.levels.iter().map(|levels| ("levels".into(), &levels[..])));
+        if let Some(sums) = &self.loss_sums {
+            vectors.extend(sums.partial.iter().map(|partial| (LOSSES.into(), &partial[..])));
+        }
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
         let header = serde_json::to_vec(&Header {
-            version: if self.fixed > 0 {
+            version: if self.loss_sums.is_some() {
                 VERSION
+            } else if self.fixed > 0 {
+                STATIC
             } else if self.camera_times.is_some() {
                 TIMES
             } else if self.camera_poses.is_some() {
@@ -219,6 +240,7 @@ impl Checkpoint {
             camera_pose_steps: self.camera_poses.as_ref().map(|poses| poses.steps.clone()),
             camera_time_steps: self.camera_times.as_ref().map(|times| times.steps.clone()),
             event_cameras: self.levels.len(),
+            loss_counts: self.loss_sums.as_ref().map(|sums| sums.counts),
             left_out: self.left_out.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
         })?;
@@ -324,6 +346,10 @@ impl Checkpoint {
         for _ in 0..header.event_cameras {
             levels.push(next("levels")?);
         }
+        let loss_sums = match header.loss_counts {
+            None => None,
+            Some(counts) => Some(LossSums { counts, partial: [next(LOSSES)?, next(LOSSES)?, next(LOSSES)?] }),
+        };
         let count = gaussians.len();
         let motion = header.dynamic.checked_mul(header.motion_floats);
         let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
@@ -353,6 +379,7 @@ impl Checkpoint {
             camera_poses,
             camera_times,
             levels,
+            loss_sums,
             left_out: header.left_out,
         })
     }
@@ -381,6 +408,7 @@ mod tests {
             camera_poses: None,
             camera_times: None,
             levels: Vec::new(),
+            loss_sums: None,
             left_out: Vec::new(),
         }
     }
@@ -391,6 +419,15 @@ mod tests {
         let path = folder.path().join("checkpoint.bin");
         checkpoint().save(&path).expect("saved");
         assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
+    }
+
+    #[test]
+    fn losses_since_the_last_row_of_the_curve_come_back() {
+        let mut checkpoint = checkpoint();
+        let counts = [640.0, 3.0, 1.0 / 3.0, 2.0, 0.0, f64::MIN_POSITIVE, 1e300];
+        checkpoint.loss_sums = Some(LossSums { counts, partial: [vec![0.1, 0.2], Vec::new(), vec![3.0]] });
+        let bytes = checkpoint.to_bytes().expect("bytes");
+        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
     }
 
     #[test]

@@ -176,6 +176,24 @@ impl LossSum {
         commands.submit();
         Ok(sum)
     }
+
+    /// What each thread has added so far.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`].
+    pub fn partial(&self, gpu: &Gpu) -> Result<Vec<f32>, GpuError> {
+        gpu.download(&self.partial, self.threads as usize)
+    }
+
+    /// Goes on from what threads had added; `false` where they were not as many.
+    #[must_use]
+    pub fn restore(&self, gpu: &Gpu, partial: &[f32]) -> bool {
+        let fits = partial.len() == self.threads as usize;
+        if fits {
+            gpu.upload(&self.partial, 0, partial);
+        }
+        fits
+    }
 }
 
 impl Losses {

@@ -184,6 +184,9 @@ impl<'a> Trainer<'a> {
             trainer.colours.restore(gpu, state);
         }
         trainer.left_out = left_out;
+        if let Some(sums) = &checkpoint.loss_sums {
+            trainer.work.sums.restore(gpu, sums);
+        }
         Ok(trainer)
     }
 
@@ -510,6 +513,7 @@ impl<'a> Trainer<'a> {
             camera_poses: self.poses.as_ref().map(|poses| poses.state(self.gpu)).transpose()?,
             camera_times: self.clocks.as_ref().map(|clocks| clocks.state(self.gpu)).transpose()?,
             levels: self.levels.iter().map(|levels| levels.read(self.gpu)).collect::<Result<_, _>>()?,
+            loss_sums: self.work.sums.state(self.gpu)?,
             left_out: self.left_out.clone(),
         })
     }
