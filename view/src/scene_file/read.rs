@@ -81,17 +81,22 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// All sections with their bytes, from the last one to the first.
+    fn pieces(&self) -> impl Iterator<Item = (&Section, &[u8])> {
+        let mut rest = self.bytes.as_slice();
+        self.header.sections.iter().rev().map_while(move |section| {
+            let (before, bytes) =
+                rest.split_at_checked(rest.len().checked_sub(section.coding.size(section.floats).ok()?)?)?;
+            rest = before;
+            Some((section, bytes))
+        })
+    }
+
     /// The numbers of a section.
     pub(super) fn section(&self, name: &str) -> Option<Vec<f32>> {
-        let mut pieces = Vec::new();
-        let mut end = self.bytes.len();
-        for section in self.header.sections.iter().rev() {
-            let from = end.checked_sub(section.coding.size(section.floats).ok()?)?;
-            if section.name == name {
-                pieces.push((section.at, section.coding.read(&self.bytes[from..end], section.floats)));
-            }
-            end = from;
-        }
+        let of_name = self.pieces().filter(|(section, _)| section.name == name);
+        let mut pieces: Vec<(usize, Vec<f32>)> =
+            of_name.map(|(section, bytes)| (section.at, section.coding.read(bytes, section.floats))).collect();
         pieces.sort_by_key(|(at, _)| *at);
         let found = !pieces.is_empty();
         found.then(|| pieces.into_iter().flat_map(|(_, values)| values).collect())
@@ -134,8 +139,9 @@ impl SceneFile {
                 return Err(format!("its section '{name}' has {} numbers", found.unwrap_or(0)));
             }
         }
-        for name in lengths.keys() {
-            let values = self.section(name).unwrap_or_default();
+        // Each once: a file may have any number of them.
+        for (Section { name, floats, coding, .. }, bytes) in self.pieces() {
+            let values = coding.read(bytes, *floats);
             if values.iter().any(|value| !value.is_finite()) {
                 return Err(format!("its section '{name}' holds what is no number"));
             }
@@ -202,6 +208,31 @@ mod tests {
         let said = SceneFile::open(&path).unwrap_err().to_string();
         std::fs::remove_file(&path).unwrap();
         assert!(said.contains("unpacks to more than"), "{said}");
+    }
+
+    /// Time in proportion to the square of their number would be an hour.
+    #[test]
+    fn a_file_of_very_many_empty_sections_is_read_at_once() {
+        let mut file = SceneFile::for_tests();
+        let before = file.header.sections.len();
+        let empty = |number: usize| Section {
+            name: format!("x{number}"),
+            at: 0,
+            floats: 0,
+            coding: file.header.sections[0].coding.clone(),
+        };
+        let more: Vec<Section> = (0..600_000).map(empty).collect();
+        file.header.sections.extend(more);
+        let text = serde_json::to_vec(&file.header).unwrap();
+        let numbers: usize = file.header.sections[..before].iter().map(|of| of.coding.size(of.floats).unwrap()).sum();
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(u32::try_from(text.len()).unwrap().to_le_bytes());
+        bytes.extend(text);
+        bytes.extend(&file.bytes[file.bytes.len() - numbers..]);
+        let begun = erfgs_base::cpu::thread_seconds().unwrap_or(0.0);
+        assert_eq!(SceneFile::parse(bytes).unwrap().header.sections.len(), before + 600_000);
+        let took = erfgs_base::cpu::thread_seconds().unwrap_or(0.0) - begun;
+        assert!(took < 120.0, "{took} s of processor time");
     }
 
     #[test]

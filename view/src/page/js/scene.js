@@ -61,24 +61,28 @@ export class SceneReader {
       need(end <= bytes.length);
       if (this.at < end) return undefined;
       this.header = checked(JSON.parse(new TextDecoder().decode(bytes.subarray(12, end))), bytes.length - end);
+      // Looked up for each section, of which there may be any number.
+      this.lengths = new Map();
+      for (const { name, floats, at = 0 } of this.header.sections) this.lengths.set(name, Math.max(this.lengths.get(name) ?? 0, at + floats));
+      this.levels = new Map((this.header.coarse ?? []).map((part, level) => [part.sections, level]).reverse());
       this.read = end;
       this.best = 1;
     }
-    const { sections, coarse = [] } = this.header;
+    const { sections } = this.header;
     while (this.sections < sections.length) {
       const { name, floats, coding, at = 0 } = sections[this.sections];
       const end = this.read + sizeOf(coding, floats);
       if (this.at < end) return undefined;
       const values = READERS[coding.kind](bytes.slice(this.read, end), floats, coding);
       if (!this.vectors.has(name)) {
-        const length = lengthOf(sections, name);
+        const length = this.lengths.get(name);
         this.vectors.set(name, floats === length ? values : new Float32Array(length));
       }
       if (floats !== this.vectors.get(name).length) this.vectors.get(name).set(values, at);
       this.read = end;
       this.sections += 1;
-      const level = coarse.findIndex((part) => part.sections === this.sections);
-      if (level >= 0) this.best = 2 + level;
+      const level = this.levels.get(this.sections);
+      if (level !== undefined) this.best = 2 + level;
     }
     this.best = Infinity;
     return undefined;
@@ -135,7 +139,6 @@ function joined(motion, paths, hangs) {
 
 // Sections of rows of Gaussians.
 const ROWS = ['core', 'sh', 'motion', 'hangs'];
-const lengthOf = (sections, name) => Math.max(...sections.filter((section) => section.name === name).map(({ at = 0, floats }) => at + floats));
 
 // Depths (metres, ascending) of the initial points that a view sees.
 export function depthsOf(scene, { rotation: r, translation: t, width, height, fx, fy, cx, cy }) {
