@@ -8,6 +8,7 @@ use std::{
     time::Duration,
 };
 
+use erfgs_base::scratch::Scratch;
 use erfgs_page::serve::PageOptions;
 use erfgs_run::{PerView, RunFolder};
 use erfgs_scene::image::ImageRgb8;
@@ -134,9 +135,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         format!("{}\n{}", lines.join("\n"), result.link)
     })?;
     terminal.note("Ctrl-C ends the page");
-    if !arguments.no_browser {
-        open_browser(&page.url());
-    }
+    // Kept until the page ends: a browser may take its time.
+    let _entrance = if arguments.no_browser { None } else { open_browser(&page) };
     let mut told = 0;
     while !stop.load(Ordering::Relaxed) {
         for Compared { camera, t01, mode, psnr_db, worst } in page.compared().into_iter().skip(told) {
@@ -146,6 +146,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             ));
         }
         match asks.recv_timeout(Duration::from_millis(200)) {
+            // Who asked has left, or looks from somewhere else by now.
+            Ok(ask) if ask.is_abandoned() => {}
             Ok(ask) => match (&mut take, trainers.get_mut(ask.model)) {
                 (Some(take), _) => match take.window(ask.model) {
                     Ok(trainer) => answer(trainer, ask),
@@ -176,8 +178,11 @@ fn errors(folder: &RunFolder, trainer: &Trainer<'_>) -> Vec<FrameError> {
     folder.read_per_view().unwrap_or_default().into_iter().map(of).collect()
 }
 
-/// Draws what a page asks for.
+/// Draws what a page asks for, unless it does not wait for it any more.
 pub fn answer(trainer: &mut Trainer<'_>, ask: Ask) {
+    if ask.is_abandoned() {
+        return;
+    }
     let drawn = trainer.render(&ask.view, ask.t01).map_err(|error| error.to_string());
     let picture = drawn.map(|drawn| {
         let (width, height) = (ask.view.width, ask.view.height);
@@ -187,19 +192,36 @@ pub fn answer(trainer: &mut Trainer<'_>, ask: Ask) {
     let _ = ask.answer.send(picture);
 }
 
-/// Opens a browser where there is a screen; where there is none the link was printed.
-fn open_browser(url: &str) {
+/// Opens a browser where there is a screen; where there is none the link was printed. Command lines are read by all users of a machine:
+/// the browser is given a private file, which leads to the page.
+fn open_browser(page: &ViewPage) -> Option<Scratch> {
     let has_screen = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
     let program = if cfg!(target_os = "macos") {
         "open"
     } else if has_screen("DISPLAY") || has_screen("WAYLAND_DISPLAY") {
         "xdg-open"
     } else {
-        return;
+        return None;
+    };
+    let entrance = || -> anyhow::Result<(Scratch, PathBuf)> {
+        let (folder, url) = (Scratch::new()?, page.url_for_once()?);
+        let file = folder.path().join("page.html");
+        let text =
+            format!("<!doctype html><meta charset=\"utf-8\"><meta http-equiv=\"refresh\" content=\"0; url={url}\">");
+        std::fs::write(&file, text)?;
+        Ok((folder, file))
+    };
+    let (folder, file) = match entrance() {
+        Ok(entrance) => entrance,
+        Err(error) => {
+            tracing::debug!("no browser was opened: {error:#}");
+            return None;
+        }
     };
     let started =
-        Command::new(program).arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        Command::new(program).arg(&file).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     if let Err(error) = started {
         tracing::debug!("no browser was opened: {program}: {error}");
     }
+    Some(folder)
 }

@@ -3,20 +3,27 @@
 
 use std::{
     net::{IpAddr, SocketAddr},
-    sync::Arc,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use axum::{
+    Router,
     extract::{Request, State},
-    http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
-    middleware::Next,
+    http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header},
+    middleware::{Next, from_fn_with_state},
     response::{IntoResponse, Response},
 };
+
+use tower_service::Service;
 
 use crate::serve::{PageError, PageOptions};
 
 /// Beginning of the name of the cookie that carries the token. The port follows: browsers tell hosts apart by cookies, not
-/// ports, and there may be a page at another one.
+/// ports, and there may be a page at another one. That page would be sent the cookie, too, were it not for its path, which nobody
+/// else knows.
 const COOKIE: &str = "erfgs_token_";
 
 /// The name of the cookie of the page that is called `host`.
@@ -75,6 +82,10 @@ pub struct Access {
     pub token: Option<Token>,
     /// Names that the server may be called by, besides `localhost` and bare addresses.
     pub names: Vec<String>,
+    /// The first part of the paths that browsers see, where there is a token: the cookie is sent to these alone.
+    place: String,
+    /// What opens the page once, until it has.
+    once: Arc<Mutex<Option<Token>>>,
 }
 
 impl Access {
@@ -87,8 +98,53 @@ impl Access {
         if *open && !address.ip().is_loopback() {
             return Err(PageError::Open { address: *address });
         }
-        let token = if *open { None } else { Some(Token::random().map_err(PageError::Token)?) };
-        Ok(Self { token, names: names.clone() })
+        let random = || Token::random().map_err(PageError::Token);
+        let (token, place) = if *open { (None, String::new()) } else { (Some(random()?), random()?.0) };
+        Ok(Self { token, names: names.clone(), place, once: Arc::default() })
+    }
+
+    /// An address that opens a server at `address` once: what stays of it in a browser's history is of no use to anybody.
+    ///
+    /// # Errors
+    /// [`PageError::Token`] if no code can be drawn.
+    pub fn url_for_once(&self, address: SocketAddr) -> Result<String, PageError> {
+        if self.token.is_none() {
+            return Ok(self.url(address));
+        }
+        let code = Token::random().map_err(PageError::Token)?;
+        let url = format!("http://{address}/?once={}", code.reveal());
+        *self.once.lock().unwrap_or_else(PoisonError::into_inner) = Some(code);
+        Ok(url)
+    }
+
+    /// Whether this is the code of [`Self::url_for_once`], which is then used up.
+    fn take_once(&self, offered: &str) -> bool {
+        let mut once = self.once.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_it = once.as_ref().is_some_and(|code| code.is(offered));
+        if is_it {
+            *once = None;
+        }
+        is_it
+    }
+
+    /// The path of the page in browsers.
+    fn path(&self) -> String {
+        if self.place.is_empty() { "/".into() } else { format!("/{}/", self.place) }
+    }
+
+    /// The cookie of the page that is called as a request says, with the token.
+    fn cookie(&self, headers: &HeaderMap, token: &Token) -> String {
+        let host = headers.get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+        format!("{}={}; HttpOnly; SameSite=Strict; Path={}", cookie_of(host), token.reveal(), self.path())
+    }
+
+    /// A path as routes know it: without the part that browsers see before it.
+    fn within(&self, uri: &Uri) -> Option<Uri> {
+        let rest = uri.path_and_query()?.as_str().strip_prefix('/')?.strip_prefix(self.place.as_str())?;
+        if self.place.is_empty() || !rest.starts_with('/') {
+            return None;
+        }
+        rest.parse().ok()
     }
 
     /// The address to open of a server at `address`, with the token where one is needed.
@@ -147,24 +203,51 @@ impl Access {
     }
 }
 
+/// Whether somebody who may see the page has asked for something over a connection.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Admitted(Arc<AtomicBool>);
+
+impl Admitted {
+    pub fn is_so(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// `router`, for those whom `access` allows.
+pub fn guarded(router: Router, access: Arc<Access>) -> Router {
+    let router = router.layer(from_fn_with_state(Arc::clone(&access), guard));
+    Router::new().fallback(move |mut request: Request| {
+        if let Some(uri) = access.within(request.uri()) {
+            *request.uri_mut() = uri;
+        }
+        router.clone().call(request)
+    })
+}
+
 /// Lets through what [`Access`] allows, trades the token of an address for a cookie, and sets the headers that keep
 /// browsers strict.
-pub async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
+async fn guard(State(access): State<Arc<Access>>, request: Request, next: Next) -> Response {
     let query = request.uri().query().unwrap_or_default();
     let mut response = match access.check(request.method(), request.headers(), query) {
-        Err((code, why)) => (code, why).into_response(),
-        Ok(()) => match (request.uri().path(), parameter(query, "token"), &access.token) {
-            // The secret does not stay in the address bar, nor in the history.
-            ("/", Some(_), Some(token)) => {
-                let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
-                let cookie = format!("{}={}; HttpOnly; SameSite=Strict; Path=/", cookie_of(host), token.reveal());
-                let others: Vec<&str> = query.split('&').filter(|part| !part.starts_with("token=")).collect();
-                let place = if others.is_empty() { "/".to_owned() } else { format!("/?{}", others.join("&")) };
-                let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, place)];
-                (StatusCode::SEE_OTHER, headers).into_response()
+        Err((StatusCode::UNAUTHORIZED, _)) if enters_once(&access, &request) => entrance(&access, request.headers()),
+        // Who is refused has no business with the connection, nor with the place that it takes.
+        Err((code, why)) => (code, [(header::CONNECTION, "close")], why).into_response(),
+        Ok(()) => {
+            if let Some(Admitted(admitted)) = request.extensions().get() {
+                admitted.store(true, Ordering::Relaxed);
             }
-            _ => next.run(request).await,
-        },
+            match (request.uri().path(), parameter(query, "token"), &access.token) {
+                // The secret does not stay in the address bar, nor in the history.
+                ("/", Some(_), Some(token)) => {
+                    let cookie = access.cookie(request.headers(), token);
+                    let others: Vec<&str> = query.split('&').filter(|part| !part.starts_with("token=")).collect();
+                    let others = if others.is_empty() { String::new() } else { format!("?{}", others.join("&")) };
+                    let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, access.path() + &others)];
+                    (StatusCode::SEE_OTHER, headers).into_response()
+                }
+                _ => next.run(request).await,
+            }
+        }
     };
     let headers = response.headers_mut();
     for (name, value) in [
@@ -183,6 +266,24 @@ pub async fn guard(State(access): State<Arc<Access>>, request: Request, next: Ne
         headers.insert(name, HeaderValue::from_static(value));
     }
     response
+}
+
+/// Whether a request brings the code that opens the page once.
+fn enters_once(access: &Access, request: &Request) -> bool {
+    let code = parameter(request.uri().query().unwrap_or_default(), "once");
+    request.uri().path() == "/" && request.method() == Method::GET && code.is_some_and(|code| access.take_once(code))
+}
+
+/// Gives the cookie, and goes on to the page. Not by a redirection: a browser that comes from a file or from another page would not send
+/// the cookie along.
+fn entrance(access: &Access, headers: &HeaderMap) -> Response {
+    let Some(token) = &access.token else { return StatusCode::NOT_FOUND.into_response() };
+    let kind = (header::CONTENT_TYPE, "text/html; charset=utf-8".to_owned());
+    let text = format!(
+        "<!doctype html><meta charset=\"utf-8\"><title>erfgs</title><meta http-equiv=\"refresh\" content=\"0; url={}\">",
+        access.path()
+    );
+    ([kind, (header::SET_COOKIE, access.cookie(headers, token))], text).into_response()
 }
 
 /// The value of a parameter of a query, undecoded.
@@ -232,7 +333,7 @@ mod tests {
 
     #[test]
     fn names_that_a_foreign_site_could_point_here_are_refused() {
-        let access = Access { token: None, names: vec!["rig.lab".into()] };
+        let access = Access { names: vec!["rig.lab".into()], ..rules("127.0.0.1:80", true).unwrap() };
         for host in
             ["127.0.0.1:8100", "localhost:8100", "LOCALHOST", "[::1]:8100", "[::1]", "10.0.0.2:8100", "rig.lab:1"]
         {
@@ -246,7 +347,7 @@ mod tests {
 
     #[test]
     fn other_sites_cannot_press_the_buttons() {
-        let access = Access { token: None, names: vec![] };
+        let access = rules("127.0.0.1:80", true).unwrap();
         let ask = |method, origin| code(&access, method, &[("host", "127.0.0.1:8100"), ("origin", origin)], "");
         assert_eq!(ask(Method::POST, "http://127.0.0.1:8100"), 200);
         assert_eq!(ask(Method::POST, "http://127.0.0.1:9000"), 403);
@@ -270,6 +371,34 @@ mod tests {
         }
         for cookie in [format!("{COOKIE}80=wrong"), format!("{COOKIE}81={token}")] {
             assert_eq!(ask(&[("cookie", &cookie)], ""), 401, "{cookie}");
+        }
+    }
+
+    #[test]
+    fn a_code_opens_the_page_once() {
+        let access = rules("127.0.0.1:80", false).unwrap();
+        assert!(!access.take_once(""));
+        let url = access.url_for_once("127.0.0.1:80".parse().unwrap()).unwrap();
+        let code = url.split_once("?once=").unwrap().1;
+        assert!(!url.contains(access.token.as_ref().unwrap().reveal()));
+        assert!(!access.take_once("0123") && access.take_once(code) && !access.take_once(code));
+    }
+
+    #[test]
+    fn browsers_send_the_cookie_to_a_path_that_only_this_page_knows() {
+        let (access, other) = (rules("127.0.0.1:80", false).unwrap(), rules("127.0.0.1:81", false).unwrap());
+        let cookie = access.cookie(&headers(&[("host", "127.0.0.1:80")]), &Token::random().unwrap());
+        assert!(
+            cookie.contains("SameSite=Strict") && cookie.ends_with(&format!("Path=/{}/", access.place)),
+            "{cookie}"
+        );
+        assert!(access.place.len() == 32 && access.place != other.place);
+        let within = |path: &str| access.within(&path.parse().unwrap()).map(|uri| uri.to_string());
+        let place = access.place.clone();
+        assert_eq!(within(&format!("/{place}/")), Some("/".into()));
+        assert_eq!(within(&format!("/{place}/api/x?t=1")), Some("/api/x?t=1".into()));
+        for path in ["/", "/api/x", &format!("/{place}"), &format!("/{place}x/"), &format!("/{}/", other.place)] {
+            assert_eq!(within(path), None, "{path}");
         }
     }
 

@@ -1,32 +1,37 @@
 //! A server of pages: a thread with a single-threaded runtime, which ends when it is dropped.
 //!
-//! Who connects and asks nothing takes a place only for a while: connections are bounded in number, and a request must be
-//! whole within ten seconds. So many descriptors are the most that a page takes from the program that it belongs to.
+//! Who connects and asks nothing, or may not see the page, takes a place only for a while: connections are bounded in number, those of
+//! who was admitted are kept before all others, and a request must be whole in time, with what it brings. So many descriptors are the most that a page takes from the program that it belongs to.
 
 use std::{
     collections::VecDeque,
     io,
     net::{SocketAddr, TcpListener},
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
+    pin::Pin,
+    task::{Context, Poll},
     time::Duration,
 };
 
-use axum::{Router, body::Body};
-use hyper::{body::Incoming, server::conn::http1, service::service_fn};
+use axum::{BoxError, Router, body::Body};
+use hyper::{
+    body::{Bytes, Frame, Incoming, SizeHint},
+    server::conn::http1,
+    service::service_fn,
+};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::{
     net::TcpStream,
     task::{AbortHandle, JoinSet},
+    time::{Sleep, sleep},
 };
 use tower_service::Service;
 
-use crate::background::Background;
+use crate::{access::Admitted, background::Background};
 
 /// How long a connection may take until its next request is whole.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// For how many times as long what a request brings may take, once its head is there: a picture over a slow network.
+const BODY: u32 = 3;
 /// Connections at a time. A browser opens six, and one for each stream of numbers.
 const CONNECTIONS: usize = 128;
 
@@ -118,14 +123,14 @@ impl Server {
     }
 }
 
-/// A connection, and whether a whole request came over it yet.
+/// A connection, and whether a request came over it yet of somebody who may see the page.
 struct Held {
     task: AbortHandle,
-    asked: Arc<AtomicBool>,
+    admitted: Admitted,
 }
 
-/// Takes connections for ever. Where there is no place left, the oldest that has asked nothing yet makes one; where all have,
-/// the new one is closed.
+/// Takes connections for ever. Where there is no place left, the oldest over which nobody was admitted yet makes one; where there is
+/// none of these, the new one is closed.
 async fn accept(listener: tokio::net::TcpListener, router: Router, patience: Duration) {
     let mut tasks = JoinSet::new();
     let mut held: VecDeque<Held> = VecDeque::new();
@@ -142,21 +147,22 @@ async fn accept(listener: tokio::net::TcpListener, router: Router, patience: Dur
         while tasks.try_join_next().is_some() {}
         held.retain(|held| !held.task.is_finished());
         if held.len() >= CONNECTIONS {
-            let Some(silent) = held.iter().position(|held| !held.asked.load(Ordering::Relaxed)) else { continue };
+            let Some(silent) = held.iter().position(|held| !held.admitted.is_so()) else { continue };
             if let Some(silent) = held.remove(silent) {
                 silent.task.abort();
             }
         }
-        let asked = Arc::new(AtomicBool::new(false));
-        let task = tasks.spawn(answer(stream, router.clone(), patience, Arc::clone(&asked)));
-        held.push_back(Held { task, asked });
+        let admitted = Admitted::default();
+        let task = tasks.spawn(answer(stream, router.clone(), patience, admitted.clone()));
+        held.push_back(Held { task, admitted });
     }
 }
 
-async fn answer(stream: TcpStream, router: Router, patience: Duration, asked: Arc<AtomicBool>) {
-    let service = service_fn(move |request: hyper::Request<Incoming>| {
-        asked.store(true, Ordering::Relaxed);
-        router.clone().call(request.map(Body::new))
+async fn answer(stream: TcpStream, router: Router, patience: Duration, admitted: Admitted) {
+    let in_time = BODY * patience;
+    let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(admitted.clone());
+        router.clone().call(request.map(|body| Body::new(InTime { body, until: Box::pin(sleep(in_time)) })))
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -168,17 +174,49 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, asked: Ar
     }
 }
 
+/// What a request brings, which has to be there in time.
+struct InTime {
+    body: Incoming,
+    until: Pin<Box<Sleep>>,
+}
+
+impl hyper::body::Body for InTime {
+    type Data = Bytes;
+    type Error = BoxError;
+
+    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, BoxError>>> {
+        // What is there is taken, however late it is looked at.
+        match Pin::new(&mut self.body).poll_frame(context) {
+            Poll::Ready(frame) => Poll::Ready(frame.map(|frame| frame.map_err(Into::into))),
+            Poll::Pending => match self.until.as_mut().poll(context) {
+                Poll::Ready(()) => Poll::Ready(Some(Err("the request did not bring all of it in time".into()))),
+                Poll::Pending => Poll::Pending,
+            },
+        }
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::{
         io::{Read, Write},
         net::TcpStream,
+        sync::Arc,
         time::Instant,
     };
 
-    use axum::routing::get;
+    use axum::routing::{get, post};
 
     use super::*;
+    use crate::access::{Access, guarded};
 
     fn serve(patience: Duration) -> Server {
         let listener = Server::listen("127.0.0.1:0".parse().unwrap()).unwrap();
@@ -214,6 +252,90 @@ mod tests {
             matches!((&mut &**stream).read(&mut [0]), Err(error) if error.kind() == io::ErrorKind::WouldBlock)
         });
         assert!(open.count() <= CONNECTIONS);
+    }
+
+    /// A page with a token, and the token.
+    fn serve_guarded(patience: Duration) -> (Server, String) {
+        let listener = Server::listen("127.0.0.1:0".parse().unwrap()).unwrap();
+        let options = PageOptions { address: listener.local_addr().unwrap(), names: Vec::new(), open: false };
+        let access = Arc::new(Access::new(&options).unwrap());
+        let token = access.token.as_ref().unwrap().reveal().to_owned();
+        let router = Router::new()
+            .route("/", get(|| async { "here" }))
+            .route("/body", post(|body: Bytes| async move { body.len().to_string() }));
+        (Server::start_with(listener, guarded(router, access), "page", patience).unwrap(), token)
+    }
+
+    fn says(stream: &mut TcpStream, head: &str) -> String {
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        // What was closed meanwhile cannot be written to.
+        let _ = stream.write_all(format!("{head}\r\nhost: localhost\r\n\r\n").as_bytes());
+        let mut answer = String::new();
+        let _ = stream.read_to_string(&mut answer);
+        answer
+    }
+
+    #[test]
+    fn who_is_refused_is_let_go() {
+        let (server, _) = serve_guarded(Duration::from_secs(3600));
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        // Read to its end: the connection is closed, though HTTP 1.1 keeps them.
+        let answer = says(&mut stream, "GET / HTTP/1.1");
+        assert!(answer.contains("401") && answer.to_lowercase().contains("connection: close"), "{answer}");
+    }
+
+    #[test]
+    fn who_has_no_token_keeps_nobody_out_who_has() {
+        let (server, token) = serve_guarded(Duration::from_secs(3600));
+        let admitted = format!("GET / HTTP/1.1\r\nauthorization: Bearer {token}");
+        let mut first = TcpStream::connect(server.address()).unwrap();
+        first.write_all(format!("{admitted}\r\nhost: localhost\r\n\r\n").as_bytes()).unwrap();
+        first.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        assert!(first.read(&mut [0; 1024]).unwrap() > 0);
+        // They ask for something, and begin to ask for more.
+        let greedy: Vec<TcpStream> = (0..3 * CONNECTIONS)
+            .map(|_| {
+                let mut stream = TcpStream::connect(server.address()).unwrap();
+                let _ = stream.write_all(b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\nGET / HTTP/1.1\r\n");
+                stream
+            })
+            .collect();
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        let answer = says(&mut stream, &format!("{admitted}\r\nconnection: close"));
+        assert!(answer.contains("here"), "{answer}");
+        // Who was admitted before them was not sent away, either.
+        assert!(says(&mut first, &format!("{admitted}\r\nconnection: close")).contains("here"));
+        drop(greedy);
+    }
+
+    #[test]
+    fn what_a_request_brings_has_to_be_there_in_time() {
+        let (server, token) = serve_guarded(Duration::from_millis(300));
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        let head = format!("POST /body HTTP/1.1\r\nauthorization: Bearer {token}\r\ncontent-length: 5");
+        // Never sent: it is answered, and the connection closed.
+        let answer = says(&mut stream, &head);
+        assert!(answer.contains("400"), "{answer}");
+    }
+
+    #[test]
+    fn a_code_leads_to_the_page_once() {
+        let listener = Server::listen("127.0.0.1:0".parse().unwrap()).unwrap();
+        let address = listener.local_addr().unwrap();
+        let access = Arc::new(Access::new(&PageOptions { address, names: Vec::new(), open: false }).unwrap());
+        let url = access.url_for_once(address).unwrap();
+        let router = guarded(Router::new().route("/", get(|| async { "here" })), access);
+        let _server = Server::start_with(listener, router, "page", PATIENCE).unwrap();
+        let path = &url[url.rfind('/').unwrap()..];
+        let ask = |head: &str| says(&mut TcpStream::connect(address).unwrap(), &format!("{head}\r\nconnection: close"));
+        let answer = ask(&format!("GET {path} HTTP/1.1"));
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        let part =
+            |before: &str, after: char| answer.split_once(before).unwrap().1.split(after).next().unwrap().to_owned();
+        let (place, cookie) = (part("url=", '"'), part("set-cookie: ", ';'));
+        assert!(ask(&format!("GET {place} HTTP/1.1\r\ncookie: {cookie}")).contains("here"));
+        assert!(ask(&format!("GET {place} HTTP/1.1")).contains("401"), "the path alone opens nothing");
+        assert!(ask(&format!("GET {path} HTTP/1.1")).contains("401"), "a code was taken twice");
     }
 
     #[test]

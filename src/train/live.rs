@@ -99,7 +99,8 @@ impl Live {
             return false;
         }
         if self.asked.is_none() {
-            self.asked = self.asks.try_recv().ok();
+            // Who asked may have left.
+            self.asked = self.asks.try_iter().find(|ask| !ask.is_abandoned());
         }
         self.asked.is_some() || self.scene_is_due()
     }

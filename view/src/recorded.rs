@@ -2,7 +2,8 @@
 
 use std::{
     collections::HashMap,
-    path::PathBuf,
+    io::Read,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
 };
 
@@ -11,6 +12,9 @@ use erfgs_events::Events;
 
 /// Events that are sent at most: what lies between is left out evenly.
 const MOST_EVENTS: usize = 200_000;
+
+/// Bytes of the largest frame.
+const LONGEST_FRAME: u64 = 256 << 20;
 
 /// A dataset, and the events of it that were read.
 #[derive(Debug)]
@@ -24,11 +28,25 @@ impl Recorded {
         Self { dataset, events: Mutex::default() }
     }
 
-    /// The file of a frame, by the number that its camera gives it; why it cannot be had.
-    pub fn frame(&self, camera: &str, index: usize) -> Result<PathBuf, String> {
+    /// A frame as it lies on the disk, by the number that its camera gives it; why it cannot be had.
+    pub fn frame(&self, camera: &str, index: usize) -> Result<Vec<u8>, String> {
         let found = self.dataset.camera(camera).and_then(|camera| camera.frames.get(index));
         let frame = found.ok_or("there is no such frame")?;
-        self.dataset.path(&frame.file).map_err(|error| error.to_string())
+        let path = self.file(&frame.file)?;
+        let wrong = |what: String| format!("{}: {what}", path.display());
+        let file = std::fs::File::open(&path).map_err(|error| wrong(error.to_string()))?;
+        let mut bytes = Vec::new();
+        file.take(LONGEST_FRAME + 1).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+        if bytes.len() as u64 > LONGEST_FRAME {
+            return Err(wrong(format!("it is longer than {LONGEST_FRAME} bytes, which no frame is")));
+        }
+        Ok(bytes)
+    }
+
+    /// Where a file of the dataset lies.
+    fn file(&self, path: &Path) -> Result<PathBuf, String> {
+        let path = self.dataset.path(path).map_err(|error| error.to_string())?;
+        if_a_file(&path).map(|()| path)
     }
 
     /// Events from `from` to `to` (shares of the recording): column, row and polarity (0 or 1) of each, as little-endian u16.
@@ -48,9 +66,35 @@ impl Recorded {
             return Ok(Arc::clone(events));
         }
         let camera = self.dataset.camera(name).ok_or("there is no such camera")?;
+        if let Some(events) = &camera.events {
+            self.file(&events.file)?;
+        }
         let read = self.dataset.read_events(camera).map_err(|error| error.to_string())?;
         let events = Arc::new(read.ok_or_else(|| format!("camera {name} has no events"))?);
         known.insert(name.to_owned(), Arc::clone(&events));
         Ok(events)
+    }
+}
+
+/// What is no file is not opened: a pipe would be waited for.
+fn if_a_file(path: &Path) -> Result<(), String> {
+    let found = std::fs::metadata(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    if found.is_file() { Ok(()) } else { Err(format!("{}: it is no file", path.display())) }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pipe_in_place_of_a_frame_is_refused_and_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let [pipe, file] = ["pipe", "file"].map(|name| folder.path().join(name));
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        std::fs::write(&file, b"x").unwrap();
+        assert!(if_a_file(&file).is_ok());
+        for path in [&pipe, folder.path(), &folder.path().join("nothing")] {
+            assert!(if_a_file(path).unwrap_err().contains(&path.display().to_string()));
+        }
     }
 }

@@ -7,11 +7,10 @@ use axum::{
     body::Bytes,
     extract::{DefaultBodyLimit, Path, Query, State},
     http::{StatusCode, header},
-    middleware,
     response::{IntoResponse, Response},
     routing::{get, post},
 };
-use erfgs_page::access::{Access, guard};
+use erfgs_page::access::{Access, guarded};
 use erfgs_scene::image::{ImageRgb8, jpeg};
 use erfgs_train::{
     metrics::{Picture, psnr, to_unit},
@@ -22,6 +21,7 @@ use tokio::sync::oneshot;
 
 use crate::{
     recorded::Recorded,
+    scene_file::SceneFile,
     server::{About, Ask, Compared, Shown},
     texts,
     training::{LiveTraining, TrainingState},
@@ -52,7 +52,8 @@ pub(crate) struct Site {
 type Shared = State<Arc<Site>>;
 
 pub(crate) fn router(site: Arc<Site>) -> Router {
-    Router::new()
+    let access = Arc::clone(&site.access);
+    let router = Router::new()
         .route("/", get(|| async { ([(header::CONTENT_TYPE, "text/html; charset=utf-8")], texts::INDEX) }))
         .route("/file/{*path}", get(file))
         .route("/api/models", get(models))
@@ -65,8 +66,8 @@ pub(crate) fn router(site: Arc<Site>) -> Router {
         .route("/api/training", get(training))
         .route("/api/training/{wish}", post(wish))
         .layer(DefaultBodyLimit::max(4 * LARGEST_PIXELS as usize))
-        .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
-        .with_state(site)
+        .with_state(site);
+    guarded(router, access)
 }
 
 fn missing(what: &str) -> Response {
@@ -88,11 +89,21 @@ async fn models(State(site): Shared) -> Response {
     Json(site.models.iter().enumerate().map(about).collect::<Vec<_>>()).into_response()
 }
 
+/// The bytes of a scene that may be replaced while they are sent.
+struct SceneBytes(Arc<SceneFile>);
+
+impl AsRef<[u8]> for SceneBytes {
+    fn as_ref(&self) -> &[u8] {
+        &self.0.bytes
+    }
+}
+
 async fn scene(State(site): Shared, Path(model): Path<usize>) -> Response {
     match site.models.get(model) {
         Some(model) => {
             let kind = (header::CONTENT_TYPE, "application/octet-stream");
-            ([kind], model.scene().1.bytes.clone()).into_response()
+            // Not a copy for everybody who loads it.
+            ([kind], Bytes::from_owner(SceneBytes(model.scene().1))).into_response()
         }
         None => missing("there is no such model"),
     }
@@ -136,10 +147,9 @@ fn recorded(site: &Site, model: usize) -> Option<Arc<Recorded>> {
 /// A recorded frame, by the number that its camera gives it.
 async fn frame(State(site): Shared, Path((model, camera, index)): Path<(usize, String, usize)>) -> Response {
     let Some(recorded) = recorded(&site, model) else { return missing("there is no such frame") };
-    let read = recorded
-        .frame(&camera, index)
-        .and_then(|path| std::fs::read(&path).map_err(|error| format!("{}: {error}", path.display())));
-    match read {
+    // A disk may take its time, which is not that of others who look at the page.
+    let read = tokio::task::spawn_blocking(move || recorded.frame(&camera, index)).await;
+    match read.map_err(|error| error.to_string()).flatten() {
         Ok(bytes) => ([(header::CONTENT_TYPE, "image/png")], bytes).into_response(),
         Err(why) => missing(&why),
     }
@@ -215,7 +225,8 @@ async fn render(State(site): Shared, Path(model): Path<usize>, Query(wanted): Qu
         Ok(picture) => picture,
         Err(refused) => return refused.into_response(),
     };
-    match jpeg(&picture.data, picture.width, picture.height, JPEG_QUALITY) {
+    let packed = move || jpeg(&picture.data, picture.width, picture.height, JPEG_QUALITY);
+    match tokio::task::spawn_blocking(packed).await.ok().flatten() {
         Some(bytes) => ([(header::CONTENT_TYPE, "image/jpeg")], bytes).into_response(),
         None => (StatusCode::INTERNAL_SERVER_ERROR, "the picture has no pixels").into_response(),
     }

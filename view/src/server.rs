@@ -112,6 +112,14 @@ pub struct Ask {
     pub answer: oneshot::Sender<Result<ImageRgb8, String>>,
 }
 
+impl Ask {
+    /// Whether nobody waits for the picture any more.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.answer.is_closed()
+    }
+}
+
 /// How a picture that a browser drew differs from the one of the server.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Compared {
@@ -173,9 +181,51 @@ impl ViewPage {
         self.site.access.url(self.address())
     }
 
+    /// An address that opens the page once, to be handed to a browser.
+    ///
+    /// # Errors
+    /// [`PageError::Token`] if no code can be drawn.
+    pub fn url_for_once(&self) -> Result<String, PageError> {
+        self.site.access.url_for_once(self.address())
+    }
+
     /// How pictures that browsers drew differed from those of the server, as far as pages have compared any.
     #[must_use]
     pub fn compared(&self) -> Vec<Compared> {
         self.site.compared.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        io::Write,
+        net::TcpStream,
+        time::{Duration, Instant},
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_picture_that_nobody_waits_for_any_more_is_known() {
+        let model =
+            Model { name: "a".into(), scene: SceneFile::for_tests(), dataset: None, errors: Vec::new(), window: None };
+        let options = PageOptions { address: "127.0.0.1:0".parse().unwrap(), names: Vec::new(), open: true };
+        let (page, asks) = ViewPage::serve(vec![model], None, &options).unwrap();
+        let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let view = View { width: 4, height: 4, fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0, rotation, translation: [0.0; 3] };
+        let view = serde_json::to_string(&view).unwrap();
+        let view: String = view.bytes().map(|byte| format!("%{byte:02x}")).collect();
+        let mut stream = TcpStream::connect(page.address()).unwrap();
+        let head = format!("GET /api/render/0?t01=0&view={view} HTTP/1.1\r\nhost: localhost\r\n\r\n");
+        stream.write_all(head.as_bytes()).unwrap();
+        let ask = asks.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(!ask.is_abandoned());
+        drop(stream);
+        let begun = Instant::now();
+        while !ask.is_abandoned() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "it is still waited for");
+            std::thread::sleep(Duration::from_millis(5));
+        }
     }
 }

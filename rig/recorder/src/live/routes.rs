@@ -14,14 +14,13 @@ use axum::{
     body::{Body, Bytes},
     extract::{DefaultBodyLimit, Path, Query, State},
     http::{StatusCode, Uri, header},
-    middleware,
     response::{
         IntoResponse, Response, Sse,
         sse::{Event, KeepAlive},
     },
     routing::{get, post},
 };
-use erfgs_page::access::{Access, guard};
+use erfgs_page::access::{Access, guarded};
 use futures_util::stream;
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +53,8 @@ pub(super) struct Site {
 type Shared = State<Arc<Site>>;
 
 pub(super) fn router(site: Arc<Site>) -> Router {
-    Router::new()
+    let access = Arc::clone(&site.access);
+    let router = Router::new()
         .route("/", get(|| async { page("text/html; charset=utf-8", include_str!("page/index.html")) }))
         .route("/style.css", get(|| async { page("text/css; charset=utf-8", include_str!("page/style.css")) }))
         .route("/page.js", get(|| async { page("text/javascript; charset=utf-8", include_str!("page/page.js")) }))
@@ -82,8 +82,8 @@ pub(super) fn router(site: Arc<Site>) -> Router {
         .route("/api/hosts/{host}/{*what}", get(of_host).post(order_host))
         .route("/recordings/{name}", get(download))
         .layer(DefaultBodyLimit::max(4096))
-        .layer(middleware::from_fn_with_state(Arc::clone(&site.access), guard))
-        .with_state(site)
+        .with_state(site);
+    guarded(router, access)
 }
 
 fn page(kind: &'static str, text: &'static str) -> impl IntoResponse {

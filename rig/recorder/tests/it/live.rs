@@ -264,9 +264,14 @@ fn who_has_no_token_gets_nothing() {
     assert_eq!(get(address, "/?token=0123456789abcdef0123456789abcdef").code, 401);
     // The token is traded for a cookie, and leaves the address bar.
     let answer = get(address, &format!("/?token={token}"));
-    assert!(answer.code == 303 && answer.head.contains("location: /\r\n"), "{}", answer.head);
+    let place = answer.head.split_once("location: ").expect("a place").1.lines().next().unwrap_or_default().trim();
+    assert!(answer.code == 303 && answer.head.contains(&format!("path={place}")), "{}", answer.head);
     assert!(answer.head.contains("httponly") && answer.head.contains("samesite=strict"), "{}", answer.head);
     let cookie = format!("erfgs_token_{}={token}", address.port());
     assert_eq!(ask(address, "GET", "/", &[("cookie", &cookie)], "").code, 200);
+    for path in ["", "page.js", "api/status"] {
+        assert_eq!(ask(address, "GET", &format!("{place}{path}"), &[("cookie", &cookie)], "").code, 200, "{path}");
+        assert_eq!(get(address, &format!("{place}{path}")).code, 401, "{path}");
+    }
     assert_eq!(ask(address, "GET", "/api/status", &[("cookie", &cookie)], "").code, 200);
 }

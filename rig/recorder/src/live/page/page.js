@@ -47,7 +47,7 @@ const STATES = {
 let replayed = false;
 
 // Where a camera is: of this host, whose cards are keyed by the camera alone, or of another one.
-const here = { key: (id) => id, base: '/api/', grid: () => $('streams') };
+const here = { key: (id) => id, base: 'api/', grid: () => $('streams') };
 
 function card(stream, place = here) {
   const key = place.key(stream.id);
@@ -274,7 +274,7 @@ function placeOf(host, index) {
   const link = node.querySelector('a');
   link.href = host.page;
   $('hosts').append(node);
-  place = { key: (id) => `${host.name} ${id}`, base: `/api/hosts/${index}/`, grid: () => node.querySelector('.streams'), node };
+  place = { key: (id) => `${host.name} ${id}`, base: `api/hosts/${index}/`, grid: () => node.querySelector('.streams'), node };
   places.set(host.name, place);
   return place;
 }
@@ -350,7 +350,7 @@ function update({ status, looks, guidance, folder, span_us: pastUs, playback: pl
 
 $('span').addEventListener('change', () => {
   const body = JSON.stringify({ us: Number($('span').value) });
-  const bases = ['/api/', ...[...places.values()].map((place) => place.base)];
+  const bases = ['api/', ...[...places.values()].map((place) => place.base)];
   bases.forEach((base) => fetch(`${base}span`, { method: 'POST', headers: { 'content-type': 'application/json' }, body }).catch(() => {}));
   $('span').blur();
 });
@@ -378,7 +378,7 @@ function warnings(unread) {
     read.textContent = 'Read';
     read.addEventListener('click', () => {
       item.remove();
-      fetch('/api/read', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ number: message.number }) }).catch(() => {});
+      fetch('api/read', { method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify({ number: message.number }) }).catch(() => {});
     });
     item.append(what, read);
     return item;
@@ -412,12 +412,12 @@ function messages(status) {
 
 async function list() {
   try {
-    const response = await fetch('/api/recordings');
+    const response = await fetch('api/recordings');
     if (!response.ok) return;
     const items = (await response.json()).map(({ name, bytes }) => {
       const item = document.createElement('li');
       const link = document.createElement('a');
-      link.href = `/recordings/${encodeURIComponent(name)}`;
+      link.href = `recordings/${encodeURIComponent(name)}`;
       link.textContent = name;
       const size = document.createElement('span');
       size.className = 'quiet';
@@ -452,13 +452,13 @@ async function ask(path, body) {
 
 $('take').addEventListener('submit', (event) => {
   event.preventDefault();
-  if (recording) ask('/api/stop', {}); else ask('/api/start', { name: $('name').value });
+  if (recording) ask('api/stop', {}); else ask('api/start', { name: $('name').value });
 });
-$('keep').addEventListener('click', () => ask('/api/keep', {}));
+$('keep').addEventListener('click', () => ask('api/keep', {}));
 
 // The other script is there by then.
 document.addEventListener('DOMContentLoaded', () => {
-  const source = new EventSource('/api/stream');
+  const source = new EventSource('api/stream');
   source.onmessage = (event) => update(JSON.parse(event.data));
   source.onerror = () => {
     document.body.classList.add('offline');

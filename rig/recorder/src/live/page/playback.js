@@ -9,7 +9,7 @@ let sought = null;
 
 async function order(what) {
   try {
-    const response = await fetch('/api/playback', {
+    const response = await fetch('api/playback', {
       method: 'POST', headers: { 'content-type': 'application/json' }, body: JSON.stringify(what),
     });
     const answer = await response.json();
