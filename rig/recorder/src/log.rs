@@ -8,6 +8,8 @@ use super::status::{Level, Message};
 
 /// Messages that are kept.
 const KEPT: usize = 100;
+/// Characters of a message that are kept: who says more, a device or another host, has nothing more to say.
+const LONGEST: usize = 1000;
 /// Warnings that wait to be read; of more the oldest go.
 const UNREAD: usize = 12;
 
@@ -23,7 +25,11 @@ pub(super) struct Log {
 impl Log {
     /// Adds a message about `stream` (empty: about the whole). What repeats the last message of a stream is left out.
     pub fn say(&mut self, level: Level, stream: &str, text: impl Into<String>) {
-        let text = text.into();
+        let mut text = text.into();
+        if let Some((end, _)) = text.char_indices().nth(LONGEST) {
+            text.truncate(end);
+            text.push('…');
+        }
         let repeats = |last: &Message| last.text == text && last.level == level;
         if self.messages.iter().rev().find(|message| message.stream == stream).is_some_and(repeats) {
             return;
@@ -79,6 +85,15 @@ mod tests {
         log.say(Level::Warning, "a", "hot");
         let texts: Vec<(u64, String)> = log.messages().into_iter().map(|m| (m.number, m.stream + &m.text)).collect();
         assert_eq!(texts, [(1, "ahot".into()), (2, "bcold".into()), (3, "acooler".into()), (4, "ahot".into())]);
+    }
+
+    #[test]
+    fn a_message_of_any_length_takes_little_room() {
+        let mut log = Log::default();
+        log.say(Level::Error, "a", "é".repeat(8 << 20));
+        for kept in [&log.messages()[0].text, &log.unread()[0].text] {
+            assert_eq!((kept.chars().count(), kept.ends_with('…')), (LONGEST + 1, true));
+        }
     }
 
     #[test]

@@ -14,8 +14,6 @@ use super::{error::HostError, link::HostLink};
 
 /// Until there is a connection.
 const CONNECT: Duration = Duration::from_secs(3);
-/// The longest answer: a status of many streams with its messages, or an enlarged picture.
-const LONGEST: usize = 8 << 20;
 
 /// What was answered.
 pub(super) struct Answer {
@@ -24,12 +22,31 @@ pub(super) struct Answer {
     pub body: Bytes,
 }
 
-/// Asks for `path`, with `json` where something is to be done, and waits so long for the answer.
+/// How long an answer may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Longest {
+    /// A status of many streams with its messages, or what an order came to.
+    Words,
+    /// Pictures, too.
+    Pictures,
+}
+
+impl Longest {
+    const fn bytes(self) -> usize {
+        match self {
+            Self::Words => 1 << 20,
+            Self::Pictures => 8 << 20,
+        }
+    }
+}
+
+/// Asks for `path`, with `json` where something is to be done, and waits so long for an answer that is no longer than `longest`.
 pub(super) async fn ask(
     link: &HostLink,
     path: &str,
     json: Option<String>,
     patience: Duration,
+    longest: Longest,
 ) -> Result<Answer, HostError> {
     let host = || link.name();
     let unreachable = |source| HostError::Unreachable { host: host(), source };
@@ -58,7 +75,7 @@ pub(super) async fn ask(
         let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await?;
         let _ends_with_us = Ends(tokio::spawn(connection).abort_handle());
         let (head, body) = sender.send_request(request).await?.into_parts();
-        let body = to_bytes(Body::new(body), LONGEST).await;
+        let body = to_bytes(Body::new(body), longest.bytes()).await;
         Ok::<_, hyper::Error>((head, body))
     };
     let (head, body) = match timeout(patience, asked).await {

@@ -16,7 +16,7 @@ use erfgs_page::background::Background;
 use tokio::{task::JoinSet, time::sleep};
 
 use super::{
-    client::ask,
+    client::{Longest, ask},
     error::{HostError, StartError},
     host::{ASK, Host, HostEnd, HostTake},
     link::HostLink,
@@ -153,7 +153,7 @@ impl Hosts {
         json: Option<String>,
     ) -> Option<Result<(StatusCode, String, Bytes), HostError>> {
         let host = self.shared.hosts.get(host)?;
-        let answer = ask(&host.link, path, json, RELAY).await;
+        let answer = ask(&host.link, path, json, RELAY, Longest::Pictures).await;
         Some(answer.map(|answer| (answer.code, answer.kind, answer.body)))
     }
 

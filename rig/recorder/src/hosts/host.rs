@@ -15,7 +15,8 @@ use serde::Serialize;
 use tokio::time::sleep;
 
 use super::{
-    client::{Answer, ask},
+    bounded,
+    client::{Answer, Longest, ask},
     error::HostError,
     link::HostLink,
     told::{HostView, Told},
@@ -32,6 +33,12 @@ const ORDER: Duration = Duration::from_secs(10);
 const LOST: Duration = Duration::from_secs(3);
 /// For so long a host that is to stop is asked again.
 const GIVE_UP: Duration = Duration::from_secs(10);
+/// For so long a host is told to stop that answers and records on: it may have much to write.
+const REFUSES: Duration = Duration::from_secs(20);
+/// Warnings and errors of a host that are told in a while; it has a page for more.
+const TOLD: usize = 20;
+/// That while.
+const WHILE: Duration = Duration::from_secs(60);
 /// For so long a host may say that nothing is recorded yet after it was told to.
 const BEGIN: Duration = Duration::from_secs(10);
 /// For so long a recording from before may still be being completed.
@@ -126,6 +133,8 @@ struct State {
     lost: bool,
     take: Option<Take>,
     last_message: Option<u64>,
+    /// Messages that were told, and left out, since then.
+    telling: Option<(Instant, usize, usize)>,
 }
 
 /// See the module.
@@ -150,7 +159,7 @@ impl Host {
 
     /// How it fares now.
     pub async fn status(&self) -> Result<Status, HostError> {
-        let answer = ask(&self.link, "/api/status", None, STATUS).await?;
+        let answer = ask(&self.link, "/api/status", None, STATUS, Longest::Words).await?;
         let told = self.understood(&answer)?;
         let status = told.status.clone();
         let mut state = self.state();
@@ -170,7 +179,7 @@ impl Host {
         if answer.code != StatusCode::OK {
             return Err(foreign(format!("it answers {}", answer.code)));
         }
-        serde_json::from_slice(&answer.body).map_err(|error| foreign(error.to_string()))
+        bounded::read(&answer.body).map_err(|error| foreign(error.to_string()))
     }
 
     /// What the page shows of it.
@@ -298,7 +307,7 @@ impl Host {
         let json = serde_json::json!({ "name": name }).to_string();
         // Before it is told: should its answer be lost, it is to be stopped all the same.
         self.state().take = Some(take);
-        let answer = ask(&self.link, "/api/start", Some(json), ORDER).await?;
+        let answer = ask(&self.link, "/api/start", Some(json), ORDER, Longest::Words).await?;
         if answer.code != StatusCode::OK {
             self.forget();
             return Err(HostError::Refused { host: self.link.name(), why: reason(&answer) });
@@ -323,10 +332,12 @@ impl Host {
             let take = state.take.as_mut()?;
             take.over = true;
             let known = take.end.as_ref().is_some_and(|end| !matches!(end, HostEnd::Unknown { .. }));
-            (take.name.clone(), (!known).then_some(if lost { LOST } else { GIVE_UP }))
+            // Who did not stop is told again, and nobody waits for it.
+            let refuses = if take.end.is_some() { Duration::ZERO } else { REFUSES };
+            (take.name.clone(), (!known).then_some((if lost { LOST } else { GIVE_UP }, refuses)))
         };
-        if let Some(patience) = patience {
-            let end = self.told_to_stop(&name, patience).await;
+        if let Some((patience, refuses)) = patience {
+            let end = self.told_to_stop(&name, patience, refuses).await;
             if let Some(take) = &mut self.state().take {
                 take.end = Some(end);
             }
@@ -335,40 +346,49 @@ impl Host {
         self.as_told(state.take.as_ref()?)
     }
 
-    async fn told_to_stop(&self, name: &str, patience: Duration) -> HostEnd {
-        let mut told = false;
+    async fn told_to_stop(&self, name: &str, patience: Duration, refuses: Duration) -> HostEnd {
+        let mut told: Option<Instant> = None;
         let ours = |path: &Path| path.file_name() == Some(name.as_ref());
-        let mut heard = Instant::now();
+        let (begun, mut heard) = (Instant::now(), Instant::now());
         loop {
             let why = match self.status().await {
                 Err(error) => self.named_before(&error),
                 Ok(status) => {
                     heard = Instant::now();
                     if status.recording.as_ref().is_some_and(|recording| ours(&recording.path)) {
-                        told = true;
+                        let since = *told.get_or_insert_with(Instant::now);
                         // It may have ended by itself meanwhile, or the answer be lost: then its status tells.
-                        let answer = ask(&self.link, "/api/stop", Some("{}".into()), ORDER).await;
-                        let summary: Option<Summary> =
-                            answer.ok().and_then(|answer| serde_json::from_slice(&answer.body).ok());
+                        let answer = ask(&self.link, "/api/stop", Some("{}".into()), ORDER, Longest::Words).await;
+                        let summary: Option<Summary> = answer.ok().and_then(|answer| bounded::read(&answer.body).ok());
                         if let Some(summary) = summary.filter(|summary| ours(&summary.path)) {
                             return HostEnd::Stopped(Box::new(printed(&summary)));
                         }
+                        if since.elapsed() >= refuses {
+                            let seconds = since.elapsed().as_secs();
+                            return self.unknown(format!("it was told to stop for {seconds} s and records on"));
+                        }
                     } else if let Some(end) = self.state().take.as_ref().and_then(|take| end_of(take, &status)) {
                         return match end {
-                            HostEnd::Early(summary) if told => HostEnd::Stopped(summary),
+                            HostEnd::Early(summary) if told.is_some() => HostEnd::Stopped(summary),
                             end => end,
                         };
                     }
-                    String::new()
+                    "it does not say that its recording is complete".into()
                 }
             };
-            if heard.elapsed() >= patience {
-                let state = self.state();
-                let (seconds, bytes) = state.take.as_ref().map_or((0.0, 0), |take| (take.seconds, take.bytes));
-                return HostEnd::Unknown { why, seconds, bytes };
+            // Whatever it says, the end of this is known.
+            if heard.elapsed() >= patience || begun.elapsed() >= COMPLETED + refuses {
+                return self.unknown(why);
             }
             sleep(ASK / 5).await;
         }
+    }
+
+    /// What is known where a host does not say how its take ended.
+    fn unknown(&self, why: String) -> HostEnd {
+        let state = self.state();
+        let (seconds, bytes) = state.take.as_ref().map_or((0.0, 0), |take| (take.seconds, take.bytes));
+        HostEnd::Unknown { why, seconds, bytes }
     }
 
     fn as_told(&self, take: &Take) -> Option<HostTake> {
@@ -413,7 +433,31 @@ fn new_messages(state: &mut State, status: &Status) -> Vec<Said> {
     let last = if newest < last { 0 } else { last };
     state.last_message = Some(newest);
     let new = status.messages.iter().filter(|message| message.number > last && message.level != Level::Info);
-    new.map(|message| (message.level, printable(&message.stream), printable(&message.text))).collect()
+    let new = new.map(|message| (message.level, printable(&message.stream), printable(&message.text)));
+    few(&mut state.telling, new.collect(), Instant::now())
+}
+
+/// As many messages as are told in a while; once that is over, how many there were besides.
+fn few(telling: &mut Option<(Instant, usize, usize)>, new: Vec<Said>, now: Instant) -> Vec<Said> {
+    let mut said = Vec::new();
+    if let Some((since, _, left_out)) = *telling
+        && now.duration_since(since) >= WHILE
+    {
+        *telling = None;
+        if left_out > 0 {
+            said.push((Level::Warning, String::new(), format!("{left_out} more messages are on its page")));
+        }
+    }
+    for message in new {
+        let (_, told, left_out) = telling.get_or_insert((now, 0, 0));
+        if *told < TOLD {
+            *told += 1;
+            said.push(message);
+        } else {
+            *left_out += 1;
+        }
+    }
+    said
 }
 
 /// What a refusal says.
@@ -440,3 +484,7 @@ impl Drop for Ordered<'_> {
         self.0.store(false, Relaxed);
     }
 }
+
+#[cfg(test)]
+#[path = "host_tests.rs"]
+mod tests;

@@ -5,6 +5,7 @@
 //! theirs. A host that is lost costs its own streams: the others go on, and so does it, until its disk is full or somebody stops
 //! it there.
 
+mod bounded;
 mod client;
 mod error;
 mod group;
