@@ -86,6 +86,7 @@ fn case(name: &'static str, seed: u64, t01: f32, [bodies, each, knots]: [usize; 
     let start = Start {
         bodies,
         names: vec![String::new(); bodies],
+        guessed: vec![false; bodies],
         nodes,
         knots,
         per_second: (knots - 3) as f64 / SECONDS,

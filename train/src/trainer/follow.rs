@@ -1,7 +1,9 @@
-//! Bodies are followed: the fine stage learns from a part of the recording first, which grows to both sides from its middle.
+//! Bodies are followed: the fine stage learns from a part of the recording more often at first, which grows to both sides from its middle.
 //!
-//! Where a body is known a while before and after, an error of its start a little beyond is small, however wrong it is at the ends. Where
-//! frames told all poses at the start there is nothing to be gained, and bodies that bend learn less in the time that is left.
+//! Where a body is known a while before and after, an error of its start a little beyond is small, however wrong it is at the ends. Those
+//! that are followed, since frames did not tell how they turn, are there in the part alone: elsewhere they would learn what is wrong. All
+//! others learn from all of the recording, as errors of poses that frames told do not add up, and what is blurred at first finds to itself
+//! even across a bounce.
 
 use super::{TrainError, Trainer};
 use crate::{
@@ -28,7 +30,7 @@ pub(super) struct Follow {
     share: f64,
 }
 
-/// A part of the recording, in [0, 1].
+/// A part of the recording that is looked at more often, in [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Part {
     /// From when to when.
@@ -78,7 +80,7 @@ impl Trainer<'_> {
         self.follow = bodies.and_then(|bodies| Follow::new(bodies.spans(), self.scene.intervals(), &self.config));
     }
 
-    /// The part of the recording that is learned from now, where that is not all of it.
+    /// The part of the recording that is looked at more often now, while bodies are followed.
     pub(super) fn part(&self) -> Option<Part> {
         let follow = self.follow?;
         follow.due(self.schedule.progress(&self.clock))?;
@@ -89,11 +91,28 @@ impl Trainer<'_> {
     /// Lets the part grow if it is to, and carries what was learned in it on beyond it.
     pub(super) fn follow(&mut self) -> Result<(), TrainError> {
         let Some(follow) = self.follow else { return Ok(()) };
-        let due = follow.due(self.schedule.progress(&self.clock)).unwrap_or(follow.steps);
+        let due = follow.due(self.schedule.progress(&self.clock));
+        let (grown, to) = (self.clock.followed, due.unwrap_or(follow.steps));
+        let first = self.clock.iteration == 0;
         let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
-        if let Some(bodies) = bodies.filter(|_| due > self.clock.followed) {
-            bodies.carry_on(self.gpu, follow.window(self.clock.followed))?;
-            self.clock.followed = due;
+        if let Some(bodies) = bodies.filter(|_| first || (to > grown && grown < follow.steps)) {
+            if !first {
+                bodies.carry_on(self.gpu, follow.window(grown))?;
+            }
+            bodies.show_followed(self.gpu, Some(follow.window(to)))?;
+            self.clock.followed = to;
+        }
+        if due.is_none() { self.end_following() } else { Ok(()) }
+    }
+
+    /// Shows bodies that were followed whenever they are in view: from now on all of the recording is learned from.
+    pub(super) fn end_following(&mut self) -> Result<(), TrainError> {
+        let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
+        if let (Some(follow), Some(bodies)) = (self.follow.take(), bodies)
+            && self.clock.followed <= follow.steps
+        {
+            bodies.show_followed(self.gpu, None)?;
+            self.clock.followed = follow.steps + 1;
         }
         Ok(())
     }

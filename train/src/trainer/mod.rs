@@ -284,6 +284,7 @@ impl<'a> Trainer<'a> {
                         self.write_info(run)?;
                     }
                     Stage::Fine => {
+                        self.end_following()?;
                         self.gpu.wait("training")?;
                         lap.tell(&mut self.clock);
                         if logged != Some(self.schedule.done(&self.clock)) {

@@ -17,6 +17,7 @@ impl Trainer<'_> {
         loop {
             while self.schedule.is_over(&self.clock) {
                 if self.clock.stage == until {
+                    self.end_following()?;
                     self.gpu.wait("training")?;
                     self.check_finite()?;
                     return Ok(true);

@@ -18,7 +18,9 @@ const PART_FRAME: u64 = random::purpose("a frame of a part of the recording");
 const PART_EVENT: u64 = random::purpose("an event pair of a part of the recording");
 /// Times that differ by less are the same, of the whole recording.
 const SLACK: f64 = 1e-6;
-/// Of the iterations that learn from a part so many have an event sample at least, and of these so many lie where the part is new.
+/// So many of the samples lie within the part where there is one.
+const IN_PART: f64 = 0.6;
+/// Of the iterations with a part so many have an event sample at least, and of those within it so many lie where the part is new.
 const PART_EVENTS: f32 = 0.8;
 const NEW_PART: f64 = 0.6;
 
@@ -38,7 +40,7 @@ pub(super) enum Sample {
     },
 }
 
-/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`, within a part of the recording where it is not all.
+/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`, more often than not within a part of the recording where there is one.
 pub(super) fn draw(
     scene: &Scene,
     config: &Config,
@@ -49,9 +51,10 @@ pub(super) fn draw(
 ) -> Sample {
     let at = u64::from(iteration) * u64::from(config.batch) + u64::from(slot);
     let stage_word = stage as u64;
-    if let Some(part) = part {
+    let part_key = random::key(config.seed, &[PART_FRAME, stage_word, at]);
+    if let Some(part) = part.filter(|_| random::uniform(random::extend(part_key, 1)) < IN_PART) {
         let frames = frames_within(scene, part.whole);
-        let drawn = random::uniform(random::key(config.seed, &[PART_FRAME, stage_word, at]));
+        let drawn = random::uniform(part_key);
         return Sample::Frame(frames[((drawn * frames.len() as f64) as usize).min(frames.len() - 1)]);
     }
     let events = stage == Stage::Fine && config.earl.enabled && iteration >= config.earl.from;
@@ -109,8 +112,9 @@ pub(super) fn draw_besides(
     if pairs == 0 || drawn >= f64::from(share) {
         return None;
     }
-    if let Some(part) = part {
-        return event_within(scene, config, part, random::key(config.seed, &[PART_EVENT, stage_word, at]));
+    let part_key = random::key(config.seed, &[PART_EVENT, stage_word, at]);
+    if let Some(part) = part.filter(|_| random::uniform(random::extend(part_key, 9)) < IN_PART) {
+        return event_within(scene, config, part, part_key);
     }
     let pair = random::uniform(random::key(config.seed, &[PAIR, stage_word, at])) * pairs as f64;
     Some(event(scene, config, stage_word, at, (pair as usize).min(pairs - 1)))

@@ -1,8 +1,8 @@
-//! Paths beyond a part of the recording that has been learned from.
+//! Bodies that are followed: paths and gates while a part of the recording is learned from.
 
 use glam::{DQuat, DVec3};
 
-/// How a body turns is told by so many control points, and what it is beside the start's poses is carried on by so much from one to the
+/// How a body turns is told by so many control points, and where it is beside the start's path is carried on by so much from one to the
 /// next.
 const TOLD: usize = 2;
 const KEPT: f64 = 0.75;
@@ -12,7 +12,7 @@ const KEPT: f64 = 0.75;
 pub struct Paths<'a> {
     /// The control points as they were at the start.
     pub started: &'a [f32],
-    /// Of each body whether how it turns at the start is a guess.
+    /// Of each body whether it is followed: how it turns at the start is a guess.
     pub guessed: &'a [bool],
     /// Bodies and nodes together.
     pub entities: usize,
@@ -29,21 +29,19 @@ impl Paths<'_> {
         (DVec3::new(at(0), at(1), at(2)), turn)
     }
 
-    /// Lays control points beyond `known` (stretches from the beginning) anew. A body whose rates are a guess goes on turning as it turned
-    /// last. Where a body is the start knows well, and how it is turned where that is no guess: what it was found to be beside that is
-    /// carried on less and less.
+    /// Lays the control points of bodies that are followed anew beyond `known` (stretches from the beginning). Such a body goes on turning
+    /// as it turned last. Where it is the start knows well: what it was found to be beside that is carried on less and less.
     pub fn carry_on(&self, control: &mut [f32], known: [f64; 2]) {
         let last = self.knots - 1;
         // Of the four control points that decide at an instant the outermost hardly does.
         let low = (known[0].max(0.0).floor() as usize + 1).min(last);
         let high = (known[1].max(0.0).floor() as usize + 2).clamp(low, last);
-        for (body, &guessed) in self.guessed.iter().enumerate() {
-            let guess = guessed && high > low;
-            let on = guess.then(|| self.turn_between(control, body, [high.max(low + TOLD) - TOLD, high]));
+        for body in (0..self.guessed.len()).filter(|&body| self.guessed[body]) {
+            let on = self.turn_between(control, body, [high.max(low + TOLD) - TOLD, high]);
             for knot in high + 1..=last {
                 self.lay_beside(control, body, [knot - 1, knot], on);
             }
-            let back = guess.then(|| self.turn_between(control, body, [low + TOLD.min(high - low), low]));
+            let back = self.turn_between(control, body, [low + TOLD.min(high - low), low]);
             for knot in (0..low).rev() {
                 self.lay_beside(control, body, [knot + 1, knot], back);
             }
@@ -57,23 +55,23 @@ impl Paths<'_> {
         DQuat::from_scaled_axis(turn.to_scaled_axis() / from.abs_diff(to).max(1) as f64)
     }
 
-    fn lay_beside(&self, control: &mut [f32], body: usize, [beside, knot]: [usize; 2], step: Option<DQuat>) {
+    fn lay_beside(&self, control: &mut [f32], body: usize, [beside, knot]: [usize; 2], step: DQuat) {
         let (place, turn) = self.pose(control, beside, body);
-        let [then, here] = [beside, knot].map(|at| self.pose(self.started, at, body));
-        let turned = match step {
-            Some(step) => (step * turn).normalize(),
-            None => {
-                let beside = then.1.conjugate() * turn;
-                let beside = if beside.w < 0.0 { -beside } else { beside };
-                (here.1 * DQuat::from_scaled_axis(KEPT * beside.to_scaled_axis())).normalize()
-            }
-        };
+        let [then, here] = [beside, knot].map(|at| self.pose(self.started, at, body).0);
+        let turned = (step * turn).normalize();
         // Control points of turns are on one side of the sphere.
         let turned = if turned.dot(turn) < 0.0 { -turned } else { turned };
-        let place = here.0 + KEPT * (place - then.0);
+        let place = here + KEPT * (place - then);
         let row = [place.x, place.y, place.z, 0.0, turned.w, turned.x, turned.y, turned.z];
         control[8 * (knot * self.entities + body)..][..8].copy_from_slice(&row.map(|value| value as f32));
     }
+}
+
+/// The gate of a body that starts with `gate`, as in `poses.wgsl`, while only a part of the recording (from when to when, seconds) is known
+/// of it.
+pub fn gate_within(gate: [f32; 4], [begin, end]: [f32; 2]) -> [f32; 4] {
+    let [from, to] = if gate[2] > 0.0 { [gate[0], gate[1]] } else { [begin, end] };
+    [begin.max(from), end.min(to), 1.0, 0.0]
 }
 
 #[cfg(test)]
@@ -146,19 +144,10 @@ mod tests {
             let beyond = 4_usize.saturating_sub(knot).max(knot.saturating_sub(7));
             assert!((place - then).abs_diff_eq(shift * KEPT.powi(beyond as i32), 1e-6), "{knot}: {place}");
         }
-        // Turns that are no guess come back to those of the start, too.
-        let sure = Paths { guessed: &[false], ..of };
-        sure.carry_on(&mut learned, [3.5, 5.5]);
-        let beside = |knot: usize| of.pose(&learned, knot, 0).1.angle_between(of.pose(&started, knot, 0).1);
-        for (from, to) in [(4, 3), (3, 2), (2, 1), (1, 0), (7, 8), (8, 9), (9, 10), (10, 11)] {
-            let most = beside(from).min(std::f64::consts::TAU - beside(from));
-            assert!(
-                beside(to) > 0.0 && (beside(to) - KEPT * most).abs() < 1e-3,
-                "{from}: {} {}",
-                beside(from),
-                beside(to)
-            );
-        }
+        // What is no guess is left as it is.
+        let before = learned.clone();
+        Paths { guessed: &[false], ..of }.carry_on(&mut learned, [3.5, 5.5]);
+        assert_eq!(learned, before);
         assert!(learned.chunks_exact(8).skip(1).step_by(2).all(|node| node == [0.5; 8]));
     }
 
@@ -174,5 +163,13 @@ mod tests {
         let mut carried = learned[..64].to_vec();
         few.carry_on(&mut carried, [0.0, 1.0]);
         assert_alike(&carried[16..], &learned[16..64]);
+    }
+
+    #[test]
+    fn gates_are_within_the_part_and_within_what_was_found() {
+        assert_eq!(gate_within([0.0, 0.6, 0.0, 0.0], [0.2, 0.4]), [0.2, 0.4, 1.0, 0.0]);
+        assert_eq!(gate_within([0.3, 0.6, 1.0, 0.0], [0.2, 0.4]), [0.3, 0.4, 1.0, 0.0]);
+        // Not there at all: it ends before it begins.
+        assert_eq!(gate_within([0.5, 0.6, 1.0, 0.0], [0.2, 0.4]), [0.5, 0.4, 1.0, 0.0]);
     }
 }

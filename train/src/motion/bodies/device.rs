@@ -3,7 +3,12 @@
 use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
-use super::{BodiesOptions, Start, carry_on::Paths, index::Index, start::NEIGHBOURS};
+use super::{
+    BodiesOptions, Start,
+    carry_on::{Paths, gate_within},
+    index::Index,
+    start::NEIGHBOURS,
+};
 use crate::{
     field::{FieldError, FieldState, NamedVector, Tape},
     gpu::{Gpu, GpuError, Kernel, Shape},
@@ -102,6 +107,8 @@ pub struct Bodies {
     spans: Vec<[f64; 2]>,
     /// Whether how each turns at the start is a guess.
     guessed: Vec<bool>,
+    /// Their gates at the start.
+    gates: Vec<[f32; 4]>,
     /// The control points at the start.
     started: Vec<f32>,
     counts: [u32; 3],
@@ -179,6 +186,7 @@ impl Bodies {
             names: start.names.clone(),
             spans: start.other.chunks_exact(4).take(start.bodies).map(|gate| [gate[0], gate[1]].map(in_view)).collect(),
             guessed: start.guessed.clone(),
+            gates: start.other.as_chunks().0.iter().take(start.bodies).copied().collect(),
             started: start.control.clone(),
             counts: [start.bodies, start.nodes, start.knots].map(|count| count as u32),
             stretches: (start.knots - 3) as f64,
@@ -235,7 +243,22 @@ impl Bodies {
         self.guessed.contains(&true)
     }
 
-    /// Lays paths anew beyond a part of the recording (in [0, 1]), from what was learned in it.
+    /// Shows the bodies that are followed in a part of the recording (in [0, 1]) alone, or again whenever they are in view.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn show_followed(&mut self, gpu: &Gpu, part: Option<[f64; 2]>) -> Result<(), GpuError> {
+        let mut other: Vec<f32> = gpu.download(&self.other.values, self.other.floats)?;
+        let part = part.map(|part| part.map(|at| (at * self.seconds) as f32));
+        let gates = std::iter::zip(other.as_chunks_mut().0, std::iter::zip(&self.gates, &self.guessed));
+        for (gate, (started, _)) in gates.filter(|(_, (_, guessed))| **guessed) {
+            *gate = part.map_or(*started, |part| gate_within(*started, part));
+        }
+        gpu.upload(&self.other.values, 0, &other);
+        Ok(())
+    }
+
+    /// Lays the paths of bodies that are followed anew beyond a part of the recording (in [0, 1]), from what was learned in it.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -14,8 +14,8 @@ pub struct BodiesOptions {
     pub nodes: u32,
     /// When nodes begin to learn, as a share of the fine stage; 1 or more: bodies stay rigid.
     pub nodes_from: f32,
-    /// For this share of the fine stage bodies are followed, where frames do not tell how some of them turn: the part of the recording that
-    /// is learned from grows from its middle; 0: all of it is learned from at once.
+    /// For this share of the fine stage bodies of which frames do not tell how they turn are followed: the part of the recording in which
+    /// they are learned grows from its middle; 0: it is all of it at once.
     #[serde(default)]
     pub follow: f32,
     /// Renderings of an exposure, each at a random instant of its share of it; 1: a frame is taken for an instant.
