@@ -152,7 +152,12 @@ impl Said {
         if fields.first().is_some_and(|first| is_value(first)) {
             return Ok(false);
         }
-        self.names = Some(Names::of(&fields)?);
+        match Names::of(&fields) {
+            Ok(names) => self.names = Some(names),
+            // The columns have names already: this is an event that cannot be read.
+            Err(_) if self.names.is_some() => return Ok(false),
+            Err(what) => return Err(what),
+        }
         Ok(true)
     }
 }
