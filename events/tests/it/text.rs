@@ -221,3 +221,14 @@ fn a_text_is_read_alike_with_its_layout_and_without() {
     plain.decode(b"7,1,2,1\n0.5,1,2,1\n", &mut columns);
     assert!(plain.contradiction().is_some_and(|(line, what)| line == 2 && what.contains("0.5")));
 }
+
+#[test]
+fn words_below_a_line_of_names_are_a_damaged_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (events, _, anomalies) =
+        read(folder.path(), "none.csv", b"t,x,y,on\nthis,is,no,event\nnor,is,this,one\n").unwrap();
+    assert!(events.is_empty());
+    assert_eq!(anomalies.damaged, 2);
+    let (events, ..) = read(folder.path(), "some.csv", b"t,x,y,on\nthis,is,no,event\n7,1,2,0\n").unwrap();
+    assert_eq!(events.len(), 1);
+}
