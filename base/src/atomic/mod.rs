@@ -39,11 +39,7 @@ pub fn try_write_with<T, E>(
     fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
     failed: impl Fn(io::Error) -> E,
 ) -> Result<T, E> {
-    let begun = begin(path).map_err(&failed)?;
-    let filled = fill_buffered(&begun, fill, &failed)?;
-    begun.file.as_file().sync_all().map_err(&failed)?;
-    begun.persist(path).map_err(failed)?;
-    Ok(filled)
+    fill_and_place(path, fill, failed, |file| file.sync_all())
 }
 
 /// As [`try_write_with()`], without waiting for the disk: for pictures and other files of which there are many. They are whole
@@ -56,27 +52,25 @@ pub fn try_write_one_of_many<T, E>(
     fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
     failed: impl Fn(io::Error) -> E,
 ) -> Result<T, E> {
-    let begun = begin(path).map_err(&failed)?;
-    let filled = fill_buffered(&begun, fill, &failed)?;
-    begun.persist(path).map_err(failed)?;
-    Ok(filled)
+    fill_and_place(path, fill, failed, |_| Ok(()))
 }
 
-/// Begins a file in the folder of `path`, which is made where needed.
-fn begin(path: &Path) -> io::Result<BegunFile> {
-    let folder = folder_of(path);
-    std::fs::create_dir_all(folder)?;
-    BegunFile::new(folder, PREFIX)
-}
-
-fn fill_buffered<T, E>(
-    begun: &BegunFile,
+/// Fills a file in the folder of `path`, which is made where needed, and puts it there once `settle` has seen it.
+fn fill_and_place<T, E>(
+    path: &Path,
     fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
     failed: impl Fn(io::Error) -> E,
+    settle: impl FnOnce(&std::fs::File) -> io::Result<()>,
 ) -> Result<T, E> {
+    let folder = folder_of(path);
+    std::fs::create_dir_all(folder).map_err(&failed)?;
+    let begun = BegunFile::new(folder, PREFIX).map_err(&failed)?;
     let mut writer = io::BufWriter::with_capacity(1 << 16, begun.file.as_file());
     let filled = fill(&mut writer)?;
     writer.flush().map_err(&failed)?;
+    drop(writer);
+    settle(begun.file.as_file()).map_err(&failed)?;
+    begun.persist(path).map_err(failed)?;
     Ok(filled)
 }
 
