@@ -7,7 +7,7 @@
 
 use super::{TrainError, Trainer};
 use crate::{
-    config::{Config, MotionModel, Pairing},
+    config::{Config, Pairing},
     motion::Motion,
 };
 
@@ -46,7 +46,7 @@ impl Follow {
         // Events are drawn from the part only where frames and they are not one pool, and pairs lie anywhere.
         let draws = !earl.enabled || (earl.share > 0.0 && earl.pairing != Pairing::FrameAnchored);
         let share = f64::from(config.bodies.follow);
-        if config.motion != MotionModel::Bodies || share <= 0.0 || !draws {
+        if share <= 0.0 || !draws {
             return None;
         }
         let away = |span: &[f64; 2]| (span[0] - 0.5).max(0.5 - span[1]).max(0.0);
@@ -95,7 +95,7 @@ impl Trainer<'_> {
         let (grown, to) = (self.clock.followed, due.unwrap_or(follow.steps));
         let first = self.clock.iteration == 0;
         let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
-        if let Some(bodies) = bodies.filter(|_| first || (to > grown && grown < follow.steps)) {
+        if let Some(bodies) = bodies.filter(|_| first || to > grown) {
             if !first {
                 bodies.carry_on(self.gpu, follow.window(grown))?;
             }
@@ -116,17 +116,12 @@ impl Trainer<'_> {
         }
         Ok(())
     }
-
-    /// Whether bodies are still followed.
-    pub(super) fn follows(&self) -> bool {
-        self.part().is_some()
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Method, Preset};
+    use crate::config::{Method, MotionModel, Preset};
 
     fn config(iterations: u32) -> Config {
         let mut config = Config::preset(Method::ErfGs, Preset::Default);

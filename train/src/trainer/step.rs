@@ -171,8 +171,7 @@ impl Trainer<'_> {
             (0, _) | (_, false) => self.schedule.progress(&self.clock),
             (steps, true) => f64::from(iteration) / f64::from(steps),
         };
-        let follows = self.follows();
-        self.model.step(self.gpu, &self.config, self.scene.extent, decay, follows)?;
+        self.model.step(self.gpu, &self.config, self.scene.extent, decay, part.is_some())?;
         self.times.lap(self.gpu, "Adam")?;
         self.learn_poses()?;
         self.learn_clocks()?;
