@@ -7,10 +7,11 @@
 //! - [`random`]: counter-based random numbers, which do not depend on threads or the order of work.
 //! - [`progress`]: long jobs on all cores, and how far they have come (feature `parallel`).
 //! - [`cpu`]: CPU time of a thread or of the process (feature `cpu`).
-//! - [`memory`]: how much memory is free.
+//! - [`memory`]: how much memory is free, and whether that is enough.
 //! - [`names`]: names from files, as names of files and on a terminal.
 //! - [`mod@order`]: the order of names as a person sees it.
 //! - [`npy`]: NumPy's arrays.
+//! - [`plausible`]: what numbers of files and settings are believed.
 //! - [`text`]: text files, whatever editor wrote them.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
 //! - [`calendar`](mod@calendar): dates as UTC.
@@ -28,6 +29,7 @@ pub mod memory;
 pub mod names;
 pub mod npy;
 pub mod order;
+pub mod plausible;
 #[cfg(feature = "parallel")]
 pub mod progress;
 pub mod random;

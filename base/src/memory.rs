@@ -1,6 +1,40 @@
-//! How much memory is free.
+//! How much memory is free, and whether that is enough.
 
-use std::{fs, path::Path};
+use std::{fmt, fs, path::Path};
+
+/// More memory is needed than there is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{} of memory are needed, and {} are free", Size(*needed), Size(*free))]
+pub struct Shortage {
+    /// Bytes that are needed.
+    pub needed: u64,
+    /// Bytes that are free.
+    pub free: u64,
+}
+
+/// Whether so many bytes more can be taken. What a file or a user asked for is held against this before it is allocated: an allocation
+/// that fails ends the process. Where the system does not tell what is free, everything can.
+///
+/// # Errors
+/// [`Shortage`] if they are more than what is free.
+pub fn afford(needed: u64) -> Result<(), Shortage> {
+    within(needed, available())
+}
+
+fn within(needed: u64, free: Option<u64>) -> Result<(), Shortage> {
+    match free {
+        Some(free) if needed > free => Err(Shortage { needed, free }),
+        _ => Ok(()),
+    }
+}
+
+struct Size(u64);
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.1} GB", self.0 as f64 * 1e-9)
+    }
+}
 
 /// Bytes of memory that this process can still take before the system, or the limit of its control group (a container, a job on a
 /// cluster), has no more; `None` where the system does not tell.
@@ -67,6 +101,14 @@ mod tests {
         assert_eq!(below(folder.path()), Some(2_000_000));
         write(folder.path(), &[("sys/fs/cgroup/slurm/memory.max", "900000\n")]);
         assert_eq!(below(folder.path()), Some(0));
+    }
+
+    #[test]
+    fn what_is_not_there_cannot_be_taken() {
+        assert_eq!(within(10, Some(10)), Ok(()));
+        assert_eq!(within(u64::MAX, None), Ok(()));
+        let shortage = within(206_000_000_000, Some(4_000_000_000)).unwrap_err();
+        assert_eq!(shortage.to_string(), "206.0 GB of memory are needed, and 4.0 GB are free");
     }
 
     #[cfg(target_os = "linux")]
