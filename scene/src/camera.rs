@@ -1,5 +1,6 @@
 //! Camera models.
 
+use erfgs_base::plausible::{Implausible, Lens, SIDE, check_lens};
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -14,6 +15,17 @@ pub enum Distortion {
     BrownConrady([f64; 8]),
     /// Kannala-Brandt fisheye: k1, k2, k3, k4.
     KannalaBrandt([f64; 4]),
+}
+
+impl Distortion {
+    /// The coefficients, each with the power of the distance from the axis that it is multiplied by.
+    fn terms(&self) -> Vec<(f64, i32)> {
+        match self {
+            Self::None => Vec::new(),
+            Self::BrownConrady(k) => k.iter().copied().zip([2, 4, 2, 2, 6, 2, 4, 6]).collect(),
+            Self::KannalaBrandt(k) => k.iter().copied().zip([2, 4, 6, 8]).collect(),
+        }
+    }
 }
 
 /// Intrinsics of one camera. Focal lengths and principal point in pixels; pixel centres at half-integers.
@@ -36,41 +48,27 @@ pub struct Intrinsics {
     pub distortion: Distortion,
 }
 
-/// The longest side of an image that is believed, pixels.
-const LONGEST_SIDE: u32 = 65_535;
-
 /// The pixels along a side of an image, of a number in a file: a whole one from 1 to 65535.
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn image_side(pixels: f64) -> Result<u32, String> {
-    if (1.0..=f64::from(LONGEST_SIDE)).contains(&pixels) && pixels.fract() == 0.0 {
-        return Ok(pixels as u32);
-    }
-    Err(format!("{pixels} is no side of an image; a whole number of pixels from 1 to {LONGEST_SIDE} is"))
+pub fn image_side(pixels: f64) -> Result<u32, Implausible> {
+    let whole = if pixels.fract() == 0.0 { pixels } else { f64::NAN };
+    SIDE.check(whole).map_err(|error| Implausible { value: pixels, ..error }).map(|pixels| pixels as u32)
 }
 
 impl Intrinsics {
     /// These intrinsics, which a file gave, if they can be those of a camera.
     ///
     /// # Errors
-    /// What is wrong: sides that are none ([`image_side`]), focal lengths that are not positive, numbers that are not
-    /// finite.
-    pub fn checked(self) -> Result<Self, String> {
-        image_side(self.width.into())?;
-        image_side(self.height.into())?;
-        let Self { fx, fy, cx, cy, .. } = self;
-        if !(fx > 0.0 && fy > 0.0 && fx.is_finite() && fy.is_finite()) {
-            return Err(format!("the focal lengths {fx} and {fy} are not positive"));
-        }
-        let coefficients = match &self.distortion {
-            Distortion::None => &[][..],
-            Distortion::BrownConrady(k) => k,
-            Distortion::KannalaBrandt(k) => k,
-        };
-        if ![cx, cy].iter().chain(coefficients).all(|value| value.is_finite()) {
-            return Err("the principal point or a distortion coefficient is not finite".into());
-        }
+    /// Which number cannot, and what can ([`erfgs_base::plausible::check_lens`]).
+    pub fn checked(self) -> Result<Self, Implausible> {
+        check_lens(&Lens {
+            size: [self.width, self.height],
+            focal: [self.fx, self.fy],
+            centre: [self.cx, self.cy],
+            distortion: &self.distortion.terms(),
+        })?;
         Ok(self)
     }
 

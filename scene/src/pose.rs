@@ -1,5 +1,6 @@
 //! Rigid world-to-camera transforms.
 
+use erfgs_base::plausible::{Implausible, POSITION, QUATERNION};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -48,11 +49,12 @@ impl Pose {
     /// As [`Pose::from_matrix`], of numbers in a file: the matrix must be a rotation to within the rounding of text.
     ///
     /// # Errors
-    /// What is wrong: it deviates from a rotation by more than 0.001, mirrors, or a number is not finite.
+    /// What is wrong: it deviates from a rotation by more than 0.001, mirrors, or a number is not plausible.
     pub fn rigid(rotation: DMat3, translation: DVec3) -> Result<Self, String> {
-        if !rotation.is_finite() || !translation.is_finite() {
+        if !rotation.is_finite() {
             return Err("the pose holds a number that is not finite; calibrate the recording again".to_owned());
         }
+        POSITION.check_all(translation.to_array())?;
         let deviation = rotation.transpose() * rotation - DMat3::IDENTITY;
         let largest = deviation.to_cols_array().iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
         if largest > 1e-3 || rotation.determinant() < 0.0 {
@@ -62,6 +64,16 @@ impl Pose {
             ));
         }
         Ok(Self::from_matrix(rotation, translation))
+    }
+
+    /// This pose, which a file gave, if a camera can stand there.
+    ///
+    /// # Errors
+    /// Which number cannot be: the length of the quaternion, or a coordinate.
+    pub fn checked(self) -> Result<Self, Implausible> {
+        QUATERNION.check(self.rotation.length())?;
+        POSITION.check_all(self.translation.to_array())?;
+        Ok(self)
     }
 
     /// The camera that stands at `eye` and looks at `target`; `down` is the world direction that points down the image.
@@ -134,6 +146,8 @@ mod tests {
         assert!(Pose::rigid(ok, DVec3::ONE).is_ok());
         assert!(Pose::rigid(-ok, DVec3::ONE).unwrap_err().contains("determinant"));
         assert!(Pose::rigid(ok * 1.01, DVec3::ONE).is_err());
-        assert!(Pose::rigid(ok, DVec3::new(0.0, f64::NAN, 0.0)).unwrap_err().contains("not finite"));
+        for wrong in [f64::NAN, f64::INFINITY, 9e18] {
+            assert!(Pose::rigid(ok, DVec3::new(0.0, wrong, 0.0)).unwrap_err().contains("plausible"), "{wrong}");
+        }
     }
 }

@@ -257,7 +257,7 @@ impl ColmapCamera {
             Distortion::BrownConrady(all)
         };
         let intrinsics = Intrinsics { width, height, fx: focal[0], fy: focal[1], cx: *cx, cy: *cy, distortion };
-        intrinsics.checked().map_err(|what| error(format!("cannot be used: {what}")))
+        intrinsics.checked().map_err(|wrong| error(format!("cannot be used: {wrong}")))
     }
 }
 

@@ -22,8 +22,8 @@ pub fn read_intrinsics(path: &Path) -> Result<Intrinsics, ExchangeError> {
 /// The intrinsics of a document.
 pub(super) fn intrinsics(document: &Yaml) -> Result<Intrinsics, String> {
     let side = |key: &str| {
-        let size = document[key].as_i64().and_then(|size| image_side(size as f64).ok());
-        size.ok_or_else(|| format!("it has no '{key}' that is a number of pixels"))
+        let size = document[key].as_i64().ok_or_else(|| format!("it has no '{key}' that is a number of pixels"))?;
+        image_side(size as f64).map_err(|wrong| format!("its '{key}' is no number of pixels: {wrong}"))
     };
     let (width, height) = (side("image_width")?, side("image_height")?);
     let matrix = numbers(&document["camera_matrix"]).filter(|matrix| matrix.len() == 9);
@@ -34,7 +34,7 @@ pub(super) fn intrinsics(document: &Yaml) -> Result<Intrinsics, String> {
     let distortion = distortion(document)?;
     Intrinsics { width, height, fx: m[0], fy: m[4], cx: m[2] + 0.5, cy: m[5] + 0.5, distortion }
         .checked()
-        .map_err(|what| format!("its camera_matrix: {what}"))
+        .map_err(|wrong| format!("its camera_matrix: {wrong}"))
 }
 
 fn distortion(document: &Yaml) -> Result<Distortion, String> {
@@ -149,7 +149,7 @@ mod tests {
             ("camera_matrix", "m", "no 'camera_matrix'"),
             ("plumb_bob", "sphere", "'sphere' with 5"),
             ("[-0.2,", "[x,", "not all numbers"),
-            ("1255.5", "-3", "not positive"),
+            ("1255.5", "-3", "focal length is -3"),
         ] {
             std::fs::write(&path, TEXT.replace(from, to)).unwrap();
             let message = read_intrinsics(&path).unwrap_err().to_string();

@@ -31,7 +31,8 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
         // References were checked as the model was read.
         let lens = model.cameras.get(&image.camera).map(ColmapCamera::intrinsics).transpose();
         let lens = lens.map_err(|error| wrong(error.to_string()))?;
-        Ok(lens.map(|intrinsics| RigCamera::new(&name, Modality::Rgb, intrinsics, Some(image.pose))))
+        let pose = image.pose.checked().map_err(|error| wrong(error.to_string()))?;
+        Ok(lens.map(|intrinsics| RigCamera::new(&name, Modality::Rgb, intrinsics, Some(pose))))
     };
     let cameras: Vec<Option<RigCamera>> = model.images.values().map(camera).collect::<Result<_, ExchangeError>>()?;
     // A model from images alone has no scale, and the files do not say.

@@ -176,7 +176,7 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
         }
     };
     let intrinsics = Intrinsics { width, height, fx: i[0], fy: i[1], cx: i[2] + 0.5, cy: i[3] + 0.5, distortion };
-    let intrinsics = intrinsics.checked().map_err(|what| wrong(&what))?;
+    let intrinsics = intrinsics.checked().map_err(|what| wrong(&what.to_string()))?;
     let pose = match before {
         None => Pose::IDENTITY,
         Some(before) => {
@@ -187,7 +187,8 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
             let row = |at: usize| DVec3::new(m[at][0], m[at][1], m[at][2]);
             let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
             let relative = Pose::rigid(rotation, DVec3::new(m[0][3], m[1][3], m[2][3]));
-            before.then(&relative.map_err(|what| wrong(&format!("T_cn_cnm1: {what}")))?)
+            let pose = before.then(&relative.map_err(|what| wrong(&format!("T_cn_cnm1: {what}")))?);
+            pose.checked().map_err(|what| wrong(&format!("T_cn_cnm1 after those before: {what}")))?
         }
     };
     let topic = entry["rostopic"].as_str().and_then(|topic| topic.trim_matches('/').split('/').next());

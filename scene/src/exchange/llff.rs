@@ -43,13 +43,11 @@ fn row(row: &[f64; 17]) -> Row {
     let (Ok(width), Ok(height)) = (image_side(width), image_side(height)) else {
         return Err(format!("the image size {width} x {height} in the poses is no size"));
     };
-    if !(focal > 0.0 && focal.is_finite()) {
-        return Err(format!("the focal length {focal} in the poses is not positive"));
-    }
     let rotation = DMat3::from_cols(right, down, -backward).transpose();
     let pose = Pose::rigid(rotation, -(rotation * centre))?;
     let (cx, cy) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
-    Ok((Intrinsics { width, height, fx: focal, fy: focal, cx, cy, distortion: Distortion::None }, pose))
+    let lens = Intrinsics { width, height, fx: focal, fy: focal, cx, cy, distortion: Distortion::None };
+    Ok((lens.checked().map_err(|wrong| format!("in the poses {wrong}"))?, pose))
 }
 
 /// The file as a rig: cameras are called `cam00`, `cam01` and so on.

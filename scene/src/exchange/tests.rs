@@ -146,7 +146,7 @@ fn llff_is_read_as_written() {
     assert!(found.warnings.iter().any(|warning| warning == llff::BOUNDS_LEFT_OUT), "{:?}", found.warnings);
     let mut values = NpyArray::decode(&std::fs::read(&path).unwrap()).unwrap().floats().unwrap();
     for (at, value, said) in
-        [(4, 1e30, "no size"), (9, 0.0, "no size"), (14, -1.0, "not positive"), (0, f64::NAN, "finite")]
+        [(4, 1e30, "no size"), (9, 0.0, "no size"), (14, -1.0, "focal length is -1 px"), (0, f64::NAN, "finite")]
     {
         let before = std::mem::replace(&mut values[17 + at], value);
         std::fs::write(&path, erfgs_base::npy::encode(&[3, 17], values.iter().copied())).unwrap();
@@ -176,8 +176,8 @@ fn what_a_format_says_beyond_a_rig_is_told() {
     assert!(said(&chain).contains("timeshift_cam_imu"), "{}", said(&chain));
     for (from, to, expected) in [
         ("cam1:", "cam4:", "cam2 follows a gap"),
-        ("[640, 480]", "[1e30, 480]", "no side of an image"),
-        ("[500.25,", "[-500.25,", "not positive"),
+        ("[640, 480]", "[1e30, 480]", "a side of the picture is 1e30"),
+        ("[500.25,", "[-500.25,", "focal length is -500.25"),
         ("pinhole", "omni", "omni"),
         ("distortion_model: radtan", "distortion_model: fov", "fov"),
         ("[0.0, 0.0, 0.0, 0.0]\n  distortion_model: radtan", "[0.1, 0.0, 0.0, 0.0]", "no distortion_model"),

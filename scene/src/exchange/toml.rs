@@ -155,14 +155,16 @@ fn camera(name: &str, table: &Table) -> Result<RigCamera, String> {
         (_, k) => return Err(format!("{} distortion coefficients are not supported; 4, 5 or 8 are", k.len())),
     };
     let intrinsics = Intrinsics { width, height, fx: m[0], fy: m[4], cx: m[2] + 0.5, cy: m[5] + 0.5, distortion };
-    let intrinsics = intrinsics.checked().map_err(|what| format!("its matrix: {what}"))?;
+    let intrinsics = intrinsics.checked().map_err(|wrong| format!("its matrix: {wrong}"))?;
     let pose = match (list("rotation").transpose()?, list("translation").transpose()?) {
         (None, None) => None,
         (Some(r), Some(t)) if t.len() == 3 && r.len() == 9 => {
             Some(Pose::rigid(DMat3::from_cols_slice(&r).transpose(), DVec3::from_slice(&t))?)
         }
         (Some(r), Some(t)) if t.len() == 3 && r.len() == 3 => {
-            Some(Pose { rotation: DQuat::from_scaled_axis(DVec3::from_slice(&r)), translation: DVec3::from_slice(&t) })
+            let pose =
+                Pose { rotation: DQuat::from_scaled_axis(DVec3::from_slice(&r)), translation: DVec3::from_slice(&t) };
+            Some(pose.checked()?)
         }
         _ => {
             return Err(

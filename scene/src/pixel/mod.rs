@@ -16,6 +16,8 @@ mod samples;
 #[cfg(feature = "images")]
 mod yuv;
 
+use erfgs_base::plausible;
+
 pub use demosaic::demosaic;
 pub use format::{BayerOrder, PixelFormat, Samples};
 #[cfg(feature = "images")]
@@ -101,8 +103,8 @@ pub fn row_bytes(encoding: PixelFormat, width: u32) -> Option<usize> {
 pub fn check_size(encoding: PixelFormat, width: u32, height: u32) -> Result<(), PixelError> {
     let even = width.is_multiple_of(2);
     let needs = match encoding {
-        _ if !(1..=1 << 16).contains(&width) || !(1..=1 << 16).contains(&height) => {
-            "it has 1 to 65536 columns and rows"
+        _ if plausible::check_size([width, height]).is_err() => {
+            "it has 1 to 65535 columns and rows, and no more than 500 million pixels"
         }
         PixelFormat::Yuyv | PixelFormat::Uyvy if !even => {
             "two columns share their colour, so that there are pairs of them"

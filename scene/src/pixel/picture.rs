@@ -239,7 +239,7 @@ mod tests {
             refused(PixelFormat::Bayer(BayerOrder::Rggb, Samples::Packed12), 5, 4).contains("two columns are packed")
         );
         assert!(refused(PixelFormat::Bayer(BayerOrder::Rggb, Samples::Bits8), 5, 1).contains("repeat every two"));
-        assert!(refused(PixelFormat::Rgb8, 0, 1).contains("1 to 65536"));
+        assert!(refused(PixelFormat::Rgb8, 0, 1).contains("1 to 65535"));
     }
 
     proptest! {

@@ -76,6 +76,18 @@ pub enum GaussianCloudError {
         /// What is wrong.
         message: String,
     },
+    /// A Gaussian holds what is no number.
+    #[error("'{}': the property '{property}' of Gaussian {index} is {value}; export it again", path.display())]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// Which property.
+        property: String,
+        /// Number of the Gaussian, from 0.
+        index: usize,
+        /// What it is.
+        value: f32,
+    },
     /// The file ends early.
     #[error("'{}' is cut short: it holds {complete} of {count} Gaussians; export it again", path.display())]
     Truncated {
@@ -169,7 +181,8 @@ impl GaussianCloud {
     /// Reads a file. Properties may stand in any order, others than those of the layout are skipped.
     ///
     /// # Errors
-    /// [`GaussianCloudError::Read`], [`GaussianCloudError::Format`], [`GaussianCloudError::Truncated`].
+    /// [`GaussianCloudError::Read`], [`GaussianCloudError::Format`], [`GaussianCloudError::Truncated`],
+    /// [`GaussianCloudError::NotFinite`].
     pub fn read(path: &Path) -> Result<Self, GaussianCloudError> {
         let failed = |source| GaussianCloudError::Read { path: path.to_owned(), source };
         let format = |message| GaussianCloudError::Format { path: path.to_owned(), message };
@@ -193,7 +206,13 @@ impl GaussianCloud {
                 }
                 read => read.map_err(failed)?,
             }
-            let value = |offset: usize| row[offset..].first_chunk().map_or(0.0, |bytes| f32::from_le_bytes(*bytes));
+            let floats = header.properties.iter().filter(|property| property.scalar == Scalar::F32);
+            let mut floats = floats.map(|property| (property, value_at(&row, property.offset)));
+            if let Some((property, value)) = floats.find(|(_, value)| !value.is_finite()) {
+                let (path, property) = (path.to_owned(), property.name.clone());
+                return Err(GaussianCloudError::NotFinite { path, property, index: complete, value });
+            }
+            let value = |offset: usize| value_at(&row, offset);
             cloud.positions.push(columns.position.map(value));
             cloud.log_scales.push(columns.log_scale.map(value));
             cloud.rotations.push(columns.rotation.map(value));
@@ -202,6 +221,11 @@ impl GaussianCloud {
         }
         Ok(cloud)
     }
+}
+
+/// The number of a row at an offset, at which there is one.
+fn value_at(row: &[u8], offset: usize) -> f32 {
+    row[offset..].first_chunk().map_or(0.0, |bytes| f32::from_le_bytes(*bytes))
 }
 
 fn property_names(rest: usize) -> impl Iterator<Item = String> {
@@ -318,6 +342,26 @@ mod tests {
         assert_eq!(values[9..18], [3.0, 6.0, 9.0, 4.0, 7.0, 10.0, 5.0, 8.0, 11.0], "channel by channel");
         assert_eq!(values[18], 10.0, "opacity");
         assert_eq!(values[22..], [6.0, 7.0, 8.0, 9.0], "w first");
+    }
+
+    #[test]
+    fn a_gaussian_with_a_number_that_is_none_is_named() {
+        let (_folder, path) = file();
+        for (spoil, property) in [
+            ((|cloud, value| cloud.positions[1][2] = value) as fn(&mut GaussianCloud, f32), "'z'"),
+            (|cloud, value| cloud.log_scales[1][0] = value, "'scale_0'"),
+            (|cloud, value| cloud.rotations[1][3] = value, "'rot_3'"),
+            (|cloud, value| cloud.opacity_logits[1] = value, "'opacity'"),
+            (|cloud, value| cloud.sh[12] = value, "'f_dc_0'"),
+        ] {
+            for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                let mut cloud = gaussians(1, 3);
+                spoil(&mut cloud, value);
+                cloud.write(&path).unwrap();
+                let said = GaussianCloud::read(&path).unwrap_err().to_string();
+                assert!(said.contains(property) && said.contains("Gaussian 1") && said.contains("cloud.ply"), "{said}");
+            }
+        }
     }
 
     #[test]

@@ -8,7 +8,10 @@ mod error;
 use std::{collections::BTreeMap, path::Path};
 
 use crate::{Intrinsics, Modality, Pose};
-use erfgs_base::{FileError, atomic};
+use erfgs_base::{
+    FileError, atomic,
+    plausible::{Implausible, OFFSET, SIGMA_PLACE, SIGMA_TIME, SIGMA_TURN},
+};
 use serde::{Deserialize, Serialize};
 
 pub use error::RigFileError;
@@ -84,6 +87,15 @@ pub struct Sigma {
     /// Time offset, seconds, where it was estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_offset_s: Option<f64>,
+}
+
+impl Sigma {
+    fn check(&self) -> Result<(), Implausible> {
+        let known = |of: &[Option<f64>]| of.iter().copied().flatten().collect::<Vec<_>>();
+        SIGMA_PLACE.check_all(known(&self.centre_m))?;
+        SIGMA_TURN.check_all(known(&self.rotation_deg))?;
+        SIGMA_TIME.check_all(self.time_offset_s)
+    }
 }
 
 /// A calibration as a whole.
@@ -169,12 +181,11 @@ impl RigCamera {
         }
     }
 
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), Implausible> {
         self.intrinsics.checked()?;
-        if !self.pose.is_none_or(|pose| pose.is_finite() && (pose.rotation.length() - 1.0).abs() < 1e-6) {
-            return Err("its pose is not finite, or its quaternion has not the length 1".into());
-        }
-        Ok(())
+        self.pose.map(Pose::checked).transpose()?;
+        OFFSET.check(self.time_offset_s)?;
+        self.sigma.as_ref().map_or(Ok(()), Sigma::check)
     }
 }
 

@@ -3,3 +3,4 @@
 mod colmap;
 mod demosaic;
 mod exchange;
+mod plausible;

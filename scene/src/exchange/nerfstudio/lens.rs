@@ -1,5 +1,6 @@
 //! Sensor and lens of a frame of `transforms.json`.
 
+use erfgs_base::plausible::{Implausible, Quantity, SIDE, focal};
 use glam::{DMat3, DVec3};
 
 use super::keys::LensKeys;
@@ -29,8 +30,7 @@ enum Focal {
 impl Focal {
     fn new(pixels: Option<Number>, angle: Option<Number>) -> Result<Option<Self>, String> {
         match (pixels, angle) {
-            (Some(Number(pixels)), _) if pixels > 0.0 && pixels.is_finite() => Ok(Some(Self::Pixels(pixels))),
-            (Some(Number(pixels)), _) => Err(format!("the focal length {pixels} is not positive")),
+            (Some(Number(pixels)), _) => Ok(Some(Self::Pixels(pixels))),
             (None, Some(Number(angle))) if (1e-6..std::f64::consts::PI - 1e-6).contains(&angle) => {
                 Ok(Some(Self::Angle((0.5 * angle).tan())))
             }
@@ -54,7 +54,11 @@ impl Lens {
         let down = Focal::new(keys.fl_y, keys.camera_angle_y.filter(|_| keys.fl_x.is_none()))?;
         let centre = [keys.cx, keys.cy].map(|centre| centre.map(|Number(centre)| centre));
         let plain = Self { size, focal: [across, down.unwrap_or(Focal::Square)], centre, distortion: Distortion::None };
-        let intrinsics = plain.intrinsics(size.unwrap_or([1, 1])).checked()?;
+        let checked = |lens: &Self| match size {
+            Some(size) => lens.intrinsics(size).checked(),
+            None => of_any_size(lens.intrinsics([1, 1])),
+        };
+        let intrinsics = checked(&plain)?;
         // How far from the axis images reach, as the tangent of the angle.
         let reach = match (size, across) {
             (Some(_), _) => {
@@ -69,7 +73,7 @@ impl Lens {
             (None, _) => 1.0,
         };
         let lens = Self { distortion: distortion(keys, reach)?, ..plain };
-        lens.intrinsics(size.unwrap_or([1, 1])).checked()?;
+        checked(&lens)?;
         Ok(lens)
     }
 
@@ -94,6 +98,14 @@ impl Lens {
         let (cx, cy) = (cx.unwrap_or(0.5 * w), cy.unwrap_or(0.5 * h));
         Intrinsics { width, height, fx, fy, cx, cy, distortion: self.distortion }
     }
+}
+
+/// A lens whose file does not say how large images are, if there can be images that it fits. Who knows their size checks again.
+fn of_any_size(lens: Intrinsics) -> Result<Intrinsics, Implausible> {
+    let any = Quantity { most: focal(SIDE.most).most, ..focal(SIDE.least) };
+    any.check_all([lens.fx, lens.fy])?;
+    let largest = Intrinsics { width: SIDE.most as u32, fx: SIDE.most, fy: SIDE.most, ..lens };
+    Intrinsics { distortion: Distortion::None, ..largest }.checked().map(|_| lens)
 }
 
 /// nerfstudio tells apart perspective models by name alone: all share one polynomial of up to four radial coefficients and two

@@ -76,20 +76,20 @@ fn a_model_that_is_not_known_is_refused_by_name() {
 #[test]
 fn numbers_that_no_camera_has_are_refused() {
     for (keys, said) in [
-        ("\"w\": 640, \"h\": 480, \"fl_x\": -500.0", "not positive"),
-        ("\"w\": 640, \"h\": 480, \"fl_x\": NaN", "not positive"),
-        ("\"w\": 640, \"h\": 480, \"fl_x\": Infinity", "not positive"),
-        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"fl_y\": 0", "not positive"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": -500.0", "the focal length is"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": NaN", "the focal length is"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": Infinity", "the focal length is"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"fl_y\": 0", "the focal length is"),
         ("\"w\": 640, \"h\": 480, \"camera_angle_x\": 4.0", "field of view"),
         ("\"w\": 640, \"h\": 480, \"camera_angle_x\": 1e-320", "field of view"),
-        ("\"w\": 0, \"h\": 480, \"fl_x\": 500", "no side of an image"),
-        ("\"w\": 1e30, \"h\": 480, \"fl_x\": 500", "no side of an image"),
-        ("\"w\": 640, \"h\": -480, \"fl_x\": 500", "no side of an image"),
-        ("\"w\": 640, \"h\": 480.5, \"fl_x\": 500", "no side of an image"),
+        ("\"w\": 0, \"h\": 480, \"fl_x\": 500", "a side of the picture"),
+        ("\"w\": 1e30, \"h\": 480, \"fl_x\": 500", "a side of the picture"),
+        ("\"w\": 640, \"h\": -480, \"fl_x\": 500", "a side of the picture"),
+        ("\"w\": 640, \"h\": 480.5, \"fl_x\": 500", "a side of the picture"),
         ("\"w\": 640, \"fl_x\": 500", "w and h"),
         ("\"fl_x\": 500", "w and h"),
         ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"k1\": NaN", "not finite"),
-        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"cy\": -Infinity", "not finite"),
+        ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"cy\": -Infinity", "principal point"),
         ("\"w\": 640, \"h\": 480, \"fl_x\": 500, \"time\": NaN", "time"),
     ] {
         let message = refused(keys);
