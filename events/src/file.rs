@@ -170,6 +170,7 @@ impl EventFile {
             _ if extension == "csv" || extension == "txt" && TextLayout::is_likely(&head) => text(path, &head)?,
             _ => return Err(unknown(foreign(&head).unwrap_or("its first bytes are those of no format"))),
         };
+        let size = size.map(SensorSize::checked).transpose().map_err(|wrong| malformed(path, 0, wrong))?;
         Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length, member })
     }
 

@@ -88,6 +88,8 @@ mod stage;
 mod state;
 mod stream;
 
+use erfgs_base::plausible::{Implausible, check_sensor};
+
 pub use aedat2::{Aedat2Chip, Aedat2Decoder};
 #[cfg(feature = "aedat4")]
 pub use aedat4::{
@@ -124,6 +126,15 @@ pub struct SensorSize {
 impl SensorSize {
     /// All addresses that 11 bits can name.
     pub const ALL: Self = Self { width: 2048, height: 2048 };
+
+    /// This size, which a file gave, if a sensor can have it; sides of 0 say nothing.
+    ///
+    /// # Errors
+    /// Which number cannot be, and what can.
+    pub fn checked(self) -> Result<Self, Implausible> {
+        check_sensor([self.width, self.height].map(u32::from))?;
+        Ok(self)
+    }
 }
 
 /// A state machine that is fed with bytes.

@@ -14,6 +14,7 @@ use crate::Events;
 use erfgs_base::{
     FileError,
     npy::{self, NpyArray, NpyError},
+    plausible::check_sensor,
 };
 
 mod pieces;
@@ -183,6 +184,9 @@ impl<'a, R: Read + Seek> Archive<'a, R> {
             (Some(width), Some(height)) => Some([width, height]),
             _ => None,
         };
+        if let Some([width, height]) = stored {
+            check_sensor([width, height]).map_err(|wrong| self.content(wrong.to_string()))?;
+        }
         if let (Some(size), Some(stored)) = (known, stored)
             && size != stored
         {
@@ -281,6 +285,9 @@ fn next_events_of(
             "the sensor's size is unknown: there are neither arrays `width` and `height` nor events; name the size";
         return wrong(what.to_owned());
     };
+    if let Err(implausible) = check_sensor([width, height]) {
+        return wrong(format!("its events reach far out: {implausible}, or name the sensor's size"));
+    }
     let outside = |(&x, &y): (&u16, &u16)| u32::from(x) >= width || u32::from(y) >= height;
     if let Some(at) = x.iter().zip(&y).position(outside) {
         return wrong(format!(

@@ -7,6 +7,7 @@
 use std::{error::Error, sync::Arc};
 
 use bytes::Bytes;
+use erfgs_base::plausible::{Implausible, check_sensor, check_size};
 use erfgs_scene::pixel::{FrameFormat, RawLook};
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +48,15 @@ impl Description {
             start_order: 100,
             settings,
         }
+    }
+
+    /// Whether a sensor can have such a size; sides of 0 say nothing.
+    ///
+    /// # Errors
+    /// Which number cannot be, and what can.
+    pub fn check(&self) -> Result<(), Implausible> {
+        let size = [self.width, self.height];
+        if self.encoding.is_events() { check_sensor(size) } else { check_size(size.map(|side| side.max(1))) }.map(drop)
     }
 
     /// How the stream's frames are to be decoded; `None` where its packets are no frames.

@@ -56,6 +56,8 @@ pub fn open(path: &Path) -> Result<Hdf5File, Hdf5Error> {
         let found = file.member_names().unwrap_or_default().join(", ");
         return Err(Hdf5Error::Layout { path: path.to_owned(), what: format!("at its root are: {found}") });
     };
+    let size = size.map(SensorSize::checked).transpose();
+    let size = size.map_err(|wrong| Hdf5Error::Layout { path: path.to_owned(), what: wrong.to_string() })?;
     Ok(Hdf5File { path: path.to_owned(), file, layout, size })
 }
 

@@ -4,6 +4,7 @@ mod files;
 mod goldens;
 mod inivation;
 mod numpy;
+mod plausible;
 mod reference;
 mod roundtrip;
 mod splits;

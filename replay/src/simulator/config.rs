@@ -1,6 +1,9 @@
 //! The parameters of the event simulator.
 
-use erfgs_base::random;
+use erfgs_base::{
+    plausible::{REFRACTORY, THRESHOLD},
+    random,
+};
 use serde::{Deserialize, Serialize};
 
 use super::SimulatorError;
@@ -121,15 +124,15 @@ impl SimulatorConfig {
             let inside = (from..=to).contains(&value);
             if inside { Ok(()) } else { Err(SimulatorError::OutOfRange { name, value, from, to }) }
         };
-        range("threshold_on", self.threshold_on, Self::SMALLEST_THRESHOLD, 100.0)?;
-        range("threshold_off", self.threshold_off, Self::SMALLEST_THRESHOLD, 100.0)?;
+        range("threshold_on", self.threshold_on, Self::SMALLEST_THRESHOLD, THRESHOLD.most)?;
+        range("threshold_off", self.threshold_off, Self::SMALLEST_THRESHOLD, THRESHOLD.most)?;
         range("sigma", self.sigma, 0.0, 100.0)?;
         range("cutoff_hz", self.cutoff_hz, 0.0, 1e12)?;
         range("leak_hz", self.leak_hz, 0.0, 1e4)?;
         range("leak_jitter", self.leak_jitter, 0.0, 10.0)?;
         range("leak_cov_decades", self.leak_cov_decades, 0.0, 1.0)?;
         range("shot_hz", self.shot_hz, 0.0, 1e4)?;
-        range("refractory_s", self.refractory_s, 0.0, 1e6)?;
+        range("refractory_s", self.refractory_s, REFRACTORY.least, REFRACTORY.most)?;
         range("event_sigma", self.event_sigma, 0.0, 100.0)?;
         range("hot_fraction", self.hot_fraction, 0.0, 1.0)?;
         range("hot_hz", self.hot_hz, 0.0, 1e4)?;

@@ -22,7 +22,9 @@ pub enum SimulatorError {
         name: &'static str,
     },
     /// A sensor without pixels, or with more than an event can address.
-    #[error("cannot simulate a sensor of {width} x {height} pixels; each side must be 1 to 65536")]
+    #[error(
+        "cannot simulate a sensor of {width} x {height} pixels; each side must be 1 to 65536, and both together 150 million at most"
+    )]
     Size {
         /// Width, pixels.
         width: u32,

@@ -21,6 +21,7 @@ pub use lin_log::{lin_log, linear_of_srgb, srgb_of_linear};
 
 use std::ops::Range;
 
+use erfgs_base::plausible::SENSOR;
 use erfgs_events::Events;
 
 use self::{enhanced::Enhanced, noise::Noise, parity::Parity};
@@ -69,7 +70,8 @@ impl Simulator {
     pub fn new(width: u32, height: u32, config: &SimulatorConfig, camera_key: u64) -> Result<Self, SimulatorError> {
         config.validate()?;
         let sides = 1..=1 << 16;
-        if !sides.contains(&width) || !sides.contains(&height) {
+        let pixels = f64::from(width) * f64::from(height);
+        if !sides.contains(&width) || !sides.contains(&height) || !SENSOR.holds(pixels) {
             return Err(SimulatorError::Size { width, height });
         }
         let noise = Noise::new(config.seed, camera_key);

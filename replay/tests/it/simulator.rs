@@ -285,6 +285,7 @@ fn bad_input_is_refused_and_changes_nothing() {
         let size = |width, height| Simulator::new(width, height, &config, 0).err();
         assert_eq!(size(0, 5), Some(SimulatorError::Size { width: 0, height: 5 }));
         assert_eq!(size(5, 70_000), Some(SimulatorError::Size { width: 5, height: 70_000 }));
+        assert_eq!(size(65_535, 65_535), Some(SimulatorError::Size { width: 65_535, height: 65_535 }));
 
         let mut simulator = Simulator::new(2, 2, &config, 0).unwrap();
         let mut events = Events::new(2, 2);

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::plausible::{EXPOSURE, INSTANT, Implausible, OFFSET, TICK};
 use erfgs_session::clock::{Clock, Epochs, Evidence};
 use serde::{Deserialize, Serialize};
 
@@ -137,6 +138,20 @@ impl StreamSync {
     }
 }
 
+impl StreamSync {
+    /// Whether clocks and exposures can be those of a recording.
+    fn check(&self) -> Result<(), Implausible> {
+        for line in self.epochs.clocks().flat_map(|clock| &clock.pieces) {
+            TICK.check(line.ns_per_tick)?;
+            INSTANT.check_ns(line.origin_ns)?;
+        }
+        let Some(exposures) = &self.exposures else { return Ok(()) };
+        exposures.mid_ns.iter().try_for_each(|mid_ns| INSTANT.check_ns(*mid_ns).map(drop))?;
+        exposures.exposure_ns.iter().try_for_each(|length_ns| EXPOSURE.check_ns(*length_ns).map(drop))?;
+        OFFSET.check_ns(exposures.lag_ns).map(drop)
+    }
+}
+
 impl Synchronisation {
     /// Where the synchronisation of a session lies: `a.sync.json` beside `a.mcap`.
     #[must_use]
@@ -153,13 +168,16 @@ impl Synchronisation {
     /// Reads a file.
     ///
     /// # Errors
-    /// If it cannot be read or is of another kind or version.
+    /// If it cannot be read, is of another kind or version, or holds times that make no sense.
     pub fn load(path: &Path) -> Result<Self, SyncFileError> {
         let bytes = std::fs::read(path).map_err(|source| SyncFileError::Read { path: path.to_owned(), source })?;
         let content = |what: String| SyncFileError::Content { path: path.to_owned(), what };
         let found: Self = serde_json::from_slice(&bytes).map_err(|error| content(error.to_string()))?;
         if found.version != VERSION {
             return Err(content(format!("its version is {}, known is {VERSION}", found.version)));
+        }
+        for stream in &found.streams {
+            stream.check().map_err(|wrong| content(format!("stream {}: {wrong}", stream.id)))?;
         }
         Ok(found)
     }
@@ -172,5 +190,79 @@ impl Synchronisation {
         let failed = |source| SyncFileError::Write { path: path.to_owned(), source };
         let bytes = serde_json::to_vec(self).map_err(|error| failed(error.into()))?;
         erfgs_base::atomic::write(path, &bytes).map_err(failed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_session::clock::{ClockFit, Residuals};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn with(origin_ns: i64, ns_per_tick: f64, [mid_ns, length_ns, lag_ns]: [i64; 3]) -> Synchronisation {
+        let fit = ClockFit {
+            evidence: Evidence::Arrival,
+            origin_ticks: 5,
+            origin_ns,
+            ns_per_tick,
+            window_ticks: [0, 9],
+            residuals: Residuals::default(),
+            samples: 3,
+            outliers: 0,
+        };
+        let exposures = Exposures {
+            sequence: vec![1],
+            mid_ns: vec![mid_ns],
+            exposure_ns: vec![length_ns],
+            lag_ns,
+            ..Exposures::default()
+        };
+        let stream = StreamSync {
+            id: "left".into(),
+            tier: Tier::FreeRunning,
+            epochs: Clock::line(fit, 1000.0).into(),
+            matched: None,
+            exposures: Some(exposures),
+            faults: Vec::new(),
+            notes: Vec::new(),
+            points: Vec::new(),
+        };
+        Synchronisation { version: VERSION, session: "a.mcap".into(), streams: vec![stream] }
+    }
+
+    fn through(sync: &Synchronisation) -> Result<Synchronisation, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.sync.json");
+        sync.save(&path).unwrap();
+        Synchronisation::load(&path).map_err(|error| error.to_string())
+    }
+
+    proptest! {
+        #[test]
+        fn times_of_recordings_come_back_and_others_are_refused_with_their_stream(
+            at in -4_000_000_000_000_000_000..4_000_000_000_000_000_000_i64,
+            length in 0..600_000_000_000_i64,
+            tick in 0.01..1e8_f64,
+            beyond in 4_100_000_000_000_000_000..i64::MAX,
+        ) {
+            let good = with(at, tick, [at, length, length / 2]);
+            prop_assert_eq!(through(&good), Ok(good));
+            for (wrong, quantity) in [
+                (with(beyond, tick, [at, length, 0]), "a time"),
+                (with(-beyond, tick, [at, length, 0]), "a time"),
+                (with(at, 0.0, [at, length, 0]), "a tick"),
+                (with(at, -tick, [at, length, 0]), "a tick"),
+                (with(at, 1e300, [at, length, 0]), "a tick"),
+                (with(at, tick, [beyond, length, 0]), "a time"),
+                (with(at, tick, [at, 9_007_199_254_740_992, 0]), "an exposure"),
+                (with(at, tick, [at, -1, 0]), "an exposure"),
+                (with(at, tick, [at, length, beyond]), "a time offset"),
+            ] {
+                let said = through(&wrong).unwrap_err();
+                let named = said.contains("a.sync.json") && said.contains("stream left") && said.contains(quantity);
+                prop_assert!(named && said.contains("plausible"), "{}", said);
+            }
+        }
     }
 }

@@ -159,6 +159,7 @@ impl Layout {
         if let Some(description) = channel.metadata.get(DESCRIPTION_KEY) {
             let description: Description = serde_json::from_str(description)
                 .map_err(|error| format!("the description of {} does not parse: {error}", channel.topic))?;
+            description.check().map_err(|wrong| format!("the description of {}: {wrong}", channel.topic))?;
             // The index at the end of a file repeats the channels.
             let known = self.streams.iter().position(|stream| stream.topic == channel.topic);
             return Ok(Role::Packets(known.unwrap_or_else(|| self.add(description, channel.topic.clone()))));
@@ -267,6 +268,9 @@ impl Layout {
                     start_order: 0,
                     settings,
                 };
+                if let Err(wrong) = description.check() {
+                    return Meaning::Broken(format!("an EventPacket of {topic}: {wrong}"));
+                }
                 let known = self.streams.iter().position(|stream| stream.topic == topic);
                 let stream = known.unwrap_or_else(|| self.add(description, topic.clone()));
                 self.roles.insert(message.channel, Role::Ros { topic, stream: Some(stream) });

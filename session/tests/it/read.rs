@@ -1,7 +1,10 @@
 use std::{io::Cursor, path::Path};
 
 use erfgs_events::EventEncoding;
-use erfgs_session::container::{ContainerError, Entry, Session};
+use erfgs_session::{
+    container::{ContainerError, Entry, Session, Settings},
+    source::{Description, Encoding},
+};
 
 use crate::common::{self, START_NS};
 
@@ -263,5 +266,35 @@ proptest::proptest! {
                 assert!(session.messages(from).count() < 10_000);
             }
         }
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(40))]
+    #[test]
+    fn a_stream_whose_size_no_sensor_has_is_told_and_never_read(
+        good in proptest::array::uniform2(1_u32..8192),
+        bad in proptest::array::uniform2(13_000..=u32::MAX),
+    ) {
+        let session = |[width, height]: [u32; 2]| {
+            let (mut writer, ..) = common::writer(Settings::default());
+            let encoding = Encoding::Events(EventEncoding::Evt3);
+            let late = writer.add_stream(&Description { width, height, ..common::description("late", encoding) }).unwrap();
+            writer.packet(late, &common::packet(0, 10)).unwrap();
+            writer.finish().unwrap().sink
+        };
+        let bytes = session(good);
+        let read = open(&bytes).unwrap();
+        proptest::prop_assert!(read.summary().streams.iter().any(|stream| stream.description.id == "late"));
+        let bytes = session(bad);
+        let said = match open(&bytes) {
+            Ok(read) => {
+                let ids: Vec<&str> = read.summary().streams.iter().map(|stream| stream.description.id.as_str()).collect();
+                proptest::prop_assert!(!ids.contains(&"late"), "{:?}", ids);
+                read.summary().damage.join("; ")
+            }
+            Err(error) => error.to_string(),
+        };
+        proptest::prop_assert!(said.contains("late") && said.contains("plausible"), "{}", said);
     }
 }

@@ -52,7 +52,9 @@ impl EventFileRecording {
         let survey = survey::survey(&source, size.is_none())?;
         let of_addresses = source.size().is_none();
         if of_addresses {
-            source.set_size(survey.extent);
+            let extent = survey.extent.map(SensorSize::checked).transpose();
+            let far = |wrong| format!("some of its events lie far outside of all sensors ({wrong}), or with --size");
+            source.set_size(extent.map_err(|wrong| ContainerError::event_file(path, far(wrong)))?);
         }
         let mut summary = describe::summary(path, &source, &survey, of_addresses);
         summary.damage = survey.faults;
