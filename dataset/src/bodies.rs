@@ -14,7 +14,10 @@ use std::{
     path::PathBuf,
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{
+    FileError,
+    plausible::{INSTANT, POSITION},
+};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -104,8 +107,6 @@ pub struct BodiesFile {
 const MOST_BODIES: usize = 1024;
 const MOST_POSES: usize = 1 << 20;
 const MOST_POINTS: usize = 1 << 22;
-/// Nothing that a rig films is farther away, metres.
-const FARTHEST_M: f64 = 1e5;
 
 impl Bodies {
     /// The value of [`Bodies::format`].
@@ -153,19 +154,21 @@ impl Bodies {
 
 impl Body {
     fn check(&self) -> Result<(), String> {
-        let near = |place: &[f64; 3]| place.iter().all(|at| at.abs() <= FARTHEST_M);
         let unit = |length_squared: f64| (length_squared - 1.0).abs() < 1e-3;
         if self.span_ns[0] > self.span_ns[1] {
             return Err("`span_ns` ends before it begins".into());
         }
+        let times = self.span_ns.into_iter().chain(self.poses.iter().map(|pose| pose.t_ns));
+        times.map(|t_ns| INSTANT.check_ns(t_ns).map(drop)).collect::<Result<(), _>>()?;
         if self.poses.is_empty() || self.poses.len() > MOST_POSES {
             return Err(format!("{} poses, where 1 to {MOST_POSES} are needed", self.poses.len()));
         }
         if self.points.is_empty() || self.points.len() > MOST_POINTS {
             return Err(format!("{} points, where 1 to {MOST_POINTS} are needed", self.points.len()));
         }
-        if let Some(pose) = self.poses.iter().find(|pose| !near(&pose.translation_m)) {
-            return Err(format!("its pose at {} ns is farther away than {FARTHEST_M} m", pose.t_ns));
+        for pose in &self.poses {
+            let near = POSITION.check_all(pose.translation_m);
+            near.map_err(|wrong| format!("its pose at {} ns: {wrong}", pose.t_ns))?;
         }
         if let Some(pose) = self.poses.iter().find(|pose| !unit(pose.rotation_wxyz.iter().map(|q| q * q).sum())) {
             return Err(format!("its rotation at {} ns is no quaternion of length 1", pose.t_ns));
@@ -184,9 +187,11 @@ impl Body {
                 ));
             }
         }
-        let odd = |point: &SurfacePoint| !(near(&point.position_m) && unit(point.normal.iter().map(|n| n * n).sum()));
-        if let Some(index) = self.points.iter().position(odd) {
-            return Err(format!("its point {index} is too far away, or its normal is not of length 1"));
+        for (index, point) in self.points.iter().enumerate() {
+            POSITION.check_all(point.position_m).map_err(|wrong| format!("its point {index}: {wrong}"))?;
+            if !unit(point.normal.iter().map(|n| n * n).sum()) {
+                return Err(format!("the normal of its point {index} is not of length 1"));
+            }
         }
         Ok(())
     }
@@ -264,11 +269,11 @@ mod tests {
         refused(&|body| body.poses.clear(), "0 poses");
         refused(&|body| body.points.clear(), "0 points");
         refused(&|body| body.poses[1].t_ns = 100, "order of time at 100 ns");
-        refused(&|body| body.poses[1].translation_m[2] = f64::NAN, "farther away");
-        refused(&|body| body.poses[2].translation_m[0] = 1e300, "farther away");
+        refused(&|body| body.poses[1].translation_m[2] = f64::NAN, "at 50 ns: a coordinate");
+        refused(&|body| body.poses[2].translation_m[0] = 1e300, "1e300 m");
         refused(&|body| body.poses[0].rotation_wxyz = [0.0; 4], "at 0 ns is no quaternion");
         refused(&|body| body.poses.retain(|pose| pose.t_ns != 50), "turns by");
-        refused(&|body| body.points[0].normal = [0.0; 3], "point 0");
+        refused(&|body| body.points[0].normal = [0.0; 3], "normal of its point 0");
         refused(&|body| body.points[0].position_m[1] = f64::INFINITY, "point 0");
         assert!(Bodies { version: 9, ..Bodies::new(vec![]) }.check().unwrap_err().contains("version 9"));
     }

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::{FileError, atomic::NewFolder};
+use erfgs_base::{FileError, atomic::NewFolder, plausible::Implausible};
 use erfgs_events::npz::NpzError;
 use erfgs_scene::{image::ImageError, ply::PlyError};
 
@@ -113,6 +113,16 @@ pub enum DatasetError {
         /// Points in the manifest.
         named: u64,
     },
+    /// The initial point cloud holds a point that is nowhere.
+    #[error("{}: point {index}: {wrong}", path.display())]
+    Point {
+        /// The point cloud.
+        path: PathBuf,
+        /// Number of the point, from 0.
+        index: usize,
+        /// Which number.
+        wrong: Implausible,
+    },
     /// The times of the points are not told as they should be.
     #[error("{}: the point cloud's parameter `runs`: {reason}; make the point cloud again with `erfgs dataset points`", path.display())]
     PointRuns {
@@ -202,27 +212,19 @@ pub enum Problem {
     /// Two cameras of one name.
     #[error("the name comes twice; give each camera its own")]
     NameTwice,
-    /// A pose with NaN or infinity.
-    #[error("the pose holds a number that is not finite; calibrate or import it again")]
-    PoseNotFinite,
-    /// A standard deviation of its pose is none.
-    #[error("a standard deviation of its pose is {0}; it must be 0 or more, or pose_sigma left out")]
-    PoseSigma(f64),
-    /// The standard deviation of its clock is none.
-    #[error("the standard deviation of its clock is {0}; it must be 0 or more, or clock_sigma_s left out")]
-    ClockSigma(f64),
-    /// A quaternion that is no rotation.
-    #[error("the rotation's quaternion has the length {0} instead of 1; calibrate or import it again")]
-    PoseNotUnit(f64),
-    /// An image without pixels.
-    #[error("the intrinsics give no image size; set `width` and `height`")]
-    NoSize,
-    /// A focal length that no lens has.
-    #[error("the focal lengths {0} and {1} must be positive; calibrate or import it again")]
-    Focal(f64, f64),
-    /// Other intrinsics with NaN or infinity.
-    #[error("the principal point or a distortion coefficient is not finite; calibrate or import it again")]
-    IntrinsicsNotFinite,
+    /// A number that no camera, clock or sensor has.
+    #[error(transparent)]
+    Implausible(#[from] Implausible),
+    /// The same of a frame.
+    #[error("frame {index} ({}): {wrong}", file.display())]
+    Frame {
+        /// Number of the frame in the camera.
+        index: usize,
+        /// Its image.
+        file: PathBuf,
+        /// Which number.
+        wrong: Implausible,
+    },
     /// A lens that no pinhole can replace.
     #[error("the lens model does not hold over the image, so that it cannot be undistorted; calibrate the lens again")]
     Lens,
@@ -269,6 +271,14 @@ pub enum Problem {
         t_ns: i64,
         /// Its exposure.
         exposure_ns: [i64; 2],
+    },
+    /// A number of its events that no sensor has.
+    #[error("the event file {}: {wrong}; simulate or import the events again", file.display())]
+    Sensor {
+        /// The event file.
+        file: PathBuf,
+        /// Which number.
+        wrong: Implausible,
     },
     /// Event parameters that make no sense.
     #[error("the event file {}: {what}; simulate or import the events again", file.display())]

@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun};
-use erfgs_base::{FileError, atomic::NewFolder};
+use erfgs_base::{FileError, atomic::NewFolder, plausible::POINT};
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
     image::{ImageGrey8, ImageRgb8},
@@ -157,6 +157,10 @@ impl Dataset {
         let cloud = PointCloud::read(&path).map_err(|source| DatasetError::Points { source: Box::new(source) })?;
         if cloud.len() as u64 != file.count {
             return Err(DatasetError::PointCount { path, found: cloud.len() as u64, named: file.count });
+        }
+        for (index, position) in cloud.positions.iter().enumerate() {
+            let checked = POINT.check_all(position.map(f64::from));
+            checked.map_err(|wrong| DatasetError::Point { path: path.clone(), index, wrong })?;
         }
         Ok(Some(cloud))
     }

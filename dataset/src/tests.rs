@@ -7,6 +7,8 @@ use super::*;
 use erfgs_events::{Event, Events, npz};
 use erfgs_scene::{Distortion, ImageGrey8, ImageRgb8, Intrinsics, Modality, PointCloud, Pose};
 
+mod plausible;
+
 fn some_camera(name: &str, modality: Modality) -> Camera {
     let frame = |index: usize| Frame {
         file: layout::image(name, index),
@@ -170,34 +172,12 @@ fn manifests_that_make_no_sense_are_refused() {
     for name in ["", "..", "a/b", "a\\b", "a b"] {
         assert!(matches!(problem(|m| m.cameras[1].name = name.to_owned()), P::Name), "{name}");
     }
-    let nan = f64::NAN;
-    assert!(matches!(problem(|m| m.cameras[2].world_to_camera.translation.y = nan), P::PoseNotFinite));
-    for wrong in [-1e-3, nan, f64::INFINITY] {
-        let sigma = PoseSigma { centre_m: [1e-3, wrong, 1e-3], rotation_deg: [0.0; 3] };
-        assert!(matches!(problem(|m| m.cameras[2].pose_sigma = Some(sigma)), P::PoseSigma(_)), "{wrong}");
-        assert!(matches!(problem(|m| m.cameras[2].clock_sigma_s = Some(wrong)), P::ClockSigma(_)), "{wrong}");
-    }
-    assert!(matches!(
-        problem(|m| m.cameras[2].world_to_camera.rotation = DQuat::from_xyzw(0.0, 0.0, 0.0, 2.0)),
-        P::PoseNotUnit(2.0)
-    ));
-    assert!(matches!(problem(|m| m.cameras[1].intrinsics.height = 0), P::NoSize));
-    for focal in [0.0, -1.0, nan, f64::INFINITY] {
-        assert!(matches!(problem(|m| m.cameras[0].intrinsics.fy = focal), P::Focal(..)), "{focal}");
-    }
-    assert!(matches!(problem(|m| m.cameras[0].intrinsics.cx = nan), P::IntrinsicsNotFinite));
-    let lens = Distortion::KannalaBrandt([0.0, nan, 0.0, 0.0]);
-    assert!(matches!(problem(|m| m.cameras[0].intrinsics.distortion = lens), P::IntrinsicsNotFinite));
     assert!(matches!(problem(|m| m.cameras[0].modality = Modality::Both), P::Modality { events: false, .. }));
     assert!(matches!(problem(|m| m.cameras[2].modality = Modality::Event), P::Modality { frames: 3, .. }));
     assert!(matches!(problem(|m| m.cameras[0].frames.swap(0, 1)), P::Order { index: 1, .. }));
     assert!(matches!(problem(|m| m.span_ns[1] = 66_666_665), P::OutsideSpan { index: 2, .. }));
     assert!(matches!(problem(|m| m.cameras[0].frames[1].exposure_ns.swap(0, 1)), P::Exposure { index: 1, .. }));
     let events = |m: &mut Manifest, change: fn(&mut CameraEvents)| change(m.cameras[1].events.as_mut().unwrap());
-    assert!(matches!(problem(|m| events(m, |e| e.threshold_off = 0.0)), P::CameraEvents { .. }));
-    assert!(matches!(problem(|m| events(m, |e| e.lin_log_threshold = 0.5)), P::CameraEvents { .. }));
-    assert!(matches!(problem(|m| events(m, |e| e.lin_log_threshold = 1.0)), P::CameraEvents { .. }));
-    assert!(matches!(problem(|m| events(m, |e| e.lin_log_threshold = f64::NAN)), P::CameraEvents { .. }));
     assert!(matches!(problem(|m| events(m, |e| e.covers_ns = [1, 0])), P::CameraEvents { .. }));
     assert!(matches!(problem(|m| m.cameras[2].frames[0].file = layout::image("a", 0)), P::FileTwice(_)));
     assert!(matches!(problem(|m| m.cameras[0].frames[2].file = "images/a/9.png".into()), P::MissingFile(_)));

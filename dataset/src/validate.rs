@@ -4,8 +4,12 @@ use std::{collections::BTreeSet, path::Path};
 
 use rayon::prelude::*;
 
-use super::{Camera, CameraEvents, Dataset, DatasetError, PoseSigma, Problem, files::check_size};
-use erfgs_scene::{Distortion, Intrinsics, Modality, Pose, image};
+use super::{Camera, CameraEvents, Dataset, DatasetError, Frame, Problem, files::check_size};
+use erfgs_base::plausible::{
+    EXPOSURE, INSTANT, Implausible, LIN_LOG, OVERHANG, SIGMA_PLACE, SIGMA_TIME, SIGMA_TURN, SPAN, THRESHOLD,
+    check_sensor,
+};
+use erfgs_scene::{Modality, image};
 
 impl Dataset {
     /// Checks that the manifest makes sense, that every file that it names exists, and that frames and masks have the
@@ -23,6 +27,7 @@ impl Dataset {
         if manifest.span_ns[0] >= manifest.span_ns[1] {
             return Err(wrong(Problem::Span(manifest.span_ns)));
         }
+        check_span(manifest.span_ns).map_err(|error| wrong(error.into()))?;
         let (mut names, mut files) = (BTreeSet::new(), BTreeSet::new());
         for camera in &manifest.cameras {
             let new_name = |()| if names.insert(&camera.name) { Ok(()) } else { Err(Problem::NameTwice) };
@@ -66,6 +71,11 @@ impl Dataset {
     }
 }
 
+fn check_span(span_ns: [i64; 2]) -> Result<(), Implausible> {
+    span_ns.into_iter().try_for_each(|t_ns| INSTANT.check_ns(t_ns).map(drop))?;
+    SPAN.check_between_ns(span_ns)
+}
+
 fn check_name(name: &str) -> Result<(), Problem> {
     let usable = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | '.');
     if name.is_empty() || name.starts_with('.') || !name.chars().all(usable) { Err(Problem::Name) } else { Ok(()) }
@@ -83,12 +93,13 @@ fn check_unique<'a>(camera: &'a Camera, files: &mut BTreeSet<&'a Path>) -> Resul
 }
 
 fn check_camera(camera: &Camera, span_ns: [i64; 2]) -> Result<(), Problem> {
-    check_pose(&camera.world_to_camera)?;
-    camera.pose_sigma.as_ref().map_or(Ok(()), check_sigma)?;
-    if let Some(wrong) = camera.clock_sigma_s.filter(|sigma| !is_sigma(*sigma)) {
-        return Err(Problem::ClockSigma(wrong));
+    camera.world_to_camera.checked()?;
+    if let Some(sigma) = &camera.pose_sigma {
+        SIGMA_PLACE.check_all(sigma.centre_m)?;
+        SIGMA_TURN.check_all(sigma.rotation_deg)?;
     }
-    check_intrinsics(&camera.intrinsics)?;
+    SIGMA_TIME.check_all(camera.clock_sigma_s)?;
+    camera.intrinsics.checked()?;
     let (frames, events) = (camera.frames.len(), camera.events.is_some());
     if (frames > 0, events) != (camera.modality.has_frames(), camera.modality.has_events()) {
         let modality = match camera.modality {
@@ -99,70 +110,42 @@ fn check_camera(camera: &Camera, span_ns: [i64; 2]) -> Result<(), Problem> {
         return Err(Problem::Modality { modality, frames, events });
     }
     for (index, frame) in camera.frames.iter().enumerate() {
-        let (file, t_ns, exposure_ns) = (frame.file.clone(), frame.t_ns, frame.exposure_ns);
-        if index > 0 && t_ns <= camera.frames[index - 1].t_ns {
-            return Err(Problem::Order { index, file, t_ns });
-        }
-        if !(span_ns[0]..=span_ns[1]).contains(&t_ns) {
-            return Err(Problem::OutsideSpan { index, file, t_ns, span_ns });
-        }
-        if !(exposure_ns[0]..=exposure_ns[1]).contains(&t_ns) {
-            return Err(Problem::Exposure { index, file, t_ns, exposure_ns });
-        }
+        let before = index.checked_sub(1).map(|before| camera.frames[before].t_ns);
+        check_frame(index, frame, before, span_ns)?;
     }
-    camera.events.as_ref().map_or(Ok(()), check_events)
+    let Some(events) = &camera.events else { return Ok(()) };
+    check_sensor([camera.intrinsics.width, camera.intrinsics.height])?;
+    check_events(events)
 }
 
-fn check_pose(pose: &Pose) -> Result<(), Problem> {
-    let length = pose.rotation.length();
-    match pose.is_finite() {
-        false => Err(Problem::PoseNotFinite),
-        true if (length - 1.0).abs() > 1e-6 => Err(Problem::PoseNotUnit(length)),
-        true => Ok(()),
+fn check_frame(index: usize, frame: &Frame, before: Option<i64>, span_ns: [i64; 2]) -> Result<(), Problem> {
+    let (file, t_ns, exposure_ns) = (frame.file.clone(), frame.t_ns, frame.exposure_ns);
+    if before.is_some_and(|before| t_ns <= before) {
+        return Err(Problem::Order { index, file, t_ns });
     }
-}
-
-fn is_sigma(value: f64) -> bool {
-    value.is_finite() && value >= 0.0
-}
-
-fn check_sigma(sigma: &PoseSigma) -> Result<(), Problem> {
-    let all = sigma.centre_m.iter().chain(&sigma.rotation_deg);
-    match all.copied().find(|sigma| !is_sigma(*sigma)) {
-        Some(wrong) => Err(Problem::PoseSigma(wrong)),
-        None => Ok(()),
+    if !(span_ns[0]..=span_ns[1]).contains(&t_ns) {
+        return Err(Problem::OutsideSpan { index, file, t_ns, span_ns });
     }
-}
-
-fn check_intrinsics(intrinsics: &Intrinsics) -> Result<(), Problem> {
-    let Intrinsics { width, height, fx, fy, cx, cy, distortion } = *intrinsics;
-    if width == 0 || height == 0 {
-        return Err(Problem::NoSize);
+    if !(exposure_ns[0]..=exposure_ns[1]).contains(&t_ns) {
+        return Err(Problem::Exposure { index, file, t_ns, exposure_ns });
     }
-    if !(fx > 0.0 && fy > 0.0 && fx.is_finite() && fy.is_finite()) {
-        return Err(Problem::Focal(fx, fy));
-    }
-    let coefficients = match &distortion {
-        Distortion::None => &[][..],
-        Distortion::BrownConrady(k) => k,
-        Distortion::KannalaBrandt(k) => k,
-    };
-    let finite = cx.is_finite() && cy.is_finite() && coefficients.iter().all(|k| k.is_finite());
-    if finite { Ok(()) } else { Err(Problem::IntrinsicsNotFinite) }
+    let [start, end] = exposure_ns;
+    let checked = EXPOSURE
+        .check_between_ns(exposure_ns)
+        .and_then(|()| OVERHANG.check_between_ns([start, span_ns[0].max(start)]))
+        .and_then(|()| OVERHANG.check_between_ns([span_ns[1].min(end), end]));
+    checked.map_err(|wrong| Problem::Frame { index, file, wrong })
 }
 
 fn check_events(events: &CameraEvents) -> Result<(), Problem> {
-    let wrong = |what| Err(Problem::CameraEvents { file: events.file.clone(), what });
-    let positive = |threshold: f64| threshold > 0.0 && threshold.is_finite();
-    if !positive(events.threshold_on) || !positive(events.threshold_off) {
-        return wrong("the contrast thresholds must be positive");
-    }
-    // At or below 1 the straight line through zero, whose slope is its logarithm, is flat or falls.
-    if !(events.lin_log_threshold > 1.0 && events.lin_log_threshold.is_finite()) {
-        return wrong("the lin-log threshold must be above 1 grey level of 255 (v2e: 20)");
-    }
+    let sensor = |wrong| Problem::Sensor { file: events.file.clone(), wrong };
+    THRESHOLD.check_all([events.threshold_on, events.threshold_off]).map_err(sensor)?;
+    LIN_LOG.check(events.lin_log_threshold).map_err(sensor)?;
     if events.covers_ns[0] > events.covers_ns[1] {
-        return wrong("the time covered ends before it starts");
+        return Err(Problem::CameraEvents {
+            file: events.file.clone(),
+            what: "the time covered ends before it starts",
+        });
     }
-    Ok(())
+    events.covers_ns.into_iter().try_for_each(|t_ns| INSTANT.check_ns(t_ns).map(drop)).map_err(sensor)
 }

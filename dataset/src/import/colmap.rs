@@ -20,7 +20,7 @@ use super::{
     write::{self, SourceRecording},
 };
 use crate::Split;
-use erfgs_base::{names, progress::Progress};
+use erfgs_base::{names, plausible::POINT, progress::Progress};
 use erfgs_scene::{
     colmap::{ColmapImage, Model, Point3d},
     ply::PointCloud,
@@ -95,7 +95,7 @@ fn points(model: &Model) -> Option<(PointCloud, &'static str)> {
 }
 
 fn fits(point: &Point3d) -> bool {
-    point.position.as_vec3().is_finite()
+    POINT.check_all(point.position.to_array()).is_ok()
 }
 
 /// What of the model and of the folder of images is not in the dataset.
@@ -111,7 +111,9 @@ fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<St
         ));
     }
     if lost > 0 {
-        notes.push(format!("points of the model left out: {lost}, which lie farther away than a 32-bit number tells"));
+        notes.push(format!(
+            "points of the model left out: {lost}, which lie farther away than anything that cameras tell of"
+        ));
     }
     for (name, path) in common::entries(images)? {
         let own = if path.is_dir() { name.clone() } else { common::stem(&path) };
@@ -151,6 +153,7 @@ fn view(
     }
     let Some(camera) = model.cameras.get(&first.camera) else { return Err(wrong("its camera is missing".to_owned())) };
     let intrinsics = camera.intrinsics().map_err(|error| wrong(error.to_string()))?;
+    let pose = first.pose.checked().map_err(|error| wrong(error.to_string()))?;
     let single = images.join(&first.name);
     let own = images.join(name);
     let files = match (single.is_file(), own.is_dir()) {
@@ -165,5 +168,5 @@ fn view(
         if files.len() > 1 || options.frames.is_some() { common::in_range(files, options, &own)? } else { files };
     let frame = |(index, image)| FileFrame { image, mask: None, t_ns: common::frame_time(index as u64, fps) };
     let frames = Frames::Files(files.into_iter().enumerate().map(frame).collect());
-    Ok(SourceView { name: names::file_name(name), split: Split::Train, intrinsics, pose: first.pose, frames })
+    Ok(SourceView { name: names::file_name(name), split: Split::Train, intrinsics, pose, frames })
 }

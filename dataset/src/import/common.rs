@@ -7,7 +7,10 @@ use std::{
 
 use super::{ImportError, ImportOptions};
 use crate::Split;
-use erfgs_base::order::{natural, order};
+use erfgs_base::{
+    order::{natural, order},
+    plausible::RATE,
+};
 use erfgs_scene::{Intrinsics, Pose, exchange::llff, video::FrameTimes};
 
 /// One viewpoint of a recording.
@@ -51,11 +54,7 @@ pub(super) struct FileFrame {
 /// The rate to use: the option, else what is usual for the layout.
 pub(super) fn fps(options: &ImportOptions, usual: f64) -> Result<f64, ImportError> {
     let fps = options.fps.unwrap_or(usual);
-    if fps > 0.0 && fps.is_finite() {
-        Ok(fps)
-    } else {
-        Err(ImportError::Options(format!("--fps {fps} is no frame rate; give a positive number")))
-    }
+    RATE.check(fps).map_err(|wrong| ImportError::Options(format!("--fps: {wrong}")))
 }
 
 /// The time of frame `index` after the first one, nanoseconds.

@@ -59,7 +59,9 @@ pub fn import(
             None => erfgs_scene::image::size(&image)
                 .map_err(|source| ImportError::Image { camera: frame.file.clone(), source })?,
         };
-        let (intrinsics, pose, time) = (frame.lens.intrinsics(size), frame.pose, frame.time);
+        let wrong = |what| ImportError::Camera { camera: frame.file.clone(), path: path.clone(), what };
+        let intrinsics = frame.lens.intrinsics(size).checked().map_err(|error| wrong(error.to_string()))?;
+        let (pose, time) = (frame.pose, frame.time);
         let split = if held_out.contains(&frame.file) { Split::Test } else { Split::Train };
         shots.push(Shot { path: image, intrinsics, pose, time, split });
     }

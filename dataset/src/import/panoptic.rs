@@ -178,9 +178,7 @@ fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<S
     let wrong = |what| ImportError::Camera { camera: name.clone(), path: track.meta.clone(), what };
     let k = track.k.map(|row| row.map(|value| value.0));
     let [[fx, skew, cx], [below, fy, cy], last] = k;
-    let pinhole =
-        fx > 0.0 && fy > 0.0 && cx.is_finite() && cy.is_finite() && [skew, below, last[0], last[1]] == [0.0; 4];
-    if !pinhole || last[2] != 1.0 {
+    if [skew, below, last[0], last[1], last[2]] != [0.0, 0.0, 0.0, 0.0, 1.0] {
         return Err(wrong(format!("k = {k:?} is no pinhole without skew")));
     }
     let w2c = track.w2c.map(|row| row.map(|value| value.0));
@@ -192,6 +190,7 @@ fn view(source: &Path, id: u64, track: &Track, first: u64, fps: f64) -> Result<S
     let pose = Pose::rigid(rotation, DVec3::new(x, y, z)).map_err(wrong)?;
     let [width, height] = track.size;
     let intrinsics = Intrinsics { width, height, fx, fy, cx, cy, distortion: Distortion::None };
+    let intrinsics = intrinsics.checked().map_err(|error| wrong(error.to_string()))?;
 
     let masks = source.join("seg").join(id.to_string()).is_dir();
     let mut frames = Vec::new();

@@ -134,13 +134,13 @@ fn what_is_wrong_is_named_with_file_and_camera() {
 
     let train = |spoil: fn(&mut Value)| spoilt(&|root| change(root, "train_meta.json", spoil), &all);
     let nan = |meta: &mut Value| (0..4).for_each(|t| meta["w2c"][t][1][1][3] = json!("BARE NaN"));
-    names(train(nan), &["camera cam12", "train_meta.json", "not finite"]);
+    names(train(nan), &["camera cam12", "train_meta.json", "NaN", "plausible"]);
     names(train(|meta| meta["w2c"][2][0][0][3] = json!(9.0)), &["camera cam01", "moves", "frame 12"]);
     names(train(|meta| drop(meta["k"].as_array_mut().unwrap().pop())), &["train_meta.json", "[3, 4, 4, 4]"]);
     names(train(|meta| drop(meta["fn"][1].as_array_mut().unwrap().pop())), &["[2, 2, 1, 2]", "frame 1"]);
     names(train(|meta| (0..4).for_each(|t| meta["cam_id"][t][0] = json!(0))), &["camera cam00", "for testing"]);
     names(train(|meta| meta["cam_id"][3][0] = json!(5)), &["camera cam01", "frame 13 is missing"]);
-    names(train(|meta| (0..4).for_each(|t| meta["k"][t][0][0][0] = json!(-4))), &["camera cam01", "no pinhole"]);
+    names(train(|meta| (0..4).for_each(|t| meta["k"][t][0][0][0] = json!(-4))), &["camera cam01", "the focal length is -4 px"]);
     let back = |meta: &mut Value| meta["fn"][1][0] = json!("1/000009.jpg");
     names(train(back), &["train_meta.json", "frame 9 of camera 1 behind frame 10"]);
     let sheared = |meta: &mut Value| (0..4).for_each(|t| meta["w2c"][t][0][0][0] = json!(2.0));
