@@ -6,6 +6,7 @@
 
 use std::{io, path::Path, path::PathBuf};
 
+use erfgs_base::plausible::POINT;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -43,6 +44,10 @@ const POSES_OF_CAMERAS: &str = "camera-poses";
 const TIMES_OF_CAMERAS: &str = "camera-times";
 const LOSSES: &str = "losses";
 
+/// Where a Gaussian has the logarithms of its sizes, and the largest of these: what is larger has no square in single precision.
+const SCALES: std::ops::Range<usize> = 3..6;
+const LARGEST: f32 = 44.0;
+
 /// Why a checkpoint could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
@@ -61,6 +66,21 @@ pub enum CheckpointError {
         path: PathBuf,
         /// What is wrong.
         reason: String,
+    },
+    /// The file is whole, and holds a number that no training leaves behind.
+    #[error(
+        "checkpoint '{path}' cannot be used: number {index} of its '{vector}' is {value}; take an earlier copy of it, or move it away \
+         to train anew"
+    )]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// Which vector.
+        vector: String,
+        /// Which of its numbers, from 0.
+        index: usize,
+        /// What it is.
+        value: f32,
     },
     /// The file could not be written.
     #[error(transparent)]
@@ -167,16 +187,49 @@ impl Checkpoint {
     /// Reads a checkpoint.
     ///
     /// # Errors
-    /// [`CheckpointError::Read`] and [`CheckpointError::Damaged`].
+    /// [`CheckpointError::Read`], [`CheckpointError::Damaged`] and [`CheckpointError::Implausible`].
     pub fn load(path: &Path) -> Result<Self, CheckpointError> {
         let bytes = std::fs::read(path).map_err(|source| CheckpointError::Read { path: path.into(), source })?;
-        Self::from_bytes(&bytes).map_err(|reason| CheckpointError::Damaged { path: path.into(), reason })
+        let read = Self::from_bytes(&bytes).map_err(|reason| CheckpointError::Damaged { path: path.into(), reason })?;
+        match read.implausible() {
+            None => Ok(read),
+            Some((vector, index, value)) => {
+                Err(CheckpointError::Implausible { path: path.into(), vector, index, value })
+            }
+        }
     }
 
-    fn to_bytes(&self) -> Result<Vec<u8>, CheckpointError> {
+    /// The first number that no training leaves behind, if there is one: its vector, its place and itself.
+    fn implausible(&self) -> Option<(String, usize, f32)> {
+        let seen = self.seen_floats();
+        let odd = |values: &[f32], good: &dyn Fn(usize, f32) -> bool| {
+            let mut all = values.iter().copied().enumerate();
+            all.find(|&(index, value)| !(value.is_finite() && good(index, value)))
+        };
+        let is_place = |index: usize, value: f32| match index % CORE {
+            at if at < 3 => POINT.holds(value.into()),
+            at if SCALES.contains(&at) => value <= LARGEST,
+            _ => true,
+        };
+        let corners = self.field_box.as_flattened();
+        let vectors = self.vectors(&seen).into_iter().chain([("field box".into(), corners)]);
+        vectors.into_iter().find_map(|(name, values)| {
+            let (index, value) = match name.as_str() {
+                "core" => odd(values, &is_place),
+                "field box" => odd(values, &|_, value| POINT.holds(value.into())),
+                _ => odd(values, &|_, _| true),
+            }?;
+            Some((name, index, value))
+        })
+    }
+
+    fn seen_floats(&self) -> Vec<f32> {
+        self.seen.iter().flat_map(|seen| [seen.gradient, seen.iterations, seen.radius_px]).collect()
+    }
+
+    /// All vectors by their names, in the order of the file; `seen` are the statistics of density control as numbers.
+    fn vectors<'a>(&'a self, seen: &'a [f32]) -> Vec<(String, &'a [f32])> {
         let Population { gaussians, moments } = &self.population;
-        let seen: Vec<f32> =
-            self.seen.iter().flat_map(|seen| [seen.gradient, seen.iterations, seen.radius_px]).collect();
         let mut vectors: Vec<(String, &[f32])> = vec![
             ("core".into(), &gaussians.core),
             ("sh".into(), &gaussians.sh),
@@ -184,7 +237,7 @@ impl Checkpoint {
             ("core.v".into(), &moments.core_second),
             ("sh.m".into(), &moments.sh_first),
             ("sh.v".into(), &moments.sh_second),
-            ("seen".into(), &seen),
+            ("seen".into(), seen),
         ];
         if gaussians.motion_floats > 0 {
             vectors.extend([
@@ -209,6 +262,13 @@ impl Checkpoint {
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
+        vectors
+    }
+
+    fn to_bytes(&self) -> Result<Vec<u8>, CheckpointError> {
+        let gaussians = &self.population.gaussians;
+        let seen = self.seen_floats();
+        let vectors = self.vectors(&seen);
         let header = serde_json::to_vec(&Header {
             version: if self.loss_sums.is_some() {
                 VERSION
@@ -386,132 +446,4 @@ impl Checkpoint {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn checkpoint() -> Checkpoint {
-        let gaussians = Gaussians::from_points(&[([0.5, 1.0, 2.0], [9, 8, 7]), ([1.5, 1.0, 2.0], [1, 2, 3])], 1, 0.1);
-        let moments = Moments::zero(&gaussians);
-        Checkpoint {
-            config: Config::default(),
-            clock: Clock { iteration: 7, seconds: 1.25, ..Clock::default() },
-            step: 7,
-            population: Population { gaussians, moments },
-            fixed: 0,
-            field_box: [[-1.0; 3], [1.0; 3]],
-            field: Some(FieldState {
-                step: 3,
-                vectors: vec![NamedVector { name: "grid".into(), values: vec![0.1, -0.0, f32::MIN_POSITIVE] }],
-            }),
-            seen: vec![Seen { gradient: 0.1, iterations: 2.0, radius_px: 3.0 }; 2],
-            camera_colours: None,
-            camera_poses: None,
-            camera_times: None,
-            levels: Vec::new(),
-            loss_sums: None,
-            left_out: Vec::new(),
-        }
-    }
-
-    #[test]
-    fn a_checkpoint_comes_back_to_the_bit() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("checkpoint.bin");
-        checkpoint().save(&path).expect("saved");
-        assert_eq!(Checkpoint::load(&path).expect("loaded"), checkpoint());
-    }
-
-    #[test]
-    fn losses_since_the_last_row_of_the_curve_come_back() {
-        let mut checkpoint = checkpoint();
-        let counts = [640.0, 3.0, 1.0 / 3.0, 2.0, 0.0, f64::MIN_POSITIVE, 1e300];
-        checkpoint.loss_sums = Some(LossSums { counts, partial: [vec![0.1, 0.2], Vec::new(), vec![3.0]] });
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-    }
-
-    #[test]
-    fn poses_of_cameras_come_back() {
-        let mut checkpoint = checkpoint();
-        let mut poses = CameraPoseState::calibrated(2);
-        (poses.steps[1], poses.values[9], poses.moments[1][0]) = (7, 1.5, 0.25);
-        checkpoint.camera_poses = Some(poses);
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-        checkpoint.camera_poses.as_mut().expect("poses").values.pop();
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("poses"));
-    }
-
-    #[test]
-    fn a_static_set_comes_back_and_is_no_more_than_stands_still() {
-        let mut checkpoint = checkpoint();
-        checkpoint.population.gaussians.dynamic = 1;
-        checkpoint.fixed = 1;
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-        checkpoint.fixed = 2;
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
-    }
-
-    #[test]
-    fn clocks_of_cameras_come_back() {
-        let mut checkpoint = checkpoint();
-        let mut times = CameraTimeState::labelled(2);
-        (times.steps[1], times.values[1], times.moments[1][0], times.sums[3]) = (7, 1.5, 0.25, 4.0);
-        checkpoint.camera_times = Some(times);
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-        checkpoint.camera_times.as_mut().expect("times").sums.pop();
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("times"));
-    }
-
-    #[test]
-    fn colours_of_cameras_come_back() {
-        let mut checkpoint = checkpoint();
-        let mut colours = CameraColourState::neutral(&[true, false]);
-        (colours.steps[1], colours.values[9], colours.moments[1][0]) = (7, 1.5, 0.25);
-        checkpoint.camera_colours = Some(colours);
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-        checkpoint.camera_colours.as_mut().expect("colours").steps.pop();
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
-    }
-
-    #[test]
-    fn levels_of_event_cameras_come_back() {
-        let mut checkpoint = checkpoint();
-        checkpoint.levels = vec![vec![1.5, 9.0, -2.0, 0.0], vec![0.5, 1.0]];
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-    }
-
-    #[test]
-    fn rows_of_motion_come_back_and_are_as_many_as_move() {
-        let mut checkpoint = checkpoint();
-        let gaussians = &mut checkpoint.population.gaussians;
-        (gaussians.motion_floats, gaussians.motion) = (8, (0..16).map(|i| i as f32).collect());
-        checkpoint.population.moments = Moments::zero(gaussians);
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
-        checkpoint.population.gaussians.motion.pop();
-        let bytes = checkpoint.to_bytes().expect("bytes");
-        assert!(Checkpoint::from_bytes(&bytes).expect_err("refused").contains("different lengths"));
-    }
-
-    #[test]
-    fn a_checkpoint_cut_or_changed_anywhere_is_refused() {
-        let bytes = checkpoint().to_bytes().expect("bytes");
-        for length in 0..bytes.len() {
-            assert!(Checkpoint::from_bytes(&bytes[..length]).is_err(), "cut at {length}");
-        }
-        for at in (0..bytes.len()).step_by(13) {
-            let mut changed = bytes.clone();
-            changed[at] ^= 0x10;
-            assert!(Checkpoint::from_bytes(&changed).is_err(), "changed at {at}");
-        }
-    }
-}
+mod tests;

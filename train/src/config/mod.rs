@@ -3,6 +3,7 @@
 
 mod overrides;
 mod presets;
+mod ranges;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,11 @@
 //! Reading, writing and overriding a configuration.
 
-use erfgs_dataset::{Dataset, DatasetError};
+use erfgs_dataset::Dataset;
 
-use super::{Config, FreeTimeOptions, Guide, MotionModel};
+use super::{Config, FreeTimeOptions, Guide, MotionModel, ranges};
 use crate::{
     motion::FAR,
-    scene::{exposed, extent, moves, stands_still},
+    scene::{SceneError, check_memory, exposed, extent, moves, stands_still},
 };
 
 /// The near plane is at most this share of the scene's extent away.
@@ -43,7 +43,7 @@ pub enum ConfigError {
         /// Its value.
         value: String,
         /// What is allowed.
-        reason: &'static str,
+        reason: String,
     },
 }
 
@@ -109,9 +109,11 @@ impl Config {
     /// dataset's points are not used.
     ///
     /// # Errors
-    /// [`DatasetError`] where the manifest tells the instants of its points in a way that cannot be, or their file is damaged; where
-    /// no point is known to move, the same of the frames and events that are then looked at.
-    pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), DatasetError> {
+    /// [`SceneError`] where this machine has not the memory that the cameras take; where the manifest tells the instants of its points in
+    /// a way that cannot be, or their file is damaged; where no point is known to move, the same of the frames and events that are then
+    /// looked at.
+    pub fn settle(&mut self, dataset: &Dataset, without_points: bool) -> Result<(), SceneError> {
+        check_memory(dataset, self)?;
         if self.motion == MotionModel::Auto {
             let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
             self.motion = if moving {
@@ -163,131 +165,46 @@ impl Config {
         paths(&self.free_time) != paths(&preset)
     }
 
-    /// Whether every number makes sense.
+    /// Whether every number makes sense: each is within its range, and fits the others.
     ///
     /// # Errors
     /// [`ConfigError::OutOfRange`] names the first that does not.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let check = |good: bool, key: &'static str, value: String, reason: &'static str| {
-            if good { Ok(()) } else { Err(ConfigError::OutOfRange { key, value, reason }) }
+        ranges::check(self)?;
+        let check = |good: bool, key: &'static str, value: String, reason: &str| {
+            if good { Ok(()) } else { Err(ConfigError::OutOfRange { key, value, reason: reason.into() }) }
         };
-        check(self.batch >= 1 && self.batch <= 64, "batch", self.batch.to_string(), "1 to 64")?;
-        check(self.sh.max_degree <= 3, "sh.max_degree", self.sh.max_degree.to_string(), "0 to 3")?;
-        check(self.sh.raise_every >= 1, "sh.raise_every", self.sh.raise_every.to_string(), "at least 1")?;
-        check(self.near_m > 0.0, "near_m", self.near_m.to_string(), "above 0")?;
-        check((0.0..1.0).contains(&self.near_share), "near_share", self.near_share.to_string(), "0 to below 1")?;
-        check(
-            self.init.opacity > 0.0 && self.init.opacity < 1.0,
-            "init.opacity",
-            self.init.opacity.to_string(),
-            "between 0 and 1",
-        )?;
-        check(self.density.every >= 1, "density.every", self.density.every.to_string(), "at least 1")?;
-        check(self.eds.every >= 1, "eds.every", self.eds.every.to_string(), "at least 1")?;
-        check(self.eds.stride >= 1, "eds.stride", self.eds.stride.to_string(), "at least 1")?;
-        check(self.eds.depths >= 2, "eds.depths", self.eds.depths.to_string(), "at least 2")?;
-        check(self.eds.neighbours >= 1, "eds.neighbours", self.eds.neighbours.to_string(), "at least 1")?;
-        check((1..=16).contains(&self.blur.samples), "blur.samples", self.blur.samples.to_string(), "1 to 16")?;
-        check((0.0..=1.0).contains(&self.earl.share), "earl.share", self.earl.share.to_string(), "0 to 1")?;
-        let beside = self.earl.beside_frames;
-        check((0.0..=1e3).contains(&beside), "earl.beside_frames", beside.to_string(), "0 to 1000")?;
-        check(
-            !self.field.levels.is_empty() && self.field.levels.iter().all(|&level| (1..=16).contains(&level)),
-            "field.levels",
-            format!("{:?}", self.field.levels),
-            "one or more, each 1 to 16",
-        )?;
-        check(
-            (1..=64).contains(&self.field.features) && self.field.features.is_multiple_of(4),
-            "field.features",
-            self.field.features.to_string(),
-            "a multiple of 4 up to 64",
-        )?;
-        let colour = &self.camera_colour;
-        let small = |value: f32| value.is_finite() && (0.0..=1.0).contains(&value);
-        check(small(colour.from), "camera_colour.from", colour.from.to_string(), "0 to 1")?;
-        check(
-            colour.rate.iter().all(|&rate| small(rate)),
-            "camera_colour.rate",
-            format!("{:?}", colour.rate),
-            "two numbers from 0 to 1",
-        )?;
-        check(
-            colour.prior.is_finite() && colour.prior >= 0.0,
-            "camera_colour.prior",
-            colour.prior.to_string(),
-            "0 or more",
-        )?;
+        let free = &self.free_time;
+        check(self.near_share < 1.0, "near_share", self.near_share.to_string(), "0 to below 1")?;
+        check(self.bodies.follow < 1.0, "bodies.follow", self.bodies.follow.to_string(), "0 or more, and less than 1")?;
+        for (key, opacity) in [
+            ("init.opacity", self.init.opacity),
+            ("free_time.opacity", free.opacity),
+            ("bodies.opacity", self.bodies.opacity),
+        ] {
+            check(opacity > 0.0 && opacity < 1.0, key, opacity.to_string(), "between 0 and 1")?;
+        }
+        for (key, above) in [
+            ("camera_pose.within", self.camera_pose.within),
+            ("camera_time.within", self.camera_time.within),
+            ("free_time.fastest", free.fastest),
+        ] {
+            check(above > 0.0, key, above.to_string(), "above 0")?;
+        }
+        check(!self.field.levels.is_empty(), "field.levels", "[]".into(), "one or more, each 1 to 16")?;
+        let features = self.field.features;
+        check(features.is_multiple_of(4), "field.features", features.to_string(), "a multiple of 4 up to 64")?;
         let pose = &self.camera_pose;
         check(pose.fewest >= 3, "camera_pose.fewest", pose.fewest.to_string(), "at least 3")?;
-        check(small(pose.from), "camera_pose.from", pose.from.to_string(), "0 to 1")?;
+        let in_pixels = pose.rate.iter().all(|&rate| rate <= 10.0);
+        check(in_pixels, "camera_pose.rate", format!("{:?}", pose.rate), "two numbers from 0 to 10 pixels")?;
         check(
-            pose.rate.iter().all(|&rate| rate.is_finite() && (0.0..=10.0).contains(&rate)),
-            "camera_pose.rate",
-            format!("{:?}", pose.rate),
-            "two numbers from 0 to 10 pixels",
-        )?;
-        let time = &self.camera_time;
-        check(time.fewest >= 2, "camera_time.fewest", time.fewest.to_string(), "at least 2")?;
-        check(small(time.from), "camera_time.from", time.from.to_string(), "0 to 1")?;
-        check(
-            time.rate.iter().all(|&rate| small(rate)),
-            "camera_time.rate",
-            format!("{:?}", time.rate),
-            "two numbers from 0 to 1 RGB intervals",
-        )?;
-        let within = |value: f32| value.is_finite() && value > 0.0;
-        let bounds = [("camera_pose.within", pose.within), ("camera_time.within", time.within)];
-        for (key, value) in bounds {
-            check(within(value), key, value.to_string(), "more than 0 standard deviations")?;
-        }
-        let free = &self.free_time;
-        let positive = |value: f32| value.is_finite() && value > 0.0;
-        let not_negative = |value: f32| value.is_finite() && value >= 0.0;
-        check(
-            not_negative(free.least_life),
-            "free_time.least_life",
-            free.least_life.to_string(),
-            "0 or more RGB intervals",
-        )?;
-        check(
-            free.first_life == 0.0 || (free.first_life.is_finite() && free.first_life > free.least_life),
+            free.first_life == 0.0 || free.first_life > free.least_life,
             "free_time.first_life",
             free.first_life.to_string(),
             "0, or more than free_time.least_life",
         )?;
-        check(
-            free.opacity > 0.0 && free.opacity < 1.0,
-            "free_time.opacity",
-            free.opacity.to_string(),
-            "between 0 and 1",
-        )?;
-        free.check_path()?;
-        self.bodies.validate()?;
-        check(positive(free.fastest), "free_time.fastest", free.fastest.to_string(), "above 0")?;
-        check(
-            (0.0..=1.0).contains(&free.event_opacity),
-            "free_time.event_opacity",
-            free.event_opacity.to_string(),
-            "0 to 1",
-        )?;
-        for (key, value) in [
-            ("free_time.velocity", free.velocity),
-            ("free_time.acceleration", free.acceleration),
-            ("free_time.instant", free.instant),
-            ("free_time.life", free.life),
-            ("free_time.weight_presence", free.weight_presence),
-            ("free_time.weight_acceleration", free.weight_acceleration),
-        ] {
-            check(not_negative(value), key, value.to_string(), "0 or more")?;
-        }
-        check(self.dynamic.whole_image_every >= 1, "dynamic.whole_image_every", "0".into(), "at least 1")?;
-        check(self.field.regularise_every >= 1, "field.regularise_every", "0".into(), "at least 1")?;
-        check(self.evaluation.log_every >= 1, "evaluation.log_every", "0".into(), "at least 1")?;
-        let minutes = self.evaluation.checkpoint_minutes;
-        check(not_negative(minutes), "evaluation.checkpoint_minutes", minutes.to_string(), "0 or more")?;
-        check(self.evaluation.frame_stride >= 1, "evaluation.frame_stride", "0".into(), "at least 1")?;
-        Ok(())
+        free.check_path()
     }
 }
 

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Pod;
+use erfgs_base::memory::{self, Shortage};
 use wgpu::util::DeviceExt;
 
 use super::{
@@ -56,6 +57,30 @@ pub enum GpuError {
         /// Bytes that can be bound.
         limit: u64,
     },
+    /// A buffer is larger than the memory that is free, which the adapter shares with the processor.
+    #[error(
+        "'{label}' does not fit into the memory of adapter '{adapter}': {shortage}; use fewer Gaussians, a smaller field or smaller images, or another adapter"
+    )]
+    NoMemory {
+        /// What the buffer holds.
+        label: String,
+        /// Name of the adapter.
+        adapter: String,
+        /// What is needed and what there is.
+        shortage: Shortage,
+    },
+    /// The device has no memory left.
+    #[error(
+        "adapter '{adapter}' ran out of memory while {doing}: {message}; use fewer Gaussians, a smaller field or smaller images, or another adapter"
+    )]
+    OutOfMemory {
+        /// Name of the adapter.
+        adapter: String,
+        /// What was being done.
+        doing: String,
+        /// What the device said.
+        message: String,
+    },
     /// The device reported an error after the fact.
     #[error("the device failed while {doing}: {message}")]
     Failed {
@@ -65,6 +90,11 @@ pub enum GpuError {
         message: String,
     },
 }
+
+/// For buffers of this size it is asked what memory is free.
+const WORTH_ASKING: u64 = 64 << 20;
+/// Per cent of what a driver says may be taken of its memory: beyond, a buffer is refused, and the machine goes on.
+const BUDGET: u8 = 97;
 
 /// Which form of the kernels runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +133,14 @@ pub struct Gpu {
     pub subgroup: u32,
     pub(super) counters: Counters,
     pub(super) times: Times,
-    failure: Arc<Mutex<Option<String>>>,
+    failure: Arc<Mutex<Option<Failure>>>,
+}
+
+/// What the device said after the fact.
+#[derive(Debug)]
+struct Failure {
+    out_of_memory: bool,
+    message: String,
 }
 
 /// The adapters of this machine that kernels could run on, the preferred one first.
@@ -124,6 +161,10 @@ static OPENING: Mutex<()> = Mutex::new(());
 fn enumerate() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         flags: wgpu::InstanceFlags::empty().with_env(),
+        memory_budget_thresholds: wgpu::MemoryBudgetThresholds {
+            for_resource_creation: Some(BUDGET),
+            for_device_loss: None,
+        },
         ..wgpu::InstanceDescriptor::new_without_display_handle_from_env()
     });
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY))
@@ -173,7 +214,8 @@ impl Gpu {
         let record = Arc::clone(&failure);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             if let Ok(mut slot) = record.lock() {
-                slot.get_or_insert_with(|| error.to_string());
+                let out_of_memory = matches!(error, wgpu::Error::OutOfMemory { .. });
+                slot.get_or_insert_with(|| Failure { out_of_memory, message: error.to_string() });
             }
         }));
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
@@ -185,7 +227,7 @@ impl Gpu {
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
     ///
     /// # Errors
-    /// [`GpuError::TooLarge`] where the adapter cannot bind it.
+    /// [`GpuError::TooLarge`] where the adapter cannot bind it, [`GpuError::NoMemory`] where it has not so much memory.
     pub fn storage(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
         let size = bytes.max(16).next_multiple_of(16);
         let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
@@ -196,6 +238,14 @@ impl Gpu {
                 needed: size,
                 limit,
             });
+        }
+        let shared = matches!(self.info.device_type, wgpu::DeviceType::Cpu | wgpu::DeviceType::IntegratedGpu);
+        if shared && size >= WORTH_ASKING {
+            memory::afford(size).map_err(|shortage| GpuError::NoMemory {
+                label: label.into(),
+                adapter: self.info.name.clone(),
+                shortage,
+            })?;
         }
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
@@ -341,7 +391,10 @@ impl Gpu {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         let failure = self.failure.lock().ok().and_then(|mut slot| slot.take());
         match (polled, failure) {
-            (_, Some(message)) => Err(GpuError::Failed { doing: doing.into(), message }),
+            (_, Some(Failure { out_of_memory: true, message })) => {
+                Err(GpuError::OutOfMemory { adapter: self.info.name.clone(), doing: doing.into(), message })
+            }
+            (_, Some(Failure { message, .. })) => Err(GpuError::Failed { doing: doing.into(), message }),
             (Err(error), None) => Err(GpuError::Failed { doing: doing.into(), message: error.to_string() }),
             (Ok(_), None) => Ok(()),
         }

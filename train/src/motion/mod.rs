@@ -13,8 +13,9 @@ mod track;
 
 use wgpu::Buffer;
 
+pub(crate) use bodies::MOST_NODES;
 pub use bodies::{Bodies, BodiesOptions};
-pub(crate) use free_time::FAR;
+pub(crate) use free_time::{FAR, MOST_BETWEEN, MOST_KNOTS};
 pub use free_time::{FreeTime, FreeTimeOptions, Guide};
 
 use crate::{

@@ -7,7 +7,7 @@ use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use rayon::prelude::*;
 
 use super::{
-    Bins, EventView, Flicker, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame,
+    Bins, EventView, Flicker, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame, check_memory,
     events::EventCounter,
 };
 use crate::{
@@ -48,6 +48,7 @@ impl Scene {
         most: Option<u64>,
         scratch: &Path,
     ) -> Result<Self, SceneError> {
+        check_memory(&dataset, config)?;
         let most = most.unwrap_or_else(|| memory::available().map_or(UNKNOWN, |free| free / 2));
         let uses_events = (config.earl.enabled || config.eds.enabled) && config.motion != MotionModel::Still;
         let events = if uses_events { event_bytes(&dataset) } else { 0 };

@@ -9,6 +9,7 @@ mod events;
 pub(crate) mod fixtures;
 mod flicker;
 mod load;
+mod memory;
 mod motion;
 mod near;
 mod pictures;
@@ -24,6 +25,7 @@ pub(crate) use displacement::{exposed, moves};
 pub use events::EventView;
 pub use flicker::Flicker;
 pub(crate) use load::{extent, median};
+pub(crate) use memory::check as check_memory;
 pub(crate) use motion::grow;
 pub use motion::{MotionMasks, classify, project};
 pub use near::near_plane;
@@ -89,6 +91,21 @@ pub enum SceneError {
         path: PathBuf,
         /// The bodies that there are.
         known: String,
+    },
+    /// This machine has not the memory that the cameras take.
+    #[error(
+        "training on dataset '{path}' is too much for this machine: {shortage}. Camera '{camera}' takes most, with its {} x {} pixels; make the dataset smaller (`erfgs dataset import --scale`), leave cameras out, or train on a larger machine",
+        size[0], size[1]
+    )]
+    Memory {
+        /// The dataset.
+        path: PathBuf,
+        /// The camera that takes most.
+        camera: String,
+        /// Its width and height.
+        size: [u32; 2],
+        /// What is needed and what there is.
+        shortage: erfgs_base::memory::Shortage,
     },
     /// The numbers of the trainer cannot tell places apart so far away.
     #[error(

@@ -25,4 +25,5 @@ mod tests;
 
 pub use device::{Bodies, SOFTNESS};
 pub use options::BodiesOptions;
+pub(crate) use options::MOST_NODES;
 pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Recording, Start};

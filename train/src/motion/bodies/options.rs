@@ -2,8 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::ConfigError;
-
 /// How bodies start and learn. Rates fall exponentially from the first to the last value over the fine stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -78,59 +76,4 @@ impl Default for BodiesOptions {
 }
 
 /// More nodes have never been of use; each row names four of them in numbers that single precision holds.
-const MOST_NODES: u32 = 1 << 12;
-
-impl BodiesOptions {
-    /// Whether every number makes sense.
-    ///
-    /// # Errors
-    /// [`ConfigError::OutOfRange`] names the first that does not.
-    pub fn validate(&self) -> Result<(), ConfigError> {
-        let refuse = |key, value: String, reason| Err(ConfigError::OutOfRange { key, value, reason });
-        if !(1.0..=64.0).contains(&self.knots) {
-            return refuse("bodies.knots", self.knots.to_string(), "1 to 64 an RGB interval");
-        }
-        if self.nodes == 0 || self.nodes > MOST_NODES {
-            return refuse("bodies.nodes", self.nodes.to_string(), "1 to 4096");
-        }
-        if !(1..=64).contains(&self.exposure) {
-            return refuse("bodies.exposure", self.exposure.to_string(), "1 to 64");
-        }
-        if !(self.opacity > 0.0 && self.opacity < 1.0) {
-            return refuse("bodies.opacity", self.opacity.to_string(), "between 0 and 1");
-        }
-        if !(0.0..1.0).contains(&self.follow) {
-            return refuse("bodies.follow", self.follow.to_string(), "0 or more, and less than 1");
-        }
-        let pair = |[a, b]: [f32; 2]| [a, b];
-        let rates = [
-            ("bodies.path", pair(self.path)),
-            ("bodies.turn", pair(self.turn)),
-            ("bodies.node_path", pair(self.node_path)),
-            ("bodies.node_turn", pair(self.node_turn)),
-        ];
-        for (key, [first, last]) in rates {
-            if !(first > 0.0 && last > 0.0 && first.is_finite() && last.is_finite()) {
-                return refuse(key, format!("[{first}, {last}]"), "two numbers above 0");
-            }
-        }
-        let others = [
-            ("bodies.nodes_from", self.nodes_from),
-            ("bodies.reach", self.reach),
-            ("bodies.gate", self.gate),
-            ("bodies.rigid", self.rigid),
-            ("bodies.away", self.away),
-            ("bodies.alike", self.alike),
-            ("bodies.smooth_path", self.smooth_path[0]),
-            ("bodies.smooth_path", self.smooth_path[1]),
-            ("bodies.smooth_turn", self.smooth_turn[0]),
-            ("bodies.smooth_turn", self.smooth_turn[1]),
-        ];
-        for (key, value) in others {
-            if !(value.is_finite() && value >= 0.0) {
-                return refuse(key, value.to_string(), "0 or more");
-            }
-        }
-        Ok(())
-    }
-}
+pub(crate) const MOST_NODES: u32 = 1 << 12;

@@ -38,9 +38,9 @@ pub const ROW: usize = 8;
 pub const GONE: f32 = -30.0;
 
 /// Most knots on either side of an instant.
-const MOST_KNOTS: u32 = 16;
+pub(crate) const MOST_KNOTS: u32 = 16;
 /// Most births between two instants.
-const MOST_BETWEEN: u32 = 16;
+pub(crate) const MOST_BETWEEN: u32 = 16;
 
 /// What paths are fitted to between the middles of two exposures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -149,7 +149,8 @@ impl FreeTimeOptions {
     /// # Errors
     /// [`ConfigError::OutOfRange`].
     pub fn check_path(&self) -> Result<(), ConfigError> {
-        let refuse = |key, value, reason| Err(ConfigError::OutOfRange { key, value, reason });
+        let refuse =
+            |key, value, reason: &str| Err(ConfigError::OutOfRange { key, value, reason: String::from(reason) });
         if self.knots == 1 || self.knots > MOST_KNOTS {
             return refuse("free_time.knots", self.knots.to_string(), "0 (a parabola), or 2 to 16 on either side");
         }
