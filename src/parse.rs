@@ -2,6 +2,7 @@
 
 use std::{fmt, str::FromStr};
 
+use erfgs_base::plausible::{Brief, INSTANT};
 use erfgs_events::SensorSize;
 
 /// Iterations of the coarse and the fine stage: `3000+14000`. One number alone means that many fine iterations.
@@ -41,15 +42,25 @@ impl FromStr for Iterations {
 /// A number of seconds, 0 or more.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "a number of seconds".to_owned())?;
-    if value >= 0.0 && value.is_finite() { Ok(value) } else { Err("a number of seconds, 0 or more".into()) }
+    if value >= 0.0 { Ok(INSTANT.check(value)?) } else { Err("a number of seconds, 0 or more".into()) }
+}
+
+/// Reads a number from `least` to `most`, both included.
+pub fn within(least: f64, most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        let value = text.parse::<f64>().ok().filter(|value| (least..=most).contains(value));
+        value.ok_or_else(|| format!("write a number from {} to {}", Brief(least), Brief(most)))
+    }
 }
 
 /// The size of a sensor: `1280x720`.
 pub fn sensor_size(text: &str) -> Result<SensorSize, String> {
     let sides = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
     let size = sides.map(|(width, height)| SensorSize { width, height });
-    size.filter(|size| size.width > 0 && size.height > 0)
-        .ok_or_else(|| format!("'{text}' is no sensor size; write for example 1280x720"))
+    let size = size
+        .filter(|size| size.width > 0 && size.height > 0)
+        .ok_or_else(|| format!("'{text}' is no sensor size; write for example 1280x720"))?;
+    Ok(size.checked()?)
 }
 
 /// An inclusive range of frame indices: `40..84` are 45 frames.
@@ -125,6 +136,22 @@ mod tests {
         assert_eq!("500".parse(), Ok(Iterations { coarse: None, fine: 500 }));
         for wrong in ["", "+", "3000+", "-1+5", "a+b"] {
             assert!(wrong.parse::<Iterations>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn numbers_of_options_are_held_within_their_range() {
+        assert_eq!(within(0.0, 100.0)("20"), Ok(20.0));
+        for wrong in ["-1", "100.1", "nan", "inf", "1e308", "x", ""] {
+            assert!(within(0.0, 100.0)(wrong).is_err_and(|said| said.contains("0 to 100")), "{wrong}");
+        }
+        assert_eq!(seconds("7200"), Ok(7200.0));
+        for wrong in ["-1", "nan", "inf", "1e300", "1e10"] {
+            assert!(seconds(wrong).is_err(), "{wrong}");
+        }
+        assert!(sensor_size("1280x720").is_ok());
+        for wrong in ["65535x65535", "0x3", "1280", "70000x2"] {
+            assert!(sensor_size(wrong).is_err(), "{wrong}");
         }
     }
 

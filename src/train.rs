@@ -296,6 +296,7 @@ impl Arguments {
         for assignment in &self.set {
             config.set(assignment).map_err(|error| Usage(error.to_string()))?;
         }
+        config.validate().map_err(|error| Usage(error.to_string()))?;
         Ok(config)
     }
 

@@ -38,10 +38,10 @@ pub struct Arguments {
     #[command(flatten)]
     sides: Sides,
     /// Shifts up to this are let pass, millimetres.
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", default_value_t = 1.0, value_parser = crate::parse::within(0.0, 1e6))]
     shift: f64,
     /// Turns up to this are let pass, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 0.05)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.05, value_parser = crate::parse::within(0.0, 360.0))]
     turn: f64,
     /// The page to write: each camera's shift and turn against what is known of them, and the rig before and after.
     #[arg(long, value_name = "FILE", default_value = "check.html")]

@@ -51,13 +51,13 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "leaky")]
     dark_ramp: bool,
     /// Event files hold movement; integrate up to this time, seconds after the first event.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds)]
     leaky: Option<f64>,
     /// Corner frequency of the leaky integral.
-    #[arg(long, value_name = "HZ", default_value_t = 0.7)]
+    #[arg(long, value_name = "HZ", default_value_t = 0.7, value_parser = crate::parse::within(0.0, 1e6))]
     cutoff_hz: f64,
     /// Contrast threshold of the event cameras, natural-log intensity; only its sign and the mixture of both polarities matter.
-    #[arg(long, value_name = "C", default_value_t = 0.2)]
+    #[arg(long, value_name = "C", default_value_t = 0.2, value_parser = crate::parse::within(1e-6, 100.0))]
     threshold: f64,
     /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
     #[arg(long, value_name = "PROGRAM")]

@@ -53,25 +53,25 @@ pub struct Arguments {
     #[arg(long, value_enum, value_name = "WHICH", requires = "keep_poses")]
     scale_from: Option<ScaleFrom>,
     /// At which frequency the LEDs blink before event cameras, hertz: one that all share, or three in the order of the gaps.
-    #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "500")]
+    #[arg(long, value_name = "HZ", value_delimiter = ',', default_value = "500", value_parser = crate::parse::within(1e-3, 1e5))]
     led_hz: Vec<f64>,
     /// Over how long events are gathered into one place of a LED, milliseconds.
-    #[arg(long, value_name = "MS", default_value_t = 10.0)]
+    #[arg(long, value_name = "MS", default_value_t = 10.0, value_parser = crate::parse::within(1e-3, 1e6))]
     window: f64,
     /// Keep focal lengths as they are.
     #[arg(long)]
     fix_focal: bool,
     /// How well focal lengths are known beforehand, in per cent.
-    #[arg(long, value_name = "PERCENT", default_value_t = 1.0, conflicts_with = "fix_focal")]
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0, conflicts_with = "fix_focal", value_parser = crate::parse::within(1e-6, 1e4))]
     focal_sigma: f64,
     /// Take all stamps to be of one clock.
     #[arg(long)]
     no_time_offsets: bool,
     /// Stamps of different cameras this near to each other may be taken for one instant, milliseconds.
-    #[arg(long, value_name = "MS", default_value_t = 2.0)]
+    #[arg(long, value_name = "MS", default_value_t = 2.0, value_parser = crate::parse::within(0.0, 1e6))]
     tolerance: f64,
     /// Standard deviation of a LED's position in all cameras, pixels; from the points, or from the residuals, without it.
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = crate::parse::within(1e-6, 1e4))]
     sigma: Option<f64>,
     /// The camera in whose space the world lies, and to whose clock times are given; the first without it. With --keep-poses
     /// the world is the rig's.
@@ -81,7 +81,7 @@ pub struct Arguments {
     #[arg(long, value_name = "CAMERAS", value_delimiter = ',')]
     without: Vec<String>,
     /// The share of placements that takes no part in the first solution, in per cent.
-    #[arg(long, value_name = "PERCENT", default_value_t = 20.0)]
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = crate::parse::within(0.0, 100.0))]
     hold_out: f64,
     /// Greatest number of placements; a longer recording is thinned.
     #[arg(long, value_name = "N", default_value_t = 1000)]

@@ -20,10 +20,10 @@ pub struct SessionArguments {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<std::path::PathBuf>,
     /// Session: where to begin, seconds from the start of the recording.
-    #[arg(long, value_name = "SECONDS", requires = "rig")]
+    #[arg(long, value_name = "SECONDS", requires = "rig", value_parser = crate::parse::seconds)]
     pub from: Option<f64>,
     /// Session: how much to take, seconds.
-    #[arg(long, value_name = "SECONDS", requires = "rig")]
+    #[arg(long, value_name = "SECONDS", requires = "rig", value_parser = crate::parse::seconds)]
     pub seconds: Option<f64>,
     /// Session: take each N-th frame.
     #[arg(long, value_name = "N", requires = "rig", value_parser = clap::value_parser!(u32).range(1..))]

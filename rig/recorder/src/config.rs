@@ -62,6 +62,11 @@ fn named(id: &str) -> String {
     if id.is_empty() { String::new() } else { format!(" ('{id}')") }
 }
 
+/// A petabyte: more is no reserve of a disk.
+const MOST_RESERVE_MIB: u64 = 1 << 30;
+/// A day: what sends nothing for longer is watched by nobody.
+const MOST_STALL_SECONDS: u32 = 86_400;
+
 /// A rig: `RIG.toml` as read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RigConfig {
@@ -82,13 +87,13 @@ pub struct RecordConfig {
     /// How often the session file is brought into a readable state, milliseconds, 10 to 1000: what a killed process or
     /// a power cut can cost.
     pub flush_ms: u64,
-    /// Space of the disk that recordings leave free, MiB: a recording ends in good order before the disk is full.
+    /// Space of the disk that recordings leave free, MiB, 0 to 1073741824: a recording ends in good order before the disk is full.
     pub reserve_mib: u64,
     /// Data of one stream that may wait in memory for the disk, MiB, 1 to 65536; devices may have their own.
     pub queue_mib: usize,
     /// Memory for the past that `erfgs record --before` holds, of all streams together, MiB, 1 to 1048576.
     pub before_mib: u64,
-    /// After this many seconds without data a stream counts as stalled; 0: never. Devices may have their own.
+    /// After this many seconds without data, 86400 at most, a stream counts as stalled; 0: never. Devices may have their own.
     pub stall_seconds: u32,
     /// A piece of the session file closes at this size, MiB, 1 to 64.
     pub chunk_mib: u64,
@@ -198,6 +203,8 @@ impl RigConfig {
         let file: File = toml::from_str(text).map_err(|error| syntax(error.to_string()))?;
         let record = &file.record;
         let ranges = [
+            ("reserve_mib", record.reserve_mib, 0..=MOST_RESERVE_MIB),
+            ("stall_seconds", record.stall_seconds.into(), 0..=MOST_STALL_SECONDS.into()),
             ("flush_ms", record.flush_ms, 10..=1000),
             ("queue_mib", record.queue_mib as u64, 1..=65_536),
             ("before_mib", record.before_mib, 1..=1_048_576),
@@ -291,6 +298,9 @@ fn device(
     if !is_id(&id) {
         return Err("its id must be 1 to 64 letters, digits, '-' and '_'".into());
     }
+    if stall_seconds.is_some_and(|seconds| seconds > MOST_STALL_SECONDS) {
+        return Err(format!("stall_seconds can be 0 to {MOST_STALL_SECONDS}"));
+    }
     if queue_mib.is_some_and(|mib| !(1..=65_536).contains(&mib)) {
         return Err("queue_mib can be 1 to 65536".into());
     }
@@ -336,6 +346,12 @@ mod tests {
             ("[[evk5]]\nid = \"x\"", "evk5"),
             ("[record]\nflush_ms = 5000", "10 to 1000"),
             ("[record]\nqueue_mib = 0", "1 to 65536"),
+            ("[record]\nreserve_mib = 18446744073709", "0 to 1073741824"),
+            ("[record]\nstall_seconds = 1000000000", "0 to 86400"),
+            ("[[pattern]]\nid = \"a\"\nstall_seconds = 1000000000", "0 to 86400"),
+            ("[[camera]]\nid = \"a\"\nrate_hz = nan", "0.1 to 1000"),
+            ("[[camera]]\nid = \"a\"\nexposure_us = 1e300", "0 to 1e9"),
+            ("[[camera]]\nid = \"a\"\nwidth = 65535\nheight = 65535", "camera"),
             ("[rig]\nname = \"a/b\"", "letters"),
             ("[[pattern]]\nwidth = 640", "needs an id"),
             ("[[pattern]]\nid = \"../x\"", "must be 1 to 64"),

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use erfgs_base::memory;
+
 use super::{
     Lights,
     spot::{Sample, spots},
@@ -91,10 +93,14 @@ impl BlinkDetector {
     /// A detector for a sensor of `width` x `height` pixels.
     ///
     /// # Errors
-    /// As [`BlinkOptions::check`].
+    /// As [`BlinkOptions::check`]; also where memory has no room for so many pixels.
     pub fn new(width: u16, height: u16, options: BlinkOptions) -> Result<Self, String> {
         options.check()?;
-        let pixels = vec![Pixel::default(); usize::from(width) * usize::from(height)];
+        let count = usize::from(width) * usize::from(height);
+        memory::afford((count * size_of::<Pixel>()) as u64).map_err(|shortage| {
+            format!("a sensor of {width} x {height} pixels is too large for this machine: {shortage}")
+        })?;
+        let pixels = vec![Pixel::default(); count];
         let slowest_hz = options.led_hz.iter().copied().fold(f64::INFINITY, f64::min);
         let hold_us = (1.2e6 * f64::from(STREAK) / slowest_hz) as i64;
         Ok(Self { options, width, pixels, windows: BTreeMap::new(), hold_us, found: Vec::new() })
