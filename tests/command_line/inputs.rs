@@ -14,6 +14,13 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         ("train ds --out run --iterations many", "3000+14000"),
         ("train ds --out run --set density.evry=3", "density.evry"),
         ("train ds --out run --set batch=0", "batch"),
+        ("train ds --out run --set earl.weight=nan", "earl.weight"),
+        ("train ds --out run --set density.max_gaussians=1000000000", "0 to 1e8"),
+        ("train ds --out run --set learning_rate.scale=-0.1", "learning_rate.scale"),
+        ("train ds --out run --iterations 1000000000+5", "coarse_iterations"),
+        ("replay s.mcap --seek 1e300", "plausible"),
+        ("info a.dat --size 65535x65535", "plausible"),
+        ("calibrate check a.json b.json --shift nan", "0 to 1e6"),
         ("train ds --out run --deterministic --minutes 3", "--minutes"),
         ("dataset import panoptic x --frames 84..40 --out y", "ends before it starts"),
         ("dataset import tape x --out y", "session"),
@@ -26,6 +33,8 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         let said = folder.fail(2, words);
         assert!(said.contains(hint), "erfgs {words}: {said}");
     }
+    let said = folder.fail(1, "dataset import panoptic x --fps 0 --out y");
+    assert!(said.contains("--fps") && said.contains("a rate is 0 Hz"), "{said}");
     assert!(!folder.path("run").exists(), "nothing is begun");
 }
 

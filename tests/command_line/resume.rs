@@ -178,6 +178,26 @@ fn a_run_is_not_overwritten_and_a_damaged_checkpoint_is_named() {
 }
 
 #[test]
+fn a_checkpoint_with_a_number_that_is_none_is_refused_by_all_that_open_a_run() {
+    let folder = Folder::with_stage("ds");
+    let train = "train ds --method 4dgs --iterations 2+2 --no-evaluation --out run";
+    folder.succeed(train);
+    let file = folder.path("run/checkpoint.bin");
+    let mut checkpoint = erfgs_train::checkpoint::Checkpoint::load(&file).expect("a checkpoint");
+    checkpoint.population.gaussians.core[14] = f32::NAN;
+    checkpoint.save(&file).expect("saved");
+    let resume = format!("{train} --resume");
+    for words in
+        [resume.as_str(), "eval run", "export run", "export run --to e4d --out a.e4d", "render run --out pictures"]
+    {
+        let said = folder.fail(1, words);
+        let named = said.contains("checkpoint.bin") && said.contains("number 14 of its 'core' is NaN");
+        assert!(named && said.contains("move it away"), "{words}: {said}");
+    }
+    assert!(!folder.path("pictures").exists() && !folder.path("a.e4d").exists());
+}
+
+#[test]
 fn a_checkpoint_of_other_event_cameras_is_refused() {
     let folder = Folder::with_stage("ds");
     folder.succeed("train ds --iterations 2+4 --no-evaluation --out run");

@@ -140,7 +140,10 @@ fn what_is_wrong_is_named_with_file_and_camera() {
     names(train(|meta| drop(meta["fn"][1].as_array_mut().unwrap().pop())), &["[2, 2, 1, 2]", "frame 1"]);
     names(train(|meta| (0..4).for_each(|t| meta["cam_id"][t][0] = json!(0))), &["camera cam00", "for testing"]);
     names(train(|meta| meta["cam_id"][3][0] = json!(5)), &["camera cam01", "frame 13 is missing"]);
-    names(train(|meta| (0..4).for_each(|t| meta["k"][t][0][0][0] = json!(-4))), &["camera cam01", "the focal length is -4 px"]);
+    names(
+        train(|meta| (0..4).for_each(|t| meta["k"][t][0][0][0] = json!(-4))),
+        &["camera cam01", "the focal length is -4 px"],
+    );
     let back = |meta: &mut Value| meta["fn"][1][0] = json!("1/000009.jpg");
     names(train(back), &["train_meta.json", "frame 9 of camera 1 behind frame 10"]);
     let sheared = |meta: &mut Value| (0..4).for_each(|t| meta["w2c"][t][0][0][0] = json!(2.0));
