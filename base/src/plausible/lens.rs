@@ -37,13 +37,11 @@ pub fn check_lens(lens: &Lens<'_>) -> Result<(), Implausible> {
     check_size(lens.size)?;
     let sides = lens.size.map(f64::from);
     focal(sides[0].max(sides[1])).check_all(lens.focal)?;
-    for axis in 0..2 {
-        principal_point(sides[axis], lens.focal[axis]).check(lens.centre[axis])?;
+    let axes = || sides.into_iter().zip(lens.focal).zip(lens.centre);
+    for ((side, focal), centre) in axes() {
+        principal_point(side, focal).check(centre)?;
     }
-    let reach = (0..2).map(|axis| {
-        let (side, centre) = (sides[axis], lens.centre[axis]);
-        centre.abs().max((side - centre).abs()) / lens.focal[axis]
-    });
+    let reach = axes().map(|((side, focal), centre)| centre.abs().max((side - centre).abs()) / focal);
     let reach = reach.fold(0.0, f64::hypot);
     lens.distortion.iter().try_for_each(|&(value, power)| distortion(reach, power).check(value).map(drop))
 }
