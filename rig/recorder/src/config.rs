@@ -351,7 +351,7 @@ mod tests {
             ("[[pattern]]\nid = \"a\"\nstall_seconds = 1000000000", "0 to 86400"),
             ("[[camera]]\nid = \"a\"\nrate_hz = nan", "0.1 to 1000"),
             ("[[camera]]\nid = \"a\"\nexposure_us = 1e300", "0 to 1e9"),
-            ("[[camera]]\nid = \"a\"\nwidth = 65535\nheight = 65535", "camera"),
+            ("[[camera]]\nid = \"a\"\nwidth = 65535\nheight = 65535", "500 million pixels"),
             ("[rig]\nname = \"a/b\"", "letters"),
             ("[[pattern]]\nwidth = 640", "needs an id"),
             ("[[pattern]]\nid = \"../x\"", "must be 1 to 64"),
