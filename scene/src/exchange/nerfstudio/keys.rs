@@ -57,28 +57,114 @@ pub(super) struct LensKeys {
     pub(super) p2: Option<Number>,
 }
 
+/// The names of the coefficients, in the order of [`LensKeys::coefficients`].
+const COEFFICIENTS: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+
+/// A focal length of one axis: pixels, or the field of view.
+type Focal = [Option<Number>; 2];
+
 impl LensKeys {
-    /// These values, and those of `file` where they are absent.
-    pub(super) fn over(&self, file: &Self) -> Self {
-        Self {
-            camera_model: self.camera_model.clone().or_else(|| file.camera_model.clone()),
-            is_fisheye: self.is_fisheye.or(file.is_fisheye),
-            camera_angle_x: self.camera_angle_x.or(file.camera_angle_x),
-            camera_angle_y: self.camera_angle_y.or(file.camera_angle_y),
-            fl_x: self.fl_x.or(file.fl_x),
-            fl_y: self.fl_y.or(file.fl_y),
+    /// These values, and those of `file` where they are absent. What has two names is one value: a frame that tells its focal length
+    /// by an angle takes none in pixels from the file, and one that names its model takes no other's coefficients.
+    ///
+    /// # Errors
+    /// If what is the frame's and what is the file's do not belong together.
+    pub(super) fn over(&self, file: &Self) -> Result<Self, String> {
+        let [across, down] = self.focal_over(file);
+        let (camera_model, is_fisheye) = match (&self.camera_model, self.is_fisheye) {
+            (None, None) => (file.camera_model.clone(), file.is_fisheye),
+            own => (own.0.clone(), own.1),
+        };
+        let [k1, k2, k3, k4, k5, k6, p1, p2] = self.coefficients_over(file)?;
+        let merged = Self {
+            camera_model,
+            is_fisheye,
+            camera_angle_x: across[1],
+            camera_angle_y: down[1],
+            fl_x: across[0],
+            fl_y: down[0],
             cx: self.cx.or(file.cx),
             cy: self.cy.or(file.cy),
             w: self.w.or(file.w),
             h: self.h.or(file.h),
-            k1: self.k1.or(file.k1),
-            k2: self.k2.or(file.k2),
-            k3: self.k3.or(file.k3),
-            k4: self.k4.or(file.k4),
-            k5: self.k5.or(file.k5),
-            k6: self.k6.or(file.k6),
-            p1: self.p1.or(file.p1),
-            p2: self.p2.or(file.p2),
+            k1,
+            k2,
+            k3,
+            k4,
+            k5,
+            k6,
+            p1,
+            p2,
+        };
+        self.check_size(file, &merged)?;
+        Ok(merged)
+    }
+
+    /// The focal lengths across and down. Instant-NGP writes both angles beside `fl_x` alone, which is that of square pixels then.
+    fn focal(&self) -> [Focal; 2] {
+        [[self.fl_x, self.camera_angle_x], [self.fl_y, self.camera_angle_y.filter(|_| self.fl_x.is_none())]]
+    }
+
+    fn focal_over(&self, file: &Self) -> [Focal; 2] {
+        let is_said = |focal: &Focal| focal.iter().any(Option::is_some);
+        let ([own_x, own_y], [file_x, [file_y, angle_y]]) = (self.focal(), file.focal());
+        let across = if is_said(&own_x) { own_x } else { file_x };
+        let down = if is_said(&own_y) { own_y } else { [file_y, angle_y.filter(|_| across[0].is_none())] };
+        [across, down]
+    }
+
+    fn coefficients(&self) -> [Option<Number>; 8] {
+        [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2]
+    }
+
+    /// Those of the frame, and those of the file where they are of the same model.
+    fn coefficients_over(&self, file: &Self) -> Result<[Option<Number>; 8], String> {
+        let (own, others) = (self.coefficients(), file.coefficients());
+        let is_model_own = self.camera_model.is_some() || self.is_fisheye.is_some();
+        if !is_model_own || self.model() == file.model() {
+            return Ok(std::array::from_fn(|at| own[at].or(others[at])));
         }
+        let bent = others.iter().position(|k| k.is_some_and(|Number(k)| k != 0.0));
+        match bent.filter(|_| own.iter().all(Option::is_none)) {
+            Some(at) => Err(format!(
+                "it names the camera model {} and no coefficients, and {} of the file is one of {}; give it its own, or 0",
+                self.model().escape_debug(),
+                COEFFICIENTS[at],
+                file.model().escape_debug()
+            )),
+            None => Ok(own),
+        }
+    }
+
+    /// The camera model, as it is named or by Instant-NGP's word.
+    pub(super) fn model(&self) -> &str {
+        match &self.camera_model {
+            Some(model) => model,
+            None if self.is_fisheye == Some(true) => "OPENCV_FISHEYE",
+            None => "OPENCV",
+        }
+    }
+
+    /// Pixels of the file are those of its images, and no frame of another size can take them.
+    fn check_size(&self, file: &Self, merged: &Self) -> Result<(), String> {
+        let differs = |own: Option<Number>, other: Option<Number>| own.is_some() && other.is_some() && own != other;
+        if !differs(self.w, file.w) && !differs(self.h, file.h) {
+            return Ok(());
+        }
+        let taken = [
+            ("fl_x", self.fl_x.is_none() && merged.fl_x.is_some()),
+            ("fl_y", self.fl_y.is_none() && merged.fl_y.is_some()),
+            ("cx", self.cx.is_none() && merged.cx.is_some()),
+            ("cy", self.cy.is_none() && merged.cy.is_some()),
+        ];
+        let taken: Vec<&str> = taken.into_iter().filter(|(_, is_taken)| *is_taken).map(|(name, _)| name).collect();
+        if taken.is_empty() {
+            return Ok(());
+        }
+        Err(format!(
+            "its w and h are others than the file's, of whose images {} {} pixels; give it its own",
+            taken.join(", "),
+            if taken.len() == 1 { "is in" } else { "are in" }
+        ))
     }
 }

@@ -51,7 +51,7 @@ impl Lens {
         let Some(across) = Focal::new(keys.fl_x, keys.camera_angle_x)? else {
             return Err("there is neither fl_x nor camera_angle_x; add the focal length in pixels".to_owned());
         };
-        let down = Focal::new(keys.fl_y, keys.camera_angle_y.filter(|_| keys.fl_x.is_none()))?;
+        let down = Focal::new(keys.fl_y, keys.camera_angle_y)?;
         let centre = [keys.cx, keys.cy].map(|centre| centre.map(|Number(centre)| centre));
         let plain = Self { size, focal: [across, down.unwrap_or(Focal::Square)], centre, distortion: Distortion::None };
         let checked = |lens: &Self| match size {
@@ -118,11 +118,7 @@ fn distortion(keys: &LensKeys, reach: f64) -> Result<Distortion, String> {
         return Err("a distortion coefficient is not finite".to_owned());
     }
     let fisheye = keys.is_fisheye == Some(true);
-    let model = match keys.camera_model.as_deref() {
-        None if fisheye => "OPENCV_FISHEYE",
-        None => "OPENCV",
-        Some(model) => model,
-    };
+    let model = keys.model();
     match model {
         "OPENCV_FISHEYE" if [p1, p2, k5, k6] == [0.0; 4] => Ok(Distortion::KannalaBrandt([k1, k2, k3, k4])),
         "OPENCV_FISHEYE" => {

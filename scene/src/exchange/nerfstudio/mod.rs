@@ -1,7 +1,7 @@
 //! nerfstudio's `transforms.json`, for rigs and for datasets alike.
 //!
 //! Camera-to-world matrices with OpenGL axes (x right, y up, z backward); intrinsics for the whole file or for each frame,
-//! of which the frame's come first; principal points as COLMAP gives them, which is our convention. Units and world are
+//! of which the frame's come first (a value in two forms, as a focal length in pixels or by an angle, is one); principal points as COLMAP gives them, which is our convention. Units and world are
 //! those of the file: `applied_transform` and `applied_scale` tell what was done to another world, and are not undone.
 
 mod keys;
@@ -69,7 +69,7 @@ impl Transforms {
         let mut frames = Vec::with_capacity(file.frames.len());
         for keys in file.frames {
             let wrong = |what| ExchangeError::Camera { camera: keys.file_path.clone(), path: path.into(), what };
-            let lens = Lens::new(&keys.lens.over(&file.lens)).map_err(wrong)?;
+            let lens = keys.lens.over(&file.lens).and_then(|keys| Lens::new(&keys)).map_err(wrong)?;
             let pose = pose(&keys.transform_matrix).map_err(wrong)?;
             let time = keys.time.map(|Number(time)| time);
             if time.is_some_and(|time| !time.is_finite()) {

@@ -151,3 +151,74 @@ fn what_is_written_is_read_with_every_coefficient() {
     assert_eq!(of_all(), None, "none fits all");
     assert_eq!(Transforms::read(&path).unwrap().frames[1].lens.intrinsics([640, 480]), fisheye);
 }
+
+/// A file with keys for all frames and one frame with its own.
+fn both(file: &str, frame: &str) -> Result<Intrinsics, String> {
+    let text = one(frame).replacen('{', &format!("{{{file}, "), 1);
+    read_rig(&text).map(|rig| rig.cameras[0].intrinsics).map_err(|error| error.to_string())
+}
+
+/// Every way of telling a focal length in the frame comes before every way of it in the file.
+#[test]
+fn a_frames_own_intrinsics_come_before_the_files_whatever_they_are_told_by() {
+    let (w, h) = (640.0_f64, 480.0_f64);
+    let angle = |side: f64, focal: f64| 2.0 * (0.5 * side / focal).atan();
+    let ways = |x: f64, y: f64| {
+        [
+            format!("\"fl_x\": {x}, \"fl_y\": {y}"),
+            format!("\"camera_angle_x\": {}, \"camera_angle_y\": {}", angle(w, x), angle(h, y)),
+            format!("\"camera_angle_x\": {}, \"fl_y\": {y}", angle(w, x)),
+            format!(
+                "\"fl_x\": {x}, \"fl_y\": {y}, \"camera_angle_x\": {}, \"camera_angle_y\": {}",
+                angle(w, x),
+                angle(h, y)
+            ),
+        ]
+    };
+    let rest = "\"w\": 640, \"h\": 480, \"cx\": 310, \"cy\": 250, \"k1\": 0.1, \"p1\": 0.01";
+    for file in ways(500.0, 510.0) {
+        let of_file = both(&format!("{rest}, {file}"), "\"time\": 0").unwrap();
+        assert!((of_file.fx - 500.0).abs() < 1e-9 && (of_file.fy - 510.0).abs() < 1e-9, "{file}: {of_file:?}");
+        for frame in ways(600.0, 620.0) {
+            let i = both(&format!("{rest}, {file}"), &format!("{frame}, \"cx\": 300, \"k1\": -0.2")).unwrap();
+            assert!((i.fx - 600.0).abs() < 1e-9 && (i.fy - 620.0).abs() < 1e-9, "{file} {frame}: {i:?}");
+            assert_eq!((i.cx, i.cy), (300.0, 250.0));
+            assert_eq!(i.distortion, Distortion::BrownConrady([-0.2, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0]));
+        }
+        // Of one axis alone, where the other is the file's.
+        let i = both(&format!("{rest}, {file}"), "\"fl_y\": 620").unwrap();
+        assert!((i.fx - 500.0).abs() < 1e-9 && i.fy == 620.0, "{file}: {i:?}");
+        let i = both(&format!("{rest}, {file}"), &format!("\"camera_angle_y\": {}", angle(h, 620.0))).unwrap();
+        assert!((i.fx - 500.0).abs() < 1e-9 && (i.fy - 620.0).abs() < 1e-9, "{file}: {i:?}");
+    }
+    // The file tells one axis: pixels of the frame are square.
+    let square = both(&format!("{rest}, \"camera_angle_x\": 1.0"), "\"fl_x\": 600").unwrap();
+    assert_eq!((square.fx, square.fy), (600.0, 600.0));
+}
+
+#[test]
+fn a_frames_own_model_takes_no_coefficients_of_another() {
+    let file = format!("{SIZE}, \"camera_model\": \"OPENCV\", \"k1\": 0.1, \"k2\": 0.2, \"p1\": 0.01");
+    for fisheye in ["\"camera_model\": \"OPENCV_FISHEYE\"", "\"is_fisheye\": true"] {
+        let own = both(&file, &format!("{fisheye}, \"k1\": 0.3")).unwrap();
+        assert_eq!(own.distortion, Distortion::KannalaBrandt([0.3, 0.0, 0.0, 0.0]));
+        let said = both(&file, fisheye).unwrap_err();
+        assert!(said.contains("OPENCV_FISHEYE") && said.contains("k1 of the file") && said.contains("a.png"), "{said}");
+        let plain = both(&format!("{SIZE}, {fisheye}"), "\"camera_model\": \"OPENCV\"").unwrap();
+        assert_eq!(plain.distortion, Distortion::None, "the frame is no fisheye, whatever the file is");
+    }
+    let same = both(&file, "\"camera_model\": \"OPENCV\", \"k1\": 0.3").unwrap();
+    assert_eq!(same.distortion, Distortion::BrownConrady([0.3, 0.2, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0]));
+}
+
+#[test]
+fn a_frame_of_another_size_takes_no_pixels_of_the_file() {
+    let file = format!("{SIZE}, \"cx\": 310, \"cy\": 250");
+    let said = both(&file, "\"w\": 320, \"h\": 240").unwrap_err();
+    assert!(said.contains("fl_x, cx, cy") && said.contains("a.png"), "{said}");
+    let i = both(&file, "\"w\": 320, \"h\": 240, \"fl_x\": 250, \"cx\": 155, \"cy\": 125").unwrap();
+    assert_eq!((i.width, i.fx, i.fy, i.cx, i.cy), (320, 250.0, 250.0, 155.0, 125.0));
+    // An angle holds for any size.
+    let i = both("\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.0", "\"w\": 320, \"h\": 240").unwrap();
+    assert!((i.fx - 160.0 / 0.5_f64.tan()).abs() < 1e-9 && i.cx == 160.0);
+}
