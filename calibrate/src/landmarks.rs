@@ -14,6 +14,7 @@ use erfgs_scene::{Modality, Pose, rig_file::RigFile};
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::{
+    board::not_metres,
     bundle::{Bundle, BundleCamera, BundleError, Loss, Observation, Options, Parameter, Placement},
     evidence::Evidence,
     geometry::{Ray, Similarity, nearest_point, resection::resect, rigid, similarity},
@@ -128,7 +129,25 @@ pub fn read_sights(path: &Path) -> Result<Vec<Sight>, LandmarkError> {
             point: DVec3::new(value(x)?, value(y)?, value(z)?),
         });
     }
+    let extent = extent(&sights);
+    if not_metres(extent, FARTHEST_M).is_some() {
+        return Err(wrong(format!(
+            "its points are up to {extent:.1} m apart if x, y, z are metres, and no rig sees so much; are they millimetres? divide them \
+             by 1000"
+        )));
+    }
     Ok(sights)
+}
+
+/// No two points that a rig sees are farther apart, metres.
+const FARTHEST_M: f64 = 500.0;
+
+/// The diagonal of the box about the points.
+fn extent(sights: &[Sight]) -> f64 {
+    let mut points = sights.iter().map(|sight| sight.point);
+    let Some(first) = points.next() else { return 0.0 };
+    let (low, high) = points.fold((first, first), |(low, high), point| (low.min(point), high.max(point)));
+    (high - low).length()
 }
 
 /// Places each camera of `rig` that saw enough of the points; lenses are kept. Cameras without points are left out, and the rig
@@ -297,6 +316,23 @@ mod tests {
             }
         }
         sights
+    }
+
+    #[test]
+    fn points_in_millimetres_are_refused_with_what_they_would_span() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("field.csv");
+        for (unit, is_read) in [(1.0, true), (1e3, false)] {
+            let lines = sights(&rig()).iter().fold("camera,u,v,x,y,z\n".to_owned(), |text, sight| {
+                let [x, y, z] = (sight.point * unit).to_array();
+                text + &format!("{},{},{},{x},{y},{z}\n", sight.camera, sight.pixel.x, sight.pixel.y)
+            });
+            std::fs::write(&path, lines).unwrap();
+            let read = read_sights(&path);
+            assert_eq!(read.is_ok(), is_read, "{read:?}");
+            let said = read.err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(is_read || said.contains("m apart") && said.contains("millimetres"), "{said}");
+        }
     }
 
     #[test]

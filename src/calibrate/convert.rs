@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use erfgs_scene::exchange::{Format, read, write};
+use erfgs_scene::exchange::{Format, Unit, read_in, write};
 use serde::Serialize;
 
 use crate::terminal::Terminal;
@@ -24,12 +24,16 @@ Formats:
   pose2sim    Calib.toml
   rig         rig.json
 
+Lengths become metres. What a file says of its unit (unit: mm, in OpenCV's and Kalibr's YAML and in TOML) is taken; a rig of OpenCV, Kalibr, \
+caliscope or pose2sim whose cameras were more than 20 m apart is refused, with the units that it may be in, until --units says which.
+
 Names of cameras become names of files. Pixel centres and axes are converted. What a format has no place for is said; a lens that it cannot hold is refused.
 
 Examples:
   erfgs calibrate convert rig.json --to colmap --out sparse
   erfgs calibrate convert camchain.yaml --to rig --out rig.json
-  erfgs calibrate convert sparse --to rig --metres --out rig.json")]
+  erfgs calibrate convert sparse --to rig --metres --out rig.json
+  erfgs calibrate convert calibration.toml --to rig --units mm --out rig.json      # Anipose's, of a board in millimetres")]
 pub struct Arguments {
     /// The rig to convert.
     rig: PathBuf,
@@ -42,6 +46,9 @@ pub struct Arguments {
     /// The unit of what is read is the metre, though its format does not say so (COLMAP, nerfstudio, LLFF).
     #[arg(long)]
     metres: bool,
+    /// The unit of what is read: m, cm, mm or inch; lengths become metres.
+    #[arg(long, value_name = "UNIT", conflicts_with = "metres")]
+    units: Option<Unit>,
 }
 
 #[derive(Serialize)]
@@ -53,8 +60,7 @@ struct Answer {
 
 /// Converts.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let mut rig = read(&arguments.rig)?;
-    rig.metric |= arguments.metres;
+    let rig = read_in(&arguments.rig, arguments.units.or(arguments.metres.then_some(Unit::Metre)))?;
     for warning in &rig.warnings {
         terminal.note(warning);
     }

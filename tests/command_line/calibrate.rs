@@ -131,6 +131,31 @@ fn a_transforms_json_keeps_its_lens_or_is_refused_by_name() {
     assert!(message.contains("a.png") && message.contains("EQUIRECTANGULAR"), "{message}");
 }
 
+/// As OpenCV's and Anipose's programs write what was calibrated with a board in millimetres.
+#[test]
+fn rigs_in_millimetres_are_refused_until_their_unit_is_said() {
+    let folder = Folder::new();
+    let camera = |name: &str, x: f64| {
+        format!(
+            "[{name}]\nname = \"{name}\"\nsize = [640, 480]\nmatrix = [[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]\n\
+             distortions = [-0.1, 0.0, 0.0, 0.0, 0.0]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [{x:?}, 0.0, 0.0]\n\n"
+        )
+    };
+    let text = camera("A", 0.0) + &camera("B", 431.0) + "[metadata]\nadjusted = false\nerror = 0.4\n";
+    std::fs::write(folder.path("calibration.toml"), &text).unwrap();
+    let message = folder.fail(1, "calibrate convert calibration.toml --to rig --out rig.json");
+    assert!(message.contains("431.000 m") && message.contains("--units mm (0.431 m)"), "{message}");
+    let message = folder.fail(1, "calibrate merge calibration.toml calibration.toml --out rig.json");
+    assert!(message.contains("calibrate convert calibration.toml --to rig --units"), "{message}");
+    folder.succeed("calibrate convert calibration.toml --to rig --units mm --out rig.json");
+    let rig: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.path("rig.json")).unwrap()).unwrap();
+    assert_eq!((&rig["metric"], &rig["cameras"][1]["pose"]["translation_m"][0]), (&true.into(), &0.431.into()));
+    assert!(folder.fail(2, "calibrate convert calibration.toml --to rig --units mm --metres").contains("--metres"));
+    assert!(
+        folder.fail(2, "calibrate convert calibration.toml --to rig --units parsec").contains("m, cm, mm and inch")
+    );
+}
+
 #[test]
 fn one_camera_with_its_lens_given_is_no_panic_and_other_sizes_and_names_are_refused() {
     let folder = with_pairs();

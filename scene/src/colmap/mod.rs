@@ -36,6 +36,20 @@ pub enum CameraModel {
     OpenCvFisheye = 5,
     /// fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6
     FullOpenCv = 6,
+    /// fx, fy, cx, cy, omega; a pinhole where omega is zero
+    Fov = 7,
+    /// f, cx, cy, k1
+    SimpleRadialFisheye = 8,
+    /// f, cx, cy, k1, k2
+    RadialFisheye = 9,
+    /// fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1; a fisheye where all but k1 to k4 are zero
+    ThinPrismFisheye = 10,
+    /// fx, fy, cx, cy, k0 to k5, p0, p1, s0 to s3; a fisheye where all but k0 to k3 are zero
+    RadTanThinPrismFisheye = 11,
+    /// f, cx, cy
+    SimpleFisheye = 14,
+    /// fx, fy, cx, cy
+    Fisheye = 15,
 }
 
 /// What to do about other camera models.
@@ -150,7 +164,7 @@ pub enum ColmapError {
 }
 
 impl CameraModel {
-    const ALL: [Self; 7] = [
+    const ALL: [Self; 14] = [
         Self::SimplePinhole,
         Self::Pinhole,
         Self::SimpleRadial,
@@ -158,6 +172,13 @@ impl CameraModel {
         Self::OpenCv,
         Self::OpenCvFisheye,
         Self::FullOpenCv,
+        Self::Fov,
+        Self::SimpleRadialFisheye,
+        Self::RadialFisheye,
+        Self::ThinPrismFisheye,
+        Self::RadTanThinPrismFisheye,
+        Self::SimpleFisheye,
+        Self::Fisheye,
     ];
 
     /// COLMAP's name.
@@ -171,6 +192,13 @@ impl CameraModel {
             Self::OpenCv => "OPENCV",
             Self::OpenCvFisheye => "OPENCV_FISHEYE",
             Self::FullOpenCv => "FULL_OPENCV",
+            Self::Fov => "FOV",
+            Self::SimpleRadialFisheye => "SIMPLE_RADIAL_FISHEYE",
+            Self::RadialFisheye => "RADIAL_FISHEYE",
+            Self::ThinPrismFisheye => "THIN_PRISM_FISHEYE",
+            Self::RadTanThinPrismFisheye => "RAD_TAN_THIN_PRISM_FISHEYE",
+            Self::SimpleFisheye => "SIMPLE_FISHEYE",
+            Self::Fisheye => "FISHEYE",
         }
     }
 
@@ -184,11 +212,53 @@ impl CameraModel {
     #[must_use]
     pub fn parameters(self) -> usize {
         match self {
-            Self::SimplePinhole => 3,
-            Self::Pinhole | Self::SimpleRadial => 4,
-            Self::Radial => 5,
+            Self::SimplePinhole | Self::SimpleFisheye => 3,
+            Self::Pinhole | Self::Fisheye | Self::SimpleRadial | Self::SimpleRadialFisheye => 4,
+            Self::Radial | Self::RadialFisheye | Self::Fov => 5,
             Self::OpenCv | Self::OpenCvFisheye => 8,
-            Self::FullOpenCv => 12,
+            Self::FullOpenCv | Self::ThinPrismFisheye => 12,
+            Self::RadTanThinPrismFisheye => 16,
+        }
+    }
+
+    /// Whether one focal length is that of both axes.
+    fn has_one_focal_length(self) -> bool {
+        matches!(
+            self,
+            Self::SimplePinhole
+                | Self::SimpleRadial
+                | Self::Radial
+                | Self::SimpleRadialFisheye
+                | Self::RadialFisheye
+                | Self::SimpleFisheye
+        )
+    }
+
+    /// The lens of the parameters behind the principal point. Coefficients that are all zero give no distortion, except those of
+    /// a fisheye, which is the equidistant one then. `None` where a term is not zero that our lenses do not have.
+    fn distortion(self, k: &[f64]) -> Option<Distortion> {
+        let is_zero = |terms: &[f64]| terms.iter().all(|&term| term == 0.0);
+        let fisheye = |k: [f64; 4]| Some(Distortion::KannalaBrandt(k));
+        match (self, k) {
+            (Self::SimpleFisheye | Self::Fisheye, _) => fisheye([0.0; 4]),
+            (Self::SimpleRadialFisheye, &[k1]) => fisheye([k1, 0.0, 0.0, 0.0]),
+            (Self::RadialFisheye, &[k1, k2]) => fisheye([k1, k2, 0.0, 0.0]),
+            (Self::OpenCvFisheye, &[k1, k2, k3, k4]) => fisheye([k1, k2, k3, k4]),
+            (Self::ThinPrismFisheye, &[k1, k2, p1, p2, k3, k4, sx1, sy1]) if is_zero(&[p1, p2, sx1, sy1]) => {
+                fisheye([k1, k2, k3, k4])
+            }
+            (Self::RadTanThinPrismFisheye, &[k0, k1, k2, k3, ref rest @ ..]) if is_zero(rest) => {
+                fisheye([k0, k1, k2, k3])
+            }
+            (Self::ThinPrismFisheye | Self::RadTanThinPrismFisheye, _) => None,
+            _ if is_zero(k) => Some(Distortion::None),
+            (Self::Fov, _) => None,
+            // The shorter models are prefixes: (k1), (k1, k2), (k1, k2, p1, p2).
+            _ => {
+                let mut all = [0.0; 8];
+                all.iter_mut().zip(k).for_each(|(to, from)| *to = *from);
+                Some(Distortion::BrownConrady(all))
+            }
         }
     }
 
@@ -228,7 +298,7 @@ impl ColmapCamera {
     /// The intrinsics of the camera. Coefficients that are all zero give no distortion, except those of a fisheye.
     ///
     /// # Errors
-    /// If the number of parameters is wrong, or no camera has such a size or such parameters.
+    /// If the number of parameters is wrong, no camera has such a size or such parameters, or the lens has terms that ours do not.
     pub fn intrinsics(&self) -> Result<Intrinsics, ColmapError> {
         let error = |what| ColmapError::Camera { model: self.model.name(), what };
         let (Ok(width), Ok(height)) = (u32::try_from(self.width), u32::try_from(self.height)) else {
@@ -238,23 +308,15 @@ impl ColmapCamera {
             (model, all) if all.len() != model.parameters() => {
                 return Err(error(format!("has {} parameters instead of {}", all.len(), model.parameters())));
             }
-            (CameraModel::SimplePinhole | CameraModel::SimpleRadial | CameraModel::Radial, [f, rest @ ..]) => {
-                ([*f, *f], rest)
-            }
+            (model, [f, rest @ ..]) if model.has_one_focal_length() => ([*f, *f], rest),
             (_, [fx, fy, rest @ ..]) => ([*fx, *fy], rest),
             _ => return Err(error("has no parameters".to_owned())),
         };
         let [cx, cy, k @ ..] = rest else { return Err(error("has no principal point".to_owned())) };
-        let distortion = if let (CameraModel::OpenCvFisheye, &[k1, k2, k3, k4]) = (self.model, k) {
-            // All zero it is the equidistant fisheye, no pinhole.
-            Distortion::KannalaBrandt([k1, k2, k3, k4])
-        } else if k.iter().all(|&k| k == 0.0) {
-            Distortion::None
-        } else {
-            // The shorter models are prefixes: (k1), (k1, k2), (k1, k2, p1, p2).
-            let mut all = [0.0; 8];
-            all.iter_mut().zip(k).for_each(|(to, from)| *to = *from);
-            Distortion::BrownConrady(all)
+        let Some(distortion) = self.model.distortion(k) else {
+            return Err(error(format!(
+                "has terms that are not zero ({k:?}) and that our lenses do not have; {REMEDY}"
+            )));
         };
         let intrinsics = Intrinsics { width, height, fx: focal[0], fy: focal[1], cx: *cx, cy: *cy, distortion };
         intrinsics.checked().map_err(|wrong| error(format!("cannot be used: {wrong}")))

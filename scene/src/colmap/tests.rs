@@ -11,7 +11,7 @@ fn number() -> impl Strategy<Value = f64> {
 }
 
 fn camera() -> impl Strategy<Value = ColmapCamera> {
-    (prop::sample::select(CameraModel::ALL.to_vec()), 1..9000_u64, 1..9000_u64, prop::collection::vec(number(), 12))
+    (prop::sample::select(CameraModel::ALL.to_vec()), 1..9000_u64, 1..9000_u64, prop::collection::vec(number(), 16))
         .prop_map(|(model, width, height, mut parameters)| {
             parameters.truncate(model.parameters());
             ColmapCamera { model, width, height, parameters }
@@ -101,6 +101,39 @@ proptest! {
         bytes[at] = value;
         std::fs::write(&path, bytes).unwrap();
         let _ = Model::read(folder.path());
+    }
+
+    /// Where they see points: the longer models with zeros where the shorter ones end.
+    #[test]
+    fn models_with_zero_terms_are_the_lenses_that_they_are_then(k in prop::array::uniform4(0.001..0.1_f64)) {
+        let [k1, k2, k3, k4] = k;
+        let fisheye = |k| Distortion::KannalaBrandt(k);
+        let of = |model: CameraModel, parameters: &[f64]| {
+            ColmapCamera { model, width: 640, height: 480, parameters: parameters.to_vec() }.intrinsics()
+        };
+        let (one, two) = ([500.0, 320.0, 240.0], [500.0, 501.0, 320.0, 240.0]);
+        for (model, extra, lens) in [
+            (CameraModel::SimpleFisheye, &[][..], fisheye([0.0; 4])),
+            (CameraModel::Fisheye, &[], fisheye([0.0; 4])),
+            (CameraModel::SimpleRadialFisheye, &[k1], fisheye([k1, 0.0, 0.0, 0.0])),
+            (CameraModel::RadialFisheye, &[k1, k2], fisheye([k1, k2, 0.0, 0.0])),
+            (CameraModel::ThinPrismFisheye, &[k1, k2, 0.0, 0.0, k3, k4, 0.0, 0.0], fisheye(k)),
+            (CameraModel::RadTanThinPrismFisheye, &[k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], fisheye(k)),
+            (CameraModel::Fov, &[0.0], Distortion::None),
+            (CameraModel::FullOpenCv, &[k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0],
+                Distortion::BrownConrady([k1, k2, k3, k4, 0.0, 0.0, 0.0, 0.0])),
+        ] {
+            let start = if model.has_one_focal_length() { &one[..] } else { &two };
+            let all = [start, extra].concat();
+            prop_assert_eq!(of(model, &all).unwrap().distortion, lens, "{}", model.name());
+            // A term that no lens of ours has.
+            if matches!(model, CameraModel::ThinPrismFisheye | CameraModel::RadTanThinPrismFisheye | CameraModel::Fov) {
+                let mut all = all;
+                *all.last_mut().unwrap() = k1;
+                let said = of(model, &all).unwrap_err().to_string();
+                prop_assert!(said.contains(model.name()) && said.contains("OPENCV_FISHEYE"), "{said}");
+            }
+        }
     }
 
     #[test]

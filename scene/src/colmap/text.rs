@@ -49,21 +49,21 @@ impl Line<'_> {
         malformed(self.path, self.number, what)
     }
 
-    fn next<T: FromStr>(&mut self, what: &'static str) -> Result<T, ColmapError> {
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, ColmapError> {
         self.optional(what)?.ok_or_else(|| self.error(format!("{what} is missing: the line is cut short")))
     }
 
-    fn optional<T: FromStr>(&mut self, what: &'static str) -> Result<Option<T>, ColmapError> {
+    fn optional<T: FromStr>(&mut self, what: &str) -> Result<Option<T>, ColmapError> {
         let Some(word) = self.words.next() else { return Ok(None) };
         word.parse().map(Some).map_err(|_| self.error(format!("{what} cannot be `{word}`")))
     }
 
-    fn finite(&mut self, what: &'static str) -> Result<f64, ColmapError> {
+    fn finite(&mut self, what: &str) -> Result<f64, ColmapError> {
         let value: f64 = self.next(what)?;
         if value.is_finite() { Ok(value) } else { Err(self.error(format!("{what} is not finite"))) }
     }
 
-    fn finites<const N: usize>(&mut self, what: &'static str) -> Result<[f64; N], ColmapError> {
+    fn finites<const N: usize>(&mut self, what: &str) -> Result<[f64; N], ColmapError> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = self.finite(what)?;
@@ -142,7 +142,8 @@ fn read_cameras(folder: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ColmapErro
             return Err(line.error(format!("camera {id} has the model {name}, which is not supported; {REMEDY}")));
         };
         let (width, height) = (line.next("the width")?, line.next("the height")?);
-        let parameters = (0..model.parameters()).map(|_| line.finite("a parameter")).collect::<Result<_, _>>()?;
+        let parameter = format!("a parameter of {name}");
+        let parameters = (0..model.parameters()).map(|_| line.finite(&parameter)).collect::<Result<_, _>>()?;
         insert(&mut cameras, id, ColmapCamera { model, width, height, parameters }, &line)?;
         line.end()?;
     }

@@ -7,7 +7,7 @@ use crate::{Distortion, Intrinsics, camera::image_side};
 use yaml_rust2::Yaml;
 
 use super::{
-    ExchangeError, Lens, lens, notes,
+    ExchangeError, Lens, coefficients, lens, notes, unit,
     yaml::{self, load, malformed, numbers},
 };
 
@@ -38,34 +38,27 @@ pub(super) fn intrinsics(document: &Yaml) -> Result<Intrinsics, String> {
 }
 
 fn distortion(document: &Yaml) -> Result<Distortion, String> {
-    let k = match &document["distortion_coefficients"] {
-        Yaml::BadValue | Yaml::Null => Vec::new(),
-        value => numbers(value).ok_or("its distortion_coefficients are not all numbers")?,
+    let key = coefficients::key(yaml::keys(document))?;
+    let k = match key.map(|key| (key, &document[key])) {
+        None | Some((_, Yaml::BadValue | Yaml::Null)) => Vec::new(),
+        Some((key, value)) => numbers(value).ok_or_else(|| format!("its {key} are not all numbers"))?,
     };
     // What OpenCV's calibration programs write names no model, but says whether it is the fisheye.
     let fisheye = matches!(document["fisheye_model"], Yaml::Integer(1) | Yaml::Boolean(true));
     let model = document["distortion_model"].as_str().unwrap_or(if fisheye { "fisheye" } else { "plumb_bob" });
-    match (model, k.as_slice()) {
-        ("equidistant" | "fisheye", &[k1, k2, k3, k4]) => Ok(Distortion::KannalaBrandt([k1, k2, k3, k4])),
-        ("plumb_bob" | "rational_polynomial" | "", k) if k.iter().all(|value| *value == 0.0) => Ok(Distortion::None),
-        ("plumb_bob" | "rational_polynomial" | "", k) if k.len() <= 8 => {
-            let mut all = [0.0; 8];
-            all[..k.len()].copy_from_slice(k);
-            Ok(Distortion::BrownConrady(all))
-        }
-        (model, k) => Err(format!(
-            "distortion model '{model}' with {} coefficients is not supported; plumb_bob, rational_polynomial and \
-             equidistant are",
-            k.len()
-        )),
-    }
+    let lens = match model {
+        "equidistant" | "fisheye" => coefficients::fisheye(&k),
+        "plumb_bob" | "rational_polynomial" | "" => coefficients::standard(&k),
+        _ => Err("plumb_bob, rational_polynomial and equidistant are".into()),
+    };
+    let model: String = model.escape_debug().take(40).collect();
+    lens.map_err(|what| format!("distortion model '{model}' with {} coefficients is not supported: {what}", k.len()))
 }
 
 /// What is read of a document, or known to say the same again.
-const KNOWN: [&str; 11] = [
+const KNOWN: [&str; 10] = [
     "camera_matrix",
     "camera_name",
-    "distortion_coefficients",
     "distortion_model",
     "fisheye_model",
     "image_height",
@@ -95,7 +88,8 @@ pub(super) fn left_out(document: &Yaml, intrinsics: &Intrinsics, name: &str) -> 
             notes.push(format!("its {key} is that of rectified images and is not kept"));
         }
     }
-    let keys = yaml::keys(document).filter(|key| !KNOWN.contains(key)).map(str::to_owned).collect();
+    let is_known = |key: &&str| KNOWN.contains(key) || coefficients::is_name(key) || unit::is_key(key);
+    let keys = yaml::keys(document).filter(|key| !is_known(key)).map(str::to_owned).collect();
     notes.extend(notes::unknown(&keys));
     notes
 }

@@ -61,6 +61,21 @@ pub enum ExchangeError {
         /// What is wrong.
         what: String,
     },
+    /// Lengths that are hardly metres, in a file that does not say what they are.
+    #[error(
+        "{}: {seen} if its lengths are metres, and it does not say; say what they are: {likely}, or --units m if they are (erfgs \
+         calibrate convert {} --to rig --units ...)",
+        path.display(),
+        path.display()
+    )]
+    Unit {
+        /// The file.
+        path: PathBuf,
+        /// The distances that were seen.
+        seen: String,
+        /// The units that they may be in.
+        likely: String,
+    },
     /// What a file says of one camera cannot be used.
     #[error("camera {camera}: {}: {what}", path.display())]
     Camera {

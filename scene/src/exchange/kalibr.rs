@@ -12,7 +12,8 @@ use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
 use super::{
-    ExchangeError, Format, Lens, lens, losses, notes, pose,
+    ExchangeError, Format, Lens, coefficients, lens, losses, notes, pose,
+    unit::{self, Found},
     yaml::{self, list, load, malformed, numbers},
 };
 use crate::rig_file::{RigCamera, RigFile};
@@ -73,7 +74,7 @@ fn topic(name: &str) -> String {
     name.replace(|c: char| !c.is_ascii_alphanumeric(), "_")
 }
 
-pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
+pub(super) fn read(path: &Path) -> Result<Found, ExchangeError> {
     let document = load(path)?;
     let mut cameras: Vec<RigCamera> = Vec::new();
     loop {
@@ -98,9 +99,11 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     for name in &entries {
         other.extend(yaml::keys(&document[name.as_str()]).filter(|key| !KNOWN.contains(key)).map(str::to_owned));
     }
+    let unit = yaml::unit(&document).map_err(|what| malformed(path, what))?;
+    other.retain(|key| !unit::is_key(key));
     let mut rig = RigFile::new("kalibr", true, cameras);
     rig.warnings.extend(notes::unknown(&other));
-    Ok(rig)
+    Ok(Found { rig, unit, metres_by_format: true })
 }
 
 /// Calls cameras by what tells their topics apart where the first parts of these do not.
@@ -159,14 +162,16 @@ fn camera(entry: &Yaml, index: usize, before: Option<Pose>) -> Result<RigCamera,
             }
             Distortion::None
         }
-        Some("radtan") => {
-            let k = list("distortion_coeffs", 4)?;
-            let all = [k[0], k[1], k[2], k[3], 0.0, 0.0, 0.0, 0.0];
-            if all == [0.0; 8] { Distortion::None } else { Distortion::BrownConrady(all) }
-        }
-        Some("equidistant") => {
-            let k = list("distortion_coeffs", 4)?;
-            Distortion::KannalaBrandt([k[0], k[1], k[2], k[3]])
+        // Both have four; zeros behind them say nothing.
+        Some(model @ ("radtan" | "equidistant")) => {
+            let k = numbers(&entry["distortion_coeffs"]).filter(|k| k.len() >= 4);
+            let k = k.ok_or_else(|| wrong("distortion_coeffs is no list of 4 numbers"))?;
+            if k[4..].iter().any(|value| *value != 0.0) {
+                let count = k.len();
+                return Err(wrong(&format!("{model} has 4 distortion_coeffs, and there are {count}; calibrate again")));
+            }
+            let lens = if model == "radtan" { coefficients::standard(&k) } else { coefficients::fisheye(&k) };
+            lens.map_err(|what| wrong(&what))?
         }
         Some(other) => {
             return Err(wrong(&format!(

@@ -7,6 +7,7 @@
 //! images, focal lengths and rotations are checked as they are read.
 
 mod camera_yaml;
+mod coefficients;
 mod colmap;
 mod error;
 pub mod json;
@@ -18,6 +19,7 @@ mod notes;
 mod opencv;
 mod ros;
 mod toml;
+mod unit;
 mod yaml;
 
 use std::{
@@ -32,7 +34,9 @@ use erfgs_base::names::FileNames;
 
 pub use camera_yaml::read_intrinsics;
 pub use error::ExchangeError;
+pub use unit::Unit;
 
+use self::unit::Found;
 use crate::rig_file::{RigCamera, RigFile};
 
 /// A format of another program.
@@ -147,21 +151,18 @@ fn named(rig: &RigFile) -> (RigFile, Vec<String>) {
 /// rig's warnings, a sentence for each.
 ///
 /// # Errors
-/// If it is none of them, malformed, or says what no camera has.
+/// If it is none of them, malformed, or says what no camera has; if its lengths should be metres and hardly can be, and it does
+/// not say its unit.
 pub fn read(path: &Path) -> Result<RigFile, ExchangeError> {
-    let mut rig = if path.is_dir() {
-        let model = ["cameras.bin", "cameras.txt"].iter().any(|name| path.join(name).is_file());
-        if model { colmap::read(path)? } else { opencv::read(path)? }
-    } else {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path)?,
-            Some("yaml" | "yml") => kalibr::read(path)?,
-            Some("npy") => llff::read(path)?,
-            Some("toml") => toml::read(path)?,
-            _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path)?,
-            _ => return Ok(RigFile::read(path)?),
-        }
-    };
+    read_in(path, None)
+}
+
+/// As [`read`], of a file whose lengths are in `unit` where that is given: they come out in metres.
+///
+/// # Errors
+/// As [`read`], and if the file says another unit.
+pub fn read_in(path: &Path, unit: Option<Unit>) -> Result<RigFile, ExchangeError> {
+    let mut rig = unit::in_metres(path, found(path)?, unit)?;
     let mut names = BTreeSet::new();
     let twice: BTreeSet<&str> =
         rig.cameras.iter().map(|camera| camera.name.as_str()).filter(|name| !names.insert(*name)).collect();
@@ -169,6 +170,27 @@ pub fn read(path: &Path) -> Result<RigFile, ExchangeError> {
         twice.iter().take(10).map(|name| format!("several cameras are called {name}; rename all but one")).collect();
     rig.warnings.extend(warnings);
     Ok(rig)
+}
+
+/// What is in a file, or in a folder.
+fn found(path: &Path) -> Result<Found, ExchangeError> {
+    if path.is_dir() {
+        let model = ["cameras.bin", "cameras.txt"].iter().any(|name| path.join(name).is_file());
+        return if model { colmap::read(path).map(Found::new) } else { opencv::read(path) };
+    }
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("yaml" | "yml") if opencv::is_camera(&yaml::load(path)?) => opencv::read_file(path),
+        Some("yaml" | "yml") => kalibr::read(path),
+        Some("npy") => llff::read(path).map(Found::new),
+        Some("toml") => toml::read(path),
+        _ if path.file_name().is_some_and(|name| name == "transforms.json") => nerfstudio::read(path).map(Found::new),
+        _ => {
+            let rig = RigFile::read(path)?;
+            // It says whether its lengths are metres.
+            let unit = rig.metric.then_some(Unit::Metre);
+            Ok(Found { unit, ..Found::new(rig) })
+        }
+    }
 }
 
 /// The files of a format with one for each camera.
@@ -202,3 +224,5 @@ fn lens(intrinsics: &Intrinsics) -> Lens {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod unit_tests;

@@ -407,3 +407,83 @@ fn files_with_a_byte_order_mark_are_read_in_every_format() {
         assert_eq!(plain.as_ref().ok(), marked.as_ref().ok(), "{format}: {marked:?}");
     }
 }
+
+/// As OpenCV writes it, whatever was calibrated: fourteen coefficients, zeros as `0.`, lists over several lines.
+#[test]
+fn fourteen_coefficients_of_opencv_are_a_lens_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let opencv = |key: &str, k: &str| {
+        let count = k.split(',').count();
+        format!(
+            "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
+             data: [ 5.0025e+02, 0., 3.1875e+02, 0., 5.015e+02,\n       2.4412e+02, 0., 0., 1. ]\n{key}: !!opencv-matrix\n   rows: 1\n   \
+             cols: {count}\n   dt: d\n   data: [ {k} ]\n"
+        )
+    };
+    // Python programs dump arrays as lists of lists.
+    let python = |key: &str, k: &str| {
+        format!(
+            "image_width: 640\nimage_height: 480\ncamera_matrix: [[500.25, 0, 318.75], [0, 501.5, 244.12], [0, 0, 1]]\n{key}: [[{k}]]\n"
+        )
+    };
+    let toml = |key: &str, k: &str| {
+        format!(
+            "[cam_0]\nname = \"a\"\nsize = [640, 480]\nmatrix = [[500.25, 0.0, 318.75], [0.0, 501.5, 244.12], [0.0, 0.0, 1.0]]\n{key} = \
+             [{k}]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n"
+        )
+    };
+    let formats: [(&str, &dyn Fn(&str, &str) -> String, &[&str]); 3] = [
+        ("a.yml", &opencv, &["distortion_coefficients", "dist_coeffs", "distCoeffs", "D"]),
+        ("b.yaml", &python, &["distortion_coefficients", "dist_coeff", "dist"]),
+        ("c.toml", &toml, &["distortions", "dist_coeffs"]),
+    ];
+    let terms = ["-0.21", "0.06", "1.0e-03", "-0.002", "0.013", "0.02", "-0.01", "0.003"];
+    for (name, text, keys) in formats {
+        let path = folder.path().join(name);
+        for key in keys {
+            for (count, used) in [(4, 4), (5, 5), (8, 8), (12, 5), (12, 8), (14, 4), (14, 5), (14, 8), (14, 0), (5, 0)]
+            {
+                let zero = if name == "c.toml" { "0.0" } else { "0." };
+                let k: Vec<&str> = (0..count).map(|at| if at < used { terms[at] } else { zero }).collect();
+                std::fs::write(&path, text(key, &k.join(", "))).unwrap();
+                let rig = read(&path).unwrap();
+                let wanted: [f64; 8] =
+                    std::array::from_fn(|at| if at < used { terms[at].parse().unwrap() } else { 0.0 });
+                let wanted = if used == 0 { Distortion::None } else { Distortion::BrownConrady(wanted) };
+                assert_eq!(rig.cameras[0].intrinsics.distortion, wanted, "{name}: {count} {key}");
+                assert!(!rig.warnings.iter().any(|said| said.contains("left out")), "{:?}", rig.warnings);
+            }
+            let k = format!("{}, 0.0, 0.25", terms.join(", "));
+            std::fs::write(&path, text(key, &k)).unwrap();
+            let said = read(&path).unwrap_err().to_string();
+            assert!(said.contains("s2 = 0.25") && said.contains(name), "{said}");
+        }
+    }
+    let twice = opencv("dist_coeffs", "0.1, 0., 0., 0.") + "D: [0.2, 0, 0, 0]\n";
+    std::fs::write(folder.path().join("a.yml"), twice).unwrap();
+    let said = read(&folder.path().join("a.yml")).unwrap_err().to_string();
+    assert!(said.contains("dist_coeffs and as D"), "{said}");
+}
+
+/// Kalibr's models have four coefficients; programs that write all vectors equally long put zeros behind.
+#[test]
+fn zeros_behind_a_camchains_coefficients_are_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("camchain.yaml");
+    for (model, lens) in [
+        ("radtan", Distortion::BrownConrady([0.1, 0.2, 0.3, 0.4, 0.0, 0.0, 0.0, 0.0])),
+        ("equidistant", Distortion::KannalaBrandt([0.1, 0.2, 0.3, 0.4])),
+    ] {
+        for (more, is_read) in [("", true), (", 0.0", true), (", 0, 0.0, 0.0, 0.0", true), (", 0.5", false)] {
+            let lines = format!("distortion_model: {model}\n  distortion_coeffs: [0.1, 0.2, 0.3, 0.4{more}]");
+            std::fs::write(&path, camchain(&["/a"]).replace("distortion_model: none", &lines)).unwrap();
+            match read(&path) {
+                Ok(rig) => assert!(is_read && rig.cameras[0].intrinsics.distortion == lens, "{model} {more}"),
+                Err(error) => {
+                    let said = error.to_string();
+                    assert!(!is_read && said.contains(model) && said.contains("cam0"), "{said}");
+                }
+            }
+        }
+    }
+}

@@ -8,9 +8,14 @@ use erfgs_base::atomic;
 use glam::{DMat3, DQuat, DVec3};
 use toml::{Table, Value};
 
-use super::{ExchangeError, Format, Lens, camera_yaml, lens, losses, notes, yaml::list, yaml::malformed};
+use super::{
+    ExchangeError, Format, Lens, camera_yaml, coefficients, lens, losses, notes,
+    unit::{self, Found, Unit},
+    yaml::list,
+    yaml::malformed,
+};
 use crate::{
-    Distortion, Intrinsics, Modality, Pose,
+    Intrinsics, Modality, Pose,
     camera::image_side,
     rig_file::{RigCamera, RigFile},
 };
@@ -47,6 +52,8 @@ pub(super) fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<Str
     }
     if format == Format::Pose2sim {
         text += "[metadata]\nadjusted = false\nerror = 0.0\n";
+        // Anipose's files are made alike, in the unit of its board.
+        text += if rig.metric { "unit = \"m\"\n" } else { "" };
     } else {
         let renamed =
             rig.cameras.iter().zip(&numbers).filter(|(camera, number)| camera.name != format!("cam_{number}"));
@@ -70,7 +77,7 @@ fn quoted(name: &str) -> String {
     Value::String(name.into()).to_string()
 }
 
-pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
+pub(super) fn read(path: &Path) -> Result<Found, ExchangeError> {
     let text = erfgs_base::text::read(path).map_err(|source| ExchangeError::Io {
         doing: "read",
         path: path.into(),
@@ -82,7 +89,7 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     let mut other = BTreeSet::new();
     for (key, value) in numbered.unwrap_or(&document) {
         let Some(table) = value.as_table().filter(|table| table.contains_key("matrix")) else {
-            if key != "metadata" {
+            if key != "metadata" && !unit::is_key(key) {
                 other.insert(key.clone());
             }
             continue;
@@ -99,19 +106,29 @@ pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
             what,
         })?;
         rig.cameras.push(camera);
-        other.extend(table.keys().filter(|key| !KNOWN.contains(&key.as_str())).cloned());
+        let is_known = |key: &&String| KNOWN.contains(&key.as_str()) || coefficients::is_name(key) || unit::is_key(key);
+        other.extend(table.keys().filter(|key| !is_known(key)).cloned());
     }
     if rig.cameras.is_empty() {
         return Err(malformed(path, "it has no camera with a matrix; is it of caliscope or pose2sim?".into()));
     }
     rig.warnings.extend(notes::unknown(&other));
-    Ok(rig)
+    let unit = said_unit(&document).map_err(|what| malformed(path, what))?;
+    Ok(Found { rig, unit, metres_by_format: numbered.is_some() })
+}
+
+/// The unit of lengths that a document says: it, its `metadata` or a camera. caliscope's board has a unit of its own.
+fn said_unit(document: &Table) -> Result<Option<Unit>, String> {
+    let tables = document.values().chain(document.values().filter_map(Value::as_table).flat_map(Table::values));
+    let cameras = tables.filter_map(Value::as_table).filter(|table| table.contains_key("matrix"));
+    let metadata = document.get("metadata").and_then(Value::as_table);
+    let words = std::iter::once(document).chain(metadata).chain(cameras).flatten();
+    unit::said(words.filter(|(key, _)| unit::is_key(key)).map(|(_, word)| word.as_str()))
 }
 
 /// What is read of a camera, or says nothing of it.
-const KNOWN: [&str; 16] = [
+const KNOWN: [&str; 15] = [
     "cam_id",
-    "distortions",
     "error",
     "exposure",
     "fisheye",
@@ -142,18 +159,12 @@ fn camera(name: &str, table: &Table) -> Result<RigCamera, String> {
     if [m[1], m[3], m[6], m[7], m[8]] != [0.0, 0.0, 0.0, 0.0, 1.0] {
         return Err("its matrix has a skew or another last row than 0, 0, 1; calibrate without skew".into());
     }
-    let k = list("distortions").transpose()?.unwrap_or_default();
-    let fisheye = table.get("fisheye").and_then(Value::as_bool) == Some(true);
-    let distortion = match (fisheye, k.as_slice()) {
-        (true, &[k1, k2, k3, k4]) => Distortion::KannalaBrandt([k1, k2, k3, k4]),
-        (false, k) if k.len() <= 8 && k.iter().all(|value| *value == 0.0) => Distortion::None,
-        (false, k) if k.len() <= 8 => {
-            let mut all = [0.0; 8];
-            all[..k.len()].copy_from_slice(k);
-            Distortion::BrownConrady(all)
-        }
-        (_, k) => return Err(format!("{} distortion coefficients are not supported; 4, 5 or 8 are", k.len())),
+    let k = match coefficients::key(table.keys().map(String::as_str))? {
+        Some(key) => list(key).transpose()?.unwrap_or_default(),
+        None => Vec::new(),
     };
+    let fisheye = table.get("fisheye").and_then(Value::as_bool) == Some(true);
+    let distortion = if fisheye { coefficients::fisheye(&k)? } else { coefficients::standard(&k)? };
     let intrinsics = Intrinsics { width, height, fx: m[0], fy: m[4], cx: m[2] + 0.5, cy: m[5] + 0.5, distortion };
     let intrinsics = intrinsics.checked().map_err(|wrong| format!("its matrix: {wrong}"))?;
     let pose = match (list("rotation").transpose()?, list("translation").transpose()?) {

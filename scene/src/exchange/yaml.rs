@@ -8,7 +8,10 @@ use yaml_rust2::{
     scanner::ScanError,
 };
 
-use super::ExchangeError;
+use super::{
+    ExchangeError,
+    unit::{self, Unit},
+};
 
 /// The first document of a file. OpenCV begins its files with a directive that is none (`%YAML:1.0`).
 pub(super) fn load(path: &Path) -> Result<Yaml, ExchangeError> {
@@ -70,15 +73,27 @@ pub(super) fn number(value: &Yaml) -> Option<f64> {
     number.is_finite().then_some(number)
 }
 
-/// The numbers of a list, or of an OpenCV matrix, row by row.
+/// The numbers of a list, of a list of lists, or of an OpenCV matrix, row by row.
 pub(super) fn numbers(value: &Yaml) -> Option<Vec<f64>> {
     let list = if let Yaml::Hash(_) = value { &value["data"] } else { value };
-    list.as_vec()?.iter().map(number).collect()
+    let mut found = Vec::new();
+    for value in list.as_vec()? {
+        match value {
+            Yaml::Array(_) => found.extend(numbers(value)?),
+            value => found.push(number(value)?),
+        }
+    }
+    Some(found)
 }
 
 /// The names of a mapping's values.
 pub(super) fn keys(document: &Yaml) -> impl Iterator<Item = &str> {
     document.as_hash().into_iter().flatten().map(|(key, _)| key.as_str().unwrap_or("a key that is no word"))
+}
+
+/// The unit of lengths that a document says.
+pub(super) fn unit(document: &Yaml) -> Result<Option<Unit>, String> {
+    unit::said(keys(document).filter(|key| unit::is_key(key)).map(|key| document[key].as_str()))
 }
 
 /// A list as YAML.
@@ -104,6 +119,7 @@ mod tests {
         std::fs::write(&path, "a: &x [1, 2]\nb: *x\nc: [[*x], 3]\n").unwrap();
         let document = load(&path).unwrap();
         assert_eq!(numbers(&document["b"]), Some(vec![1.0, 2.0]));
+        assert_eq!(numbers(&document["c"]), Some(vec![1.0, 2.0, 3.0]));
         assert_eq!(keys(&document).collect::<Vec<_>>(), ["a", "b", "c"]);
     }
 }

@@ -156,6 +156,18 @@ impl RigFile {
         Ok(atomic::write(path, &text).map_err(io)?)
     }
 
+    /// Makes all lengths `factor` times as long: places and what is known of how sure they are.
+    pub fn scale(&mut self, factor: f64) {
+        for camera in &mut self.cameras {
+            if let Some(pose) = &mut camera.pose {
+                pose.translation *= factor;
+            }
+            if let Some(sigma) = &mut camera.sigma {
+                sigma.centre_m = sigma.centre_m.map(|sigma| sigma.map(|sigma| factor * sigma));
+            }
+        }
+    }
+
     /// The camera of this name.
     #[must_use]
     pub fn camera(&self, name: &str) -> Option<&RigCamera> {
