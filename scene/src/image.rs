@@ -1,5 +1,6 @@
 //! Images in memory and in PNG and JPEG files.
 
+mod decoding;
 mod reading;
 
 use std::{
@@ -17,7 +18,11 @@ use image::{
     imageops,
 };
 
-pub use self::reading::{FEW_BITS, Reading};
+use self::decoding::decode;
+pub use self::{
+    decoding::size,
+    reading::{FEW_BITS, Reading},
+};
 use crate::srgb;
 
 /// What can go wrong with an image file.
@@ -43,6 +48,19 @@ pub enum ImageError {
     Transparent {
         /// The image file.
         path: PathBuf,
+    },
+    /// The picture is stored in another position than it is to be shown in.
+    #[error(
+        "{} is to be shown turned {how}, as its EXIF data says, and other programs do so or do not: store it as it is shown \
+         (mogrify -auto-orient), or take the mark away if lenses and poses are of the picture as it is stored (exiftool \
+         -Orientation=)",
+        path.display()
+    )]
+    Turned {
+        /// The image file.
+        path: PathBuf,
+        /// How.
+        how: &'static str,
     },
     /// The samples have 16 bits of which the upper ones may not count.
     #[error(
@@ -239,17 +257,6 @@ impl ImageGrey8 {
     }
 }
 
-/// Width and height of an image file, pixels; reads no more than its header.
-///
-/// # Errors
-/// If the file is missing or no image.
-pub fn size(path: &Path) -> Result<[u32; 2], ImageError> {
-    let (width, height) = open(path)?
-        .into_dimensions()
-        .map_err(|source| ImageError::Decode { path: path.to_owned(), source: Box::new(source) })?;
-    Ok([width, height])
-}
-
 /// A picture of `width * height` pixels of red, green and blue as a JPEG file of `quality` (1 to 100); `None` where it has no
 /// pixels, not as many, or more than the format holds.
 #[must_use]
@@ -262,16 +269,6 @@ pub fn jpeg(data: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8>
     let encoder = JpegEncoder::new_with_quality(&mut bytes, quality);
     encoder.write_image(data, width, height, ExtendedColorType::Rgb8).ok()?;
     Some(bytes)
-}
-
-fn decode(path: &Path) -> Result<image::DynamicImage, ImageError> {
-    open(path)?.decode().map_err(|source| ImageError::Decode { path: path.to_owned(), source: Box::new(source) })
-}
-
-fn open(path: &Path) -> Result<image::ImageReader<std::io::BufReader<File>>, ImageError> {
-    let io = FileError::when("read image", path);
-    // The content decides what the format is: folders of frames with a wrong extension are common.
-    Ok(image::ImageReader::open(path).map_err(&io)?.with_guessed_format().map_err(&io)?)
 }
 
 fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {
