@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use erfgs_calibrate::{
     board::{
-        BoardError, BoardOptions, EventBoard, LensModel, Plate, Seen, Target, TwoParts, calibrate, look, look_session,
-        pictures,
+        BoardError, BoardOptions, CalibrationFolder, EventBoard, LensModel, Plate, Seen, Target, TwoParts, calibrate,
+        look, look_session, pictures,
     },
     evidence::Evidence,
     report::telling,
@@ -29,6 +29,12 @@ Targets:
   charuco:5x4:0.054:0.0405:DICT_4X4_50    squares, side of a square and of a marker; add :inverted for a white-on-black print, :legacy for what OpenCV drew before 4.6
   aprilgrid:6x6:0.088:0.3                 Kalibr's grid of tags: tags, side of a tag, the space between two as a share of it
   With :first=N behind it, the markers or tags count from N, so that two boards can be told apart.
+
+A session's folder with videos of something else and a folder calibration_images (calib..., checkerboard..., chessboard..., charuco..., \
+aprilgrid...) is looked for boards in that.
+
+A clear board with markers is seen from behind, too (--clear), which ties cameras that face each other: its mirror image is looked for. \
+Where boards are found in mirror images alone and --clear is not given, that is said.
 
 A board that is waved between cameras that face each other may have a target on either side (--back): a ChArUco board or an AprilGrid, with other markers than the front. How the back is glued is found, and told: how thick the board is, how far the middles are apart, and how one side is turned against the other. Where one side alone is seen by some cameras and the other side alone by the others, turn the board about both its axes, or say how thick it is (--back-thickness).
 
@@ -89,9 +95,12 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// The other side of a board.
+/// What is seen of a board beside its front.
 #[derive(Debug, clap::Args)]
 pub struct Sides {
+    /// The board is clear (glass, acrylic), and cameras that see it from behind see its mirror image; it needs markers.
+    #[arg(long, requires = "target", conflicts_with = "back")]
+    clear: bool,
     /// What is printed on the back of a board with two sides, with other markers than the front.
     #[arg(long, value_name = "TARGET", requires = "target")]
     back: Option<Target>,
@@ -106,6 +115,7 @@ impl Sides {
     pub fn plate(&self, front: &Target) -> Result<Plate, Usage> {
         match &self.back {
             Some(back) => Plate::two_sided(front.clone(), back.clone()).map_err(|error| Usage(error.to_string())),
+            None if self.clear => Plate::clear(front.clone()).map_err(|error| Usage(error.to_string())),
             None => Ok(front.into()),
         }
     }
@@ -140,6 +150,26 @@ pub fn lens_model(text: &str) -> Result<LensModel, String> {
     }
 }
 
+/// The folder of a session in which its calibration was recorded, where there is one beside other recordings; else what was given.
+pub fn recorded(input: &Path, terminal: &Terminal) -> anyhow::Result<PathBuf> {
+    if !input.is_dir() {
+        return Ok(input.to_owned());
+    }
+    let Some(CalibrationFolder { folder, passed_over }) = CalibrationFolder::of(input)? else {
+        return Ok(input.to_owned());
+    };
+    terminal.note(format!("looking for the board in {}", folder.display()));
+    if !passed_over.is_empty() {
+        let shown = passed_over.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = passed_over.len().saturating_sub(5);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        terminal.note(format!(
+            "not looked at, as they lie beside it: {shown}{more} (give a folder of their own to use them)"
+        ));
+    }
+    Ok(folder)
+}
+
 /// Looks for the board in a session, or in a folder; of a session also its clocks, if `erfgs sync` has fitted them.
 pub fn boards(
     input: &Path,
@@ -152,12 +182,25 @@ pub fn boards(
         Some(total) => progress.update(done as u64, total as u64, "frames"),
         None => progress.share(0.0, || format!("{done} frames")),
     };
-    if !input.is_file() {
-        return Ok((look(input, plate, events, &tell)?, None));
+    let (seen, sync) = if input.is_file() {
+        let mut session = Session::open(input)?;
+        let sync = sync::kept(input, session.summary(), terminal)?;
+        (look_session(&mut session, plate, events, sync.as_ref(), &tell)?, sync)
+    } else {
+        (look(input, plate, events, &tell)?, None)
+    };
+    drop(progress);
+    for seen in &seen {
+        let (views, frames, source) = (seen.views.len(), seen.frames, seen.source.display());
+        terminal.note(format!("{}: the board is seen in {views} of {frames} frames of {source}", seen.camera));
+        if let Some(hint) = seen.mirror_hint(plate) {
+            terminal.note(format!("{}: {hint}", seen.camera));
+        }
+        if let Some((count, first)) = &seen.unreadable {
+            terminal.note(format!("{}: {count} pictures could not be read: {first}", seen.camera));
+        }
     }
-    let mut session = Session::open(input)?;
-    let sync = sync::kept(input, session.summary(), terminal)?;
-    Ok((look_session(&mut session, plate, events, sync.as_ref(), &tell)?, sync))
+    Ok((seen, sync))
 }
 
 /// Looks for boards and calibrates.
@@ -179,9 +222,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let blinking = arguments.blink.map(|hz| EventBoard::Blinking { hz });
     let events = blinking.or(arguments.moving.then_some(EventBoard::Moving));
-    let mut input = arguments.input.clone();
+    let mut input = recorded(&arguments.input, terminal)?;
     let mut lenses: Option<Found> = None;
-    if let Some(parts) = TwoParts::of(&arguments.input) {
+    if let Some(parts) = TwoParts::of(&input) {
         if let Some(folder) = parts.lenses {
             terminal.note(format!("lenses from {}", folder.display()));
             let alone = BoardOptions { intrinsics_only: true, ..options.clone() };
@@ -235,12 +278,6 @@ fn calibrated(
 ) -> anyhow::Result<Found> {
     let plate = &arguments.sides.plate(&arguments.target)?;
     let (seen, sync) = boards(input, plate, events, terminal)?;
-    for seen in &seen {
-        terminal.note(format!("{}: the board is seen in {} of {} frames", seen.camera, seen.views.len(), seen.frames));
-        if let Some((count, first)) = &seen.unreadable {
-            terminal.note(format!("{}: {count} pictures could not be read: {first}", seen.camera));
-        }
-    }
     let progress = terminal.progress("calibrating");
     let result = calibrate(&seen, plate, options, &|done, total, what| {
         progress.update(done as u64, total as u64, what);

@@ -10,7 +10,7 @@ use erfgs_calibrate::{
 };
 use erfgs_scene::rig_file::RigFile;
 
-use super::board::{Sides, boards};
+use super::board::{Sides, boards, recorded};
 use crate::{
     errors::Usage,
     terminal::{Terminal, table},
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             return Err(Usage("a recording needs --target, the board that it shows".into()).into());
         };
         let plate = &arguments.sides.plate(target)?;
-        let seen = boards(&arguments.later, plate, None, terminal)?.0;
+        let seen = boards(&recorded(&arguments.later, terminal)?, plate, None, terminal)?.0;
         let known = earlier.cameras.iter().map(|camera| (camera.name.clone(), camera.intrinsics)).collect();
         let back_thickness_m = arguments.sides.thickness_m();
         let options = BoardOptions { known, back_thickness_m, ..BoardOptions::default() };

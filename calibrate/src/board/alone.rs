@@ -63,13 +63,7 @@ impl Alone {
             bundle.placements.push(Placement::Board(pose));
         }
         if bundle.placements.is_empty() {
-            return Err(BoardError::TooFewViews {
-                camera: seen.camera.clone(),
-                seen: 0,
-                frames: seen.frames,
-                needed: 1,
-                target: plate.to_string(),
-            });
+            return Err(seen.too_few(plate, 0, 1));
         }
         let solution = bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
         let would_be = single(seen, plate, options.model, true).ok().map(|own| {

@@ -18,13 +18,15 @@ pub enum BoardError {
     File(#[from] FileError),
     /// There is nothing to look at.
     #[error(
-        "{} holds neither images, nor videos, nor folders of images; give one folder or video for each camera, or images whose \
-         names begin with the camera's (left01.png, right01.png)",
+        "{} holds neither images (png, jpg, ppm), nor videos, nor folders of images{holds}; give one folder or video for each camera, or \
+         images whose names begin with the camera's (left01.png, right01.png)",
         path.display()
     )]
     NoImages {
         /// The folder.
         path: PathBuf,
+        /// What it holds, in words.
+        holds: String,
     },
     /// An image cannot be read.
     #[error(transparent)]
@@ -86,14 +88,22 @@ pub enum BoardError {
     },
     /// The board is not seen often enough.
     #[error(
-        "camera {camera}: the board is seen in {seen} of {frames} frames, and at least {needed} are needed; check --target \
-         ({target}), and show the board whole, sharp and tilted in different ways"
+        "camera {camera}: the board is seen in {seen} of {frames} frames of {}{}, and at least {needed} are needed; {hint}check --target \
+         ({target}), and show the board whole, sharp and tilted in different ways",
+        path.display(),
+        if usable < seen { format!(", in {usable} of them with six corners or more") } else { String::new() }
     )]
     TooFewViews {
         /// The camera.
         camera: String,
+        /// What was looked at.
+        path: PathBuf,
         /// Frames with a board.
         seen: usize,
+        /// Those that show enough of it.
+        usable: usize,
+        /// What else may be the matter, with a space behind; mostly nothing.
+        hint: String,
         /// All frames.
         frames: usize,
         /// How many are needed.

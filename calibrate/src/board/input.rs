@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     BoardError, Corner, EventBoard, Plate,
-    layout::{Input, TIMES, cameras},
+    layout::{Input, TIMES, cameras, list},
     stream::of_events,
 };
 use crate::evidence::Moment;
@@ -58,6 +58,38 @@ pub struct Seen {
     pub views: Vec<BoardView>,
     /// Pictures that could not be read: how many, and what is wrong with the first one.
     pub unreadable: Option<(usize, String)>,
+    /// What was looked at: a folder of pictures, a video, a file of events or a session.
+    pub source: PathBuf,
+    /// Frames in whose mirror image the board was found and not in themselves, of how many that were looked at in this way.
+    pub mirrored: [usize; 2],
+}
+
+impl Seen {
+    /// The board is seen too rarely: `usable` views show enough of it, and `needed` are needed.
+    pub(super) fn too_few(&self, plate: &Plate, usable: usize, needed: usize) -> BoardError {
+        BoardError::TooFewViews {
+            camera: self.camera.clone(),
+            path: self.source.clone(),
+            seen: self.views.len(),
+            usable,
+            hint: self.mirror_hint(plate).map(|hint| hint + ". ").unwrap_or_default(),
+            frames: self.frames,
+            needed,
+            target: plate.to_string(),
+        }
+    }
+
+    /// What the mirror images tell, where the board is not known to be clear.
+    #[must_use]
+    pub fn mirror_hint(&self, plate: &Plate) -> Option<String> {
+        let [found, tried] = self.mirrored;
+        (found > 0 && !plate.is_clear()).then(|| {
+            format!(
+                "in the mirror image the board is found in {found} of {tried} frames that do not show it: say --clear if it is clear and \
+                 seen from behind, or record without mirroring if the camera's program mirrors its pictures"
+            )
+        })
+    }
 }
 
 /// Looks for a board in all frames below `folder`: for each camera a folder of images or with a video, or a video, or images
@@ -78,7 +110,7 @@ pub fn look(
     let plate = &plate.into();
     let cameras = cameras(folder, events.is_some())?;
     if cameras.is_empty() {
-        return Err(BoardError::NoImages { path: folder.into() });
+        return Err(BoardError::NoImages { path: folder.into(), holds: holds(folder)? });
     }
     let times = Times::read(&folder.join(TIMES))?;
     let count = |input: &Input| match input {
@@ -86,18 +118,20 @@ pub fn look(
         Input::Video(path) => Some(usize::try_from(Video::probe(path)?.frames).unwrap_or(usize::MAX)),
         Input::Events(_) => None,
     };
-    let total = cameras.values().map(count).try_fold(0, |sum: usize, count| Some(sum.saturating_add(count?)));
+    let counts: Vec<Option<usize>> = cameras.iter().map(|(_, input)| count(input)).collect();
+    let total = counts.iter().try_fold(0, |sum: usize, count| Some(sum.saturating_add((*count)?)));
     let done = std::sync::atomic::AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
     cameras
         .into_iter()
-        .map(|(camera, input)| match input {
-            Input::Images(images) => of_images(&camera, &images, plate, &tick),
+        .zip(counts)
+        .map(|((camera, input), count)| match input {
+            Input::Images(ref images) => of_images(&camera, images, &input.told(), plate, &tick),
             Input::Events(path) => {
                 let board = events.ok_or_else(|| BoardError::NoBlink { path: path.clone() })?;
                 of_events(&camera, &path, plate, board, &tick)
             }
-            Input::Video(path) => of_video(&camera, &path, times.as_ref(), plate, &tick),
+            Input::Video(path) => of_video(&camera, (&path, count), times.as_ref(), plate, &tick),
         })
         .collect()
 }
@@ -105,24 +139,32 @@ pub fn look(
 fn of_images(
     camera: &str,
     images: &[(String, PathBuf)],
+    source: &Path,
     plate: &Plate,
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
-    let looked: Vec<Result<([u32; 2], BoardView), ImageError>> = images
+    let mirrors = Mirrors::of(Some(images.len()));
+    let looked: Vec<Result<([u32; 2], BoardView, Option<bool>), ImageError>> = images
         .par_iter()
-        .map(|(instant, file)| {
+        .enumerate()
+        .map(|(number, (instant, file))| {
             let image = ImageRgb8::read(file);
             tick();
             let image = image?;
             let corners = plate.detect(&image);
+            let mirrored = mirrors.look(number, &image, &corners, plate);
             let view = BoardView { instant: instant.clone(), time_s: None, file: file.clone(), frame: 0, corners };
-            Ok(([image.width, image.height], view))
+            Ok(([image.width, image.height], view, mirrored))
         })
         .collect();
     let (mut views, mut failed): (Vec<([u32; 2], BoardView)>, Vec<ImageError>) = (Vec::new(), Vec::new());
+    let mut mirrored = [0; 2];
     for looked in looked {
         match looked {
-            Ok(view) => views.push(view),
+            Ok((size, view, mirror)) => {
+                count_mirrored(&mut mirrored, mirror);
+                views.push((size, view));
+            }
             Err(error) => failed.push(error),
         }
     }
@@ -141,12 +183,13 @@ fn of_images(
     }
     let frames = views.len();
     let views = views.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable })
+    let source = source.to_owned();
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
 }
 
 fn of_video(
     camera: &str,
-    path: &Path,
+    (path, count): (&Path, Option<usize>),
     times: Option<&Times>,
     plate: &Plate,
     tick: &(dyn Fn() + Sync),
@@ -159,6 +202,7 @@ fn of_video(
     let shown = if labels.is_none() { FrameTimes::of(path) } else { None };
     let nominal = |number: usize| shown.as_ref()?.since(0, number as u64).map(|ns| ns as f64 * 1e-9);
     let (mut size, mut frames, mut views) = ([0, 0], 0, Vec::new());
+    let (mirrors, mut mirrored) = (Mirrors::of(count), [0; 2]);
     let mut broken: Option<VideoError> = None;
     while broken.is_none() {
         let mut batch: Vec<(usize, ImageRgb8)> = Vec::new();
@@ -179,7 +223,7 @@ fn of_video(
         }
         frames += batch.len();
         size = [batch[0].1.width, batch[0].1.height];
-        let found: Vec<BoardView> = batch
+        let found: Vec<(BoardView, Option<bool>)> = batch
             .par_iter()
             .map(|(number, image)| {
                 let label = labels.and_then(|labels| labels.get(*number));
@@ -187,13 +231,59 @@ fn of_video(
                 let (time_s, corners) = (label.map(|l| l.1).or_else(|| nominal(*number)), plate.detect(image));
                 let view = BoardView { instant, time_s, file: path.into(), frame: *number as u64, corners };
                 tick();
-                view
+                let mirrored = mirrors.look(*number, image, &view.corners, plate);
+                (view, mirrored)
             })
             .collect();
-        views.extend(found.into_iter().filter(|view| !view.corners.is_empty()));
+        found.iter().for_each(|(_, mirror)| count_mirrored(&mut mirrored, *mirror));
+        views.extend(found.into_iter().map(|(view, _)| view).filter(|view| !view.corners.is_empty()));
     }
     let unreadable = broken.map(|error| (1, error.to_string()));
-    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable })
+    let source = path.to_owned();
+    Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
+}
+
+/// In which frames that show no board its mirror image is looked for.
+pub(super) struct Mirrors {
+    every: usize,
+}
+
+impl Mirrors {
+    /// Of so many frames in all, where that is known: in some, evenly spread, as each takes as long as the frame itself.
+    pub fn of(frames: Option<usize>) -> Self {
+        const MOST: usize = 60;
+        const UNKNOWN: usize = 30;
+        Self { every: frames.map_or(UNKNOWN, |frames| frames.div_ceil(MOST).max(1)) }
+    }
+
+    /// Whether the board is in the mirror image of a frame; `None` where that was not looked at.
+    pub fn look(&self, number: usize, image: &ImageRgb8, corners: &[Corner], plate: &Plate) -> Option<bool> {
+        (corners.is_empty() && number.is_multiple_of(self.every)).then(|| plate.is_mirrored_in(image)).flatten()
+    }
+}
+
+/// Adds a frame to those in whose mirror image the board was found, and to those that were looked at.
+pub(super) fn count_mirrored([found, tried]: &mut [usize; 2], mirror: Option<bool>) {
+    *tried += usize::from(mirror.is_some());
+    *found += usize::from(mirror == Some(true));
+}
+
+/// The first names in a folder, for the user who expected something else there.
+fn holds(folder: &Path) -> Result<String, BoardError> {
+    const SHOWN: usize = 8;
+    let names: Vec<String> = list(folder)?
+        .iter()
+        .map(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let name: String = name.escape_debug().take(40).collect();
+            if path.is_dir() { format!("{name}/") } else { name }
+        })
+        .collect();
+    Ok(match names.len() {
+        0 => " (it is empty)".into(),
+        count if count > SHOWN => format!(" (it holds {} and {} more)", names[..SHOWN].join(", "), count - SHOWN),
+        _ => format!(" (it holds {})", names.join(", ")),
+    })
 }
 
 /// The times of videos' frames: by camera, in the order of the frames, the instant and the time in seconds.

@@ -90,13 +90,7 @@ pub fn single(seen: &Seen, plate: impl Into<Plate>, model: LensModel, aspect: bo
     let plate = &plate.into();
     let views: Vec<&BoardView> = seen.views.iter().filter(|view| spread(view)).collect();
     if views.len() < LEAST_VIEWS {
-        return Err(BoardError::TooFewViews {
-            camera: seen.camera.clone(),
-            seen: views.len(),
-            frames: seen.frames,
-            needed: LEAST_VIEWS,
-            target: plate.to_string(),
-        });
+        return Err(seen.too_few(plate, views.len(), LEAST_VIEWS));
     }
     let (mut bundle, moments) = start(seen, &views, plate, model)?;
     bundle.cameras[0].free = model.parameters_with(aspect);

@@ -39,7 +39,7 @@ pub use detect::{Corner, detect};
 pub use error::BoardError;
 pub use input::{BoardView, Seen, look};
 pub use intrinsics::{LensModel, Single, single};
-pub use layout::TwoParts;
+pub use layout::{CalibrationFolder, TwoParts};
 pub use picture::pictures;
 pub use plate::{Face, Plate, PlateError};
 pub use print::{Paper, print};

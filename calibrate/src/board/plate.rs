@@ -8,11 +8,12 @@ use glam::DVec3;
 use super::{BoardView, Corner, EventBoard, Target, detect};
 
 /// A stiff plate with a target on its front and, where it has two sides, another one on its back. Corners of the back are
-/// numbered after those of the front.
+/// numbered after those of the front. A clear plate shows the target of its front from behind, too, as its mirror image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plate {
     front: Target,
     back: Option<Target>,
+    clear: bool,
 }
 
 /// A side of a plate.
@@ -33,6 +34,15 @@ pub enum PlateError {
          ChArUco board or an AprilGrid on each of them"
     )]
     NoMarkers {
+        /// The chessboard.
+        target: String,
+    },
+    /// A chessboard that is seen through.
+    #[error(
+        "{target} has no markers, so that nothing tells whether it is seen from behind; a clear board needs a ChArUco board or an \
+         AprilGrid"
+    )]
+    ClearChessboard {
         /// The chessboard.
         target: String,
     },
@@ -74,7 +84,24 @@ impl Plate {
             let instead = instead.map(|other| other.to_string()).next();
             return Err(PlateError::SameMarkers { front: front.to_string(), back: back.to_string(), count, instead });
         }
-        Ok(Self { front, back: Some(back) })
+        Ok(Self { front, back: Some(back), clear: false })
+    }
+
+    /// A clear plate with a target on one side, which is seen from both.
+    ///
+    /// # Errors
+    /// If a picture would not tell from which side it was taken.
+    pub fn clear(front: Target) -> Result<Self, PlateError> {
+        if front.numbers().is_empty() {
+            return Err(PlateError::ClearChessboard { target: front.to_string() });
+        }
+        Ok(Self { front, back: None, clear: true })
+    }
+
+    /// Whether it is seen from behind, too.
+    #[must_use]
+    pub fn is_clear(&self) -> bool {
+        self.clear
     }
 
     /// What is on the front.
@@ -126,6 +153,10 @@ impl Plate {
     #[must_use]
     pub fn detect(&self, image: &ImageRgb8) -> Vec<Corner> {
         let front = detect(image, &self.front);
+        if self.clear && 2 * front.len() < self.on_front() as usize {
+            let behind = from_behind(image, &self.front);
+            return if behind.len() > front.len() { behind } else { front };
+        }
         // A plate shows one side at a time, and what is found of the other is a mistake.
         let Some(back) = self.back.as_ref().filter(|_| 2 * front.len() < self.on_front() as usize) else {
             return front;
@@ -138,9 +169,20 @@ impl Plate {
         of_back
     }
 
+    /// Whether a frame that does not show the front shows its mirror image; `None` where nothing would tell, or where that has been
+    /// looked at already.
+    pub(super) fn is_mirrored_in(&self, image: &ImageRgb8) -> Option<bool> {
+        let is_told = !self.clear && !self.front.numbers().is_empty();
+        is_told.then(|| from_behind(image, &self.front).len() >= ENOUGH)
+    }
+
     /// The plate as it looks in the pictures that a stream of events gives.
     pub(super) fn as_seen(&self, events: EventBoard) -> Self {
-        Self { front: events.as_seen(&self.front), back: self.back.as_ref().map(|back| events.as_seen(back)) }
+        Self {
+            front: events.as_seen(&self.front),
+            back: self.back.as_ref().map(|back| events.as_seen(back)),
+            clear: self.clear,
+        }
     }
 
     /// Number of corners on the front.
@@ -152,7 +194,7 @@ impl Plate {
 
 impl From<&Target> for Plate {
     fn from(front: &Target) -> Self {
-        Self { front: front.clone(), back: None }
+        Self { front: front.clone(), back: None, clear: false }
     }
 }
 
@@ -166,9 +208,26 @@ impl fmt::Display for Plate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.back {
             Some(back) => write!(f, "{} with {back} on its back", self.front),
+            None if self.clear => write!(f, "{}, clear", self.front),
             None => write!(f, "{}", self.front),
         }
     }
+}
+
+/// So many corners are no mistake.
+const ENOUGH: usize = 6;
+
+/// The corners of a target that is seen through its plate, from behind: those of the mirror image, where they are in the image.
+fn from_behind(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
+    let mut mirror = image.clone();
+    let width = image.width as usize;
+    for row in mirror.data.chunks_exact_mut(3 * width.max(1)) {
+        let (pixels, _) = row.as_chunks_mut::<3>();
+        pixels.reverse();
+    }
+    let mut corners = detect(&mirror, target);
+    corners.iter_mut().for_each(|corner| corner.pixel.x = f64::from(image.width) - corner.pixel.x);
+    corners
 }
 
 /// The codes of a target's markers: cells in a row, and one bit for each of them.

@@ -85,7 +85,7 @@ impl Quick {
         Self {
             target,
             model,
-            seen: Seen { camera: camera.into(), events, size, frames: 0, views: Vec::new(), unreadable: None },
+            seen: Seen { camera: camera.into(), events, size, source: "live".into(), ..Seen::default() },
             frames_with_board: 0,
             last: Vec::new(),
             coverage: Coverage::new(size, GRID),

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 
 use super::{
     BoardError, BoardView, EventBoard, Plate, Seen,
+    input::{Mirrors, count_mirrored},
     stream::{Watcher, watch},
 };
 
@@ -47,9 +48,8 @@ pub fn look_session(
                 camera: d.id.clone(),
                 events: d.encoding.is_events(),
                 size: [d.width, d.height],
-                frames: 0,
-                views: Vec::new(),
-                unreadable: None,
+                source: path.into(),
+                ..Seen::default()
             })
         })
         .collect();
@@ -63,13 +63,21 @@ pub fn look_session(
     let is_frames = |stream: usize| streams[stream].description.encoding.is_frames();
     let total =
         (0..streams.len()).filter(|stream| is_frames(*stream)).map(|s| streams[s].totals.packets as usize).sum();
+    let mirrors: Vec<Mirrors> =
+        streams.iter().map(|stream| Mirrors::of(Some(stream.totals.packets as usize))).collect();
     let mut done = 0;
     let mut batch: Vec<(usize, u64, i64, ImageRgb8)> = Vec::new();
     let look_at = |batch: &mut Vec<(usize, u64, i64, ImageRgb8)>, seen: &mut [Option<Seen>]| {
-        let corners: Vec<_> = batch.par_iter().map(|(.., image)| plate.detect(image)).collect();
-        for ((stream, frame, t_ns, _), corners) in batch.drain(..).zip(corners) {
+        let look = |(stream, frame, _, image): &(usize, u64, i64, ImageRgb8)| {
+            let corners = plate.detect(image);
+            let mirrored = mirrors[*stream].look(*frame as usize, image, &corners, plate);
+            (corners, mirrored)
+        };
+        let corners: Vec<_> = batch.par_iter().map(look).collect();
+        for ((stream, frame, t_ns, _), (corners, mirrored)) in batch.drain(..).zip(corners) {
             let Some(seen) = &mut seen[stream] else { continue };
             seen.frames += 1;
+            count_mirrored(&mut seen.mirrored, mirrored);
             if !corners.is_empty() {
                 let time_s = Some(1e-9 * t_ns as f64);
                 seen.views.push(BoardView { instant: String::new(), time_s, file: path.into(), frame, corners });
@@ -184,7 +192,7 @@ mod tests {
                     corners: Vec::new(),
                 })
                 .collect(),
-            unreadable: None,
+            ..Seen::default()
         };
         let mut seen = vec![of(&[0.0, 0.1, 0.2]), of(&[0.01, 0.12, 0.26])];
         name_instants(&mut seen, 0.05);

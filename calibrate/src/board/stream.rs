@@ -109,7 +109,8 @@ pub(super) fn of_events(
         Some(error) => Err(error.into()),
         None => {
             let size = [u32::from(size.width), u32::from(size.height)];
-            Ok(Seen { camera: camera.into(), events: true, size, frames, views, unreadable: None })
+            let (camera, source) = (camera.into(), path.to_owned());
+            Ok(Seen { camera, events: true, size, frames, views, source, ..Seen::default() })
         }
     }
 }

@@ -27,7 +27,7 @@ fn seen(name: &str, places: &[(DVec3, DVec3)], seed: u64) -> Seen {
         BoardView { instant: number.to_string(), time_s: None, file: "drawn".into(), frame: 0, corners }
     };
     let views = places.iter().enumerate().map(view).collect();
-    Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views, unreadable: None }
+    Seen { camera: name.into(), events: false, size: [320, 240], frames: places.len(), views, ..Seen::default() }
 }
 
 /// A board that slides along its rows at one distance, and tilts by up to `tilt` radians about both axes.
@@ -69,5 +69,17 @@ fn a_board_that_tilts_gives_it_and_one_that_tilts_little_a_warning() {
         assert!((camera.intrinsics.fx - 300.0).abs() < 3.0 * sigma && sigma < most_sigma, "{:?}", camera.intrinsics);
         let warnings = camera.warnings.iter().filter(|warning| warning.contains("focal length is known to 1."));
         assert_eq!(warnings.count(), usize::from(warned), "{:?}", camera.warnings);
+    }
+}
+
+#[test]
+fn frames_that_show_too_little_of_the_board_count_as_seen_and_what_was_looked_at_is_named() {
+    let mut seen = seen("left", &slid(0.5)[..1], 5);
+    (seen.frames, seen.source) = (120, "take/left.mp4".into());
+    seen.views[0].corners.truncate(5);
+    for known in [Default::default(), [("left".to_owned(), camera())].into()] {
+        let options = BoardOptions { known, ..BoardOptions::default() };
+        let said = calibrate(std::slice::from_ref(&seen), &board(), &options, &|_, _, _| {}).unwrap_err().to_string();
+        assert!(said.contains("1 of 120 frames of take/left.mp4, in 0 of them with six corners or more"), "{said}");
     }
 }

@@ -4,6 +4,7 @@
 mod aprilgrids;
 mod blink;
 mod chessboards;
+mod clear;
 mod coverage;
 mod doubt;
 mod focal;

@@ -53,7 +53,7 @@ fn their_corners(file: &Path) -> Vec<Seen> {
         size: [1280, 720],
         frames: 57,
         views,
-        unreadable: None,
+        ..Seen::default()
     };
     cameras.into_iter().map(seen).collect()
 }
