@@ -57,6 +57,26 @@ impl Progress {
         self.share(share, || format!("{done} of {total} {what}"));
     }
 
+    /// Nothing new is known, and the work goes on: says so now and then where stderr is no terminal, and keeps the bar moving.
+    pub fn still(&self) {
+        let Some(&(_, since)) = self.first.get() else { return };
+        if self.style == Style::Silent || since.elapsed() < QUIET_AT_FIRST {
+            return;
+        }
+        if self.style == Style::Bar {
+            if self.bar.is_hidden() {
+                self.bar.set_draw_target(ProgressDrawTarget::stderr_with_hz(5));
+            }
+            self.bar.tick();
+            return;
+        }
+        let Ok(mut last) = self.last_line.lock() else { return };
+        if last.elapsed() >= LINE_EVERY {
+            *last = Instant::now();
+            eprintln!("{}: {} so far", self.label, duration(since.elapsed().as_secs_f64()));
+        }
+    }
+
     /// `share` of the work (0 to 1) is finished; `message` says what else is worth knowing.
     pub fn share(&self, share: f64, message: impl FnOnce() -> String) {
         let &(first, since) = self.first.get_or_init(|| {

@@ -7,6 +7,7 @@ mod merge;
 mod points;
 mod register;
 mod sfm;
+mod steps;
 mod summary;
 mod target;
 mod wand;

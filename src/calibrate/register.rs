@@ -3,16 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use erfgs_base::order::natural;
 use erfgs_calibrate::{
     intensity::{LogIntensity, dark_ramp, leaky},
-    sfm::{CameraView, RegisterOptions, read_model_views, register},
+    sfm::{CameraView, RegisterOptions, read_model_views, reduced, register},
 };
 use erfgs_events::{Columns, EventFile, Events, npz};
 use erfgs_points::ColmapProgram;
 use erfgs_scene::rig_file::RigFile;
 use erfgs_scene::{Modality, image::ImageGrey8};
 
-use super::summary::finish;
+use super::{steps::Steps, summary::finish};
 use crate::{errors::Usage, terminal::Terminal};
 
 /// Add cameras to a calibrated rig, from images of what its cameras see too.
@@ -59,6 +60,10 @@ pub struct Arguments {
     /// Contrast threshold of the event cameras, natural-log intensity; only its sign and the mixture of both polarities matter.
     #[arg(long, value_name = "C", default_value_t = 0.2, value_parser = crate::parse::within(1e-6, 100.0))]
     threshold: f64,
+    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at most); as much
+    /// as this machine affords without it.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..))]
+    feature_side: Option<u32>,
     /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
@@ -74,7 +79,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let rig = RigFile::read(&arguments.rig)?;
     let intrinsics = arguments.intrinsics.as_deref().map(RigFile::read).transpose()?;
-    let options = RegisterOptions {
+    let mut options = RegisterOptions {
         colmap: arguments.colmap.clone().unwrap_or_default(),
         threads: arguments.jobs.unwrap_or(0),
         ..RegisterOptions::default()
@@ -93,17 +98,20 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
         let size = [known.intrinsics.width, known.intrinsics.height];
         let (image, modality) = picture(&file, size, arguments, options.radius_px)?;
-        new.push(CameraView { name, modality, image, intrinsics: Some(known.intrinsics) });
+        new.push(CameraView { name, modality, image, intrinsics: Some(known.intrinsics), chosen: None });
     }
     if new.is_empty() {
         bail!("{} holds no image and no event file of a new camera", arguments.images.display());
     }
     let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
-    let progress = terminal.progress("registering");
-    let (rig, evidence) = register(&rig, &model, &new, &options, work.path(), &|stage, done, total| {
-        progress.update(done as u64, total as u64, &stage.to_string());
-    })?;
-    drop(progress);
+    let all: Vec<CameraView> = model.iter().chain(&new).cloned().collect();
+    if let Some(smaller) = reduced(&all, options.setting.enlarge, options.threads, arguments.feature_side) {
+        options.setting.enlarge *= smaller.factor;
+        terminal.note(smaller.to_string());
+    }
+    drop(all);
+    let (rig, evidence) =
+        Steps::new(terminal, None).during(|tell| register(&rig, &model, &new, &options, work.path(), tell))?;
     finish(&rig, &evidence, &arguments.out, terminal)
 }
 
@@ -113,7 +121,7 @@ fn files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> =
         entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>().with_context(listing)?;
     files.retain(|file| file.is_file());
-    files.sort();
+    files.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
     Ok(files)
 }
 

@@ -5,12 +5,12 @@ use std::path::PathBuf;
 use anyhow::Context;
 use erfgs_calibrate::{
     board::not_metres,
-    sfm::{KnownIntrinsics, SfmOptions, read_views, sfm},
+    sfm::{CameraView, KnownIntrinsics, SfmOptions, read_views, sfm},
 };
 use erfgs_points::ColmapProgram;
 use erfgs_scene::rig_file::RigFile;
 
-use super::summary::finish;
+use super::{steps::Steps, summary::finish};
 use crate::terminal::Terminal;
 
 /// Calibrate from images of whatever the cameras see, without a target (structure from motion by COLMAP).
@@ -22,6 +22,9 @@ COLMAP arranges the cameras several times, with other features each time. A came
 at the same place; one that they do not agree on is placed against the points of the others, or left out, and named. If most \
 cameras are in doubt there is no result. What is agreed on is adjusted to some thousand further points that matching with known \
 poses finds.
+
+Of a camera with several images --frame takes one, in the order of all numbers in their names; which one is said. Features are looked for \
+at a size that the machine affords in some minutes, which is said, too, and --feature-side overrides.
 
 Images have no scale: without --scale-from the unit of length is the root mean square distance of the cameras from their middle.
 
@@ -38,12 +41,16 @@ pub struct Arguments {
     /// Keep the dataset's intrinsics.
     #[arg(long)]
     known_intrinsics: bool,
-    /// Which image of each camera, in the order of their names, from 0.
+    /// Which image of each camera, in the order of the numbers in their names, from 0.
     #[arg(long, value_name = "N", default_value_t = 0)]
     frame: usize,
     /// Two cameras and the distance of their centres in metres.
     #[arg(long, value_name = "A:B:METRES", value_parser = known_distance)]
     scale_from: Option<(String, String, f64)>,
+    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at most); as much
+    /// as this machine affords without it.
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..))]
+    feature_side: Option<u32>,
     /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
@@ -78,17 +85,39 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         None => KnownIntrinsics::Unknown,
     };
     let views = read_views(&arguments.input, arguments.frame, &known)?;
-    let options = SfmOptions {
+    tell_chosen(&views, arguments.frame, terminal);
+    let mut options = SfmOptions {
         colmap: arguments.colmap.clone().unwrap_or_default(),
         scale: arguments.scale_from.clone(),
         threads: arguments.jobs.unwrap_or(0),
         ..SfmOptions::default()
     };
+    if let Some(reduced) = options.afford(&views, arguments.feature_side) {
+        terminal.note(reduced.to_string());
+    }
     let work = erfgs_base::scratch::Scratch::new().context("cannot make a folder for intermediate files")?;
-    let progress = terminal.progress("calibrating");
-    let (rig, evidence) = sfm(&views, &options, work.path(), &|stage, done, total| {
-        progress.update(done as u64, total as u64, &stage.to_string());
-    })?;
-    drop(progress);
+    let steps = Steps::new(terminal, Some(options.settings.len()));
+    let (rig, evidence) = steps.during(|tell| sfm(&views, &options, work.path(), tell))?;
     finish(&rig, &evidence, &arguments.out, terminal)
+}
+
+/// Says which images were taken of cameras that have several.
+fn tell_chosen(views: &[CameraView], frame: usize, terminal: &Terminal) {
+    let mut names: Vec<(String, Vec<&str>)> = Vec::new();
+    for view in views {
+        let Some(name) = view.chosen.as_ref().and_then(|file| file.file_name()) else { continue };
+        let name = name.to_string_lossy().into_owned();
+        match names.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, cameras)) => cameras.push(&view.name),
+            None => names.push((name, vec![&view.name])),
+        }
+    }
+    for (name, cameras) in names {
+        let cameras = match cameras[..] {
+            [one] => one.to_owned(),
+            [one, ref others @ ..] => format!("{one} and {} others", others.len()),
+            [] => continue,
+        };
+        terminal.note(format!("image {frame} of {cameras} is {name}"));
+    }
 }

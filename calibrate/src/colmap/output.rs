@@ -34,6 +34,14 @@ pub(super) fn count(line: &str) -> Option<(usize, usize)> {
     })
 }
 
+/// How many images a mapper has, from the line that says which one it adds.
+pub(super) fn registered(line: &str) -> Option<usize> {
+    let (_, after) = line.split_once("Registering image #")?;
+    let inside = after.split_once('(')?.1.split(')').next()?;
+    let digits = inside.trim_start_matches(|c: char| !c.is_ascii_digit());
+    digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -44,5 +52,13 @@ mod tests {
         assert_eq!(count("I20250101 12:00:00 1 feature_extraction.cc:258] Processed file [27/27]"), Some((27, 27)));
         assert_eq!(count("Triangulating image #5 (3)"), None);
         assert_eq!(count("[1/0] [a/b] ["), None);
+    }
+
+    #[test]
+    fn a_mapper_tells_how_many_images_it_has() {
+        assert_eq!(registered("Registering image #5 (3)"), Some(3));
+        assert_eq!(registered("I1 1 incremental_pipeline.cc:9] Registering image #12 (num_reg_frames=7)"), Some(7));
+        assert_eq!(registered("Registering image #5"), None);
+        assert_eq!(registered("Triangulating image #5 (3)"), None);
     }
 }

@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use super::{
     ColmapProgram, RunError,
-    output::{Tail, count},
+    output::{Tail, count, registered},
 };
 
 const SCRIPT: &str = include_str!("pycolmap.py");
@@ -168,7 +168,8 @@ impl Colmap {
         for attempt in 1..=ATTEMPTS {
             log = Tail::default();
             let said = |line: &str| {
-                if let Some((done, total)) = count(line) {
+                // A mapper does not say how many there are to be.
+                if let Some((done, total)) = count(line).or_else(|| Some((registered(line)?, 0))) {
                     progress(done, total);
                 }
                 log.push(line);

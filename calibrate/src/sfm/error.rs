@@ -27,6 +27,14 @@ pub enum SfmError {
         /// How many there are.
         has: usize,
     },
+    /// Images of a camera whose order is not known.
+    #[error("camera {camera}: {doubt}")]
+    Order {
+        /// The camera.
+        camera: String,
+        /// Two of them, and why.
+        doubt: erfgs_base::order::Doubt,
+    },
     /// An image that is not of its camera.
     #[error(
         "camera {camera}: the image has {} x {} pixels, and its intrinsics are for {} x {}; give images of the full \

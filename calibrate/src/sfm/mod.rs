@@ -6,6 +6,7 @@
 //! 3. What runs agree on is made dense: matching along the now known epipolar lines finds many times more points, and the
 //!    bundle adjusted to them gives the poses and their covariances.
 
+mod afford;
 mod agree;
 pub mod align;
 mod error;
@@ -25,6 +26,7 @@ use erfgs_base::FileError;
 use erfgs_scene::Pose;
 use glam::{DQuat, DVec3};
 
+pub use afford::{Reduced, reduced};
 pub use error::SfmError;
 pub use fit::{CameraFit, FitOptions, RigFit, fit};
 pub use options::{Setting, SfmOptions};
@@ -54,7 +56,9 @@ pub enum SfmStep {
     Features,
     /// Features are matched.
     Matching,
-    /// COLMAP verifies the matches and builds models.
+    /// COLMAP verifies the matches, of all pairs at once.
+    Verifying,
+    /// COLMAP builds models.
     Mapping,
     /// More points, and the bundle.
     Refining,
@@ -66,6 +70,7 @@ impl fmt::Display for SfmStep {
             Self::Images => "images",
             Self::Features => "features",
             Self::Matching => "matching",
+            Self::Verifying => "verifying matches",
             Self::Mapping => "mapping",
             Self::Refining => "refining",
         })

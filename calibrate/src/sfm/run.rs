@@ -96,9 +96,9 @@ pub(super) fn run(
     let path = folder.join("database.db");
     let seed = setting.seed;
     let threads = thread_count(threads);
-    progress(SfmStep::Mapping, 0, 2);
+    progress(SfmStep::Verifying, 0, 1);
     colmap.verify(&Verification { database: path.clone(), threads, seed }, &|_, _| {})?;
-    progress(SfmStep::Mapping, 1, 2);
+    progress(SfmStep::Verifying, 1, 1);
     let output = folder.join("models");
     fs::create_dir_all(&output).map_err(FileError::when("make the folder", &output))?;
     let refine_intrinsics = views.iter().any(|view| view.intrinsics.is_none());
@@ -111,7 +111,8 @@ pub(super) fn run(
         refine_intrinsics,
     };
     // The mapper fails where it finds no model, which is an answer.
-    let mapped = colmap.map(&mapping, &|_, _| {});
+    progress(SfmStep::Mapping, 0, views.len());
+    let mapped = colmap.map(&mapping, &|done, _| progress(SfmStep::Mapping, done.min(views.len()), views.len()));
     if let Err(error @ RunError::Hung { .. }) = mapped {
         return Err(error.into());
     }
@@ -119,7 +120,7 @@ pub(super) fn run(
     if let (Err(error), true) = (mapped, models.is_empty()) {
         tracing::debug!("{}: {error}", setting.name());
     }
-    progress(SfmStep::Mapping, 2, 2);
+    progress(SfmStep::Mapping, views.len(), views.len());
     let mut run = read(views, &prepared, &models, setting);
     run.seconds = since.elapsed().as_secs_f64();
     Ok(run)

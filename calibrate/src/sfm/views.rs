@@ -5,7 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{
+    FileError,
+    order::{natural, order},
+};
 use erfgs_dataset::{Dataset, DatasetError};
 use erfgs_scene::{Intrinsics, Modality, image::ImageGrey8};
 
@@ -23,6 +26,8 @@ pub struct CameraView {
     pub image: ImageGrey8,
     /// Its intrinsics, where they are known.
     pub intrinsics: Option<Intrinsics>,
+    /// The file, where it was one of several of its camera.
+    pub chosen: Option<PathBuf>,
 }
 
 /// Where intrinsics come from.
@@ -37,12 +42,12 @@ pub enum KnownIntrinsics<'a> {
 }
 
 /// Reads the views of `path`: a dataset, a folder with an image of each camera, or a folder with a folder of images for each
-/// camera. `frame` counts images in the order of their names, from 0.
+/// camera. `frame` counts images in the order of the numbers in their names, from 0.
 ///
 /// # Errors
-/// If there are fewer than three, one cannot be read, or the intrinsics do not fit.
+/// If there are fewer than three, one cannot be read, nobody knows the order of a camera's, or the intrinsics do not fit.
 pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Result<Vec<CameraView>, SfmError> {
-    let mut found: Vec<(String, Modality, PathBuf, Option<Intrinsics>)> = Vec::new();
+    let mut found: Vec<(String, Modality, PathBuf, Option<Intrinsics>, bool)> = Vec::new();
     if path.join("dataset.json").is_file() || path.is_file() {
         let dataset = Dataset::load(path)?;
         for camera in dataset.manifest.cameras.iter().filter(|camera| camera.modality.has_frames()) {
@@ -52,25 +57,25 @@ pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Res
                 has: camera.frames.len(),
             })?;
             let intrinsics = matches!(known, KnownIntrinsics::Dataset).then_some(camera.intrinsics);
-            found.push((camera.name.clone(), camera.modality, dataset.root.join(&file.file), intrinsics));
+            found.push((camera.name.clone(), camera.modality, dataset.root.join(&file.file), intrinsics, false));
         }
     } else {
         let entries = entries(path)?;
         let folders: Vec<&PathBuf> = entries.iter().filter(|entry| entry.is_dir()).collect();
         for folder in &folders {
-            let images: Vec<PathBuf> = entries_of_images(folder)?;
+            let camera = name(folder);
+            let images = in_order(&camera, entries_of_images(folder)?)?;
             if images.is_empty() {
                 continue;
             }
-            let camera = name(folder);
             let file = images.get(frame).cloned();
             let has = images.len();
             let file = file.ok_or(SfmError::NoFrame { camera: camera.clone(), frame, has })?;
-            found.push((camera, Modality::Rgb, file, None));
+            found.push((camera, Modality::Rgb, file, None, has > 1));
         }
         if found.is_empty() {
             let images = entries_of_images(path)?;
-            found.extend(images.into_iter().map(|image| (stem(&image), Modality::Rgb, image, None)));
+            found.extend(images.into_iter().map(|image| (stem(&image), Modality::Rgb, image, None, false)));
         }
     }
     if found.len() < 3 {
@@ -78,7 +83,7 @@ pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Res
     }
     found
         .into_iter()
-        .map(|(name, modality, file, intrinsics)| {
+        .map(|(name, modality, file, intrinsics, is_chosen)| {
             let image = ImageGrey8::read(&file).map_err(|source| SfmError::Image { camera: name.clone(), source })?;
             let intrinsics = match known {
                 KnownIntrinsics::Rig(rig, path) => {
@@ -88,7 +93,7 @@ pub fn read_views(path: &Path, frame: usize, known: &KnownIntrinsics<'_>) -> Res
                 }
                 KnownIntrinsics::Dataset | KnownIntrinsics::Unknown => intrinsics,
             };
-            let view = CameraView { name, modality, image, intrinsics };
+            let view = CameraView { name, modality, image, intrinsics, chosen: is_chosen.then_some(file) };
             view.check()?;
             Ok(view)
         })
@@ -117,7 +122,8 @@ pub fn read_still_views(dataset: &Dataset) -> Result<Vec<CameraView>, SfmError> 
             };
             let image =
                 ImageGrey8 { width: k.width, height: k.height, data: (0..images[0].data.len()).map(pixel).collect() };
-            Ok(CameraView { name: camera.name.clone(), modality: camera.modality, image, intrinsics: Some(k) })
+            let (name, modality, intrinsics) = (camera.name.clone(), camera.modality, Some(k));
+            Ok(CameraView { name, modality, image, intrinsics, chosen: None })
         })
         .collect()
 }
@@ -166,14 +172,22 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
         .map(|entry| entry.map(|entry| entry.path()))
         .collect::<Result<_, _>>()
         .map_err(io)?;
-    entries.sort();
+    entries.sort_by(|a, b| natural(&name(a), &name(b)));
     Ok(entries)
+}
+
+/// A camera's images in the order of the numbers in their names.
+fn in_order(camera: &str, images: Vec<PathBuf>) -> Result<Vec<PathBuf>, SfmError> {
+    let names: Vec<String> = images.iter().map(|image| stem(image)).collect();
+    let order = order(&names).map_err(|doubt| SfmError::Order { camera: camera.into(), doubt })?;
+    Ok(order.into_iter().map(|at| images[at].clone()).collect())
 }
 
 fn entries_of_images(folder: &Path) -> Result<Vec<PathBuf>, SfmError> {
     let is_image = |path: &PathBuf| {
         let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
-        path.is_file() && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
+        // Other systems leave hidden files beside pictures that are called as these are.
+        !name(path).starts_with('.') && path.is_file() && matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg"))
     };
     Ok(entries(folder)?.into_iter().filter(is_image).collect())
 }
@@ -184,4 +198,54 @@ fn name(path: &Path) -> String {
 
 fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A grey picture of so many columns.
+    fn write(folder: &Path, file: &str, columns: u32) {
+        ImageGrey8::new(columns, 20).write_png(&folder.join(file)).unwrap();
+    }
+
+    fn taken(folder: &Path, frame: usize) -> Result<Vec<(String, u32)>, SfmError> {
+        let views = read_views(folder, frame, &KnownIntrinsics::Unknown)?;
+        Ok(views.into_iter().map(|view| (view.name, view.image.width)).collect())
+    }
+
+    #[test]
+    fn images_and_cameras_are_in_the_order_of_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let pairs = |names: [&str; 3], columns: u32| names.map(|name| (name.to_owned(), columns)).to_vec();
+        for camera in ["cam10", "cam2", "cam1"] {
+            for (number, file) in (0..).zip(["img_8.png", "img_9.png", "img_10.png", "img_100.png"]) {
+                write(folder, &format!("{camera}/{file}"), 16 + number);
+            }
+            // As other systems leave them beside pictures.
+            std::fs::write(folder.join(camera).join("._img_8.png"), "no picture").unwrap();
+        }
+        for frame in 0..4 {
+            let found = taken(folder, frame).unwrap();
+            assert_eq!(found, pairs(["cam1", "cam2", "cam10"], 16 + frame as u32), "frame {frame}");
+        }
+        let views = read_views(folder, 2, &KnownIntrinsics::Unknown).unwrap();
+        assert_eq!(views[1].chosen.as_deref(), Some(folder.join("cam2/img_10.png").as_path()));
+        write(folder, "cam2/img_09.png", 16);
+        let said = taken(folder, 0).unwrap_err().to_string();
+        assert!(said.contains("cam2") && said.contains("img_9") && said.contains("img_09"), "{said}");
+    }
+
+    #[test]
+    fn single_images_are_cameras_in_the_order_of_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["10.png", "9.png", "1.png"] {
+            write(folder.path(), file, 16);
+        }
+        let names: Vec<String> = taken(folder.path(), 0).unwrap().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["1", "9", "10"]);
+        let views = read_views(folder.path(), 0, &KnownIntrinsics::Unknown).unwrap();
+        assert!(views.iter().all(|view| view.chosen.is_none()));
+    }
 }
