@@ -432,7 +432,8 @@ fn fourteen_coefficients_of_opencv_are_a_lens_in_every_format() {
              [{k}]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [0.0, 0.0, 0.0]\n"
         )
     };
-    let formats: [(&str, &dyn Fn(&str, &str) -> String, &[&str]); 3] = [
+    type Text<'a> = &'a dyn Fn(&str, &str) -> String;
+    let formats: [(&str, Text<'_>, &[&str]); 3] = [
         ("a.yml", &opencv, &["distortion_coefficients", "dist_coeffs", "distCoeffs", "D"]),
         ("b.yaml", &python, &["distortion_coefficients", "dist_coeff", "dist"]),
         ("c.toml", &toml, &["distortions", "dist_coeffs"]),
