@@ -103,7 +103,7 @@ pub enum BoardError {
         /// Those that show enough of it.
         usable: usize,
         /// What else may be the matter, with a space behind; mostly nothing.
-        hint: String,
+        hint: Box<str>,
         /// All frames.
         frames: usize,
         /// How many are needed.

@@ -72,7 +72,7 @@ impl Seen {
             path: self.source.clone(),
             seen: self.views.len(),
             usable,
-            hint: self.mirror_hint(plate).map(|hint| hint + ". ").unwrap_or_default(),
+            hint: self.mirror_hint(plate).map(|hint| hint + ". ").unwrap_or_default().into(),
             frames: self.frames,
             needed,
             target: plate.to_string(),
@@ -136,6 +136,14 @@ pub fn look(
         .collect()
 }
 
+/// A picture that was looked at.
+struct Looked {
+    size: [u32; 2],
+    view: BoardView,
+    /// See [`Mirrors::look`].
+    mirrored: Option<bool>,
+}
+
 fn of_images(
     camera: &str,
     images: &[(String, PathBuf)],
@@ -144,7 +152,7 @@ fn of_images(
     tick: &(dyn Fn() + Sync),
 ) -> Result<Seen, BoardError> {
     let mirrors = Mirrors::of(Some(images.len()));
-    let looked: Vec<Result<([u32; 2], BoardView, Option<bool>), ImageError>> = images
+    let looked: Vec<Result<Looked, ImageError>> = images
         .par_iter()
         .enumerate()
         .map(|(number, (instant, file))| {
@@ -154,17 +162,13 @@ fn of_images(
             let corners = plate.detect(&image);
             let mirrored = mirrors.look(number, &image, &corners, plate);
             let view = BoardView { instant: instant.clone(), time_s: None, file: file.clone(), frame: 0, corners };
-            Ok(([image.width, image.height], view, mirrored))
+            Ok(Looked { size: [image.width, image.height], view, mirrored })
         })
         .collect();
-    let (mut views, mut failed): (Vec<([u32; 2], BoardView)>, Vec<ImageError>) = (Vec::new(), Vec::new());
-    let mut mirrored = [0; 2];
+    let (mut views, mut failed): (Vec<Looked>, Vec<ImageError>) = (Vec::new(), Vec::new());
     for looked in looked {
         match looked {
-            Ok((size, view, mirror)) => {
-                count_mirrored(&mut mirrored, mirror);
-                views.push((size, view));
-            }
+            Ok(looked) => views.push(looked),
             Err(error) => failed.push(error),
         }
     }
@@ -174,15 +178,17 @@ fn of_images(
     {
         return Err(error.into());
     }
-    let size = views.first().map_or([0, 0], |(size, _)| *size);
-    for (found, view) in &views {
-        if *found != size {
-            let (camera, path) = (camera.into(), view.file.clone());
-            return Err(BoardError::Size { camera, path, found: *found, expected: size });
+    let size = views.first().map_or([0, 0], |looked| looked.size);
+    let mut mirrored = [0; 2];
+    for looked in &views {
+        if looked.size != size {
+            let (camera, path) = (camera.into(), looked.view.file.clone());
+            return Err(BoardError::Size { camera, path, found: looked.size, expected: size });
         }
+        count_mirrored(&mut mirrored, looked.mirrored);
     }
     let frames = views.len();
-    let views = views.into_iter().map(|(_, view)| view).filter(|view| !view.corners.is_empty()).collect();
+    let views = views.into_iter().map(|looked| looked.view).filter(|view| !view.corners.is_empty()).collect();
     let source = source.to_owned();
     Ok(Seen { camera: camera.into(), events: false, size, frames, views, unreadable, source, mirrored })
 }
