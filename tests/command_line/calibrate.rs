@@ -66,6 +66,24 @@ fn wrong_targets_and_empty_folders_are_explained() {
 }
 
 #[test]
+fn a_sessions_calibration_pictures_are_found_and_what_is_not_looked_at_is_said() {
+    let folder = with_pairs();
+    std::fs::create_dir(folder.path("session")).unwrap();
+    std::fs::rename(folder.path("pairs"), folder.path("session/calibration_images")).unwrap();
+    std::fs::write(folder.path("session/mouse1.mp4"), "a film of something else").unwrap();
+    let output = folder.run(&format!("calibrate board session {CHESSBOARD} --out rig.json"));
+    let said = String::from_utf8_lossy(&output.stderr);
+    for word in [
+        "looking for the board in session/calibration_images",
+        "mouse1.mp4",
+        "left: the board is seen in 13 of 13 frames of",
+    ] {
+        assert!(output.status.success() && said.contains(word), "{word}: {said}");
+    }
+    assert!(folder.fail(2, &format!("calibrate board session {CHESSBOARD} --clear")).contains("has no markers"));
+}
+
+#[test]
 fn backs_that_cannot_be_told_from_the_front_are_refused() {
     let folder = with_pairs();
     let grid = "--target aprilgrid:6x6:0.088:0.3";
