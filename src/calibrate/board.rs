@@ -38,7 +38,7 @@ Where boards are found in mirror images alone and --clear is not given, that is 
 
 A board that is waved between cameras that face each other may have a target on either side (--back): a ChArUco board or an AprilGrid, with other markers than the front. How the back is glued is found, and told: how thick the board is, how far the middles are apart, and how one side is turned against the other. Where one side alone is seen by some cameras and the other side alone by the others, turn the board about both its axes, or say how thick it is (--back-thickness).
 
-One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world, or the board of --origin. What contradicts what each camera says by itself is refused, or said first.
+One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world, or the board of --origin. What contradicts what each camera says by itself is refused, or said first. Where what is left over grows with the speed of the board, the cameras did not run together: time offsets are then estimated by themselves, if frames have times. A refusal says what was tried (offsets, --keep-intrinsics, --untie, at last --without) and which of it helps.
 
 Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
@@ -78,6 +78,10 @@ pub struct Arguments {
     /// A camera to leave out; may be given several times.
     #[arg(long, value_name = "CAMERA")]
     without: Vec<String>,
+    /// An instant whose pictures were not taken at once: they tell of lenses, and tie no cameras. May be given several times; what is
+    /// refused names those for which it helps.
+    #[arg(long, value_name = "INSTANT")]
+    untie: Vec<String>,
     /// The picture or instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet.
     #[arg(long, value_name = "INSTANT")]
     origin: Option<String>,
@@ -87,7 +91,7 @@ pub struct Arguments {
     /// Event cameras saw a printed board that moved.
     #[arg(long, conflicts_with = "blink")]
     moving: bool,
-    /// Estimate each camera's time offset; needs frame times and a board that moves.
+    /// Estimate each camera's time offset in any case; needs frame times and a board that moves.
     #[arg(long)]
     time_offsets: bool,
     /// The rig file to write; the report goes beside it, with the extension html.
@@ -213,6 +217,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         keep_intrinsics: arguments.keep_intrinsics,
         intrinsics_only: arguments.intrinsics_only,
         without: arguments.without.iter().cloned().collect(),
+        untied: arguments.untie.iter().cloned().collect(),
         origin: arguments.origin.clone(),
         ..BoardOptions::default()
     };

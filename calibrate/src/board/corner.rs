@@ -5,46 +5,108 @@
 //! least squares; repeated around the place found last. From there a picture of two blurred edges that cross is fitted to the
 //! pixels themselves, which uses all of them and interpolates none: it halves what noise and compression leave over.
 
-use glam::{DMat2, DVec2};
+use glam::{DMat2, DVec2, IVec2};
 use nalgebra::{SMatrix, SVector};
 
 use super::detect::Grey;
 
 const ITERATIONS: usize = 40;
-/// From a smaller window no picture of two edges can be fitted, pixels.
-const LEAST_RADIUS: i32 = 3;
+/// In a narrower window no picture of two edges can be fitted: half of its longer side, pixels.
+const LEAST_RADIUS: f64 = 2.5;
 /// Gradients are looked at in no larger a window: they only say where to begin.
-const MOST_RADIUS: i32 = 7;
+const MOST_RADIUS: f64 = 7.0;
+/// Half the sides of a window, pixels.
+const SIDES: [f64; 2] = [2.0, 12.0];
+/// Half the distance of its opposite sides, pixels at least: a window that is narrower holds no edge.
+const LEAST_HEIGHT: f64 = 1.5;
 
-/// The corner near `start` (pixels, centres at half-integers), from a window of `2 radius + 1` pixels. `None` where there is no
-/// corner within half a window.
-pub(super) fn refine(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
-    let met = meeting(image, start, radius.min(MOST_RADIUS))?;
+/// What is looked at around a corner: a parallelogram with the sides of the board's squares, so that a board that leans away is
+/// looked at in a window that is as narrow as its squares are, and as long.
+pub(super) struct Window {
+    /// From its middle to the middle of two sides, pixels.
+    half: [DVec2; 2],
+}
+
+impl Window {
+    /// With these halves of its sides, pixels, as far as they are no shorter and no longer than is of use.
+    pub fn of(half: [DVec2; 2]) -> Option<Self> {
+        let mut half = half.map(|side| side * (side.length().clamp(SIDES[0], SIDES[1]) / side.length()));
+        if !half.iter().all(|side| side.is_finite()) {
+            return None;
+        }
+        // So flat that nothing would be left: as high as it must be.
+        for (side, other) in [(0, 1), (1, 0)] {
+            let along = half[other].normalize();
+            let height = along.perp_dot(half[side]);
+            if height.abs() < LEAST_HEIGHT {
+                half[side] += along.perp() * (LEAST_HEIGHT.copysign(height) - height);
+            }
+        }
+        Some(Self { half })
+    }
+
+    fn longest(&self) -> f64 {
+        self.half[0].length().max(self.half[1].length())
+    }
+
+    /// The same window, no longer than this.
+    fn within(&self, radius: f64) -> Self {
+        Self { half: self.half.map(|side| side * (radius / side.length()).min(1.0)) }
+    }
+
+    fn frame(&self) -> Frame {
+        // Of whole pixels, the outermost ones reach half a pixel beyond it.
+        let most = DVec2::from_array(self.half.map(|side| 1.0 + 0.5 / side.length()));
+        let reach = self.half[0].abs() * most.x + self.half[1].abs() * most.y;
+        Frame { shares: DMat2::from_cols(self.half[0], self.half[1]).inverse(), most, reach }
+    }
+}
+
+/// A window as pixels see it.
+struct Frame {
+    /// Takes a place to shares of the halves of the sides.
+    shares: DMat2,
+    /// The greatest shares of what is in it.
+    most: DVec2,
+    /// How far it reaches along rows and columns, pixels.
+    reach: DVec2,
+}
+
+impl Frame {
+    /// How much a pixel counts, by where it is from the middle; `None` beyond the window.
+    fn weight(&self, offset: DVec2) -> Option<f64> {
+        let at = self.shares * offset;
+        at.abs().cmple(self.most).all().then(|| (-at.length_squared()).exp())
+    }
+}
+
+/// The corner near `start` (pixels, centres at half-integers). `None` where there is no corner within half a window.
+pub(super) fn refine(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
+    let met = meeting(image, start, &window.within(MOST_RADIUS))?;
     // A picture that does not fit leaves the corner where the gradients say.
-    let fitted = if radius >= LEAST_RADIUS { crossing(image, met, radius) } else { None };
+    let fitted = if window.longest() >= LEAST_RADIUS { crossing(image, met, window) } else { None };
     Some(fitted.filter(|fitted| fitted.distance(met) < 1.0).unwrap_or(met))
 }
 
 /// Where the gradients around meet.
-fn meeting(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
+fn meeting(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
     let mut at = start;
-    let sigma2 = f64::from(radius * radius);
-    let weights: Vec<f64> = (-radius..=radius).map(|offset| (-f64::from(offset * offset) / sigma2).exp()).collect();
+    let frame = window.frame();
+    let reach = frame.reach.floor().as_ivec2();
+    let offsets = (-reach.y..=reach.y).flat_map(|y| (-reach.x..=reach.x).map(move |x| IVec2::new(x, y).as_dvec2()));
+    let weighed: Vec<(DVec2, f64)> = offsets.filter_map(|offset| Some((offset, frame.weight(offset)?))).collect();
     for _ in 0..ITERATIONS {
         let mut matrix = DMat2::ZERO;
         let mut right = DVec2::ZERO;
-        for (y, in_y) in (-radius..=radius).zip(&weights) {
-            for (x, in_x) in (-radius..=radius).zip(&weights) {
-                let offset = DVec2::new(f64::from(x), f64::from(y));
-                let place = at + offset;
-                let slope = DVec2::new(
-                    image.sample(place + DVec2::X)? - image.sample(place - DVec2::X)?,
-                    image.sample(place + DVec2::Y)? - image.sample(place - DVec2::Y)?,
-                );
-                let outer = DMat2::from_cols(slope * slope.x, slope * slope.y) * (in_x * in_y);
-                matrix += outer;
-                right += outer * offset;
-            }
+        for (offset, weight) in &weighed {
+            let place = at + *offset;
+            let slope = DVec2::new(
+                image.sample(place + DVec2::X)? - image.sample(place - DVec2::X)?,
+                image.sample(place + DVec2::Y)? - image.sample(place - DVec2::Y)?,
+            );
+            let outer = DMat2::from_cols(slope * slope.x, slope * slope.y) * *weight;
+            matrix += outer;
+            right += outer * *offset;
         }
         // Both edges must be there: the smaller eigenvalue of the sum is that of the fainter one.
         let (trace, determinant) = (matrix.x_axis.x + matrix.y_axis.y, matrix.determinant());
@@ -53,7 +115,8 @@ fn meeting(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
         }
         let step = matrix.inverse() * right;
         at += step;
-        if (at - start).length() > f64::from(radius) {
+        let moved = at - start;
+        if (frame.shares * moved).abs().max_element() > 1.0 && moved.length() > SIDES[0] {
             return None;
         }
         if step.length() < 1e-4 {
@@ -67,8 +130,8 @@ fn meeting(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
 const PARAMETERS: usize = 9;
 
 /// Where two blurred edges cross, of which a picture is fitted to the pixels around `start` (Gauss and Newton, damped).
-fn crossing(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
-    let pixels = window(image, start, radius)?;
+fn crossing(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
+    let pixels = pixels(image, start, window)?;
     let mut state = first_guess(&pixels)?;
     let (mut around, mut damping) = (Linear::at(&pixels, &state), 1e-3);
     for _ in 0..20 {
@@ -99,21 +162,23 @@ fn crossing(image: &Grey, start: DVec2, radius: i32) -> Option<DVec2> {
 /// A pixel of a window: where it is from the start, its brightness, and its weight.
 type Weighed = (DVec2, f64, f64);
 
-fn window(image: &Grey, start: DVec2, radius: i32) -> Option<Vec<Weighed>> {
-    let (column, row) = (start.x.floor() as i32, start.y.floor() as i32);
-    let mut pixels = Vec::with_capacity((2 * radius as usize + 1).pow(2));
-    for y in row - radius..=row + radius {
-        for x in column - radius..=column + radius {
+fn pixels(image: &Grey, start: DVec2, window: &Window) -> Option<Vec<Weighed>> {
+    let frame = window.frame();
+    let reach = frame.reach;
+    let (low, high) = ((start - reach).floor().as_ivec2(), (start + reach).floor().as_ivec2());
+    let mut pixels = Vec::with_capacity(((high.x - low.x + 1) * (high.y - low.y + 1)) as usize);
+    for y in low.y..=high.y {
+        for x in low.x..=high.x {
+            let offset = IVec2::new(x, y).as_dvec2() + 0.5 - start;
+            let Some(weight) = frame.weight(offset) else { continue };
             let (Ok(at_x), Ok(at_y)) = (usize::try_from(x), usize::try_from(y)) else { return None };
             if at_x >= image.width || at_y >= image.height {
                 return None;
             }
-            let offset = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - start;
-            let weight = (-offset.length_squared() / f64::from(radius * radius)).exp();
             pixels.push((offset, f64::from(image.pixels[at_y * image.width + at_x]), weight));
         }
     }
-    Some(pixels)
+    (pixels.len() > 2 * PARAMETERS).then_some(pixels)
 }
 
 /// Directions and contrast of the edges from the parabola that fits the window best: along an edge, a saddle is level.
@@ -204,6 +269,10 @@ fn tanh(x: f64) -> f64 {
 mod tests {
     use super::*;
 
+    fn window(radius: f64) -> Window {
+        Window::of([DVec2::X * radius, DVec2::Y * radius]).unwrap()
+    }
+
     /// A corner of a slanted chessboard at `corner`, through a lens that spreads a point over two pixels.
     fn picture(corner: DVec2) -> Grey {
         let (a, b) = (DVec2::from_angle(0.2), DVec2::from_angle(1.5));
@@ -227,7 +296,7 @@ mod tests {
     #[test]
     fn a_corner_is_found_to_a_twentieth_of_a_pixel() {
         for corner in [DVec2::new(20.0, 20.0), DVec2::new(19.3, 20.8), DVec2::new(20.47, 19.61)] {
-            let found = refine(&picture(corner), DVec2::new(21.0, 19.0), 5).unwrap();
+            let found = refine(&picture(corner), DVec2::new(21.0, 19.0), &window(5.0)).unwrap();
             assert!((found - corner).length() < 0.05, "{found} {corner}");
         }
     }
@@ -235,9 +304,9 @@ mod tests {
     #[test]
     fn flat_places_and_edges_are_no_corners() {
         let flat = Grey { width: 40, height: 40, pixels: vec![90; 1600] };
-        assert_eq!(refine(&flat, DVec2::splat(20.0), 5), None);
+        assert_eq!(refine(&flat, DVec2::splat(20.0), &window(5.0)), None);
         let edge = (0..1600).map(|i| if i % 40 < 20 { 20 } else { 220 }).collect();
-        assert_eq!(refine(&Grey { width: 40, height: 40, pixels: edge }, DVec2::splat(20.0), 5), None);
-        assert_eq!(refine(&flat, DVec2::splat(1.0), 5), None, "too near to the border");
+        assert_eq!(refine(&Grey { width: 40, height: 40, pixels: edge }, DVec2::splat(20.0), &window(5.0)), None);
+        assert_eq!(refine(&flat, DVec2::splat(1.0), &window(5.0)), None, "too near to the border");
     }
 }

@@ -8,12 +8,20 @@ use glam::DVec2;
 use super::{
     Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
-    corner::refine,
+    corner::{Window, refine},
+    facing,
     features::features,
 };
 
-/// Corners of an AprilGrid that are nearer than this to where their neighbours say are kept.
+/// Corners that are nearer than this to where their neighbours say are kept.
 const STRAY_PX: f64 = 0.3;
+/// What is as strong is a place where edges cross, and so many of them may be a board.
+const CROSSING: f32 = 60.0;
+const MANY: usize = 12;
+/// Half of the window around a corner without neighbours, pixels.
+const LONE_PX: f64 = 3.0;
+/// Fewer corners do not say how a board lies.
+const FEW: usize = 6;
 
 /// One corner of a target in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,7 +133,7 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     };
     let (columns, rows) = target.corners();
     let all = (columns * rows) as usize;
-    let mut corners = Vec::new();
+    let mut corners: Vec<Corner> = Vec::new();
     for &(scale, enough) in sizes(grey.width.min(grey.height)) {
         let found = match scale {
             0.5 => look(&grey.halved()),
@@ -139,13 +147,39 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
             break;
         }
     }
-    exact(&grey, &mut corners, target);
-    if let Target::AprilGrid { .. } = target {
-        // What hides a corner in part pulls it aside.
-        corners = without_strays(corners, target, STRAY_PX);
+    if corners.len() < FEW {
+        corners = leaning(&grey, &look).unwrap_or(corners);
     }
+    if corners.len() < all
+        && let Some(facing) = facing::from_before(&grey, &corners, target)
+    {
+        let found = facing.in_original(look(&facing.grey));
+        if found.len() > corners.len() {
+            corners = found;
+        }
+    }
+    exact(&grey, &mut corners, target);
+    // What hides a corner in part pulls it aside, and so do edges that are too near to it.
+    corners = without_strays(corners, target, STRAY_PX);
     corners.sort_by_key(|corner| corner.id);
     corners
+}
+
+/// The corners of a board that leans so much that none are found in the picture as it is: in pictures that are stretched, of half
+/// the size first.
+fn leaning(grey: &Grey, look: &dyn Fn(&Grey) -> Vec<Corner>) -> Option<Vec<Corner>> {
+    // The first with a board is as good as any: once it is known how it lies, it is looked at from before.
+    let found = |grey: &Grey, scale: f64| {
+        let mut all = facing::stretched(grey).map(|warped| warped.in_original(look(&warped.grey)));
+        let corners = all.find(|corners| corners.len() >= FEW)?;
+        Some(corners.into_iter().map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect())
+    };
+    if grey.width.min(grey.height) < LARGE {
+        return found(grey, 1.0);
+    }
+    // It takes ten times as long as the picture itself, and where few edges cross there is no board.
+    let is_worth_it = || features(grey, CROSSING).iter().filter(|feature| feature.strength >= CROSSING).count() >= MANY;
+    found(&grey.halved(), 2.0).or_else(|| if is_worth_it() { found(grey, 1.0) } else { None })
 }
 
 /// Detectors put the centre of the first pixel at 0.
@@ -269,28 +303,41 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
         Target::Charuco { .. } => 0.12,
         Target::AprilGrid { spacing, .. } => 0.5 * spacing.min(0.3),
     };
-    let (columns, _) = target.corners();
-    let square = |corner: &Corner| {
-        let near = corners.iter().filter(|other| {
-            let (a, b) = (other.id / columns, corner.id / columns);
-            let (c, d) = (other.id % columns, corner.id % columns);
-            a.abs_diff(b) + c.abs_diff(d) == 1
-        });
-        let sides = near.filter_map(|other| {
-            let apart = (target.point(other.id)? - target.point(corner.id)?).length();
-            Some((other.pixel - corner.pixel).length() * target.square_m() / apart)
-        });
-        sides.fold(f64::INFINITY, f64::min)
-    };
-    let refined: Vec<Corner> = corners
-        .iter()
-        .filter_map(|corner| {
-            let radius = (share * square(corner).min(1e3)).round().clamp(2.0, 12.0) as i32;
-            let pixel = refine(grey, corner.pixel, radius)?;
-            Some(Corner { pixel, ..*corner })
-        })
-        .collect();
+    let refined = corners.iter().filter_map(|corner| {
+        // One that has no neighbours does not say how large squares are.
+        let lone = [DVec2::X * LONE_PX, DVec2::Y * LONE_PX];
+        let sides = around(corners, corner, target).map_or(lone, |sides| sides.map(|side| side * share));
+        let window = Window::of(sides)?;
+        Some(Corner { pixel: refine(grey, corner.pixel, &window)?, ..*corner })
+    });
+    let refined: Vec<Corner> = refined.collect();
     *corners = refined;
+}
+
+/// The sides of a square (or a tag) at a corner in the picture, along the board's rows and columns, from the corners next to it;
+/// where there are none in a direction, as long as in the other one and at right angles to it.
+fn around(corners: &[Corner], corner: &Corner, target: &Target) -> Option<[DVec2; 2]> {
+    let (columns, _) = target.corners();
+    let here = target.point(corner.id)?.truncate();
+    let mut sides: [Option<DVec2>; 2] = [None; 2];
+    for other in corners {
+        let steps =
+            [(other.id % columns).abs_diff(corner.id % columns), (other.id / columns).abs_diff(corner.id / columns)];
+        let axis = match steps {
+            [1, 0] => 0,
+            [0, 1] => 1,
+            _ => continue,
+        };
+        let way = target.point(other.id)?.truncate() - here;
+        let side = (other.pixel - corner.pixel) * (target.square_m() / way[axis]);
+        // The shorter one of two: nothing else may enter the window.
+        sides[axis] = sides[axis].filter(|known| known.length() <= side.length()).or(Some(side));
+    }
+    match sides {
+        [Some(along), Some(across)] => Some([along, across]),
+        [Some(one), None] | [None, Some(one)] => Some([one, one.perp()]),
+        [None, None] => None,
+    }
 }
 
 #[cfg(test)]

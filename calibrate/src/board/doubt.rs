@@ -1,7 +1,10 @@
 //! Whether what all cameras together say is what each of them says: a rig that fits and is wrong looks right by its residuals.
 
-use super::{BoardError, alone::Alone, joint::Joint};
-use crate::bundle::{Bundle, Parameter, Uncertainty};
+use super::{alone::Alone, joint::Joint};
+use crate::{
+    bundle::{Bundle, Parameter, Uncertainty},
+    statistics::median,
+};
 
 /// A greater share of a camera's corners left out is said first.
 const DROPPED: f64 = 0.05;
@@ -23,27 +26,47 @@ pub(super) const MOVED: f64 = 0.01;
 pub(super) const MOST_MOVED: f64 = 0.05;
 /// A focal length known to no better than this share is none.
 const VAGUE: f64 = 0.05;
+/// Where a board is fast, residuals so many times those of a board that stands are not the detector's.
+const GREW_BY_SPEED: f64 = 2.0;
+/// Speeds that differ by less tell nothing.
+const SPREAD: f64 = 1.5;
+/// With fewer corners nothing is said of speeds.
+const LEAST_CORNERS: usize = 90;
 
-/// What speaks against a solution: a sentence for each doubt, the gravest first, and whether one of them is too grave.
+/// What speaks against a solution: a sentence for each doubt, causes before what they bring about and then the gravest first, and
+/// whether one of them is too grave.
 pub(super) struct Doubts {
-    doubts: Vec<(f64, String)>,
+    doubts: Vec<Doubt>,
     /// How much all of it weighs; 1 and more is too grave.
     pub gravest: f64,
+}
+
+/// How grave it is (1 is too grave), and a sentence.
+type Weighed = (f64, String);
+
+struct Doubt {
+    cause: bool,
+    weight: f64,
+    sentence: String,
 }
 
 impl Doubts {
     pub fn of(joint: &Joint, alone: &[&Alone], uncertainty: &Uncertainty) -> Self {
         let bundle = &joint.bundle;
         let mut doubts = Vec::new();
+        let mut add = |cause, found: Option<Weighed>| {
+            doubts.extend(found.map(|(weight, sentence)| Doubt { cause, weight, sentence }));
+        };
         for (index, alone) in alone.iter().enumerate() {
-            doubts.extend(alone.is_another());
-            doubts.extend(dropped(bundle, index));
-            doubts.extend(residual(bundle, index, alone));
-            doubts.extend(bent(bundle, index, alone));
-            doubts.extend(vague(bundle, index, uncertainty));
+            add(true, alone.is_another());
+            add(true, late(joint, index, alone));
+            add(false, dropped(bundle, index));
+            add(false, residual(joint, index, alone));
+            add(false, bent(bundle, index, alone));
+            add(false, vague(bundle, index, uncertainty));
         }
-        doubts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let gravest = doubts.first().map_or(0.0, |doubt| doubt.0);
+        doubts.sort_by(|a, b| b.cause.cmp(&a.cause).then(b.weight.total_cmp(&a.weight)));
+        let gravest = doubts.iter().map(|doubt| doubt.weight).fold(0.0, f64::max);
         Self { doubts, gravest }
     }
 
@@ -51,27 +74,54 @@ impl Doubts {
         self.doubts.is_empty()
     }
 
-    /// The sentences, or the error where one of them is too grave to write a rig.
-    pub fn judged(self, timed: bool, has_times: bool) -> Result<Vec<String>, BoardError> {
-        let sentences: Vec<String> = self.doubts.into_iter().map(|(_, sentence)| sentence).collect();
-        if self.gravest < 1.0 {
-            return Ok(sentences);
-        }
-        let times = match (timed, has_times) {
-            (true, _) => "",
-            (false, true) => "the frames are of the same instants (--time-offsets did not help), ",
-            (false, false) => {
-                "the frames are of the same instants (cameras that run freely need a timestamps.csv, and --time-offsets), "
-            }
-        };
-        Err(BoardError::Contradiction {
-            what: sentences.iter().take(4).cloned().collect::<Vec<_>>().join("; "),
-            times: times.into(),
-        })
+    /// Whether a rig may be written all the same.
+    pub fn is_bearable(&self) -> bool {
+        self.gravest < 1.0
+    }
+
+    /// What those say that tell where the others come from.
+    pub fn causes(&self) -> impl Iterator<Item = String> + '_ {
+        self.doubts.iter().filter(|doubt| doubt.cause).map(|doubt| doubt.sentence.clone())
+    }
+
+    /// What they say.
+    pub fn sentences(&self) -> Vec<String> {
+        self.doubts.iter().map(|doubt| doubt.sentence.clone()).collect()
     }
 }
 
-fn dropped(bundle: &Bundle, camera: usize) -> Option<(f64, String)> {
+/// Residuals that grow with the speed at which the board crosses the image: what comes of frames that are not of the same instants,
+/// and of nothing else.
+fn late(joint: &Joint, camera: usize, alone: &Alone) -> Option<Weighed> {
+    let of_camera = joint.bundle.observations.iter().zip(&joint.speeds).filter(|(o, _)| o.camera == camera);
+    let mut all: Vec<(f64, f64)> =
+        of_camera.filter_map(|(o, speed)| Some(((*speed)?, joint.beyond_timing(o)?))).collect();
+    if all.len() < LEAST_CORNERS {
+        return None;
+    }
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let third = all.len() / 3;
+    let (slow, fast) = (&all[..third], &all[all.len() - third..]);
+    let middle = |part: &[(f64, f64)]| {
+        let (speeds, residuals): (Vec<f64>, Vec<f64>) = part.iter().copied().unzip();
+        Some((median(speeds)?, median(residuals)?))
+    };
+    let ((slow_speed, slow_px), (fast_speed, fast_px)) = (middle(slow)?, middle(fast)?);
+    // Errors of time and others add up by their squares, so that two speeds tell what would be left of a board that stands.
+    let per_speed = (fast_px.powi(2) - slow_px.powi(2)) / (fast_speed.powi(2) - slow_speed.powi(2));
+    let standing_px = (slow_px.powi(2) - per_speed * slow_speed.powi(2)).max(0.0).sqrt().max(alone.rms_px());
+    let grew = fast_speed > SPREAD * slow_speed && fast_px > (GREW_BY_SPEED * standing_px).max(RESIDUAL_PX);
+    grew.then(|| {
+        let text = format!(
+            "what {} leaves over grows with the speed of the board ({slow_px:.2} px where it is slow, {fast_px:.2} px where it is \
+             fast): its frames are not of the same instants as the others'",
+            joint.bundle.cameras[camera].name
+        );
+        (fast_px / MOST_RESIDUAL_PX, text)
+    })
+}
+
+fn dropped(bundle: &Bundle, camera: usize) -> Option<Weighed> {
     let own = || bundle.observations.iter().filter(move |o| o.camera == camera);
     let (all, out) = (own().count(), own().filter(|o| !o.used).count());
     let share = out as f64 / all.max(1) as f64;
@@ -85,21 +135,21 @@ fn dropped(bundle: &Bundle, camera: usize) -> Option<(f64, String)> {
     })
 }
 
-fn residual(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<(f64, String)> {
-    let name = &bundle.cameras[camera].name;
-    let (joint, own) = (bundle.rms_px(Some(camera)).0, alone.rms_px());
-    let doubtful = joint > (GREW * own).max(RESIDUAL_PX);
+fn residual(joint: &Joint, camera: usize, alone: &Alone) -> Option<Weighed> {
+    let name = &joint.bundle.cameras[camera].name;
+    let (left_px, own_px) = (joint.rms_px(Some(camera)), alone.rms_px());
+    let doubtful = left_px > (GREW * own_px).max(RESIDUAL_PX);
     doubtful.then(|| {
         let text = format!(
-            "{name} leaves {joint:.2} px over together with the others, and {own:.2} px by itself: its frames are not of the \
+            "{name} leaves {left_px:.2} px over together with the others, and {own_px:.2} px by itself: its frames are not of the \
              same instants, or it moved"
         );
-        (joint / MOST_RESIDUAL_PX, text)
+        (left_px / MOST_RESIDUAL_PX, text)
     })
 }
 
 /// Intrinsics that leave what the camera itself says.
-fn bent(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<(f64, String)> {
+fn bent(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<Weighed> {
     let single = alone.single.as_ref()?;
     let (before, after) = (&single.bundle.cameras[0], &bundle.cameras[camera]);
     let focal = before.intrinsics.fx;
@@ -121,7 +171,7 @@ fn bent(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<(f64, String)> 
     changes.max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-fn vague(bundle: &Bundle, camera: usize, uncertainty: &Uncertainty) -> Option<(f64, String)> {
+fn vague(bundle: &Bundle, camera: usize, uncertainty: &Uncertainty) -> Option<Weighed> {
     let state = &bundle.cameras[camera];
     let worst = super::intrinsics::focals(state, &uncertainty.cameras[camera])
         .max_by(|a, b| (a[1] / a[0]).total_cmp(&(b[1] / b[0])))?;

@@ -176,12 +176,23 @@ pub enum BoardError {
     },
     /// A solution that is none.
     #[error(
-        "this is no rig: {what}. Check that {times}the recordings belong together, the target has the size and kind that --target \
-         says, the board is stiff and flat, and no camera moved; --keep-intrinsics holds the lenses, --without leaves a camera out"
+        "this is no rig: {what}. {}{}Check that {times}the recordings belong together, the target has the size and kind that \
+         --target says, the board is stiff and flat, and no camera moved",
+        if tried.is_empty() { String::new() } else { format!("Tried: {tried}. ") },
+        if *lenses {
+            "Better than lenses that are kept are those of a recording of their own, in which each camera sees the board in all parts \
+             of its image (--rig). "
+        } else {
+            ""
+        }
     )]
     Contradiction {
         /// What speaks against it.
         what: String,
+        /// What was tried, and what came of it.
+        tried: String,
+        /// Whether keeping the lenses helps, so that better ones will.
+        lenses: bool,
         /// What is said of synchronisation.
         times: String,
     },
@@ -192,6 +203,17 @@ pub enum BoardError {
         name: String,
         /// Those that were recorded.
         cameras: Vec<String>,
+    },
+    /// An instant that does not exist is to tie no cameras.
+    #[error(
+        "the board was not seen at an instant {name}, of which --untie speaks; the instants are {} and so on",
+        known.join(", ")
+    )]
+    NoInstant {
+        /// What was asked for.
+        name: String,
+        /// The first ones that there are.
+        known: Vec<String>,
     },
     /// The intrinsics that are known are of other cameras.
     #[error(

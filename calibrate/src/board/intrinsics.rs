@@ -7,7 +7,8 @@ use super::{BoardError, BoardView, Plate, Seen};
 use crate::{
     bundle::{
         Bundle, BundleCamera, CameraUncertainty, Loss, Observation, Options, Parameter, Placement, Solution,
-        Uncertainty, free_lens, jackknife::successive,
+        Uncertainty, free_lens,
+        jackknife::{MOST_GROUPS, successive},
     },
     evidence::Moment,
     geometry::homography::plane_pose,
@@ -97,7 +98,7 @@ pub fn single(seen: &Seen, plate: impl Into<Plate>, model: LensModel, aspect: bo
     bundle.solve(&Options { loss: Loss::Cauchy(3.0), ..Options::default() })?;
     mark_gross(&mut bundle);
     let solution = bundle.solve(&Options::default())?;
-    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len()))?;
+    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len(), MOST_GROUPS))?;
     if let Some(open) = uncertainty.open.first() {
         let focal =
             open.parameters.iter().any(|(_, p, _)| matches!(p, Parameter::Focal | Parameter::Fx | Parameter::Fy));

@@ -18,9 +18,13 @@ use super::{
     link::{self, Linked, Sightings},
     origin,
     plate::Face,
+    remedies::{self, Offsets, Refused},
 };
 use crate::{
-    bundle::{BundleError, Loss, Parameter, Placement, Uncertainty, jackknife::successive},
+    bundle::{
+        BundleError, Loss, Parameter, Placement, Uncertainty,
+        jackknife::{MOST_GROUPS, successive},
+    },
     coverage::Coverage,
     evidence::Evidence,
 };
@@ -45,6 +49,8 @@ pub struct BoardOptions {
     pub intrinsics_only: bool,
     /// Cameras that are left out.
     pub without: BTreeSet<String>,
+    /// Instants whose pictures were not taken at once: they tell of lenses, and tie no cameras.
+    pub untied: BTreeSet<String>,
     /// The instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet. Without it the
     /// first camera is the world.
     pub origin: Option<String>,
@@ -58,7 +64,7 @@ impl BoardOptions {
 }
 
 /// A rig, what it was made from, and what was seen by its cameras, in its order.
-type Calibrated = (RigFile, Evidence);
+pub(super) type Calibrated = (RigFile, Evidence);
 
 /// Calibrates every camera alone, then all together where there is more than one. A camera that sees too little is left out
 /// where two others remain, and the rig's first warning says so; one that no board ties to the others is in the rig without a
@@ -99,43 +105,83 @@ pub fn calibrate(
         rig.warnings.splice(0..0, left_out);
         return Ok((rig, evidence));
     }
-    let names = |indices: &[usize]| indices.iter().map(|index| seen[*index].camera.clone()).collect::<Vec<String>>();
-    let lenses = || {
-        let (mut rig, evidence) = by_themselves(&seen, &alone);
-        rig.warnings.splice(0..0, left_out.iter().cloned());
-        Box::new((rig, evidence))
-    };
-    let open = |front: &[usize], back: &[usize], known: String| BoardError::BackOpen {
-        front: names(front),
-        back: names(back),
-        known,
-        alone: lenses(),
-    };
-    let all = sightings(&seen, plate, &alone);
-    let stated = plate.back().zip(options.back_thickness_m);
-    let stated = stated.map(|(back, thickness_m)| back::stated(plate.front(), back, thickness_m));
-    let mut keep = false;
-    loop {
-        let linked = link::link(&all, stated, keep);
-        let linked =
-            linked.map_err(|found| open(&found.front, &found.back, "how it turned tells too little".into()))?;
-        if linked.chain.cameras.len() < 2 {
-            let everyone: Vec<usize> = (0..seen.len()).collect();
-            let (one, other) = (names(&everyone[..1]), names(&everyone[1..]));
-            return Err(BoardError::Apart { one, other, alone: lenses() });
+    let several = Several { seen: &seen, alone: &alone, plate };
+    let told = |what: &str| progress(wanted.len(), wanted.len() + 1, what);
+    told("all cameras");
+    let mut found = several.calibrate(options).map_err(|failed| match failed {
+        Failed::Refused(refused) => {
+            let tried = remedies::tried(&several, &refused, options, &told);
+            refused.error(tried)
         }
-        progress(wanted.len(), wanted.len() + 1, "all cameras");
-        match with_poses(&seen, &alone, plate, &linked, options)? {
-            Outcome::Rig(calibrated) => {
-                let (mut rig, evidence) = *calibrated;
-                rig.warnings.splice(0..0, left_out);
-                return Ok((rig, evidence));
+        Failed::Other(error) => error,
+    });
+    match &mut found {
+        Ok((rig, _)) => {
+            rig.warnings.splice(0..0, left_out);
+        }
+        Err(BoardError::Apart { alone, .. } | BoardError::BackOpen { alone, .. }) => {
+            alone.0.warnings.splice(0..0, left_out);
+        }
+        Err(_) => {}
+    }
+    found
+}
+
+/// Cameras each of which was solved by itself.
+#[derive(Clone, Copy)]
+pub(super) struct Several<'a> {
+    pub seen: &'a [&'a Seen],
+    pub alone: &'a [&'a Alone],
+    pub plate: &'a Plate,
+}
+
+/// Why there is no rig.
+pub(super) enum Failed {
+    /// What the cameras say together contradicts what each of them says.
+    Refused(Box<Refused>),
+    Other(BoardError),
+}
+
+impl<E: Into<BoardError>> From<E> for Failed {
+    fn from(error: E) -> Self {
+        Self::Other(error.into())
+    }
+}
+
+impl Several<'_> {
+    /// All of them together.
+    pub fn calibrate(&self, options: &BoardOptions) -> Result<Calibrated, Failed> {
+        let Self { seen, alone, plate } = *self;
+        let names = |indices: &[usize]| indices.iter().map(|i| seen[*i].camera.clone()).collect::<Vec<String>>();
+        let lenses = || Box::new(by_themselves(seen, alone));
+        let open = |front: &[usize], back: &[usize], known: String| BoardError::BackOpen {
+            front: names(front),
+            back: names(back),
+            known,
+            alone: lenses(),
+        };
+        let all = sightings(seen, plate, alone);
+        let stated = plate.back().zip(options.back_thickness_m);
+        let stated = stated.map(|(back, thickness_m)| back::stated(plate.front(), back, thickness_m));
+        let mut keep = false;
+        loop {
+            let linked = link::link(&all, stated, keep);
+            let linked =
+                linked.map_err(|found| open(&found.front, &found.back, "how it turned tells too little".into()))?;
+            if linked.chain.cameras.len() < 2 {
+                let everyone: Vec<usize> = (0..seen.len()).collect();
+                let (one, other) = (names(&everyone[..1]), names(&everyone[1..]));
+                return Err(BoardError::Apart { one, other, alone: lenses() }.into());
             }
-            // What was stated takes the place of what remains open.
-            Outcome::BackOpen(_) if stated.is_some() && !keep => keep = true,
-            Outcome::BackOpen(known) => {
-                let saw = |face| seen_by(&all, &linked, face);
-                return Err(open(&saw(Face::Front), &saw(Face::Back), format!("it is known {known}")));
+            match with_poses(seen, alone, plate, &linked, options)? {
+                Outcome::Rig(calibrated) => return Ok(*calibrated),
+                Outcome::Refused(refused) => return Err(Failed::Refused(refused)),
+                // What was stated takes the place of what remains open.
+                Outcome::BackOpen(_) if stated.is_some() && !keep => keep = true,
+                Outcome::BackOpen(known) => {
+                    let saw = |face| seen_by(&all, &linked, face);
+                    return Err(open(&saw(Face::Front), &saw(Face::Back), format!("it is known {known}")).into());
+                }
             }
         }
     }
@@ -146,6 +192,8 @@ enum Outcome {
     Rig(Box<Calibrated>),
     /// Where the board's back is remains open: how well it is known, in words.
     BackOpen(String),
+    /// It contradicts what each camera says.
+    Refused(Box<Refused>),
 }
 
 /// The cameras of the chain that saw a side.
@@ -173,7 +221,7 @@ fn with_poses(
     let tied = Tied { seen: &seen, plate, alone: &alone, chain, boards: &boards, back: *back };
     let (mut rig, evidence) = match together(tied, options)? {
         Outcome::Rig(calibrated) => *calibrated,
-        open @ Outcome::BackOpen(_) => return Ok(open),
+        other => return Ok(other),
     };
     let names: Vec<&str> = lone_seen.iter().map(|seen| seen.camera.as_str()).collect();
     if !names.is_empty() {
@@ -196,6 +244,11 @@ fn check(seen: &[Seen], options: &BoardOptions) -> Result<(), BoardError> {
         return Err(BoardError::Thickness { thickness_m });
     }
     let recorded = |name: &String| seen.iter().any(|seen| seen.camera == *name);
+    let named = |instant: &String| seen.iter().flat_map(|seen| &seen.views).any(|view| view.instant == *instant);
+    if let Some(name) = options.untied.iter().find(|instant| !named(instant)) {
+        let known = seen.iter().flat_map(|seen| &seen.views).map(|view| &view.instant).collect::<BTreeSet<_>>();
+        return Err(BoardError::NoInstant { name: name.clone(), known: known.into_iter().take(8).cloned().collect() });
+    }
     if let Some(name) = options.without.iter().find(|name| !recorded(name)) {
         return Err(BoardError::NoCamera { name: name.clone(), cameras: names() });
     }
@@ -254,48 +307,64 @@ fn by_themselves(seen: &[&Seen], alone: &[&Alone]) -> Calibrated {
     (rig, evidence)
 }
 
-/// All cameras of a chain in one world.
+/// A solution, what is known of it, and what speaks against it.
+pub(super) struct Solved {
+    pub joint: Joint,
+    uncertainty: Uncertainty,
+    pub doubts: Doubts,
+}
+
+/// Stretches of a recording of which one is left out at a time, where cameras do not run together.
+const STRETCHES: usize = 6;
+
+impl Solved {
+    fn of(tied: Tied<'_>, options: &BoardOptions) -> Result<Self, BoardError> {
+        let mut joint = joint::solve(tied, options)?;
+        if let Some(name) = &options.origin {
+            origin::put(&mut joint, tied.plate, name)?;
+        }
+        // What a track leaves over is alike for some frames, and how late they come wanders: what is left out in turn must be long.
+        let most = if joint.timed { STRETCHES } else { MOST_GROUPS };
+        let groups = successive(joint.bundle.placements.len(), most);
+        let uncertainty = joint.bundle.uncertainty_of_groups(Loss::Squared, &groups)?;
+        let doubts = Doubts::of(&joint, tied.alone, &uncertainty);
+        Ok(Self { joint, uncertainty, doubts })
+    }
+}
+
+/// All cameras of a chain in one world; with time offsets where the frames' times and their corners say that they are needed.
 fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardError> {
     let Tied { seen, plate, alone, .. } = tied;
-    let solve = |options: &BoardOptions| -> Result<(Joint, Uncertainty, Doubts), BoardError> {
-        let solved = joint::solve(tied, options);
-        let mut joint = solved.map_err(|error| match error {
-            // What contradicts itself may drive a lens out of bounds.
-            BoardError::Bundle(BundleError::Camera { camera, .. }) => BoardError::Contradiction {
-                what: format!("no lens of {camera} makes the views fit together"),
-                times: String::new(),
-            },
-            error => error,
-        })?;
-        if let Some(name) = &options.origin {
-            origin::put(&mut joint, plate, name)?;
-        }
-        let groups = successive(joint.bundle.placements.len());
-        let uncertainty = joint.bundle.uncertainty_of_groups(Loss::Squared, &groups)?;
-        let doubts = Doubts::of(&joint, alone, &uncertainty);
-        Ok((joint, uncertainty, doubts))
-    };
-    let (mut joint, mut uncertainty, mut doubts) = solve(options)?;
     let mut notes = Vec::new();
-    if !doubts.is_empty() && !joint.timed && has_times(seen) {
-        // Cameras that do not run together contradict each other; their frames' times tell by how much.
-        let timed = solve(&BoardOptions { time_offsets: true, ..options.clone() });
-        let after = timed.as_ref().map_or(f64::INFINITY, |timed| timed.0.bundle.rms_px(None).0);
-        let before = joint.bundle.rms_px(None).0;
-        if let Ok(timed) = timed
-            && timed.2.gravest < doubts.gravest
-            && after < before
-            && timed.1.open.is_empty()
-        {
-            let most = timed.0.bundle.cameras.iter().map(|camera| camera.time_offset_s.abs()).fold(0.0, f64::max);
-            notes.push(format!(
-                "the cameras do not run together: time offsets of up to {:.0} ms were estimated, without which {before:.2} px are \
-                 left over in place of {after:.2}",
-                1e3 * most
-            ));
-            (joint, uncertainty, doubts) = timed;
+    let untimed = Solved::of(tied, options);
+    let doubtful = match &untimed {
+        Ok(solved) => !solved.doubts.is_empty() && !solved.joint.timed,
+        Err(error) => out_of_bounds(error).is_some() && !options.time_offsets,
+    };
+    let timed = (doubtful && has_times(seen))
+        .then(|| Solved::of(tied, &BoardOptions { time_offsets: true, ..options.clone() }))
+        .and_then(Result::ok)
+        .filter(|timed| timed.uncertainty.open.is_empty());
+    let mut offsets = None;
+    let solved = match (untimed, timed) {
+        (Err(error), None) => {
+            // What contradicts itself may drive a lens out of bounds.
+            let Some(what) = out_of_bounds(&error) else { return Err(error) };
+            return Ok(Outcome::Refused(Box::new(Refused { what: vec![what], ..Refused::default() })));
         }
-    }
+        (Err(_), Some(timed)) => timed,
+        (Ok(untimed), None) => untimed,
+        (Ok(untimed), Some(timed)) => {
+            let tried = Offsets::of(&untimed.joint, &timed.joint);
+            let better = timed.doubts.gravest < untimed.doubts.gravest && tried.left_px[1] < tried.left_px[0];
+            if better {
+                notes.push(format!("the cameras do not run together: {}", tried.sentence()));
+            }
+            offsets = Some(tried);
+            if better { timed } else { untimed }
+        }
+    };
+    let Solved { joint, uncertainty, doubts } = solved;
     let free = joint.bundle.sides.first().zip(uncertainty.sides.first()).filter(|(side, _)| side.free);
     let told = free.and_then(|(side, known)| Told::of(plate, side, known));
     if let Some(told) = told.as_ref().filter(|told| told.vagueness() > 1.0) {
@@ -309,8 +378,16 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardErro
     if options.time_offsets && !joint.timed {
         notes.push("time offsets were asked for and not estimated: not all frames have times (timestamps.csv)".into());
     }
-    rig.warnings = doubts.judged(joint.timed, has_times(seen))?;
+    if !doubts.is_bearable() {
+        let worst = remedies::worst(&joint);
+        let (timed, has_times) = (joint.timed, has_times(seen));
+        let mut what = causes(tied, options, timed);
+        what.extend(doubts.sentences().into_iter().filter(|sentence| !what.contains(sentence)).collect::<Vec<_>>());
+        return Ok(Outcome::Refused(Box::new(Refused { what, offsets, timed, has_times, worst })));
+    }
+    rig.warnings = doubts.sentences();
     rig.warnings.extend(notes);
+    rig.warnings.extend(scattered(&joint));
     rig.warnings.extend(told.as_ref().and_then(Told::warning));
     rig.warnings.extend(as_stated(&tied, options));
     for ((camera, one), seen) in rig.cameras.iter_mut().zip(alone).zip(seen) {
@@ -341,6 +418,36 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardErro
         quality.measures.extend(told.iter().flat_map(Told::measures));
     }
     Ok(Outcome::Rig(Box::new((rig, evidence))))
+}
+
+/// What a contradiction comes from, in words, as it shows where lenses do not bend to hide it.
+fn causes(tied: Tied<'_>, options: &BoardOptions, timed: bool) -> Vec<String> {
+    let rigid = BoardOptions { keep_intrinsics: true, time_offsets: timed, ..options.clone() };
+    Solved::of(tied, &rigid).map_or(Vec::new(), |solved| solved.doubts.causes().collect())
+}
+
+/// What drove a lens out of bounds, in words, if that is what went wrong.
+fn out_of_bounds(error: &BoardError) -> Option<String> {
+    match error {
+        BoardError::Bundle(BundleError::Camera { camera, .. }) => {
+            Some(format!("no lens of {camera} makes the views fit together"))
+        }
+        _ => None,
+    }
+}
+
+/// Says so where a camera's frames come now earlier and now later.
+fn scattered(joint: &Joint) -> Option<String> {
+    const LEAST_S: f64 = 5e-3;
+    let each = joint.bundle.cameras.iter().zip(&joint.scatter_s).filter(|(_, scatter_s)| **scatter_s >= LEAST_S);
+    let each: Vec<String> =
+        each.map(|(camera, scatter_s)| format!("{} by {:.0} ms", camera.name, 1e3 * scatter_s)).collect();
+    (!each.is_empty()).then(|| {
+        format!(
+            "beside their offsets the times of frames are off (standard deviation), and pictures of a fast board count less: {}",
+            each.join(", ")
+        )
+    })
 }
 
 /// Says so where the back was not found but taken as it was stated.

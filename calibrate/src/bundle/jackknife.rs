@@ -19,11 +19,13 @@ use super::{
 /// With fewer groups their scatter says nothing.
 const FEWEST: usize = 4;
 
-/// Groups of placements that were seen one after the other, as many as tell something and cost little.
+/// As many groups as tell something and cost little.
+pub const MOST_GROUPS: usize = 40;
+
+/// Groups of placements that were seen one after the other, so many at most.
 #[must_use]
-pub fn successive(placements: usize) -> Vec<usize> {
-    const MOST: usize = 40;
-    let size = placements.div_ceil(MOST).max(1);
+pub fn successive(placements: usize, most: usize) -> Vec<usize> {
+    let size = placements.div_ceil(most).max(1);
     (0..placements).map(|placement| placement / size).collect()
 }
 

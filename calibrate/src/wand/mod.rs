@@ -38,7 +38,10 @@ use adjust::Round;
 use known_rig::Fixed;
 
 use crate::{
-    bundle::{Bundle, BundleCamera, Loss, Parameter, jackknife::successive},
+    bundle::{
+        Bundle, BundleCamera, Loss, Parameter,
+        jackknife::{MOST_GROUPS, successive},
+    },
     evidence::Evidence,
 };
 use erfgs_scene::rig_file::RigFile;
@@ -173,7 +176,7 @@ pub fn calibrate(cameras: &[WandCamera], options: &WandOptions) -> Result<(RigFi
     enough(&cameras, &outcome::placements(&bundle), options)?;
     // What wands share that follow each other (the speed of a LED across the image, the lens where the wand was) is seen only
     // when they are left out together.
-    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len()))?;
+    let uncertainty = bundle.uncertainty_of_groups(Loss::Squared, &successive(bundle.placements.len(), MOST_GROUPS))?;
     let (mut rig, evidence) = outcome::outcome(&cameras, bundle, &uncertainty, &scatter, evidence, options)?;
     if let Some(known_rig) = &options.known {
         known_rig.complete(&mut rig, &fixed);

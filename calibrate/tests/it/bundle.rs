@@ -170,7 +170,7 @@ fn the_deviations_of_a_back_are_those_of_repeated_trials() {
     for seed in 0..seeds {
         let mut bundle = two_sided(&cameras, 12, 0.3, 500 + seed);
         bundle.solve(&Options::default()).unwrap();
-        let groups = jackknife::successive(bundle.placements.len());
+        let groups = jackknife::successive(bundle.placements.len(), jackknife::MOST_GROUPS);
         let uncertainty = bundle.uncertainty(Loss::Squared).unwrap();
         let grouped = bundle.uncertainty_of_groups(Loss::Squared, &groups).unwrap();
         let (own, least) = (&uncertainty.sides[0], &grouped.sides[0]);
@@ -409,7 +409,7 @@ fn problems_with_nothing_or_one_thing_free_are_solved_and_told() {
             bundle.cameras[0].free.clear();
             bundle.cameras[1].free.clone_from(&free);
             bundle.solve(&Options { method, ..Options::default() }).unwrap();
-            let groups = jackknife::successive(bundle.placements.len());
+            let groups = jackknife::successive(bundle.placements.len(), jackknife::MOST_GROUPS);
             for uncertainty in [
                 bundle.uncertainty(Loss::Squared).unwrap(),
                 bundle.uncertainty_of_groups(Loss::Squared, &groups).unwrap(),

@@ -85,7 +85,38 @@ fn recordings_that_do_not_belong_together_are_no_rig() {
         assert!(matches!(error, BoardError::Contradiction { .. }), "{error}");
         let message = error.to_string();
         assert!(message.contains("right") && message.contains("belong together"), "{message}");
+        // What was tried is named; of two cameras none can be left out.
+        assert!(message.contains("Tried: ") && message.contains("--keep-intrinsics does not help"), "{message}");
+        assert!(!message.contains("--without"), "{message}");
     }
+}
+
+#[test]
+fn instants_that_tie_no_cameras_contradict_nothing_and_are_named_if_there_are_none_such() {
+    let (mut seen, other) =
+        (vec![seen("left", 0.0, 0.0, 0.0), seen("right", 0.5, 0.0, 0.0)], seen("right", 0.5, 0.0, 3.0));
+    // For a while somebody held another board before the one camera.
+    let wrong = 8..14;
+    seen[1].views[wrong.clone()].clone_from_slice(&other.views[wrong.clone()]);
+    let before = solve(&seen, &options()).map_or_else(|error| vec![error.to_string()], |rig| rig.warnings);
+    assert!(before.iter().any(|doubt| doubt.contains("right")), "{before:?}");
+    let untied = BoardOptions { untied: wrong.map(|instant| instant.to_string()).collect(), ..options() };
+    let rig = solve(&seen, &untied).unwrap();
+    let (off, limit) = off(&rig, 1, [0.0, 0.5]);
+    assert!(rig.warnings.is_empty() && off < limit && off < 4e-3, "{off} {limit} {:?}", rig.warnings);
+    let unknown = BoardOptions { untied: ["floor".into()].into(), ..options() };
+    let error = solve(&seen, &unknown).unwrap_err().to_string();
+    assert!(error.contains("floor") && error.contains("--untie") && error.contains("0, 1"), "{error}");
+}
+
+#[test]
+fn of_three_cameras_of_which_one_was_moved_the_refusal_says_that_without_it_there_is_a_rig() {
+    let mut seen = vec![seen("left", 0.0, 0.0, 0.0), seen("middle", 0.3, 0.0, 0.0), seen("right", 0.5, 0.0, 0.0)];
+    let elsewhere = self::seen("right", 0.75, 0.0, 0.0);
+    seen[2].views[20..].clone_from_slice(&elsewhere.views[20..]);
+    let error = solve(&seen, &options()).unwrap_err().to_string();
+    println!("{error}");
+    assert!(error.contains("--without right gives a rig") && !error.contains("--without left gives"), "{error}");
 }
 
 #[test]

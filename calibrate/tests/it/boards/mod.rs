@@ -9,6 +9,8 @@ mod coverage;
 mod doubt;
 mod focal;
 mod moving;
+mod oblique;
+mod offsets;
 mod print;
 mod quick;
 mod report;

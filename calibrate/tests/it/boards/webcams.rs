@@ -2,7 +2,10 @@ use std::{collections::BTreeMap, path::Path, sync::OnceLock};
 
 use erfgs_calibrate::board::{BoardOptions, BoardView, Corner, Seen, Target, calibrate, look};
 use erfgs_recordings::shared;
-use erfgs_scene::{Distortion, Intrinsics, Pose, rig_file::Sigma};
+use erfgs_scene::{
+    Distortion, Intrinsics, Pose,
+    rig_file::{RigFile, Sigma},
+};
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::halves::{differences, in_deviations};
@@ -72,9 +75,12 @@ fn watched(source: &Path) -> &'static (Target, Vec<Seen>) {
 fn four_free_running_webcams_and_a_waved_board() {
     let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
     let (target, videos) = watched(&source);
-    let least = [50, 40, 45, 20];
-    for (seen, least) in videos.iter().zip(least) {
-        assert!(seen.views.len() >= least, "{}: {} views", seen.camera, seen.views.len());
+    // Of the camera that sees the board most from the side 277 corners were found before, and OpenCV finds 425.
+    let least = [(50, 670), (40, 530), (45, 630), (40, 400)];
+    for (seen, (views, least)) in videos.iter().zip(least) {
+        let corners: usize = seen.views.iter().map(|view| view.corners.len()).sum();
+        println!("{}: {} views, {corners} corners", seen.camera, seen.views.len());
+        assert!(seen.views.len() >= views && corners >= least, "{}: {} views", seen.camera, seen.views.len());
     }
     let mut untimed = videos.clone();
     untimed.iter_mut().flat_map(|seen| &mut seen.views).for_each(|view| view.time_s = None);
@@ -83,16 +89,20 @@ fn four_free_running_webcams_and_a_waved_board() {
     let plain = BoardOptions { known, ..BoardOptions::default() };
     let timed = BoardOptions { time_offsets: true, ..plain.clone() };
     let theirs = their_corners(&source.join("calibration/extrinsic/xy.csv"));
-    let mut rms = Vec::new();
+    let (mut rms, mut out) = (Vec::new(), Vec::new());
     for (what, seen, options, most_mm, most_deg) in [
         ("the reference's corners", &theirs, &plain, 12.0, 1.0),
-        ("our corners", &untimed, &plain, 12.0, 0.8),
+        ("our corners", &untimed, &plain, 14.0, 0.8),
         // The webcams deliver their frames up to a tenth of a second apart; the reference takes them for simultaneous.
         ("our corners, time offsets estimated", videos, &timed, 20.0, 1.0),
     ] {
         let (rig, _) = calibrate(seen, target, options, &|_, _, _| {}).unwrap();
         let world = reference["cam_0"].1;
-        rms.push(rig.quality.unwrap().rms_px);
+        rms.push(rig.quality.as_ref().unwrap().rms_px);
+        out.push(rig.cameras.iter().map(|camera| camera.outliers).sum::<usize>());
+        if options.time_offsets {
+            assert_offsets(&rig);
+        }
         println!("{what}: rms {:.3} px", rms[rms.len() - 1]);
         for camera in &rig.cameras {
             let (_, pose) = reference[&camera.name];
@@ -114,7 +124,34 @@ fn four_free_running_webcams_and_a_waved_board() {
             assert!(off < most_mm && turned < most_deg, "{}: {off} mm, {turned} deg", camera.name);
         }
     }
-    assert!(rms[2] < 0.8 * rms[1], "time offsets explain what is left: {rms:?}");
+    // Corners that contradicted the others take part, and less is left over all the same.
+    assert!(rms[2] < 0.9 * rms[1] && out[2] < 60 && out[1] > 100, "time offsets explain what is left: {rms:?} {out:?}");
+}
+
+/// What an independent fit of the board's path gives, milliseconds, and what the frames' own scatter leaves open of it.
+const OFFSETS_MS: [[f64; 2]; 4] = [[0.0, 1e-6], [-105.0, 20.0], [33.0, 15.0], [27.0, 15.0]];
+
+fn assert_offsets(rig: &RigFile) {
+    for (camera, [offset_ms, open_ms]) in rig.cameras.iter().zip(OFFSETS_MS) {
+        let found_ms = 1e3 * camera.time_offset_s;
+        assert!((found_ms - offset_ms).abs() < open_ms, "{}: {found_ms} ms, and not {offset_ms}", camera.name);
+    }
+}
+
+#[test]
+fn without_lenses_the_same_recording_makes_a_rig_since_offsets_are_tried_by_themselves() {
+    let Some(source) = shared("data/caliscope_sessions/post_optimization") else { return };
+    let (target, videos) = watched(&source);
+    let (rig, _) = calibrate(videos, target, &BoardOptions::default(), &|_, _, _| {}).unwrap();
+    println!("{:#?}", rig.warnings);
+    assert!(rig.warnings.iter().any(|warning| warning.contains("do not run together")), "{:?}", rig.warnings);
+    assert_offsets(&rig);
+    let reference = reference(&source.join("camera_array.toml"));
+    for camera in &rig.cameras {
+        let (theirs, sigma) = (reference[&camera.name].0.fx, camera.sigma.as_ref().unwrap().intrinsics["fx"].unwrap());
+        println!("{}: fx {:.0} ± {sigma:.0} px, the reference's {theirs:.0}", camera.name, camera.intrinsics.fx);
+        assert!((camera.intrinsics.fx - theirs).abs() < 0.05 * theirs, "{}", camera.name);
+    }
 }
 
 #[test]
@@ -133,8 +170,7 @@ fn parts_of_a_recording_by_free_running_webcams_agree_within_their_deviations() 
         calibrate(&part, target, &options, &|_, _, _| {}).unwrap().0
     };
     // Of instants 35 to 91, every other; every other of 8 and of 4 stretches; the first half and the second. In these the board was
-    // held elsewhere, so that what the given lenses leave over is not the same: no part of the one tells of it. (Of one camera 28 %
-    // of the corners contradict the rest. Stretches of 57 / 8 or 57 / 4 instants come to more than 30 %, and are refused.)
+    // held elsewhere, so that what the given lenses leave over is not the same: no part of the one tells of it.
     for (stretches, limit) in [(58, 1.5), (8, 1.5), (4, 1.5), (2, 2.5)] {
         let [one, other] = [0, 1].map(|odd| of(&|instant| (instant - 35) * stretches / 58 % 2 == odd));
         let [rms, _] = in_deviations(&format!("every other of {stretches}"), &differences(&one, &other));
