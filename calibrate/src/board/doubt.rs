@@ -138,13 +138,15 @@ fn dropped(bundle: &Bundle, camera: usize) -> Option<Weighed> {
 fn residual(joint: &Joint, camera: usize, alone: &Alone) -> Option<Weighed> {
     let name = &joint.bundle.cameras[camera].name;
     let (left_px, own_px) = (joint.rms_px(Some(camera)), alone.rms_px());
-    let doubtful = left_px > (GREW * own_px).max(RESIDUAL_PX);
+    // However little is known of when frames were taken, nothing explains as much as this.
+    let whole_px = joint.bundle.rms_px(Some(camera)).0;
+    let doubtful = left_px > (GREW * own_px).max(RESIDUAL_PX) || whole_px > MOST_RESIDUAL_PX;
     doubtful.then(|| {
         let text = format!(
-            "{name} leaves {left_px:.2} px over together with the others, and {own_px:.2} px by itself: its frames are not of the \
+            "{name} leaves {whole_px:.2} px over together with the others, and {own_px:.2} px by itself: its frames are not of the \
              same instants, or it moved"
         );
-        (left_px / MOST_RESIDUAL_PX, text)
+        (whole_px / MOST_RESIDUAL_PX, text)
     })
 }
 

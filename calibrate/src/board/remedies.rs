@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::{
     BoardError, BoardOptions,
     joint::Joint,
-    rig::{Calibrated, Failed, Several},
+    rig::{Failed, Fitted, Several},
 };
 use crate::statistics::median;
 
@@ -108,7 +108,7 @@ pub(super) fn tried(several: &Several<'_>, refused: &Refused, options: &BoardOpt
         told(words);
         let outcome = several.calibrate(options);
         tried.said.push(verdict(words, &outcome));
-        outcome.is_ok()
+        outcome.is_ok_and(|fitted| !fitted.doubtful)
     };
     let keep = BoardOptions { keep_intrinsics: true, ..options.clone() };
     let lenses_are_free = !options.keep_intrinsics && several.alone.iter().any(|alone| alone.single.is_some());
@@ -141,16 +141,24 @@ fn without_one(several: &Several<'_>, options: &BoardOptions, told: &dyn Fn(&str
         let alone: Vec<_> = others().map(|index| several.alone[index]).collect();
         let words = format!("--without {}", several.seen[left_out].camera);
         told(&words);
-        let outcome = Several { seen: &seen, alone: &alone, plate: several.plate }.calibrate(options);
-        outcome.is_ok().then(|| verdict(&words, &outcome))
+        (words, Several { seen: &seen, alone: &alone, plate: several.plate }.calibrate(options))
     };
-    let helpful: Vec<String> = (0..count).filter_map(without).collect();
+    let all: Vec<_> = (0..count).map(without).filter(|(_, outcome)| outcome.is_ok()).collect();
+    let is_sound =
+        |(_, outcome): &&(String, Result<Fitted, Failed>)| outcome.as_ref().is_ok_and(|fitted| !fitted.doubtful);
+    // Rigs that are doubtful are named only where there is no other.
+    let any_sound = all.iter().any(|trial| is_sound(&trial));
+    let helpful: Vec<String> = all
+        .iter()
+        .filter(|trial| !any_sound || is_sound(trial))
+        .map(|(words, outcome)| verdict(words, outcome))
+        .collect();
     if helpful.is_empty() { vec!["leaving out any one camera does not help".into()] } else { helpful }
 }
 
-fn verdict(words: &str, outcome: &Result<Calibrated, Failed>) -> String {
+fn verdict(words: &str, outcome: &Result<Fitted, Failed>) -> String {
     match outcome {
-        Ok((rig, _)) => {
+        Ok(Fitted { calibrated: (rig, _), .. }) => {
             let left_px = rig.quality.as_ref().map_or(0.0, |quality| quality.rms_px);
             let doubt =
                 rig.warnings.first().map_or(String::new(), |doubt| format!(", of which is said first: {doubt}"));

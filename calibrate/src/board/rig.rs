@@ -108,7 +108,8 @@ pub fn calibrate(
     let several = Several { seen: &seen, alone: &alone, plate };
     let told = |what: &str| progress(wanted.len(), wanted.len() + 1, what);
     told("all cameras");
-    let mut found = several.calibrate(options).map_err(|failed| match failed {
+    let found = several.calibrate(options).map(|fitted| fitted.calibrated);
+    let mut found = found.map_err(|failed| match failed {
         Failed::Refused(refused) => {
             let tried = remedies::tried(&several, &refused, options, &told);
             refused.error(tried)
@@ -150,7 +151,7 @@ impl<E: Into<BoardError>> From<E> for Failed {
 
 impl Several<'_> {
     /// All of them together.
-    pub fn calibrate(&self, options: &BoardOptions) -> Result<Calibrated, Failed> {
+    pub fn calibrate(&self, options: &BoardOptions) -> Result<Fitted, Failed> {
         let Self { seen, alone, plate } = *self;
         let names = |indices: &[usize]| indices.iter().map(|i| seen[*i].camera.clone()).collect::<Vec<String>>();
         let lenses = || Box::new(by_themselves(seen, alone));
@@ -174,7 +175,7 @@ impl Several<'_> {
                 return Err(BoardError::Apart { one, other, alone: lenses() }.into());
             }
             match with_poses(seen, alone, plate, &linked, options)? {
-                Outcome::Rig(calibrated) => return Ok(*calibrated),
+                Outcome::Rig(fitted) => return Ok(*fitted),
                 Outcome::Refused(refused) => return Err(Failed::Refused(refused)),
                 // What was stated takes the place of what remains open.
                 Outcome::BackOpen(_) if stated.is_some() && !keep => keep = true,
@@ -187,9 +188,16 @@ impl Several<'_> {
     }
 }
 
+/// A rig that may be written.
+pub(super) struct Fitted {
+    pub calibrated: Calibrated,
+    /// Whether something speaks against it, though not enough to refuse it.
+    pub doubtful: bool,
+}
+
 /// What all cameras together give.
 enum Outcome {
-    Rig(Box<Calibrated>),
+    Rig(Box<Fitted>),
     /// Where the board's back is remains open: how well it is known, in words.
     BackOpen(String),
     /// It contradicts what each camera says.
@@ -219,8 +227,8 @@ fn with_poses(
     };
     let ((seen, alone), (lone_seen, lone)) = (pick(&chain.cameras), pick(&apart));
     let tied = Tied { seen: &seen, plate, alone: &alone, chain, boards: &boards, back: *back };
-    let (mut rig, evidence) = match together(tied, options)? {
-        Outcome::Rig(calibrated) => *calibrated,
+    let Fitted { calibrated: (mut rig, evidence), doubtful } = match together(tied, options)? {
+        Outcome::Rig(fitted) => *fitted,
         other => return Ok(other),
     };
     let names: Vec<&str> = lone_seen.iter().map(|seen| seen.camera.as_str()).collect();
@@ -231,7 +239,7 @@ fn with_poses(
         );
         rig.cameras.extend(by_themselves(&lone_seen, &lone).0.cameras);
     }
-    Ok(Outcome::Rig(Box::new((rig, evidence))))
+    Ok(Outcome::Rig(Box::new(Fitted { calibrated: (rig, evidence), doubtful })))
 }
 
 /// No plate is thicker, metres.
@@ -385,6 +393,7 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardErro
         what.extend(doubts.sentences().into_iter().filter(|sentence| !what.contains(sentence)).collect::<Vec<_>>());
         return Ok(Outcome::Refused(Box::new(Refused { what, offsets, timed, has_times, worst })));
     }
+    let doubtful = !doubts.is_empty();
     rig.warnings = doubts.sentences();
     rig.warnings.extend(notes);
     rig.warnings.extend(scattered(&joint));
@@ -417,7 +426,7 @@ fn together(tied: Tied<'_>, options: &BoardOptions) -> Result<Outcome, BoardErro
         quality.measures.insert("instants".into(), evidence.moments.len() as f64);
         quality.measures.extend(told.iter().flat_map(Told::measures));
     }
-    Ok(Outcome::Rig(Box::new((rig, evidence))))
+    Ok(Outcome::Rig(Box::new(Fitted { calibrated: (rig, evidence), doubtful })))
 }
 
 /// What a contradiction comes from, in words, as it shows where lenses do not bend to hide it.

@@ -14,8 +14,8 @@ const GROSS: f64 = 8.0;
 const HALF_BELOW: f64 = 0.4549;
 /// With fewer views nothing follows.
 const FEWEST: usize = 8;
-/// Frames of a stream are not farther apart, seconds.
-const MOST_S: f64 = 0.5;
+/// What is farther off, seconds, is of another time and not late.
+const MOST_S: f64 = 0.1;
 
 /// How much the times of each camera's frames scatter about its offset (standard deviation, seconds); their corners' standard
 /// deviations are widened by it, at the speed at which each moves.
@@ -49,13 +49,14 @@ fn of_camera(bundle: &Bundle, camera: usize) -> f64 {
     if all.len() < FEWEST { 0.0 } else { scatter(&all) }
 }
 
-/// The scatter with which half of the views are as far off as half of them should be; none where errors of corners explain it.
+/// The scatter with which half of the views are as far off as half of them should be; none where errors of corners explain it, and
+/// none where no frame could be so late: what does not belong together is no scatter.
 fn scatter(all: &[Late]) -> f64 {
     let excess = |scatter: f64| {
         let squares = all.iter().map(|late| late.late_s.powi(2) / (late.sigma_s.powi(2) + scatter * scatter));
         median(squares).unwrap_or(0.0) - HALF_BELOW
     };
-    if excess(0.0) <= 0.0 {
+    if excess(0.0) <= 0.0 || excess(MOST_S) > 0.0 {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, MOST_S);
@@ -91,5 +92,7 @@ mod tests {
             let found = scatter(&(0..400).map(late).collect::<Vec<_>>());
             assert!((found - true_s).abs() < 0.2 * true_s + 0.006, "{found} {true_s}");
         }
+        let elsewhere = |index: u64| Late { late_s: random::normal(random::key(7, &[index])), sigma_s: 0.01 };
+        assert_eq!(scatter(&(0..100).map(elsewhere).collect::<Vec<_>>()), 0.0);
     }
 }
