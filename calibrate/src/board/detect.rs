@@ -12,12 +12,15 @@ use super::{
     facing,
     features::features,
 };
+use crate::statistics::median;
 
 /// Corners that are nearer than this to where their neighbours say are kept.
 const STRAY_PX: f64 = 0.3;
 /// What is as strong is a place where edges cross, and so many of them may be a board.
 const CROSSING: f32 = 60.0;
 const MANY: usize = 12;
+/// Two looks at a corner differ by less; the next corner is farther away.
+const SAME_PX: f64 = 2.5;
 /// Half of the window around a corner without neighbours, pixels.
 const LONE_PX: f64 = 3.0;
 /// Fewer corners do not say how a board lies.
@@ -148,15 +151,9 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
         }
     }
     if corners.len() < FEW {
-        corners = leaning(&grey, &look).unwrap_or(corners);
-    }
-    if corners.len() < all
-        && let Some(facing) = facing::from_before(&grey, &corners, target)
-    {
-        let found = facing.in_original(look(&facing.grey));
-        if found.len() > corners.len() {
-            corners = found;
-        }
+        corners = leaning(&grey, target, &look).unwrap_or(corners);
+    } else if corners.len() < all {
+        corners = confirmed(&grey, corners.clone(), target, &look).unwrap_or(corners);
     }
     exact(&grey, &mut corners, target);
     // What hides a corner in part pulls it aside, and so do edges that are too near to it.
@@ -165,21 +162,53 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     corners
 }
 
+/// The corners of a board as they are read in a picture from before it, once two such pictures agree, the second by what was read in
+/// the first; `None` where none does. Of what is read by `corners` themselves, the picture with more of them counts.
+fn confirmed(
+    grey: &Grey,
+    mut corners: Vec<Corner>,
+    target: &Target,
+    look: &dyn Fn(&Grey) -> Vec<Corner>,
+) -> Option<Vec<Corner>> {
+    for _ in 0..3 {
+        let facing = facing::from_before(grey, &corners, target)?;
+        let found = facing.in_original(look(&facing.grey));
+        if found.len() < FEW {
+            return None;
+        }
+        if agree(&corners, &found) {
+            return Some(if found.len() > corners.len() { found } else { corners });
+        }
+        corners = found;
+    }
+    None
+}
+
+/// Whether corners of the same numbers are at the same places.
+fn agree(one: &[Corner], other: &[Corner]) -> bool {
+    let place = |id: u32| one.iter().find(|corner| corner.id == id).map(|corner| corner.pixel);
+    let apart = other.iter().filter_map(|corner| Some(place(corner.id)?.distance(corner.pixel)));
+    median(apart).is_some_and(|apart| apart < SAME_PX)
+}
+
 /// The corners of a board that leans so much that none are found in the picture as it is: in pictures that are stretched, of half
-/// the size first.
-fn leaning(grey: &Grey, look: &dyn Fn(&Grey) -> Vec<Corner>) -> Option<Vec<Corner>> {
-    // The first with a board is as good as any: once it is known how it lies, it is looked at from before.
-    let found = |grey: &Grey, scale: f64| {
-        let mut all = facing::stretched(grey).map(|warped| warped.in_original(look(&warped.grey)));
-        let corners = all.find(|corners| corners.len() >= FEW)?;
-        Some(corners.into_iter().map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect())
+/// the size first, since all of a picture takes ten times as long so as the picture itself. What is read in a picture that is narrow
+/// or blurred may be another place of the board, so that a picture from before it must confirm it.
+fn leaning(grey: &Grey, target: &Target, look: &dyn Fn(&Grey) -> Vec<Corner>) -> Option<Vec<Corner>> {
+    let found = |part: &Grey, scale: f64| {
+        facing::stretched(part).find_map(|warped| {
+            let corners = warped.in_original(look(&warped.grey)).into_iter();
+            let corners = corners.map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect();
+            confirmed(grey, corners, target, look)
+        })
     };
     if grey.width.min(grey.height) < LARGE {
         return found(grey, 1.0);
     }
-    // It takes ten times as long as the picture itself, and where few edges cross there is no board.
-    let is_worth_it = || features(grey, CROSSING).iter().filter(|feature| feature.strength >= CROSSING).count() >= MANY;
-    found(&grey.halved(), 2.0).or_else(|| if is_worth_it() { found(grey, 1.0) } else { None })
+    found(&grey.halved(), 2.0).or_else(|| {
+        let crossings = features(grey, CROSSING).iter().filter(|feature| feature.strength >= CROSSING).count();
+        if crossings >= MANY { found(grey, 1.0) } else { None }
+    })
 }
 
 /// Detectors put the centre of the first pixel at 0.

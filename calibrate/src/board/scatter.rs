@@ -86,7 +86,7 @@ mod tests {
             let late = |index: u64| {
                 let draw = |of| random::normal(random::key(5, &[index, of]));
                 let sigma_s = 0.002 + 0.02 * random::uniform(random::key(6, &[index]));
-                let lost_s = if index % 12 == 0 { 0.3 } else { 0.0 };
+                let lost_s = if index.is_multiple_of(12) { 0.3 } else { 0.0 };
                 Late { late_s: sigma_s * draw(0) + true_s * draw(1) + lost_s, sigma_s }
             };
             let found = scatter(&(0..400).map(late).collect::<Vec<_>>());

@@ -50,11 +50,11 @@ fn corners_are_found_and_exact_and_none_is_another() {
     // 1.7, 2.0, 0.2, 0.1, 0.1 and 5.5 px off. OpenCV finds 137, 85, 64 and 33 of the ChArUco boards', 0.2 to 0.4 px off (rms).
     for (text, unit, degrees, blur, least, most_rms, most) in [
         ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 55.0, 0.7, 138, 0.07, 0.4),
-        ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 65.0, 0.7, 115, 0.18, 0.9),
-        ("charuco:4x5:0.054:0.0405:DICT_4X4_50", 0.00675, 65.0, 0.7, 58, 0.08, 0.3),
+        ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 65.0, 0.7, 70, 0.08, 0.3),
+        ("charuco:4x5:0.054:0.0405:DICT_4X4_50", 0.00675, 65.0, 0.7, 46, 0.08, 0.3),
         ("charuco:4x5:0.054:0.0405:DICT_4X4_50", 0.00675, 72.0, 0.7, 34, 0.09, 0.4),
-        ("chessboard:8x5:0.04", 0.04, 65.0, 0.7, 236, 0.05, 0.2),
-        ("chessboard:8x5:0.04", 0.04, 72.0, 0.7, 155, 0.05, 0.2),
+        ("chessboard:8x5:0.04", 0.04, 65.0, 0.7, 196, 0.05, 0.2),
+        ("chessboard:8x5:0.04", 0.04, 72.0, 0.7, 76, 0.05, 0.2),
         ("aprilgrid:4x3:0.06:0.3", 0.006, 65.0, 0.7, 270, 0.06, 0.3),
     ] {
         let target: Target = text.parse().unwrap();
@@ -97,7 +97,7 @@ fn a_camera_that_sees_a_board_from_the_side_alone_is_within_its_deviations() {
         let off = [i.fx - truth.fx, i.fy - truth.fy, i.cx - truth.cx, i.cy - truth.cy];
         let own: Vec<f64> = off.iter().zip(sigma).map(|(off, sigma)| off / sigma).collect();
         println!("{corners} corners, rms {:.3} px: {off:.2?} px, {own:.1?} deviations", found.bundle.rms_px(None).0);
-        assert!(corners > 300, "{corners}");
+        assert!(corners > 280, "{corners}");
         ratios.extend(own);
     }
     let rms = (ratios.iter().map(|ratio| ratio * ratio).sum::<f64>() / ratios.len() as f64).sqrt();
