@@ -1,9 +1,20 @@
 //! A run whose Gaussians bodies carry: in a browser, in files for others, in words.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use erfgs_dataset::{Bodies, Body, BodyPose, Dataset, SurfacePoint};
+use erfgs_run::RunFolder;
 use erfgs_scene::ply::GaussianCloud;
+use erfgs_train::{
+    config::{Config, Method, MotionModel, Preset},
+    gpu::{AdapterChoice, Gpu},
+    scene::Scene,
+    trainer::{Progress, TrainOptions, Trainer},
+};
 use glam::{DQuat, DVec3};
 
 use super::{
@@ -84,7 +95,7 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     give_bodies(&folder.path("ds"));
     // Events add Gaussians that no body carries.
     let free = "--set eds.from=5 --set eds.every=1 --set eds.until=1.0 --set eds.min_events=1 --set eds.tolerance_px=8 \
-                --set eds.depths=64 --set free_time.knots=2 --set bodies.trial=0";
+                --set eds.depths=64 --set free_time.knots=2 --set bodies.trial=0 --set bodies.spacing_px=0";
     folder.succeed(&format!("train ds --out run --motion bodies --iterations 20+30 {free} -q"));
     let told = folder.succeed("info run");
     assert!(told.contains("bodies") && told.contains("2: disc, <b>ball"), "{told}");
@@ -121,6 +132,62 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     browser.open(&format!("file://{}#t=0.15", folder.path("one.html").display()));
     browser.wait("document.body?.dataset.shown === 'all' && document.querySelectorAll('.body').length === 3");
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
+}
+
+/// A trainer by bodies on the frames of the film alone, as it stands after its coarse stage, and where it writes its run.
+fn trainer<'a>(gpu: &'a Gpu, folder: &Folder, assignments: &[&str]) -> (Trainer<'a>, RunFolder) {
+    let mut config = Config::preset(Method::FourDgs, Preset::Default);
+    (config.motion, config.coarse_iterations, config.fine_iterations) = (MotionModel::Bodies, 5, 8);
+    config.bodies.trial = 0;
+    config.evaluation.leave_alone();
+    config.evaluation.log_every = u32::MAX;
+    assignments.iter().for_each(|assignment| config.set(assignment).expect("a setting"));
+    let dataset = Dataset::load(&folder.path("ds")).expect("a dataset");
+    config.settle(&dataset, false).expect("settings");
+    let scene = Scene::load(dataset, &config, false).expect("a scene");
+    let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
+    let mut trainer = Trainer::new(gpu, scene, config, &options).expect("a trainer");
+    let run = RunFolder::new(folder.path(&format!("run-{}", assignments.join("-"))));
+    let coarse = AtomicBool::new(false);
+    let mut watch = |now: &Progress| coarse.store(now.iteration >= 5, Ordering::Relaxed);
+    trainer.run(&run, &options, &coarse, &mut watch).expect("a coarse stage");
+    (trainer, run)
+}
+
+#[test]
+fn exposures_take_several_renderings_where_things_move_alone() {
+    let folder = Folder::new();
+    film_small(&folder);
+    give_bodies(&folder.path("ds"));
+    let gpu = Gpu::open(&AdapterChoice::default()).expect("an adapter");
+    for (exposure, expected) in [(1, 8), (4, 6 * 4 + 2)] {
+        let (mut trainer, run) = trainer(&gpu, &folder, &[&format!("bodies.exposure={exposure}")]);
+        trainer.times.start();
+        let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
+        trainer.run(&run, &options, &AtomicBool::new(false), &mut |_: &Progress| {}).expect("a fine stage");
+        // Two of the eight samples look at what stands still.
+        let renderings = trainer.times.stages().find(|(stage, ..)| *stage == "raster forward").map(|(.., calls)| calls);
+        assert_eq!(renderings, Some(expected), "{exposure} renderings of an exposure");
+    }
+}
+
+#[test]
+fn bodies_start_with_as_many_gaussians_as_cameras_can_tell_apart() {
+    let folder = Folder::new();
+    film_small(&folder);
+    give_bodies(&folder.path("ds"));
+    let carried = |spacing: &str| {
+        let mut config = Config { motion: MotionModel::Bodies, ..Config::default() };
+        config.set(spacing).expect("a setting");
+        let dataset = Dataset::load(&folder.path("ds")).expect("a dataset");
+        let scene = Scene::load(dataset, &config, false).expect("a scene");
+        scene.bodies(&config).expect("bodies").gaussians.len()
+    };
+    // Discs of 120 points each; the cameras show some 25 pixels a metre of them.
+    assert_eq!(carried("bodies.spacing_px=0"), 240);
+    assert_eq!(carried("bodies.spacing_px=0.01"), 240);
+    let apart = [1.5, 2.0, 3.0, 50.0].map(|pixels| carried(&format!("bodies.spacing_px={pixels}")));
+    assert!(apart[0] < 240 && apart.is_sorted_by(|more, fewer| more >= fewer) && apart[3] >= 96, "{apart:?}");
 }
 
 /// The bodies of the stage as they truly move, and one that flies where there is nothing.

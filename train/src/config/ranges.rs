@@ -33,7 +33,7 @@ const RANGES: [Range; 39] = [
     Range(&["camera_colour.rate", "camera_pose.from", "camera_time.from", "camera_time.rate"], 0.0, 1.0),
     Range(&["blur.instant", "dynamic.motion_threshold", "dynamic.share", "bodies.follow", "bodies.opacity"], 0.0, 1.0),
     Range(&["near_m"], TINY, 1e8),
-    Range(&["near_sigmas"], 0.0, 1e3),
+    Range(&["near_sigmas", "bodies.spacing_px"], 0.0, 1e3),
     Range(&["sh.max_degree"], 0.0, 3.0),
     Range(&["learning_rate.position", "learning_rate.network", "learning_rate.planes"], 0.0, HIGHEST),
     Range(&["learning_rate.sh_dc", "learning_rate.sh_rest", "learning_rate.opacity"], 0.0, HIGHEST),

@@ -19,6 +19,7 @@ mod words;
 use std::path::PathBuf;
 
 use erfgs_dataset::{Body, Dataset, DatasetError, Split};
+use glam::DVec3;
 
 pub use bins::Bins;
 pub(crate) use displacement::{exposed, moves};
@@ -34,7 +35,7 @@ pub(crate) use still::stands_still;
 
 use crate::{
     config::Config,
-    motion::bodies::{Recording, Start},
+    motion::bodies::{Recording, Start, thin},
     raster::{RasterError, View},
 };
 
@@ -305,8 +306,31 @@ impl Scene {
     /// # Errors
     /// As [`Scene::carrying`].
     pub fn bodies(&self, config: &Config) -> Result<Start, SceneError> {
-        let bodies = self.carrying(config)?;
+        let apart_px = f64::from(config.bodies.spacing_px);
+        let thinned = |body: Body| {
+            let apart_m = self.pixels_a_metre(&body).map_or(0.0, |pixels| apart_px / pixels);
+            thin(body, apart_m)
+        };
+        let bodies: Vec<Body> = self.carrying(config)?.into_iter().map(thinned).collect();
         Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
+    }
+
+    /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view.
+    fn pixels_a_metre(&self, body: &Body) -> Option<f64> {
+        /// Places that are looked at.
+        const PLACES: usize = 32;
+        let middle = body.points.iter().map(|point| DVec3::from(point.position_m)).sum::<DVec3>()
+            / body.points.len().max(1) as f64;
+        let every = body.poses.len().div_ceil(PLACES).max(1);
+        let places = body.poses.iter().step_by(every).map(|pose| pose.place(middle).as_vec3().to_array());
+        let seen = places.flat_map(|place| {
+            let views = (0..self.views.len()).filter(|&view| self.has_frames(view)).map(|view| &self.views[view].view);
+            views.filter(move |view| project(view, &place).is_some()).map(move |view| {
+                let [.., depth_m] = view.to_camera(&place);
+                f64::from(view.fx / depth_m)
+            })
+        });
+        median(seen.filter(|pixels| pixels.is_finite()).collect())
     }
 
     /// The points that are known to move, and when each was where it is, in [0, 1].

@@ -1,5 +1,7 @@
 //! One iteration: render the batch, compare, go back, step.
 
+use std::sync::Arc;
+
 use erfgs_base::random;
 use wgpu::Buffer;
 
@@ -93,6 +95,15 @@ impl Sums {
             self.plane_samples,
         ] = state.counts;
     }
+}
+
+/// The part of an image that a frame sample looks at.
+enum Look {
+    All,
+    /// Where something moves in the view.
+    Moving(Arc<Region>),
+    /// Where nothing does.
+    Still(Arc<Region>),
 }
 
 impl Workspace {
@@ -225,12 +236,31 @@ impl Trainer<'_> {
         }
     }
 
+    /// What the frame sample of this iteration looks at in a view.
+    fn look(&self, view: usize) -> Look {
+        let Some(region) = self.regions.get(view).cloned().flatten() else { return Look::All };
+        let exposures = self.config.motion == MotionModel::Bodies && self.config.bodies.exposure > 1;
+        match self.clock.stage {
+            Stage::Coarse if self.config.dynamic.coarse_without_moving => Look::Still(region),
+            Stage::Coarse => Look::All,
+            Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => Look::Moving(region),
+            // The part of the image that many renderings of an exposure are for has samples of its own.
+            Stage::Fine if exposures && self.model.dynamic > 0 => Look::Still(region),
+            Stage::Fine => Look::All,
+        }
+    }
+
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let frame_pixels = self.scene.pictures.get(index)?;
         let drawn =
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
-        let times = exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame, drawn);
+        let look = self.look(frame.view);
+        let times = match (&look, self.config.motion) {
+            // What stands still looks alike throughout an exposure.
+            (Look::Still(_), MotionModel::Bodies) => vec![frame.instant(Some(0.5))],
+            _ => exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame, drawn),
+        };
         let view = self.scene.views[frame.view].view;
         let options = self.options();
         let pixels = view.width * view.height;
@@ -239,28 +269,30 @@ impl Trainer<'_> {
         let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
         let gpu = self.gpu;
         self.work.renderings(gpu, times.len())?;
-        let coarse = self.clock.stage == Stage::Coarse;
-        let whole = match self.clock.stage {
-            Stage::Coarse => !self.config.dynamic.coarse_without_moving,
-            Stage::Fine => self.clock.iteration.is_multiple_of(self.whole_image_every()),
+        let left_out = |region: &Region, moving: bool| {
+            let keep = |(index, &pixel): (u32, &u32)| {
+                let moves = region.contains(index % view.width, index / view.width);
+                if moves == moving { pixel & 0x00ff_ffff } else { pixel }
+            };
+            (0..).zip(frame_pixels.iter()).map(keep).collect::<Vec<u32>>()
         };
-        let moving = if whole { None } else { self.regions.get(frame.view).cloned().flatten() };
-        match &moving {
-            None => gpu.upload(&self.work.frame, 0, &frame_pixels),
-            Some(moving) => {
-                let keep = |(index, &pixel): (u32, &u32)| {
-                    let moves = moving.contains(index % view.width, index / view.width);
-                    if moves == coarse { pixel & 0x00ff_ffff } else { pixel }
-                };
-                gpu.upload(&self.work.frame, 0, &(0..).zip(frame_pixels.iter()).map(keep).collect::<Vec<u32>>());
-            }
+        match &look {
+            Look::All => gpu.upload(&self.work.frame, 0, &frame_pixels),
+            Look::Still(region) => gpu.upload(&self.work.frame, 0, &left_out(region, true)),
+            Look::Moving(region) => gpu.upload(&self.work.frame, 0, &left_out(region, false)),
         }
+        let region = match &look {
+            Look::Moving(region) => Some(region.clone()),
+            Look::All | Look::Still(_) => None,
+        };
+        let looks_at_all = region.is_none();
         for (slot, &time) in times.iter().enumerate() {
-            self.work.renderings[slot].frame.region = moving.clone().filter(|_| !coarse);
+            self.work.renderings[slot].frame.region.clone_from(&region);
             self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
         }
+        let coarse = self.clock.stage == Stage::Coarse;
         let run_share = self.share();
-        let learns_pose = (coarse || whole) && self.learns_poses(run_share);
+        let learns_pose = looks_at_all && self.learns_poses(run_share);
         let work = &mut self.work;
         let mut commands = gpu.commands();
         let [d_mean, d_linear] = &work.gradients;
@@ -288,7 +320,6 @@ impl Trainer<'_> {
         work.losses.photometric(gpu, &mut commands, &exposure, target, d_mean, sum, scale * share);
         // What moves is told by its neighbours in time, too: the colour of a camera is learned from all of its image.
         let learned = &self.config.camera_colour;
-        let looks_at_all = coarse || whole;
         if self.colours_differ && looks_at_all && run_share >= f64::from(learned.from) {
             self.colours.step(gpu, &mut commands, frame.view, pixels, learned, run_share);
         }

@@ -22,8 +22,10 @@ pub mod spline;
 mod start;
 #[cfg(test)]
 mod tests;
+mod thin;
 
 pub use device::{Bodies, SOFTNESS};
 pub use options::BodiesOptions;
 pub(crate) use options::MOST_NODES;
 pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Recording, Start};
+pub use thin::thin;

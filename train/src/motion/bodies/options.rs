@@ -18,6 +18,9 @@ pub struct BodiesOptions {
     pub follow: f32,
     /// Renderings of an exposure, each at a random instant of its share of it; 1: a frame is taken for an instant.
     pub exposure: u32,
+    /// How far apart the Gaussians of a body start, in pixels of the cameras that have it in view; 0: one for each point of its surface.
+    #[serde(default)]
+    pub spacing_px: f32,
     /// The opacity that a Gaussian of a body starts with.
     pub opacity: f32,
     /// Learning rate of the places of bodies, extents of the scene: first, last.
@@ -57,6 +60,7 @@ impl Default for BodiesOptions {
             nodes_from: 0.1,
             follow: 0.4,
             exposure: 4,
+            spacing_px: 2.5,
             opacity: 0.57,
             path: [1e-3, 8e-5],
             turn: [5e-3, 3e-4],
