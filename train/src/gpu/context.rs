@@ -93,8 +93,6 @@ pub enum GpuError {
 
 /// For buffers of this size it is asked what memory is free.
 const WORTH_ASKING: u64 = 64 << 20;
-/// Per cent of what a driver says may be taken of its memory: beyond, a buffer is refused, and the machine goes on.
-const BUDGET: u8 = 97;
 
 /// Which form of the kernels runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,10 +159,6 @@ static OPENING: Mutex<()> = Mutex::new(());
 fn enumerate() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         flags: wgpu::InstanceFlags::empty().with_env(),
-        memory_budget_thresholds: wgpu::MemoryBudgetThresholds {
-            for_resource_creation: Some(BUDGET),
-            for_device_loss: None,
-        },
         ..wgpu::InstanceDescriptor::new_without_display_handle_from_env()
     });
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY))
