@@ -134,7 +134,7 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     assert_eq!(browser.evaluate("document.getElementById('trouble').textContent"), "");
 }
 
-/// A trainer by bodies on the frames of the film alone, as it stands after its coarse stage, and where it writes its run.
+/// A trainer by bodies on the frames of the film alone, as it stands after its coarse stage of five iterations, and where it writes its run.
 fn trainer<'a>(gpu: &'a Gpu, folder: &Folder, assignments: &[&str]) -> (Trainer<'a>, RunFolder) {
     let mut config = Config::preset(Method::FourDgs, Preset::Default);
     (config.motion, config.coarse_iterations, config.fine_iterations) = (MotionModel::Bodies, 5, 8);
@@ -149,7 +149,7 @@ fn trainer<'a>(gpu: &'a Gpu, folder: &Folder, assignments: &[&str]) -> (Trainer<
     let mut trainer = Trainer::new(gpu, scene, config, &options).expect("a trainer");
     let run = RunFolder::new(folder.path(&format!("run-{}", assignments.join("-"))));
     let coarse = AtomicBool::new(false);
-    let mut watch = |now: &Progress| coarse.store(now.iteration >= 5, Ordering::Relaxed);
+    let mut watch = |now: &Progress| coarse.store(now.iteration >= 4, Ordering::Relaxed);
     trainer.run(&run, &options, &coarse, &mut watch).expect("a coarse stage");
     (trainer, run)
 }
@@ -183,11 +183,13 @@ fn bodies_start_with_as_many_gaussians_as_cameras_can_tell_apart() {
         let scene = Scene::load(dataset, &config, false).expect("a scene");
         scene.bodies(&config).expect("bodies").gaussians.len()
     };
-    // Discs of 120 points each; the cameras show some 25 pixels a metre of them.
+    // Two of 120 points each.
     assert_eq!(carried("bodies.spacing_px=0"), 240);
     assert_eq!(carried("bodies.spacing_px=0.01"), 240);
-    let apart = [1.5, 2.0, 3.0, 50.0].map(|pixels| carried(&format!("bodies.spacing_px={pixels}")));
-    assert!(apart[0] < 240 && apart.is_sorted_by(|more, fewer| more >= fewer) && apart[3] >= 96, "{apart:?}");
+    for far in [3.0, 50.0, 1000.0] {
+        let few = carried(&format!("bodies.spacing_px={far}"));
+        assert!((96..200).contains(&few), "{few} Gaussians {far} pixels apart");
+    }
 }
 
 /// The bodies of the stage as they truly move, and one that flies where there is nothing.

@@ -20,7 +20,7 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         ("train ds --out run --iterations 1000000000+5", "coarse_iterations"),
         ("replay s.mcap --seek 1e300", "plausible"),
         ("info a.dat --size 65535x65535", "plausible"),
-        ("calibrate check a.json b.json --shift nan", "0 to 1e6"),
+        ("calibrate check a.json b.json --shift nan", "0 to 1000000"),
         ("train ds --out run --deterministic --minutes 3", "--minutes"),
         ("dataset import panoptic x --frames 84..40 --out y", "ends before it starts"),
         ("dataset import tape x --out y", "session"),

@@ -11,7 +11,7 @@ use glam::{DVec3, IVec3};
 /// A body keeps so many points, where it has them.
 const FEWEST: usize = 48;
 /// What is thinned too much is thinned again with so much of the distance.
-const SHORTER: f64 = 0.7;
+const SHORTER: f64 = 0.9;
 
 /// `body` with no point of its surface nearer than `apart_m` to another, unless too few would be left of it.
 pub fn thin(mut body: Body, apart_m: f64) -> Body {
