@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use erfgs_scene::{
     Distortion, Intrinsics, Modality, Pose,
-    exchange::{self, Format},
+    exchange::{self, Format, Unit},
     rig_file::{RigCamera, RigFile, Sigma},
 };
 use glam::{DQuat, DVec3};
@@ -43,12 +43,12 @@ impl Folder {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// The rig as it comes back from a format.
+    /// The rig as it comes back from a format; it is said that its lengths are metres, as kilometres are asked about otherwise.
     fn through(&self, rig: &RigFile, format: Format, name: &str) -> Result<RigFile, String> {
         let path: PathBuf = self.0.path().join(name);
         let _ = std::fs::remove_dir_all(&path);
         exchange::write(rig, format, &path).unwrap();
-        exchange::read(&path).map_err(|error| error.to_string())
+        exchange::read_in(&path, Some(Unit::Metre)).map_err(|error| error.to_string())
     }
 
     /// What is said of a rig that no format may read.
