@@ -137,6 +137,7 @@ for method in "${methods[@]}"; do
     how=(--method "$method" "${options[@]}")
     # An exposure takes several renderings there, so that fewer iterations fit into the time.
     [ "$method" = bodies ] && how=(--method erf-gs --motion bodies --iterations 800+2400)
+    [ $what.$method = stage.erf-gs ] && how+=(--motion free-time)
     resume=()
     [ -e "$run/checkpoint.bin" ] && resume=(--resume)
     erfgs train "$out/ds" --minutes "$minutes" "${how[@]}" --seed 1 --out "$run" "${resume[@]}"

@@ -60,8 +60,8 @@ Motion:
 points of what moves, which `erfgs dataset points` finds
   still      nothing moves: no motion is learned, and events are not looked at
   bodies     what moves is a few bodies, whose Gaussians share a path for the whole recording; starts from `erfgs dataset bodies`
-  auto       free-time where the dataset has such points, still where neither frames nor events show that anything moves, else
-             hexplane; what the default preset does
+  auto       bodies where the dataset has some and the method is erf-gs, free-time where it has points of what moves, still where \
+neither frames nor events show that anything moves, else hexplane; what the default preset does
 
 Not all that moves is rigid or was followed rightly. Before a training with bodies two short ones, with them and without, are compared \
 where each body is with what a camera saw that took no part; those that explain it worse are left free in time. trial.json in the run \
@@ -88,7 +88,7 @@ Examples:
   erfgs train ds-dv --method 4dgs --minutes 10 --out run-4dgs
   erfgs train ds-dv --cpu-minutes 14 --out run-14
   erfgs train ds-dv --motion free-time --out run
-  erfgs dataset bodies ds-dv && erfgs train ds-dv --motion bodies --out run
+  erfgs dataset bodies ds-dv && erfgs train ds-dv --out run
   erfgs train ds-dv --out run --set earl.quantise=none --set density.max_gaussians=100000
   erfgs train ds-dv --out run --live
   erfgs train ds-long --out run --memory 4

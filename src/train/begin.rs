@@ -62,8 +62,8 @@ pub fn settle(
         );
         (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
     }
-    if by_the_data && config.motion == MotionModel::FreeTime && dataset.manifest.bodies.is_some() {
-        terminal.note("the dataset has bodies: --motion bodies starts from them, which is far sharper where what moves is nearly rigid");
+    if by_the_data && config.motion == MotionModel::Bodies {
+        terminal.note("the dataset has bodies, which carry what moves (--motion free-time does without)");
     }
     Ok(set)
 }

@@ -101,6 +101,15 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     assert!(told.contains("bodies") && told.contains("2: disc, <b>ball"), "{told}");
     assert_eq!(folder.figures("info run")["run"]["bodies"], serde_json::json!(["disc", "<b>ball"]));
 
+    // ERF-GS takes what bodies there are, unless it is told not to; the baseline stays what it is.
+    for (out, how, carried) in
+        [("auto", "erf-gs", 2), ("free", "erf-gs --motion free-time", 0), ("baseline", "4dgs", 0)]
+    {
+        folder.succeed(&format!("train ds --out {out} --method {how} --iterations 2+2 --set bodies.trial=0 -q"));
+        let names = &folder.figures(&format!("info {out}"))["run"]["bodies"];
+        assert_eq!(names.as_array().map_or(0, Vec::len), carried, "{how}: {names}");
+    }
+
     let packed = folder.figures("export run --to e4d --out packed.e4d");
     assert!(packed["psnr_db"].as_f64().expect("dB") > 45.0, "{packed}");
     let exact = folder.figures("export run --to e4d --exact --out exact.e4d");

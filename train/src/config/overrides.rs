@@ -2,7 +2,7 @@
 
 use erfgs_dataset::Dataset;
 
-use super::{Config, FreeTimeOptions, Guide, MotionModel, ranges};
+use super::{Config, FreeTimeOptions, Guide, Method, MotionModel, ranges};
 use crate::{
     motion::FAR,
     scene::{SceneError, check_memory, exposed, extent, moves, stands_still},
@@ -116,7 +116,11 @@ impl Config {
         check_memory(dataset, self)?;
         if self.motion == MotionModel::Auto {
             let moving = !without_points && dataset.point_runs()?.is_some_and(|runs| runs.iter().any(|run| run.moving));
-            self.motion = if moving {
+            let bodies = dataset.manifest.bodies.as_ref().is_some_and(|file| file.count > 0);
+            self.motion = if moving && bodies && self.method == Method::ErfGs {
+                // Whoever had them found wants them; a trial leaves free in time what is none.
+                MotionModel::Bodies
+            } else if moving {
                 MotionModel::FreeTime
             } else if stands_still(dataset, &self.dynamic)? {
                 MotionModel::Still
