@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # A rig of emulated RGB and event cameras records a calibration and a small stage, as a real one would; what it saw is
 # reconstructed by 4DGS and by ERF-GS, trained for equal time, and compared in a report. With the folder of a PanopticSports
-# recording, does the same with that; with --stage, with a film of the stage whose cameras and clocks are known, and besides by bodies.
+# recording, does the same with that; with --stage, with a film of the stage whose cameras and clocks are known. ERF-GS reconstructs what
+# moves as bodies, which are found before.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,7 +18,7 @@ usage="usage: scripts/demo.sh [--small | --stage | PANOPTIC_FOLDER [--frames A..
 what=rig recording= frames=() out= minutes= small=()
 while [ $# -gt 0 ]; do
   case "$1" in
-    -h|--help) sed -n '2,4p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
+    -h|--help) sed -n '2,5p' "$0" | cut -c3-; echo; echo "$usage"; exit 0 ;;
     --frames) frames=(--frames "${2:?$usage}"); shift 2 ;;
     --stage) what=stage; shift ;;
     --small) small=(--small); shift ;;
@@ -120,27 +121,19 @@ if [ $what = rig ]; then
   [ ${#small[@]} -gt 0 ] && iterations=150+350
   options=(--iterations "$iterations" --set blur.model=off)
 fi
-methods=(4dgs erf-gs)
-if [ $what = stage ]; then
-  methods+=(bodies)
-  if [ ! -e "$out/ds/bodies.json" ]; then
-    say "finding bodies: what moves, how it turns, and its shapes"
-    erfgs dataset bodies "$out/ds"
-  fi
+if [ $what != recording ] && [ ${#small[@]} = 0 ] && [ ! -e "$out/ds/bodies.json" ]; then
+  say "finding bodies: what moves, how it turns, and its shapes"
+  erfgs dataset bodies "$out/ds"
 fi
 runs=()
-for method in "${methods[@]}"; do
+for method in 4dgs erf-gs; do
   run=$out/run-$method
   runs+=("$run")
   if [ ! -e "$run/metrics.json" ]; then
     say "training $method for $minutes minutes"
-    how=(--method "$method" "${options[@]}")
-    # An exposure takes several renderings there, so that fewer iterations fit into the time.
-    [ "$method" = bodies ] && how=(--method erf-gs --motion bodies --iterations 800+2400)
-    [ $what.$method = stage.erf-gs ] && how+=(--motion free-time)
     resume=()
     [ -e "$run/checkpoint.bin" ] && resume=(--resume)
-    erfgs train "$out/ds" --minutes "$minutes" "${how[@]}" --seed 1 --out "$run" "${resume[@]}"
+    erfgs train "$out/ds" --minutes "$minutes" --method "$method" "${options[@]}" --seed 1 --out "$run" "${resume[@]}"
     say "evaluating $method on the held-out cameras"
     erfgs eval "$run"
   fi
