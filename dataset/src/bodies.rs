@@ -158,8 +158,7 @@ impl Body {
         if self.span_ns[0] > self.span_ns[1] {
             return Err("`span_ns` ends before it begins".into());
         }
-        let mut times = self.span_ns.into_iter().chain(self.poses.iter().map(|pose| pose.t_ns));
-        times.try_for_each(|t_ns| INSTANT.check_ns(t_ns).map(drop))?;
+        INSTANT.check_all_ns(self.span_ns.into_iter().chain(self.poses.iter().map(|pose| pose.t_ns)))?;
         if self.poses.is_empty() || self.poses.len() > MOST_POSES {
             return Err(format!("{} poses, where 1 to {MOST_POSES} are needed", self.poses.len()));
         }

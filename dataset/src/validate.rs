@@ -72,7 +72,7 @@ impl Dataset {
 }
 
 fn check_span(span_ns: [i64; 2]) -> Result<(), Implausible> {
-    span_ns.into_iter().try_for_each(|t_ns| INSTANT.check_ns(t_ns).map(drop))?;
+    INSTANT.check_all_ns(span_ns)?;
     SPAN.check_between_ns(span_ns)
 }
 
@@ -147,5 +147,5 @@ fn check_events(events: &CameraEvents) -> Result<(), Problem> {
             what: "the time covered ends before it starts",
         });
     }
-    events.covers_ns.into_iter().try_for_each(|t_ns| INSTANT.check_ns(t_ns).map(drop)).map_err(sensor)
+    INSTANT.check_all_ns(events.covers_ns).map_err(sensor)
 }

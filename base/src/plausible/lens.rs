@@ -1,6 +1,6 @@
 //! Lenses: what is believed depends on the size of the picture.
 
-use super::{Implausible, Quantity, SIDE, check_size};
+use super::{CALIBRATE, Implausible, Quantity, SIDE, check_size};
 
 /// The numbers of a lens, in pixels where they have a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +20,6 @@ pub struct Lens<'a> {
 const SHORTEST: f64 = 0.01;
 /// A picture of 1000 pixels behind a focal length of a hundred million is less than 3 seconds of arc wide.
 const LONGEST: f64 = 1e5;
-const CALIBRATE: &str = "calibrate or import it again";
 
 /// Focal lengths for a picture whose longest side has so many pixels.
 #[must_use]

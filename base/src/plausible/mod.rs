@@ -181,6 +181,14 @@ impl Quantity {
         self.check(ns as f64 * 1e-9).map(|_| ns)
     }
 
+    /// Times in nanoseconds that are all believed.
+    ///
+    /// # Errors
+    /// As [`Quantity::check`], of the first that is not.
+    pub fn check_all_ns(&self, times_ns: impl IntoIterator<Item = i64>) -> Result<(), Implausible> {
+        times_ns.into_iter().try_for_each(|ns| self.check_ns(ns).map(drop))
+    }
+
     /// The time between two instants in nanoseconds, which may be as far apart as the type allows.
     ///
     /// # Errors

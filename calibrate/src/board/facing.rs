@@ -7,7 +7,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::{Corner, Target, detect::Grey};
-use crate::geometry::homography::homography;
+use crate::geometry::homography::{apply, homography};
 
 /// A square in a picture of a board from before it, pixels at least and at most.
 const SQUARE_PX: [f64; 2] = [24.0, 56.0];
@@ -92,12 +92,6 @@ pub(super) fn stretched(grey: &Grey) -> impl Iterator<Item = Warped> + '_ {
         let size = high - low;
         Warped::of(grey, [size.x.ceil() as usize, size.y.ceil() as usize], to_original)
     })
-}
-
-fn apply(map: &DMat3, at: DVec2) -> Option<DVec2> {
-    let place = *map * at.extend(1.0);
-    let at = place.truncate() / place.z;
-    at.is_finite().then_some(at)
 }
 
 #[cfg(test)]

@@ -4,6 +4,14 @@ use erfgs_scene::Pose;
 use glam::{DMat3, DVec2, DVec3};
 use nalgebra::{DMatrix, SMatrix};
 
+/// Where a map takes a point; `None` where that is nowhere in the plane.
+#[must_use]
+pub fn apply(map: &DMat3, at: DVec2) -> Option<DVec2> {
+    let place = *map * at.extend(1.0);
+    let at = place.truncate() / place.z;
+    at.is_finite().then_some(at)
+}
+
 /// The map that takes plane points `from` to image points `to`, up to scale, by the direct linear transform with both sides
 /// moved and scaled to unit spread (Hartley 1997). `None` for fewer than four points or points on a line.
 #[must_use]

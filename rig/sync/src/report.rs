@@ -146,8 +146,8 @@ impl StreamSync {
             INSTANT.check_ns(line.origin_ns)?;
         }
         let Some(exposures) = &self.exposures else { return Ok(()) };
-        exposures.mid_ns.iter().try_for_each(|mid_ns| INSTANT.check_ns(*mid_ns).map(drop))?;
-        exposures.exposure_ns.iter().try_for_each(|length_ns| EXPOSURE.check_ns(*length_ns).map(drop))?;
+        INSTANT.check_all_ns(exposures.mid_ns.iter().copied())?;
+        EXPOSURE.check_all_ns(exposures.exposure_ns.iter().copied())?;
         OFFSET.check_ns(exposures.lag_ns).map(drop)
     }
 }

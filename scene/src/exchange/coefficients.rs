@@ -50,7 +50,7 @@ pub(super) fn fisheye(k: &[f64]) -> Result<Distortion, String> {
 }
 
 /// The coefficients up to the last that is not zero.
-fn used(k: &[f64]) -> &[f64] {
+pub(super) fn used(k: &[f64]) -> &[f64] {
     &k[..k.iter().rposition(|value| *value != 0.0).map_or(0, |last| last + 1)]
 }
 

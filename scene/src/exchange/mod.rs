@@ -214,7 +214,7 @@ fn lens(intrinsics: &Intrinsics) -> Lens {
     match intrinsics.distortion {
         Distortion::None => Lens::None,
         Distortion::BrownConrady(k) => {
-            let used = k.iter().rposition(|value| *value != 0.0).map_or(0, |last| last + 1);
+            let used = coefficients::used(&k).len();
             let count = [4, 5, 8].into_iter().find(|count| *count >= used).unwrap_or(8);
             Lens::Brown(k[..count].to_vec())
         }

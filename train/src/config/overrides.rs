@@ -198,10 +198,6 @@ impl Config {
         check(!self.field.levels.is_empty(), "field.levels", "[]".into(), "one or more, each 1 to 16")?;
         let features = self.field.features;
         check(features.is_multiple_of(4), "field.features", features.to_string(), "a multiple of 4 up to 64")?;
-        let pose = &self.camera_pose;
-        check(pose.fewest >= 3, "camera_pose.fewest", pose.fewest.to_string(), "at least 3")?;
-        let in_pixels = pose.rate.iter().all(|&rate| rate <= 10.0);
-        check(in_pixels, "camera_pose.rate", format!("{:?}", pose.rate), "two numbers from 0 to 10 pixels")?;
         check(
             free.first_life == 0.0 || free.first_life > free.least_life,
             "free_time.first_life",

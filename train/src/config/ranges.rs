@@ -19,7 +19,7 @@ const WEIGHTIEST: f64 = 1e9;
 /// Iterations, Gaussians and points beyond this many no machine gets through.
 const MANY: f64 = 1e8;
 
-const RANGES: [Range; 39] = [
+const RANGES: [Range; 41] = [
     Range(&["seed", "learning_rate.decay_steps", "density.from", "earl.from", "eds.from"], 0.0, ANY),
     Range(&["density.prune_above", "density.opacity_reset_every"], 0.0, ANY),
     Range(&["evaluation.every", "evaluation.frames", "evaluation.checkpoint_every"], 0.0, ANY),
@@ -95,9 +95,11 @@ const RANGES: [Range; 39] = [
     Range(&["eds.stride", "eds.neighbours"], 1.0, 4096.0),
     Range(&["bodies.nodes"], 1.0, MOST_NODES as f64),
     Range(&["eds.opacity_logit"], -100.0, 100.0),
-    Range(&["camera_pose.rate", "camera_pose.within", "camera_time.within", "free_time.fastest"], 0.0, WEIGHTIEST),
+    Range(&["camera_pose.rate"], 0.0, 10.0),
+    Range(&["camera_pose.within", "camera_time.within", "free_time.fastest"], 0.0, WEIGHTIEST),
     Range(&["free_time.spacing"], 1e-3, 1e6),
-    Range(&["camera_pose.fewest", "camera_time.fewest"], 2.0, ANY),
+    Range(&["camera_pose.fewest"], 3.0, ANY),
+    Range(&["camera_time.fewest"], 2.0, ANY),
 ];
 
 /// Whether every number of a configuration is within its range; NaN never is.

@@ -256,9 +256,9 @@ impl Trainer<'_> {
         let drawn =
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
         let look = self.look(frame.view);
-        let times = match (&look, self.config.motion) {
+        let times = match &look {
             // What stands still looks alike throughout an exposure.
-            (Look::Still(_), MotionModel::Bodies) => vec![frame.instant(Some(0.5))],
+            Look::Still(_) => vec![frame.instant(self.config.blur.instant)],
             _ => exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame, drawn),
         };
         let view = self.scene.views[frame.view].view;

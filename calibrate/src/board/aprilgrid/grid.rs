@@ -7,7 +7,7 @@ use glam::{DMat3, DVec2};
 use super::{Saddle, tag::Tag};
 use crate::{
     board::{Corner, Target, detect::Grey},
-    geometry::homography::homography,
+    geometry::homography::{apply, homography},
     statistics::median,
 };
 
@@ -151,12 +151,6 @@ fn crosses(grey: &Grey, map: &DMat3, at: DVec2, id: u32, target: &Target, least:
 
 fn on_plane(target: &Target, id: u32) -> DVec2 {
     target.point(id).map_or(DVec2::NAN, |point| point.truncate())
-}
-
-fn apply(map: &DMat3, at: DVec2) -> Option<DVec2> {
-    let place = *map * at.extend(1.0);
-    let at = place.truncate() / place.z;
-    at.is_finite().then_some(at)
 }
 
 /// The shorter side of a tag at a corner, pixels.
