@@ -143,7 +143,9 @@ fn a_playback_is_paused_sought_stepped_and_slowed_on_its_page() {
                   .filter((value, at) => at % 4 === 0 && value > 150).length; })()";
     browser.wait(&format!("{bright} > 100"));
     thread::sleep(Duration::from_millis(600));
-    assert!(browser.evaluate(bright).as_u64() > Some(100), "the picture of a playback that stands faded");
+    // While the next picture comes there is none to be read.
+    browser.wait(&format!("(() => {{ window.bright = {bright}; return true; }})()"));
+    assert!(browser.evaluate("window.bright").as_u64() > Some(100), "the picture of a playback that stands faded");
     browser.evaluate("document.querySelector('[data-step=\"1\"]').click()");
     browser.wait("$('position').value === '0:01.501'");
     browser.evaluate("document.querySelector('[data-frame=on]').click()");
