@@ -192,7 +192,7 @@ impl Work<'_> {
         }
         if bodies && dataset.manifest.bodies.is_none() {
             self.go_on()?;
-            match find(&mut dataset, self.terminal) {
+            match find(&mut dataset, &erfgs_points::BodyOptions::default(), self.terminal) {
                 Ok(_) => {}
                 // An act without bodies has no row of the methods that start from them.
                 Err(none @ (CloudError::NoBodies { .. } | CloudError::NoMovingPoints { .. })) => {

@@ -7,6 +7,7 @@ mod calibrate;
 mod clocks;
 mod colours;
 mod events;
+mod find_bodies;
 mod inputs;
 mod memory;
 mod page;

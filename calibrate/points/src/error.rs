@@ -1,5 +1,7 @@
 //! What can go wrong while the initial point cloud is made.
 
+use std::path::PathBuf;
+
 use erfgs_base::FileError;
 use erfgs_calibrate::colmap::RunError;
 
@@ -114,6 +116,24 @@ pub enum CloudError {
     NoBodies {
         /// At how many instants there are moving points.
         instants: usize,
+    },
+    /// Corrections of bodies that cannot be made.
+    #[error("the corrections of bodies cannot be made: {why}")]
+    BodyEdits {
+        /// What is wrong with them.
+        why: String,
+    },
+    /// A file of corrections that is none.
+    #[error(
+        "{}: {}\nforget, merge, [[split]] and [[turn]] can be corrected; `erfgs dataset bodies --help` has an example",
+        path.display(),
+        why.trim_end()
+    )]
+    BodyEditsFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
     },
     /// Next to nothing was found.
     #[error(

@@ -23,7 +23,9 @@ use serde_json::{Value, json};
 
 pub use erfgs_calibrate::colmap::{Colmap, ColmapProgram};
 
-pub use bodies::{BodyProgress, BodyStep, FoundBodies, attach_bodies, find_bodies};
+pub use bodies::{
+    BodyEdits, BodyOptions, BodyProgress, BodyStep, FoundBodies, SplitBody, TurnBody, attach_bodies, find_bodies,
+};
 pub use error::CloudError;
 pub use event_fit::{EventFit, event_fit};
 pub use options::{CloudOptions, ColmapOptions, FrameChoice, HullOptions, MatchOptions, Method, SweepOptions};

@@ -18,6 +18,7 @@ use super::{
     refine::{self, Refined},
     shades::Shape,
     spin::{Spin, rounded, vector},
+    things::Thing,
     turn::Turn,
 };
 
@@ -71,6 +72,7 @@ impl Motion {
 
 /// A body as far as it is known.
 pub struct Draft<'a> {
+    name: &'a str,
     track: &'a Track,
     shapes: &'a [Shape],
     /// Which of the shapes is seen best.
@@ -83,25 +85,19 @@ pub struct Draft<'a> {
 
 impl<'a> Draft<'a> {
     /// With a shape of its own; none where none is left. `rates` are those that change, if they do.
-    pub fn new(
-        film: &Film,
-        track: &'a Track,
-        shapes: &'a [Shape],
-        path: Path,
-        spin: Spin,
-        rates: Option<Vec<(f64, DVec3)>>,
-    ) -> Option<Self> {
+    pub fn new(film: &Film, thing: &'a Thing, spin: Spin, rates: Option<Vec<(f64, DVec3)>>) -> Option<Self> {
+        let Thing { name, track, shapes, path, .. } = thing;
         let best = best_seen(film, track, shapes)?;
         let upright_s = film.moments[shapes[best].moment].t_s;
         let turn = match rates {
             Some(rates) => Turn::changing(upright_s, rates),
             None => Turn::steady(upright_s, spin.rate),
         };
-        let grower = Grower { film, shapes, path: &path, turn: &turn, best, radius_m: track.radius_m };
+        let grower = Grower { film, shapes, path, turn: &turn, best, radius_m: track.radius_m };
         let (carved, grown) = (grower.carved()?, grower.grow());
-        let grown = grown.map(|grown| followed(film, shapes, &path, &turn, grown));
-        let motion = Motion { path, turn, carved };
-        Some(Self { track, shapes, best, motion, grown, found_by: spin.found_by })
+        let grown = grown.map(|grown| followed(film, shapes, path, &turn, grown));
+        let motion = Motion { path: path.clone(), turn, carved };
+        Some(Self { name, track, shapes, best, motion, grown, found_by: spin.found_by })
     }
 
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
@@ -179,7 +175,7 @@ impl<'a> Draft<'a> {
     }
 
     /// The body.
-    pub fn body(self, film: &Film, number: usize) -> Body {
+    pub fn body(self, film: &Film) -> Body {
         let usual = median(self.shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
         let best = &film.moments[self.shapes[self.best].moment];
         let facts = [
@@ -202,7 +198,7 @@ impl<'a> Draft<'a> {
         }
         found_by.extend(facts.map(|(name, value)| (name.to_owned(), value)));
         Body {
-            name: format!("body{number}"),
+            name: self.name.into(),
             span_ns: span_ns(film, self.track),
             poses: poses(film, &self.motion.path, &self.motion.turn),
             points: self.motion.carved.points,

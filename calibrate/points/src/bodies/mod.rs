@@ -4,7 +4,7 @@
 //! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); a smooth
 //! path goes through the centres (`path`). How a thing turns is told by the colours of frames (`shades`) and by its events, which are
 //! sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one rate, and `varying` for rates that change.
-//! With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates that are a little wrong
+//! What the user corrects comes between tracks and rotations (`edits`). With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates that are a little wrong
 //! add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape its events are looked
 //! at again (`refine`), which tell how it gets from one instant to the next.
 
@@ -12,17 +12,21 @@ mod carve;
 mod centres;
 mod chains;
 mod contrast;
+mod curve;
 mod detections;
 mod draft;
+mod edits;
 mod film;
 mod grow;
 mod near_events;
 mod normals;
 mod path;
 mod refine;
+mod report;
 mod shades;
 mod smooth;
 mod spin;
+mod things;
 mod turn;
 mod varying;
 
@@ -30,18 +34,18 @@ use std::{collections::BTreeMap, fmt};
 
 use erfgs_calibrate::statistics::median;
 use erfgs_dataset::{Bodies, BodiesFile, Body, Dataset};
-use glam::DVec3;
 use serde_json::{Value, json};
 
+pub use self::edits::{BodyEdits, SplitBody, TurnBody};
 use self::{
-    centres::{Cloud, Owners, Track},
-    detections::detections,
+    curve::Curve,
     draft::Draft,
     film::Film,
-    near_events::Subject,
-    path::Path,
-    shades::{Shades, Shape},
+    near_events::{Subject, Windows},
+    report::Shown,
+    shades::Shades,
     spin::rounded,
+    things::{Thing, Things},
     varying::Evidence,
 };
 use crate::CloudError;
@@ -79,6 +83,15 @@ impl fmt::Display for BodyStep {
 /// Is told how far the finding of bodies has come: the step, and how many of its items are done. May be called from several threads.
 pub type BodyProgress<'a> = &'a (dyn Fn(BodyStep, usize, usize) + Sync);
 
+/// What is to be found, and told of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BodyOptions {
+    /// What the user corrects of what was found.
+    pub edits: BodyEdits,
+    /// Whether a page is made that shows what was found.
+    pub page: bool,
+}
+
 /// The bodies of a dataset and how they were found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundBodies {
@@ -86,72 +99,115 @@ pub struct FoundBodies {
     pub bodies: Vec<Body>,
     /// What was counted on the way, for the manifest: instants, moving points, and those that no body explains.
     pub parameters: BTreeMap<String, Value>,
+    /// HTML that shows what was found, if it was asked for.
+    pub page: Option<String>,
 }
 
 /// Finds what moves as bodies, by the moving points of the initial cloud, frames and events.
 ///
 /// # Errors
-/// No initial points of what moves, nothing that could be followed, frames or events that cannot be read: see [`CloudError`].
-pub fn find_bodies(dataset: &Dataset, progress: BodyProgress<'_>) -> Result<FoundBodies, CloudError> {
+/// No initial points of what moves, nothing that could be followed, corrections that cannot be made, frames or events that cannot be
+/// read: see [`CloudError`].
+pub fn find_bodies(
+    dataset: &Dataset,
+    options: &BodyOptions,
+    progress: BodyProgress<'_>,
+) -> Result<FoundBodies, CloudError> {
     let film = Film::read(dataset, &|done, total| progress(BodyStep::Frames, done, total))?;
     progress(BodyStep::Tracks, 0, 1);
-    let (tracks, owners) = tracks(&film);
-    if tracks.is_empty() {
-        return Err(CloudError::NoBodies { instants: film.moments.len() });
-    }
-    let things: Vec<(Vec<Shape>, Path)> = tracks
-        .iter()
-        .enumerate()
-        .map(|(index, track)| (shapes(&film, track, &owners, index), path(&film, track)))
-        .collect();
+    let things = Things::new(&film, &options.edits)?;
     progress(BodyStep::Tracks, 1, 1);
-    let reading = |done, total| progress(BodyStep::Events, done, total);
-    let mut subjects = Vec::new();
-    for (thing, (shapes, path)) in things.iter().enumerate() {
-        subjects.extend(shapes.iter().map(|shape| Subject::of_hull(&film, thing, shape, path)));
-    }
-    let windows = near_events::windows(dataset, &film, &subjects, things.len(), &reading)?;
-    drop(subjects);
-    let step_s = median(film.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0);
-    let mut drafts = Vec::new();
-    for (index, track) in tracks.iter().enumerate() {
-        progress(BodyStep::Rotation, index, tracks.len());
-        let (shapes, path) = &things[index];
-        let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
-        let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(&film, shapes) } else { None };
-        let all: Vec<_> = windows[index].values().flatten().collect();
-        let spin = spin::spin(shades.as_ref(), &all, step_s);
-        let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
-        let evidence = Evidence { shades: shades.as_ref(), windows: &windows[index], instants };
-        let rates = varying::varying(&evidence, spin.rate);
-        progress(BodyStep::Shapes, index, tracks.len());
-        drafts.extend(Draft::new(&film, track, shapes, path.clone(), spin, rates));
-    }
-    let subjects: Vec<Subject<'_>> =
-        drafts.iter().enumerate().flat_map(|(index, draft)| draft.subjects(&film, 2 * index, step_s)).collect();
-    let again = near_events::windows(dataset, &film, &subjects, 2 * drafts.len(), &reading)?;
-    drop(subjects);
-    let mut bodies = Vec::new();
-    let (count, unshaped) = (drafts.len(), tracks.len() - drafts.len());
-    for (index, (mut draft, windows)) in std::iter::zip(drafts, again.as_chunks().0).enumerate() {
-        progress(BodyStep::Shapes, index, count);
-        draft.look_again(&film, windows);
-        bodies.push(draft.body(&film, bodies.len()));
-    }
-    progress(BodyStep::Shapes, tracks.len(), tracks.len());
+    let finder = Finder { dataset, film: &film, options, progress };
+    let (drafts, curves) = finder.drafts(&things)?;
+    let unshaped = things.all.len() - drafts.len();
+    let bodies = finder.bodies(drafts)?;
     if bodies.is_empty() {
         return Err(CloudError::NoBodies { instants: film.moments.len() });
     }
-    let points = owners.iter().map(Vec::len).sum::<usize>();
-    let owned = owners.iter().flatten().filter(|owner| owner.is_some()).count();
-    let parameters = BTreeMap::from([
+    let [points, nobodys] = things.points();
+    let mut parameters = BTreeMap::from([
         ("instants".into(), json!(film.moments.len())),
         ("spacing_m".into(), json!(rounded(film.cell_m, 5))),
         ("moving_points".into(), json!(points)),
-        ("moving_points_without_body".into(), json!(points - owned)),
+        ("moving_points_without_body".into(), json!(nobodys)),
         ("tracks_without_shape".into(), json!(unshaped)),
     ]);
-    Ok(FoundBodies { bodies, parameters })
+    if options.edits != BodyEdits::default() {
+        parameters.insert("edits".into(), json!(options.edits));
+    }
+    let shown = Shown { film: &film, things: &things, bodies: &bodies, curves: &curves };
+    let page = options.page.then(|| report::page(&dataset.manifest.name, &shown));
+    Ok(FoundBodies { bodies, parameters, page })
+}
+
+struct Finder<'a> {
+    dataset: &'a Dataset,
+    film: &'a Film,
+    options: &'a BodyOptions,
+    progress: BodyProgress<'a>,
+}
+
+impl<'a> Finder<'a> {
+    /// How things turn, what shapes they have by that, and curves of that by names if a page is asked for.
+    fn drafts(&self, things: &'a Things) -> Result<(Vec<Draft<'a>>, BTreeMap<&'a str, Curve>), CloudError> {
+        let film = self.film;
+        let of_hulls = |(number, thing): (usize, &'a Thing)| {
+            thing.shapes.iter().map(move |shape| Subject::of_hull(film, number, shape, &thing.path))
+        };
+        let subjects: Vec<Subject<'_>> = things.all.iter().enumerate().flat_map(of_hulls).collect();
+        let windows = self.windows(&subjects, things.all.len())?;
+        let (mut drafts, mut curves) = (Vec::new(), BTreeMap::new());
+        for (index, (thing, windows)) in std::iter::zip(&things.all, &windows).enumerate() {
+            (self.progress)(BodyStep::Rotation, index, things.all.len());
+            let shapes = &thing.shapes;
+            let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
+            let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(film, shapes) } else { None };
+            let all: Vec<_> = windows.values().flatten().collect();
+            let mut spin = spin::spin(shades.as_ref(), &all, self.step_s());
+            if let Some(curve) = self.options.page.then(|| Curve::new(&spin, shades.as_ref(), &all)).flatten() {
+                curves.insert(thing.name.as_str(), curve);
+            }
+            let rates = if let Some(rate) = thing.rate {
+                spin.rate = rate;
+                spin.found_by.insert("rotation".into(), json!("as was said"));
+                None
+            } else {
+                let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
+                varying::varying(&Evidence { shades: shades.as_ref(), windows, instants }, spin.rate)
+            };
+            (self.progress)(BodyStep::Shapes, index, things.all.len());
+            drafts.extend(Draft::new(film, thing, spin, rates));
+        }
+        Ok((drafts, curves))
+    }
+
+    /// Bodies by a second look at events, which knows their shapes.
+    fn bodies(&self, drafts: Vec<Draft<'_>>) -> Result<Vec<Body>, CloudError> {
+        let count = drafts.len();
+        let again = {
+            let of_shapes = drafts.iter().enumerate();
+            let of_shapes = of_shapes.flat_map(|(number, draft)| draft.subjects(self.film, 2 * number, self.step_s()));
+            self.windows(&of_shapes.collect::<Vec<_>>(), 2 * count)?
+        };
+        let body = |(index, (mut draft, windows)): (usize, (Draft<'_>, &[Windows; 2]))| {
+            (self.progress)(BodyStep::Shapes, index, count);
+            draft.look_again(self.film, windows);
+            draft.body(self.film)
+        };
+        let bodies = std::iter::zip(drafts, again.as_chunks().0).enumerate().map(body).collect();
+        (self.progress)(BodyStep::Shapes, count, count);
+        Ok(bodies)
+    }
+
+    fn windows(&self, subjects: &[Subject<'_>], things: usize) -> Result<Vec<Windows>, CloudError> {
+        let reading = |done, total| (self.progress)(BodyStep::Events, done, total);
+        near_events::windows(self.dataset, self.film, subjects, things, &reading)
+    }
+
+    /// The usual time between instants, seconds.
+    fn step_s(&self) -> f64 {
+        median(self.film.moments.windows(2).map(|pair| pair[1].t_s - pair[0].t_s)).unwrap_or(1.0)
+    }
 }
 
 /// Writes `bodies.json` into the dataset's folder and names it in the manifest, which is saved.
@@ -166,39 +222,4 @@ pub fn attach_bodies(dataset: &mut Dataset, found: &FoundBodies) -> Result<Bodie
     dataset.save()?;
     let count = found.bodies.len() as u64;
     Ok(BodiesFile { file: Bodies::FILE.into(), count, parameters: found.parameters.clone() })
-}
-
-fn tracks(film: &Film) -> (Vec<Track>, Owners) {
-    let clouds: Vec<Cloud<'_>> =
-        film.moments.iter().map(|moment| Cloud { points: &moment.points, colours: &moment.colours }).collect();
-    let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
-    let found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, film.cell_m)).collect();
-    centres::follow(&chains::chains(&found, &times), &found, &clouds, &times, film.cell_m)
-}
-
-/// The points of a track at each of its instants, about its centre.
-fn shapes(film: &Film, track: &Track, owners: &Owners, index: usize) -> Vec<Shape> {
-    let shape = |moment: usize| {
-        let Moments { points, colours } = Moments::of(film, moment);
-        let members = owners[moment].iter().enumerate().filter(|(_, owner)| **owner == Some(index));
-        Some(Shape::new(moment, track.centres[moment]?, members.map(|(at, _)| (points[at], colours[at]))))
-    };
-    track.instants().filter_map(shape).collect()
-}
-
-struct Moments<'a> {
-    points: &'a [DVec3],
-    colours: &'a [[u8; 3]],
-}
-
-impl<'a> Moments<'a> {
-    fn of(film: &'a Film, moment: usize) -> Self {
-        Self { points: &film.moments[moment].points, colours: &film.moments[moment].colours }
-    }
-}
-
-fn path(film: &Film, track: &Track) -> Path {
-    let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
-    let (times, places) = track.places(&times);
-    Path::new(times, places)
 }

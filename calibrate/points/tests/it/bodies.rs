@@ -1,7 +1,10 @@
 //! Bodies of a room where only a ball moves, which does not turn and has no events.
 
 use erfgs_dataset::{Dataset, Split};
-use erfgs_points::{BodyStep, CloudError, CloudOptions, Method, attach, attach_bodies, find_bodies, initial_cloud};
+use erfgs_points::{
+    BodyEdits, BodyOptions, BodyStep, CloudError, CloudOptions, Method, attach, attach_bodies, find_bodies,
+    initial_cloud,
+};
 use glam::DVec3;
 
 use crate::common::{BALL_RADIUS, ball, film_at};
@@ -25,14 +28,15 @@ fn the_ball_is_the_only_body_and_lies_where_it_flies_the_same_on_any_number_of_t
     // Those whose files do not exist: the one of events, and the one that is held out.
     dataset.manifest.cameras.retain(|camera| camera.modality.has_frames() && camera.split == Split::Train);
     with_points(&mut dataset, 0);
-    let error = find_bodies(&dataset, &|step, _, _| assert_eq!(step, BodyStep::Frames)).unwrap_err();
+    let options = BodyOptions { page: true, ..BodyOptions::default() };
+    let error = find_bodies(&dataset, &options, &|step, _, _| assert_eq!(step, BodyStep::Frames)).unwrap_err();
     assert!(matches!(error, CloudError::NoMovingPoints { instants: 0 }), "{error}");
     assert!(error.to_string().contains("erfgs dataset points"), "{error}");
 
     with_points(&mut dataset, TIMES.len() as u32);
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| find_bodies(&dataset, &|_, _, _| {}).unwrap())
+        pool.install(|| find_bodies(&dataset, &options, &|_, _, _| {}).unwrap())
     };
     let found = on(1);
     assert_eq!(found, on(3));
@@ -57,6 +61,23 @@ fn the_ball_is_the_only_body_and_lies_where_it_flies_the_same_on_any_number_of_t
     assert!(near.count() * 10 > body.points.len() * 7);
     let red = body.points.iter().filter(|point| point.colour[0] > point.colour[2]).count();
     assert!(red * 10 > body.points.len() * 8, "{red} of {} are red", body.points.len());
+
+    let page = found.page.as_ref().unwrap();
+    assert!(page.contains("id=\"body-0\"") && page.contains(">body0</a>"), "the body has a section and a row");
+    // Its strip of pictures, and four of the points of all bodies.
+    assert_eq!(page.matches("src=\"data:image/jpeg").count(), 5);
+
+    // The user knows better: it turns, and is no body after half of the time.
+    let edits = "forget = ['body0.1']\n[[split]]\nbody = 'body0'\nat_s = 0.5\n[[turn]]\nbody = 'body0.0'\nrate_rad_s = [0, 3, 0]";
+    let edits: BodyEdits = toml::from_str(edits).unwrap();
+    let corrected = find_bodies(&dataset, &BodyOptions { edits, page: false }, &|_, _, _| {}).unwrap();
+    let [half] = &corrected.bodies[..] else { panic!("{:?}", corrected.parameters) };
+    assert_eq!((half.name.as_str(), &half.found_by["rotation"]), ("body0.0", &"as was said".into()));
+    assert!(half.span_ns[1] < 500_000_000 && corrected.page.is_none(), "{:?}", half.span_ns);
+    assert_eq!(corrected.parameters["edits"]["forget"][0], "body0.1");
+    let none = BodyOptions { edits: BodyEdits { forget: vec!["body0".into()], ..BodyEdits::default() }, page: false };
+    let error = find_bodies(&dataset, &none, &|_, _, _| {}).unwrap_err();
+    assert!(matches!(error, CloudError::BodyEdits { .. }), "{error}");
 
     let file = attach_bodies(&mut dataset, &found).unwrap();
     let read = Dataset::load(folder.path()).unwrap();

@@ -1,0 +1,73 @@
+//! What is followed: tracks with their points at each instant and their paths.
+
+use glam::DVec3;
+
+use super::{
+    centres::{self, Cloud, Owners, Track},
+    chains,
+    detections::detections,
+    edits::{self, BodyEdits, Named},
+    film::Film,
+    path::Path,
+    shades::Shape,
+};
+use crate::CloudError;
+
+/// A thing that is followed.
+pub struct Thing {
+    /// What the body is called.
+    pub name: String,
+    /// Where it is at the instants.
+    pub track: Track,
+    /// Its points at each of its instants, about its centre.
+    pub shapes: Vec<Shape>,
+    /// Where it is at any time.
+    pub path: Path,
+    /// How it turns by what the user says, radians per second about axes.
+    pub rate: Option<DVec3>,
+}
+
+/// The things of a recording.
+pub struct Things {
+    pub all: Vec<Thing>,
+    /// Which of them each moving point of each instant belongs to.
+    pub owners: Owners,
+}
+
+impl Things {
+    /// Follows what moves, with the corrections of the user.
+    pub fn new(film: &Film, edits: &BodyEdits) -> Result<Self, CloudError> {
+        let clouds: Vec<Cloud<'_>> =
+            film.moments.iter().map(|moment| Cloud { points: &moment.points, colours: &moment.colours }).collect();
+        let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
+        let found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, film.cell_m)).collect();
+        let (tracks, mut owners) =
+            centres::follow(&chains::chains(&found, &times), &found, &clouds, &times, film.cell_m);
+        let named = edits::apply(edits, tracks, &mut owners, &clouds, &times)?;
+        if named.is_empty() {
+            return Err(CloudError::NoBodies { instants: film.moments.len() });
+        }
+        let thing = |(index, Named { name, track, rate }): (usize, Named)| {
+            let (known, places) = track.places(&times);
+            let shapes = shapes(&clouds, &track, &owners, index);
+            Thing { name, shapes, path: Path::new(known, places), track, rate }
+        };
+        Ok(Self { all: named.into_iter().enumerate().map(thing).collect(), owners })
+    }
+
+    /// Moving points, and those of them that are of no thing.
+    pub fn points(&self) -> [usize; 2] {
+        let all = self.owners.iter().flatten();
+        [all.clone().count(), all.filter(|owner| owner.is_none()).count()]
+    }
+}
+
+/// The points of a track at each of its instants, about its centre.
+fn shapes(clouds: &[Cloud<'_>], track: &Track, owners: &Owners, index: usize) -> Vec<Shape> {
+    let shape = |moment: usize| {
+        let Cloud { points, colours } = clouds[moment];
+        let members = owners[moment].iter().enumerate().filter(|(_, owner)| **owner == Some(index));
+        Some(Shape::new(moment, track.centres[moment]?, members.map(|(at, _)| (points[at], colours[at]))))
+    };
+    track.instants().filter_map(shape).collect()
+}
