@@ -2,7 +2,7 @@
 //!
 //! The moving points of the initial cloud are hulls of all that moves, one for each instant. Connected pieces of them are chained into
 //! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); a smooth
-//! path goes through the centres (`path`). How a thing turns is told by the colours of frames (`shades`) and by its events, which are
+//! path goes through the centres (`path`). Hulls are deeper than what they are of where views are from one side (`slim`). How a thing turns is told by the colours of frames (`shades`) and by its events, which are
 //! sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one rate, and `varying` for rates that change.
 //! What the user corrects comes between tracks and rotations (`edits`). With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates that are a little wrong
 //! add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape its events are looked
@@ -24,6 +24,7 @@ mod path;
 mod refine;
 mod report;
 mod shades;
+mod slim;
 mod smooth;
 mod spin;
 mod things;
@@ -152,7 +153,7 @@ impl<'a> Finder<'a> {
     fn drafts(&self, things: &'a Things) -> Result<(Vec<Draft<'a>>, BTreeMap<&'a str, Curve>), CloudError> {
         let film = self.film;
         let of_hulls = |(number, thing): (usize, &'a Thing)| {
-            thing.shapes.iter().map(move |shape| Subject::of_hull(film, number, shape, &thing.path))
+            thing.slim.iter().map(move |shape| Subject::of_hull(film, number, shape, &thing.path))
         };
         let subjects: Vec<Subject<'_>> = things.all.iter().enumerate().flat_map(of_hulls).collect();
         let windows = self.windows(&subjects, things.all.len())?;
@@ -161,7 +162,7 @@ impl<'a> Finder<'a> {
             (self.progress)(BodyStep::Rotation, index, things.all.len());
             let shapes = &thing.shapes;
             let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
-            let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(film, shapes) } else { None };
+            let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(film, &thing.slim) } else { None };
             let all: Vec<_> = windows.values().flatten().collect();
             let mut spin = spin::spin(shades.as_ref(), &all, self.step_s());
             if let Some(curve) = self.options.page.then(|| Curve::new(&spin, shades.as_ref(), &all)).flatten() {

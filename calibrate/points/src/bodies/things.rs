@@ -10,6 +10,7 @@ use super::{
     film::Film,
     path::Path,
     shades::Shape,
+    slim,
 };
 use crate::CloudError;
 
@@ -21,6 +22,8 @@ pub struct Thing {
     pub track: Track,
     /// Its points at each of its instants, about its centre.
     pub shapes: Vec<Shape>,
+    /// The same, only as deep as a ball would be whose hull is so deep: what its colours and events are held against.
+    pub slim: Vec<Shape>,
     /// Where it is at any time.
     pub path: Path,
     /// How it turns by what the user says, radians per second about axes.
@@ -50,7 +53,8 @@ impl Things {
         let thing = |(index, Named { name, track, rate }): (usize, Named)| {
             let (known, places) = track.places(&times);
             let shapes = shapes(&clouds, &track, &owners, index);
-            Thing { name, shapes, path: Path::new(known, places), track, rate }
+            let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
+            Thing { name, shapes, slim, path: Path::new(known, places), track, rate }
         };
         Ok(Self { all: named.into_iter().enumerate().map(thing).collect(), owners })
     }
