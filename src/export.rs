@@ -34,7 +34,7 @@ use crate::{
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording. With
   html  one page to share, which opens from a disk in a browser with WebGPU: `erfgs view` without a program
-  e4d   the scene of such a page alone, packed, for `erfgs view` (docs/view.md describes it)
+  e4d   the scene of such a page alone, packed, for `erfgs view` (docs/reference/scene-file.md describes it)
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
   gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
 

@@ -57,7 +57,7 @@ With --live a web page shows every camera, rates, drops, clocks and the disk, an
 of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
 
 Exit codes: 0 recorded, 1 a device or the disk failed (what was recorded stays readable), 2 wrong usage, 130 stopped by \
-Ctrl-C before --seconds were over. docs/recording.md says what the numbers mean and what to do about drops.")]
+Ctrl-C before --seconds were over. docs/guide/recording.md says what the numbers mean and what to do about drops.")]
 pub struct Arguments {
     /// The rig: which devices, with which settings.
     #[arg(value_name = "RIG.toml", required_unless_present = "example")]

@@ -29,7 +29,7 @@ const ASK_EVERY: Duration = Duration::from_secs(2);
 /// Train many runs by one plan: datasets, windows of a long take, settings, seeds; on Slurm, or on this machine.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A plan is a TOML file (docs/sweep.md lists all of it; examples/sweep.toml is one):
+A plan is a TOML file (docs/guide/sweeps.md lists all of it; examples/sweep.toml is one):
 
   datasets = [\"ds-dv\"]            # beside the plan, with initial points
   seeds = [0, 1, 2]

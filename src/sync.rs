@@ -15,7 +15,7 @@ Ties every stream to the session clock, in one of three tiers:
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
   C  as B, with the lag that a flashing lamp told (--flash)
 A device that restarts while it is recorded has a clock for each part of its stream, each in a row of its own.
-The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page \
+The fits go to a file beside the session (S.sync.json; docs/reference/session.md describes it), which is not changed, and a page \
 with plots of the residuals (S.sync.html).
 
 Examples:

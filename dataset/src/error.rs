@@ -28,7 +28,7 @@ pub enum DatasetError {
     #[error(transparent)]
     File(#[from] FileError),
     /// The manifest is no manifest.
-    #[error("{} is malformed: {source}; see docs/dataset.md for the format", path.display())]
+    #[error("{} is malformed: {source}; see docs/reference/dataset.md for the format", path.display())]
     Json {
         /// The manifest.
         path: PathBuf,

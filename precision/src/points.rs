@@ -16,7 +16,7 @@ use crate::{
 
 const ABOUT: About = About {
     name: "initial points",
-    truth: "Frames of eight cameras before the stage, without COLMAP, whose share is measured in docs/benchmarks.md. The truth is the stage's \
+    truth: "Frames of eight cameras before the stage, without COLMAP, whose share is measured in lab/notebook/initial-points.md. The truth is the stage's \
             own depth: a point is off by how far it lies from what is there, along the ray of the camera that says so least; gaps are told \
             from true places that cameras see, at that instant for what moves.",
     work: "all points of a recording",

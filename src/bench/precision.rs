@@ -24,7 +24,7 @@ Examples:
   erfgs bench precision
   erfgs bench precision rasteriser --out curves
   erfgs bench precision --small 'event simulator'
-  erfgs bench precision --without bundle --out docs")]
+  erfgs bench precision --without bundle --out docs/results")]
 pub struct Arguments {
     /// Only components whose name contains this, ignoring case.
     component: Option<String>,

@@ -23,7 +23,7 @@ Examples:
   erfgs bench stability --small
   erfgs bench stability --only needles
   erfgs bench stability --without '10,000 iterations'
-  erfgs bench stability --out docs/stability.md")]
+  erfgs bench stability --out docs/results/stability.md")]
 pub struct Arguments {
     /// Some cases of every stage, in seconds.
     #[arg(long)]

@@ -20,7 +20,7 @@ INPUT is a recorded session, or a folder or a file of LED positions:
   a session (S.mcap): blinking LEDs are looked for in events, bright spots in frames; --rig must have the cameras' intrinsics
   a folder in eWand's layout: frame_0.csv, event_1.csv, ... with rows t_ns;x1;y1;x2;y2;x3;y3 (-1 where nothing was seen), and
   beside each a YAML file of OpenCV intrinsics (frame_0.yaml); pixel centres are whole numbers there
-  a wand.json, or a folder that holds one (docs/wand.md describes it): cameras with intrinsics and standard
+  a wand.json, or a folder that holds one (docs/guide/wand.md describes it): cameras with intrinsics and standard
   deviations, and for each a CSV file t_ns,x1,y1,x2,y2,x3,y3; pixel centres are half-integers
 
 Nothing needs to be known of the poses. The gaps give the scale; if they differ, LEDs in the wrong order are put right. A \

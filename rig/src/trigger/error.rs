@@ -13,7 +13,7 @@ pub enum TriggerError {
     },
     /// No serial port has a trigger board.
     #[error(
-        "no trigger board found; ports tried: {tried}. Plug the board in, flash it (docs/trigger-board.md), or name its \
+        "no trigger board found; ports tried: {tried}. Plug the board in, flash it (docs/reference/trigger-board.md), or name its \
          port in the configuration"
     )]
     NotFound {

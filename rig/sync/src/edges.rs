@@ -11,7 +11,7 @@ use erfgs_session::trigger::code::{self, Seen};
 pub const NS_PER_TICK: f64 = 1000.0;
 /// How long one line of a clock of edges is, nanoseconds. Over five seconds a drift of 1 ppm a minute bends a clock by
 /// 0.05 µs, and a hundred edges and more average their 1 µs away; twice as long it bends more than is averaged away, half as
-/// long loses where edges are off by 10 µs (docs/precision.md).
+/// long loses where edges are off by 10 µs (docs/results/precision.md).
 pub const WINDOW_NS: i64 = 5_000_000_000;
 /// Of arrivals, which are late by chance, few are early enough to tell anything.
 const ARRIVALS_NS: i64 = 60_000_000_000;

@@ -58,7 +58,7 @@ pub enum AlignError {
     /// A session saw no pulses.
     #[error(
         "{} holds no pulses of a trigger board: neither the board's lines nor an event camera that saw {LEAST} of them at its \
-         trigger input; connect a trigger input of this host to the board (docs/recording.md)",
+         trigger input; connect a trigger input of this host to the board (docs/guide/recording.md)",
         path.display()
     )]
     NoPulses {

@@ -1,6 +1,6 @@
 //! The session file: one MCAP file with everything that a rig delivered, byte for byte.
 //!
-//! `docs/session.md` describes the format for readers that are not this program.
+//! `docs/reference/session.md` describes the format for readers that are not this program.
 
 mod chunk;
 mod decode;
