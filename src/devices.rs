@@ -17,8 +17,8 @@ Examples:
   erfgs devices --probe
   erfgs devices --json | jq '.event_cameras[].serial'
 
-The serial numbers and ports are what RIG.toml chooses devices by (`erfgs record --example`). A device with a problem is \
-listed with what to do about it.")]
+RIG.toml selects devices by these serial numbers and ports (`erfgs record --example`). A device with a problem is listed with \
+its remedy.")]
 pub struct Arguments {
     /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.
     #[arg(long)]

@@ -38,7 +38,7 @@ canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand a
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
   gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
 
-A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
+A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv has the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
   nerfstudio  images/ and transforms.json, with times from 0 to 1 and the initial points
 
@@ -55,8 +55,9 @@ and the frames of its cameras, and of event sensors that have frames, as
   mp4  a video for each camera (ffmpeg), at its mean rate; of the events of an event camera, brighter and darker, at --fps, \
 --speed and --accumulate (of one that has frames, too, its events are shown over them where --accumulate is given)
   session  a recording of its own, byte for byte, with the streams' settings and the rig: what --from and --until leave of it
-All streams that fit the format are written, or the one named with --stream; with --from and --until what arrived between these \
-seconds of the recording. Packets are kept whole, so that up to some milliseconds before the range come along. What exists is overwritten with --force alone.
+All streams that fit the format are written, or the one named with --stream. --from and --until select data by their time of \
+arrival. Packets are kept whole, so that some milliseconds before the range may be included. Existing files \
+are overwritten only with --force.
 
 Exit codes: 0 exported, 1 the recording is cut off or damaged (all else was exported), 2 wrong usage.
 
@@ -82,7 +83,8 @@ pub struct Arguments {
     dataset: Option<PathBuf>,
     #[command(flatten)]
     adapter: Adapter,
-    /// At how many instants, from the first to the last of the recording; as many as the held-out cameras have without it.
+    /// Number of instants, spread from the first to the last of the recording. Default: as many as the held-out cameras
+    /// have.
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
@@ -94,17 +96,17 @@ pub struct Arguments {
     /// Keep all numbers to the bit, in a file five times as large (html, e4d).
     #[arg(long, help_heading = "Of a run")]
     exact: bool,
-    /// The instant that gltf shows, seconds from the start of the recording; its middle without it.
+    /// The instant that gltf shows, seconds from the start of the recording. Default: the middle.
     #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a run")]
     at: Option<f64>,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
-    /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
+    /// Size of the sensor, if the event file does not state it. Default: the smallest that holds all events.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
     size: Option<SensorSize>,
-    /// How many low bits of samples of 16 bits count in the frames of an AEDAT 4 file, 8 to 16; without it all, and frames that are
-    /// nearly black then are refused (png, exr, mp4).
+    /// Number of significant low bits in the 16-bit samples of an AEDAT 4 file, 8 to 16. Default: all, and frames that would
+    /// be nearly black are refused (png, exr, mp4).
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16), help_heading = "Of a session or an event file")]
     bits: Option<u8>,
     /// Leave out what arrived before this second of the recording.
@@ -115,11 +117,10 @@ pub struct Arguments {
     until: Option<f64>,
     #[command(flatten)]
     video: event_video::VideoOptions,
-    /// Overwrite what exists.
+    /// Overwrite existing files.
     #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
-    /// The folder to write to, or the file if --stream makes it one or the input is an event file; beside the input without
-    /// it.
+    /// The folder to write to, or the file, with --stream or if the input is an event file. Default: beside the input.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
 }

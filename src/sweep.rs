@@ -39,11 +39,11 @@ A plan is a TOML file (docs/guide/sweeps.md lists all of it; examples/sweep.toml
   [set]                           # settings, likewise
   \"earl.weight\" = [0.5, 1.0]
 
-Where a Slurm answers, the runs that are missing are submitted as an array of jobs; elsewhere they are trained here, --at-once of \
-them at a time. The same command at any later time goes on with what is not done: runs that were killed or preempted lose what \
-came after their last checkpoint, and come to the same result. Windows of a long take ([[take]]) share what stands still in the first; \
-when all are done, takes/NAME.html in the sweep's folder plays them one after another. `erfgs report` takes the sweep's folder for the runs that are done \
-so far.
+If Slurm is available, missing runs are submitted as an array of jobs; otherwise they are trained here, --at-once at a time. \
+The same command continues later with what is not done: killed or preempted runs restart from their last checkpoint and come \
+to the same result. Windows of a long take ([[take]]) share the static Gaussians of the first one; when all are done, \
+takes/NAME.html in the sweep's folder plays them in sequence. `erfgs report` takes the sweep's folder and compares the runs \
+that are done so far.
 
 Examples:
   erfgs sweep plan.toml --dry-run
@@ -52,19 +52,19 @@ Examples:
   erfgs report plan --out report.html
   erfgs view plan")]
 pub struct Arguments {
-    /// The plan, or the folder of a sweep, whose manifest then says what is to be done.
+    /// The plan, or the folder of a sweep, whose manifest is then the plan.
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
-    /// Say what would be done, and do nothing.
+    /// Print what would be done, and do nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Say where the runs stand, and do nothing.
+    /// Print the state of the runs, and do nothing.
     #[arg(long, conflicts_with = "dry_run")]
     status: bool,
-    /// Train here, though there is a Slurm.
+    /// Train on this machine even if Slurm is available.
     #[arg(long)]
     local: bool,
-    /// Submit to Slurm, and fail where there is none.
+    /// Submit to Slurm, and fail if there is none.
     #[arg(long, conflicts_with = "local")]
     slurm: bool,
     /// Runs that are trained at a time here; on Slurm the plan says it (slurm.at_once).

@@ -32,11 +32,12 @@ const ITERATIONS: Iterations = Iterations { coarse: Some(600), fine: 4000 };
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Every act is filmed for every seed by an ordinary rig (8 RGB cameras at 15 frames a second with 20 ms exposures, 3 event cameras) and \
-by an ideal one (the same RGB cameras, sharp, at 120 a second), which gives the ceiling. Each method trains on the first; 4DGS trains on \
-both, and what lies between is the gap. An act in which no bodies are found has no row of the methods that start from them.
+by an ideal one (the same RGB cameras, sharp, at 120 a second), which gives the ceiling. Each method trains on the first; \
+4DGS trains on both, and the difference of its results is the gap. An act in which no bodies are found has no rows for the \
+methods that start from bodies.
 
-The folder holds the datasets, a sweep for each method, pictures, and acts.html, acts.md and acts.csv. The same command at any later \
-time goes on with what is not done, and with more acts, seeds or methods.
+The folder holds the datasets, a sweep for each method, pictures, and acts.html, acts.md and acts.csv. The same command \
+continues later with what is not done, and with more acts, seeds or methods.
 
 Examples:
   erfgs bench acts --out acts
@@ -47,13 +48,13 @@ pub struct Arguments {
     /// The folder for datasets, trainings and the report.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Acts, separated by commas; with a + those that happen at once. All of them without it.
+    /// Acts, separated by commas; a + joins acts that happen at once. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     acts: Vec<Acts>,
     /// Seeds of the takes, separated by commas.
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "1")]
     seeds: Vec<u64>,
-    /// Methods, separated by commas: 4dgs, erf-gs, bodies-frames, bodies, ceiling. All of them without it.
+    /// Methods, separated by commas: 4dgs, erf-gs, bodies-frames, bodies, ceiling. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     methods: Vec<String>,
     /// Iterations of each training.

@@ -24,7 +24,7 @@ Examples:
 pub struct Arguments {
     /// An event file.
     file: PathBuf,
-    /// The fastest of so many runs counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
     /// Size of the sensor, if the file does not say it.

@@ -15,10 +15,10 @@ use crate::{
 /// Draw work-precision diagrams: error against processor time.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Every setting of every knob is run against a truth that is finer than any of them; the setting that is the default is marked. \
+Every setting of every knob is compared with a finer reference; the default setting is marked. \
 With --out the curves are written into a folder: precision.html draws them, precision.md has them as tables, precision.csv \
-has the numbers. All components take hours: what was measured lies in settings.jsonl there, and the same command goes on with the rest; \
-delete that file where something has changed since.
+has the numbers. All components take hours. Measured settings are kept in settings.jsonl in that folder, and the same command \
+continues with the rest; delete the file if something has changed since.
 
 Examples:
   erfgs bench precision

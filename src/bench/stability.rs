@@ -15,8 +15,8 @@ use crate::{
 /// Take every numerical stage to its extremes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Each case has a bound that was stated beforehand, with its reason, and a truth that the stage has no share in; or it must be \
-refused by name. The status is 1 where a case fails.
+Each case has a bound, stated beforehand with its reason, and an independent reference; or it must be refused by name. The \
+exit code is 1 if a case fails.
 
 Examples:
   erfgs bench stability

@@ -23,7 +23,7 @@ Examples:
 pub struct Arguments {
     /// The target, as `erfgs calibrate board` takes it.
     target: Target,
-    /// The file to write; its extension says what it is: svg, pdf or html.
+    /// The file to write; its extension is the format: svg, pdf or html.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// How often the page blinks in a second; half the screen's frame rate at most.

@@ -18,7 +18,7 @@ use crate::{
 /// How events become a video.
 #[derive(Debug, clap::Args)]
 pub struct VideoOptions {
-    /// Each picture shows the events of so many milliseconds; without it, of the time from picture to picture.
+    /// Duration of the events in each picture, milliseconds. Default: the time from picture to picture.
     #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Of a video of events (mp4)")]
     accumulate: Option<f64>,
     /// Pictures a second of the video [default: 30].
