@@ -46,11 +46,11 @@ struct Port {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut problems = Vec::new();
     let event_cameras = event::list().unwrap_or_else(|error| {
-        problems.push(format!("event cameras cannot be looked for: {error}"));
+        problems.push(format!("cannot search for event cameras: {error}"));
         Vec::new()
     });
     let cameras = frame::list().unwrap_or_else(|error| {
-        problems.push(format!("cameras cannot be looked for: {error}"));
+        problems.push(format!("cannot search for cameras: {error}"));
         Vec::new()
     });
     let ports = trigger::ports();

@@ -258,12 +258,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ))
         .into()),
         (true, None) => {
-            let what = "say in which format to export the recording: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
+            let what = "choose the format of the export: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
             Err(Usage(what.into()).into())
         }
         (false, Some(To::Dataset(layout))) => {
             let Some(out) = &arguments.out else {
-                return Err(Usage("say where to: --out FOLDER, which must be empty or new".into()).into());
+                return Err(Usage("give --out FOLDER, which must be empty or new".into()).into());
             };
             dataset::run(input, layout, out, terminal)
         }
@@ -290,7 +290,7 @@ pub fn complain_of(done: &str, path: &Path, summary: &Summary, lost: &[String]) 
     faults.extend(lost.iter().filter(|lost| !summary.damage.contains(lost)).cloned());
     let Some(first) = faults.first() else { return Ok(()) };
     let others = if faults.len() > 1 { format!(" (and {} faults more)", faults.len() - 1) } else { String::new() };
-    anyhow::bail!("what is whole was {done}; {} has faults: {first}{others}", path.display())
+    anyhow::bail!("the intact part was {done}; {} has faults: {first}{others}", path.display())
 }
 
 /// One stream and where it goes.
@@ -311,7 +311,7 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     let same =
         |out: &Path| std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(path).ok() == Some(out));
     if let Some(task) = tasks.iter().find(|task| same(&task.out)) {
-        return Err(Usage(format!("'{}' is what is to be exported; give another --out", task.out.display())).into());
+        return Err(Usage(format!("'{}' is the input itself; give another --out", task.out.display())).into());
     }
     for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
         not_over(&file, arguments.force)?;

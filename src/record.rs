@@ -251,7 +251,7 @@ fn named_as_it_will_be(out: &Path, is_folder: bool) -> Result<(), Usage> {
         (true, true) if !out.is_dir() => {
             let folder = out.with_extension("");
             Err(Usage(format!(
-                "with --wait and --before, --out is the folder for recordings, and '{shown}' is named as a session: write --out {}",
+                "with --wait and --before, --out is a folder, and '{shown}' is the name of a session: write --out {}",
                 folder.display()
             )))
         }
@@ -321,7 +321,7 @@ fn check(
         terminal.note(format!("{mark} {}: {}{remedy}", finding.check, finding.says));
     }
     if preflight::worst(&findings) == Verdict::Refusal {
-        anyhow::bail!("this rig would lose data: see above, or record all the same with --no-preflight");
+        anyhow::bail!("this rig would lose data (see above); --no-preflight records anyway");
     }
     Ok(findings)
 }

@@ -101,9 +101,7 @@ fn folders(paths: &[PathBuf], notes: &mut Vec<String>) -> anyhow::Result<Vec<Run
         folders.extend(done);
     }
     if folders.is_empty() {
-        return Err(
-            Usage("no run of the sweep is done yet; `erfgs sweep --status` says where they stand".into()).into()
-        );
+        return Err(Usage("no run of the sweep is done yet; `erfgs sweep --status` shows their state".into()).into());
     }
     Ok(folders)
 }

@@ -160,15 +160,15 @@ fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyh
     let never = overview.count(JobState::Waiting) + overview.count(JobState::Stopped);
     match overview.count(JobState::Failed) {
         _ if stop.load(std::sync::atomic::Ordering::Relaxed) && left > 0 => Err(Stopped(format!(
-            "stopped with {left} of {} runs to be done; the same command goes on",
+            "stopped with {left} of {} runs left; the same command continues",
             overview.jobs.len()
         ))
         .into()),
         0 if never > 0 => {
-            anyhow::bail!("{never} of {} runs were not trained; the same command goes on", overview.jobs.len())
+            anyhow::bail!("{never} of {} runs were not trained; the same command continues", overview.jobs.len())
         }
         0 => Ok(()),
-        failed => anyhow::bail!("{failed} of {} runs failed; the same command tries them again", overview.jobs.len()),
+        failed => anyhow::bail!("{failed} of {} runs failed; the same command retries them", overview.jobs.len()),
     }
 }
 
@@ -219,7 +219,7 @@ fn on_slurm(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> 
     }
     tell(manifest, &overview, terminal)?;
     let failed = overview.count(JobState::Failed);
-    anyhow::ensure!(failed == 0, "{failed} of {} runs failed; the same command tries them again", overview.jobs.len());
+    anyhow::ensure!(failed == 0, "{failed} of {} runs failed; the same command retries them", overview.jobs.len());
     Ok(())
 }
 

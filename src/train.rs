@@ -428,7 +428,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             terminal.note(format!("the run was begun with erfgs {version}; this is {}", env!("CARGO_PKG_VERSION")));
         }
         if stands.is_finished(&folder) {
-            terminal.note(format!("{} is finished: nothing is left to be done", folder.root().display()));
+            terminal.note(format!("{} is finished: nothing is left to do", folder.root().display()));
             let summary = Summary::of_finished(&folder)?;
             return terminal.result(&summary, || describe(&summary));
         }
@@ -462,17 +462,17 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
     if !scene.pictures.all_are_kept() {
         let [kept, all] = scene.pictures.bytes().map(bytes);
         terminal.note(format!(
-            "frames take {all}: {kept} of them are kept in memory (--memory), the others are read while training"
+            "frames need {all}: {kept} of them are kept in memory (--memory), the others are read during the training"
         ));
     }
     if scene.events_filed {
         let events: u64 = scene.events.iter().map(|events| events.count).sum();
-        terminal.note(format!("{events} events lie in files while it is trained, as --memory has no room for them"));
+        terminal.note(format!("{events} events are kept in temporary files, because --memory has no room for them"));
     }
     if let Some(Flicker { hz, share, .. }) = &scene.flicker {
         terminal.note(format!(
-            "the light flickers at {hz:.1} Hz for {:.0} % of the event cameras' pixels: their events are read at its peaks alone \
-             (earl.flicker), as often as those come; steady light shows more of what is fast",
+            "the light flickers at {hz:.1} Hz for {:.0} % of the event cameras' pixels: event bins begin and end at the peaks of the \
+             light (earl.flicker). Steady light allows shorter bins and shows more of fast motion",
             100.0 * share
         ));
     }
@@ -482,15 +482,14 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
         let stated = file.as_ref().map(|file| file.threshold_on / file.threshold_off);
         if let Some((told, stated)) = events.told_ratio.zip(stated) {
             terminal.note(format!(
-                "camera {camera}: an ON event changes {told:.2} times what an OFF event does, as what comes back to where it was tells; \
-                 stated was {stated:.2}, which is not used (earl.balance)"
+                "camera {camera}: measured ON/OFF threshold ratio {told:.2}; the stated {stated:.2} is ignored (earl.balance)"
             ));
         }
         if events.drift != 0.0 {
             let drift = events.drift;
             terminal.note(format!(
-                "camera {camera}: events that nothing caused, leaks and noise, add up to {drift:+.1} contrast thresholds at a pixel, which are \
-                 taken away (earl.balance)"
+                "camera {camera}: leak and noise events add up to {drift:+.1} contrast thresholds per pixel; they are subtracted \
+                 (earl.balance)"
             ));
         }
     }
@@ -516,7 +515,7 @@ fn drive(
     }
     if let Err(TrainError::Scene(_)) = &outcome {
         let command = arguments.resume_command();
-        terminal.note(format!("what was trained until then is saved; once the file can be read again: {command}"));
+        terminal.note(format!("a checkpoint is saved; once the file can be read again, continue with: {command}"));
     }
     let outcome = outcome?;
     let gaussians = trainer.model.gaussians_still(gpu)?;
@@ -605,14 +604,14 @@ fn describe(summary: &Summary<'_>) -> String {
         ("Gaussians", format!("{}, of which {} move", thousands(summary.gaussians), thousands(summary.dynamic))),
     ];
     for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
-        rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));
+        rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last evaluation"))));
     }
     let mut moved: Vec<&CameraPose> = summary.camera_poses.iter().collect();
     moved.sort_by(|a, b| a.moved_px.total_cmp(&b.moved_px));
     if let Some(most) = moved.last() {
         let (median, CameraPose { camera, moved_px, .. }) = (moved[moved.len() / 2].moved_px, most);
         let text = format!(
-            "found {median:.2} px beside where they were calibrated, {camera} {moved_px:.2} px (in the median, at most)"
+            "learned poses differ from the calibration by {median:.2} px in the median, by {moved_px:.2} px at most ({camera})"
         );
         rows.push(("cameras", text));
     }

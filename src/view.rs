@@ -97,7 +97,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         };
         if let Some(windows) = takes::windows(path, arguments.take.as_deref(), &arguments.adapter, terminal)? {
             if arguments.runs.len() > 1 {
-                return Err(Usage("a take is looked at by itself: give the folder of one sweep alone".into()).into());
+                return Err(Usage("a take cannot be compared: give the folder of a single sweep".into()).into());
             }
             let progress = terminal.progress("reading windows");
             let count = windows.len() as u64;

@@ -8,7 +8,7 @@ use std::{cmp::Ordering, collections::HashMap};
 /// Two names whose order is not known.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "which of `{first}` and `{second}` comes first is not known: {why}; rename them so that all numbers have as many digits"
+    "the order of `{first}` and `{second}` is ambiguous: {why}; rename them so that all numbers have the same number of digits"
 )]
 pub struct Doubt {
     /// The one.
@@ -160,7 +160,7 @@ pub fn order<T: AsRef<str>>(names: &[T]) -> Result<Vec<usize>, Doubt> {
             .then_with(|| natural(a, b))
         });
         if let Some(pair) = differ(&order, &by_last) {
-            return doubt(pair, "they are not made alike, and their numbers and their letters give different orders");
+            return doubt(pair, "they follow different patterns, and numbers and letters give different orders");
         }
     }
     Ok(order)

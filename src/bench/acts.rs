@@ -170,7 +170,7 @@ impl Work<'_> {
 
     fn go_on(&self) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
         }
         Ok(())
     }
@@ -246,12 +246,12 @@ impl Work<'_> {
         drop(bar);
         let left = overview.jobs.len() - overview.count(JobState::Done);
         if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
         }
         if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
             let why = job.failed.as_deref().unwrap_or("it was not trained");
             let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
         }
         let name = |job: &Job| job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(manifest.jobs.iter().map(|job| (name(job), manifest.run(job))).collect())

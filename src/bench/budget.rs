@@ -153,7 +153,7 @@ fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
     };
     causes.retain(named);
     if causes.is_empty() {
-        return Err(Usage(format!("no error is called so; {known}")).into());
+        return Err(Usage(format!("no error has this name; {known}")).into());
     }
     if arguments.small {
         causes.iter_mut().for_each(|cause| cause.steps.truncate(1));
@@ -189,7 +189,7 @@ impl Work<'_> {
 
     fn points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
         }
         if dataset.manifest.points.is_some() {
             return Ok(());
@@ -235,12 +235,12 @@ impl Work<'_> {
         drop(bar);
         let left = overview.jobs.len() - overview.count(JobState::Done);
         if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
         }
         if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
             let why = job.failed.as_deref().unwrap_or("it was not trained");
             let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
         }
         let quality = |job: &erfgs_sweep::Job| {
             let metrics = manifest.run(job).read_metrics()?;

@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     components.retain(|component| arguments.component.as_ref().is_none_or(|only| has(component, only)));
     components.retain(|component| !arguments.without.iter().any(|without| has(component, without)));
     if components.is_empty() {
-        return Err(Usage(format!("no component is called so; {known}")).into());
+        return Err(Usage(format!("no component has this name; {known}")).into());
     }
     let gpu = arguments.adapter.open()?;
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);

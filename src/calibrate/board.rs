@@ -149,7 +149,7 @@ fn thickness(text: &str) -> Result<f64, String> {
 /// How often a board blinks in a second.
 pub fn blink_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 10_000.0);
-    rate.ok_or_else(|| "write a rate between 0 and 10000 a second".into())
+    rate.ok_or_else(|| "write a rate between 0 and 10000 Hz".into())
 }
 
 /// A lens model by its name.
@@ -178,7 +178,7 @@ pub fn recorded(input: &Path, terminal: &Terminal) -> anyhow::Result<PathBuf> {
         let more = passed_over.len().saturating_sub(5);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         terminal.note(format!(
-            "not looked at, as they lie beside it: {shown}{more} (give a folder of their own to use them)"
+            "ignored, because they lie beside the calibration folder: {shown}{more} (give their folder to use them)"
         ));
     }
     Ok(folder)

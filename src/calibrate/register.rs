@@ -148,7 +148,7 @@ fn picture(
         leaky(&events, arguments.threshold, arguments.cutoff_hz, first + (1e6 * seconds) as i64)
     } else {
         return Err(Usage(format!(
-            "{} holds events: say with --dark-ramp or --leaky SECONDS how intensity is got from them",
+            "{} holds events: state with --dark-ramp or --leaky SECONDS how to reconstruct intensity from them",
             file.display()
         ))
         .into());

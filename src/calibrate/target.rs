@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         _ => return Err(Usage("--out must end in .svg, .pdf or .html".into()).into()),
     };
     if !(arguments.blink > 0.0 && arguments.blink <= 1000.0) {
-        return Err(Usage("--blink must be a rate between 0 and 1000 a second".into()).into());
+        return Err(Usage("--blink must be a rate between 0 and 1000 Hz".into()).into());
     }
     let out = &arguments.out;
     atomic::write(out, &print(&arguments.target, paper, arguments.blink))

@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let Some(layout) = arguments.layout.of_others() else {
         anyhow::ensure!(
             arguments.frames.is_none() && arguments.fps.is_none(),
-            "a session tells its own times: choose with --from, --seconds and --every instead of --frames and --fps"
+            "a session has its own frame times: use --from, --seconds and --every instead of --frames and --fps"
         );
         anyhow::ensure!(
             arguments.background.is_none(),

@@ -70,8 +70,7 @@ pub fn run(
     terminal: &Terminal,
 ) -> anyhow::Result<(Dataset, anyhow::Result<()>)> {
     let rig = arguments.rig.as_deref().context(
-        "a session says nothing of where its cameras stood: give the calibrated rig with --rig rig.json (erfgs calibrate \
-         makes it)",
+        "a session holds no camera poses: give the calibrated rig with --rig rig.json (erfgs calibrate makes it)",
     )?;
     let rig = RigFile::read(rig)?;
     let mut session = Session::open(path)?;
@@ -89,7 +88,7 @@ pub fn run(
     let summary = session.summary();
     if let (false, Some([_, last])) = (summary.complete, summary.span_ns()) {
         let ends_s = summary.start.session_ns(last) as f64 * 1e-9;
-        terminal.note(format!("{} was cut off: what is left of it ends at {ends_s:.3} s", path.display()));
+        terminal.note(format!("{} was cut off: it ends at {ends_s:.3} s", path.display()));
     }
     let progress = terminal.progress("importing");
     let mut notes: Vec<SessionNote> = Vec::new();

@@ -147,7 +147,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     match (controls.damaged(), controls.failure()) {
         (0, Some(failure)) => anyhow::bail!("{failure}"),
         (places, Some(failure)) => {
-            anyhow::bail!("what is whole was played; {places} damaged places were passed over, the last: {failure}")
+            anyhow::bail!("the intact part was played; {places} damaged places were skipped, the last: {failure}")
         }
         (_, None) => complain_of("played", &arguments.session, player.summary(), &[]),
     }

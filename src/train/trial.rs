@@ -52,7 +52,7 @@ pub fn make(
         return Ok(None);
     }
     let identity = Trainer::identity(setting.dataset, setting.config, budget)?.sha256();
-    let stop = stop_flag("bodies are tried no further")?;
+    let stop = stop_flag("the trial of bodies ends early")?;
     let bar = terminal.progress("trial of bodies");
     let mut go_on = |step: erfgs_base::Progress| {
         bar.update(step.done, step.total, step.what);
@@ -61,7 +61,7 @@ pub fn make(
     let found = trial::trial(setting, budget, &mut go_on)?;
     drop(bar);
     let Some(trial) = found else {
-        return Err(Stopped("stopped while bodies were tried; the same command begins anew".into()).into());
+        return Err(Stopped("stopped during the trial of bodies; the same command starts it again".into()).into());
     };
     terminal.note(describe(&trial));
     let told = Told { identity, trial };
@@ -98,7 +98,7 @@ fn describe(trial: &Trial) -> String {
     };
     let rows: Vec<Vec<String>> = std::iter::once(heading.to_vec()).chain(trial.bodies.iter().map(row)).collect();
     format!(
-        "a trial of {} iterations, {}, tells which bodies explain better what cameras saw that took no part:\n{}",
+        "trial of {} iterations, {}: error of each body against free-time Gaussians on held-out cameras:\n{}",
         trial.iterations,
         duration(trial.seconds),
         table(&rows)

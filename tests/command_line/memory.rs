@@ -17,7 +17,7 @@ fn frames_and_events_that_are_read_again_teach_the_same() {
         let said = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
         let text = String::from_utf8_lossy(&said.stderr);
         assert!(said.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
-        assert!(text.contains("events lie in files while it is trained"), "{text}");
+        assert!(text.contains("events are kept in temporary files"), "{text}");
         let left: Vec<_> =
             fs::read_dir(folder.path(run)).expect("a run").flatten().map(|entry| entry.file_name()).collect();
         assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");

@@ -88,9 +88,9 @@ pub(super) fn table(rig: &RigFile) -> String {
     );
     let rows: String = known.iter().map(|(camera, moved)| row(camera, *moved)).collect();
     html::table("figures", &head, &rows)
-        + "<p class=\"caption\">How far what a camera sees in the middle of the scene is moved by one standard deviation, in its full pictures; \
-           and up to which width of the pictures that are trained with this costs no more than so much. \
-           What errors cost was measured with known ones (<code>erfgs bench budget</code>, docs/results/budget.md).</p>\n"
+        + "<p class=\"caption\">Image shift, in the middle of the scene and in full pictures, by one standard deviation of each \
+        quantity; and the largest width of training pictures at which the error costs no more than the stated loss. The losses were \
+        measured with known errors (<code>erfgs bench budget</code>, docs/results/budget.md).</p>\n"
 }
 
 fn row(camera: &RigCamera, moved: Moved) -> String {

@@ -21,7 +21,7 @@ pub enum TriggerError {
         tried: String,
     },
     /// Several ports have one, and the configuration names none.
-    #[error("trigger boards at {ports}; name the port of the one that is meant in the configuration")]
+    #[error("several trigger boards, at {ports}; name the port of one in the configuration")]
     Ambiguous {
         /// Where.
         ports: String,
@@ -45,7 +45,7 @@ pub enum TriggerError {
         source: std::io::Error,
     },
     /// What is at the port does not answer as a trigger board does.
-    #[error("what is at {port} does not answer {command:?}; flash the board with the firmware in rig/firmware")]
+    #[error("the device at {port} does not answer {command:?}; flash the board with the firmware in rig/firmware")]
     Silent {
         /// The port.
         port: String,

@@ -400,7 +400,7 @@ fn nothing(session: &Session, options: &SessionOptions) -> ImportError {
             from as f64 * 1e-9,
             to as f64 * 1e-9
         ),
-        None => "no camera of the rig recorded anything whose time is known; run erfgs sync on the session".to_owned(),
+        None => "no camera of the rig recorded data with known times; run erfgs sync on the session".to_owned(),
     };
     ImportError::Malformed { path: session.path().to_owned(), what }
 }

@@ -365,7 +365,7 @@ impl Host {
                         }
                         if since.elapsed() >= refuses {
                             let seconds = since.elapsed().as_secs();
-                            return self.unknown(format!("it was told to stop for {seconds} s and records on"));
+                            return self.unknown(format!("it still records {seconds} s after it was told to stop"));
                         }
                     } else if let Some(end) = self.state().take.as_ref().and_then(|take| end_of(take, &status)) {
                         return match end {
@@ -373,7 +373,7 @@ impl Host {
                             end => end,
                         };
                     }
-                    "it does not say that its recording is complete".into()
+                    "it does not confirm that its recording is complete".into()
                 }
             };
             // Whatever it says, the end of this is known.
@@ -412,7 +412,7 @@ fn end_of(take: &Take, status: &Status) -> Option<HostEnd> {
     Some(match status.last.as_ref().filter(|last| ours(&last.path)) {
         Some(last) => HostEnd::Early(Box::new(printed(last))),
         None => HostEnd::Unknown {
-            why: "its recorder was started again meanwhile".into(),
+            why: "its recorder was restarted in the meantime".into(),
             seconds: take.seconds,
             bytes: take.bytes,
         },
@@ -445,7 +445,7 @@ fn few(telling: &mut Option<(Instant, usize, usize)>, new: Vec<Said>, now: Insta
     {
         *telling = None;
         if left_out > 0 {
-            said.push((Level::Warning, String::new(), format!("{left_out} more messages are on its page")));
+            said.push((Level::Warning, String::new(), format!("{left_out} more messages are shown on its page")));
         }
     }
     for message in new {

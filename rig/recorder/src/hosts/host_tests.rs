@@ -54,7 +54,7 @@ fn a_host_that_says_much_is_told_of_in_few_words() {
     let more: usize = (0..100).map(|_| few(&mut telling, said(10), begun + WHILE / 2).len()).sum();
     assert_eq!(more, TOLD - 3);
     let later = few(&mut telling, said(1), begun + WHILE);
-    assert_eq!(later[0].2, format!("{} more messages are on its page", 1000 + 3 - TOLD));
+    assert_eq!(later[0].2, format!("{} more messages are shown on its page", 1000 + 3 - TOLD));
     assert_eq!(later.len(), 2);
     assert_eq!(few(&mut telling, Vec::new(), begun + 2 * WHILE), []);
 }

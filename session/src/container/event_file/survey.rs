@@ -81,7 +81,7 @@ fn faults(source: &EventSource, anomalies: &Anomalies, size_is_files: bool) -> V
         faults.push(format!("{} lines or packets of it cannot be read", anomalies.damaged));
     }
     if anomalies.truncated_bytes > 0 {
-        faults.push(format!("it is cut off: its last {} bytes are no whole item", anomalies.truncated_bytes));
+        faults.push(format!("it is cut off: its last {} bytes are an incomplete item", anomalies.truncated_bytes));
     }
     faults
 }
