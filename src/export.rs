@@ -318,35 +318,36 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     }
     recording.restrict(range);
     let mut lost = Vec::new();
-    let told = match format.kind() {
+    let exports = match format.kind() {
         Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
         Kind::Frames(format) => frames::export(&mut recording, (format, arguments.bits), &tasks, &mut lost, terminal)?,
         Kind::Video | Kind::Session => {
             let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
             let (of_events, of_frames): (Vec<_>, Vec<_>) =
                 tasks.into_iter().partition(|task| arguments.video.shows_events_of(encoding(task)));
-            let mut told = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
-            told.extend(frames::export(
+            let mut exports = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
+            exports.extend(frames::export(
                 &mut recording,
                 (FramesFormat::Mp4, arguments.bits),
                 &of_frames,
                 &mut lost,
                 terminal,
             )?);
-            told
+            exports
         }
     };
     // A camera that made no pictures is no failure, unless there is nothing else.
-    if told.iter().all(|told| told.is_empty) {
+    if exports.iter().all(|exports| exports.is_empty) {
         anyhow::bail!("{} has no frames", recording.path().display());
     }
-    let exported: Vec<&serde_json::Value> = told.iter().map(|told| &told.exported).collect();
-    terminal.result(&exported, || told.iter().map(|told| told.line.as_str()).collect::<Vec<_>>().join("\n"))?;
+    let exported: Vec<&serde_json::Value> = exports.iter().map(|exports| &exports.exported).collect();
+    terminal
+        .result(&exported, || exports.iter().map(|exports| exports.line.as_str()).collect::<Vec<_>>().join("\n"))?;
     complain(&recording, &lost)
 }
 
-/// What is told of a stream that became pictures.
-struct Told {
+/// What is exports of a stream that became pictures.
+struct StreamExport {
     exported: serde_json::Value,
     /// Whether it had none.
     is_empty: bool,

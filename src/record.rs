@@ -184,7 +184,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             &streams,
             arguments.on.clone(),
             options.subscriber.take(),
-            keep_when_told(&told),
+            keep_on_alarm(&told),
         )?));
     }
     let recorder = Arc::new(Recorder::new(inputs, options)?);
@@ -209,11 +209,11 @@ fn unknown<'a>(kinds: &'a [AlarmKind], streams: &[Description]) -> Option<&'a st
     })
 }
 
-/// Is told of a stream what was seen.
-type Told = Box<dyn Fn(&str, &str) + Send>;
+/// Called with a stream and what was detected in it.
+type OnAlarm = Box<dyn Fn(&str, &str) + Send>;
 
-/// Keeps the past of a recorder, once there is one, when an alarm tells.
-fn keep_when_told(recorder: &Arc<OnceLock<Weak<Recorder>>>) -> Told {
+/// Keeps the past of a recorder, once there is one, at an alarm.
+fn keep_on_alarm(recorder: &Arc<OnceLock<Weak<Recorder>>>) -> OnAlarm {
     let recorder = Arc::clone(recorder);
     Box::new(move |stream, what| {
         let Some(recorder) = recorder.get().and_then(Weak::upgrade) else { return };

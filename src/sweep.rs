@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return dry_run(&manifest, slurm, terminal);
     }
     if arguments.status {
-        return tell(&manifest, &overview(&manifest, slurm)?, terminal);
+        return print_state(&manifest, &overview(&manifest, slurm)?, terminal);
     }
     manifest.save()?;
     if slurm { on_slurm(arguments, &manifest, terminal) } else { here(arguments, &manifest, terminal) }
@@ -149,13 +149,13 @@ fn one(manifest: &Manifest, name: &str) -> anyhow::Result<()> {
 fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
     let stop = stop_flag("what runs is saved")?;
     let bar = terminal.progress("sweep");
-    let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
-    let overview = run_here(manifest, &program()?, arguments.at_once, stop, told)?;
+    let state = |overview: &Overview| bar.share(overview.share(), || overview.words());
+    let overview = run_here(manifest, &program()?, arguments.at_once, stop, state)?;
     drop(bar);
     if !stop.load(std::sync::atomic::Ordering::Relaxed) {
         pages(manifest, terminal)?;
     }
-    tell(manifest, &overview, terminal)?;
+    print_state(manifest, &overview, terminal)?;
     let left = overview.jobs.len() - overview.count(JobState::Done);
     let never = overview.count(JobState::Waiting) + overview.count(JobState::Stopped);
     match overview.count(JobState::Failed) {
@@ -217,7 +217,7 @@ fn on_slurm(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> 
             overview = self::overview(manifest, true)?;
         }
     }
-    tell(manifest, &overview, terminal)?;
+    print_state(manifest, &overview, terminal)?;
     let failed = overview.count(JobState::Failed);
     anyhow::ensure!(failed == 0, "{failed} of {} runs failed; the same command retries them", overview.jobs.len());
     Ok(())
@@ -255,10 +255,10 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
         let mut text = table(&rows);
         text.push_str(&format!("\n{} runs {place}, into {}\n", manifest.jobs.len(), manifest.folder.display()));
         text.push_str("\nwhat they run; a dataset that several need is made by the first:\n");
-        let mut told = BTreeSet::new();
+        let mut state = BTreeSet::new();
         for (job, commands) in manifest.jobs.iter().zip(&value.commands) {
             text.push_str(&format!("\n# {}\n", job.name));
-            for command in commands.iter().filter(|command| told.insert(*command)) {
+            for command in commands.iter().filter(|command| state.insert(*command)) {
                 text.push_str(&format!("erfgs {}\n", shell_line(command)));
             }
         }
@@ -270,16 +270,16 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
 }
 
 #[derive(Serialize)]
-struct Told<'a> {
+struct SweepState<'a> {
     out: &'a Path,
     #[serde(flatten)]
     overview: &'a Overview,
     over_seeds: Vec<OverSeeds>,
 }
 
-fn tell(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow::Result<()> {
-    let told = Told { out: &manifest.folder, overview, over_seeds: overview.over_seeds() };
-    terminal.result(&told, || {
+fn print_state(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow::Result<()> {
+    let state = SweepState { out: &manifest.folder, overview, over_seeds: overview.over_seeds() };
+    terminal.result(&state, || {
         let heading = ["run", "state", "done", "iterations", "time", "PSNR", "DPSNR", "starts", "machine"];
         let mut rows = vec![heading.map(String::from).to_vec()];
         let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2}"));
@@ -302,12 +302,12 @@ fn tell(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow
                 text.push_str(&format!("{}: {why}\n", job.name));
             }
         }
-        if !told.over_seeds.is_empty() {
+        if !state.over_seeds.is_empty() {
             let spread = |values: Option<[f64; 2]>| {
                 values.map_or("-".into(), |[mean, deviation]| format!("{mean:.2} ± {deviation:.2}"))
             };
             let mut rows = vec![["over seeds", "runs", "PSNR", "DPSNR"].map(String::from).to_vec()];
-            rows.extend(told.over_seeds.iter().map(|group| {
+            rows.extend(state.over_seeds.iter().map(|group| {
                 vec![group.name.clone(), group.runs.to_string(), spread(group.psnr), spread(group.dpsnr)]
             }));
             text.push_str(&format!("\n{}", table(&rows)));

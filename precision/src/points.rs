@@ -31,7 +31,7 @@ const ABOUT: About = About {
 const PLACES: u64 = 400;
 
 /// What one camera sees at one instant.
-struct Seen {
+struct DepthView {
     camera: usize,
     t_ns: i64,
     /// Metres, of each pixel.
@@ -41,7 +41,7 @@ struct Seen {
 /// What is there.
 struct Truth {
     cameras: Vec<Camera>,
-    seen: Vec<Seen>,
+    seen: Vec<DepthView>,
     still: Vec<DVec3>,
     /// At each instant.
     moving: Vec<(i64, Vec<DVec3>)>,
@@ -70,7 +70,7 @@ impl Truth {
                     Some((_, places)) => places.extend(then),
                     None => moving.push((frame.t_ns, then.collect())),
                 }
-                seen.push(Seen { camera: index, t_ns: frame.t_ns, depth });
+                seen.push(DepthView { camera: index, t_ns: frame.t_ns, depth });
             }
         }
         Ok(Self { cameras, seen, still, moving })

@@ -23,7 +23,7 @@ const FILE: &str = "trial.json";
 
 /// What `trial.json` holds.
 #[derive(Serialize, Deserialize)]
-struct Told {
+struct TrialFile {
     /// Of the training as it was asked for: another one has a trial of its own.
     identity: String,
     #[serde(flatten)]
@@ -37,7 +37,7 @@ pub fn known(dataset: &Dataset, config: &Config, budget: Budget, folder: &RunFol
     }
     let identity = Trainer::identity(dataset, config, budget)?.sha256();
     let text = std::fs::read_to_string(folder.root().join(FILE)).ok();
-    let told = text.and_then(|text| serde_json::from_str::<Told>(&text).ok());
+    let told = text.and_then(|text| serde_json::from_str::<TrialFile>(&text).ok());
     Ok(told.filter(|told| told.identity == identity).map(|told| told.trial))
 }
 
@@ -64,7 +64,7 @@ pub fn make(
         return Err(Stopped("stopped during the trial of bodies; the same command starts it again".into()).into());
     };
     terminal.note(describe(&trial));
-    let told = Told { identity, trial };
+    let told = TrialFile { identity, trial };
     std::fs::create_dir_all(folder.root())?;
     write_atomically(&folder.root().join(FILE), serde_json::to_string_pretty(&told)?.as_bytes())?;
     Ok(Some(told.trial))

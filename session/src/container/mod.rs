@@ -12,6 +12,7 @@ mod layout;
 mod mend;
 mod merge;
 pub mod packet;
+mod packet_log;
 mod parse;
 mod record;
 mod recording;
@@ -21,7 +22,6 @@ mod ros;
 #[cfg(feature = "rosbag2")]
 mod rosbag2;
 mod said;
-mod seen;
 mod session;
 mod states;
 mod survey;

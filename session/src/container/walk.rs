@@ -16,9 +16,9 @@ use super::{
     error::ContainerError,
     framing::{Framing, Head},
     layout::{Entry, Layout, Meaning},
+    packet_log::PacketLog,
     parse::parse_record,
     resync::Mended,
-    seen::Seen,
     unpack::Compression,
 };
 
@@ -61,7 +61,7 @@ pub(super) struct Walk<R> {
     /// How many messages each channel had so far.
     pub counts: BTreeMap<u16, u64>,
     /// The packets of each stream so far.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<PacketLog>,
     /// The chunks so far, by what tells one from another: where each lies.
     chunks: HashMap<([u64; 2], usize, u32), u64>,
     /// The packets of the chunk that came before: how many, and what they are.
@@ -324,7 +324,7 @@ impl<R: Read + Seek> Walk<R> {
         let entry = match self.layout.read(&message) {
             Meaning::Entry(Entry::Packet { stream, packet }) => {
                 if self.seen.len() <= stream {
-                    self.seen.resize_with(stream + 1, Seen::default);
+                    self.seen.resize_with(stream + 1, PacketLog::default);
                 }
                 if !self.seen[stream].take(&packet) {
                     let id = &self.layout.streams[stream].description.id;

@@ -21,7 +21,7 @@ use super::{
     host::{ASK, Host, HostEnd, HostTake},
     link::HostLink,
     merge::merge_commands,
-    told::HostView,
+    report::HostView,
 };
 use crate::{Level, RecordError, Recorder, Summary};
 

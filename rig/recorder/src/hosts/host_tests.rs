@@ -10,7 +10,8 @@ use super::*;
 fn stubborn() -> HostLink {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let link = HostLink::parse(&format!("http://{}/", listener.local_addr().unwrap())).unwrap();
-    let told = Told { status: Status::default(), looks: Vec::new(), guidance: Vec::new(), folder: "there".into() };
+    let told =
+        HostReport { status: Status::default(), looks: Vec::new(), guidance: Vec::new(), folder: "there".into() };
     let mut told = serde_json::to_value(told).unwrap();
     told["status"]["recording"] = serde_json::json!({ "path": "there/take.mcap", "seconds": 2.5, "bytes": 1000, "bytes_per_s": 0.0, "slowest_write_ms": 0.0 });
     std::thread::spawn(move || {

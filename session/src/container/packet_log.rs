@@ -6,7 +6,7 @@ use crate::source::Packet;
 
 /// The packets of one stream so far.
 #[derive(Clone, Debug)]
-pub(super) struct Seen {
+pub(super) struct PacketLog {
     /// Numbers without a gap: the first of them, and the one behind the last.
     runs: BTreeMap<u64, u64>,
     last_host_ns: i64,
@@ -15,13 +15,13 @@ pub(super) struct Seen {
     count: u64,
 }
 
-impl Default for Seen {
+impl Default for PacketLog {
     fn default() -> Self {
         Self { runs: BTreeMap::new(), last_host_ns: i64::MIN, next: None, unmarked: 0, count: 0 }
     }
 }
 
-impl Seen {
+impl PacketLog {
     /// Takes note of a packet; `false` if it was met before. A device that begins to count anew does so later than before:
     /// what has a number that was there and a time that is over comes again.
     pub fn take(&mut self, packet: &Packet) -> bool {
@@ -80,8 +80,8 @@ mod tests {
 
     #[test]
     fn what_comes_again_is_told_from_what_comes_late_and_from_a_count_that_begins_anew() {
-        let mut seen = Seen::default();
-        let mut take = |sequence, host_ns| seen.take(&packet(sequence, host_ns, false));
+        let mut log = PacketLog::default();
+        let mut take = |sequence, host_ns| log.take(&packet(sequence, host_ns, false));
         assert!([5, 6, 7].into_iter().all(|at| take(at, at as i64)));
         assert!(![5, 6, 7].into_iter().any(|at| take(at, at as i64)), "again");
         assert!(take(3, 3) && take(4, 4), "these were never there");
@@ -93,10 +93,10 @@ mod tests {
 
     #[test]
     fn numbers_that_are_passed_over_are_missing_unless_it_is_said() {
-        let mut seen = Seen::default();
+        let mut log = PacketLog::default();
         for (sequence, said) in [(100, false), (101, false), (105, true), (106, false), (109, false)] {
-            assert!(seen.take(&packet(sequence, sequence as i64, said)));
+            assert!(log.take(&packet(sequence, sequence as i64, said)));
         }
-        assert_eq!(seen.unmarked(), 2);
+        assert_eq!(log.unmarked(), 2);
     }
 }

@@ -1,4 +1,4 @@
-//! What another host's live page says, and what the leading host's page shows of it.
+//! The report of another host's live page, and what the leading host's page shows of it.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use crate::{
 
 /// The numbers of a live page.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Told {
+pub(super) struct HostReport {
     pub status: Status,
     #[serde(default)]
     pub looks: Vec<Look>,
@@ -30,15 +30,15 @@ pub struct HostView {
     pub page: String,
     /// Why it is not heard of now, if it is not.
     pub lost: Option<String>,
-    /// What it said last.
+    /// Its last report.
     #[serde(flatten)]
-    pub(super) told: Option<Told>,
+    pub(super) report: Option<HostReport>,
 }
 
 impl HostView {
     /// The state of its rig when it was heard of last.
     #[must_use]
     pub fn status(&self) -> Option<&Status> {
-        self.told.as_ref().map(|told| &told.status)
+        self.report.as_ref().map(|report| &report.status)
     }
 }
