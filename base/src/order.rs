@@ -228,8 +228,8 @@ mod tests {
             (&["1.9", "1.867", "2.0"], "fraction"),
             (&["31-04-2024 1", "01-05-2024 2"], "year"),
             (&["04.30.2024_7", "05.01.2024_8"], "year"),
-            (&["DSC_0005", "IMG_0001"], "not made alike"),
-            (&["a9", "b3", "b4"], "not made alike"),
+            (&["DSC_0005", "IMG_0001"], "different patterns"),
+            (&["a9", "b3", "b4"], "different patterns"),
         ] {
             let doubt = order(names).unwrap_err();
             let said = doubt.to_string();

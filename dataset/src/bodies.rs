@@ -271,7 +271,7 @@ mod tests {
         refused(&|body| body.poses[1].translation_m[2] = f64::NAN, "at 50 ns: a coordinate");
         refused(&|body| body.poses[2].translation_m[0] = 1e300, "1e300 m");
         refused(&|body| body.poses[0].rotation_wxyz = [0.0; 4], "at 0 ns is no quaternion");
-        refused(&|body| body.poses.retain(|pose| pose.t_ns != 50), "turns by");
+        refused(&|body| body.poses.retain(|pose| pose.t_ns != 50), "rotates by");
         refused(&|body| body.points[0].normal = [0.0; 3], "normal of its point 0");
         refused(&|body| body.points[0].position_m[1] = f64::INFINITY, "point 0");
         assert!(Bodies { version: 9, ..Bodies::new(vec![]) }.check().unwrap_err().contains("version 9"));

@@ -220,7 +220,7 @@ mod tests {
         two.metric = false;
         later.cameras[1].pose.as_mut().unwrap().translation.y += 0.02;
         let page = drift_page(&two, &compare(&two, &later, Tolerance::default()).unwrap());
-        assert!(page.contains("moved against each other") && page.contains("Too few cameras agree"));
+        assert!(page.contains("Cameras moved relative to each other") && page.contains("Too few cameras agree"));
         assert!(page.contains("Not compared") && page.contains("no scale"));
     }
 }

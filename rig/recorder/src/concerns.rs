@@ -104,7 +104,7 @@ mod tests {
         let said = concerns.of(&status(None, -4000.0, 400_000.0));
         assert_eq!(said.len(), 2, "{said:?}");
         assert!(said.iter().all(|(stream, _)| stream == "left"));
-        assert!(said[0].1.contains("-4000 millionths") && said[1].1.contains("400 ms late"), "{said:?}");
+        assert!(said[0].1.contains("-4000 ppm") && said[1].1.contains("400 ms late"), "{said:?}");
         assert!(concerns.of(&status(None, -4001.0, 400_000.0)).is_empty(), "said once");
     }
 }
