@@ -43,7 +43,7 @@ fn a_frame_that_cannot_be_read_any_more_costs_nothing_that_was_trained() {
     let text = String::from_utf8_lossy(&said.stderr);
     assert_eq!(said.status.code(), Some(1), "{text}");
     assert!(text.contains(&*frame.file_name().expect("a name").to_string_lossy()), "{text}");
-    let command = text.split("can be read again: erfgs ").nth(1).and_then(|rest| rest.lines().next());
+    let command = text.split("can be read again, continue with: erfgs ").nth(1).and_then(|rest| rest.lines().next());
     let command = command.unwrap_or_else(|| panic!("how to go on: {text}"));
     assert!(folder.path("cut/checkpoint.bin").is_file(), "{text}");
 

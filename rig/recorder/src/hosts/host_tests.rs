@@ -39,7 +39,7 @@ fn a_host_that_records_on_keeps_nobody_waiting() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let end = runtime.block_on(host.told_to_stop("take.mcap", GIVE_UP, Duration::from_millis(1)));
     let HostEnd::Unknown { why, seconds, bytes } = &end else { panic!("{end:?}") };
-    assert!(why.contains("records on"), "{why}");
+    assert!(why.contains("still records"), "{why}");
     assert_eq!((*seconds, *bytes), (2.5, 1000));
     // The user is told where to stop it.
     host.state().take = Some(Take { end: Some(end), ..take() });
