@@ -84,7 +84,7 @@ def cameras(width: int, height: int) -> list:
 
 
 def scene_file(made: dict, size: tuple[int, int], first: bool) -> bytes:
-    """A scene file (docs/view.md) whose numbers are exact; `first`: of the first version, which has no coarse parts."""
+    """A scene file (docs/reference/scene-file.md) whose numbers are exact; `first`: of the first version, which has no coarse parts."""
     count, moving = len(made["core"]), len(made["motion"])
     sections, coarse, written = [], [], []
 

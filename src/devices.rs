@@ -17,8 +17,8 @@ Examples:
   erfgs devices --probe
   erfgs devices --json | jq '.event_cameras[].serial'
 
-The serial numbers and ports are what RIG.toml chooses devices by (`erfgs record --example`). A device with a problem is \
-listed with what to do about it.")]
+RIG.toml selects devices by these serial numbers and ports (`erfgs record --example`). A device with a problem is listed with \
+its remedy.")]
 pub struct Arguments {
     /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.
     #[arg(long)]
@@ -46,11 +46,11 @@ struct Port {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut problems = Vec::new();
     let event_cameras = event::list().unwrap_or_else(|error| {
-        problems.push(format!("event cameras cannot be looked for: {error}"));
+        problems.push(format!("cannot search for event cameras: {error}"));
         Vec::new()
     });
     let cameras = frame::list().unwrap_or_else(|error| {
-        problems.push(format!("cameras cannot be looked for: {error}"));
+        problems.push(format!("cannot search for cameras: {error}"));
         Vec::new()
     });
     let ports = trigger::ports();

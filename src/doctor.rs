@@ -17,7 +17,7 @@ Examples:
   erfgs doctor --adapter llvmpipe
   erfgs doctor --json | jq .adapter.canary
 
-Exit code 1 where the machine cannot train. A missing COLMAP or ffmpeg is a remark: there are ways round both.")]
+Exit code 1 if this machine cannot train. A missing COLMAP or ffmpeg is only reported: both can be avoided.")]
 pub struct Arguments {
     /// Check the first adapter whose name contains this (ignoring case).
     #[arg(long, value_name = "NAME")]

@@ -17,11 +17,11 @@ use crate::{
 /// Measure a run on the held-out cameras.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Writes metrics.json, per_view.json and pictures into the run folder. DPSNR is the PSNR over moving pixels: with the masks \
-of the dataset, or with masks made from the motion of the ground truth, which metrics.json says. What is fast is the tenth of \
+Writes metrics.json, per_view.json and pictures into the run folder. DPSNR is the PSNR over moving pixels: with the masks of \
+the dataset, or with masks made from the motion of the ground truth; metrics.json says which. Fast pixels are the tenth of \
 them that changes most from one held-out frame to the next.
 
-LPIPS needs network weights, which are not part of erfgs; docs/run.md says how to make the file. It is null without.
+LPIPS needs network weights, which are not part of erfgs; docs/reference/run.md says how to make the file. It is null without.
 
 Examples:
   erfgs eval run

@@ -34,11 +34,11 @@ use crate::{
 A run gives PLY files with the standard layout of 3D Gaussian splatting, which viewers read: point_cloud.ply holds the \
 canonical Gaussians; point_cloud_t/00000.ply and so on hold them as they stand at instants spread over the recording. With
   html  one page to share, which opens from a disk in a browser with WebGPU: `erfgs view` without a program
-  e4d   the scene of such a page alone, packed, for `erfgs view` (docs/view.md describes it)
+  e4d   the scene of such a page alone, packed, for `erfgs view` (docs/reference/scene-file.md describes it)
   4dgs  the open container of 4D Gaussians, for its readers in several languages (https://4dgs.dev)
   gltf  one instant (--at) as binary glTF with Khronos' KHR_gaussian_splatting, for engines and editors
 
-A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv tells the times and the split:
+A dataset gives its frames, cameras and initial points as other trainers read them; frames.csv has the times and the split:
   colmap      images/ and a model in sparse/0, as 3DGS and most trainers after it read them
   nerfstudio  images/ and transforms.json, with times from 0 to 1 and the initial points
 
@@ -55,8 +55,9 @@ and the frames of its cameras, and of event sensors that have frames, as
   mp4  a video for each camera (ffmpeg), at its mean rate; of the events of an event camera, brighter and darker, at --fps, \
 --speed and --accumulate (of one that has frames, too, its events are shown over them where --accumulate is given)
   session  a recording of its own, byte for byte, with the streams' settings and the rig: what --from and --until leave of it
-All streams that fit the format are written, or the one named with --stream; with --from and --until what arrived between these \
-seconds of the recording. Packets are kept whole, so that up to some milliseconds before the range come along. What exists is overwritten with --force alone.
+All streams that fit the format are written, or the one named with --stream. --from and --until select data by their time of \
+arrival. Packets are kept whole, so that some milliseconds before the range may be included. Existing files \
+are overwritten only with --force.
 
 Exit codes: 0 exported, 1 the recording is cut off or damaged (all else was exported), 2 wrong usage.
 
@@ -82,7 +83,8 @@ pub struct Arguments {
     dataset: Option<PathBuf>,
     #[command(flatten)]
     adapter: Adapter,
-    /// At how many instants, from the first to the last of the recording; as many as the held-out cameras have without it.
+    /// Number of instants, spread from the first to the last of the recording. Default: as many as the held-out cameras
+    /// have.
     #[arg(long, value_name = "N", help_heading = "Of a run")]
     instants: Option<u32>,
     /// The format.
@@ -94,17 +96,17 @@ pub struct Arguments {
     /// Keep all numbers to the bit, in a file five times as large (html, e4d).
     #[arg(long, help_heading = "Of a run")]
     exact: bool,
-    /// The instant that gltf shows, seconds from the start of the recording; its middle without it.
+    /// The instant that gltf shows, seconds from the start of the recording. Default: the middle.
     #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds, help_heading = "Of a run")]
     at: Option<f64>,
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
-    /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
+    /// Size of the sensor, if the event file does not state it. Default: the smallest that holds all events.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
     size: Option<SensorSize>,
-    /// How many low bits of samples of 16 bits count in the frames of an AEDAT 4 file, 8 to 16; without it all, and frames that are
-    /// nearly black then are refused (png, exr, mp4).
+    /// Number of significant low bits in the 16-bit samples of an AEDAT 4 file, 8 to 16. Default: all, and frames that would
+    /// be nearly black are refused (png, exr, mp4).
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16), help_heading = "Of a session or an event file")]
     bits: Option<u8>,
     /// Leave out what arrived before this second of the recording.
@@ -115,11 +117,10 @@ pub struct Arguments {
     until: Option<f64>,
     #[command(flatten)]
     video: event_video::VideoOptions,
-    /// Overwrite what exists.
+    /// Overwrite existing files.
     #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
-    /// The folder to write to, or the file if --stream makes it one or the input is an event file; beside the input without
-    /// it.
+    /// The folder to write to, or the file, with --stream or if the input is an event file. Default: beside the input.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
 }
@@ -257,12 +258,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ))
         .into()),
         (true, None) => {
-            let what = "say in which format to export the recording: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
+            let what = "choose the format of the export: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
             Err(Usage(what.into()).into())
         }
         (false, Some(To::Dataset(layout))) => {
             let Some(out) = &arguments.out else {
-                return Err(Usage("say where to: --out FOLDER, which must be empty or new".into()).into());
+                return Err(Usage("give --out FOLDER, which must be empty or new".into()).into());
             };
             dataset::run(input, layout, out, terminal)
         }
@@ -289,7 +290,7 @@ pub fn complain_of(done: &str, path: &Path, summary: &Summary, lost: &[String]) 
     faults.extend(lost.iter().filter(|lost| !summary.damage.contains(lost)).cloned());
     let Some(first) = faults.first() else { return Ok(()) };
     let others = if faults.len() > 1 { format!(" (and {} faults more)", faults.len() - 1) } else { String::new() };
-    anyhow::bail!("what is whole was {done}; {} has faults: {first}{others}", path.display())
+    anyhow::bail!("the intact part was {done}; {} has faults: {first}{others}", path.display())
 }
 
 /// One stream and where it goes.
@@ -310,42 +311,43 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     let same =
         |out: &Path| std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(path).ok() == Some(out));
     if let Some(task) = tasks.iter().find(|task| same(&task.out)) {
-        return Err(Usage(format!("'{}' is what is to be exported; give another --out", task.out.display())).into());
+        return Err(Usage(format!("'{}' is the input itself; give another --out", task.out.display())).into());
     }
     for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
         not_over(&file, arguments.force)?;
     }
     recording.restrict(range);
     let mut lost = Vec::new();
-    let told = match format.kind() {
+    let exports = match format.kind() {
         Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
         Kind::Frames(format) => frames::export(&mut recording, (format, arguments.bits), &tasks, &mut lost, terminal)?,
         Kind::Video | Kind::Session => {
             let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
             let (of_events, of_frames): (Vec<_>, Vec<_>) =
                 tasks.into_iter().partition(|task| arguments.video.shows_events_of(encoding(task)));
-            let mut told = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
-            told.extend(frames::export(
+            let mut exports = event_video::export(&mut recording, &arguments.video, &of_events, &mut lost, terminal)?;
+            exports.extend(frames::export(
                 &mut recording,
                 (FramesFormat::Mp4, arguments.bits),
                 &of_frames,
                 &mut lost,
                 terminal,
             )?);
-            told
+            exports
         }
     };
     // A camera that made no pictures is no failure, unless there is nothing else.
-    if told.iter().all(|told| told.is_empty) {
+    if exports.iter().all(|exports| exports.is_empty) {
         anyhow::bail!("{} has no frames", recording.path().display());
     }
-    let exported: Vec<&serde_json::Value> = told.iter().map(|told| &told.exported).collect();
-    terminal.result(&exported, || told.iter().map(|told| told.line.as_str()).collect::<Vec<_>>().join("\n"))?;
+    let exported: Vec<&serde_json::Value> = exports.iter().map(|exports| &exports.exported).collect();
+    terminal
+        .result(&exported, || exports.iter().map(|exports| exports.line.as_str()).collect::<Vec<_>>().join("\n"))?;
     complain(&recording, &lost)
 }
 
-/// What is told of a stream that became pictures.
-struct Told {
+/// What is exports of a stream that became pictures.
+struct StreamExport {
     exported: serde_json::Value,
     /// Whether it had none.
     is_empty: bool,

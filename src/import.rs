@@ -17,8 +17,8 @@ use crate::{
 #[command(after_help = "\
 The words of a RAW file stay as they are. DAT, AEDAT 2 and Metavision's HDF5 become EVT 2 words; all else, AEDAT 4, text, NPZ and \
 DSEC's HDF5 packets of AEDAT 4, with frames, inertial samples and triggers. Events keep their order and their microseconds: \
-`erfgs info --digest` says the same of the file and of the session. `erfgs replay` and `erfgs export` take event files as they \
-are; a session is for what else takes sessions: `sync`, `calibrate`, `dataset import session`.
+`erfgs info --digest` prints the same digests for the file and for the session. `erfgs replay` and `erfgs export` take event files as they \
+are; `sync`, `calibrate` and `dataset import session` need a session.
 
 Examples:
   erfgs import davis346.aedat4
@@ -27,10 +27,10 @@ Examples:
 pub struct Arguments {
     /// The event file: RAW, DAT, AEDAT 2 or 4, Event Stream, text (also in a zip), NPZ, NPY, HDF5.
     file: PathBuf,
-    /// The session to write; beside the file, named *.mcap, without it.
+    /// The session to write. Default: beside the file, named *.mcap.
     #[arg(long, value_name = "S.mcap")]
     out: Option<PathBuf>,
-    /// Size of the sensor, if the file does not say it; without it, what holds all addresses.
+    /// Size of the sensor, if the file does not state it. Default: the smallest that holds all events.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
     size: Option<SensorSize>,
 }

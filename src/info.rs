@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (false, _) if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
         (false, _) => match EventFile::open(path) {
             Err(error @ EventFileError::Unknown { .. }) => Err(Usage(format!(
-                "'{}' is nothing that erfgs writes or reads: give a session, a dataset or run folder, a .ply or an event file ({error})",
+                "'{}' has no format that erfgs knows: give a session, a dataset or run folder, a .ply or an event file ({error})",
                 path.display()
             ))
             .into()),

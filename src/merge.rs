@@ -17,10 +17,10 @@ use crate::{
 /// Merge the sessions that several hosts recorded with one trigger board.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The hosts' clocks need not agree: the code on the board's pulses numbers them, so that a pulse that two hosts saw is one moment. \
-Each session needs the board's lines, or an event camera whose trigger input sees the pulses. Packets stay byte for byte; host \
-times become those of the host with the board. Streams of one name are told apart by the name of their file. A session that was \
-cut off is merged up to its end, and costs its own streams only. Sessions that did not see the same pulses are refused.
+The hosts' clocks need not agree: the trigger board's pulses are numbered, and a pulse that two hosts recorded is the same \
+moment. Each session needs the board's lines, or an event camera whose trigger input sees the pulses. Packets are kept byte \
+for byte; host times are converted to those of the host with the board. Streams of the same name get the name of their file \
+as a prefix. A session that was cut off is merged up to its end. Sessions without common pulses are refused.
 
 Examples:
   erfgs merge left.mcap right.mcap --out take1.mcap
@@ -32,7 +32,7 @@ pub struct Arguments {
     /// The session to write.
     #[arg(long, value_name = "S.mcap")]
     out: PathBuf,
-    /// Whatever the hosts' calendars say; without it, sessions that lie more than 30 s apart by them are refused.
+    /// Ignore the hosts' dates. By default sessions whose dates are more than 30 s apart are refused.
     #[arg(long)]
     any_date: bool,
 }

@@ -12,15 +12,15 @@ use crate::calibrate::{blink_rate, lens_model};
 /// Options of the commands that have a live page.
 #[derive(Clone, Debug, clap::Args)]
 pub struct QuickOptions {
-    /// Calibrate while the cameras run: the live page shows where in each image the board has been, how well its views fit and
-    /// what to show next. TARGET is what is printed on the board, as for `erfgs calibrate board`.
+    /// Calibrate while the cameras run: the live page shows where in each image the board has been, how well its views fit
+    /// and what to show next. TARGET describes the board, as for `erfgs calibrate board`.
     #[arg(long, value_name = "TARGET", requires = "live")]
     quick: Option<Target>,
     /// Lens model of --quick: pinhole, brown, brown8 or fisheye.
     #[arg(long, value_name = "MODEL", default_value = "brown", value_parser = lens_model, requires = "quick")]
     quick_lens: LensModel,
-    /// Event cameras of --quick: the board blinks on a screen so many times a second (`erfgs calibrate target --out
-    /// board.html`). Without it they are looked at as with `calibrate board --moving`: a printed board that is waved.
+    /// Event cameras of --quick: blink rate of a board on a screen, hertz (`erfgs calibrate target --out board.html`).
+    /// Default: a printed board that is waved, as with `calibrate board --moving`.
     #[arg(long, value_name = "HZ", requires = "quick", value_parser = blink_rate)]
     quick_blink: Option<f64>,
 }

@@ -54,10 +54,10 @@ Examples: several hosts with one trigger board
   erfgs record left.toml --out takes/ --wait --live --with hosts.txt   one page for all; a link a line
 
 With --live a web page shows every camera, rates, drops, clocks and the disk, and starts and stops recordings in the folder \
-of --out. At an address other than 127.0.0.1 the page asks for a token, which is part of the address that is printed.
+of --out. Every request needs a token, which is part of the printed link.
 
 Exit codes: 0 recorded, 1 a device or the disk failed (what was recorded stays readable), 2 wrong usage, 130 stopped by \
-Ctrl-C before --seconds were over. docs/recording.md says what the numbers mean and what to do about drops.")]
+Ctrl-C before --seconds were over. docs/guide/recording.md says what the numbers mean and what to do about drops.")]
 pub struct Arguments {
     /// The rig: which devices, with which settings.
     #[arg(value_name = "RIG.toml", required_unless_present = "example")]
@@ -71,34 +71,34 @@ pub struct Arguments {
     /// Serve the live page.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
     live: Option<SocketAddr>,
-    /// A name that the live page may be opened by, besides `localhost` and bare addresses.
+    /// A host name under which the live page may be opened, besides `localhost` and IP addresses.
     #[arg(long, value_name = "NAME", requires = "live")]
     live_name: Vec<String>,
-    /// Let every user of this machine see the live page, start, stop and download, without the token of its link.
+    /// Let every user of this machine use the live page without a token: watch, start, stop and download.
     #[arg(long, requires = "live")]
     open: bool,
     /// Only show the cameras; record when the live page says so.
     #[arg(long, requires = "live")]
     wait: bool,
-    /// Hold the last seconds in memory, and record only when asked to: by Enter, the live page or --on. Each recording begins
-    /// with what was held, and is called by the rig and the time in the folder --out.
+    /// Keep the last seconds in memory and write them only on a trigger: Enter, the live page or --on. Each recording starts
+    /// with the kept seconds; its file in the folder --out is named after the rig and the time.
     #[arg(long, value_name = "SECONDS", value_parser = held, conflicts_with = "seconds")]
     before: Option<f64>,
-    /// Such a recording ends by itself after so many seconds; without it, when it is stopped on the page or by Enter.
+    /// End such a recording this many seconds after its trigger. Default: it runs until the page or Enter stops it.
     #[arg(long, value_name = "SECONDS", value_parser = held, requires = "before")]
     after: Option<f64>,
-    /// Record with another host: the link of its live page, where it waits with --wait; or a file with a link a line, which other
-    /// users of this machine cannot read off the command line. May be given more than once. All others are started first and
-    /// stopped with this one, and the page shows their cameras, too.
+    /// Record together with another host: the link of its live page (run it with --wait), or a file with one link a line,
+    /// which hides the tokens from other users of this machine. May be given more than once. The other hosts start first and
+    /// stop with this one; the page shows their cameras, too.
     #[arg(long, value_name = "URL", conflicts_with = "before")]
     with: Vec<hosts::With>,
-    /// What asks for it besides: rate:TIMES (an event camera's data come more than so many times as fast as in the two
-    /// seconds before), edge (the trigger input of an event camera rises), edge:ID (of this one). May be given twice.
+    /// Another trigger of --before. rate:TIMES: the data rate of an event camera rises above TIMES its mean over the last
+    /// two seconds. edge: the trigger input of an event camera rises. edge:ID: that of this camera. May be given twice.
     #[arg(long, value_name = "RISE", value_parser = alarm, requires = "before")]
     on: Vec<AlarmKind>,
     #[command(flatten)]
     quick: quick::QuickOptions,
-    /// Write to the disk for so many seconds before the recording, to see how fast it is; 0 for not at all.
+    /// Measure the speed of the disk for this many seconds before the recording; 0 skips it.
     #[arg(long, value_name = "SECONDS", default_value_t = 2.0, value_parser = disk_test, conflicts_with = "no_preflight")]
     disk_test: f64,
     /// Skip the checks of disk, buses and memory.
@@ -184,7 +184,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             &streams,
             arguments.on.clone(),
             options.subscriber.take(),
-            keep_when_told(&told),
+            keep_on_alarm(&told),
         )?));
     }
     let recorder = Arc::new(Recorder::new(inputs, options)?);
@@ -209,11 +209,11 @@ fn unknown<'a>(kinds: &'a [AlarmKind], streams: &[Description]) -> Option<&'a st
     })
 }
 
-/// Is told of a stream what was seen.
-type Told = Box<dyn Fn(&str, &str) + Send>;
+/// Called with a stream and what was detected in it.
+type OnAlarm = Box<dyn Fn(&str, &str) + Send>;
 
-/// Keeps the past of a recorder, once there is one, when an alarm tells.
-fn keep_when_told(recorder: &Arc<OnceLock<Weak<Recorder>>>) -> Told {
+/// Keeps the past of a recorder, once there is one, at an alarm.
+fn keep_on_alarm(recorder: &Arc<OnceLock<Weak<Recorder>>>) -> OnAlarm {
     let recorder = Arc::clone(recorder);
     Box::new(move |stream, what| {
         let Some(recorder) = recorder.get().and_then(Weak::upgrade) else { return };
@@ -251,7 +251,7 @@ fn named_as_it_will_be(out: &Path, is_folder: bool) -> Result<(), Usage> {
         (true, true) if !out.is_dir() => {
             let folder = out.with_extension("");
             Err(Usage(format!(
-                "with --wait and --before, --out is the folder for recordings, and '{shown}' is named as a session: write --out {}",
+                "with --wait and --before, --out is a folder, and '{shown}' is the name of a session: write --out {}",
                 folder.display()
             )))
         }
@@ -321,7 +321,7 @@ fn check(
         terminal.note(format!("{mark} {}: {}{remedy}", finding.check, finding.says));
     }
     if preflight::worst(&findings) == Verdict::Refusal {
-        anyhow::bail!("this rig would lose data: see above, or record all the same with --no-preflight");
+        anyhow::bail!("this rig would lose data (see above); --no-preflight records anyway");
     }
     Ok(findings)
 }

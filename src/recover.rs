@@ -10,12 +10,12 @@ use crate::terminal::{Terminal, bytes, thousands};
 /// Repair a session whose recording was cut off.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-What lies in whole chunks stays byte for byte; at most the last chunk (half a second) is lost. The session itself is left \
-alone, and the copy gets the index that was never written. --in-place appends the index to the session itself, which \
-needs next to no room on the disk; what it cuts off lies in S.mcap.before until the result was read back. A session can be read, \
-replayed and exported without being repaired. Of a session that is whole no copy is written. What is damaged within (`erfgs info \
---check`) is left out of the copy, and told: the messages that cannot be read, chunks that come twice, and where a chunk's checksum \
-does not say which of its messages is wrong, all of it. A single bit that flipped in a chunk that is not compressed is put right.
+Whole chunks are kept byte for byte; at most the last chunk (half a second) is lost. The session itself is not changed; the \
+copy gets the missing index. --in-place appends the index to the session itself, which needs almost no disk space; what it \
+cuts off is kept in S.mcap.before until the result has been verified. An unrepaired session can be read, replayed and \
+exported, too. A whole session is not copied. Damage inside the session (`erfgs info --check`) is left out of the copy and \
+reported: unreadable messages, duplicate chunks, and whole chunks whose checksum fails without showing which message is \
+wrong. A single flipped bit in an uncompressed chunk is corrected.
 
 Exit codes: 0 repaired, or whole already; 1 nothing could be saved, or the copy could not be written.
 
@@ -26,7 +26,7 @@ Examples:
 pub struct Arguments {
     /// The session.
     session: PathBuf,
-    /// The file to write, if there is something to repair; beside the session, named *.recovered.mcap, without it.
+    /// The file to write, if there is something to repair. Default: beside the session, named *.recovered.mcap.
     #[arg(long, value_name = "FILE", conflicts_with = "in_place")]
     out: Option<PathBuf>,
     /// Repair the session itself.

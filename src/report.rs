@@ -25,7 +25,7 @@ const VIEWED: usize = 2;
 #[command(after_help = "\
 The page needs no other file and no network: error against run time of all runs in one plot, error against time between \
 frames, tables per scene and per view, pictures side by side, what was left out and why, settings that differ. Differences \
-are against the first run. The view of the first two runs is in it, as `erfgs export --to html` writes it.
+are relative to the first run. The page includes the view of the first two runs, as `erfgs export --to html` writes it.
 
 Examples:
   erfgs report run-4dgs run-erf --out report.html
@@ -33,7 +33,7 @@ Examples:
   erfgs report run-4dgs run-erf --oracle run-all-frames --out report.html
   erfgs report run --out report.html --json | jq '.runs[0].metrics.dpsnr'")]
 pub struct Arguments {
-    /// Run folders, and folders of sweeps for the runs of theirs that are done.
+    /// Run folders, or folders of sweeps, whose finished runs are taken.
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// A run of 4DGS on all frames, sharp, evaluated on the same held-out frames: the page says how much of the gap to it
@@ -101,9 +101,7 @@ fn folders(paths: &[PathBuf], notes: &mut Vec<String>) -> anyhow::Result<Vec<Run
         folders.extend(done);
     }
     if folders.is_empty() {
-        return Err(
-            Usage("no run of the sweep is done yet; `erfgs sweep --status` says where they stand".into()).into()
-        );
+        return Err(Usage("no run of the sweep is done yet; `erfgs sweep --status` shows their state".into()).into());
     }
     Ok(folders)
 }

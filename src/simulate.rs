@@ -34,7 +34,7 @@ pub struct Arguments {
     /// The event file to write.
     #[arg(long, value_name = "EVENTS.npz")]
     out: PathBuf,
-    /// Overwrite what exists.
+    /// Overwrite existing files.
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -29,7 +29,7 @@ const ASK_EVERY: Duration = Duration::from_secs(2);
 /// Train many runs by one plan: datasets, windows of a long take, settings, seeds; on Slurm, or on this machine.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-A plan is a TOML file (docs/sweep.md lists all of it; examples/sweep.toml is one):
+A plan is a TOML file (docs/guide/sweeps.md lists all of it; examples/sweep.toml is one):
 
   datasets = [\"ds-dv\"]            # beside the plan, with initial points
   seeds = [0, 1, 2]
@@ -39,11 +39,11 @@ A plan is a TOML file (docs/sweep.md lists all of it; examples/sweep.toml is one
   [set]                           # settings, likewise
   \"earl.weight\" = [0.5, 1.0]
 
-Where a Slurm answers, the runs that are missing are submitted as an array of jobs; elsewhere they are trained here, --at-once of \
-them at a time. The same command at any later time goes on with what is not done: runs that were killed or preempted lose what \
-came after their last checkpoint, and come to the same result. Windows of a long take ([[take]]) share what stands still in the first; \
-when all are done, takes/NAME.html in the sweep's folder plays them one after another. `erfgs report` takes the sweep's folder for the runs that are done \
-so far.
+If Slurm is available, missing runs are submitted as an array of jobs; otherwise they are trained here, --at-once at a time. \
+The same command continues later with what is not done: killed or preempted runs restart from their last checkpoint and come \
+to the same result. Windows of a long take ([[take]]) share the static Gaussians of the first one; when all are done, \
+takes/NAME.html in the sweep's folder plays them in sequence. `erfgs report` takes the sweep's folder and compares the runs \
+that are done so far.
 
 Examples:
   erfgs sweep plan.toml --dry-run
@@ -52,19 +52,19 @@ Examples:
   erfgs report plan --out report.html
   erfgs view plan")]
 pub struct Arguments {
-    /// The plan, or the folder of a sweep, whose manifest then says what is to be done.
+    /// The plan, or the folder of a sweep, whose manifest is then the plan.
     #[arg(value_name = "PLAN.toml")]
     plan: PathBuf,
-    /// Say what would be done, and do nothing.
+    /// Print what would be done, and do nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Say where the runs stand, and do nothing.
+    /// Print the state of the runs, and do nothing.
     #[arg(long, conflicts_with = "dry_run")]
     status: bool,
-    /// Train here, though there is a Slurm.
+    /// Train on this machine even if Slurm is available.
     #[arg(long)]
     local: bool,
-    /// Submit to Slurm, and fail where there is none.
+    /// Submit to Slurm, and fail if there is none.
     #[arg(long, conflicts_with = "local")]
     slurm: bool,
     /// Runs that are trained at a time here; on Slurm the plan says it (slurm.at_once).
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return dry_run(&manifest, slurm, terminal);
     }
     if arguments.status {
-        return tell(&manifest, &overview(&manifest, slurm)?, terminal);
+        return print_state(&manifest, &overview(&manifest, slurm)?, terminal);
     }
     manifest.save()?;
     if slurm { on_slurm(arguments, &manifest, terminal) } else { here(arguments, &manifest, terminal) }
@@ -149,26 +149,26 @@ fn one(manifest: &Manifest, name: &str) -> anyhow::Result<()> {
 fn here(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> anyhow::Result<()> {
     let stop = stop_flag("what runs is saved")?;
     let bar = terminal.progress("sweep");
-    let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
-    let overview = run_here(manifest, &program()?, arguments.at_once, stop, told)?;
+    let state = |overview: &Overview| bar.share(overview.share(), || overview.words());
+    let overview = run_here(manifest, &program()?, arguments.at_once, stop, state)?;
     drop(bar);
     if !stop.load(std::sync::atomic::Ordering::Relaxed) {
         pages(manifest, terminal)?;
     }
-    tell(manifest, &overview, terminal)?;
+    print_state(manifest, &overview, terminal)?;
     let left = overview.jobs.len() - overview.count(JobState::Done);
     let never = overview.count(JobState::Waiting) + overview.count(JobState::Stopped);
     match overview.count(JobState::Failed) {
         _ if stop.load(std::sync::atomic::Ordering::Relaxed) && left > 0 => Err(Stopped(format!(
-            "stopped with {left} of {} runs to be done; the same command goes on",
+            "stopped with {left} of {} runs left; the same command continues",
             overview.jobs.len()
         ))
         .into()),
         0 if never > 0 => {
-            anyhow::bail!("{never} of {} runs were not trained; the same command goes on", overview.jobs.len())
+            anyhow::bail!("{never} of {} runs were not trained; the same command continues", overview.jobs.len())
         }
         0 => Ok(()),
-        failed => anyhow::bail!("{failed} of {} runs failed; the same command tries them again", overview.jobs.len()),
+        failed => anyhow::bail!("{failed} of {} runs failed; the same command retries them", overview.jobs.len()),
     }
 }
 
@@ -217,9 +217,9 @@ fn on_slurm(arguments: &Arguments, manifest: &Manifest, terminal: &Terminal) -> 
             overview = self::overview(manifest, true)?;
         }
     }
-    tell(manifest, &overview, terminal)?;
+    print_state(manifest, &overview, terminal)?;
     let failed = overview.count(JobState::Failed);
-    anyhow::ensure!(failed == 0, "{failed} of {} runs failed; the same command tries them again", overview.jobs.len());
+    anyhow::ensure!(failed == 0, "{failed} of {} runs failed; the same command retries them", overview.jobs.len());
     Ok(())
 }
 
@@ -255,10 +255,10 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
         let mut text = table(&rows);
         text.push_str(&format!("\n{} runs {place}, into {}\n", manifest.jobs.len(), manifest.folder.display()));
         text.push_str("\nwhat they run; a dataset that several need is made by the first:\n");
-        let mut told = BTreeSet::new();
+        let mut state = BTreeSet::new();
         for (job, commands) in manifest.jobs.iter().zip(&value.commands) {
             text.push_str(&format!("\n# {}\n", job.name));
-            for command in commands.iter().filter(|command| told.insert(*command)) {
+            for command in commands.iter().filter(|command| state.insert(*command)) {
                 text.push_str(&format!("erfgs {}\n", shell_line(command)));
             }
         }
@@ -270,16 +270,16 @@ fn dry_run(manifest: &Manifest, slurm: bool, terminal: &Terminal) -> anyhow::Res
 }
 
 #[derive(Serialize)]
-struct Told<'a> {
+struct SweepState<'a> {
     out: &'a Path,
     #[serde(flatten)]
     overview: &'a Overview,
     over_seeds: Vec<OverSeeds>,
 }
 
-fn tell(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow::Result<()> {
-    let told = Told { out: &manifest.folder, overview, over_seeds: overview.over_seeds() };
-    terminal.result(&told, || {
+fn print_state(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow::Result<()> {
+    let state = SweepState { out: &manifest.folder, overview, over_seeds: overview.over_seeds() };
+    terminal.result(&state, || {
         let heading = ["run", "state", "done", "iterations", "time", "PSNR", "DPSNR", "starts", "machine"];
         let mut rows = vec![heading.map(String::from).to_vec()];
         let decibels = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2}"));
@@ -302,12 +302,12 @@ fn tell(manifest: &Manifest, overview: &Overview, terminal: &Terminal) -> anyhow
                 text.push_str(&format!("{}: {why}\n", job.name));
             }
         }
-        if !told.over_seeds.is_empty() {
+        if !state.over_seeds.is_empty() {
             let spread = |values: Option<[f64; 2]>| {
                 values.map_or("-".into(), |[mean, deviation]| format!("{mean:.2} ± {deviation:.2}"))
             };
             let mut rows = vec![["over seeds", "runs", "PSNR", "DPSNR"].map(String::from).to_vec()];
-            rows.extend(told.over_seeds.iter().map(|group| {
+            rows.extend(state.over_seeds.iter().map(|group| {
                 vec![group.name.clone(), group.runs.to_string(), spread(group.psnr), spread(group.dpsnr)]
             }));
             text.push_str(&format!("\n{}", table(&rows)));

@@ -13,10 +13,10 @@ use crate::terminal::{Terminal, table, thousands};
 Ties every stream to the session clock, in one of three tiers:
   A  hardware-triggered: edges and frames are matched with the trigger board's pulses
   B  free-running: event cameras by the arrival of their data, frames by the kernel's stamps
-  C  as B, with the lag that a flashing lamp told (--flash)
-A device that restarts while it is recorded has a clock for each part of its stream, each in a row of its own.
-The fits go to a file beside the session (S.sync.json; docs/session.md describes it), which is not changed, and a page \
-with plots of the residuals (S.sync.html).
+  C  as B, with the lag measured by a flashing lamp (--flash)
+A device that restarts during the recording gets one clock, and one row, for each part of its stream. The fits are written \
+beside the session (S.sync.json, described in docs/reference/session.md), with a page that plots the residuals (S.sync.html). \
+The session is not changed.
 
 Examples:
   erfgs sync S.mcap
@@ -25,14 +25,14 @@ Examples:
 pub struct Arguments {
     /// The session.
     session: PathBuf,
-    /// Look for a lamp that flashed before event cameras and free-running cameras, and take the lags of the latter from
-    /// it. Every frame is decoded, which takes time.
+    /// Find a lamp that flashed in view of event cameras and free-running cameras, and measure the lag of the free-running
+    /// cameras by it. Decodes every frame, which is slow.
     #[arg(long)]
     flash: bool,
-    /// The file to write the fits to; beside the session without it.
+    /// The file to write the fits to. Default: beside the session.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// The page to write the plots to; beside the fits without it.
+    /// The page to write the plots to. Default: beside the fits.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
 }

@@ -74,7 +74,7 @@ pub fn windows(
     }
     if take.missing > 0 {
         let all = take.missing + take.windows.len();
-        terminal.note(format!("{} of {all} windows of {} are not done yet, and left out", take.missing, take.name));
+        terminal.note(format!("{} of {all} windows of {} are not done yet and are left out", take.missing, take.name));
     }
     Ok(Some(runs(&manifest, take, adapter)))
 }

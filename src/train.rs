@@ -52,36 +52,39 @@ Methods:
 Presets (config.toml of a run lists every field, and --set changes any):
   paper          ERF-GS as the paper writes it, with the sizes of its Neu3D configuration
   released-code  ERF-GS as its released code does it
-  default        what gives the best moving pixels per second here
+  default        the best quality of moving pixels for the processor time
 
 Motion:
   hexplane   a deformation field that all Gaussians share (4DGS)
-  free-time  each Gaussian is born at an instant, with a velocity, and lives for a while (after FreeTimeGS); starts from the \
-points of what moves, which `erfgs dataset points` finds
-  still      nothing moves: no motion is learned, and events are not looked at
-  bodies     what moves is a few bodies, whose Gaussians share a path for the whole recording; starts from `erfgs dataset bodies`
-  auto       bodies where the dataset has some and the method is erf-gs, free-time where it has points of what moves, still where \
-neither frames nor events show that anything moves, else hexplane; what the default preset does
+  free-time  each Gaussian is born at an instant with a velocity and fades (after FreeTimeGS); starts from the moving points \
+  of `erfgs dataset points`
+  still      nothing moves: no motion is learned, and events are not used
+  bodies     a few rigid bodies move, and the Gaussians of each share one path for the whole recording; starts from `erfgs \
+  dataset bodies`
+  auto       the choice of the default preset: bodies if the dataset has some and the method is erf-gs, free-time if it has \
+  moving points, still if neither frames nor events show motion, else hexplane
 
-Not all that moves is rigid or was followed rightly. Before a training with bodies two short ones, with them and without, are compared \
-where each body is with what a camera saw that took no part; those that explain it worse are left free in time. trial.json in the run \
-tells; --set bodies.trial=0 lets all carry, and --set 'bodies.free=[\"body3\"]' says which do not.
+Not everything that moves is rigid or was tracked correctly. Before a training with bodies, two short trainings with and \
+without them are compared on cameras that take no part. A body that explains these worse is replaced by free-time Gaussians; \
+trial.json in the run has the figures. --set bodies.trial=0 skips the trial, and --set 'bodies.free=[\"body3\"]' names bodies \
+to replace.
 
-A dataset may be larger than memory: frames that do not fit in --memory are read again while others are trained on, by a thread for \
-each processor, and events that would take more than half of it, at 8 bytes each, lie in files in the run's folder, which are gone with \
-the program. The result is the same; on a graphics processor reading may be what takes the time, JPEG less than PNG.
+A dataset may be larger than memory. Frames that do not fit in --memory are read again by a thread for each processor while \
+others are trained on. Events that would take more than half of it, at 8 bytes each, are kept in temporary files in the run's \
+folder. The result is the same. On a GPU reading may limit the speed; JPEG reads faster than PNG.
 
-A long take is trained in windows. What stands still is learned once: train one window, and the others with --static and that \
-run. They take over what stands still, where the cameras were found to stand and how they show colours, have no coarse stage, and \
-train what moves alone, and what their frames show otherwise. `erfgs sweep` does this for all windows of a take.
+A long take is trained in windows. Static Gaussians are learned once: train one window, and the others with --static and that \
+run. They reuse its static Gaussians, camera poses and camera colours, skip the coarse stage, and train only what moves and \
+what looks different in their frames. `erfgs sweep` does this for all windows of a take.
 
-With --live a page shows the scene while it is trained (as `erfgs view` does afterwards), the curves, and buttons that save \
-a checkpoint and stop. On another machine: `ssh -L 8200:localhost:8200 HOST` here, and open the link that was printed there.
+With --live a page shows the scene during the training (as `erfgs view` does afterwards), the curves, and buttons that save a \
+checkpoint and stop. For a training on another machine run `ssh -L 8200:localhost:8200 HOST` here, and open the link that was \
+printed there.
 
 A dataset without initial points gets them first (see `erfgs dataset points`). Ctrl-C saves a checkpoint; the same command \
-with --resume goes on from there. With --resume one command serves for the start and for every start after it, wherever the \
-training was killed: it begins where there is no checkpoint, goes on where there is one, and ends at once where nothing is left \
-to be done. A dataset or settings other than those of the run are refused.
+with --resume goes on from there. With --resume the same command starts the training and restarts it wherever it was killed: \
+it starts without a checkpoint, continues from one, and ends at once if nothing is left to do. A dataset or settings other \
+than those of the run are refused.
 
 Examples:
   erfgs train ds-dv --method erf-gs --preset paper --iterations 3000+14000 --seed 1 --out run
@@ -100,16 +103,16 @@ pub struct Arguments {
     /// The run folder to write.
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
-    /// What is trained; erf-gs unless given.
+    /// The method to train. Default: erf-gs.
     #[arg(long, value_enum)]
     method: Option<MethodName>,
-    /// Where the settings start from; default unless given.
+    /// The preset that settings start from. Default: default.
     #[arg(long, value_enum)]
     preset: Option<PresetName>,
     /// Settings from a file (config.toml of another run); --method, --preset and what they imply are then taken from it.
     #[arg(long, value_name = "CONFIG.toml", conflicts_with_all = ["method", "preset"])]
     config: Option<PathBuf>,
-    /// How what moves does so; the preset's unless given.
+    /// The motion model. Default: that of the preset.
     #[arg(long, value_enum)]
     motion: Option<MotionName>,
     /// Iterations of the coarse and the fine stage; one number alone is of the fine stage.
@@ -118,7 +121,7 @@ pub struct Arguments {
     /// Minutes of training; learning rates and densification then follow the clock where it is ahead of the iterations.
     #[arg(long, value_name = "M", value_parser = minutes)]
     minutes: Option<f64>,
-    /// Minutes of CPU time of training, over all threads: the same work on a busy machine, too.
+    /// Minutes of CPU time of training, over all threads: the same amount of work on a busy machine.
     #[arg(long, value_name = "M", value_parser = minutes)]
     cpu_minutes: Option<f64>,
     /// Seed of everything random.
@@ -127,13 +130,13 @@ pub struct Arguments {
     /// Change a setting; may be given again.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Go on from the checkpoint of the run folder, if there is one; its settings are taken where none are given here.
+    /// Continue from the checkpoint of the run folder, if there is one, with its settings where none are given here.
     #[arg(long)]
     resume: bool,
-    /// With --resume: go on with the settings given here, though the run was begun with others.
+    /// With --resume: continue with the settings given here, though the run was started with others.
     #[arg(long, requires = "resume")]
     change: bool,
-    /// The same bytes from the same command on the same adapter: wall time has no influence.
+    /// Give the same bytes for the same command on the same adapter: wall time has no influence.
     #[arg(long, conflicts_with_all = ["minutes", "cpu_minutes"])]
     deterministic: bool,
     /// Do not look at held-out cameras during training.
@@ -142,14 +145,14 @@ pub struct Arguments {
     /// Show the scene in a browser while it is trained, at this address; port 0 takes any free one.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "127.0.0.1:8200")]
     live: Option<SocketAddr>,
-    /// GiB of memory that frames and events may take; half of what is free unless given. Frames that do not fit are read from the dataset
-    /// again each time, while others are trained on; events are read from files.
+    /// Memory for frames and events, GiB. Default: half of the free memory. Frames that do not fit are read from the dataset
+    /// again, in parallel with training; events that do not fit are kept in files.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     memory: Option<f64>,
-    /// Take over what stands still from this run, of another window of the same take; the coarse stage is left out.
+    /// Reuse the static Gaussians of this run, which is another window of the same take; skips the coarse stage.
     #[arg(long = "static", value_name = "RUN")]
     static_set: Option<PathBuf>,
-    /// How the initial points are found, where the dataset has none: colmap, sweep, colmap+sweep or random.
+    /// Method for the initial points, if the dataset has none: colmap, sweep, colmap+sweep or random.
     #[arg(long, value_name = "METHOD")]
     init: Option<CloudMethod>,
     #[command(flatten)]
@@ -188,7 +191,7 @@ pub enum MotionName {
     Bodies,
     /// Nothing moves.
     Still,
-    /// By what the dataset shows.
+    /// Chosen by what the dataset contains.
     Auto,
 }
 
@@ -425,7 +428,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             terminal.note(format!("the run was begun with erfgs {version}; this is {}", env!("CARGO_PKG_VERSION")));
         }
         if stands.is_finished(&folder) {
-            terminal.note(format!("{} is finished: nothing is left to be done", folder.root().display()));
+            terminal.note(format!("{} is finished: nothing is left to do", folder.root().display()));
             let summary = Summary::of_finished(&folder)?;
             return terminal.result(&summary, || describe(&summary));
         }
@@ -459,17 +462,17 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
     if !scene.pictures.all_are_kept() {
         let [kept, all] = scene.pictures.bytes().map(bytes);
         terminal.note(format!(
-            "frames take {all}: {kept} of them are kept in memory (--memory), the others are read while training"
+            "frames need {all}: {kept} of them are kept in memory (--memory), the others are read during the training"
         ));
     }
     if scene.events_filed {
         let events: u64 = scene.events.iter().map(|events| events.count).sum();
-        terminal.note(format!("{events} events lie in files while it is trained, as --memory has no room for them"));
+        terminal.note(format!("{events} events are kept in temporary files, because --memory has no room for them"));
     }
     if let Some(Flicker { hz, share, .. }) = &scene.flicker {
         terminal.note(format!(
-            "the light flickers at {hz:.1} Hz for {:.0} % of the event cameras' pixels: their events are read at its peaks alone \
-             (earl.flicker), as often as those come; steady light shows more of what is fast",
+            "the light flickers at {hz:.1} Hz for {:.0} % of the event cameras' pixels: event bins begin and end at the peaks of the \
+             light (earl.flicker). Steady light allows shorter bins and shows more of fast motion",
             100.0 * share
         ));
     }
@@ -479,15 +482,14 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
         let stated = file.as_ref().map(|file| file.threshold_on / file.threshold_off);
         if let Some((told, stated)) = events.told_ratio.zip(stated) {
             terminal.note(format!(
-                "camera {camera}: an ON event changes {told:.2} times what an OFF event does, as what comes back to where it was tells; \
-                 stated was {stated:.2}, which is not used (earl.balance)"
+                "camera {camera}: measured ON/OFF threshold ratio {told:.2}; the stated {stated:.2} is ignored (earl.balance)"
             ));
         }
         if events.drift != 0.0 {
             let drift = events.drift;
             terminal.note(format!(
-                "camera {camera}: events that nothing caused, leaks and noise, add up to {drift:+.1} contrast thresholds at a pixel, which are \
-                 taken away (earl.balance)"
+                "camera {camera}: leak and noise events add up to {drift:+.1} contrast thresholds per pixel; they are subtracted \
+                 (earl.balance)"
             ));
         }
     }
@@ -513,7 +515,7 @@ fn drive(
     }
     if let Err(TrainError::Scene(_)) = &outcome {
         let command = arguments.resume_command();
-        terminal.note(format!("what was trained until then is saved; once the file can be read again: {command}"));
+        terminal.note(format!("a checkpoint is saved; once the file can be read again, continue with: {command}"));
     }
     let outcome = outcome?;
     let gaussians = trainer.model.gaussians_still(gpu)?;
@@ -602,14 +604,14 @@ fn describe(summary: &Summary<'_>) -> String {
         ("Gaussians", format!("{}, of which {} move", thousands(summary.gaussians), thousands(summary.dynamic))),
     ];
     for (name, value) in [("PSNR", summary.psnr), ("DPSNR", summary.dpsnr)] {
-        rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last look"))));
+        rows.extend(value.map(|value| (name, format!("{value:.2} dB at the last evaluation"))));
     }
     let mut moved: Vec<&CameraPose> = summary.camera_poses.iter().collect();
     moved.sort_by(|a, b| a.moved_px.total_cmp(&b.moved_px));
     if let Some(most) = moved.last() {
         let (median, CameraPose { camera, moved_px, .. }) = (moved[moved.len() / 2].moved_px, most);
         let text = format!(
-            "found {median:.2} px beside where they were calibrated, {camera} {moved_px:.2} px (in the median, at most)"
+            "learned poses differ from the calibration by {median:.2} px in the median, by {moved_px:.2} px at most ({camera})"
         );
         rows.push(("cameras", text));
     }

@@ -29,9 +29,9 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 The page draws on the graphics processor of the machine that the browser runs on (WebGPU), with the kernels of the trainer.
-A browser without one is shown pictures that this machine draws. Time can be dragged, slowed down to 1/1000 and stopped while
-you walk around; the cameras of the rig are there to look through, with the recorded frames over the rendering. The address
-in the browser holds time and place, for links.
+For a browser without WebGPU this machine renders the pictures. Time can be dragged, slowed down to 1/1000 and stopped while \
+you move around; you can look through the cameras of the rig, with the recorded frames over the rendering. The address in the \
+browser contains time and viewpoint, for links.
 
 Browsers offer WebGPU only to pages from their own machine or over https: from another machine, forward the port.
 
@@ -55,7 +55,7 @@ pub struct Arguments {
     /// Address to listen at; port 0 takes any free one.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8200")]
     address: SocketAddr,
-    /// A name that browsers may call this machine by, besides localhost and bare addresses.
+    /// A host name under which browsers may open the page, besides localhost and IP addresses.
     #[arg(long = "name", value_name = "NAME")]
     names: Vec<String>,
     /// Only print the link.
@@ -97,7 +97,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         };
         if let Some(windows) = takes::windows(path, arguments.take.as_deref(), &arguments.adapter, terminal)? {
             if arguments.runs.len() > 1 {
-                return Err(Usage("a take is looked at by itself: give the folder of one sweep alone".into()).into());
+                return Err(Usage("a take cannot be compared: give the folder of a single sweep".into()).into());
             }
             let progress = terminal.progress("reading windows");
             let count = windows.len() as u64;

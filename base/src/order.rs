@@ -8,7 +8,7 @@ use std::{cmp::Ordering, collections::HashMap};
 /// Two names whose order is not known.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "which of `{first}` and `{second}` comes first is not known: {why}; rename them so that all numbers have as many digits"
+    "the order of `{first}` and `{second}` is ambiguous: {why}; rename them so that all numbers have the same number of digits"
 )]
 pub struct Doubt {
     /// The one.
@@ -160,7 +160,7 @@ pub fn order<T: AsRef<str>>(names: &[T]) -> Result<Vec<usize>, Doubt> {
             .then_with(|| natural(a, b))
         });
         if let Some(pair) = differ(&order, &by_last) {
-            return doubt(pair, "they are not made alike, and their numbers and their letters give different orders");
+            return doubt(pair, "they follow different patterns, and numbers and letters give different orders");
         }
     }
     Ok(order)
@@ -228,8 +228,8 @@ mod tests {
             (&["1.9", "1.867", "2.0"], "fraction"),
             (&["31-04-2024 1", "01-05-2024 2"], "year"),
             (&["04.30.2024_7", "05.01.2024_8"], "year"),
-            (&["DSC_0005", "IMG_0001"], "not made alike"),
-            (&["a9", "b3", "b4"], "not made alike"),
+            (&["DSC_0005", "IMG_0001"], "different patterns"),
+            (&["a9", "b3", "b4"], "different patterns"),
         ] {
             let doubt = order(names).unwrap_err();
             let said = doubt.to_string();

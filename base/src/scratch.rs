@@ -2,7 +2,7 @@
 
 use std::{io, path::Path};
 
-use crate::atomic::begun::{BegunFolder, Seen};
+use crate::atomic::begun::{BegunFolder, Visibility};
 
 /// What they are called, in the system's folder for temporary files.
 pub(crate) const PREFIX: &str = "erfgs-scratch-";
@@ -24,7 +24,7 @@ impl Scratch {
         let named = |error: io::Error| {
             io::Error::new(error.kind(), format!("{}: {error}; set TMPDIR to a folder with room", parent.display()))
         };
-        BegunFolder::new(&parent, PREFIX, Seen::Privately).map(Self).map_err(named)
+        BegunFolder::new(&parent, PREFIX, Visibility::Privately).map(Self).map_err(named)
     }
 
     /// Where it is.

@@ -132,8 +132,8 @@ pub fn read_sights(path: &Path) -> Result<Vec<Sight>, LandmarkError> {
     let extent = extent(&sights);
     if not_metres(extent, FARTHEST_M).is_some() {
         return Err(wrong(format!(
-            "its points are up to {extent:.1} m apart if x, y, z are metres, and no rig sees so much; are they millimetres? divide them \
-             by 1000"
+            "its points are up to {extent:.1} m apart if x, y, z are metres, which is too much for a rig; are they millimetres? \
+             divide them by 1000"
         )));
     }
     Ok(sights)
@@ -208,7 +208,7 @@ pub fn place(rig: &RigFile, sights: &[Sight]) -> Result<(RigFile, Evidence), Lan
         camera.sigma.get_or_insert_default().intrinsics = before.unwrap_or_default().intrinsics;
         if camera.outliers > 0 {
             camera.warnings.push(format!(
-                "{} of its {} points are far from where they should be and were left out: is one taken for another?",
+                "{} of its {} points are far from their predicted places and were left out: are points mixed up?",
                 camera.outliers,
                 camera.outliers + camera.observations
             ));

@@ -13,8 +13,8 @@ use crate::{
 pub enum MergeError {
     /// Both have poses, and nothing ties them.
     #[error(
-        "rig {number} has poses and none of its cameras has one in the rigs before it, so that their worlds cannot be laid over \
-         each other; calibrate a recording that cameras of both see"
+        "rig {number} has poses and none of its cameras has one in the rigs before it, so that they cannot be aligned; calibrate a \
+         recording that cameras of both see"
     )]
     Apart {
         /// Which rig, counted from 1.
@@ -91,8 +91,7 @@ fn over(earlier: &RigFile, later: &RigFile) -> Option<(Similarity, Option<String
         Ok(comparison) => {
             let moved: Vec<String> =
                 comparison.moved().map(|drift| format!("{} by {:.1} mm", drift.camera, drift.shift_mm)).collect();
-            let warning =
-                format!("the rigs do not agree on where cameras stand ({}): did they move?", moved.join(", "));
+            let warning = format!("the rigs disagree on camera poses ({}): did the cameras move?", moved.join(", "));
             (comparison.anchor, (!moved.is_empty()).then_some(warning))
         }
         Err(_) => {

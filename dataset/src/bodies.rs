@@ -139,7 +139,7 @@ impl Bodies {
             ));
         }
         if self.bodies.len() > MOST_BODIES {
-            return Err(format!("{} bodies, where {MOST_BODIES} are the most", self.bodies.len()));
+            return Err(format!("{} bodies; at most {MOST_BODIES} are allowed", self.bodies.len()));
         }
         let mut names = HashSet::new();
         for body in &self.bodies {
@@ -160,10 +160,10 @@ impl Body {
         }
         INSTANT.check_all_ns(self.span_ns.into_iter().chain(self.poses.iter().map(|pose| pose.t_ns)))?;
         if self.poses.is_empty() || self.poses.len() > MOST_POSES {
-            return Err(format!("{} poses, where 1 to {MOST_POSES} are needed", self.poses.len()));
+            return Err(format!("{} poses; 1 to {MOST_POSES} are allowed", self.poses.len()));
         }
         if self.points.is_empty() || self.points.len() > MOST_POINTS {
-            return Err(format!("{} points, where 1 to {MOST_POINTS} are needed", self.points.len()));
+            return Err(format!("{} points; 1 to {MOST_POINTS} are allowed", self.points.len()));
         }
         for pose in &self.poses {
             let near = POSITION.check_all(pose.translation_m);
@@ -179,7 +179,7 @@ impl Body {
             let turn = 2.0 * pair[0].rotation().dot(pair[1].rotation()).abs().min(1.0).acos();
             if turn > Bodies::MOST_TURN {
                 return Err(format!(
-                    "it turns by {turn:.2} radians between its poses at {} and {} ns, where {} are the most that is clear; give more poses",
+                    "it rotates by {turn:.2} rad between its poses at {} and {} ns; at most {} rad are unambiguous; give more poses",
                     pair[0].t_ns,
                     pair[1].t_ns,
                     Bodies::MOST_TURN
@@ -271,7 +271,7 @@ mod tests {
         refused(&|body| body.poses[1].translation_m[2] = f64::NAN, "at 50 ns: a coordinate");
         refused(&|body| body.poses[2].translation_m[0] = 1e300, "1e300 m");
         refused(&|body| body.poses[0].rotation_wxyz = [0.0; 4], "at 0 ns is no quaternion");
-        refused(&|body| body.poses.retain(|pose| pose.t_ns != 50), "turns by");
+        refused(&|body| body.poses.retain(|pose| pose.t_ns != 50), "rotates by");
         refused(&|body| body.points[0].normal = [0.0; 3], "normal of its point 0");
         refused(&|body| body.points[0].position_m[1] = f64::INFINITY, "point 0");
         assert!(Bodies { version: 9, ..Bodies::new(vec![]) }.check().unwrap_err().contains("version 9"));

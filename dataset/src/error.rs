@@ -28,7 +28,7 @@ pub enum DatasetError {
     #[error(transparent)]
     File(#[from] FileError),
     /// The manifest is no manifest.
-    #[error("{} is malformed: {source}; see docs/dataset.md for the format", path.display())]
+    #[error("{} is malformed: {source}; see docs/reference/dataset.md for the format", path.display())]
     Json {
         /// The manifest.
         path: PathBuf,
@@ -204,10 +204,10 @@ pub enum Problem {
     #[error("it names no camera; import the recording again")]
     NoCameras,
     /// A span without length.
-    #[error("the span {0:?} ns does not run forwards; set `span_ns` to the first and last instant of the recording")]
+    #[error("the span {0:?} ns ends before it begins; set `span_ns` to the first and last instant of the recording")]
     Span([i64; 2]),
     /// A name that cannot be a folder's.
-    #[error("the name cannot be that of a folder; use letters, digits, `-`, `_` and `.`")]
+    #[error("the name is not a valid folder name; use letters, digits, `-`, `_` and `.`")]
     Name,
     /// Two cameras of one name.
     #[error("the name comes twice; give each camera its own")]
@@ -226,7 +226,9 @@ pub enum Problem {
         wrong: Implausible,
     },
     /// A lens that no pinhole can replace.
-    #[error("the lens model does not hold over the image, so that it cannot be undistorted; calibrate the lens again")]
+    #[error(
+        "the lens model is not valid over the whole image, which therefore cannot be undistorted; calibrate the lens again"
+    )]
     Lens,
     /// Frames or events do not fit the modality.
     #[error("the modality `{modality}` does not fit {frames} frames and {} event file; correct `modality`", if *events { "an" } else { "no" })]

@@ -288,7 +288,7 @@ proptest! {
 
 #[test]
 fn the_documented_example_is_a_manifest() {
-    let page = include_str!("../../docs/dataset.md");
+    let page = include_str!("../../docs/reference/dataset.md");
     let example = page.split("```json\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
     let manifest: Manifest = serde_json::from_str(example).unwrap();
     assert_eq!((manifest.format.as_str(), manifest.version), (Manifest::FORMAT, Manifest::VERSION));

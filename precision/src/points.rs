@@ -16,7 +16,7 @@ use crate::{
 
 const ABOUT: About = About {
     name: "initial points",
-    truth: "Frames of eight cameras before the stage, without COLMAP, whose share is measured in docs/benchmarks.md. The truth is the stage's \
+    truth: "Frames of eight cameras before the stage, without COLMAP, whose share is measured in lab/notebook/initial-points.md. The truth is the stage's \
             own depth: a point is off by how far it lies from what is there, along the ray of the camera that says so least; gaps are told \
             from true places that cameras see, at that instant for what moves.",
     work: "all points of a recording",
@@ -31,7 +31,7 @@ const ABOUT: About = About {
 const PLACES: u64 = 400;
 
 /// What one camera sees at one instant.
-struct Seen {
+struct DepthView {
     camera: usize,
     t_ns: i64,
     /// Metres, of each pixel.
@@ -41,7 +41,7 @@ struct Seen {
 /// What is there.
 struct Truth {
     cameras: Vec<Camera>,
-    seen: Vec<Seen>,
+    seen: Vec<DepthView>,
     still: Vec<DVec3>,
     /// At each instant.
     moving: Vec<(i64, Vec<DVec3>)>,
@@ -70,7 +70,7 @@ impl Truth {
                     Some((_, places)) => places.extend(then),
                     None => moving.push((frame.t_ns, then.collect())),
                 }
-                seen.push(Seen { camera: index, t_ns: frame.t_ns, depth });
+                seen.push(DepthView { camera: index, t_ns: frame.t_ns, depth });
             }
         }
         Ok(Self { cameras, seen, still, moving })

@@ -1,5 +1,5 @@
 // Trigger board for synchronised cameras: ATmega328P at 16 MHz (Arduino Uno or Nano). See PROTOCOL.md and
-// docs/trigger-board.md.
+// docs/reference/trigger-board.md.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>

@@ -41,8 +41,8 @@ pub enum ImageError {
     },
     /// The image is transparent somewhere, and nothing says what it is to be laid over.
     #[error(
-        "{} is transparent in places: say what it lies over (erfgs dataset import --background black, or white, or #rrggbb), or \
-         write it without transparency",
+        "{} has transparent pixels: give a background (erfgs dataset import --background black, or white, or #rrggbb), or save it \
+         without transparency",
         path.display()
     )]
     Transparent {
@@ -51,9 +51,8 @@ pub enum ImageError {
     },
     /// The picture is stored in another position than it is to be shown in.
     #[error(
-        "{} is to be shown turned {how}, as its EXIF data says, and other programs do so or do not: store it as it is shown \
-         (mogrify -auto-orient), or take the mark away if lenses and poses are of the picture as it is stored (exiftool \
-         -Orientation=)",
+        "the EXIF data of {} asks to show it turned {how}, which not all programs do: store it as shown (mogrify -auto-orient), or \
+         remove the tag if lenses and poses belong to the picture as stored (exiftool -Orientation=)",
         path.display()
     )]
     Turned {

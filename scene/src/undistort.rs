@@ -11,7 +11,7 @@ const LARGEST_FACTOR: f64 = 16.0;
 
 /// No pinhole replaces a lens: even a much longer focal length sees what the lens does not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no pinhole replaces this lens")]
+#[error("no pinhole camera can replace this lens")]
 pub struct NoPinhole;
 
 /// The pinhole that replaces a lens, and the factor by which its focal length was enlarged so that the lens saw all

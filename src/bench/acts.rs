@@ -32,11 +32,12 @@ const ITERATIONS: Iterations = Iterations { coarse: Some(600), fine: 4000 };
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Every act is filmed for every seed by an ordinary rig (8 RGB cameras at 15 frames a second with 20 ms exposures, 3 event cameras) and \
-by an ideal one (the same RGB cameras, sharp, at 120 a second), which gives the ceiling. Each method trains on the first; 4DGS trains on \
-both, and what lies between is the gap. An act in which no bodies are found has no row of the methods that start from them.
+by an ideal one (the same RGB cameras, sharp, at 120 a second), which gives the ceiling. Each method trains on the first; \
+4DGS trains on both, and the difference of its results is the gap. An act in which no bodies are found has no rows for the \
+methods that start from bodies.
 
-The folder holds the datasets, a sweep for each method, pictures, and acts.html, acts.md and acts.csv. The same command at any later \
-time goes on with what is not done, and with more acts, seeds or methods.
+The folder holds the datasets, a sweep for each method, pictures, and acts.html, acts.md and acts.csv. The same command \
+continues later with what is not done, and with more acts, seeds or methods.
 
 Examples:
   erfgs bench acts --out acts
@@ -47,13 +48,13 @@ pub struct Arguments {
     /// The folder for datasets, trainings and the report.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// Acts, separated by commas; with a + those that happen at once. All of them without it.
+    /// Acts, separated by commas; a + joins acts that happen at once. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     acts: Vec<Acts>,
     /// Seeds of the takes, separated by commas.
     #[arg(long, value_name = "SEEDS", value_delimiter = ',', default_value = "1")]
     seeds: Vec<u64>,
-    /// Methods, separated by commas: 4dgs, erf-gs, bodies-frames, bodies, ceiling. All of them without it.
+    /// Methods, separated by commas: 4dgs, erf-gs, bodies-frames, bodies, ceiling. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     methods: Vec<String>,
     /// Iterations of each training.
@@ -169,7 +170,7 @@ impl Work<'_> {
 
     fn go_on(&self) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
         }
         Ok(())
     }
@@ -245,12 +246,12 @@ impl Work<'_> {
         drop(bar);
         let left = overview.jobs.len() - overview.count(JobState::Done);
         if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
         }
         if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
             let why = job.failed.as_deref().unwrap_or("it was not trained");
             let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
         }
         let name = |job: &Job| job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(manifest.jobs.iter().map(|job| (name(job), manifest.run(job))).collect())

@@ -30,13 +30,13 @@ const SEEDS: u64 = 3;
 /// Measure what each error of a rig costs in the quality of its reconstructions.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Poses, lenses, clocks, thresholds, noise and lost packets are made wrong in steps, each alone, in the training cameras of a dataset \
-whose truth is known; each is trained with events and measured on the held-out cameras. Without a dataset the stage is filmed, and \
-exposures, thresholds and numbers of cameras are varied, too.
+Errors of poses, lenses, clocks, thresholds, noise and lost packets are put into the training cameras of a dataset in steps, \
+one kind at a time. Each dataset is trained with events and measured on the held-out cameras. Without a dataset the stage is \
+filmed, and exposures, thresholds and numbers of cameras are varied, too.
 
 The folder holds the datasets, the trainings as sweeps (base, wrong, without-events), and budget.html, budget.md and budget.csv. The \
-same command at any later time goes on with what is not done, and with more --seeds. A hundred and fifty trainings are a night's work \
-of two cores, minutes of a graphics processor; with --seeds 1 a third of it, which does not tell what is noise.
+same command continues later with what is not done, and with more --seeds. A hundred and fifty trainings take a night on two \
+cores and minutes on a GPU. --seeds 1 takes a third of it, and does not show the noise of the figures.
 
 Examples:
   erfgs bench budget --out budget
@@ -44,7 +44,7 @@ Examples:
   erfgs bench budget ds --out budget-of-ds
   erfgs bench budget --small --out try")]
 pub struct Arguments {
-    /// A dataset with held-out cameras; the stage without it.
+    /// A dataset with held-out cameras. Default: the stage.
     dataset: Option<PathBuf>,
     /// The folder for datasets, trainings and the report.
     #[arg(long, value_name = "FOLDER")]
@@ -55,7 +55,7 @@ pub struct Arguments {
     /// Iterations of each training.
     #[arg(long, value_name = "[COARSE+]FINE", default_value_t = ITERATIONS)]
     iterations: Iterations,
-    /// How many seeds each dataset is trained with; how much they differ tells what is noise.
+    /// Number of seeds for each dataset; their spread is the noise of the figures.
     #[arg(long, value_name = "N", default_value_t = SEEDS, value_parser = clap::value_parser!(u64).range(1..100))]
     seeds: u64,
     /// Trainings at a time.
@@ -153,7 +153,7 @@ fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
     };
     causes.retain(named);
     if causes.is_empty() {
-        return Err(Usage(format!("no error is called so; {known}")).into());
+        return Err(Usage(format!("no error has this name; {known}")).into());
     }
     if arguments.small {
         causes.iter_mut().for_each(|cause| cause.steps.truncate(1));
@@ -189,7 +189,7 @@ impl Work<'_> {
 
     fn points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while datasets were made; the same command goes on".into()).into());
+            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
         }
         if dataset.manifest.points.is_some() {
             return Ok(());
@@ -235,12 +235,12 @@ impl Work<'_> {
         drop(bar);
         let left = overview.jobs.len() - overview.count(JobState::Done);
         if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings to be done; the same command goes on")).into());
+            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
         }
         if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
             let why = job.failed.as_deref().unwrap_or("it was not trained");
             let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command tries it again", job.name, log.display());
+            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
         }
         let quality = |job: &erfgs_sweep::Job| {
             let metrics = manifest.run(job).read_metrics()?;

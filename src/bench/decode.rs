@@ -24,7 +24,7 @@ Examples:
 pub struct Arguments {
     /// An event file.
     file: PathBuf,
-    /// The fastest of so many runs counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
     /// Size of the sensor, if the file does not say it.
@@ -43,7 +43,7 @@ struct Measured {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let extension = arguments.file.extension().unwrap_or_default().to_ascii_lowercase();
     if ["npz", "npy", "zip", "h5", "hdf5"].iter().any(|arrays| extension == *arrays) {
-        let what = "archives and arrays (NPZ, NPY, HDF5) are read whole, and are no stream to decode; give a RAW, DAT, AEDAT, \
+        let what = "archives and arrays (NPZ, NPY, HDF5) are not streams to decode; give a RAW, DAT, AEDAT, \
                     Event Stream or CSV file";
         return Err(Usage(what.to_owned()).into());
     }

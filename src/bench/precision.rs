@@ -15,16 +15,16 @@ use crate::{
 /// Draw work-precision diagrams: error against processor time.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Every setting of every knob is run against a truth that is finer than any of them; the setting that is the default is marked. \
+Every setting of every knob is compared with a finer reference; the default setting is marked. \
 With --out the curves are written into a folder: precision.html draws them, precision.md has them as tables, precision.csv \
-has the numbers. All components take hours: what was measured lies in settings.jsonl there, and the same command goes on with the rest; \
-delete that file where something has changed since.
+has the numbers. All components take hours. Measured settings are kept in settings.jsonl in that folder, and the same command \
+continues with the rest; delete the file if something has changed since.
 
 Examples:
   erfgs bench precision
   erfgs bench precision rasteriser --out curves
   erfgs bench precision --small 'event simulator'
-  erfgs bench precision --without bundle --out docs")]
+  erfgs bench precision --without bundle --out docs/results")]
 pub struct Arguments {
     /// Only components whose name contains this, ignoring case.
     component: Option<String>,
@@ -60,7 +60,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     components.retain(|component| arguments.component.as_ref().is_none_or(|only| has(component, only)));
     components.retain(|component| !arguments.without.iter().any(|without| has(component, without)));
     if components.is_empty() {
-        return Err(Usage(format!("no component is called so; {known}")).into());
+        return Err(Usage(format!("no component has this name; {known}")).into());
     }
     let gpu = arguments.adapter.open()?;
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);

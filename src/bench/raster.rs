@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Degree of the spherical harmonics.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=3))]
     sh_degree: u32,
-    /// The fastest of so many runs counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
     #[command(flatten)]

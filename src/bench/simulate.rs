@@ -17,15 +17,15 @@ Examples:
   erfgs bench simulate
   erfgs bench simulate luma.npz --fps 30 --threads 1")]
 pub struct Arguments {
-    /// A video with `luma[T, H, W]`; a textured disc that moves, without it.
+    /// A video with `luma[T, H, W]`. Default: a textured disc that moves.
     luma: Option<PathBuf>,
     /// Frames a second.
     #[arg(long, default_value_t = 30.0)]
     fps: f64,
-    /// Threads; measured with one and with all without it.
+    /// Number of threads. Default: one, and all cores, both measured.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
-    /// The fastest of so many runs counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
     #[command(flatten)]

@@ -15,15 +15,15 @@ use crate::{
 /// Take every numerical stage to its extremes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Each case has a bound that was stated beforehand, with its reason, and a truth that the stage has no share in; or it must be \
-refused by name. The status is 1 where a case fails.
+Each case has a bound, stated beforehand with its reason, and an independent reference; or it must be refused by name. The \
+exit code is 1 if a case fails.
 
 Examples:
   erfgs bench stability
   erfgs bench stability --small
   erfgs bench stability --only needles
   erfgs bench stability --without '10,000 iterations'
-  erfgs bench stability --out docs/stability.md")]
+  erfgs bench stability --out docs/results/stability.md")]
 pub struct Arguments {
     /// Some cases of every stage, in seconds.
     #[arg(long)]
@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     cases.retain(|case| arguments.only.as_ref().is_none_or(|only| has(case, only)));
     cases.retain(|case| !arguments.without.as_ref().is_some_and(|without| has(case, without)));
     if cases.is_empty() {
-        return Err(Usage("no case is called so; leave --only and --without away to see all".into()).into());
+        return Err(Usage("no case has this name; omit --only and --without to see all".into()).into());
     }
     let gpu = arguments.adapter.open()?;
     let adapter = format!("{} ({} {})", gpu.info.name, gpu.info.driver, gpu.info.driver_info);
@@ -87,7 +87,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     terminal.result(&figures, || describe(&figures))?;
     match failed {
         0 => Ok(()),
-        _ => anyhow::bail!("{failed} of {} cases left their bounds", figures.rows.len()),
+        _ => anyhow::bail!("{failed} of {} cases exceeded their bounds", figures.rows.len()),
     }
 }
 

@@ -28,8 +28,8 @@ const WARM_UP: u32 = 20;
 /// Measure a training run.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Iterations of the fine stage are measured, after a warm-up. The device is waited for after every stage, which training \
-does not do, so that the stages together take a little more than an iteration of training.
+Iterations of the fine stage are measured, after a warm-up. After every stage the benchmark waits for the device, which \
+training does not do; the stages together therefore take a little more than an iteration of training.
 
 Examples:
   erfgs bench train ds-dv
@@ -38,7 +38,7 @@ Examples:
 pub struct Arguments {
     /// The dataset, with initial points.
     dataset: PathBuf,
-    /// What is trained.
+    /// The method to train.
     #[arg(long, value_enum, default_value_t = MethodName::ErfGs)]
     method: MethodName,
     /// Where the settings start from.

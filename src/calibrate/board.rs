@@ -21,8 +21,12 @@ use crate::{errors::Usage, sync, terminal::Terminal};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 INPUT is a session (S.mcap), or a folder that holds, for each camera, a folder of images, or a video, or images whose names begin with the camera's \
-(left01.png, right01.png). Images of the same name or number belong together; of videos the n-th frames, or those that a \
-file timestamps.csv (columns sync_index, cam_id, frame_time in seconds) says. A folder with intrinsics (or intrinsic) and extrinsics (or extrinsic) in it, as caliscope and pose2sim have it, gives lenses from the one and poses from the other. Of an event camera, a file of events (RAW, DAT, AEDAT) that saw the board blink on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer; or, with --moving, a printed board that was waved. Of a session, frames within half a frame's time belong together; run `erfgs sync` first.
+(left01.png, right01.png). Images of the same name or number are one instant; so are the n-th frames of videos, unless a file \
+timestamps.csv (columns sync_index, cam_id, frame_time in seconds) gives their times. A folder with intrinsics (or intrinsic) and extrinsics (or extrinsic) in it, as \
+caliscope and pose2sim write it, gives lenses from the first and poses from the second. For an event camera: a file of events \
+(RAW, DAT, AEDAT) of a board that blinks on a screen (`erfgs calibrate target ... --out board.html`), held still at each place for half a second or longer; or, \
+with --moving, of a printed board that was waved. In a session frames within half a frame interval are one instant; run \
+`erfgs sync` first.
 
 Targets:
   chessboard:9x6:0.025                    inner corners, side of a square in metres
@@ -33,12 +37,18 @@ Targets:
 A session's folder with videos of something else and a folder calibration_images (calib..., checkerboard..., chessboard..., charuco..., \
 aprilgrid...) is looked for boards in that.
 
-A clear board with markers is seen from behind, too (--clear), which ties cameras that face each other: its mirror image is looked for. \
-Where boards are found in mirror images alone and --clear is not given, that is said.
+A clear board with markers can be used from both sides (--clear), which connects cameras that face each other: its mirror \
+image is searched, too. Boards that are found only as mirror images without --clear are reported.
 
-A board that is waved between cameras that face each other may have a target on either side (--back): a ChArUco board or an AprilGrid, with other markers than the front. How the back is glued is found, and told: how thick the board is, how far the middles are apart, and how one side is turned against the other. Where one side alone is seen by some cameras and the other side alone by the others, turn the board about both its axes, or say how thick it is (--back-thickness).
+A board that is waved between cameras that face each other may have a target on either side (--back): a ChArUco board or an AprilGrid, with other markers than the front. The \
+position of the back is estimated and reported: thickness, offset of the centres, and rotation between the sides. If some \
+cameras see only the front and the others only the back, rotate the board about both its axes, or give its thickness \
+(--back-thickness).
 
-One camera gives intrinsics; several are tied by boards that two of them see at once, and the first one is the world, or the board of --origin. What contradicts what each camera says by itself is refused, or said first. Where what is left over grows with the speed of the board, the cameras did not run together: time offsets are then estimated by themselves, if frames have times. A refusal says what was tried (offsets, --keep-intrinsics, --untie, at last --without) and which of it helps.
+One camera gives intrinsics. Several are connected by boards that two of them see at once; the world is the first camera, or \
+the board of --origin. A result that contradicts the cameras' single calibrations is refused or marked with a warning. If the \
+residual grows with the speed of the board, the cameras are not synchronized: time offsets are then estimated, if frames have \
+times. An error lists what was tried (offsets, --keep-intrinsics, --untie, finally --without) and which of it helps.
 
 Examples:
   erfgs calibrate board images --target chessboard:9x6:0.025
@@ -55,7 +65,7 @@ Examples:
 pub struct Arguments {
     /// A session, or a folder of images or videos of the board.
     input: PathBuf,
-    /// What is printed on the board.
+    /// The pattern on the board.
     #[arg(long, value_name = "TARGET")]
     target: Target,
     #[command(flatten)]
@@ -78,14 +88,14 @@ pub struct Arguments {
     /// A camera to leave out; may be given several times.
     #[arg(long, value_name = "CAMERA")]
     without: Vec<String>,
-    /// An instant whose pictures were not taken at once: they tell of lenses, and tie no cameras. May be given several times; what is
-    /// refused names those for which it helps.
+    /// An instant whose pictures were not simultaneous: they are used for the lenses and not to connect cameras. May be
+    /// given several times; an error names the instants for which it helps.
     #[arg(long, value_name = "INSTANT")]
     untie: Vec<String>,
     /// The picture or instant whose board is the world: origin at its first corner, x along its rows, z out of the sheet.
     #[arg(long, value_name = "INSTANT")]
     origin: Option<String>,
-    /// How often the board on the screen comes and goes in a second, for event cameras. A screen has no back.
+    /// Blink rate of the board on the screen, hertz, for event cameras. Excludes --back.
     #[arg(long, value_name = "HZ", value_parser = blink_rate, conflicts_with = "back")]
     blink: Option<f64>,
     /// Event cameras saw a printed board that moved.
@@ -105,11 +115,11 @@ pub struct Sides {
     /// The board is clear (glass, acrylic), and cameras that see it from behind see its mirror image; it needs markers.
     #[arg(long, requires = "target", conflicts_with = "back")]
     clear: bool,
-    /// What is printed on the back of a board with two sides, with other markers than the front.
+    /// The pattern on the back of a two-sided board, with other markers than the front.
     #[arg(long, value_name = "TARGET", requires = "target")]
     back: Option<Target>,
-    /// How far the back is behind the front, millimetres; the sides are parallel, their middles and edges one behind the other.
-    /// It is a start, and what is taken where the views do not tell.
+    /// How far the back is behind the front, millimetres; the sides are parallel, their middles and edges one behind the
+    /// other. It is the initial value, and is kept if the views do not determine it.
     #[arg(long, value_name = "MM", value_parser = thickness, requires = "back")]
     back_thickness: Option<f64>,
 }
@@ -139,7 +149,7 @@ fn thickness(text: &str) -> Result<f64, String> {
 /// How often a board blinks in a second.
 pub fn blink_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse::<f64>().ok().filter(|rate| *rate > 0.0 && *rate <= 10_000.0);
-    rate.ok_or_else(|| "write a rate between 0 and 10000 a second".into())
+    rate.ok_or_else(|| "write a rate between 0 and 10000 Hz".into())
 }
 
 /// A lens model by its name.
@@ -168,7 +178,7 @@ pub fn recorded(input: &Path, terminal: &Terminal) -> anyhow::Result<PathBuf> {
         let more = passed_over.len().saturating_sub(5);
         let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         terminal.note(format!(
-            "not looked at, as they lie beside it: {shown}{more} (give a folder of their own to use them)"
+            "ignored, because they lie beside the calibration folder: {shown}{more} (give their folder to use them)"
         ));
     }
     Ok(folder)

@@ -94,5 +94,5 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if comparison.majority {
         bail!("{} moved since the calibration; calibrate the rig again", moved.join(", "));
     }
-    bail!("the cameras moved against each other, and too few agree to say which; calibrate the rig again")
+    bail!("cameras moved, and too few agree to tell which ones; calibrate the rig again")
 }

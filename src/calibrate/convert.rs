@@ -24,10 +24,12 @@ Formats:
   pose2sim    Calib.toml
   rig         rig.json
 
-Lengths become metres. What a file says of its unit (unit: mm, in OpenCV's and Kalibr's YAML and in TOML) is taken; a rig of OpenCV, Kalibr, \
-caliscope or pose2sim whose cameras were more than 20 m apart is refused, with the units that it may be in, until --units says which.
+Lengths become metres. A unit stated in the file is used (unit: mm, in OpenCV's and Kalibr's YAML and in TOML). A rig of \
+OpenCV, Kalibr, caliscope or pose2sim with cameras more than 20 m apart is refused, with the units that it may be in, unless \
+--units states one.
 
-Names of cameras become names of files. Pixel centres and axes are converted. What a format has no place for is said; a lens that it cannot hold is refused.
+Names of cameras become names of files. Pixel centres and axes are converted. What a format cannot store is reported; a lens \
+that it cannot represent is refused.
 
 Examples:
   erfgs calibrate convert rig.json --to colmap --out sparse
@@ -40,13 +42,13 @@ pub struct Arguments {
     /// The format to write.
     #[arg(long, value_name = "FORMAT")]
     to: Format,
-    /// Where to write it; named after the format without it.
+    /// The file or folder to write. Default: named after the format.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// The unit of what is read is the metre, though its format does not say so (COLMAP, nerfstudio, LLFF).
+    /// The input is in metres, though its format does not state a unit (COLMAP, nerfstudio, LLFF).
     #[arg(long)]
     metres: bool,
-    /// The unit of what is read: m, cm, mm or inch; lengths become metres.
+    /// Unit of the input: m, cm, mm or inch; lengths become metres.
     #[arg(long, value_name = "UNIT", conflicts_with = "metres")]
     units: Option<Unit>,
 }

@@ -11,8 +11,9 @@ use crate::terminal::Terminal;
 /// Make one rig of several: lenses of one and poses of another, or rigs that share a camera.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-RIGS are rig files, or those of other programs that `erfgs calibrate convert` reads. Of a camera that two have, the earlier one's is kept, and what it lacks is taken from the later one. The world is that of the \
-first rig with poses; others are laid over it by a camera that both have.
+RIGS are rig files, or those of other programs that `erfgs calibrate convert` reads. For a camera in two rigs the earlier \
+entry is kept, and what it lacks is taken from the later one. The world is that of the first rig with poses; others are \
+aligned to it by a common camera.
 
 Examples:
   erfgs calibrate merge front.json back.json --out rig.json")]

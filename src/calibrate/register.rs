@@ -60,14 +60,14 @@ pub struct Arguments {
     /// Contrast threshold of the event cameras, natural-log intensity; only its sign and the mixture of both polarities matter.
     #[arg(long, value_name = "C", default_value_t = 0.2, value_parser = crate::parse::within(1e-6, 100.0))]
     threshold: f64,
-    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at most); as much
-    /// as this machine affords without it.
+    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at
+    /// most); by default as large as this machine handles in some minutes.
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..))]
     feature_side: Option<u32>,
-    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
+    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`. Default: searched for.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
-    /// Threads; all without it.
+    /// Number of threads. Default: all cores.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
     /// The rig file to write; the report goes beside it, with the extension html.
@@ -148,7 +148,7 @@ fn picture(
         leaky(&events, arguments.threshold, arguments.cutoff_hz, first + (1e6 * seconds) as i64)
     } else {
         return Err(Usage(format!(
-            "{} holds events: say with --dark-ramp or --leaky SECONDS how intensity is got from them",
+            "{} holds events: state with --dark-ramp or --leaky SECONDS how to reconstruct intensity from them",
             file.display()
         ))
         .into());

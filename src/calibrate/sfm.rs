@@ -18,13 +18,13 @@ use crate::terminal::Terminal;
 #[command(after_help = "\
 INPUT is a dataset, a folder with one image of each camera, or a folder with a folder of images for each camera.
 
-COLMAP arranges the cameras several times, with other features each time. A camera is believed where independent runs put it \
-at the same place; one that they do not agree on is placed against the points of the others, or left out, and named. If most \
-cameras are in doubt there is no result. What is agreed on is adjusted to some thousand further points that matching with known \
-poses finds.
+COLMAP reconstructs the cameras several times, with different features each time. A camera is accepted if independent runs \
+agree on its pose. Others are placed by the points of the accepted ones, or left out, and named. If most cameras are in doubt \
+there is no result. The accepted cameras are adjusted together with some thousand further points, found by matching with \
+known poses.
 
-Of a camera with several images --frame takes one, in the order of all numbers in their names; which one is said. Features are looked for \
-at a size that the machine affords in some minutes, which is said, too, and --feature-side overrides.
+--frame selects one of several images of a camera, in the order of the numbers in their names; the output names it. Features \
+are searched at a size that this machine handles in some minutes; the output states it, and --feature-side overrides it.
 
 Images have no scale: without --scale-from the unit of length is the root mean square distance of the cameras from their middle.
 
@@ -35,7 +35,7 @@ Examples:
 pub struct Arguments {
     /// The images.
     input: PathBuf,
-    /// A rig file whose intrinsics are kept; they are estimated without it.
+    /// A rig file whose intrinsics are kept. Default: intrinsics are estimated.
     #[arg(long, value_name = "RIG", conflicts_with = "known_intrinsics")]
     rig: Option<PathBuf>,
     /// Keep the dataset's intrinsics.
@@ -47,14 +47,14 @@ pub struct Arguments {
     /// Two cameras and the distance of their centres in metres.
     #[arg(long, value_name = "A:B:METRES", value_parser = known_distance)]
     scale_from: Option<(String, String, f64)>,
-    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at most); as much
-    /// as this machine affords without it.
+    /// Longest side, pixels, of the pictures in which features are looked for (they are enlarged to twice their size at
+    /// most); by default as large as this machine handles in some minutes.
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..))]
     feature_side: Option<u32>,
-    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
+    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`. Default: searched for.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
-    /// Threads; all without it.
+    /// Number of threads. Default: all cores.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
     /// The rig file to write; the report goes beside it, with the extension html.

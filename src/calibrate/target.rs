@@ -23,7 +23,7 @@ Examples:
 pub struct Arguments {
     /// The target, as `erfgs calibrate board` takes it.
     target: Target,
-    /// The file to write; its extension says what it is: svg, pdf or html.
+    /// The file to write; its extension is the format: svg, pdf or html.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// How often the page blinks in a second; half the screen's frame rate at most.
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         _ => return Err(Usage("--out must end in .svg, .pdf or .html".into()).into()),
     };
     if !(arguments.blink > 0.0 && arguments.blink <= 1000.0) {
-        return Err(Usage("--blink must be a rate between 0 and 1000 a second".into()).into());
+        return Err(Usage("--blink must be a rate between 0 and 1000 Hz".into()).into());
     }
     let out = &arguments.out;
     atomic::write(out, &print(&arguments.target, paper, arguments.blink))

@@ -20,11 +20,11 @@ INPUT is a recorded session, or a folder or a file of LED positions:
   a session (S.mcap): blinking LEDs are looked for in events, bright spots in frames; --rig must have the cameras' intrinsics
   a folder in eWand's layout: frame_0.csv, event_1.csv, ... with rows t_ns;x1;y1;x2;y2;x3;y3 (-1 where nothing was seen), and
   beside each a YAML file of OpenCV intrinsics (frame_0.yaml); pixel centres are whole numbers there
-  a wand.json, or a folder that holds one (docs/wand.md describes it): cameras with intrinsics and standard
+  a wand.json, or a folder that holds one (docs/guide/wand.md describes it): cameras with intrinsics and standard
   deviations, and for each a CSV file t_ns,x1,y1,x2,y2,x3,y3; pixel centres are half-integers
 
-Nothing needs to be known of the poses. The gaps give the scale; if they differ, LEDs in the wrong order are put right. A \
-fifth of the placements takes no part in a first solution, which measures their lengths.
+No initial poses are needed. The gaps give the scale; if they differ, LEDs in the wrong order are corrected. A fifth of the \
+placements is held out of a first solution, which measures their lengths as a test.
 
 With --keep-poses the cameras that have a pose in the rig file stay where they are, with their intrinsics, and the others are \
 placed among them, in the rig's own frame. Lengths are the rig's where it is metric, and the wand's otherwise; --scale-from \
@@ -49,7 +49,7 @@ pub struct Arguments {
     /// Cameras with a pose in the rig file keep it, and the others are placed among them.
     #[arg(long, requires = "rig")]
     keep_poses: bool,
-    /// Whose lengths hold with --keep-poses; those of a metric rig without it, and the wand's where the rig has no scale.
+    /// Whose lengths are kept with --keep-poses. Default: the rig's if it is metric, else the wand's.
     #[arg(long, value_enum, value_name = "WHICH", requires = "keep_poses")]
     scale_from: Option<ScaleFrom>,
     /// At which frequency the LEDs blink before event cameras, hertz: one that all share, or three in the order of the gaps.
@@ -70,7 +70,8 @@ pub struct Arguments {
     /// Stamps of different cameras this near to each other may be taken for one instant, milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 2.0, value_parser = crate::parse::within(0.0, 1e6))]
     tolerance: f64,
-    /// Standard deviation of a LED's position in all cameras, pixels; from the points, or from the residuals, without it.
+    /// Standard deviation of an LED's position in all cameras, pixels. Default: that of the point files, or from the
+    /// residuals.
     #[arg(long, value_name = "PX", value_parser = crate::parse::within(1e-6, 1e4))]
     sigma: Option<f64>,
     /// The camera in whose space the world lies, and to whose clock times are given; the first without it. With --keep-poses

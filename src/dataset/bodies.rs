@@ -13,12 +13,13 @@ use crate::{
 /// Find what moves as bodies: tracks, rotations and shapes that training with bodies starts from.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Reads the points of what moves (`erfgs dataset points`), the frames of their instants and the events around them. What moves is \
-followed through the instants; how it turns is found by the colours of frames and by how sharp its events are if they are moved back; \
-its shape is carved by the silhouettes of all instants; by that it is followed from the instant at which it is seen best, if events are \
-sharper then. Writes bodies.json into the dataset and names it in the manifest.
+Reads the moving points (`erfgs dataset points`), the frames of their instants and the events around them. Moving things are \
+tracked from instant to instant. Their rotation is estimated from the colours in the frames and by contrast maximisation of \
+the events; their shape is carved from the silhouettes of all instants. A track is then refined by its own appearance, from \
+the instant at which the thing is seen best, if that makes its events sharper. Writes bodies.json into the dataset and names \
+it in the manifest.
 
-A body whose rotation nothing determines does not turn, and says so.
+A body whose rotation is not determined does not rotate; the output says so.
 
 --report writes a page: where each body is, what it looks like at each instant beside what was carved of it, how sharp its events are \
 against how fast it may turn, and what belongs to no body. What is wrong there can be corrected by --edit, a file of TOML:
@@ -40,7 +41,7 @@ Examples:
   erfgs dataset bodies ds --edit edits.toml --report bodies.html
   erfgs dataset bodies ds --json")]
 pub struct Arguments {
-    /// The dataset; it needs points of what moves.
+    /// The dataset; it needs moving points (`erfgs dataset points`).
     dataset: PathBuf,
     /// Write a page that shows what was found, one HTML file
     #[arg(long, value_name = "FILE")]

@@ -12,7 +12,7 @@ use crate::{info, terminal::Terminal};
 /// Make a dataset wrong by a known amount: poses, lenses, clocks, thresholds, noise, lost packets.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-What calibration, clocks and sensors get wrong on a rig is put into a dataset whose truth is known, to see what it costs. Held-out \
+Puts errors of calibration, clocks and sensors into a dataset whose truth is known, to measure what they cost. Held-out \
 cameras stay as they are. Each camera draws its own errors from the seed and its name; twice the size is the same error twice as \
 large. The manifest of the new dataset records the step. `erfgs bench budget` does this for every kind of error.
 
@@ -45,7 +45,7 @@ pub struct Arguments {
     /// How much higher the stated contrast thresholds are than the true ones, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true)]
     threshold_percent: f64,
-    /// How much more than in truth an ON event is stated to change beside an OFF event, percent.
+    /// How much higher the stated ratio of ON to OFF thresholds is than the true one, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0, allow_negative_numbers = true)]
     balance_percent: f64,
     /// Events of noise of each pixel in a second.
@@ -54,7 +54,7 @@ pub struct Arguments {
     /// Share of the packets of events that are lost, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0)]
     lose_percent: f64,
-    /// The training cameras to keep, names separated by commas; all without it.
+    /// The training cameras to keep, names separated by commas. Default: all.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     cameras: Option<Vec<String>>,
     /// Seed of everything random.

@@ -33,14 +33,14 @@ pub fn check(dataset: &Dataset, colmap: &ColmapProgram, terminal: &Terminal) -> 
     drop(progress);
     let found = match found {
         Err(SfmError::Colmap(error @ RunError::Missing { .. })) => {
-            terminal.note(format!("whether the cameras stand where the calibration says is not checked: {error}"));
+            terminal.note(format!("camera poses could not be checked against the pictures: {error}"));
             return Ok(());
         }
         found => found?,
     };
     if found.wrong.is_empty() && 2 * found.judged() < cameras.len() {
         terminal.note(format!(
-            "whether the cameras stand where the calibration says can be told of {} of {} only: they share too few points",
+            "camera poses were checked against the pictures for {} of {} cameras only: the others share too few points",
             found.judged(),
             cameras.len()
         ));

@@ -46,17 +46,17 @@ pub struct Arguments {
     /// Frames a second, where the source (videos, `time` of transforms.json) does not say or is wrong.
     #[arg(long, value_name = "FPS")]
     fps: Option<f64>,
-    /// The colour that transparent pixels are laid over: black, white or #rrggbb; without it such images are refused.
+    /// Background colour of transparent pixels: black, white or #rrggbb. By default images with such pixels are refused.
     #[arg(long, value_name = "COLOUR", value_parser = colour)]
     background: Option<[u8; 3]>,
-    /// How many low bits of samples of 16 bits count, 8 to 16, in images and in frames of AEDAT 4; without it all, and images that are
-    /// nearly black then are refused.
+    /// Number of significant low bits in 16-bit samples, 8 to 16, of images and of frames in AEDAT 4. Default: all, and
+    /// images that would be nearly black are refused.
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16))]
     bits: Option<u8>,
-    /// Names of the held-out cameras, separated by commas; the layout's own choice without it.
+    /// Names of the held-out cameras, separated by commas. Default: the layout's own choice.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     test: Option<Vec<String>>,
-    /// Threads; one for each core without it.
+    /// Number of threads. Default: one for each core.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
     #[command(flatten)]
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let Some(layout) = arguments.layout.of_others() else {
         anyhow::ensure!(
             arguments.frames.is_none() && arguments.fps.is_none(),
-            "a session tells its own times: choose with --from, --seconds and --every instead of --frames and --fps"
+            "a session has its own frame times: use --from, --seconds and --every instead of --frames and --fps"
         );
         anyhow::ensure!(
             arguments.background.is_none(),

@@ -23,7 +23,7 @@ pub enum Command {
     Variant(Box<variant::Arguments>),
     /// Make the initial point cloud of a dataset.
     Points(points::Arguments),
-    /// Find what moves as bodies: tracks, rotations, shapes.
+    /// Find moving things as rigid bodies: tracks, rotations, shapes.
     Bodies(bodies::Arguments),
     /// Read every file of a dataset and check it against the manifest, and the poses against the pictures.
     Check(check::Arguments),

@@ -15,9 +15,9 @@ use crate::{
 /// Make the initial point cloud of a dataset.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The poses of the dataset are kept. Held-out cameras and event-only cameras take no part. First the poses of all cameras with \
-frames are held against what stands still in their pictures, and event cameras that hang upside down are found by what moves; those \
-that do not fit are refused.
+The poses of the dataset are kept. Held-out cameras and event-only cameras take no part. The poses of cameras with frames are \
+first checked against static features of their pictures, and event cameras are checked for being upside down. Cameras that do \
+not fit are refused.
 
 Methods:
   colmap        features and triangulation by COLMAP 3.8 or 4.x, matched along epipolar lines
@@ -35,23 +35,22 @@ pub struct Arguments {
     dataset: PathBuf,
     #[command(flatten)]
     choice: Choice,
-    /// At how many instants points are looked for, spread over the recording.
+    /// Number of instants, spread over the recording, at which points are searched.
     #[arg(long, value_name = "N", conflicts_with = "frames")]
     instants: Option<usize>,
-    /// At which instants points are looked for: names of image files without extension, separated by commas.
+    /// Instants at which points are searched: names of image files without extension, separated by commas.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     frames: Option<Vec<String>>,
-    /// At how many instants points are added on the hull of what moves, from the silhouettes of moving pixels; 12 without
-    /// it, 0 for none.
+    /// Number of instants at which points are added on the visual hull of moving pixels; 0 for none. Default: 12.
     #[arg(long, value_name = "N")]
     moving: Option<u32>,
-    /// Greatest number of points of what moves, over all those instants.
+    /// Maximum number of moving points, over all those instants.
     #[arg(long, value_name = "N", default_value_t = HullOptions::default().max_points)]
     moving_points: u32,
-    /// Nearest and farthest depth of a point, metres; taken from how the cameras stand without it.
+    /// Nearest and farthest depth of a point, metres. Default: derived from the camera poses.
     #[arg(long, value_name = "NEAR..FAR", value_parser = depth_range)]
     depth: Option<[f64; 2]>,
-    /// Greatest number of points, without those of what moves; 0 keeps all.
+    /// Maximum number of static points; 0 keeps all.
     #[arg(long, value_name = "N")]
     max_points: Option<usize>,
     /// Number of points of the random method.
@@ -60,7 +59,7 @@ pub struct Arguments {
     /// Seed of the random method.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threads; all without it.
+    /// Number of threads. Default: all cores.
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
 }
@@ -68,13 +67,13 @@ pub struct Arguments {
 /// Which method, and which COLMAP; `erfgs train` takes these too.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct Choice {
-    /// How the points of the initial cloud are found: colmap, sweep, colmap+sweep or random.
+    /// Method for the initial points: colmap, sweep, colmap+sweep or random.
     #[arg(long = "method", visible_alias = "init", value_name = "METHOD")]
     method: Option<Method>,
-    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`; looked for without it.
+    /// The COLMAP to use: a program, `pycolmap`, or `pycolmap:PYTHON`. Default: searched for.
     #[arg(long, value_name = "PROGRAM")]
     colmap: Option<ColmapProgram>,
-    /// Take the poses of the cameras as they are, whatever the cameras see of each other.
+    /// Accept the poses without comparing them with the pictures.
     #[arg(long)]
     trust_poses: bool,
 }

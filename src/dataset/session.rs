@@ -25,14 +25,14 @@ pub struct SessionArguments {
     /// Session: how much to take, seconds.
     #[arg(long, value_name = "SECONDS", requires = "rig", value_parser = crate::parse::seconds)]
     pub seconds: Option<f64>,
-    /// Session: take each N-th frame.
+    /// Session: import every N-th frame.
     #[arg(long, value_name = "N", requires = "rig", value_parser = clap::value_parser!(u32).range(1..))]
     pub every: Option<u32>,
-    /// Session: contrast thresholds of ON and OFF events, natural logarithm of intensity; what is usual for the model
-    /// without it.
+    /// Session: contrast thresholds of ON and OFF events, natural logarithm of intensity. Default: usual values of the
+    /// camera model.
     #[arg(long, value_name = "ON,OFF", requires = "rig")]
     pub threshold: Option<Thresholds>,
-    /// Session: what event cameras answer to.
+    /// Session: the quantity whose change event cameras report.
     #[arg(long, value_enum, requires = "rig", default_value = "light")]
     pub response: ResponseName,
     /// Session: another --scale for this camera. May be given for several: sensors of a rig differ by far in their pixels.
@@ -70,8 +70,7 @@ pub fn run(
     terminal: &Terminal,
 ) -> anyhow::Result<(Dataset, anyhow::Result<()>)> {
     let rig = arguments.rig.as_deref().context(
-        "a session says nothing of where its cameras stood: give the calibrated rig with --rig rig.json (erfgs calibrate \
-         makes it)",
+        "a session holds no camera poses: give the calibrated rig with --rig rig.json (erfgs calibrate makes it)",
     )?;
     let rig = RigFile::read(rig)?;
     let mut session = Session::open(path)?;
@@ -89,7 +88,7 @@ pub fn run(
     let summary = session.summary();
     if let (false, Some([_, last])) = (summary.complete, summary.span_ns()) {
         let ends_s = summary.start.session_ns(last) as f64 * 1e-9;
-        terminal.note(format!("{} was cut off: what is left of it ends at {ends_s:.3} s", path.display()));
+        terminal.note(format!("{} was cut off: it ends at {ends_s:.3} s", path.display()));
     }
     let progress = terminal.progress("importing");
     let mut notes: Vec<SessionNote> = Vec::new();

@@ -9,7 +9,7 @@ use erfgs_session::{
 };
 use serde::Serialize;
 
-use super::{Task, Told};
+use super::{StreamExport, Task};
 use crate::{
     errors::Usage,
     terminal::{Terminal, thousands},
@@ -18,7 +18,7 @@ use crate::{
 /// How events become a video.
 #[derive(Debug, clap::Args)]
 pub struct VideoOptions {
-    /// Each picture shows the events of so many milliseconds; without it, of the time from picture to picture.
+    /// Duration of the events in each picture, milliseconds. Default: the time from picture to picture.
     #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Of a video of events (mp4)")]
     accumulate: Option<f64>,
     /// Pictures a second of the video [default: 30].
@@ -64,21 +64,21 @@ struct Exported {
     left_out: u64,
 }
 
-/// Writes the videos, and what is to be told of each.
+/// Writes the videos, and what is to be exports of each.
 pub fn export(
     recording: &mut Recording,
     options: &VideoOptions,
     tasks: &[Task],
     lost: &mut Vec<String>,
     terminal: &Terminal,
-) -> anyhow::Result<Vec<Told>> {
+) -> anyhow::Result<Vec<StreamExport>> {
     let default = EventVideo::default();
     let video = EventVideo {
         fps: options.fps.unwrap_or(default.fps),
         speed: options.speed.unwrap_or(default.speed),
         span_us: options.accumulate.map(|ms| ((1000.0 * ms) as u64).max(1)),
     };
-    let mut told = Vec::new();
+    let mut exports = Vec::new();
     for task in tasks {
         let total = recording.summary().streams[task.stream].totals.bytes;
         let progress = terminal.progress(&task.id);
@@ -107,7 +107,7 @@ pub fn export(
             step_us: written.step_us,
             left_out: written.left_out,
         };
-        told.push(Told { exported: serde_json::to_value(exported)?, is_empty: written.frames == 0, line });
+        exports.push(StreamExport { exported: serde_json::to_value(exported)?, is_empty: written.frames == 0, line });
     }
-    Ok(told)
+    Ok(exports)
 }

@@ -34,7 +34,7 @@ pub fn export(
     terminal: &Terminal,
 ) -> anyhow::Result<()> {
     let Some(out) = &arguments.out else {
-        return Err(Usage("say where to: --out NAME.mcap".into()).into());
+        return Err(Usage("give --out NAME.mcap".into()).into());
     };
     if out.extension().is_none_or(|extension| extension != "mcap") {
         let named = out.with_extension("mcap");

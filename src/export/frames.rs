@@ -8,7 +8,7 @@ use erfgs_session::{
 };
 use serde::Serialize;
 
-use super::{Task, Told};
+use super::{StreamExport, Task};
 use crate::{sync, terminal::Terminal};
 
 #[derive(Serialize)]
@@ -22,16 +22,16 @@ struct Exported {
     rate_hz: f64,
 }
 
-/// Writes the streams, and what is to be told of each; `bits` of samples of 16 count, where that is said.
+/// Writes the streams, and what is to be exports of each; `bits` of samples of 16 count, where that is said.
 pub fn export(
     recording: &mut Recording,
     (format, bits): (FramesFormat, Option<u8>),
     tasks: &[Task],
     lost: &mut Vec<String>,
     terminal: &Terminal,
-) -> anyhow::Result<Vec<Told>> {
+) -> anyhow::Result<Vec<StreamExport>> {
     let sync = sync::kept(recording.path(), recording.summary(), terminal)?;
-    let mut told = Vec::new();
+    let mut exports = Vec::new();
     for task in tasks {
         let recorded = &recording.summary().streams[task.stream];
         let (total, unit) = match recorded.description.encoding.has_sensor_frames() {
@@ -55,7 +55,7 @@ pub fn export(
             rate_hz: written.rate_hz,
         };
         let is_empty = written.frames + written.damaged == 0;
-        told.push(Told { exported: serde_json::to_value(exported)?, is_empty, line });
+        exports.push(StreamExport { exported: serde_json::to_value(exported)?, is_empty, line });
     }
-    Ok(told)
+    Ok(exports)
 }

@@ -106,10 +106,10 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
     let file = out.map_or_else(|| folder.root().join(format.name()), Path::to_owned);
     not_over(&file, force)?;
     if exact && matches!(format, SceneFormat::FourDgs | SceneFormat::Gltf) {
-        return Err(Usage("--exact is of html and e4d; 4dgs has codes of its own, and gltf is exact".into()).into());
+        return Err(Usage("--exact is for html and e4d; 4dgs has its own coding, and gltf is exact".into()).into());
     }
     if at.is_some() && format != SceneFormat::Gltf {
-        return Err(Usage("--at is of gltf, which holds one instant".into()).into());
+        return Err(Usage("--at is for gltf, which holds one instant".into()).into());
     }
     let gpu = run.device()?;
     let mut trainer = run.trainer(&gpu, &folder)?;

@@ -108,7 +108,7 @@ pub fn run(path: &Path, digest: bool, check: bool, terminal: &Terminal) -> anyho
     }
     terminal.result(&described, || text(&described))?;
     if places > 0 && (check || digest) {
-        anyhow::bail!("{} is damaged in {places} places; `erfgs recover` saves what is whole", path.display());
+        anyhow::bail!("{} is damaged in {places} places; `erfgs recover` saves the intact part", path.display());
     }
     Ok(())
 }
@@ -247,7 +247,8 @@ fn text(session: &SessionSummary<'_>) -> String {
         rows.push(vec!["machine".to_owned(), machine.join(", ")]);
     }
     if !session.complete {
-        let whole = format!("was not ended: whole up to byte {}; `erfgs recover {file}` repairs", session.whole_bytes);
+        let whole =
+            format!("was not ended: intact up to byte {}; `erfgs recover {file}` repairs it", session.whole_bytes);
         rows.push(vec!["recording".to_owned(), whole]);
     }
     let contents = match (session.checked, session.damage.len()) {

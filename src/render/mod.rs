@@ -58,10 +58,10 @@ pub struct Arguments {
     /// Where the camera goes: orbit, camera NAME, or a file.
     #[arg(long, num_args = 1..=2, value_names = ["orbit|camera|FILE", "NAME"], default_value = "orbit")]
     path: Vec<String>,
-    /// Which time of the recording, seconds from its start; one instant alone freezes the scene. All of it without it.
+    /// Time range of the recording, seconds from its start; a single instant freezes the scene. Default: all of it.
     #[arg(long, value_name = "FROM..TO")]
     times: Option<Times>,
-    /// Number of frames; as long as the time rendered at --fps without it.
+    /// Number of frames. Default: the rendered time at --fps.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
     /// Frames a second of the video.
@@ -70,13 +70,13 @@ pub struct Arguments {
     /// Size of the pictures as a fraction of the camera's.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = scale)]
     scale: f64,
-    /// What is written; from the extension of --out without it, else png.
+    /// Output format. Default: by the extension of --out, else png.
     #[arg(long, value_enum)]
     format: Option<Format>,
     /// A folder for pictures, or an .mp4 file.
     #[arg(long, value_name = "FOLDER|FILE.mp4")]
     out: PathBuf,
-    /// Overwrite what exists.
+    /// Overwrite existing files.
     #[arg(long)]
     force: bool,
 }

@@ -25,11 +25,10 @@ use crate::{
 /// Play a session or an event file as if its devices were there.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-The recording's streams are played with the times between their packets, into the same interface that devices record \
-through. A line says where the playback is and what passes. With --live they are shown on the page on which a rig is shown \
-while it is recorded, until Ctrl-C; there it is paused, stepped by milliseconds and frames, sought and played at any speed, and what \
-plays can be recorded into the recording's folder. An event file of another program is \
-one stream; it is read through once before, for its length.
+Plays the recorded streams with their original timing through the same interface as devices. A status line shows the position \
+and the rates. With --live the streams appear on the live page, until Ctrl-C; the page can pause, step by milliseconds or \
+frames, seek, change the speed, and record what is played into the recording's folder. An event file of another program is \
+one stream; it is first read once to find its length.
 
 Exit codes: 0 played, 1 the recording is cut off or damaged (all else was played), 2 wrong usage.
 
@@ -44,25 +43,25 @@ pub struct Arguments {
     /// The session, an MCAP recording of ROS 2 with packets of events, or an event file: RAW, DAT, AEDAT, Event Stream, text, NPZ, NPY, HDF5, rosbag2.
     #[arg(value_name = "S.mcap|FILE")]
     session: PathBuf,
-    /// How fast: 0.1 is ten times slower than it was recorded, max as fast as the disk gives it.
+    /// Playback speed: 0.1 is ten times slower than recorded, max as fast as the disk delivers.
     #[arg(long, value_name = "TIMES", default_value = "1", value_parser = speed)]
     speed: Speed,
     /// Start over at the end.
     #[arg(long = "loop")]
     repeat: bool,
-    /// Start so many seconds after the beginning.
+    /// Start this many seconds after the beginning.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = crate::parse::seconds)]
     seek: f64,
-    /// Size of the sensor, if an event file does not say it; without it, what holds all addresses.
+    /// Size of the sensor, if the event file does not state it. Default: the smallest that holds all events.
     #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
     size: Option<SensorSize>,
     /// Show it on the live page.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
     live: Option<SocketAddr>,
-    /// A name that the live page may be opened by, besides `localhost` and bare addresses.
+    /// A host name under which the live page may be opened, besides `localhost` and IP addresses.
     #[arg(long, value_name = "NAME", requires = "live")]
     live_name: Vec<String>,
-    /// Let every user of this machine see the live page, start, stop and download, without the token of its link.
+    /// Let every user of this machine use the live page without a token: watch, start, stop and download.
     #[arg(long, requires = "live")]
     open: bool,
     #[command(flatten)]
@@ -148,7 +147,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     match (controls.damaged(), controls.failure()) {
         (0, Some(failure)) => anyhow::bail!("{failure}"),
         (places, Some(failure)) => {
-            anyhow::bail!("what is whole was played; {places} damaged places were passed over, the last: {failure}")
+            anyhow::bail!("the intact part was played; {places} damaged places were skipped, the last: {failure}")
         }
         (_, None) => complain_of("played", &arguments.session, player.summary(), &[]),
     }

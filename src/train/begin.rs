@@ -58,12 +58,12 @@ pub fn settle(
     config.settle(dataset, without_points)?;
     if by_the_data && config.motion == MotionModel::HexPlane && set.take().is_some() {
         terminal.note(
-            "something moves, and no points of it were found: a field moves it, and this window is trained by itself",
+            "something moves, but no moving points were found: this window is trained by itself, with a deformation field",
         );
         (config.static_set, config.coarse_iterations) = (None, coarse_iterations);
     }
     if by_the_data && config.motion == MotionModel::Bodies {
-        terminal.note("the dataset has bodies, which carry what moves (--motion free-time does without)");
+        terminal.note("the dataset has bodies, which are used for what moves (--motion free-time does not use them)");
     }
     Ok(set)
 }
@@ -99,7 +99,7 @@ pub fn same(folder: &RunFolder, of_checkpoint: &Identity, wanted: &Identity, cha
     let differences = wanted.differences(&begun);
     if !differences.is_empty() && !change {
         return Err(Usage(format!(
-            "{shown} was begun with other settings: {}; add --change to go on with those given now, or give another --out",
+            "{shown} was started with other settings: {}; add --change to continue with the new ones, or give another --out",
             differences.join("; ")
         ))
         .into());

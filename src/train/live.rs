@@ -140,7 +140,7 @@ impl Live {
     pub fn end(mut self, trainer: &mut Trainer<'_>, outcome: &Result<Outcome, TrainError>) {
         let how = match outcome {
             Ok(Outcome::Finished) => "finished".to_owned(),
-            Ok(Outcome::Stopped) => "stopped; the same command with --resume goes on".to_owned(),
+            Ok(Outcome::Stopped) => "stopped; the same command with --resume continues".to_owned(),
             Err(error) => error.to_string(),
         };
         if !self.training.is_watched() {

@@ -23,7 +23,7 @@ const FILE: &str = "trial.json";
 
 /// What `trial.json` holds.
 #[derive(Serialize, Deserialize)]
-struct Told {
+struct TrialFile {
     /// Of the training as it was asked for: another one has a trial of its own.
     identity: String,
     #[serde(flatten)]
@@ -37,7 +37,7 @@ pub fn known(dataset: &Dataset, config: &Config, budget: Budget, folder: &RunFol
     }
     let identity = Trainer::identity(dataset, config, budget)?.sha256();
     let text = std::fs::read_to_string(folder.root().join(FILE)).ok();
-    let told = text.and_then(|text| serde_json::from_str::<Told>(&text).ok());
+    let told = text.and_then(|text| serde_json::from_str::<TrialFile>(&text).ok());
     Ok(told.filter(|told| told.identity == identity).map(|told| told.trial))
 }
 
@@ -52,7 +52,7 @@ pub fn make(
         return Ok(None);
     }
     let identity = Trainer::identity(setting.dataset, setting.config, budget)?.sha256();
-    let stop = stop_flag("bodies are tried no further")?;
+    let stop = stop_flag("the trial of bodies ends early")?;
     let bar = terminal.progress("trial of bodies");
     let mut go_on = |step: erfgs_base::Progress| {
         bar.update(step.done, step.total, step.what);
@@ -61,10 +61,10 @@ pub fn make(
     let found = trial::trial(setting, budget, &mut go_on)?;
     drop(bar);
     let Some(trial) = found else {
-        return Err(Stopped("stopped while bodies were tried; the same command begins anew".into()).into());
+        return Err(Stopped("stopped during the trial of bodies; the same command starts it again".into()).into());
     };
     terminal.note(describe(&trial));
-    let told = Told { identity, trial };
+    let told = TrialFile { identity, trial };
     std::fs::create_dir_all(folder.root())?;
     write_atomically(&folder.root().join(FILE), serde_json::to_string_pretty(&told)?.as_bytes())?;
     Ok(Some(told.trial))
@@ -98,7 +98,7 @@ fn describe(trial: &Trial) -> String {
     };
     let rows: Vec<Vec<String>> = std::iter::once(heading.to_vec()).chain(trial.bodies.iter().map(row)).collect();
     format!(
-        "a trial of {} iterations, {}, tells which bodies explain better what cameras saw that took no part:\n{}",
+        "trial of {} iterations, {}: error of each body against free-time Gaussians on held-out cameras:\n{}",
         trial.iterations,
         duration(trial.seconds),
         table(&rows)

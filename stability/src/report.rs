@@ -51,10 +51,10 @@ pub fn markdown(rows: &[Row], made: &Made) -> String {
     let refused = rows.iter().filter(|row| matches!(row.verdict, Verdict::Refused(_))).count();
     let mut text = format!(
         "# Stability\n\n\
-         What stiff and extreme cases come to. `{}` made this file (version {}, kernels on {}); run it again for the figures of your \
-         machine. It ends with status 1 where a case fails.\n\n\
-         Each case knows beforehand what must come of it: numbers that are all finite, with an error within a bound that has a reason, \
-         against a truth that the part under test has no share in; or a refusal that names what is wrong. CPU time is that of all \
+         Results of stiff and extreme cases. `{}` made this file (version {}, kernels on {}); run it again for the figures of your \
+         machine. Its exit code is 1 if a case fails.\n\n\
+         The expected result of each case is stated beforehand: finite numbers with an error within a bound, which has a reason, \
+         against an independent reference; or an error that names the cause. CPU time is that of all \
          threads.\n\n\
          {} cases: {} finite and within their bounds, {refused} refused as they must be, {failed} failed.\n",
         made.command,

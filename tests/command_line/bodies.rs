@@ -226,7 +226,7 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     let train = "train ds --out run --motion bodies --iterations 60+240 --seed 3 --no-evaluation --resume";
     let output = folder.run(train);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && said.contains("a trial of 60 iterations"), "{said}");
+    assert!(output.status.success() && said.contains("trial of 60 iterations"), "{said}");
     let trial: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.path("run/trial.json")).expect("a trial")).expect("JSON");
     let carries = |name: &str| {
@@ -247,7 +247,7 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     assert!(last > trial["seconds"].as_f64(), "{rows}");
     // The same command ends at once, as its trial is known.
     let again = String::from_utf8_lossy(&folder.run(train).stderr).into_owned();
-    assert!(again.contains("nothing is left to be done"), "{again}");
+    assert!(again.contains("nothing is left to do"), "{again}");
 }
 
 /// Gaussians of the files at instants stand and turn as their body did between these: what was learned since changes that little.

@@ -17,7 +17,7 @@ fn frames_and_events_that_are_read_again_teach_the_same() {
         let said = folder.run(&format!("{TRAIN} --out {run} --memory {memory}"));
         let text = String::from_utf8_lossy(&said.stderr);
         assert!(said.status.success() && text.contains("of them are kept in memory (--memory)"), "{text}");
-        assert!(text.contains("events lie in files while it is trained"), "{text}");
+        assert!(text.contains("events are kept in temporary files"), "{text}");
         let left: Vec<_> =
             fs::read_dir(folder.path(run)).expect("a run").flatten().map(|entry| entry.file_name()).collect();
         assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");
@@ -43,7 +43,7 @@ fn a_frame_that_cannot_be_read_any_more_costs_nothing_that_was_trained() {
     let text = String::from_utf8_lossy(&said.stderr);
     assert_eq!(said.status.code(), Some(1), "{text}");
     assert!(text.contains(&*frame.file_name().expect("a name").to_string_lossy()), "{text}");
-    let command = text.split("can be read again: erfgs ").nth(1).and_then(|rest| rest.lines().next());
+    let command = text.split("can be read again, continue with: erfgs ").nth(1).and_then(|rest| rest.lines().next());
     let command = command.unwrap_or_else(|| panic!("how to go on: {text}"));
     assert!(folder.path("cut/checkpoint.bin").is_file(), "{text}");
 

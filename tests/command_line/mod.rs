@@ -1,5 +1,6 @@
 //! The program as its user meets it: whole pipelines, resuming, and what it says about bad input.
 
+mod blank;
 mod bodies;
 pub mod browser;
 mod budget;

@@ -19,20 +19,24 @@ fn curves_are_printed_and_written_as_a_page_a_document_and_numbers() {
     assert!(folder.fail(2, "bench precision nothing-of-that-name").contains("there are rasteriser, event simulator"));
 }
 
+/// Millimetres. A pixel of these cameras is some 50 mm wide where the room is. Measured are 116, 81 and 396.
+const POINTS: [f64; 3] = [175.0, 125.0, 600.0];
+
+/// Shares of white: half way between what 5+5 iterations leave (0.248, 0.247 and 0.410) and what the defaults do (0.189, 0.188 and 0.348).
+const TRAINED: [f64; 3] = [0.218, 0.218, 0.379];
+
 #[test]
 fn points_and_trainings_are_held_against_the_stage() {
     let folder = Folder::new();
-    for (name, measures) in [("points", 3), ("training", 3), ("motion", 3), ("field", 3)] {
+    for (name, most) in [("points", POINTS), ("training", TRAINED), ("motion", TRAINED), ("field", TRAINED)] {
         let figures = folder.figures(&format!("bench precision {name} --small"));
         let curves = figures["components"][0]["curves"].as_array().expect("curves");
         let places = curves[0]["places"].as_array().expect("places");
         let place = places.iter().find(|place| place["default"] == true).expect("a default");
-        let errors: Vec<f64> = place["came"]["Ok"]["errors"]
-            .as_array()
-            .expect("errors")
-            .iter()
-            .filter_map(|error| error.as_f64())
-            .collect();
-        assert!(errors.len() == measures && errors.iter().all(|error| *error > 0.0 && *error < 1000.0), "{figures}");
+        let errors = place["came"]["Ok"]["errors"].as_array().expect("errors");
+        let errors: Vec<f64> = errors.iter().map(|error| error.as_f64().expect("a figure")).collect();
+        // None is exact, or nothing was compared.
+        let within = |(error, most): (&f64, &f64)| *error > 0.0 && error < most;
+        assert!(errors.len() == most.len() && errors.iter().zip(&most).all(within), "{name}: {errors:?}, {figures}");
     }
 }

@@ -207,5 +207,5 @@ fn a_checkpoint_of_other_event_cameras_is_refused() {
     checkpoint.levels.push(last[..last.len() - 2].to_vec());
     checkpoint.save(&file).expect("saved");
     let said = folder.fail(1, "train ds --iterations 2+8 --resume --change --no-evaluation --out run");
-    assert!(said.contains("at 3455 pixels of event cameras, and those of the dataset have 3456"), "{said}");
+    assert!(said.contains("levels of 3455 event pixels, but the dataset has 3456"), "{said}");
 }

@@ -17,5 +17,5 @@ fn the_suite_prints_what_cases_came_to_and_writes_it_down() {
         document.contains("1 cases: 1 finite and within their bounds, 0 refused as they must be, 0 failed."),
         "{document}"
     );
-    assert!(folder.fail(2, "bench stability --only nothing-of-that-name").contains("no case is called so"));
+    assert!(folder.fail(2, "bench stability --only nothing-of-that-name").contains("no case has this name"));
 }

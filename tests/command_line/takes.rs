@@ -69,7 +69,7 @@ fn windows_share_what_stands_still_and_are_played_one_after_another() {
     let known: std::collections::BTreeSet<_> = of_first.into_iter().collect();
     assert!(taken_over.iter().all(|row| known.contains(row)), "they are as they were, to the bit");
     let log = fs::read_to_string(folder.path("long/logs/take-w001-s0.log")).expect("a log");
-    assert!(log.contains("of the static set are as the frames show them"), "{log}");
+    assert!(log.contains("of the static set agree with the frames"), "{log}");
 
     refused(&folder);
     played(&folder);
@@ -87,7 +87,7 @@ fn refused(folder: &Folder) {
         "train {dataset} --set dynamic.skip_static=false --motion hexplane --iterations 2+2 --out all -q"
     ));
     let said = folder.fail(1, &format!("train {dataset} --static all --out x -q"));
-    assert!(said.contains("no Gaussian stands still"), "{said}");
+    assert!(said.contains("has no static Gaussians"), "{said}");
     // A run goes on with the set that it began with, and with no other.
     folder.succeed(&format!(
         "train {dataset} --static {first} --seed 0 --iterations 20+40 --out long/runs/take-w001-s0 --resume -q"

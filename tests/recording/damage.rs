@@ -45,7 +45,7 @@ fn lost_packets_end_a_playback_with_code_1_and_are_told() {
     // The first three chunks declare the streams.
     flip(folder, "some.mcap", 3, 2);
     let said = fail(folder, 1, "replay some.mcap --speed max");
-    assert!(said.contains("damaged places were passed over") && said.contains("checksum"), "{said}");
+    assert!(said.contains("damaged places were skipped") && said.contains("checksum"), "{said}");
     let info = json(folder, &["info", "some.mcap", "--json"]);
     assert_eq!((&info["checked"], info["damage"].as_array().map(Vec::len)), (&false.into(), Some(0)));
     let text = String::from_utf8(erfgs(folder, &["info", "some.mcap"]).stdout).unwrap();
@@ -60,7 +60,10 @@ fn lost_packets_end_a_playback_with_code_1_and_are_told() {
     assert!(fail(folder, 1, "info some.mcap --digest").contains("damaged"));
     for format in ["raw", "csv", "png"] {
         let said = fail(folder, 1, &format!("export some.mcap --to {format} --out of-{format}"));
-        assert!(said.contains("what is whole was exported") && folder.join(format!("of-{format}")).exists(), "{said}");
+        assert!(
+            said.contains("the intact part was exported") && folder.join(format!("of-{format}")).exists(),
+            "{said}"
+        );
     }
     let recovered = json(folder, &["recover", "some.mcap", "--json"]);
     assert!(recovered["damaged"].as_array().unwrap().len() > 5, "{recovered}");
@@ -127,7 +130,7 @@ fn a_session_that_was_cut_is_exported_and_played_as_far_as_it_goes_and_says_so()
     ] {
         let said = fail(folder, 1, words);
         assert!(
-            said.contains(&format!("what is whole was {done}")) && said.contains("was not ended"),
+            said.contains(&format!("the intact part was {done}")) && said.contains("was not ended"),
             "{words}: {said}"
         );
     }
@@ -150,7 +153,7 @@ fn a_chunk_that_lacks_or_comes_twice_is_found_by_a_check_and_exported_once() {
     let [from, to] = chunks[chunks.len() / 2];
     fs::write(folder.join("lacks.mcap"), [&bytes[..from], &bytes[to..]].concat()).unwrap();
     fs::write(folder.join("twice.mcap"), [&bytes[..to], &bytes[from..]].concat()).unwrap();
-    for (file, hint) in [("lacks.mcap", "that were recorded"), ("twice.mcap", "once more")] {
+    for (file, hint) in [("lacks.mcap", "that were recorded"), ("twice.mcap", "repeats that of byte")] {
         let said = fail(folder, 1, &format!("info {file} --check"));
         assert!(said.contains("is damaged in"), "{said}");
         let said = fail(folder, 1, &format!("export {file} --to csv --out {file}.csv --stream ev0"));

@@ -70,7 +70,7 @@ fn a_range_becomes_a_session_that_opens_checks_syncs_and_plays() {
     assert!(refused("export s.mcap --to csv --from 2 --until 1").contains("later"));
     assert!(refused("export s.mcap --to csv --fps 10").contains("--to mp4"));
     let nothing = fail(folder, 1, "export s.mcap --to session --stream mcu --from 0 --until 0.1 --out none.mcap");
-    assert!(nothing.contains("nothing from 0 s to 0.1 s") && !folder.join("none.mcap").exists(), "{nothing}");
+    assert!(nothing.contains("no data from 0 s to 0.1 s") && !folder.join("none.mcap").exists(), "{nothing}");
 }
 
 #[test]

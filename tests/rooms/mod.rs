@@ -1,5 +1,7 @@
 //! The rooms as the documentation lists them, compared with the folders and with what cargo knows of the crates.
 
+mod pages;
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,

@@ -18,15 +18,15 @@ pub(crate) const FLOATS: usize = 6;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPoseOptions {
-    /// Whether they are learned. Where not, the calibration is taken as it is.
+    /// Whether poses are learned. If not, the calibration is used as it is.
     pub enabled: bool,
-    /// From when on, as a share of the whole run: the scene comes first.
+    /// Share of the run after which learning starts: the scene has to be there first.
     pub from: f32,
     /// Learning rate, pixels in the middle of the scene: first, last.
     pub rate: [f32; 2],
-    /// So many cameras must take frames. What few see, a scene that is wrong explains as well, and cameras go astray.
+    /// Minimum number of frame cameras. With fewer, a wrong scene absorbs pose errors, and poses drift.
     pub fewest: u32,
-    /// So many standard deviations of its calibration a camera may go from where it was calibrated, where the dataset tells them.
+    /// Maximum distance from the calibrated pose, in standard deviations of the calibration, where the dataset states these.
     #[serde(default = "within")]
     pub within: f32,
 }

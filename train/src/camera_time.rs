@@ -20,13 +20,13 @@ const CERTAIN: f64 = 1e-6;
 pub struct CameraTimeOptions {
     /// Whether they are learned, where the motion is `free-time`. Where not, frames were exposed when they say.
     pub enabled: bool,
-    /// From when on, as a share of the whole run: the scene comes first.
+    /// Share of the run after which learning starts: the scene has to be there first.
     pub from: f32,
     /// Learning rate, RGB intervals: first, last.
     pub rate: [f32; 2],
-    /// So many cameras must take frames. What few see, a scene that is wrong explains as well.
+    /// Minimum number of frame cameras. With fewer, a wrong scene absorbs clock errors.
     pub fewest: u32,
-    /// So many standard deviations a camera's clock may go from what its frames say, where the dataset tells them.
+    /// Maximum time offset, in standard deviations of the camera's clock, where the dataset states these.
     #[serde(default = "within")]
     pub within: f32,
 }

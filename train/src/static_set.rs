@@ -29,7 +29,7 @@ pub enum StaticSetError {
     Checkpoint(#[from] CheckpointError),
     /// It is still in its first stage.
     #[error(
-        "run {run} has not begun to tell what moves from what stands still; train it to its end first: erfgs train ... --out {run} --resume"
+        "run {run} does not yet separate moving from static Gaussians; train it to its end first: erfgs train ... --out {run} --resume"
     )]
     Unfinished {
         /// The run.
@@ -37,7 +37,7 @@ pub enum StaticSetError {
     },
     /// All of it moves.
     #[error(
-        "in run {run} no Gaussian stands still: all of them move, or a field moves them; train it with --motion free-time"
+        "run {run} has no static Gaussians: all of them move, or a field moves them; train it with --motion free-time"
     )]
     Nothing {
         /// The run.

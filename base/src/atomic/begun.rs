@@ -20,9 +20,9 @@ const LEFT: [&str; 4] = [PREFIX, ".variant-", ".erfgs-disk-test-", crate::scratc
 /// A name is taken away by another process only in the instant between its making and its lock.
 const TRIES: u32 = 8;
 
-/// Who may see what is begun.
+/// Who may see an unfinished file or folder.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Seen {
+pub(crate) enum Visibility {
     /// As any new file or folder.
     AsUsual,
     /// By this user alone.
@@ -70,17 +70,17 @@ pub(crate) struct BegunFolder {
 
 impl BegunFolder {
     /// Begins a folder in another, which is made where needed.
-    pub fn new(parent: &Path, prefix: &str, seen: Seen) -> io::Result<Self> {
+    pub fn new(parent: &Path, prefix: &str, visibility: Visibility) -> io::Result<Self> {
         std::fs::create_dir_all(parent)?;
         let mut builder = tempfile::Builder::new();
         builder.prefix(prefix);
         #[cfg(unix)]
-        builder.permissions(mode(match seen {
-            Seen::AsUsual => 0o777,
-            Seen::Privately => 0o700,
+        builder.permissions(mode(match visibility {
+            Visibility::AsUsual => 0o777,
+            Visibility::Privately => 0o700,
         }));
         #[cfg(not(unix))]
-        let _ = seen;
+        let _ = visibility;
         let ((folder, listed), handle) = locked(
             || Listed::make(|| builder.tempdir_in(parent), TempDir::path),
             |(folder, _)| Ok((folder.path().to_owned(), open_folder(folder.path())?)),
@@ -235,7 +235,7 @@ mod tests {
     fn what_a_killed_process_left_goes_and_what_is_being_written_stays() {
         let folder = tempfile::tempdir().unwrap();
         let file = BegunFile::new(folder.path(), PREFIX).unwrap();
-        let begun = BegunFolder::new(folder.path(), PREFIX, Seen::AsUsual).unwrap();
+        let begun = BegunFolder::new(folder.path(), PREFIX, Visibility::AsUsual).unwrap();
         for prefix in LEFT {
             std::fs::write(folder.path().join(format!("{prefix}file")), b"half").unwrap();
             std::fs::create_dir_all(folder.path().join(format!("{prefix}folder/deep"))).unwrap();

@@ -7,7 +7,7 @@ use std::{
 
 pub(crate) mod begun;
 
-use begun::{BegunFile, BegunFolder, PREFIX, Seen};
+use begun::{BegunFile, BegunFolder, PREFIX, Visibility};
 
 /// Writes `bytes` to `path` through a temporary file in the same folder, which is renamed once it is on disk. Makes the
 /// folder where needed.
@@ -98,7 +98,7 @@ impl Place {
     /// If the folder cannot be written, or `path` has no name of a file.
     pub fn begin(path: &Path) -> io::Result<Self> {
         let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no name of a file"))?;
-        let folder = BegunFolder::new(folder_of(path), PREFIX, Seen::AsUsual)?;
+        let folder = BegunFolder::new(folder_of(path), PREFIX, Visibility::AsUsual)?;
         Ok(Self { path: folder.path().join(name), folder, place: path.to_owned() })
     }
 
@@ -157,7 +157,7 @@ impl NewFolder {
         }
         let place = std::path::absolute(place)?;
         let parent = place.parent().unwrap_or(Path::new("/"));
-        Ok(Self { building: BegunFolder::new(parent, PREFIX, Seen::AsUsual)?, place })
+        Ok(Self { building: BegunFolder::new(parent, PREFIX, Visibility::AsUsual)?, place })
     }
 
     /// Where to write until then.

@@ -1,7 +1,7 @@
 //! What numbers of files and settings are believed: the one place that knows what is plausible for each quantity.
 //!
 //! The bounds keep out what no camera, clock or sensor has, and what would overflow on the way through the program. They are generous:
-//! microscopes and drones, time lapse and high-speed cameras, recordings that last for days lie within. `docs/formats.md` lists them.
+//! microscopes and drones, time lapse and high-speed cameras, recordings that last for days lie within. `docs/reference/event-formats.md` lists them.
 //!
 //! ```
 //! use erfgs_base::plausible::{EXPOSURE, POSITION};

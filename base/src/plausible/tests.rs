@@ -126,7 +126,7 @@ fn pictures_of_a_hundred_million_pixels_are_believed_and_of_billions_are_not() {
 
 #[test]
 fn the_documentation_lists_every_quantity_with_its_bounds() {
-    let page = include_str!("../../../docs/formats.md");
+    let page = include_str!("../../../docs/reference/event-formats.md");
     for quantity in ALL.into_iter().filter(|quantity| ![QUATERNION, LIN_LOG].contains(quantity)) {
         let bound = |value: f64| format!("{}{}", Brief(value), Unit(quantity.unit));
         let row = format!("| {} | {} | {} |", quantity.name, bound(quantity.least), bound(quantity.most));

@@ -12,12 +12,13 @@ pub fn markdown(budget: &Budget, made: &Made) -> String {
         "# Error budget\n\n\
          What each error of a rig costs in the quality of its reconstructions. `{}` made this file (version {}, trained on {}); run it \
          again for the figures of your scene. `budget.html` beside it draws the same as curves, `budget.csv` has the numbers.\n\n\
-         {} Each error is put in alone, into the training cameras; held-out cameras stay as they are and are what quality is measured on. \
+         {} Each error is put into the training cameras alone; quality is measured on the held-out cameras, which are not changed. \
          {}\n\n\
-         A cost is how much DPSNR, the PSNR of what moves, is lost. \"Moved\" is how far the error moves what the cameras see, root mean square \
-         over the initial points.\n\n\
-         ## What may be wrong\n\n\
-         Up to this size an error costs no more than so much; between two steps by a straight line over the logarithm of the size.\n\n\
+         A cost is the loss of DPSNR, the PSNR of moving pixels. \"Moved\" is the image shift by the error, root mean square over \
+         the initial points.\n\n\
+         ## Tolerances\n\n\
+         Largest size of each error that costs no more than the stated loss; interpolated between steps over the logarithm of the \
+         size.\n\n\
          | error | {} |\n|---|{}\n",
         made.command,
         made.version,

@@ -40,7 +40,7 @@ fn summary(budget: &Budget) -> String {
     let body = format!(
         "<p>Up to this size an error costs no more than so much where things move.</p>\n<table>\n{rows}</table>\n"
     );
-    html::section("", "summary", "What may be wrong", &body)
+    html::section("", "summary", "Tolerances", &body)
 }
 
 /// All errors of cameras over one axis: how far they move what is seen.

@@ -101,8 +101,8 @@ pub enum CloudError {
     },
     /// No hulls that bodies could be found in.
     #[error(
-        "bodies are found by points of what moves at several instants, and the dataset has them at {instants}; make them with \
-         `erfgs dataset points` (not with --moving 0)"
+        "bodies need moving points at several instants, and the dataset has them at {instants}; make them with `erfgs dataset \
+         points` (not with --moving 0)"
     )]
     NoMovingPoints {
         /// At how many instants there are any.
@@ -110,8 +110,8 @@ pub enum CloudError {
     },
     /// What moves could not be followed.
     #[error(
-        "nothing that moves could be followed through the {instants} instants with moving points; make points at more of them \
-         (`erfgs dataset points --moving N`), or train without bodies"
+        "nothing could be tracked through the {instants} instants with moving points; make points at more instants (`erfgs dataset \
+         points --moving N`), or train without bodies"
     )]
     NoBodies {
         /// At how many instants there are moving points.

@@ -85,15 +85,13 @@ impl Alone {
             && (focal - given).abs() > (DEVIATIONS * sigma).max(2.0 * MOVED * given)
         {
             let text = format!(
-                "the intrinsics that were given for {name} have a focal length of {given:.0} px, and its views one of {focal:.0} ± \
-                 {sigma:.0}: {elsewhere}"
+                "the given intrinsics of {name} have a focal length of {given:.0} px, but its views give {focal:.0} ± {sigma:.0} px: \
+                 {elsewhere}"
             );
             return Some(((focal - given).abs() / given / (2.0 * MOST_MOVED), text));
         }
         (left_px > GIVEN_PX).then(|| {
-            let text = format!(
-                "the intrinsics that were given for {name} leave {left_px:.1} px over by themselves: {elsewhere}"
-            );
+            let text = format!("the given intrinsics of {name} alone leave a residual of {left_px:.1} px: {elsewhere}");
             (left_px / MOST_RESIDUAL_PX, text)
         })
     }

@@ -88,8 +88,8 @@ impl Told {
     pub fn warning(&self) -> Option<String> {
         (self.vagueness() * VAGUE > DOUBTFUL).then(|| {
             format!(
-                "where the back of the board is on it is known {}, and cameras that see the one side are placed against those \
-                 that see the other no better; turn it about both its axes where cameras see both sides at once",
+                "the position of the back of the board is known only {}, which limits the poses of cameras on one side relative to \
+                 the other; rotate the board about both its axes where cameras see both sides at once",
                 self.uncertainty()
             )
         })

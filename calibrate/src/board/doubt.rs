@@ -113,8 +113,8 @@ fn late(joint: &Joint, camera: usize, alone: &Alone) -> Option<Weighed> {
     let grew = fast_speed > SPREAD * slow_speed && fast_px > (GREW_BY_SPEED * standing_px).max(RESIDUAL_PX);
     grew.then(|| {
         let text = format!(
-            "what {} leaves over grows with the speed of the board ({slow_px:.2} px where it is slow, {fast_px:.2} px where it is \
-             fast): its frames are not of the same instants as the others'",
+            "the residual of {} grows with the speed of the board ({slow_px:.2} px where it is slow, {fast_px:.2} px where it is \
+             fast): its frames are not simultaneous with the others'",
             joint.bundle.cameras[camera].name
         );
         (fast_px / MOST_RESIDUAL_PX, text)
@@ -143,8 +143,8 @@ fn residual(joint: &Joint, camera: usize, alone: &Alone) -> Option<Weighed> {
     let doubtful = left_px > (GREW * own_px).max(RESIDUAL_PX) || whole_px > MOST_RESIDUAL_PX;
     doubtful.then(|| {
         let text = format!(
-            "{name} leaves {whole_px:.2} px over together with the others, and {own_px:.2} px by itself: its frames are not of the \
-             same instants, or it moved"
+            "{name} has a residual of {whole_px:.2} px together with the others, and {own_px:.2} px alone: its frames are not \
+             simultaneous, or it moved"
         );
         (whole_px / MOST_RESIDUAL_PX, text)
     })
@@ -163,8 +163,7 @@ fn bent(bundle: &Bundle, camera: usize, alone: &Alone) -> Option<Weighed> {
         let far = (to - from).abs();
         let doubtful = far > DEVIATIONS * sigma && far > MOVED * focal;
         let text = format!(
-            "{} of {} is {from:.0} ± {sigma:.0} px by itself and {to:.0} px together with the others: it was bent to make \
-             something else fit",
+            "{} of {} is {from:.0} ± {sigma:.0} px alone and {to:.0} px together with the others: it absorbs an error elsewhere",
             parameter.name(before),
             after.name
         );
@@ -179,7 +178,7 @@ fn vague(bundle: &Bundle, camera: usize, uncertainty: &Uncertainty) -> Option<We
         .max_by(|a, b| (a[1] / a[0]).total_cmp(&(b[1] / b[0])))?;
     let [focal, sigma] = worst;
     (sigma > VAGUE * focal).then(|| {
-        let text = format!("the focal length of {} is {focal:.0} ± {sigma:.0} px, which is none", state.name);
+        let text = format!("the focal length of {} is undetermined: {focal:.0} ± {sigma:.0} px", state.name);
         (sigma / focal / VAGUE, text)
     })
 }

@@ -44,7 +44,7 @@ pub enum BoardError {
         path: PathBuf,
     },
     /// Events of a board of which nobody said whether it blinks or moves.
-    #[error("{} holds events: say with --blink how often the board comes and goes in a second, or with --moving that a printed one moves", path.display())]
+    #[error("{} holds events: give the blink rate of the board with --blink, or --moving for a printed board that moves", path.display())]
     NoBlink {
         /// The file.
         path: PathBuf,
@@ -61,7 +61,8 @@ pub enum BoardError {
     #[error(transparent)]
     Session(#[from] ContainerError),
     /// A session of which nothing can be looked at.
-    #[error("{} holds no frames; for event cameras say with --blink how often the board comes and goes in a second, or with --moving that a printed one moves", path.display())]
+    #[error("{} holds no frames; for event cameras give the blink rate of the board with --blink, or --moving for a printed board \
+    that moves", path.display())]
     NoFrames {
         /// The session.
         path: PathBuf,

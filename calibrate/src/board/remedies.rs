@@ -48,7 +48,7 @@ impl Offsets {
     pub fn sentence(&self) -> String {
         let [without, with] = self.left_px;
         format!(
-            "time offsets of up to {:.0} ms were estimated, without which {without:.2} px are left over in place of {with:.2}",
+            "time offsets of up to {:.0} ms were estimated: the residual is {with:.2} px instead of {without:.2} px",
             1e3 * self.most_s
         )
     }
@@ -59,9 +59,9 @@ impl Refused {
     pub fn error(self, tried: Tried) -> BoardError {
         let times = match (self.timed, self.has_times) {
             (true, _) => "",
-            (false, true) => "the frames are of the same instants (--time-offsets did not help), ",
+            (false, true) => "the frames are simultaneous (--time-offsets did not help),  ",
             (false, false) => {
-                "the frames are of the same instants (cameras that run freely need a timestamps.csv, and --time-offsets), "
+                "the frames are simultaneous (free-running cameras need a timestamps.csv, and --time-offsets),  "
             }
         };
         BoardError::Contradiction {
@@ -160,9 +160,8 @@ fn verdict(words: &str, outcome: &Result<Fitted, Failed>) -> String {
     match outcome {
         Ok(Fitted { calibrated: (rig, _), .. }) => {
             let left_px = rig.quality.as_ref().map_or(0.0, |quality| quality.rms_px);
-            let doubt =
-                rig.warnings.first().map_or(String::new(), |doubt| format!(", of which is said first: {doubt}"));
-            format!("{words} gives a rig ({left_px:.2} px left over{doubt})")
+            let doubt = rig.warnings.first().map_or(String::new(), |doubt| format!(", with the warning: {doubt}"));
+            format!("{words} gives a rig (residual {left_px:.2} px{doubt})")
         }
         Err(Failed::Refused(refused)) => {
             format!("{words} does not help{}", refused.what.first().map_or(String::new(), |what| format!(" ({what})")))

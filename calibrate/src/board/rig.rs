@@ -168,7 +168,7 @@ impl Several<'_> {
         loop {
             let linked = link::link(&all, stated, keep);
             let linked =
-                linked.map_err(|found| open(&found.front, &found.back, "how it turned tells too little".into()))?;
+                linked.map_err(|found| open(&found.front, &found.back, "its rotations determine too little".into()))?;
             if linked.chain.cameras.len() < 2 {
                 let everyone: Vec<usize> = (0..seen.len()).collect();
                 let (one, other) = (names(&everyone[..1]), names(&everyone[1..]));
@@ -235,7 +235,7 @@ fn with_poses(
     if !names.is_empty() {
         rig.warnings.insert(
             0,
-            format!("no board ties these cameras to the others, and they have no pose: {}", names.join(", ")),
+            format!("no board connects these cameras to the others, so that they have no pose: {}", names.join(", ")),
         );
         rig.cameras.extend(by_themselves(&lone_seen, &lone).0.cameras);
     }
@@ -453,7 +453,7 @@ fn scattered(joint: &Joint) -> Option<String> {
         each.map(|(camera, scatter_s)| format!("{} by {:.0} ms", camera.name, 1e3 * scatter_s)).collect();
     (!each.is_empty()).then(|| {
         format!(
-            "beside their offsets the times of frames are off (standard deviation), and pictures of a fast board count less: {}",
+            "frame times scatter besides their offsets (standard deviation), so that pictures of a fast board get less weight: {}",
             each.join(", ")
         )
     })
@@ -498,8 +498,8 @@ fn focal_warning(camera: &RigCamera) -> Option<String> {
     let share = sigma / camera.intrinsics.fx;
     (share > DOUBTFUL).then(|| {
         format!(
-            "its focal length is known to {:.1} % only, and its poses are no better; show it the board tilted by 30 degrees and \
-             more about both axes",
+            "its focal length is known only to {:.1} %, which limits its pose; show it the board tilted by 30 degrees and more about \
+             both axes",
             100.0 * share
         )
     })
@@ -513,7 +513,7 @@ fn coverage_warnings(seen: &Seen) -> Vec<String> {
     let (covered, parts) = (coverage.covered(), coverage.parts());
     let mut warnings = Vec::new();
     if let Some((count, first)) = &seen.unreadable {
-        warnings.push(format!("{count} pictures could not be read and were passed over: {first}"));
+        warnings.push(format!("{count} pictures could not be read and were skipped: {first}"));
     }
     if covered < parts * 3 / 4 {
         warnings.push(format!(

@@ -206,9 +206,9 @@ impl Bundle {
         Ok(uncertainty(self, &layout, &linearise(self, loss, &layout), &Errors::Shared(&between)))
     }
 
-    /// The same as [`Bundle::uncertainty`], but no parameter is said to be known better than how much the solution changes
-    /// when groups of placements are left out in turn: `groups` has a number for each placement. What all corners of a view
-    /// share (a board that is bent, a moment that was not quite the same in all cameras) shows there, and in residuals hardly.
+    /// The same as [`Bundle::uncertainty`], but no sigma is smaller than the change from leaving a group of placements out:
+    /// `groups` has a number for each placement. Errors that all corners of a view share (a bent board, cameras that are not
+    /// quite simultaneous) show there, and hardly in residuals.
     ///
     /// # Errors
     /// If the problem cannot be set up.

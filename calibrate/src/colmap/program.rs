@@ -141,7 +141,7 @@ impl Colmap {
     ) -> Result<(), RunError> {
         let job = serde_json::to_string(job).map_err(|error| RunError::Failed {
             step,
-            status: "its job cannot be written down".into(),
+            status: "its job file cannot be written".into(),
             command: python.display().to_string(),
             log: error.to_string(),
         })?;
@@ -183,7 +183,7 @@ impl Colmap {
                         "COLMAP's {step} did nothing for {seconds:.0} s and was ended; it is run again, {} of {ATTEMPTS}",
                         attempt + 1
                     );
-                    again().map_err(|error| failed("what it left cannot be removed".into(), error.to_string()))?;
+                    again().map_err(|error| failed("its leftovers cannot be removed".into(), error.to_string()))?;
                 }
                 Ok(Ended::Hung) => {}
                 Err(error) => return Err(failed("it could not be run".into(), error.to_string())),

@@ -39,8 +39,8 @@ pub fn drift_page(earlier: &RigFile, comparison: &Comparison) -> String {
         html::section("", "rig", "Before and after", &before_and_after(earlier, comparison)),
     ];
     let title = match comparison.moved().count() {
-        0 => "The rig stands as it was calibrated",
-        _ if !comparison.majority => "The cameras moved against each other",
+        0 => "The rig is unchanged",
+        _ if !comparison.majority => "Cameras moved relative to each other",
         1 => "A camera moved",
         _ => "Cameras moved",
     };
@@ -105,8 +105,8 @@ fn table(comparison: &Comparison) -> String {
     let head = "<tr><th>Camera</th><th>Shift <small>mm</small></th><th>Limit <small>mm</small></th>\
                 <th>Turn <small>deg</small></th><th>Limit <small>deg</small></th><th></th></tr>";
     html::table("figures", head, &comparison.cameras.iter().map(row).collect::<String>())
-        + "<p class=\"caption\">±: the standard deviation, from both calibrations; 0 where they do not say. The limit is \
-           what is let pass, or four standard deviations where that is more.</p>\n"
+        + "<p class=\"caption\">±: the standard deviation from both calibrations; 0 where they state none. The limit is the given \
+        one, or four standard deviations if that is more.</p>\n"
 }
 
 /// Shifts and turns of all cameras, with their standard deviations and limits.
@@ -220,7 +220,7 @@ mod tests {
         two.metric = false;
         later.cameras[1].pose.as_mut().unwrap().translation.y += 0.02;
         let page = drift_page(&two, &compare(&two, &later, Tolerance::default()).unwrap());
-        assert!(page.contains("moved against each other") && page.contains("Too few cameras agree"));
+        assert!(page.contains("Cameras moved relative to each other") && page.contains("Too few cameras agree"));
         assert!(page.contains("Not compared") && page.contains("no scale"));
     }
 }

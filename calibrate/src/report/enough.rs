@@ -20,7 +20,7 @@ struct Cost {
 const MOVING: &str = "where things move";
 const STILL: &str = "where nothing moves";
 
-/// The mean (geometric) of places, directions and focal lengths in `docs/budget.md`.
+/// The mean (geometric) of places, directions and focal lengths in `docs/results/budget.md`.
 const COSTS: [Cost; 3] = [
     Cost { moved_px: 0.61, lost_db: 0.5, place: STILL },
     Cost { moved_px: 1.23, lost_db: 0.5, place: MOVING },
@@ -88,9 +88,9 @@ pub(super) fn table(rig: &RigFile) -> String {
     );
     let rows: String = known.iter().map(|(camera, moved)| row(camera, *moved)).collect();
     html::table("figures", &head, &rows)
-        + "<p class=\"caption\">How far what a camera sees in the middle of the scene is moved by one standard deviation, in its full pictures; \
-           and up to which width of the pictures that are trained with this costs no more than so much. \
-           What errors cost was measured with known ones (<code>erfgs bench budget</code>, docs/budget.md).</p>\n"
+        + "<p class=\"caption\">Image shift, in the middle of the scene and in full pictures, by one standard deviation of each \
+        quantity; and the largest width of training pictures at which the error costs no more than the stated loss. The losses were \
+        measured with known errors (<code>erfgs bench budget</code>, docs/results/budget.md).</p>\n"
 }
 
 fn row(camera: &RigCamera, moved: Moved) -> String {
@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn costs_are_those_of_the_error_budget() {
         let lines: Vec<Vec<&str>> =
-            include_str!("../../../docs/budget.csv").lines().map(|line| line.split(',').collect()).collect();
+            include_str!("../../../docs/results/budget.csv").lines().map(|line| line.split(',').collect()).collect();
         let number = |text: &str| text.parse::<f64>().unwrap();
         let usual: Vec<f64> =
             lines.iter().filter(|cells| cells[0] == "nothing").map(|cells| number(cells[7])).collect();

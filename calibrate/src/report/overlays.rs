@@ -33,10 +33,9 @@ pub(super) fn figures(rig: &RigFile, evidence: &Evidence) -> String {
         ""
     };
     let mut text = format!(
-        "{}{figures}</div>\n<p class=\"caption\">First some points that both cameras saw, then the line of \
-         each, on which the calibration says that the second camera must see it, through both lenses and for any depth; the rings \
-         are where it did. Each camera is shown with the neighbour that tells most. Distances are those of all points that both \
-         saw and that took part; a line says nothing about errors along it.{moved}</p>\n",
+        "{}{figures}</div>\n<p class=\"caption\">Points that both cameras saw, and in the second camera their epipolar lines through \
+         both lenses; rings mark the observations. Each camera is shown with the most informative neighbour. Distances are those of \
+         all common points that were used; errors along a line do not show.{moved}</p>\n",
         previews::grid(drawn.len())
     );
     if !further.is_empty() {

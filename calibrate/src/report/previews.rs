@@ -35,9 +35,8 @@ pub(super) fn figures(rig: &RigFile, evidence: &Evidence) -> String {
         return figures;
     }
     format!(
-        "{}{figures}</div>\n<p class=\"caption\">First as recorded, with what was found in it; then as a \
-         pinhole sees it. Thin lines join the ends of the target's rows and columns: what is straight in the world must be \
-         straight in the second.</p>\n",
+        "{}{figures}</div>\n<p class=\"caption\">First as recorded, with the detections; then undistorted. Thin lines join the ends \
+         of the target's rows and columns: straight lines must be straight in the second picture.</p>\n",
         grid(evidence.pictures.len())
     )
 }
@@ -87,7 +86,7 @@ fn figure(camera: &RigCamera, picture: &Picture, evidence: &Evidence, width: u32
                 if factor > 1.005 {
                     let _ = write!(
                         caption,
-                        "; without distortion {} times larger, so that nothing is made up",
+                        "; undistorted picture {} times larger, so that every pixel is real",
                         number(factor, 2)
                     );
                 }

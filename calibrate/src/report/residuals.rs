@@ -29,9 +29,9 @@ pub(super) fn maps(rig: &RigFile, evidence: &Evidence) -> String {
         return figures;
     }
     format!(
-        "<div class=\"maps\">{figures}</div>\n<p class=\"caption\">Each line leads from where something was seen towards where \
-         the calibration puts it, drawn larger by the factor below its image. Crosses were left out. In dark \
-         parts nothing was seen that took part: an image should be covered to its corners, and neighbouring lines should not lean the same way.</p>\n"
+        "<div class=\"maps\">{figures}</div>\n<p class=\"caption\">Each line points from an observation to its prediction, enlarged \
+         by the factor below the image. Crosses are outliers. Dark parts have no observations: an image should be covered to its \
+         corners, and neighbouring lines should not point the same way.</p>\n"
     )
 }
 

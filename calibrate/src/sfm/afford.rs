@@ -32,14 +32,15 @@ pub struct Reduced {
 impl fmt::Display for Reduced {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ([w, h], [x, y]) = (self.taken, self.wanted);
-        write!(f, "features are looked for at {w} x {h} pixels in place of {x} x {y}")?;
+        write!(f, "features are searched at {w} x {h} pixels instead of {x} x {y}")?;
         match self.machine {
             Some((threads, free)) => {
                 let free = free.map(|bytes| format!(", {:.1} GiB of memory free", bytes as f64 / f64::from(1 << 30)));
                 let longest = x.max(y);
                 write!(
                     f,
-                    ", which this machine affords in some minutes ({threads} threads{}); --feature-side {longest} takes all",
+                    ", the size that this machine handles in some minutes ({threads} threads{}); --feature-side {longest} uses the \
+                     full size",
                     free.unwrap_or_default()
                 )
             }

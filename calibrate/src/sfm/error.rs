@@ -130,8 +130,8 @@ pub enum SfmError {
     },
     /// Runs that contradict each other.
     #[error(
-        "independent runs do not agree on where the cameras stand, so that none of them can be believed: {agree} of \
-         {views} cameras stand alike in two runs ({}); in doubt: {doubtful}. Repeating texture does this: try another \
+        "independent runs disagree on the camera poses, so that no result can be trusted: {agree} of {views} cameras agree in two \
+         runs ({}); in doubt: {doubtful}. Repeating texture causes this: try another \
          --frame, give the intrinsics (--rig or --known-intrinsics), or calibrate with a wand",
         runs
     )]

@@ -114,7 +114,7 @@ pub fn register(
     let found = place_all(&views, posed.len(), &Known::new(&points, &features), &features)?;
     let mut table = Table {
         title: "Registered cameras".into(),
-        note: "Blind matches with the rig's points, those that bear the pose out, and observations after adjustment."
+        note: "Unguided matches with the rig's points, those that support the pose, and observations after adjustment."
             .into(),
         head: ["camera", "matches", "points", "px", "observations"].map(String::from).to_vec(),
         rows: Vec::new(),
@@ -153,7 +153,7 @@ pub fn register(
             camera.warnings.push(format!("it shares points with only {} other cameras", neighbours[index]));
         }
         if camera.observations < 3 * options.fewest_points {
-            camera.warnings.push(format!("it hangs on {} points", camera.observations));
+            camera.warnings.push(format!("it is determined by only {} points", camera.observations));
         }
         if let Some(Some(found)) = found.get(view - posed.len()) {
             table.rows.push(vec![

@@ -72,16 +72,16 @@ pub(super) fn result(
         let mut warnings = Vec::new();
         match &doubts[view] {
             Some(Doubt::Confirmed(number, points)) => warnings.push(format!(
-                "the runs contradict each other; it was placed anew against {points} points of the others, which puts it where \
-                 the run '{}' does",
+                "the runs disagree on it; it was placed again by {points} points of the other cameras, which agrees with the run \
+                 '{}'",
                 run(*number)
             )),
             Some(Doubt::Alone(points)) => warnings.push(format!(
-                "no two runs agree on it; it was placed against {points} points of the others, which no run confirms"
+                "no two runs agree on it; it was placed by {points} points of the other cameras, which no run confirms"
             )),
             Some(Doubt::Open) => warnings.push(
-                "it is not placed: no two runs agree on it, and it sees too few of the others' points; give its surroundings \
-                 texture, bring it nearer to its neighbours, or place it with a wand"
+                "it has no pose: no two runs agree on it, and it sees too few points of the other cameras; add texture to the scene, \
+                 move it nearer to its neighbours, or calibrate it with a wand"
                     .into(),
             ),
             None if !verdict.others.is_empty() => {
@@ -105,7 +105,7 @@ pub(super) fn result(
             Some(index) => {
                 let camera = &mut rig.cameras[index];
                 if camera.observations < options.fewest_points {
-                    warnings.push(format!("it hangs on {} points", camera.observations));
+                    warnings.push(format!("it is determined by only {} points", camera.observations));
                 }
                 if neighbours[index] < FEWEST_NEIGHBOURS.min(views.len() - 1) {
                     warnings.push(format!("it shares points with only {} other cameras", neighbours[index]));

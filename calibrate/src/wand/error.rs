@@ -52,13 +52,13 @@ pub enum WandError {
         cameras: Vec<String>,
     },
     /// An event camera of a session whose clock is not known.
-    #[error("stream {stream} has no clock; `erfgs sync` tells why")]
+    #[error("stream {stream} has no clock; `erfgs sync` shows the reason")]
     NoClock {
         /// The stream.
         stream: String,
     },
     /// An event camera of a session without a size that a sensor can have.
-    #[error("the sensor's size of stream {stream} makes no sense; record the session anew")]
+    #[error("the sensor size of stream {stream} is invalid; record the session again")]
     SensorSize {
         /// The stream.
         stream: String,
@@ -83,8 +83,7 @@ pub enum WandError {
     },
     /// No camera of the rig that shall hold saw the wand.
     #[error(
-        "none of {} has a pose in the rig whose cameras shall keep theirs; the wand must be seen by its cameras too, under \
-         the same names",
+        "none of {} has a pose in the rig of --keep-poses; its cameras must see the wand, too, under the same names",
         names(cameras)
     )]
     NoneKept {

@@ -64,7 +64,8 @@ impl KnownRig {
             let time_offset_s = camera.sigma.take().and_then(|sigma| sigma.time_offset_s);
             camera.sigma = shrunk_entry(known, factor).sigma.map(|sigma| Sigma { time_offset_s, ..sigma });
             if scatter(camera) > MOVED * usual || camera.outliers > camera.observations {
-                let what = "it did not see the wand where the rig's other cameras say that it was: has it been moved?";
+                let what =
+                    "its observations of the wand contradict those of the rig's other cameras: has it been moved?";
                 camera.warnings.push(what.into());
             }
         }
@@ -81,8 +82,8 @@ impl KnownRig {
         let off = ratio.value - 1.0;
         if self.rig.metric && off.abs() > DISAGREE.max(4.0 * ratio.sigma) {
             rig.warnings.push(format!(
-                "lengths in the rig are {:+.2} % of what the wand says: check the wand's gaps, and where the rig's scale came \
-                 from",
+                "lengths of the rig differ from those of the wand by {:+.2} %: check the wand's gaps, and the origin of the rig's \
+                 scale",
                 100.0 * off
             ));
         }

@@ -71,7 +71,7 @@ pub(super) fn outcome(
             camera.warnings.push(format!("{:.0} % of its observations are outliers", 100.0 * share));
         }
         if seen[index] < 20 && !options.keeps(&camera.name) {
-            camera.warnings.push(format!("it hangs on {} placements", seen[index]));
+            camera.warnings.push(format!("it is determined by only {} placements", seen[index]));
         }
         let (known, found) = (cameras[index].intrinsics.fx, state.intrinsics.fx);
         if !options.fix_focal && (found / known - 1.0).abs() > FOCAL * options.focal_sigma {
@@ -83,7 +83,7 @@ pub(super) fn outcome(
         let sigma = scatter[index];
         if let Some(rms) = camera.rms_px.filter(|rms| sigma.known && *rms > EXCESS * sigma.sigma_px * 2_f64.sqrt()) {
             camera.warnings.push(format!(
-                "its residuals (rms {rms:.2} px in two dimensions) are larger than its standard deviation of {} px says",
+                "its residuals (rms {rms:.2} px in two dimensions) exceed its stated standard deviation of {} px",
                 sigma.sigma_px
             ));
         }
@@ -165,8 +165,8 @@ fn camera_table(
     });
     Table {
         title: "Cameras".into(),
-        note: "The world is the reference camera's space, so that it has no uncertainty of its own. The sigma of a centre is \
-               the root of its three variances' sum; that of the rotation is the greatest of the three."
+        note: "The world is the frame of the reference camera, which therefore has no uncertainty. The sigma of a centre is the root \
+        of the sum of its three variances; that of a rotation is the largest of the three."
             .into(),
         rows: rows.collect(),
         head: head.map(str::to_owned).to_vec(),

@@ -128,8 +128,8 @@ fn left_out(dataset: &Dataset) -> Result<Vec<String>, DatasetError> {
         "cameras left out, because they have no frames",
     );
     let masks = cameras.iter().flat_map(|camera| &camera.frames).filter(|frame| frame.mask.is_some()).count();
-    note(masks, "masks of what moves left out");
+    note(masks, "masks of moving pixels left out");
     let moving: u64 = dataset.point_runs()?.into_iter().flatten().filter(|run| run.moving).map(|run| run.count).sum();
-    note(moving as usize, "points of what moves, whose instants are left out");
+    note(moving as usize, "moving points, whose instants are left out");
     Ok(notes)
 }

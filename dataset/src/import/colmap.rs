@@ -105,15 +105,13 @@ fn left_out(model: &Model, images: &Path, views: &[SourceView]) -> Result<Vec<St
     let lost = model.points.values().filter(|point| !fits(point)).count();
     if model.points.len() > lost && held_out > 0 {
         notes.push(format!(
-            "points taken from the model: {}, which the {held_out} held-out cameras may have helped to find \
-             (erfgs dataset points makes points without)",
+            "points taken from the model: {}. The {held_out} held-out cameras may have contributed to them (erfgs dataset points \
+             makes points without these cameras)",
             model.points.len() - lost
         ));
     }
     if lost > 0 {
-        notes.push(format!(
-            "points of the model left out: {lost}, which lie farther away than anything that cameras tell of"
-        ));
+        notes.push(format!("points of the model left out: {lost}, which are implausibly far away"));
     }
     for (name, path) in common::entries(images)? {
         let own = if path.is_dir() { name.clone() } else { common::stem(&path) };

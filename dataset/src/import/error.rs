@@ -51,7 +51,7 @@ pub enum ImportError {
     },
     /// No camera of a rig recorded a stream of a session.
     #[error(
-        "no camera of the rig file recorded a stream of {}: the rig has {}, the session {}",
+        "no camera of the rig file has a stream in {}: the rig has {}, the session {}",
         path.display(),
         cameras.join(", "),
         streams.join(", ")

@@ -81,7 +81,7 @@ fn points_are_taken_and_cameras_without_images_in_the_model_are_said_to_be_left_
     write(folder.path().join("images/north/0.png"), &halves(16, 8, 1, 2));
     let said = said();
     assert!(
-        said.contains("from the model: 1,") && said.contains("held-out") && said.contains("of the model left out: 1,"),
+        said.contains("from the model: 1.") && said.contains("held-out") && said.contains("of the model left out: 1,"),
         "{said}"
     );
     assert!(said.contains("c.png: left out") && said.contains("north: left out"), "{said}");

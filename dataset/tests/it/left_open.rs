@@ -137,7 +137,7 @@ fn an_order_in_doubt_is_refused() {
             }
         }
         let message = refused(Layout::Neu3d, source, &ImportOptions::default());
-        assert!(message.contains("is not known") && names.iter().all(|name| message.contains(name)), "{message}");
+        assert!(message.contains("is ambiguous") && names.iter().all(|name| message.contains(name)), "{message}");
     }
     // Rows of poses go by the names of cameras.
     for camera in ["cam00", "cam01"] {

@@ -35,9 +35,9 @@ impl Default for TextLayout {
 /// A line and what is wrong in it.
 type Wrong = (u64, String);
 
-/// What of lines is read before the first event.
+/// The lines before the first event.
 #[derive(Default)]
-struct Said {
+struct Preamble {
     names: Option<Names>,
     size: Option<SensorSize>,
     /// A line `%geometry:W,H`, as OpenEB's decoders write before `x,y,p,t`.
@@ -66,10 +66,10 @@ impl TextLayout {
         }
         let mut layout =
             Self { body: if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 }, ..Self::default() };
-        let mut said = Said::default();
+        let mut preamble = Preamble::default();
         let mut rest = &head[layout.body..];
         while let Some((line, after)) = next_line(rest, whole) {
-            if said.hears(line).map_err(|what| (layout.lines + 1, what))? {
+            if preamble.hears(line).map_err(|what| (layout.lines + 1, what))? {
                 layout.lines += 1;
                 layout.body += rest.len() - after.len();
                 rest = after;
@@ -77,17 +77,17 @@ impl TextLayout {
                 break;
             }
         }
-        layout.size = said.size;
-        match said.names {
+        layout.size = preamble.size;
+        match preamble.names {
             Some(names) => {
                 (layout.order, layout.columns) = (names.order, names.count);
                 (layout.unit, layout.unit_is_named) = (names.unit, names.unit.is_some());
             }
-            None if said.geometry => layout.order = [3, 0, 1, 2],
+            None if preamble.geometry => layout.order = [3, 0, 1, 2],
             None => {}
         }
         let sample = Sample::of(rest, whole, layout.lines);
-        sample.check_order(&layout, said.names.is_some() || said.geometry)?;
+        sample.check_order(&layout, preamble.names.is_some() || preamble.geometry)?;
         if layout.unit.is_none() {
             layout.unit = Some(sample.unit(&layout)?);
         }
@@ -121,7 +121,7 @@ fn next_line(bytes: &[u8], whole: bool) -> Option<(&[u8], &[u8])> {
     }
 }
 
-impl Said {
+impl Preamble {
     /// Takes what a line before the first event says; `false` if it is one of an event.
     fn hears(&mut self, line: &[u8]) -> Result<bool, String> {
         let line = String::from_utf8_lossy(line::bare(line));

@@ -8,12 +8,12 @@ use crate::Outcome;
 pub fn markdown(outcomes: &[Outcome], made: &Made) -> String {
     let mut text = format!(
         "# Work and precision\n\n\
-         The error of numerical components against the processor time that it takes, over its own knobs. `{}` made this file \
+         Error of numerical components against their processor time, over the settings of each knob. `{}` made this file \
          (version {}, kernels on {}); run it again for the figures of your machine. `precision.html` beside it draws the same as \
          curves, `precision.csv` has the numbers.\n\n\
-         A knob is turned while the others stay where they are. Processor time is that of all threads, without what is set up before \
-         and judged after; short work is repeated, and the median counts. \"Cost\" is the time over that of the default. A default is \
-         beaten where another setting of its knob takes less than 0.8 of its time and is no worse in any measure, or has less than \
+         One knob is varied at a time. Processor time is that of all threads, without setup and comparison; short work is \
+         repeated, and the median counts. \"Cost\" is the ratio of the time to that of the default. A default is beaten if another \
+         setting of its knob takes less than 0.8 of its time and is no worse in any measure, or has less than \
          0.8 of its first error, is worse in none and takes no longer.\n",
         made.command, made.version, made.adapter
     );

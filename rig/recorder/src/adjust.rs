@@ -17,7 +17,7 @@ pub enum AdjustError {
     #[error("the rig has no device '{0}'")]
     Unknown(String),
     /// The device refuses.
-    #[error("'{id}' keeps its settings: {source}")]
+    #[error("the settings of '{id}' were not changed: {source}")]
     Device {
         /// The stream.
         id: String,
@@ -25,7 +25,7 @@ pub enum AdjustError {
         source: SourceError,
     },
     /// The rig was not read from a file.
-    #[error("the rig was read from no file that the settings could be written into")]
+    #[error("the rig has no file to write the settings into")]
     NoFile,
     /// Nothing was changed.
     #[error("nothing was changed of '{0}' since it was opened")]

@@ -39,8 +39,8 @@ pub enum AlarmKind {
     Edge(Option<String>),
 }
 
-/// Who is told: the stream, and what was seen.
-pub type Told = Box<dyn Fn(&str, &str) + Send>;
+/// Called with the stream and what was detected in it.
+pub type OnAlarm = Box<dyn Fn(&str, &str) + Send>;
 
 /// See the module.
 pub struct Alarm {
@@ -60,7 +60,7 @@ impl Alarm {
         descriptions: impl IntoIterator<Item = &'a Description>,
         kinds: Vec<AlarmKind>,
         next: Option<Arc<dyn Subscriber>>,
-        told: Told,
+        on_alarm: OnAlarm,
     ) -> std::io::Result<Self> {
         let watched: Vec<Watched> =
             descriptions.into_iter().map(|description| Watched::new(description, &kinds)).collect();
@@ -68,7 +68,7 @@ impl Alarm {
         let quit = Arc::new(AtomicBool::new(false));
         let thread = thread::Builder::new().name("alarm".into()).spawn({
             let quit = Arc::clone(&quit);
-            move || watch(watched, &receiver, &quit, &told)
+            move || watch(watched, &receiver, &quit, &on_alarm)
         })?;
         let sender = Mutex::new(Some(sender));
         Ok(Self { sender, skipped: AtomicBool::new(false), next, thread: Some(thread), quit })
@@ -110,13 +110,13 @@ impl Drop for Alarm {
     }
 }
 
-fn watch(mut streams: Vec<Watched>, packets: &Receiver<(usize, Packet)>, quit: &AtomicBool, told: &Told) {
+fn watch(mut streams: Vec<Watched>, packets: &Receiver<(usize, Packet)>, quit: &AtomicBool, on_alarm: &OnAlarm) {
     while !quit.load(Relaxed) {
         match packets.recv_timeout(Duration::from_millis(100)) {
             Ok((stream, packet)) => {
                 if let Some(stream) = streams.get_mut(stream) {
                     for what in stream.see(&packet) {
-                        told(&stream.id, &what);
+                        on_alarm(&stream.id, &what);
                     }
                 }
             }
@@ -260,11 +260,11 @@ mod tests {
         };
         let streams = [description("left"), description("right")];
         let seen = Arc::new(Mutex::new(Vec::new()));
-        let told: Told = Box::new({
+        let on_alarm: OnAlarm = Box::new({
             let seen = Arc::clone(&seen);
             move |stream, what| seen.lock().unwrap().push((stream.to_owned(), what.to_owned()))
         });
-        let alarm = Alarm::new(&streams, vec![AlarmKind::Edge(Some("right".into()))], None, told).unwrap();
+        let alarm = Alarm::new(&streams, vec![AlarmKind::Edge(Some("right".into()))], None, on_alarm).unwrap();
         let words = |rising| {
             let mut words = Vec::new();
             let mut encoder = Evt3Encoder::default();

@@ -25,7 +25,7 @@ impl Concerns {
         let mut found: Vec<(String, &'static str, String)> = Vec::new();
         if let Some(seconds) = status.disk.seconds_left {
             let says = format!(
-                "the disk has room for {} at this rate, besides the reserve: free some space, or record to another disk",
+                "the disk has room for {} more at this rate, without the reserve: free some space, or record to another disk",
                 if seconds >= 90.0 { format!("{:.0} min", seconds / 60.0) } else { format!("{seconds:.0} s") }
             );
             let kinds = ["disk", "disk, at last"];
@@ -36,16 +36,16 @@ impl Concerns {
             let Some(clock) = stream.clock.as_ref().filter(|clock| clock.samples >= ENOUGH) else { continue };
             if clock.rate_ppm.abs() > RATE_PPM {
                 let says = format!(
-                    "its clock is off by {:.0} millionths against the computer's, more than any crystal: look whether the device \
-                     restarted, and whether the computer's clock source is steady (erfgs doctor)",
+                    "its clock differs by {:.0} ppm from the computer's, more than any crystal: check whether the device restarted, \
+                     and whether the computer's clock source is stable (erfgs doctor)",
                     clock.rate_ppm
                 );
                 found.push((stream.id.clone(), "rate", says));
             }
             if clock.residual_p95_us > LATE_US {
                 let says = format!(
-                    "its data come up to {:.0} ms late: the computer or the bus is overloaded; times of arrival, which clocks \
-                     rest on without a trigger board, are worth as little",
+                    "its data arrive up to {:.0} ms late: the computer or the bus is overloaded. Without a trigger board clocks are \
+                     fitted to arrival times and are as inaccurate",
                     clock.residual_p95_us / 1e3
                 );
                 found.push((stream.id.clone(), "late", says));
@@ -104,7 +104,7 @@ mod tests {
         let said = concerns.of(&status(None, -4000.0, 400_000.0));
         assert_eq!(said.len(), 2, "{said:?}");
         assert!(said.iter().all(|(stream, _)| stream == "left"));
-        assert!(said[0].1.contains("-4000 millionths") && said[1].1.contains("400 ms late"), "{said:?}");
+        assert!(said[0].1.contains("-4000 ppm") && said[1].1.contains("400 ms late"), "{said:?}");
         assert!(concerns.of(&status(None, -4001.0, 400_000.0)).is_empty(), "said once");
     }
 }

@@ -183,7 +183,7 @@ impl Default for Rig {
 
 impl RigConfig {
     /// The annotated example: every device and every field, with its default.
-    pub const EXAMPLE: &'static str = include_str!("../../../docs/rig.toml");
+    pub const EXAMPLE: &'static str = include_str!("../../../docs/reference/rig.toml");
 
     /// Reads and checks a file.
     ///

@@ -27,7 +27,7 @@ pub fn disk_space(path: &Path) -> io::Result<DiskSpace> {
     #[cfg(not(unix))]
     Err(io::Error::new(
         io::ErrorKind::Unsupported,
-        format!("the room of '{}' is not asked for here", existing(path).display()),
+        format!("the free space of '{}' is not known on this system", existing(path).display()),
     ))
 }
 

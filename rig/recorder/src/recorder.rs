@@ -261,7 +261,7 @@ impl Recorder {
             let slot = &self.shared.slots[index];
             let mut source = lock(&slot.source);
             if let Err(error) = source.stop() {
-                self.say(Level::Warning, &slot.description.id, format!("did not stop in good order: {error}"));
+                self.say(Level::Warning, &slot.description.id, format!("did not stop cleanly: {error}"));
             }
             let mut watch = lock(&slot.watch);
             watch.counters = source.counters();

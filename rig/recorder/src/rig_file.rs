@@ -81,9 +81,7 @@ fn edited(text: &str, path: &Path, id: &str, changed: &Map<String, Value>) -> Re
     }
     if new.parse::<Table>().ok().as_ref() != Some(&expected) || RigConfig::parse(&new, path).is_err() {
         let what = Value::Object(changed.clone());
-        return Err(syntax(format!(
-            "it is written so that '{id}' cannot be changed in it; write there by hand: {what}"
-        )));
+        return Err(syntax(format!("'{id}' cannot be changed in a file of this form; write by hand: {what}")));
     }
     Ok(new)
 }

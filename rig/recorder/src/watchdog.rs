@@ -43,7 +43,7 @@ pub(super) fn watch(shared: &Shared) {
                 ended = true;
             }
             if lock(&recording.progress.failure).is_some() {
-                end = Some("the session file could not be written further".to_owned());
+                end = Some("writing the session file failed".to_owned());
             } else if status.disk.free == 0 && status.disk.total > 0 {
                 end = Some(format!(
                     "the disk is full but for the reserve of {} MiB: free some space, or record to another disk",
@@ -52,7 +52,7 @@ pub(super) fn watch(shared: &Shared) {
             }
         }
         if ended && end.is_none() {
-            shared.end("the time after the trigger was over");
+            shared.end("the time after the trigger has passed");
         }
         if let Some(reason) = end {
             shared.end(&reason);

@@ -76,7 +76,7 @@ pub enum EventError {
         problem: String,
     },
     /// A setting is out of its range.
-    #[error("{setting} = {value} is not possible: allowed is {allowed}")]
+    #[error("{setting} = {value} is out of range: allowed is {allowed}")]
     Setting {
         /// Its name in the configuration.
         setting: String,
@@ -92,7 +92,7 @@ pub enum EventError {
         camera: String,
     },
     /// The system starts no more threads.
-    #[error("{camera}: the system starts no more threads. Close other programs or raise the limit (ulimit -u)")]
+    #[error("{camera}: the system refuses to start more threads. Close other programs or raise the limit (ulimit -u)")]
     Threads {
         /// Model and serial number.
         camera: String,

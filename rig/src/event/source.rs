@@ -158,7 +158,7 @@ impl<D: Driver> Source for EventSource<D> {
         D::validate(&config)?;
         let mut guard = self.link.driver();
         let Some(driver) = guard.as_mut() else {
-            return Err(format!("{} is not there at the moment: try again when it is back", self.name()).into());
+            return Err(format!("{} is not connected at the moment: try again when it is back", self.name()).into());
         };
         if let Err(error) = driver.adjust(&config) {
             // What stood before, as far as the camera takes it.

@@ -187,7 +187,10 @@ impl<D: Driver> Supervisor<D> {
         match resume(driver, self.flight, &self.feed, &self.outlet, &self.signals) {
             Ok(stream) => {
                 self.stream = Some(stream);
-                self.warn(format!("{}: the stream broke and goes on; data was lost: {fault}", driver.name()));
+                self.warn(format!(
+                    "{}: the stream was interrupted and continues; data was lost: {fault}",
+                    driver.name()
+                ));
                 true
             }
             Err(_) => false,
@@ -218,7 +221,7 @@ impl<D: Driver> Supervisor<D> {
                         // Said once: a camera that is being plugged in may refuse for a moment, and again and again.
                         let message = error.to_string();
                         if told.as_ref() != Some(&message) {
-                            self.warn(format!("{name}: it is there but does not come back yet: {message}"));
+                            self.warn(format!("{name}: connected again, but not working yet: {message}"));
                             told = Some(message);
                         }
                     }

@@ -1,7 +1,6 @@
 //! Whether a frame came whole.
 
-use erfgs_scene::pixel::PixelFormat;
-use erfgs_scene::pixel::{frame_bytes, row_bytes};
+use erfgs_scene::pixel::{PixelFormat, frame_bytes};
 
 /// Whether a frame is cut: too short, or a JPEG image without beginning or end.
 pub fn is_cut(encoding: PixelFormat, width: u32, height: u32, payload: &[u8]) -> bool {
@@ -15,9 +14,10 @@ pub fn is_cut(encoding: PixelFormat, width: u32, height: u32, payload: &[u8]) ->
     }
 }
 
-/// The rows of a frame without what the driver puts between them; `None` if there is nothing between.
+/// The rows of a frame without the padding that V4L2 drivers put between them; `None` if there is none.
+#[cfg(any(target_os = "linux", test))]
 pub fn without_padding(encoding: PixelFormat, width: u32, stride: u32, payload: &[u8]) -> Option<Vec<u8>> {
-    let row = row_bytes(encoding, width)?;
+    let row = erfgs_scene::pixel::row_bytes(encoding, width)?;
     let stride = stride as usize;
     if stride <= row {
         return None;

@@ -88,7 +88,7 @@ impl FrameConfig {
             return fail(format!("buffers is {}; the kernel takes 2 to 32", self.buffers));
         }
         if self.timeout_ms == 0 {
-            return fail("timeout_ms is 0; give some frames' time".into());
+            return fail("timeout_ms is 0; give the time of some frames".into());
         }
         for (name, lock) in [
             ("exposure_us", self.exposure_us),

@@ -42,7 +42,7 @@ pub enum FrameError {
         advice: &'static str,
     },
     /// The camera chose another format than the one asked for.
-    #[error("camera {id:?} ({node}) has no {asked}: it would give {offered}. Formats that it has: {formats}")]
+    #[error("camera {id:?} ({node}) has no {asked}: it offers {offered} instead. Its formats: {formats}")]
     Format {
         /// The camera's name in the rig.
         id: String,

@@ -225,7 +225,7 @@ impl Source for PortableCamera {
             Err(RecvTimeoutError::Disconnected) | Ok(()) => Ok(()),
             // Its thread sends nothing any more, and ends when a frame comes, or with the program.
             Err(RecvTimeoutError::Timeout) => {
-                Err(format!("camera {} gives no frames any more, and cannot be closed; unplug it", self.config.id)
+                Err(format!("camera {} has stopped sending frames and cannot be closed; unplug it", self.config.id)
                     .into())
             }
         }

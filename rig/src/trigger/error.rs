@@ -13,7 +13,7 @@ pub enum TriggerError {
     },
     /// No serial port has a trigger board.
     #[error(
-        "no trigger board found; ports tried: {tried}. Plug the board in, flash it (docs/trigger-board.md), or name its \
+        "no trigger board found; ports tried: {tried}. Plug the board in, flash it (docs/reference/trigger-board.md), or name its \
          port in the configuration"
     )]
     NotFound {
@@ -21,7 +21,7 @@ pub enum TriggerError {
         tried: String,
     },
     /// Several ports have one, and the configuration names none.
-    #[error("trigger boards at {ports}; name the port of the one that is meant in the configuration")]
+    #[error("several trigger boards, at {ports}; name the port of one in the configuration")]
     Ambiguous {
         /// Where.
         ports: String,
@@ -45,7 +45,7 @@ pub enum TriggerError {
         source: std::io::Error,
     },
     /// What is at the port does not answer as a trigger board does.
-    #[error("what is at {port} does not answer {command:?}; flash the board with the firmware in rig/firmware")]
+    #[error("the device at {port} does not answer {command:?}; flash the board with the firmware in rig/firmware")]
     Silent {
         /// The port.
         port: String,

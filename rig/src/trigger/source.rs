@@ -323,8 +323,7 @@ impl Watch {
             }
             if std::mem::take(&mut self.restarted) {
                 return Err(format!(
-                    "the trigger board at {} has restarted (reset button, or its supply fails); it is started again, \
-                     and counts pulses and ticks from 0",
+                    "the trigger board at {} has restarted (reset button or power supply); pulses and ticks count from 0 again",
                     link.name()
                 ));
             }

@@ -208,7 +208,7 @@ impl BulkStream {
                     flown.run();
                 }
             })
-            .map_err(|_| error(Fault::Memory("the system starts no more threads".into())))?;
+            .map_err(|_| error(Fault::Memory("the system refuses to start more threads".into())))?;
         let length = i32::try_from(flight.bytes).map_err(|_| error(Fault::Memory(super::budget::memory_advice())))?;
         let shared = Arc::new(Shared {
             identity: identity.clone(),

@@ -43,7 +43,7 @@ pub enum Fault {
     #[error("another program uses it. Close other viewers and recorders of this camera (one program at a time)")]
     Busy,
     /// The device is unplugged.
-    #[error("it is gone. Check the cable and the hub's power, and plug it in again")]
+    #[error("the device is disconnected. Check the cable and the hub's power, and plug it in again")]
     Gone,
     /// No answer in time.
     #[error("no answer in time. Unplug the device and plug it in again; avoid hubs without their own power")]

@@ -5,13 +5,13 @@ use erfgs_session::clock::{Clock, Errors, Evidence, FitError, Sample};
 use serde::{Deserialize, Serialize};
 
 use super::board::Board;
-use erfgs_session::trigger::code::{self, Seen};
+use erfgs_session::trigger::code::{self, SensedPulse};
 
 /// Ticks of event cameras are microseconds.
 pub const NS_PER_TICK: f64 = 1000.0;
 /// How long one line of a clock of edges is, nanoseconds. Over five seconds a drift of 1 ppm a minute bends a clock by
 /// 0.05 µs, and a hundred edges and more average their 1 µs away; twice as long it bends more than is averaged away, half as
-/// long loses where edges are off by 10 µs (docs/precision.md).
+/// long loses where edges are off by 10 µs (docs/results/precision.md).
 pub const WINDOW_NS: i64 = 5_000_000_000;
 /// Of arrivals, which are late by chance, few are early enough to tell anything.
 const ARRIVALS_NS: i64 = 60_000_000_000;
@@ -48,13 +48,13 @@ impl Matched {
 
 /// Pulses from edges: a rising edge and the falling edge that follows it, on one channel.
 #[must_use]
-pub fn pulses(edges: &[Edge], channel: u8) -> Vec<Seen> {
-    let mut pulses: Vec<Seen> = Vec::new();
+pub fn pulses(edges: &[Edge], channel: u8) -> Vec<SensedPulse> {
+    let mut pulses: Vec<SensedPulse> = Vec::new();
     let mut high = false;
     for edge in edges.iter().filter(|edge| edge.channel == channel) {
         let t_us = i64::try_from(edge.t_us).unwrap_or(i64::MAX);
         if edge.rising {
-            pulses.push(Seen { rise: t_us, width_ns: None });
+            pulses.push(SensedPulse { rise: t_us, width_ns: None });
         } else if let Some(pulse) = pulses.last_mut().filter(|_| high) {
             pulse.width_ns = Some(t_us.saturating_sub(pulse.rise).saturating_mul(1000));
         }

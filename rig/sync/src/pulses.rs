@@ -58,7 +58,7 @@ pub enum AlignError {
     /// A session saw no pulses.
     #[error(
         "{} holds no pulses of a trigger board: neither the board's lines nor an event camera that saw {LEAST} of them at its \
-         trigger input; connect a trigger input of this host to the board (docs/recording.md)",
+         trigger input; connect a trigger input of this host to the board (docs/guide/recording.md)",
         path.display()
     )]
     NoPulses {
@@ -67,7 +67,8 @@ pub enum AlignError {
     },
     /// Two sessions have a board.
     #[error(
-        "both {} and {} hold the lines of a trigger board; sessions of one board are merged, which one host talks to",
+        "both {} and {} hold the lines of a trigger board; only sessions that share one board can be merged, and one host talks to \
+         it",
         first.display(), second.display()
     )]
     TwoBoards {
@@ -96,8 +97,8 @@ pub enum AlignError {
     },
     /// They saw pulses of different trains.
     #[error(
-        "the pulses of {} do not keep the time of those of the same number in {}: {p95_us:.0} µs apart where they should agree \
-         to {:.0} µs, {outliers} of {common} set aside; they are of different boards, or one was started again",
+        "the times of pulses in {} differ from those of the same number in {}: by {p95_us:.0} µs where at most {:.0} µs are allowed, \
+         with {outliers} of {common} outliers removed; they are of different boards, or one board was restarted",
         path.display(), reference.display(), LIMIT_NS * 1e-3
     )]
     OtherTrain {
@@ -114,8 +115,8 @@ pub enum AlignError {
     },
     /// They were recorded at different times.
     #[error(
-        "{} and {} hold pulses of the same numbers, but by the calendars of their hosts they lie {seconds:.0} s apart: they seem \
-         to be of different takes. If a calendar is wrong, --any-date merges them all the same",
+        "{} and {} hold pulses of the same numbers, but the dates of their hosts are {seconds:.0} s apart: they seem to be different \
+         takes. If a host's date is wrong, --any-date merges them anyway",
         path.display(), reference.display()
     )]
     OtherTake {

@@ -87,7 +87,7 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
         Ok(board) => {
             if board.resets > 0 {
                 sync.faults.push(format!(
-                    "the board was reset {}; the longest run counts, and what was triggered in others has no time",
+                    "the board was reset {}; only its longest run is used, and frames triggered in the others have no time",
                     times(board.resets)
                 ));
             }
@@ -97,18 +97,18 @@ fn fit_board(id: &str, lines: BoardLines) -> (Option<Board>, StreamSync) {
             }
             if board.restored > 0 {
                 sync.faults.push(format!(
-                    "what it said of {} pulses was lost; they were put in between those before and after them",
+                    "the lines of {} pulses were lost; their times are interpolated from the pulses around them",
                     board.restored
                 ));
             }
             sync.notes.push(match board.bounds {
                 Bounds::Within { half_ns } => format!("common to all triggered streams: ±{:.0} µs", half_ns / 1000.0),
                 Bounds::Disagree { by_ns } => format!(
-                    "commands and answers disagree by {:.1} µs (a command arrived before it was sent): what is common to all \
-                     triggered streams may be off by an unknown time",
+                    "commands and answers disagree by {:.1} µs (a command arrived before it was sent): all triggered streams may \
+                     share an unknown offset",
                     by_ns / 1000.0
                 ),
-                Bounds::OneSided => "no `clock` commands: the board's clock is late by the line's least delay".into(),
+                Bounds::OneSided => "no `clock` commands: the board's clock is late by the minimum delay of the serial line".into(),
             });
             sync.epochs = board.clock.clone().into();
             (Some(board), sync)
@@ -137,7 +137,7 @@ fn fit_events(description: &Description, events: Events, board: Option<&Board>) 
         && seen - matched.min(seen) > MANY_UNKNOWN.max(seen / 20)
     {
         sync.faults.push(format!(
-            "pulses of the board were lost or doubled on the way to it: {matched} of the {seen} that it saw date it"
+            "pulses of the board were lost or doubled on the way to it: {matched} of the {seen} received pulses are used"
         ));
     }
     let samples: usize = fitted.iter().map(|fitted| fitted.evidence().len()).sum();
@@ -162,7 +162,7 @@ fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, faults: &mut Vec<String
     let several = fitted.len() > 1;
     if several {
         let breaks = times(fitted.len() as u64 - 1);
-        faults.push(format!("the time of the camera breaks {breaks}: a clock for each part"));
+        faults.push(format!("the camera's clock restarts {breaks}: each part gets its own clock"));
     }
     for fitted in fitted.iter().take(TOLD_EPOCHS) {
         let part =
@@ -174,7 +174,7 @@ fn tell_epochs(fitted: &[Fitted], board: Option<&Board>, faults: &mut Vec<String
         if board.is_some() && Tier::of(clock) == Tier::FreeRunning {
             let what = match fitted.edges.len() {
                 0 => "no edges".to_owned(),
-                edges => format!("{edges} edges, of which none told its pulse"),
+                edges => format!("{edges} edges, none of which could be matched to a pulse"),
             };
             let remedy = if several { "" } else { "; check the wire to the trigger input" };
             faults.push(format!("{part}{what}: dated by the arrival of its data{remedy}"));
@@ -194,7 +194,7 @@ fn many_outliers(clock: &Clock) -> Option<String> {
     (share > MANY_OUTLIERS).then(|| {
         let all = clock.samples + clock.outliers;
         format!(
-            "{} of {all} samples ({:.1} %) do not fit its clock: mistrust it, and look at the plot",
+            "{} of {all} samples ({:.1} %) do not fit its clock: check the plot before you use it",
             clock.outliers,
             100.0 * share
         )
@@ -226,7 +226,7 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
             failed => {
                 sync.notes.push(match failed {
                     Some(Err(note)) => note,
-                    _ => "the middles of the exposures may all be off by up to a frame; a flash tells (--flash)".into(),
+                    _ => "the exposure times may share an offset of up to one frame; a flashing lamp measures it (--flash)".into(),
                 });
                 sync.exposures = Some(frames::free_running(arrived, &even, exposure_ns));
             }
@@ -234,8 +234,8 @@ fn fit_frames(description: &Description, frames: &Frames, board: Option<&Board>,
         let (all, fitted) = (arrived.len() as u64, even.fitted);
         if fitted < all {
             sync.notes.push(format!(
-                "{} of {all} frames do not come at even intervals, or are too few to tell: their stamps are taken as they \
-                 are, jitter and all",
+                "{} of {all} frames are not evenly spaced, or too few to decide: their stamps are used as recorded, with their \
+                 jitter",
                 all - fitted
             ));
         }
@@ -263,10 +263,7 @@ fn tell_triggers(exposures: &Exposures) -> Vec<String> {
         faults.push(format!("{} pulses between its first and its last frame gave no frame", exposures.missed_pulses));
     }
     if exposures.unmatched > 0 {
-        faults.push(format!(
-            "{} frames belong to no pulse that the board told of: they have no time",
-            exposures.unmatched
-        ));
+        faults.push(format!("{} frames match no reported pulse of the board: they have no time", exposures.unmatched));
     }
     faults
 }
@@ -281,20 +278,20 @@ fn flash_of(
     let brightness = frames.brightness.as_ref()?;
     let Some(lamp) = lamp else {
         return Some(Err(
-            "no event camera saw a lamp flash three times: the middles may be off by up to a frame".into()
+            "no event camera saw a lamp flash three times: the exposure times may be off by up to one frame".into(),
         ));
     };
     let at = std::iter::zip(&frames.arrived, &even.at_ns).map(|(frame, &stamp_ns)| Arrived { stamp_ns, ..*frame });
     let Some(found) = lamp.lag(&at.collect::<Vec<_>>(), brightness, exposure_ns) else {
         return Some(Err(format!(
-            "its brightness does not follow the {} flashes that {} saw: the middles may be off by up to a frame",
+            "its brightness does not follow the {} flashes that {} saw: the exposure times may be off by up to one frame",
             lamp.lit.len(),
             lamp.seen_by
         )));
     };
     let ms = |ns: i64| ns as f64 * 1e-6;
     let note = format!(
-        "{} flashes that {} saw tell a lag of {:.2} ms (±{:.2} ms, correlation {:.3})",
+        "lag of {2:.2} ms measured by {0} flashes that {1} saw (±{3:.2} ms, correlation {4:.3})",
         lamp.lit.len(),
         lamp.seen_by,
         ms(found.lag_ns),

@@ -295,12 +295,12 @@ fn what_a_camera_cannot_do_is_said_with_what_it_can() {
         cameras.plug(0, "A1", "card Left\nbus usb-1\nbusy 1\n").unwrap();
         let refused = |config: &FrameConfig| open(cameras, config).map(|_| ()).unwrap_err().to_string();
         let format = refused(&config(PixelFormat::Mjpeg));
-        assert!(format.contains("no MJPG of 64 x 48") && format.contains("Formats that it has: YUYV"), "{format}");
+        assert!(format.contains("no MJPG of 64 x 48") && format.contains("Its formats: YUYV"), "{format}");
         // A format that it has, by both of its names.
         let raw = refused(&config(PixelFormat::Bayer(BayerOrder::Grbg, Samples::Packed10)));
         assert!(raw.contains("no pgAA of 64 x 48") && raw.contains("YUYV (format = \"yuyv\")"), "{raw}");
         let size = refused(&FrameConfig { width: 640, ..config(PixelFormat::Yuyv) });
-        assert!(size.contains("it would give YUYV of 64 x 48"), "{size}");
+        assert!(size.contains("it offers YUYV of 64 x 48"), "{size}");
         let absent = refused(&FrameConfig { camera: "B2".into(), ..config(PixelFormat::Yuyv) });
         assert!(absent.contains("none is \"B2\"") && absent.contains("Left"), "{absent}");
 
@@ -313,7 +313,7 @@ fn what_a_camera_cannot_do_is_said_with_what_it_can() {
         let mut slow = open(cameras, &wanted).unwrap();
         assert_eq!(slow.description().settings["rate_hz"], 25.0);
         // The checks before a recording tell it.
-        let missed = ["gain = \"auto\" (the camera has no automatic of it)", "rate_hz = 100 (it has 25)"];
+        let missed = ["gain = \"auto\" (the camera has no automatic mode for it)", "rate_hz = 100 (it has 25)"];
         assert_eq!(slow.description().settings["not_applied"], serde_json::json!(missed));
         let kept = Arc::new(Kept::default());
         slow.start(kept.clone()).unwrap();

@@ -90,11 +90,11 @@ fn check_firmware(rate_hz: f64, exposure_us: f64, leds: [Led; 3], count: usize) 
     }
 
     // An event camera sees microseconds, and knows every index from them.
-    let seen: Vec<code::Seen> = events
+    let seen: Vec<code::SensedPulse> = events
         .iter()
         .map(|&(rise, width)| {
             let us = |cycle: u64| (cycle / 16) as i64;
-            code::Seen { rise: us(rise), width_ns: Some((us(rise + width) - us(rise)) * 1000) }
+            code::SensedPulse { rise: us(rise), width_ns: Some((us(rise + width) - us(rise)) * 1000) }
         })
         .collect();
     let decoded = code::decode(&seen);
@@ -303,7 +303,7 @@ fn pulses_that_never_reach_the_cameras_show_in_the_edges() {
         plugged.with(|board| board.take_edges()).into_iter().filter(|e| e.line == Line::Events).collect();
     let seen: Vec<_> = edges
         .chunks(2)
-        .map(|pair| code::Seen { rise: pair[0].at_ns, width_ns: Some(pair[1].at_ns - pair[0].at_ns) })
+        .map(|pair| code::SensedPulse { rise: pair[0].at_ns, width_ns: Some(pair[1].at_ns - pair[0].at_ns) })
         .collect();
     let decoded = code::decode(&seen);
     assert_eq!(decoded.breaks + decoded.indices.iter().filter(|index| index.is_none()).count(), 2);

@@ -1,6 +1,6 @@
 //! `rig.json`: the cameras of a rig, where they stand, and how well that is known.
 //!
-//! The format is documented in `docs/calibration.md`. Conventions are those of the whole program: world-to-camera poses in
+//! The format is documented in `docs/reference/rig-file.md`. Conventions are those of the whole program: world-to-camera poses in
 //! metres with OpenCV axes, pixel centres at half-integers.
 
 mod error;

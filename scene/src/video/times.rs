@@ -70,9 +70,9 @@ impl FrameTimes {
             .stderr(Stdio::null())
             .spawn()
             .ok()?;
-        let said = child.stdout.take().map(|output| Said::of(BufReader::new(output)));
+        let probe = child.stdout.take().map(|output| ProbeOutput::of(BufReader::new(output)));
         let ended = child.wait().ok()?;
-        said.filter(|_| ended.success())?.times()
+        probe.filter(|_| ended.success())?.times()
     }
 }
 
@@ -86,9 +86,9 @@ fn rate(text: &str) -> Option<f64> {
     ratio(text).map(|[over, under]| over / under).filter(|rate| (1e-4..1e6).contains(rate))
 }
 
-/// What ffprobe says.
+/// The output of ffprobe.
 #[derive(Debug, Default)]
-struct Said {
+struct ProbeOutput {
     /// Seconds in a unit of time.
     unit: Option<[f64; 2]>,
     /// The rates that the container says: that which holds for all frames, if one does, and their mean.
@@ -97,9 +97,9 @@ struct Said {
     units: Option<Vec<i64>>,
 }
 
-impl Said {
+impl ProbeOutput {
     fn of(lines: impl BufRead) -> Self {
-        let mut said = Self { units: Some(Vec::new()), ..Self::default() };
+        let mut probe = Self { units: Some(Vec::new()), ..Self::default() };
         let (mut pts, mut is_open) = (None, false);
         for line in lines.lines().map_while(Result::ok) {
             match line.trim().split_once('=') {
@@ -108,19 +108,19 @@ impl Said {
                 Some(("flags", flags)) if is_open => {
                     is_open = false;
                     if !flags.contains('D') {
-                        said.units = said.units.zip(pts).map(|(mut units, pts): (Vec<i64>, i64)| {
+                        probe.units = probe.units.zip(pts).map(|(mut units, pts): (Vec<i64>, i64)| {
                             units.push(pts);
                             units
                         });
                     }
                 }
-                Some(("time_base", text)) => said.unit = ratio(text),
-                Some(("r_frame_rate", text)) => said.rates[0] = rate(text),
-                Some(("avg_frame_rate", text)) => said.rates[1] = rate(text),
+                Some(("time_base", text)) => probe.unit = ratio(text),
+                Some(("r_frame_rate", text)) => probe.rates[0] = rate(text),
+                Some(("avg_frame_rate", text)) => probe.rates[1] = rate(text),
                 _ => {}
             }
         }
-        said
+        probe
     }
 
     fn times(self) -> Option<FrameTimes> {
@@ -153,7 +153,7 @@ mod tests {
     fn probed(units: &[&str], unit: &str, nominal: &str, mean: &str) -> Option<FrameTimes> {
         let packets: String = units.iter().map(|pts| format!("pts={pts}\nflags=K__\n")).collect();
         let text = format!("{packets}r_frame_rate={nominal}\navg_frame_rate={mean}\ntime_base={unit}\n");
-        Said::of(text.as_bytes()).times()
+        ProbeOutput::of(text.as_bytes()).times()
     }
 
     #[test]
@@ -168,7 +168,7 @@ mod tests {
         let uneven = probed(&["512", "1024", "3072"], "1/15360", "30/1", "23/1").unwrap();
         assert_eq!(uneven, FrameTimes::Uneven(vec![0, 33_333_333, 166_666_667]));
         assert_eq!((uneven.since(1, 2), uneven.since(0, 3)), (Some(133_333_334), None));
-        // The rate that is said is wrong, and the frames are even all the same.
+        // The rate that is probe is wrong, and the frames are even all the same.
         assert_eq!(probed(&["0", "1000", "2000"], "1/15000", "25/1", "25/1"), Some(FrameTimes::Even(15.0)));
         // Without times the mean rate is what the container says.
         assert_eq!(probed(&["N/A", "N/A"], "1/25", "50/1", "25/1"), Some(FrameTimes::Even(25.0)));

@@ -14,7 +14,7 @@ const MAX_RATE_ERROR: f64 = 1e-3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Robust {
     /// The robust start looks at so many samples at most, evenly chosen; its work grows with their square. A few are enough
-    /// where three in ten are wrong (docs/precision.md).
+    /// where three in ten are wrong (docs/results/precision.md).
     pub start_samples: usize,
     /// Samples farther from the line than so many times the median distance are outliers. For a normal distribution, of
     /// which the median distance is 0.67 standard deviations, one sample in 10^8 is farther than 9 times.

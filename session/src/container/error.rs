@@ -26,8 +26,8 @@ pub enum ContainerError {
     },
     /// Writing failed. Whole chunks that were written before stay readable.
     #[error(
-        "cannot write to {path} after {offset} bytes: {source}; what was recorded before stays readable \
-         (`erfgs info`), `erfgs recover` repairs the file once there is room",
+        "cannot write to {path} after {offset} bytes: {source}; the data before stays readable (`erfgs info`), and `erfgs recover` \
+         repairs the file once there is room",
         path = path.display()
     )]
     Write {
@@ -49,19 +49,19 @@ pub enum ContainerError {
         source: io::Error,
     },
     /// The file is empty.
-    #[error("{path} is empty: the recording did not begin, or what it held is lost", path = path.display())]
+    #[error("{path} is empty: the recording did not start, or its content is lost", path = path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
     /// The file is not MCAP.
-    #[error("{path} is not an MCAP file: its first bytes are others; `erfgs info` says what files erfgs reads", path = path.display())]
+    #[error("{path} is not an MCAP file: it has other first bytes; `erfgs info` lists the formats that erfgs reads", path = path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,
     },
     /// A range of a recording in which nothing arrived.
-    #[error("{path} has nothing from {from_s} s to {to_s} s; `erfgs info` says how long it is", path = path.display())]
+    #[error("{path} has no data from {from_s} s to {to_s} s; `erfgs info` shows its length", path = path.display())]
     NothingWithin {
         /// The file.
         path: PathBuf,
@@ -89,7 +89,7 @@ pub enum ContainerError {
         known: u32,
     },
     /// A record is broken where the file is not merely cut off.
-    #[error("{path} is damaged at byte {offset}: {what}; `erfgs recover` saves what is whole", path = path.display())]
+    #[error("{path} is damaged at byte {offset}: {what}; `erfgs recover` saves the intact part", path = path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -101,7 +101,7 @@ pub enum ContainerError {
     /// A file is damaged where it cannot be repaired in place.
     #[error(
         "{path} is damaged in {places} places before its end and cannot be repaired in place; \
-         `erfgs recover {path} --out NEW` copies what is whole",
+         `erfgs recover {path} --out NEW` copies the intact part",
         path = path.display()
     )]
     DamagedWithin {
@@ -111,7 +111,7 @@ pub enum ContainerError {
         places: usize,
     },
     /// All that a file holds is damaged.
-    #[error("nothing can be saved from {path}: all of it that holds data is damaged, in {places} places", path = path.display())]
+    #[error("nothing can be saved from {path}: all of its data is damaged, in {places} places", path = path.display())]
     NothingWhole {
         /// The file.
         path: PathBuf,
@@ -120,8 +120,8 @@ pub enum ContainerError {
     },
     /// What a repair wrote is not what it read.
     #[error(
-        "the repair of {path} does not hold what was read: {what}; nothing is left of it and the recording is as it was; please report this, \
-         and check the disk",
+        "the repaired copy of {path} differs from what was read: {what}. The copy was deleted and the recording is unchanged; please \
+         report this, and check the disk",
         path = path.display()
     )]
     NotAsRead {
@@ -187,7 +187,7 @@ pub enum ContainerError {
         source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// Nothing of an event file can be read.
-    #[error("nothing in {path} can be read: {found}; `erfgs info {path}` says what format it was taken for", path = path.display())]
+    #[error("nothing in {path} can be read: {found}; `erfgs info {path}` shows the assumed format", path = path.display())]
     NothingReadable {
         /// The file.
         path: PathBuf,
@@ -206,7 +206,7 @@ pub enum ContainerError {
         t_us: i64,
     },
     /// No thread can be had.
-    #[error("cannot start a thread to read with: {source}; close other programs")]
+    #[error("cannot start a reader thread: {source}; close other programs")]
     Thread {
         /// Why.
         source: io::Error,

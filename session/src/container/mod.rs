@@ -1,6 +1,6 @@
 //! The session file: one MCAP file with everything that a rig delivered, byte for byte.
 //!
-//! `docs/session.md` describes the format for readers that are not this program.
+//! `docs/reference/session.md` describes the format for readers that are not this program.
 
 mod chunk;
 mod decode;
@@ -12,6 +12,7 @@ mod layout;
 mod mend;
 mod merge;
 pub mod packet;
+mod packet_log;
 mod parse;
 mod record;
 mod recording;
@@ -21,7 +22,6 @@ mod ros;
 #[cfg(feature = "rosbag2")]
 mod rosbag2;
 mod said;
-mod seen;
 mod session;
 mod states;
 mod survey;

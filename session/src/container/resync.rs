@@ -126,7 +126,7 @@ impl<R: Read + Seek> Framing<R> {
             compressed_size: length,
         };
         let head = Head { opcode: op::CHUNK, offset, length: length + 40 };
-        let what = format!("{what}, which all else in it tells: it is read as it was");
+        let what = format!("{what}: corrected from the redundant data");
         Ok(Some(Mended { head, header, content: content.into(), what, patches }))
     }
 }

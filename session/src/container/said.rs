@@ -95,7 +95,9 @@ impl<R> Walk<R> {
                 match found.cmp(&said) {
                     Ordering::Less => lacking(id, found, said),
                     Ordering::Equal => None,
-                    Ordering::Greater => Some(format!("stream '{id}' has {found} packets, and its end counts {said}")),
+                    Ordering::Greater => {
+                        Some(format!("stream '{id}' has {found} packets, but its end record counts {said}"))
+                    }
                 }
             };
             return totals.streams.iter().filter_map(wrong).collect();
@@ -105,7 +107,7 @@ impl<R> Walk<R> {
             let wrong = streams.filter(|(_, seen)| seen.unmarked() > 0).map(|(stream, seen)| {
                 let (id, count) = (&stream.description.id, seen.unmarked());
                 format!(
-                    "stream '{id}' lacks {count} packets by their numbers, and nothing says that they were lost before"
+                    "{count} packets of stream '{id}' are missing by their sequence numbers and were not reported as lost"
                 )
             });
             return wrong.collect();
@@ -113,7 +115,7 @@ impl<R> Walk<R> {
         let wrong = |(channel, &said): (&u16, &u64)| {
             let found = self.counts.get(channel).copied().unwrap_or(0);
             let topic = layout.topic(*channel)?;
-            (found != said).then(|| format!("{topic} has {found} messages, and the end of the file counts {said}"))
+            (found != said).then(|| format!("{topic} has {found} messages, but the end of the file counts {said}"))
         };
         counts.into_iter().flatten().filter_map(wrong).collect()
     }

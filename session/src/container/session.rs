@@ -60,7 +60,7 @@ impl Summary {
     pub fn faults(&self) -> Vec<String> {
         let cut = (!self.complete).then(|| {
             format!(
-                "it was not ended: whole up to byte {} of {}, `erfgs recover` completes it",
+                "it was not ended: intact up to byte {} of {}; `erfgs recover` completes it",
                 self.whole_bytes, self.file_bytes
             )
         });

@@ -16,9 +16,9 @@ use super::{
     error::ContainerError,
     framing::{Framing, Head},
     layout::{Entry, Layout, Meaning},
+    packet_log::PacketLog,
     parse::parse_record,
     resync::Mended,
-    seen::Seen,
     unpack::Compression,
 };
 
@@ -61,7 +61,7 @@ pub(super) struct Walk<R> {
     /// How many messages each channel had so far.
     pub counts: BTreeMap<u16, u64>,
     /// The packets of each stream so far.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<PacketLog>,
     /// The chunks so far, by what tells one from another: where each lies.
     chunks: HashMap<([u64; 2], usize, u32), u64>,
     /// The packets of the chunk that came before: how many, and what they are.
@@ -143,7 +143,8 @@ impl<R: Read + Seek> Walk<R> {
                     return Ok(item);
                 }
             } else if let Some((count, first)) = self.again.take() {
-                let what = format!("{count} packets in it came before, the first is {first}; they are read once");
+                let what =
+                    format!("{count} packets in it are duplicates, the first is {first}; duplicates are skipped");
                 return Err(self.damaged(self.chunk, &what));
             } else if let Some(kept) = self.kept.take() {
                 return Ok(Item::ChunkEnd(kept));
@@ -231,7 +232,7 @@ impl<R: Read + Seek> Walk<R> {
         match self.verified_chunk(&head) {
             Ok((header, content)) => {
                 if let Some(before) = self.comes_again(head.offset, &header, &content) {
-                    let what = format!("the chunk is that of byte {before} once more; it is read once");
+                    let what = format!("the chunk repeats that of byte {before}; it is skipped");
                     return Ok(Item::BadChunk([head.offset, head.end()], self.damaged(head.offset, &what)));
                 }
                 self.begin(head.offset, &header, content);
@@ -285,7 +286,7 @@ impl<R: Read + Seek> Walk<R> {
         let damaged = |what: String| self.damaged(head.offset, &what);
         let Record::Chunk { header, data: Cow::Borrowed(packed) } = parse_record(op::CHUNK, &body).map_err(damaged)?
         else {
-            return Err(self.damaged(head.offset, "its header is no chunk's"));
+            return Err(self.damaged(head.offset, "its header is not that of a chunk"));
         };
         let Some(compression) = Compression::named(&header.compression) else {
             return Err(ContainerError::Compression {
@@ -323,7 +324,7 @@ impl<R: Read + Seek> Walk<R> {
         let entry = match self.layout.read(&message) {
             Meaning::Entry(Entry::Packet { stream, packet }) => {
                 if self.seen.len() <= stream {
-                    self.seen.resize_with(stream + 1, Seen::default);
+                    self.seen.resize_with(stream + 1, PacketLog::default);
                 }
                 if !self.seen[stream].take(&packet) {
                     let id = &self.layout.streams[stream].description.id;

@@ -42,7 +42,7 @@ pub fn read_width(width_ns: i64) -> Option<u8> {
 
 /// A pulse as a trigger input saw it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct SensedPulse {
     /// The rising edge, in any unit that the caller likes.
     pub rise: i64,
     /// From the rising to the falling edge, nanoseconds; `None` if the falling edge was lost.
@@ -68,7 +68,7 @@ pub struct Decoded {
 /// follow at the same interval and have the symbol that they should; a lost or doubled pulse ends that. Where what is
 /// carried from the left and from the right differs, the pulse stays without an index: nothing is guessed.
 #[must_use]
-pub fn decode(seen: &[Seen]) -> Decoded {
+pub fn decode(seen: &[SensedPulse]) -> Decoded {
     let symbols: Vec<Option<u8>> = seen.iter().map(|pulse| pulse.width_ns.and_then(read_width)).collect();
     let mut whole = vec![None; seen.len()];
     for (start, group) in symbols.windows(GROUP as usize).enumerate() {
@@ -98,7 +98,7 @@ fn breaks(indices: &[Option<u64>]) -> usize {
 }
 
 /// Whether no interval is half as long again as another: a group with a hole in it is none, though a check digit fit.
-fn evenly_spaced(pulses: &[Seen]) -> bool {
+fn evenly_spaced(pulses: &[SensedPulse]) -> bool {
     let intervals = pulses.windows(2).map(|pair| pair[1].rise.abs_diff(pair[0].rise));
     intervals.clone().min().zip(intervals.max()).is_some_and(|(least, most)| most - least <= least / 2)
 }
@@ -117,7 +117,7 @@ fn whole_group(symbols: &[Option<u8>]) -> Option<u64> {
 
 /// Carries the indices of whole groups on to neighbours in the given order, adding `step` for each.
 fn carry(
-    seen: &[Seen],
+    seen: &[SensedPulse],
     symbols: &[Option<u8>],
     whole: &[Option<u64>],
     order: impl Iterator<Item = usize>,

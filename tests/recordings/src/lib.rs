@@ -1,8 +1,9 @@
 //! Where tests find what is not in the repository.
 //!
 //! - [`shared`]: recordings that may not be passed on. Whoever has them keeps them in a folder `shared` beside the checkout,
-//!   or names theirs in the environment variable `ERFGS_SHARED`. Without that folder a test that needs one is not run, which
-//!   is noted in `target/not-run` and told by `scripts/test.sh` at its end; in a folder that is there nothing may be missing.
+//!   or names theirs in the environment variable `ERFGS_SHARED`. Without that folder a test that needs one fails. Whoever has none
+//!   says so with `ERFGS_SHARED=none`: such a test then is not run, which is noted in `target/not-run` and listed by
+//!   `scripts/test.sh` at its end.
 //! - [`fetched`]: recordings of others that `scripts/setup.sh --oracles` fetches, which must be there.
 //! - [`python`]: the Python of the oracles, which the same script installs, and which must be there, too.
 
@@ -20,28 +21,27 @@ pub fn root() -> PathBuf {
     here.ancestors().nth(2).unwrap_or(here).to_owned()
 }
 
+/// What `ERFGS_SHARED` is where somebody has no such recordings.
+const NONE: &str = "none";
+
 /// The folder of recordings that may not be passed on, where there is one. A relative `ERFGS_SHARED` is relative to [`root`].
 #[must_use]
 pub fn folder() -> Option<PathBuf> {
-    present(named())
+    named().filter(|folder| folder.is_dir())
 }
 
-/// A file or folder in [`folder`]. `None` without the folder: the test is then noted as not run, and should return.
+/// A file or folder in [`folder`]. `None` where `ERFGS_SHARED=none`: the test is then noted as not run, and should return.
 ///
 /// # Panics
-/// If the folder is there, and what is asked for is not in it.
+/// If it is not there.
 #[must_use]
 #[track_caller]
 pub fn shared(file: &str) -> Option<PathBuf> {
-    let named = named();
-    match find(&named, file) {
-        Found::At(path) => Some(path),
-        Found::NoFolder => {
-            not_run::note(&root().join("target/not-run"), &format!("needs {file} of {}", named.display()));
-            None
-        }
-        Found::Missing(path) => panic!("{} is missing, though {} is there", path.display(), named.display()),
-    }
+    let Some(named) = named() else {
+        not_run::note(&root().join("target/not-run"), &format!("needs the recording {file}"));
+        return None;
+    };
+    Some(find(&named, file).unwrap_or_else(|why| panic!("{why}")))
 }
 
 /// A recording of those that `scripts/setup.sh --oracles` fetches.
@@ -71,31 +71,24 @@ pub fn python() -> PathBuf {
     path
 }
 
-/// Where the folder of [`folder`] is, if it is anywhere.
-fn named() -> PathBuf {
-    let relative = env::var_os("ERFGS_SHARED").map_or_else(|| "../shared".into(), PathBuf::from);
-    root().join(relative)
+/// Where the folder of [`folder`] has to be; none where nobody has it.
+fn named() -> Option<PathBuf> {
+    let named = env::var_os("ERFGS_SHARED").unwrap_or_else(|| "../shared".into());
+    (named != NONE).then(|| root().join(named))
 }
 
-fn present(folder: PathBuf) -> Option<PathBuf> {
-    folder.is_dir().then_some(folder)
-}
-
-#[derive(Debug, PartialEq)]
-enum Found {
-    At(PathBuf),
-    NoFolder,
-    Missing(PathBuf),
-}
-
-fn find(folder: &Path, file: &str) -> Found {
+fn find(folder: &Path, file: &str) -> Result<PathBuf, String> {
     let path = folder.join(file);
     if path.exists() {
-        Found::At(path)
+        Ok(path)
     } else if folder.is_dir() {
-        Found::Missing(path)
+        Err(format!("{} is missing, though {} is there", path.display(), folder.display()))
     } else {
-        Found::NoFolder
+        Err(format!(
+            "this test needs {file} of {}, which is not there: name the folder of these recordings in ERFGS_SHARED, or leave out \
+             the tests that need them by ERFGS_SHARED={NONE}",
+            folder.display()
+        ))
     }
 }
 
@@ -104,12 +97,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_missing_in_a_folder_that_is_there_is_not_taken_for_a_folder_that_is_not() {
+    fn a_missing_recording_and_a_missing_folder_fail_with_what_to_do() {
         let folder = root().join("tests");
-        assert_eq!(find(&folder, "recordings/Cargo.toml"), Found::At(folder.join("recordings/Cargo.toml")));
-        assert_eq!(find(&folder, "recordings/absent"), Found::Missing(folder.join("recordings/absent")));
-        assert_eq!(find(&folder.join("absent"), "recordings"), Found::NoFolder);
-        assert_eq!((present(folder.join("absent")), present(folder.clone())), (None, Some(folder)));
+        assert_eq!(find(&folder, "recordings/Cargo.toml"), Ok(folder.join("recordings/Cargo.toml")));
+        let why =
+            [find(&folder, "recordings/absent"), find(&folder.join("absent"), "recordings")].map(Result::unwrap_err);
+        assert!(why[0].contains("is missing, though"), "{why:?}");
+        assert!(why[1].contains("ERFGS_SHARED=none"), "{why:?}");
     }
 
     #[test]

@@ -15,8 +15,8 @@ pub(super) fn section(scene: &Scene) -> String {
         let of = run.info.camera_times.iter().find(|of| of.camera == camera)?;
         Some(number(of.late_ms, 1))
     });
-    let text = "<p>How much later than its frames say training found each camera to have taken them, by what moves in them and in those of the \
-                others. What all cameras have in common is not told. Cameras that a pulse triggers come out within a \
-                millisecond or so; one that stands out runs on a clock of its own.</p>\n";
+    let text = "<p>Time offset of each camera that training learned from what moves: positive if its frames were taken later than \
+    their stamps. An offset common to all cameras cannot be learned. Triggered cameras agree to about a millisecond; a camera that \
+    stands out runs on its own clock.</p>\n";
     html::section(&scene.prefix, "camera-times", "When the cameras looked", &(text.to_owned() + &table))
 }

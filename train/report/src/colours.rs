@@ -32,8 +32,8 @@ pub(super) fn section(scene: &Scene) -> String {
         ))
     });
     let text = format!(
-        "<p>What a mid-grey of the scene ({} of 255) comes out as in each training camera, by the gain and the offset that \
-         training found for it. The cameras stray from it by up to {} of 255. A held-out camera has no such correction.</p>\n",
+        "<p>A mid-grey of the scene ({} of 255) as each training camera shows it, according to its learned gain and offset. The \
+         cameras differ from it by up to {} of 255. Held-out cameras have no such correction.</p>\n",
         number(255.0 * f64::from(GREY), 1),
         number(farthest, 1)
     );

@@ -49,7 +49,7 @@ pub(super) fn section(scene: &mut Scene, oracle: &Oracle) -> String {
     }
     if rows.is_empty() {
         scene.notes.push(format!(
-            "the oracle {} says nothing here: a run of each method is needed, evaluated on the same frames as it",
+            "the oracle {} cannot be used: a run of each method is needed, evaluated on the same frames",
             oracle.name
         ));
         return String::new();
@@ -64,7 +64,7 @@ pub(super) fn section(scene: &mut Scene, oracle: &Oracle) -> String {
         number(oracle.metrics.psnr, 2),
         oracle.metrics.dpsnr.map_or("–".into(), |value| format!("{} dB", number(value, 2)))
     );
-    html::section(&scene.prefix, "oracle", "What events make up for", &body)
+    html::section(&scene.prefix, "oracle", "Share of the gap that events close", &body)
 }
 
 /// How far `got` is from `low` to `high`, in percent, where there is a gap.

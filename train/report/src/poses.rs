@@ -18,9 +18,8 @@ pub(super) fn section(scene: &Scene) -> String {
         let (shift, turn) = (1e3 * DVec3::from(of.shift_m).length(), DVec3::from(of.turn_degrees).length());
         Some(format!("{} {} {}", number(of.moved_px, 2), number(shift, 1), number(turn, 3)))
     });
-    let text = "<p>How far from its calibration training found each camera, by what its frames and those of the others agree on: the \
-                shift of its picture (root mean square, at the depth of the scene), and the shift and the turn of the camera. What all \
-                cameras have in common is not told. Some tenths of a pixel are usual; a camera that stands out was moved, or badly \
-                calibrated.</p>\n";
+    let text = "<p>Difference of the learned pose of each camera from its calibration: image shift (root mean square, at the depth \
+    of the scene), translation and rotation. A difference common to all cameras cannot be learned. Some tenths of a pixel are usual; \
+    a camera that stands out was moved, or badly calibrated.</p>\n";
     html::section(&scene.prefix, "camera-poses", "Where the cameras stand", &(text.to_owned() + &table))
 }

@@ -123,8 +123,8 @@ fn table(dataset: &Manifest) -> String {
     if !calibrated {
         return table;
     }
-    let text = "<p>What follows ± is the standard deviation that the calibration tells: of where a camera stands and looks, in all three \
-                directions together, and of the times of its frames. The camera that the others are placed beside has none.</p>\n";
+    let text = "<p>± are standard deviations from the calibration: of position and direction, all three axes together, and of frame \
+    times. The reference camera has none.</p>\n";
     format!("<div>{table}{text}</div>\n")
 }
 

@@ -13,7 +13,7 @@
 //! run/checkpoint.bin
 //! ```
 //!
-//! `docs/run.md` describes every field. JSON files are replaced in one step; `curve.csv` is flushed line by line, so
+//! `docs/reference/run.md` describes every field. JSON files are replaced in one step; `curve.csv` is flushed line by line, so
 //! that a killed run loses at most its last line.
 
 mod curve;

@@ -212,7 +212,7 @@ impl Config {
         config.eds.from = 300;
         config.eds.count = 200;
         config.eds.max_distance = 0.05;
-        // As all figures of docs/benchmarks.md were taken.
+        // As all figures of lab/notebook were taken.
         config.eds.uniqueness = Uniqueness::OnlyRun;
         config.eds.tolerance_px = 0;
         config.eds.all_must_see = true;
@@ -221,7 +221,7 @@ impl Config {
         config.camera_colour.enabled = true;
         config.camera_pose.enabled = true;
         config.camera_time.enabled = true;
-        // Three renderings a frame cost more than they bring in so few iterations (docs/benchmarks.md).
+        // Three renderings a frame cost more than they bring in so few iterations (lab/notebook/scene-needs.md).
         config.blur = BlurConfig { model: Switch::Off, samples: 3, one_gradient: true, instant: None };
         config.dynamic.skip_static = true;
         config.dynamic.whole_image_every = 4;

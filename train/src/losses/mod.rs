@@ -105,8 +105,8 @@ pub struct Sensor {
     pub linear_light: bool,
 }
 
-/// What an error of one is, natural-log intensity: the contrast threshold that simulators take, in display values; in linear light,
-/// whose logarithm is as many times steeper, the same of what is seen.
+/// The error that counts as one, natural-log intensity: 0.2 in display values, the usual threshold of simulators; 0.45 in
+/// linear light, which is the same visible contrast.
 #[must_use]
 pub fn unit(linear_light: bool) -> f32 {
     if linear_light { 0.45 } else { 0.2 }

@@ -69,7 +69,7 @@ pub enum SceneError {
     },
     /// The motion model starts from points that move, and there are none.
     #[error(
-        "no point of dataset '{path}' is known to move, and `motion = \"free-time\"` starts from those; make the points again with `erfgs dataset points {path}` (each camera needs four frames, and something must move), or train with --motion hexplane"
+        "dataset '{path}' has no moving points, which `motion = \"free-time\"` starts from; make the points again with `erfgs dataset points {path}` (each camera needs four frames, and something must move), or train with --motion hexplane"
     )]
     NoMovingPoints {
         /// The dataset.
@@ -77,7 +77,7 @@ pub enum SceneError {
     },
     /// The motion model starts from bodies, and there are none.
     #[error(
-        "no bodies of dataset '{path}' are known, and `motion = \"bodies\"` starts from those; find them with `erfgs dataset bodies {path}`, or train with --motion free-time"
+        "dataset '{path}' has no bodies, which `motion = \"bodies\"` starts from; find them with `erfgs dataset bodies {path}`, or train with --motion free-time"
     )]
     NoBodies {
         /// The dataset.

@@ -220,7 +220,7 @@ impl Trainer<'_> {
         if self.config.motion == MotionModel::Still {
             note(
                 "motion",
-                "nothing moves, by frames, events and points, or as the configuration says".into(),
+                "nothing moves, according to frames, events and points, or the configuration".into(),
                 "the motion model and its gradients".into(),
             );
         } else if self.config.motion == MotionModel::Bodies {
@@ -231,8 +231,8 @@ impl Trainer<'_> {
             );
             if let free @ [_, ..] = &self.config.bodies.free[..] {
                 note(
-                    "bodies that explain less than Gaussians that are free in time",
-                    format!("{}: by a trial, or as the configuration says", free.join(", ")),
+                    "bodies that explain less than free-time Gaussians",
+                    format!("{}: according to a trial, or the configuration", free.join(", ")),
                     "their paths and nodes".into(),
                 );
             }
@@ -247,8 +247,8 @@ impl Trainer<'_> {
             if self.config.free_time.guide == Guide::Frames && self.config.free_time.knots == 0 {
                 note(
                     "knots of paths",
-                    "frames tell how things move, and a parabola follows them (free_time.guide)".into(),
-                    "half of the numbers of a path".into(),
+                    "frames determine the motion, and parabolas are enough (free_time.guide)".into(),
+                    "half of the parameters of a path".into(),
                 );
             }
         } else if self.config.dynamic.skip_static {
@@ -260,8 +260,8 @@ impl Trainer<'_> {
         }
         if self.config.earl.enabled && !self.config.earl.still_learn && dynamic > 0 && !self.scene.events.is_empty() {
             note(
-                "what events say of what stands still",
-                "it makes none, and would be bent to explain what moves before it and is not right yet".into(),
+                "event gradients of static Gaussians",
+                "static Gaussians cause no events; event gradients would only distort them".into(),
                 format!("the gradients of {} Gaussians in event samples", count - dynamic),
             );
         }
@@ -270,18 +270,14 @@ impl Trainer<'_> {
             let share = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
             note(
                 "parts of the images where nothing moves",
-                format!(
-                    "in the fine stage {} of {every} frame samples and all event samples look past them",
-                    every - 1
-                ),
+                format!("in the fine stage {} of {every} frame samples and all event samples skip them", every - 1),
                 format!("{:.0} % of the pixels of those samples", 100.0 * (1.0 - share)),
             );
         }
         if matches!(self.config.motion, MotionModel::HexPlane | MotionModel::Auto) && !self.config.field.sh_head {
             note(
                 "the head that deforms colour",
-                "colours are taken to travel with their Gaussians, which leaves the colour regulariser nothing to hold"
-                    .into(),
+                "colours are assumed to move with their Gaussians, which makes the colour regulariser redundant".into(),
                 format!(
                     "{} of {} outputs of the field",
                     3 * (gaussians.sh_degree + 1).pow(2),
@@ -294,7 +290,7 @@ impl Trainer<'_> {
                 "the event loss and event-guided densification",
                 match (self.config.earl.enabled, self.config.motion) {
                     (false, _) => "the method does not use events",
-                    (true, MotionModel::Still) => "where nothing moves, events tell of noise and flicker alone",
+                    (true, MotionModel::Still) => "where nothing moves, events hold only noise and flicker",
                     (true, _) => "the dataset has no events",
                 }
                 .into(),
@@ -305,7 +301,7 @@ impl Trainer<'_> {
             let off = !self.config.camera_colour.enabled;
             note(
                 "the colours of the cameras",
-                if off { "switched off in the configuration" } else { "one camera has nobody to differ from" }.into(),
+                if off { "switched off in the configuration" } else { "a single camera has no reference" }.into(),
                 "a gain and an offset for each camera".into(),
             );
         }
@@ -320,7 +316,7 @@ impl Trainer<'_> {
                 } else {
                     format!("fewer than {} cameras take frames", self.config.camera_pose.fewest)
                 },
-                "a turn and a shift for each camera".into(),
+                "a rotation and a translation for each camera".into(),
             );
         }
         if self.clocks.is_none() {
@@ -328,13 +324,13 @@ impl Trainer<'_> {
             let why = if !options.enabled {
                 "switched off in the configuration".into()
             } else if !matches!(self.config.motion, MotionModel::FreeTime | MotionModel::Bodies) {
-                "the motion does not tell them".into()
+                "the motion model does not determine them".into()
             } else if self.scene.frame_times.len() < 2 {
                 "all frames are of one instant".into()
             } else {
                 format!("fewer than {} cameras take frames", options.fewest)
             };
-            note("the clocks of the cameras", why, "a time for each camera".into());
+            note("the clocks of the cameras", why, "a time offset for each camera".into());
         }
         let (renderings, off) = match self.config.motion {
             MotionModel::Bodies => (self.config.bodies.exposure, self.config.bodies.exposure == 1),

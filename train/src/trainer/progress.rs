@@ -100,7 +100,7 @@ impl<F: FnMut(&Progress)> Watch for F {
 pub enum TrainError {
     /// The run was trained with other cameras.
     #[error(
-        "the checkpoint knows where {saved} cameras stand, and the dataset has {views} cameras; resume with the dataset that the run began with"
+        "the checkpoint has poses of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
     )]
     Poses {
         /// Cameras in the checkpoint.
@@ -110,7 +110,7 @@ pub enum TrainError {
     },
     /// The run was trained with other cameras.
     #[error(
-        "the checkpoint knows when {saved} cameras took their frames, and the dataset has {views} cameras; resume with the dataset that the run began with"
+        "the checkpoint has time offsets of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
     )]
     Clocks {
         /// Cameras in the checkpoint.
@@ -120,7 +120,7 @@ pub enum TrainError {
     },
     /// The checkpoint is of other cameras.
     #[error(
-        "the checkpoint knows how {saved} cameras show colours, and the dataset has {views} cameras; resume with the dataset that the run began with"
+        "the checkpoint has colours of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
     )]
     Cameras {
         /// Cameras of the checkpoint.
@@ -136,7 +136,7 @@ pub enum TrainError {
     },
     /// The run was trained with other event cameras.
     #[error(
-        "the checkpoint knows the light at {saved} pixels of event cameras, and those of the dataset have {pixels}, or as many in other sizes; resume with the dataset that the run began with"
+        "the checkpoint has levels of {saved} event pixels, but the dataset has {pixels}, or sensors of other sizes; resume with the dataset that the run began with"
     )]
     Levels {
         /// Pixels of event cameras in the checkpoint.
@@ -158,7 +158,9 @@ pub enum TrainError {
     },
     /// Nothing is left that could learn.
     #[error(
-        "training diverged at iteration {iteration}: no Gaussian is in any picture any more, and the pictures are off by {loss:.3}; what is not seen cannot learn. Train with lower learning rates, for example `--set {lower}`; where nothing was ever seen, check the poses, the initial points and near_m"
+        "training diverged at iteration {iteration}: no Gaussian is visible in any picture any more (loss {loss:.3}), so that \
+         nothing can be learned. Train with lower learning rates, for example `--set {lower}`; if nothing was ever visible, check the \
+         poses, the initial points and near_m"
     )]
     Vanished {
         /// When.

@@ -36,7 +36,7 @@ impl<'a> Trainer<'a> {
         match config.motion {
             MotionModel::HexPlane | MotionModel::Auto => {
                 return Err(refused(
-                    "a deformation field has no Gaussians of its own for what moves; train with --motion free-time",
+                    "a deformation field has no separate moving Gaussians; train with --motion free-time",
                 ));
             }
             MotionModel::FreeTime | MotionModel::Bodies | MotionModel::Still => {}
@@ -86,8 +86,8 @@ impl<'a> Trainer<'a> {
         self.left_out.push(LeftOut {
             what: "what stands still".into(),
             why: format!(
-                "{} of {count} Gaussians of the static set are as the frames show them; {anew} and {} points are learned anew, where these \
-                 show something else",
+                "{} of {count} Gaussians of the static set agree with the frames; {anew} Gaussians and {} points are learned again \
+                 where the frames differ",
                 self.model.fixed,
                 points.len()
             ),

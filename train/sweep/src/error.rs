@@ -15,7 +15,7 @@ pub enum SweepError {
     #[error(transparent)]
     Run(#[from] RunError),
     /// The plan does not parse.
-    #[error("'{}' is not a plan of a sweep: {message}; docs/sweep.md lists what a plan may hold", path.display())]
+    #[error("'{}' is not a plan of a sweep: {message}; docs/guide/sweeps.md lists what a plan may hold", path.display())]
     Plan {
         /// The file.
         path: PathBuf,

@@ -185,7 +185,7 @@ impl Plan {
             let name = take.session.display();
             let times = [take.from, take.seconds, take.window, take.overlap];
             if times.iter().any(|time| !time.is_finite() || *time < 0.0) || take.seconds <= 0.0 || take.window <= 0.0 {
-                return Err(format!("the times of take '{name}' are not lengths of time"));
+                return Err(format!("the times of take '{name}' are not positive durations"));
             }
             if take.overlap >= take.window {
                 return Err(format!(

@@ -98,7 +98,7 @@ fn steps(manifest: &Manifest, job: &Job, hand: &Hand<'_>) -> Result<Ended, Sweep
     if let Some(before) = &job.after {
         let before = manifest.job(before)?;
         if !manifest.is_done(before) {
-            let message = format!("{} is not done, from which it takes what stands still", before.name);
+            let message = format!("{} is not done, whose static Gaussians it needs", before.name);
             return Ok(Ended::Failed { message });
         }
     }

@@ -50,8 +50,8 @@ pub enum FourDgsError {
     Container(#[from] fourdgs::Error),
     /// Bodies that turn fast, for long.
     #[error(
-        "on straight lines, which 4dgs knows alone, what bodies carry takes more than {MOST} Gaussians: export the run --to e4d or html, which \
-         hold bodies as they are"
+        "4dgs stores straight paths only, for which the Gaussians of bodies would become more than {MOST}: export the run --to e4d \
+         or html, which store bodies"
     )]
     TooManyChords,
 }

@@ -1,4 +1,4 @@
-//! What a page needs to know of a run, in one file; `docs/view.md` describes it.
+//! What a page needs to know of a run, in one file; `docs/reference/scene-file.md` describes it.
 //!
 //! A magic, the length of a JSON header (u32, little-endian), the header, and sections in the order that the header lists, which
 //! says how each is written ([`Coding`]). The most important Gaussians come first, so that a picture of them is there before the

@@ -35,7 +35,7 @@ pub enum SceneFileError {
         source: io::Error,
     },
     /// It is of another kind, damaged, or not of finite numbers.
-    #[error("'{path}' is no whole scene file: {reason}; write it anew with `erfgs export RUN --to e4d`")]
+    #[error("'{path}' is not a complete scene file: {reason}; write it again with `erfgs export RUN --to e4d`")]
     Damaged {
         /// The file.
         path: PathBuf,

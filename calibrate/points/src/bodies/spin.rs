@@ -60,7 +60,7 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
                 spin.found_by.insert("rotation".into(), json!("by frames"));
             }
             (None, Some(_)) => {
-                let why = "not determined: frames show no texture that turns, and there are too few events";
+                let why = "not determined: frames show no rotating texture, and there are too few events";
                 spin.found_by.insert("rotation".into(), json!(why));
             }
             (None, None) => {
@@ -117,12 +117,12 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
         apart.iter().map(|(rate, contrast)| json!({"rate_rad_s": vector(*rate), "contrast": rounded(*contrast, 3)}));
     spin.found_by.insert("hypotheses".into(), hypotheses.collect());
     let why = if still > FLAT && frames_tell.is_none() {
-        "not determined: events are as sharp without a turn, and frames show no texture that turns"
+        "not determined: events are as sharp without rotation, and frames show no rotating texture"
     } else if best.0 > scores[0] + BETTER {
         spin.rate = best.1;
         if shades.is_some() { "by events and frames" } else { "by events" }
     } else {
-        "none found: events and frames fit as well without a turn"
+        "none found: events and frames fit as well without rotation"
     };
     spin.found_by.insert("rotation".into(), json!(why));
     spin

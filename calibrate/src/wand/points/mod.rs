@@ -1,6 +1,6 @@
 //! Wand points that another program found.
 //!
-//! Two layouts are read: eWand's folders, and erfgs's own, which `docs/wand.md` describes.
+//! Two layouts are read: eWand's folders, and erfgs's own, which `docs/guide/wand.md` describes.
 
 mod csv;
 mod ewand;

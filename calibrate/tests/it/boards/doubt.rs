@@ -149,7 +149,7 @@ fn lenses_that_are_given_must_be_of_these_cameras() {
         Err(error) => error.to_string(),
         Ok(rig) => rig.warnings[0].clone(),
     };
-    assert!(said.contains("given for left") && said.contains("zoom"), "{said}");
+    assert!(said.contains("given intrinsics of left") && said.contains("zoom"), "{said}");
 }
 
 /// The matrix of what is free is empty.

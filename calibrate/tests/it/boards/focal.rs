@@ -67,7 +67,7 @@ fn a_board_that_tilts_gives_it_and_one_that_tilts_little_a_warning() {
         let camera = &rig.cameras[0];
         let sigma = camera.sigma.as_ref().unwrap().intrinsics["fx"].unwrap();
         assert!((camera.intrinsics.fx - 300.0).abs() < 3.0 * sigma && sigma < most_sigma, "{:?}", camera.intrinsics);
-        let warnings = camera.warnings.iter().filter(|warning| warning.contains("focal length is known to 1."));
+        let warnings = camera.warnings.iter().filter(|warning| warning.contains("focal length is known only to 1."));
         assert_eq!(warnings.count(), usize::from(warned), "{:?}", camera.warnings);
     }
 }

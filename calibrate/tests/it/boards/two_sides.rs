@@ -294,7 +294,7 @@ fn a_back_that_the_views_leave_open_is_refused_until_its_thickness_is_stated() {
     let (rig, _) = solve(&few(10), &plate, &stated).unwrap();
     assert!(rig.warnings.iter().any(|warning| warning.contains("as it was stated: 6.0 mm")), "{:?}", rig.warnings);
     let (rig, _) = solve(&few(7), &plate, &given(4)).unwrap();
-    assert!(rig.warnings.iter().any(|warning| warning.contains("on it is known to")), "{:?}", rig.warnings);
+    assert!(rig.warnings.iter().any(|warning| warning.contains("is known only to")), "{:?}", rig.warnings);
     let thick = BoardOptions { back_thickness_m: Some(6.0), ..given(4) };
     assert!(matches!(solve(&seen, &plate, &thick), Err(BoardError::Thickness { .. })));
 }

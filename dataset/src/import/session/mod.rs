@@ -89,7 +89,7 @@ impl Response {
 pub struct SessionOptions {
     /// First and last instant, nanoseconds of session time; all of it where absent.
     pub window_ns: Option<[i64; 2]>,
-    /// Each so-manieth frame.
+    /// Import every n-th frame.
     pub every: usize,
     /// Size of the imported images, as a fraction of the camera's. With event cameras one half, one third and so on: so
     /// many pixels each way become one, whose contrast threshold is smaller by their number.
@@ -400,7 +400,7 @@ fn nothing(session: &Session, options: &SessionOptions) -> ImportError {
             from as f64 * 1e-9,
             to as f64 * 1e-9
         ),
-        None => "no camera of the rig recorded anything whose time is known; run erfgs sync on the session".to_owned(),
+        None => "no camera of the rig recorded data with known times; run erfgs sync on the session".to_owned(),
     };
     ImportError::Malformed { path: session.path().to_owned(), what }
 }

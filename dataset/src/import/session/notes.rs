@@ -80,7 +80,7 @@ impl fmt::Display for SessionNote {
             Self::NoPose { stream } => write!(f, "{stream}: left out, the rig file has no pose of it"),
             Self::NoStream { camera } => write!(f, "{camera}: the session has no stream of this camera"),
             Self::NoColours { stream } => {
-                write!(f, "{stream}: left out, it sees no colours and others do (--grey takes it)")
+                write!(f, "{stream}: left out, because it has no colour and other cameras do (--grey takes it)")
             }
             Self::NoClock { stream } => write!(f, "{stream}: left out, its clock is not fitted to the session's"),
             Self::Nothing { stream } => write!(f, "{stream}: left out, it recorded nothing within the window"),
@@ -94,8 +94,8 @@ impl fmt::Display for SessionNote {
                 let ([from, to], [first, last]) = (part.map(seconds), of.map(seconds));
                 write!(
                     f,
-                    "{stream}: its events from {from:.3} s to {to:.3} s of the recording are used, of {first:.3} s to {last:.3} s: \
-                     of the rest it is not known what it saw"
+                    "{stream}: only its events from {from:.3} s to {to:.3} s of the recording are used (of {first:.3} s to {last:.3} \
+                     s): the rest has gaps"
                 )?;
                 because(f, why.as_deref())
             }

@@ -18,9 +18,7 @@ pub enum LinkError {
         why: &'static str,
     },
     /// It was copied as it stands, from a recorder that listens at all its addresses.
-    #[error(
-        "'{link}' is any address of the other host: put its name or one of its addresses in the place of the zeros"
-    )]
+    #[error("'{link}' has an unspecified address: replace the zeros by the host's name or address")]
     Unspecified {
         /// The link, up to what is secret.
         link: String,
@@ -32,8 +30,8 @@ pub enum LinkError {
 pub enum HostError {
     /// No connection.
     #[error(
-        "host {host} cannot be reached: {source}. Start `erfgs record RIG.toml --out takes/ --wait --live ADDRESS` there, and see \
-         that its address and port can be reached from here"
+        "host {host} cannot be reached: {source}. Start `erfgs record RIG.toml --out takes/ --wait --live ADDRESS` there, and check \
+         that its address and port are reachable from here"
     )]
     Unreachable {
         /// The host.
@@ -42,7 +40,7 @@ pub enum HostError {
         source: io::Error,
     },
     /// It does not answer in time, or breaks off.
-    #[error("host {host} does not answer: {what}. See whether it runs, and whether the network between is whole")]
+    #[error("host {host} does not answer: {what}. Check whether it runs, and the network")]
     Silent {
         /// The host.
         host: String,
@@ -51,15 +49,14 @@ pub enum HostError {
     },
     /// The token is another one.
     #[error(
-        "host {host} does not take the token of its link: a recorder has a new one each time it is started. Copy the link that it \
-         printed last"
+        "host {host} refuses the token of its link: a recorder makes a new one at each start. Copy the link that it printed last"
     )]
     Token {
         /// The host.
         host: String,
     },
     /// Something else answers.
-    #[error("what answers at {host} is no recorder of this version of erfgs: {what}")]
+    #[error("the program at {host} is not a recorder of this version of erfgs: {what}")]
     Foreign {
         /// The host.
         host: String,
@@ -73,7 +70,7 @@ pub enum HostError {
         host: String,
     },
     /// It records already.
-    #[error("host {host} records already, into '{}': stop that on its live page first", path.display())]
+    #[error("host {host} is already recording into '{}': stop it on its live page first", path.display())]
     Busy {
         /// The host.
         host: String,
@@ -82,8 +79,8 @@ pub enum HostError {
     },
     /// Its disk has no room.
     #[error(
-        "the disk of host {host} has no room for this, besides its reserve: {room} in '{}'. Free some space there, or record to \
-         another disk",
+        "the disk of host {host} has too little room beyond its reserve: {room} in '{}'. Free some space there, or record to another \
+         disk",
         folder.display()
     )]
     Disk {
@@ -103,7 +100,7 @@ pub enum HostError {
         why: String,
     },
     /// It took the order, and nothing follows.
-    #[error("host {host} was told to record and does not say within {seconds} s that it does: look at its terminal")]
+    #[error("host {host} did not confirm within {seconds} s that it records: look at its terminal")]
     NotBegun {
         /// The host.
         host: String,

@@ -21,7 +21,7 @@ use super::{
     host::{ASK, Host, HostEnd, HostTake},
     link::HostLink,
     merge::merge_commands,
-    told::HostView,
+    report::HostView,
 };
 use crate::{Level, RecordError, Recorder, Summary};
 
@@ -264,7 +264,7 @@ async fn watch(shared: Arc<Shared>, host: Arc<Host>) {
             let late = if host.is_overdue() { host.stop().await } else { None };
             if let Some(take) = late.filter(|take| !matches!(take.end, HostEnd::Unknown { .. })) {
                 let (level, says) = take.says();
-                shared.say(level, &name, &format!("{says}, after it was heard of again"));
+                shared.say(level, &name, &format!("{says}, after the connection was restored"));
             }
         }
     }

@@ -19,7 +19,7 @@ use super::{
     client::{Answer, Longest, ask},
     error::HostError,
     link::HostLink,
-    told::{HostView, Told},
+    report::{HostReport, HostView},
 };
 use crate::{Level, Status, Summary};
 
@@ -125,7 +125,7 @@ struct Take {
 
 #[derive(Default)]
 struct State {
-    told: Option<Told>,
+    report: Option<HostReport>,
     answered: Option<Instant>,
     /// Why it does not answer now.
     silent: Option<String>,
@@ -145,8 +145,8 @@ pub(super) struct Host {
     ordered: AtomicBool,
 }
 
-/// What there is to say of a host: how much it matters, the stream there (or nothing), the words.
-pub(super) type Said = (Level, String, String);
+/// A message about a host: its level, the stream there (or nothing), the text.
+pub(super) type HostMessage = (Level, String, String);
 
 impl Host {
     pub fn new(link: HostLink) -> Self {
@@ -160,8 +160,8 @@ impl Host {
     /// How it fares now.
     pub async fn status(&self) -> Result<Status, HostError> {
         let answer = ask(&self.link, "/api/status", None, STATUS, Longest::Words).await?;
-        let told = self.understood(&answer)?;
-        let status = told.status.clone();
+        let report = self.understood(&answer)?;
+        let status = report.status.clone();
         let mut state = self.state();
         let newest = status.messages.last().map(|message| message.number);
         state.last_message = state.last_message.or(Some(newest.unwrap_or(0)));
@@ -170,11 +170,11 @@ impl Host {
         {
             (take.seconds, take.bytes) = (running.seconds, running.bytes);
         }
-        (state.told, state.answered, state.silent) = (Some(told), Some(Instant::now()), None);
+        (state.report, state.answered, state.silent) = (Some(report), Some(Instant::now()), None);
         Ok(status)
     }
 
-    fn understood(&self, answer: &Answer) -> Result<Told, HostError> {
+    fn understood(&self, answer: &Answer) -> Result<HostReport, HostError> {
         let foreign = |what: String| HostError::Foreign { host: self.link.name(), what: printable(&what) };
         if answer.code != StatusCode::OK {
             return Err(foreign(format!("it answers {}", answer.code)));
@@ -190,17 +190,17 @@ impl Host {
             page: format!("http://{name}/"),
             name,
             lost: state.silent.clone().filter(|_| state.lost),
-            told: state.told.clone(),
+            report: state.report.clone(),
         }
     }
 
     /// The name of its rig, once it was heard of.
     pub fn rig(&self) -> Option<String> {
-        self.state().told.as_ref().map(|told| told.status.rig.clone())
+        self.state().report.as_ref().map(|report| report.status.rig.clone())
     }
 
     /// Asks how it fares, and gives what is new to be said.
-    pub async fn look(&self) -> Vec<Said> {
+    pub async fn look(&self) -> Vec<HostMessage> {
         let status = self.status().await;
         let mut state = self.state();
         let mut said = Vec::new();
@@ -246,7 +246,7 @@ impl Host {
     }
 
     /// Notes that its recording ended without us, if it did.
-    fn ended(&self, state: &mut State, status: &Status) -> Option<Said> {
+    fn ended(&self, state: &mut State, status: &Status) -> Option<HostMessage> {
         let take = state.take.as_mut().filter(|take| take.end.is_none())?;
         take.end = Some(end_of(take, status)?);
         let (level, says) = self.as_told(take)?.says();
@@ -292,7 +292,7 @@ impl Host {
 
     fn folder(&self) -> PathBuf {
         let state = self.state();
-        let folder = state.told.as_ref().map(|told| told.folder.to_string_lossy().into_owned());
+        let folder = state.report.as_ref().map(|report| report.folder.to_string_lossy().into_owned());
         PathBuf::from(printable(&folder.unwrap_or_default()))
     }
 
@@ -365,7 +365,7 @@ impl Host {
                         }
                         if since.elapsed() >= refuses {
                             let seconds = since.elapsed().as_secs();
-                            return self.unknown(format!("it was told to stop for {seconds} s and records on"));
+                            return self.unknown(format!("it still records {seconds} s after it was told to stop"));
                         }
                     } else if let Some(end) = self.state().take.as_ref().and_then(|take| end_of(take, &status)) {
                         return match end {
@@ -373,7 +373,7 @@ impl Host {
                             end => end,
                         };
                     }
-                    "it does not say that its recording is complete".into()
+                    "it does not confirm that its recording is complete".into()
                 }
             };
             // Whatever it says, the end of this is known.
@@ -412,7 +412,7 @@ fn end_of(take: &Take, status: &Status) -> Option<HostEnd> {
     Some(match status.last.as_ref().filter(|last| ours(&last.path)) {
         Some(last) => HostEnd::Early(Box::new(printed(last))),
         None => HostEnd::Unknown {
-            why: "its recorder was started again meanwhile".into(),
+            why: "its recorder was restarted in the meantime".into(),
             seconds: take.seconds,
             bytes: take.bytes,
         },
@@ -426,7 +426,7 @@ fn printed(summary: &Summary) -> Summary {
 }
 
 /// Warnings and errors of the host that were not told yet.
-fn new_messages(state: &mut State, status: &Status) -> Vec<Said> {
+fn new_messages(state: &mut State, status: &Status) -> Vec<HostMessage> {
     let newest = status.messages.last().map_or(0, |message| message.number);
     let last = state.last_message.unwrap_or(newest);
     // A recorder that was started again counts anew.
@@ -438,14 +438,14 @@ fn new_messages(state: &mut State, status: &Status) -> Vec<Said> {
 }
 
 /// As many messages as are told in a while; once that is over, how many there were besides.
-fn few(telling: &mut Option<(Instant, usize, usize)>, new: Vec<Said>, now: Instant) -> Vec<Said> {
+fn few(telling: &mut Option<(Instant, usize, usize)>, new: Vec<HostMessage>, now: Instant) -> Vec<HostMessage> {
     let mut said = Vec::new();
     if let Some((since, _, left_out)) = *telling
         && now.duration_since(since) >= WHILE
     {
         *telling = None;
         if left_out > 0 {
-            said.push((Level::Warning, String::new(), format!("{left_out} more messages are on its page")));
+            said.push((Level::Warning, String::new(), format!("{left_out} more messages are shown on its page")));
         }
     }
     for message in new {

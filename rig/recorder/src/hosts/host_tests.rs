@@ -10,7 +10,8 @@ use super::*;
 fn stubborn() -> HostLink {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let link = HostLink::parse(&format!("http://{}/", listener.local_addr().unwrap())).unwrap();
-    let told = Told { status: Status::default(), looks: Vec::new(), guidance: Vec::new(), folder: "there".into() };
+    let told =
+        HostReport { status: Status::default(), looks: Vec::new(), guidance: Vec::new(), folder: "there".into() };
     let mut told = serde_json::to_value(told).unwrap();
     told["status"]["recording"] = serde_json::json!({ "path": "there/take.mcap", "seconds": 2.5, "bytes": 1000, "bytes_per_s": 0.0, "slowest_write_ms": 0.0 });
     std::thread::spawn(move || {
@@ -38,7 +39,7 @@ fn a_host_that_records_on_keeps_nobody_waiting() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let end = runtime.block_on(host.told_to_stop("take.mcap", GIVE_UP, Duration::from_millis(1)));
     let HostEnd::Unknown { why, seconds, bytes } = &end else { panic!("{end:?}") };
-    assert!(why.contains("records on"), "{why}");
+    assert!(why.contains("still records"), "{why}");
     assert_eq!((*seconds, *bytes), (2.5, 1000));
     // The user is told where to stop it.
     host.state().take = Some(Take { end: Some(end), ..take() });
@@ -54,7 +55,7 @@ fn a_host_that_says_much_is_told_of_in_few_words() {
     let more: usize = (0..100).map(|_| few(&mut telling, said(10), begun + WHILE / 2).len()).sum();
     assert_eq!(more, TOLD - 3);
     let later = few(&mut telling, said(1), begun + WHILE);
-    assert_eq!(later[0].2, format!("{} more messages are on its page", 1000 + 3 - TOLD));
+    assert_eq!(later[0].2, format!("{} more messages are shown on its page", 1000 + 3 - TOLD));
     assert_eq!(later.len(), 2);
     assert_eq!(few(&mut telling, Vec::new(), begun + 2 * WHILE), []);
 }

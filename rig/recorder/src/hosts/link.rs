@@ -33,10 +33,10 @@ impl HostLink {
         }
         let authority = uri.authority().ok_or_else(|| wrong("it names no host"))?;
         if authority.as_str().contains('@') {
-            return Err(LinkError::Wrong { link: "http://…@…".into(), why: "a live page knows no users" });
+            return Err(LinkError::Wrong { link: "http://…@…".into(), why: "a live page has no user names" });
         }
         if !matches!(uri.path(), "" | "/") {
-            return Err(wrong("it goes on behind the host: give the address of the page itself"));
+            return Err(wrong("it has a path behind the host: give the address of the page itself"));
         }
         let host = authority.host().to_owned();
         if matches!(host.as_str(), "0.0.0.0" | "[::]") {
@@ -47,11 +47,15 @@ impl HostLink {
         }
         let port = match authority.as_str().strip_prefix(host.as_str()).and_then(|rest| rest.strip_prefix(':')) {
             None => PORT,
-            Some(port) => port.parse().ok().filter(|port| *port > 0).ok_or_else(|| wrong("its port is no port"))?,
+            Some(port) => port
+                .parse()
+                .ok()
+                .filter(|port| *port > 0)
+                .ok_or_else(|| wrong("its port is not a number from 1 to 65535"))?,
         };
         let query = uri.query().unwrap_or_default();
         let token = query.split('&').find_map(|part| part.strip_prefix("token="));
-        let token = token.map(|token| Token::given(token).ok_or_else(|| wrong("its token is not a whole one")));
+        let token = token.map(|token| Token::given(token).ok_or_else(|| wrong("its token is incomplete")));
         Ok(Self { host, port, token: token.transpose()? })
     }
 

@@ -12,11 +12,11 @@ mod group;
 mod host;
 mod link;
 mod merge;
-mod told;
+mod report;
 
 pub use error::{HostError, LinkError, StartError};
 pub use group::Hosts;
 pub use host::{HostEnd, HostTake};
 pub use link::HostLink;
 pub use merge::merge_commands;
-pub use told::HostView;
+pub use report::HostView;

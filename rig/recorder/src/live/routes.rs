@@ -295,7 +295,7 @@ fn told<T: Serialize>(answer: Option<Result<T, AdjustError>>) -> Response {
 async fn of_host(State(site): Shared, Path((host, what)): Path<(usize, String)>, uri: Uri) -> Response {
     let id = what.strip_prefix("preview/").or_else(|| what.strip_prefix("knobs/"));
     if !id.is_some_and(crate::is_id) {
-        return refuse(StatusCode::NOT_FOUND, "nothing of that name is asked of other hosts");
+        return refuse(StatusCode::NOT_FOUND, "other hosts have no such command");
     }
     let large = uri.query().is_some_and(|query| query.split('&').any(|part| part == "large=true"));
     relay(&site, host, format!("/api/{what}{}", if large { "?large=true" } else { "" }), None).await
@@ -308,7 +308,7 @@ async fn order_host(
     Json(json): Json<serde_json::Value>,
 ) -> Response {
     if !matches!(what.as_str(), "adjust" | "keep-settings" | "span") {
-        return refuse(StatusCode::NOT_FOUND, "nothing of that name is asked of other hosts");
+        return refuse(StatusCode::NOT_FOUND, "other hosts have no such command");
     }
     relay(&site, host, format!("/api/{what}"), Some(json.to_string())).await
 }

@@ -81,7 +81,7 @@ fn speed(measured: io::Result<f64>, rates: &Rates, folder: &Path) -> Finding {
     if bytes_per_s < rates.steady {
         Finding::refusal(CHECK, says, SLOW)
     } else if bytes_per_s < 1.2 * rates.peak {
-        Finding::warning(CHECK, format!("{says}: bursts longer than the queues will be cut"), SLOW)
+        Finding::warning(CHECK, format!("{says}: bursts longer than the queues will lose data"), SLOW)
     } else {
         Finding::good(CHECK, says)
     }
@@ -92,8 +92,8 @@ fn room(plan: &Plan<'_>, rates: &Rates) -> Finding {
     let free = match host::disk_space(plan.folder) {
         Ok(space) => space.free,
         Err(error) => {
-            let says = format!("cannot ask for the room in '{}': {error}", plan.folder.display());
-            return Finding::warning(CHECK, says, "look at it by hand");
+            let says = format!("cannot determine the free space of '{}': {error}", plan.folder.display());
+            return Finding::warning(CHECK, says, "check it by hand");
         }
     };
     room_for(free, plan.reserve_bytes, plan.duration, rates)
@@ -117,7 +117,7 @@ fn room_for(on_disk: u64, reserve: u64, duration: Option<Duration>, rates: &Rate
     if (free as f64) < wanted * rates.steady {
         Finding::refusal(CHECK, says, "free some space, record to another disk, or record for a shorter time")
     } else if (free as f64) < wanted * rates.peak {
-        Finding::warning(CHECK, says, "the recording ends in good order when the disk is full; free some space")
+        Finding::warning(CHECK, says, "the recording ends cleanly when the disk is full; free some space")
     } else {
         Finding::good(CHECK, says)
     }

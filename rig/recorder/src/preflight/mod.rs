@@ -106,6 +106,6 @@ fn settings(stream: &Description) -> Option<Finding> {
         }
         other => vec![other.as_str().map_or_else(|| other.to_string(), str::to_owned)],
     };
-    let says = format!("'{}' did not take: {}", stream.id, missed.join(", "));
+    let says = format!("'{}' did not accept: {}", stream.id, missed.join(", "));
     Some(Finding::warning("settings", says, "see `erfgs devices` for what the camera can do, or remove the setting"))
 }

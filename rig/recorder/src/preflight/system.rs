@@ -77,7 +77,7 @@ fn clock(source: &str) -> Finding {
     Finding::warning(
         CHECK,
         says,
-        "see why the kernel gave up on tsc (`dmesg | grep clocksource`); arrival times are noisier",
+        "check why the kernel does not use tsc (`dmesg | grep clocksource`); arrival times are noisier",
     )
 }
 

@@ -209,7 +209,7 @@ fn a_host_that_is_lost_costs_its_own_streams_and_is_stopped_when_it_is_back() {
     assert!(right.is_recording());
     let _right_page = page(&right, right_monitor, &address);
     wait_until("it is stopped", || !right.is_recording());
-    wait_until("that is told", || said(&own, Level::Info, &name, "after it was heard of again"));
+    wait_until("that is told", || said(&own, Level::Info, &name, "after the connection was restored"));
     packets(&takes[0].path);
 }
 

@@ -1,6 +1,6 @@
 //! iniVation DAVIS346 (346×260): events, frames, inertial samples and external edges in one stream of words.
 //!
-//! Facts and their sources: `docs/drivers.md`.
+//! Facts and their sources: `docs/reference/event-cameras.md`.
 
 mod bias;
 mod config;

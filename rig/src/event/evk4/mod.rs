@@ -1,6 +1,6 @@
 //! Prophesee EVK4 (sensor IMX636, 1280×720), and cameras with the same board: EVK3 HD, CenturyArks SilkyEvCam HD.
 //!
-//! Facts and their sources: `docs/drivers.md`.
+//! Facts and their sources: `docs/reference/event-cameras.md`.
 
 mod bias;
 mod board;

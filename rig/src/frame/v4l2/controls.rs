@@ -59,7 +59,7 @@ impl Quantity {
             Lock::Named(NamedLock::Auto) => {
                 // Cameras without this automatic hold the value anyway.
                 if self.on.iter().all(|&on| node.set_control(self.automatic, on).is_err()) {
-                    missed.because(&format!("{} = \"auto\"", self.name), "the camera has no automatic of it");
+                    missed.because(&format!("{} = \"auto\"", self.name), "the camera has no automatic mode for it");
                 }
                 Ok(())
             }
@@ -84,7 +84,7 @@ impl Quantity {
                 let value = (wanted / self.scale).round();
                 if !(f64::from(range.minimum)..=f64::from(range.maximum)).contains(&value) {
                     let unit = |n: i32| f64::from(n) * self.scale;
-                    return Err(refuse(format!("it takes {} to {}", unit(range.minimum), unit(range.maximum))));
+                    return Err(refuse(format!("allowed is {} to {}", unit(range.minimum), unit(range.maximum))));
                 }
                 if node.control_range(self.automatic).is_ok() {
                     node.set_control(self.automatic, self.off)

@@ -16,7 +16,7 @@ pub(super) struct Survey {
 }
 
 #[derive(Default)]
-struct Seen {
+struct Extent {
     /// The first time that came, and the earliest.
     first: Option<[u64; 2]>,
     clock: HostClock,
@@ -24,7 +24,7 @@ struct Seen {
     height: u16,
 }
 
-impl Seen {
+impl Extent {
     fn time(&mut self, t_us: u64) {
         match &mut self.first {
             Some([_, earliest]) => *earliest = t_us.min(*earliest),
@@ -38,7 +38,7 @@ impl Seen {
     }
 }
 
-impl Sink for Seen {
+impl Sink for Extent {
     fn event(&mut self, event: CdEvent) {
         self.time(event.t_us);
         self.reaches(event.x.saturating_add(1), event.y.saturating_add(1));
@@ -81,24 +81,25 @@ fn faults(source: &EventSource, anomalies: &Anomalies, size_is_files: bool) -> V
         faults.push(format!("{} lines or packets of it cannot be read", anomalies.damaged));
     }
     if anomalies.truncated_bytes > 0 {
-        faults.push(format!("it is cut off: its last {} bytes are no whole item", anomalies.truncated_bytes));
+        faults.push(format!("it is cut off: its last {} bytes are an incomplete item", anomalies.truncated_bytes));
     }
     faults
 }
 
 /// Reads the file through. `size_is_files`: the sensor's size is that which the file says.
 pub(super) fn survey(source: &EventSource, size_is_files: bool) -> Result<Survey, ContainerError> {
-    let mut seen = Seen::default();
-    let anomalies = source.decode(&mut seen, |_| true)?;
-    if anomalies.are_all(u64::from(seen.first.is_some())) {
+    let mut extent = Extent::default();
+    let anomalies = source.decode(&mut extent, |_| true)?;
+    if anomalies.are_all(u64::from(extent.first.is_some())) {
         return Err(ContainerError::NothingReadable { path: source.path().to_owned(), found: anomalies.to_string() });
     }
     let before_ns =
         |[came, earliest]: [u64; 2]| i64::try_from(came - earliest).unwrap_or(i64::MAX).saturating_mul(1000);
     Ok(Survey {
-        first_us: seen.first.map_or(0, |[_, earliest]| earliest),
-        last_ns: seen.first.map(|first| seen.clock.last_ns().saturating_add(before_ns(first))),
+        first_us: extent.first.map_or(0, |[_, earliest]| earliest),
+        last_ns: extent.first.map(|first| extent.clock.last_ns().saturating_add(before_ns(first))),
         faults: faults(source, &anomalies, size_is_files && !source.is_devices_words()),
-        extent: (seen.width > 0 && seen.height > 0).then_some(SensorSize { width: seen.width, height: seen.height }),
+        extent: (extent.width > 0 && extent.height > 0)
+            .then_some(SensorSize { width: extent.width, height: extent.height }),
     })
 }

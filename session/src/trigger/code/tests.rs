@@ -3,14 +3,17 @@ use proptest::prelude::*;
 use super::*;
 
 /// The train as an event camera sees it: pulses at 30 Hz, microsecond edges.
-fn train(first: u64, count: u64) -> Vec<Seen> {
+fn train(first: u64, count: u64) -> Vec<SensedPulse> {
     (first..first + count)
-        .map(|index| Seen { rise: index as i64 * 33_333_312, width_ns: Some(width_ns(symbol(index)) / 1000 * 1000) })
+        .map(|index| SensedPulse {
+            rise: index as i64 * 33_333_312,
+            width_ns: Some(width_ns(symbol(index)) / 1000 * 1000),
+        })
         .collect()
 }
 
 /// Whether no pulse has an index that is not its own.
-fn none_wrong(seen: &[Seen], decoded: &Decoded) -> bool {
+fn none_wrong(seen: &[SensedPulse], decoded: &Decoded) -> bool {
     std::iter::zip(seen, &decoded.indices)
         .all(|(pulse, index)| index.is_none_or(|i| i as i64 == pulse.rise / 33_333_312))
 }
@@ -85,7 +88,7 @@ fn a_last_pulse_that_the_end_cuts_off_has_its_index_and_is_no_fault() {
 fn a_doubled_pulse_is_noticed_and_misleads_nobody() {
     for at in 0..32 {
         let mut seen = train(800, 32);
-        let extra = Seen { rise: seen[at].rise + 2_000_000, ..seen[at] };
+        let extra = SensedPulse { rise: seen[at].rise + 2_000_000, ..seen[at] };
         seen.insert(at + 1, extra);
         let decoded = decode(&seen);
         let unknown = decoded.indices.iter().filter(|index| index.is_none()).count();
@@ -99,7 +102,7 @@ fn a_doubled_pulse_is_noticed_and_misleads_nobody() {
 fn a_train_that_starts_again_is_one_break() {
     let mut seen = train(0, 40);
     let later = seen[39].rise + 500_000_000;
-    seen.extend(train(0, 40).into_iter().map(|pulse| Seen { rise: pulse.rise + later, ..pulse }));
+    seen.extend(train(0, 40).into_iter().map(|pulse| SensedPulse { rise: pulse.rise + later, ..pulse }));
     let decoded = decode(&seen);
     assert_eq!(decoded.indices, (0..40).chain(0..40).map(Some).collect::<Vec<_>>());
     assert_eq!(decoded.breaks, 1);
@@ -124,7 +127,7 @@ proptest! {
     #[test]
     fn any_widths_are_survived(widths in prop::collection::vec(prop::option::of(any::<i64>()), 0..40)) {
         let seen: Vec<_> = widths.into_iter().enumerate()
-            .map(|(at, width_ns)| Seen { rise: at as i64, width_ns }).collect();
+            .map(|(at, width_ns)| SensedPulse { rise: at as i64, width_ns }).collect();
         prop_assert_eq!(decode(&seen).indices.len(), seen.len());
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Features of both pictures after five rectifiers of a network are normalised to unit length at each pixel; the
 //! squared differences, weighted by channel, are averaged over pixels and summed over the five layers. The network's
-//! code is here, its weights are the user's (`docs/run.md` says how to make the file).
+//! code is here, its weights are the user's (`docs/reference/run.md` says how to make the file).
 
 mod layers;
 mod weights;

@@ -15,7 +15,7 @@ use serde::Deserialize;
 #[derive(Debug, thiserror::Error)]
 pub enum LpipsError {
     /// The file could not be read.
-    #[error("could not read LPIPS weights '{}': {source}; docs/run.md says how to make the file", path.display())]
+    #[error("could not read LPIPS weights '{}': {source}; docs/reference/run.md says how to make the file", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -23,7 +23,7 @@ pub enum LpipsError {
         source: io::Error,
     },
     /// The file is not a .safetensors file.
-    #[error("'{}' is not a .safetensors file: {message}; docs/run.md says how to make one", path.display())]
+    #[error("'{}' is not a .safetensors file: {message}; docs/reference/run.md says how to make one", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -31,7 +31,7 @@ pub enum LpipsError {
         message: String,
     },
     /// A tensor is not in the file.
-    #[error("'{}' has no tensor '{name}'; docs/run.md lists the names that LPIPS needs", path.display())]
+    #[error("'{}' has no tensor '{name}'; docs/reference/run.md lists the names that LPIPS needs", path.display())]
     Missing {
         /// The file.
         path: PathBuf,

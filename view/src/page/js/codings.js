@@ -1,8 +1,8 @@
 // How the numbers of a section are written, and what is said of a file that is not as it should be.
 
 export const FOREIGN = 'This is no scene of erfgs, or one of a later version.';
-export const DAMAGED = 'The scene is damaged: load the page again, or export it anew.';
-export const CUT_OFF = 'The scene is cut off: load the page again, or export it anew.';
+export const DAMAGED = 'The scene is damaged: reload the page, or export it again.';
+export const CUT_OFF = 'The scene is cut off: reload the page, or export it again.';
 
 export const isCount = (value) => Number.isSafeInteger(value) && value >= 0;
 export const need = (holds, what = DAMAGED) => { if (!holds) throw new Error(what); };

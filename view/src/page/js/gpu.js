@@ -19,7 +19,7 @@ export async function open(gpu) {
       : 'This browser has no WebGPU: take a current Chrome, Edge, Safari or Firefox, or switch it on.');
   }
   const adapter = await gpu.requestAdapter({ powerPreference: 'high-performance' });
-  if (!adapter) throw new NoGpu('This browser has WebGPU, but no graphics adapter for it: look whether its settings use the graphics processor.');
+  if (!adapter) throw new NoGpu('This browser has WebGPU, but no graphics adapter for it: check that its settings enable the graphics processor.');
   const requiredLimits = Object.fromEntries(WANTED.map((name) => [name, adapter.limits[name]]));
   return new Gpu(await adapter.requestDevice({ requiredLimits }), adapter);
 }

@@ -21,7 +21,7 @@ async function device(abouts, wanted) {
   if (beyond) return { why: `the browser cannot draw ${beyond.name}: ${beyond.only_server}` };
   try {
     const gpu = await open(navigator.gpu);
-    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu' && !alone) return { why: 'this browser has no graphics processor, only a slow stand-in' };
+    if (gpu.adapter.info?.isFallbackAdapter && wanted !== 'webgpu' && !alone) return { why: 'this browser has no GPU, only a slow software renderer' };
     return { gpu };
   } catch (error) {
     if (alone || !(error instanceof NoGpu)) throw error;

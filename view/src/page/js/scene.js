@@ -20,7 +20,7 @@ export class SceneReader {
   get share() { return this.bytes.length ? this.at / this.bytes.length : 1; }
 
   push(bytes) {
-    need(this.at + bytes.length <= this.bytes.length, 'The scene is longer than it was said to be: load the page again.');
+    need(this.at + bytes.length <= this.bytes.length, 'The scene is longer than its header states: reload the page.');
     this.bytes.set(bytes, this.at);
     this.at += bytes.length;
     try {

@@ -12,7 +12,7 @@ export class Training {
     panel.hidden = false;
     for (const wish of ['save', 'stop']) {
       this.part(wish).addEventListener('click', async () => {
-        if (wish === 'stop' && !confirm('Stop the training? What was learned is kept, and it can go on later.')) return;
+        if (wish === 'stop' && !confirm('Stop the training? A checkpoint is kept, and the training can continue later.')) return;
         this.part(wish).disabled = true;
         const answer = await fetch(`api/training/${wish}`, { method: 'POST' }).catch((error) => ({ ok: false, text: () => error.message }));
         if (!answer.ok) this.part('wish').textContent = `The server says: ${await answer.text()}`;
@@ -41,7 +41,7 @@ export class Training {
         // A program that ended answers no more; one that is busy does so later.
         this.missed = (this.missed ?? 0) + 1;
         if (this.missed > 5) {
-          this.part('now').textContent = `The program does not answer any more (${error.message}). What was learned by then is still shown.`;
+          this.part('now').textContent = `The program does not answer any more (${error.message}). The last scene is still shown.`;
           for (const wish of ['save', 'stop']) this.part(wish).disabled = true;
           return;
         }

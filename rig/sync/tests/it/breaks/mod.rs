@@ -50,7 +50,7 @@ fn a_free_running_camera_that_restarts_is_within_a_millisecond() {
     let (found, off) = fitted(Encoding::Events(EventEncoding::Evt3), &parts, true, false);
     assert!(off < MS, "{off}");
     assert_eq!((found.tier, found.epochs.as_slice().len()), (Tier::FreeRunning, 2));
-    assert!(found.faults[0].contains("breaks once"), "{:?}", found.faults);
+    assert!(found.faults[0].contains("restarts once"), "{:?}", found.faults);
 }
 
 #[test]

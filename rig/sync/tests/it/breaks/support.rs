@@ -30,7 +30,7 @@ pub struct Part {
     pub ppm: f64,
     /// Whether its trigger input sees the pulses.
     pub wired: bool,
-    /// Each so-manieth pulse reaches it 2 ms late; 0: none.
+    /// Every n-th pulse arrives 2 ms late; 0: none.
     pub displaced: i64,
 }
 
