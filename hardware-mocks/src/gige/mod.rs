@@ -287,7 +287,8 @@ impl GigeCamera {
             0x82 => match (word(0), word(4)) {
                 (Some(at), Some(value)) => match self.write(at, value, from, now_ns) {
                     0 => (0, vec![0, 0, 0, 1]),
-                    status => (status, Vec::new()),
+                    // None was written.
+                    status => (status, vec![0; 4]),
                 },
                 _ => INVALID,
             },
@@ -307,7 +308,7 @@ impl GigeCamera {
                 for (index, word) in words.iter().enumerate() {
                     match self.write(at + 4 * index as u32, u32::from_be_bytes(*word), from, now_ns) {
                         0 => {}
-                        status => return (status, Vec::new()),
+                        status => return (status, [[0, 0], (4 * index as u16).to_be_bytes()].concat()),
                     }
                 }
                 (0, [[0, 0], (4 * words.len() as u16).to_be_bytes()].concat())

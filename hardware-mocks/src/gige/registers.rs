@@ -72,12 +72,28 @@ pub mod feature {
     pub const THROUGHPUT: u32 = 0x7c;
 }
 
-/// Pixel formats: name, code, and whether values take two bytes.
-pub const FORMATS: [(&str, u32, bool); 4] = [
-    ("Mono8", 0x0108_0001, false),
-    ("Mono12", 0x0110_0005, true),
-    ("BayerRG8", 0x0108_0009, false),
-    ("BayerRG12", 0x0110_0011, true),
+/// How a value of 8 bits lies in a stream; of 12 bits it is the upper 8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// A byte.
+    Byte,
+    /// 12 bits in two bytes, the lower first.
+    Word,
+    /// 12 bits after 12 bits, from the lowest on.
+    Bits,
+    /// Two upper bytes around a byte with both lower parts.
+    Around,
+}
+
+/// Pixel formats: name, code, and layout.
+pub const FORMATS: [(&str, u32, Layout); 7] = [
+    ("Mono8", 0x0108_0001, Layout::Byte),
+    ("Mono12", 0x0110_0005, Layout::Word),
+    ("Mono12p", 0x010c_0047, Layout::Bits),
+    ("Mono12Packed", 0x010c_0006, Layout::Around),
+    ("BayerRG8", 0x0108_0009, Layout::Byte),
+    ("BayerRG12", 0x0110_0011, Layout::Word),
+    ("BayerRG12p", 0x010c_0059, Layout::Bits),
 ];
 
 /// What the camera can measure of a frame: name, id, bytes.

@@ -1,6 +1,6 @@
 //! The camera's stream: frames as the packets of GVSP.
 
-use super::registers::{CHUNKS, FORMATS, IMAGE_CHUNK, Memory, boot, feature};
+use super::registers::{CHUNKS, FORMATS, IMAGE_CHUNK, Layout, Memory, boot, feature};
 use crate::usb::{scene::Picture, uvc::FrameTruth};
 
 /// A frame to send.
@@ -17,7 +17,7 @@ pub struct Frame<'a> {
     pub truth: FrameTruth,
 }
 
-fn format(memory: &Memory) -> (u32, bool, bool) {
+fn format(memory: &Memory) -> (u32, Layout, bool) {
     let code = memory.feature(feature::PIXEL_FORMAT);
     let found = FORMATS.iter().find(|(_, known, _)| *known == code).unwrap_or(&FORMATS[0]);
     (found.1, found.2, found.0.starts_with("Bayer"))
@@ -31,8 +31,8 @@ fn chunks(memory: &Memory) -> Option<Vec<(u32, usize)>> {
 
 /// Bytes of a block with these settings.
 pub fn payload_bytes(memory: &Memory) -> u32 {
-    let (_, wide, _) = format(memory);
-    let image = memory.feature(feature::WIDTH) * memory.feature(feature::HEIGHT) * (1 + u32::from(wide));
+    let (code, ..) = format(memory);
+    let image = memory.feature(feature::WIDTH) * memory.feature(feature::HEIGHT) * (code >> 16 & 0xff) / 8;
     let behind = chunks(memory).map(|chunks| 8 + chunks.iter().map(|(_, length)| *length as u32 + 8).sum::<u32>());
     image + behind.unwrap_or(0)
 }
@@ -47,7 +47,7 @@ pub fn most_rate_hz(memory: &Memory) -> f64 {
 
 /// The image: luma or the colour behind each filter, with the truth in its first pixels.
 fn image(memory: &Memory, picture: &Picture, truth: FrameTruth) -> Vec<u8> {
-    let (_, wide, bayer) = format(memory);
+    let (_, layout, bayer) = format(memory);
     let width = picture.width as usize;
     let mut values = if bayer {
         let colour = |at: usize| [[0, 1], [1, 2]][at / width % 2][at % width % 2];
@@ -58,7 +58,12 @@ fn image(memory: &Memory, picture: &Picture, truth: FrameTruth) -> Vec<u8> {
     for (value, byte) in values.iter_mut().zip(truth.bytes()) {
         *value = byte;
     }
-    if wide { values.into_iter().flat_map(|value| (u16::from(value) << 4).to_le_bytes()).collect() } else { values }
+    match layout {
+        Layout::Byte => values,
+        Layout::Word => values.into_iter().flat_map(|value| (u16::from(value) << 4).to_le_bytes()).collect(),
+        Layout::Bits => values.as_chunks::<2>().0.iter().flat_map(|[a, b]| [a << 4, a >> 4, *b]).collect(),
+        Layout::Around => values.as_chunks::<2>().0.iter().flat_map(|[a, b]| [*a, 0, *b]).collect(),
+    }
 }
 
 /// The packets of a frame by their numbers: leader, payload, trailer.

@@ -97,6 +97,9 @@ impl FrameConfig {
         if !(2..=32).contains(&self.buffers) {
             return fail(format!("buffers is {}; the kernel takes 2 to 32", self.buffers));
         }
+        if self.backend != Backend::Gige && super::fourccs(self.format).is_empty() {
+            return fail(format!("{} comes from machine-vision cameras alone: set backend = \"gige\"", self.format));
+        }
         if let Some(problem) = self.genicam_problem() {
             return fail(problem);
         }
@@ -262,6 +265,7 @@ mod tests {
         assert!(refused(|c| c.rate_hz = f64::INFINITY).contains("rate_hz"));
         assert!(refused(|c| c.buffers = 1).contains("2 to 32"));
         assert!(refused(|c| c.timeout_ms = 0).contains("timeout_ms"));
+        assert!(refused(|c| c.format = PixelFormat::Grey12Lsb).contains("grey12lsb comes from machine-vision cameras"));
         assert!(
             cfg!(not(target_os = "linux")) || refused(|c| c.backend = Backend::Gige).contains("has no format mjpeg")
         );

@@ -3,10 +3,10 @@
 use erfgs_scene::pixel::{BayerOrder, PixelFormat, Samples};
 
 /// Formats of PFNC: name, code, ours.
-pub const FORMATS: [(&str, u32, PixelFormat); 22] = {
+pub const FORMATS: [(&str, u32, PixelFormat); 42] = {
     use BayerOrder::{Bggr, Gbrg, Grbg, Rggb};
     use PixelFormat::Bayer;
-    use Samples::{Bits8, Bits10, Bits12};
+    use Samples::{Bits8, Bits10, Bits12, Gev10, Gev12, Lsb10, Lsb12};
     [
         ("Mono8", 0x0108_0001, PixelFormat::Grey8),
         ("Mono10", 0x0110_0003, PixelFormat::Grey10),
@@ -23,6 +23,26 @@ pub const FORMATS: [(&str, u32, PixelFormat); 22] = {
         ("BayerRG12", 0x0110_0011, Bayer(Rggb, Bits12)),
         ("BayerGB12", 0x0110_0012, Bayer(Gbrg, Bits12)),
         ("BayerBG12", 0x0110_0013, Bayer(Bggr, Bits12)),
+        ("Mono10p", 0x010a_0046, PixelFormat::Grey10Lsb),
+        ("Mono12p", 0x010c_0047, PixelFormat::Grey12Lsb),
+        ("BayerGR10p", 0x010a_0056, Bayer(Grbg, Lsb10)),
+        ("BayerGR12p", 0x010c_0057, Bayer(Grbg, Lsb12)),
+        ("BayerRG10p", 0x010a_0058, Bayer(Rggb, Lsb10)),
+        ("BayerRG12p", 0x010c_0059, Bayer(Rggb, Lsb12)),
+        ("BayerGB10p", 0x010a_0054, Bayer(Gbrg, Lsb10)),
+        ("BayerGB12p", 0x010c_0055, Bayer(Gbrg, Lsb12)),
+        ("BayerBG10p", 0x010a_0052, Bayer(Bggr, Lsb10)),
+        ("BayerBG12p", 0x010c_0053, Bayer(Bggr, Lsb12)),
+        ("Mono10Packed", 0x010c_0004, PixelFormat::Grey10Gev),
+        ("Mono12Packed", 0x010c_0006, PixelFormat::Grey12Gev),
+        ("BayerGR10Packed", 0x010c_0026, Bayer(Grbg, Gev10)),
+        ("BayerGR12Packed", 0x010c_002a, Bayer(Grbg, Gev12)),
+        ("BayerRG10Packed", 0x010c_0027, Bayer(Rggb, Gev10)),
+        ("BayerRG12Packed", 0x010c_002b, Bayer(Rggb, Gev12)),
+        ("BayerGB10Packed", 0x010c_0028, Bayer(Gbrg, Gev10)),
+        ("BayerGB12Packed", 0x010c_002c, Bayer(Gbrg, Gev12)),
+        ("BayerBG10Packed", 0x010c_0029, Bayer(Bggr, Gev10)),
+        ("BayerBG12Packed", 0x010c_002d, Bayer(Bggr, Gev12)),
         ("RGB8", 0x0218_0014, PixelFormat::Rgb8),
         ("BGR8", 0x0218_0015, PixelFormat::Bgr8),
         ("YUV422_8_UYVY", 0x0210_001f, PixelFormat::Uyvy),

@@ -143,6 +143,28 @@ fn lost_doubled_and_overtaken_packets_make_no_frame_worse() {
     assert!(front.camera().counts().resent >= 9);
 }
 
+#[test]
+fn packed_pixels_come_as_the_camera_packs_them() {
+    let front = plug(GigeOptions::default());
+    let bayer = |samples| PixelFormat::Bayer(BayerOrder::Rggb, samples);
+    for (format, samples) in [
+        (PixelFormat::Grey12, Samples::Bits12),
+        (PixelFormat::Grey12Lsb, Samples::Lsb12),
+        (PixelFormat::Grey12Gev, Samples::Gev12),
+        (bayer(Samples::Lsb12), Samples::Lsb12),
+    ] {
+        let (packets, incidents, _) = film(&FrameConfig { format, ..config(&front) }, 3);
+        assert!(incidents.is_empty(), "{incidents:?}");
+        for packet in &packets {
+            // The upper 8 of the 12 bits tell the frame.
+            let upper: Vec<u8> = samples.unpack(&packet.payload).iter().map(|value| (value >> 4) as u8).collect();
+            assert_eq!((upper.len(), packet.damaged), (64 * 48, false), "{format}");
+            let told = FrameTruth::of(Format::Grey, &upper).unwrap();
+            assert_eq!(told.number, u64::from(packet.stamp.unwrap().sequence), "{format}");
+        }
+    }
+}
+
 trait ConcatSets {
     fn concat_sets(self) -> BTreeSet<(u64, u32)>;
 }
@@ -333,7 +355,7 @@ fn what_the_camera_cannot_is_refused_with_what_it_can() {
         refused(&config)
     };
     for (said, says) in [
-        (with(|c| c.format = PixelFormat::Rgb8), "the camera has Mono8 (format = \"grey8\"), Mono12"),
+        (with(|c| c.format = PixelFormat::Rgb8), "the camera has Mono8 (format = \"grey8\"), Mono12 (format"),
         (with(|c| c.width = 66), "the camera takes 16 to 640 in steps of 4 (Width)"),
         (with(|c| c.height = 1000), "height = 1000: the camera takes 2 to 480"),
         (with(|c| c.exposure_us = Lock::At(5.0)), "exposure_us = 5: the camera takes 10 to 1000000"),
