@@ -1,4 +1,4 @@
-//! What a camera can do, by its own description (GenApi). The one file that knows the library which evaluates it.
+//! What a camera can do, by its own description (GenApi). This file and `sound` alone know the library which evaluates it.
 
 use std::fmt::Display;
 
@@ -6,7 +6,7 @@ use bytes::Bytes;
 use viva_genapi::{AccessMode, ChunkData, GenApiError, Node, NodeMap, RegisterIo};
 use viva_genapi_xml::{NodeDecl, XmlModel};
 
-use super::{GenicamError, chunks::Chunk};
+use super::{GenicamError, chunks::Chunk, sound};
 
 /// The camera's registers, wherever they are.
 pub trait Registers: Send {
@@ -62,6 +62,9 @@ impl Features {
     pub fn new(xml: &str, registers: impl Registers + 'static) -> Result<Self, GenicamError> {
         let unusable = |error: &dyn std::error::Error| GenicamError::Description { reason: reason(error) };
         let mut model = viva_genapi_xml::parse(xml).map_err(|error| unusable(&error))?;
+        if let Some(reason) = sound::problem(&model) {
+            return Err(GenicamError::Description { reason });
+        }
         convert_integers(&mut model);
         let map = NodeMap::try_from_xml(model).map_err(|error| unusable(&error))?;
         Ok(Self { map, io: Box::new(Io(registers)) })

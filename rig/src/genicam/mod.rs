@@ -10,6 +10,7 @@ mod features;
 pub mod gige;
 pub mod pixel;
 mod settings;
+mod sound;
 
 pub use chunks::{Chunk, Order, cut};
 pub use config::GenicamConfig;

@@ -367,11 +367,15 @@ fn read_back(
     let exposure_us = tell("exposure_us", &EXPOSURE);
     tell("gain", &GAIN);
     tell("black_level", &BLACK_LEVEL);
-    let rate_hz = tell("rate_hz", &RATE);
+    // With a trigger it is a limit that is off.
+    let rate_hz = if wishes.triggered { None } else { tell("rate_hz", &RATE) };
     let most_hz = tell("most_rate_hz", &RESULTING_RATE);
     let readout_us = tell("readout_us", &READOUT);
     tell("region_x", &["OffsetX"]);
     tell("region_y", &["OffsetY"]);
+    if wishes.triggered {
+        settings.insert("rate_hz".into(), json!(wishes.rate_hz));
+    }
     for (setting, name) in [("exposure_us_locked", "ExposureAuto"), ("gain_locked", "GainAuto")] {
         let locked = !features.has(name) || features.text(name).is_ok_and(|now| now == "Off");
         settings.insert(setting.into(), json!(locked));
@@ -404,9 +408,7 @@ fn read_back(
         );
         return Err(refuse("rate_hz", wishes.rate_hz, reason));
     }
-    if let Some(rate_hz) =
-        rate_hz.filter(|rate| !wishes.triggered && (rate - wishes.rate_hz).abs() > 0.01 * wishes.rate_hz)
-    {
+    if let Some(rate_hz) = rate_hz.filter(|rate| (rate - wishes.rate_hz).abs() > 0.01 * wishes.rate_hz) {
         missed.compare("rate_hz", wishes.rate_hz, rate_hz);
     }
     Ok(settings)

@@ -239,6 +239,7 @@ fn each_pulse_gives_a_frame_with_what_was_measured_of_it() {
     let stamp_ns = packets.last().unwrap().stamp.unwrap().kernel_ns as f64;
     assert!(reading("chunk Timestamp").is_some_and(|ns| (ns - stamp_ns).abs() <= 8.0), "{readings:?}");
     assert!(camera.description().is_triggered());
+    assert_eq!(camera.description().settings["rate_hz"], 100.0);
     assert_eq!(camera.description().settings["genicam"]["TriggerMode"], "On");
 }
 
