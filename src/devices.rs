@@ -1,5 +1,7 @@
 //! `erfgs devices`: what is connected that a rig can be made of.
 
+use std::net::Ipv4Addr;
+
 use erfgs_rig::{
     event::{self, FoundDevice},
     frame::{self, FoundCamera},
@@ -15,6 +17,7 @@ use crate::terminal::{Terminal, table};
 Examples:
   erfgs devices
   erfgs devices --probe
+  erfgs devices --at 10.0.3.7
   erfgs devices --json | jq '.event_cameras[].serial'
 
 RIG.toml selects devices by these serial numbers and ports (`erfgs record --example`). A device with a problem is listed with \
@@ -23,6 +26,9 @@ pub struct Arguments {
     /// Ask at the serial ports for trigger boards. Opening a port restarts an Arduino.
     #[arg(long)]
     probe: bool,
+    /// Ask this address for a GigE Vision camera, too: broadcasts do not pass routers. May be given several times.
+    #[arg(long, value_name = "ADDRESS")]
+    at: Vec<Ipv4Addr>,
 }
 
 #[derive(Serialize)]
@@ -49,10 +55,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         problems.push(format!("cannot search for event cameras: {error}"));
         Vec::new()
     });
-    let cameras = frame::list().unwrap_or_else(|error| {
+    let mut cameras = frame::list().unwrap_or_else(|error| {
         problems.push(format!("cannot search for cameras: {error}"));
         Vec::new()
     });
+    match gige(&arguments.at) {
+        Ok(found) => cameras.extend(found),
+        Err(error) => problems.push(format!("cannot search for GigE Vision cameras: {error}")),
+    }
     let ports = trigger::ports();
     let ports = if arguments.probe {
         let said = trigger::find(&ports).into_iter().map(|(port, found)| {
@@ -70,6 +80,17 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     terminal.result(&devices, || text(&devices))
 }
 
+#[cfg(target_os = "linux")]
+fn gige(addresses: &[Ipv4Addr]) -> Result<Vec<FoundCamera>, String> {
+    frame::list_gige(addresses).map_err(|error| error.to_string())
+}
+
+/// On other systems there is no driver of them.
+#[cfg(not(target_os = "linux"))]
+fn gige(addresses: &[Ipv4Addr]) -> Result<Vec<FoundCamera>, String> {
+    if addresses.is_empty() { Ok(Vec::new()) } else { Err("their driver exists on Linux alone".into()) }
+}
+
 fn text(devices: &Devices) -> String {
     let mut rows = vec![["kind", "model", "serial", "port", "link or formats"].map(String::from).to_vec()];
     let mut remarks = devices.problems.clone();
@@ -81,7 +102,8 @@ fn text(devices: &Devices) -> String {
             .extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.model, camera.port)));
     }
     for camera in &devices.cameras {
-        let link = camera.formats.join(" ");
+        // What an Ethernet camera offers is known when it is opened.
+        let link = if camera.driver == "gige" { "GigE Vision".into() } else { camera.formats.join(" ") };
         rows.push(vec!["camera".into(), camera.name.clone(), camera.serial.clone(), camera.bus.clone(), link]);
         remarks.extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.name, camera.bus)));
     }

@@ -1,6 +1,8 @@
 //! Emulated devices, and the stage that they film.
 
 #[cfg(unix)]
+pub mod gige;
+#[cfg(unix)]
 pub mod trigger;
 pub mod usb;
 #[cfg(target_os = "linux")]

@@ -67,6 +67,8 @@
 pub mod event;
 #[cfg(feature = "frames")]
 pub mod frame;
+#[cfg(all(feature = "frames", target_os = "linux"))]
+pub mod genicam;
 pub mod host_time;
 #[cfg(any(feature = "evk4", feature = "davis346", feature = "frames"))]
 mod not_applied;

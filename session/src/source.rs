@@ -85,17 +85,19 @@ impl Description {
 /// No frame of a video is exposed for longer, nanoseconds: an hour.
 const LONGEST_EXPOSURE_NS: f64 = 3.6e12;
 
-/// The clock that a kernel stamped a frame with.
+/// The clock that a frame was stamped with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StampClock {
     /// `CLOCK_MONOTONIC`, the clock of [`Packet::host_ns`].
     Monotonic,
+    /// The camera's own, which counts from a moment of its own choice.
+    Camera,
     /// Another clock, which the driver does not name.
     Unknown,
 }
 
-/// What of a frame a kernel stamped.
+/// What of a frame was stamped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StampPoint {
@@ -105,16 +107,16 @@ pub enum StampPoint {
     EndOfFrame,
 }
 
-/// What the kernel says of a frame.
+/// What the kernel says of a frame, or the camera itself ([`StampClock::Camera`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameStamp {
-    /// The kernel's time stamp, nanoseconds.
+    /// The time stamp, nanoseconds.
     pub kernel_ns: i64,
-    /// Which clock of the kernel it was taken from.
+    /// Which clock it was taken from.
     pub clock: StampClock,
     /// What it marks.
     pub point: StampPoint,
-    /// The driver's count of frames; a gap means that the kernel lost some.
+    /// The driver's or the camera's count of frames; a gap means that some were lost.
     pub sequence: u32,
 }
 

@@ -9,6 +9,8 @@ mod excerpt;
 mod faults;
 mod files;
 mod film;
+#[cfg(target_os = "linux")]
+mod gige;
 mod hosts;
 mod live;
 mod merge;

@@ -50,7 +50,7 @@ mod tests {
             _ if encoding == PixelFormat::Nv12 => 96,
             "8" => 64,
             "10" | "12" => 128,
-            "10p" => 80,
+            "10p" | "10lsb" => 80,
             _ => 96,
         };
         for encoding in PixelFormat::all().filter(|&encoding| encoding != PixelFormat::Mjpeg) {

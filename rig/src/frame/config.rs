@@ -1,8 +1,12 @@
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_scene::pixel::{RawLook, check_size};
+#[cfg(target_os = "linux")]
+use erfgs_session::source::{Encoding, names};
 use serde::{Deserialize, Serialize};
 
 use super::FrameError;
+#[cfg(target_os = "linux")]
+use crate::genicam::{GenicamConfig, pixel};
 
 /// An RGB camera's table in `RIG.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +45,10 @@ pub struct FrameConfig {
     pub buffers: u32,
     /// After so many milliseconds without a frame a camera that is not triggered counts as lost.
     pub timeout_ms: u32,
+    /// What machine-vision cameras (`backend = "gige"`) have beyond others.
+    #[cfg(target_os = "linux")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub genicam: Option<GenicamConfig>,
 }
 
 impl Default for FrameConfig {
@@ -61,6 +69,8 @@ impl Default for FrameConfig {
             triggered: false,
             buffers: 8,
             timeout_ms: 2000,
+            #[cfg(target_os = "linux")]
+            genicam: None,
         }
     }
 }
@@ -87,6 +97,12 @@ impl FrameConfig {
         if !(2..=32).contains(&self.buffers) {
             return fail(format!("buffers is {}; the kernel takes 2 to 32", self.buffers));
         }
+        if self.backend != Backend::Gige && super::fourccs(self.format).is_empty() {
+            return fail(format!("{} comes from machine-vision cameras alone: set backend = \"gige\"", self.format));
+        }
+        if let Some(problem) = self.genicam_problem() {
+            return fail(problem);
+        }
         if self.timeout_ms == 0 {
             return fail("timeout_ms is 0; give the time of some frames".into());
         }
@@ -106,6 +122,41 @@ impl FrameConfig {
     }
 }
 
+impl FrameConfig {
+    /// What a machine-vision camera cannot be set to, and others not either.
+    #[cfg(target_os = "linux")]
+    fn genicam_problem(&self) -> Option<String> {
+        if self.backend != Backend::Gige {
+            let stray = self.genicam.is_some();
+            return stray.then(|| "the table genicam is for machine-vision cameras: set backend = \"gige\"".into());
+        }
+        let formats = || pixel::FORMATS.iter().map(|(_, _, format)| (*format).into());
+        if pixel::code_of(self.format).is_none() {
+            let mut known: Vec<Encoding> = formats().collect();
+            known.sort_by_key(|format| format.name());
+            known.dedup();
+            return Some(format!(
+                "backend \"gige\" has no format {}; give one that the camera has, of {}",
+                self.format,
+                names(known.into_iter())
+            ));
+        }
+        if matches!(self.white_balance_k, Lock::At(_)) || matches!(self.focus, Lock::At(_)) {
+            return Some(
+                "machine-vision cameras have neither white_balance_k nor focus as a number: leave them at \"hold\", and \
+                 set BalanceRatio and the like in genicam.features"
+                    .into(),
+            );
+        }
+        self.genicam.as_ref().and_then(GenicamConfig::problem)
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn genicam_problem(&self) -> Option<String> {
+        (self.backend == Backend::Gige).then(|| "backend \"gige\" exists on Linux alone".into())
+    }
+}
+
 /// How a camera is read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -117,6 +168,8 @@ pub enum Backend {
     Precise,
     /// nokhwa: every system, host times only.
     Portable,
+    /// GigE Vision (Linux): machine-vision cameras on Ethernet.
+    Gige,
 }
 
 /// What becomes of a quantity that cameras set by themselves. Training needs frames of one look, so that the default is
@@ -172,6 +225,31 @@ mod tests {
         assert!(serde_json::from_str::<FrameConfig>(r#"{"raw": {"gamma": 2}}"#).is_err());
     }
 
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_machine_vision_cameras_have_is_read_and_checked() {
+        let read = |more: &str| {
+            let table = format!(r#"{{"id": "left", "backend": "gige", "format": "grey8"{more}}}"#);
+            let config: Result<FrameConfig, String> = serde_json::from_str(&table).map_err(|error| error.to_string());
+            config.and_then(|config| config.check().map(|()| config).map_err(|error| error.to_string()))
+        };
+        let config = read(r#", "genicam": {"offset": [8, 4], "features": {"Gamma": 0.5}}"#).unwrap();
+        assert_eq!(config.genicam.unwrap().offset, [8, 4]);
+        for (more, says) in [
+            (r#", "genicam": {"ofset": [8, 4]}"#, "unknown field `ofset`"),
+            (r#", "genicam": {"packet_bytes": 20}"#, "576 to 16000"),
+            (r#", "genicam": {"heartbeat_ms": 5}"#, "500 to 60000"),
+            (r#", "genicam": {"features": {"Gamma": [1]}}"#, "features.Gamma must be"),
+            (r#", "genicam": {"throughput": 0}"#, "throughput is 0"),
+            (r#", "focus": 3"#, "BalanceRatio"),
+        ] {
+            let error = read(more).unwrap_err();
+            assert!(error.contains(says), "{more}: {error}");
+        }
+        let stray: FrameConfig = serde_json::from_str(r#"{"genicam": {}}"#).unwrap();
+        assert!(stray.check().unwrap_err().to_string().contains("set backend = \"gige\""));
+    }
+
     #[test]
     fn what_no_camera_can_do_is_refused_by_name() {
         let refused = |change: fn(&mut FrameConfig)| {
@@ -187,6 +265,10 @@ mod tests {
         assert!(refused(|c| c.rate_hz = f64::INFINITY).contains("rate_hz"));
         assert!(refused(|c| c.buffers = 1).contains("2 to 32"));
         assert!(refused(|c| c.timeout_ms = 0).contains("timeout_ms"));
+        assert!(refused(|c| c.format = PixelFormat::Grey12Lsb).contains("grey12lsb comes from machine-vision cameras"));
+        assert!(
+            cfg!(not(target_os = "linux")) || refused(|c| c.backend = Backend::Gige).contains("has no format mjpeg")
+        );
         assert!(refused(|c| c.exposure_us = Lock::At(-1.0)).contains("exposure_us is -1"));
     }
 }

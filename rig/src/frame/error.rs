@@ -67,6 +67,17 @@ pub enum FrameError {
         /// Why not, and what would do.
         reason: String,
     },
+    /// A machine-vision camera.
+    #[cfg(target_os = "linux")]
+    #[error("camera {id:?} ({camera}): {source}")]
+    Genicam {
+        /// The camera's name in the rig.
+        id: String,
+        /// Maker, model and address.
+        camera: String,
+        /// What is wrong, and what to do.
+        source: Box<crate::genicam::GenicamError>,
+    },
     /// The portable library says no.
     #[error("camera {id:?} through {system}: cannot {doing}: {reason}")]
     Portable {

@@ -5,7 +5,8 @@ use erfgs_scene::pixel::{BayerOrder, Samples};
 use erfgs_session::source::{Encoding, names};
 use serde::{Deserialize, Deserializer, de::Error};
 
-/// The four-character codes by which V4L2 knows an encoding, the usual one first (`linux/videodev2.h`).
+/// The four-character codes by which V4L2 knows an encoding, the usual one first (`linux/videodev2.h`); none where machine-vision
+/// cameras alone have it.
 #[must_use]
 pub fn fourccs(encoding: PixelFormat) -> &'static [&'static [u8; 4]] {
     match encoding {
@@ -18,6 +19,7 @@ pub fn fourccs(encoding: PixelFormat) -> &'static [&'static [u8; 4]] {
         PixelFormat::Grey12 => &[b"Y12 "],
         PixelFormat::Grey10Packed => &[b"Y10P"],
         PixelFormat::Grey12Packed => &[b"Y12P"],
+        PixelFormat::Grey10Lsb | PixelFormat::Grey12Lsb | PixelFormat::Grey10Gev | PixelFormat::Grey12Gev => &[],
         PixelFormat::Rgb8 => &[b"RGB3"],
         PixelFormat::Bgr8 => &[b"BGR3"],
         PixelFormat::Bayer(order, samples) => match (samples, order) {
@@ -41,6 +43,7 @@ pub fn fourccs(encoding: PixelFormat) -> &'static [&'static [u8; 4]] {
             (Samples::Packed12, BayerOrder::Bggr) => &[b"pBCC"],
             (Samples::Packed12, BayerOrder::Grbg) => &[b"pgCC"],
             (Samples::Packed12, BayerOrder::Gbrg) => &[b"pGCC"],
+            (Samples::Lsb10 | Samples::Lsb12 | Samples::Gev10 | Samples::Gev12, _) => &[],
         },
     }
 }
@@ -72,7 +75,8 @@ mod tests {
         let codes: Vec<_> = PixelFormat::all().flat_map(fourccs).collect();
         assert_eq!((codes.len(), codes.iter().collect::<BTreeSet<_>>().len()), (32, 32));
         for encoding in PixelFormat::all() {
-            assert!(!fourccs(encoding).is_empty(), "{encoding}");
+            let machine_vision = encoding.name().ends_with("lsb") || encoding.name().ends_with("gev");
+            assert_eq!(fourccs(encoding).is_empty(), machine_vision, "{encoding}");
             for code in fourccs(encoding) {
                 assert_eq!(encoding_of(u32::from_le_bytes(**code)), Some(encoding));
             }

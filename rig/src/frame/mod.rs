@@ -1,9 +1,11 @@
-//! RGB cameras: nokhwa as the portable path, V4L2 on Linux as the precise one.
+//! RGB cameras: nokhwa as the portable path, V4L2 on Linux as the precise one; GigE Vision for machine-vision cameras.
 
 mod check;
 mod config;
 mod error;
 mod format;
+#[cfg(target_os = "linux")]
+mod gige;
 mod portable;
 #[cfg(target_os = "linux")]
 mod v4l2;
@@ -16,6 +18,8 @@ use serde::Serialize;
 pub use config::{Backend, FrameConfig, Lock, NamedLock};
 pub use error::FrameError;
 pub use format::{encoding_of, fourccs};
+#[cfg(target_os = "linux")]
+pub use gige::{GigeCamera, list as list_gige};
 use portable::PortableCamera;
 #[cfg(target_os = "linux")]
 pub use v4l2::{PreciseCamera, list_in};
@@ -66,5 +70,11 @@ pub fn open(config: &FrameConfig) -> Result<Box<dyn Source>, FrameError> {
         #[cfg(not(target_os = "linux"))]
         Backend::Auto => Ok(Box::new(PortableCamera::open(config)?)),
         Backend::Portable => Ok(Box::new(PortableCamera::open(config)?)),
+        #[cfg(target_os = "linux")]
+        Backend::Gige => Ok(Box::new(GigeCamera::open(config)?)),
+        #[cfg(not(target_os = "linux"))]
+        Backend::Gige => {
+            Err(FrameError::Config { id: config.id.clone(), problem: "backend \"gige\" exists on Linux alone".into() })
+        }
     }
 }

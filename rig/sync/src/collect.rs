@@ -5,11 +5,12 @@ use std::io::{Read, Seek};
 use erfgs_events::{Decoder, StreamDecoder};
 use erfgs_session::{
     container::{ContainerError, Entry, Session, hand_over, sensor_size},
-    source::{Description, Encoding, Packet, StampClock},
+    source::{Description, Encoding, FrameStamp, Packet, StampClock},
 };
 
 use super::{
     board::BoardLines,
+    camera_clock::{Stamped, settle},
     events::Stretches,
     frames::Arrived,
     lamp::brightness,
@@ -38,6 +39,8 @@ pub(super) struct Events {
 #[derive(Default)]
 pub(super) struct Frames {
     pub arrived: Vec<Arrived>,
+    /// Stamps of the camera's own clock, where frames have them.
+    camera: Vec<Option<Stamped>>,
     /// The frames as they were exposed, counted: what the kernel counted as lost leaves a gap.
     pub counts: Vec<u64>,
     /// The packet before and the kernel's count of it.
@@ -47,6 +50,13 @@ pub(super) struct Frames {
 }
 
 impl Frames {
+    /// Puts the camera's own times in the place of arrivals, as far as its clock can be had.
+    fn settle(&mut self) {
+        for (frame, time) in self.arrived.iter_mut().zip(settle(&self.camera)) {
+            frame.stamp_ns = time.unwrap_or(frame.stamp_ns);
+        }
+    }
+
     fn count(&mut self, packet: &Packet) {
         let kernel = packet.stamp.map(|stamp| stamp.sequence);
         let step = self.before.map_or(0, |(sequence, before)| {
@@ -103,6 +113,11 @@ pub(super) fn gather_all<R: Read + Seek>(
         }
         progress(bytes);
     }
+    for gathered in &mut gathered {
+        if let Gathered::Frames(frames) = gathered {
+            frames.settle();
+        }
+    }
     Ok(gathered)
 }
 
@@ -129,6 +144,10 @@ impl Gathered {
             Self::Frames(frames) => {
                 let stamp = packet.stamp.filter(|stamp| stamp.clock == StampClock::Monotonic);
                 let stamp_ns = stamp.map_or(arrival_ns, |stamp| stamp.kernel_ns.saturating_sub(start_ns));
+                let camera = packet.stamp.filter(|stamp| stamp.clock == StampClock::Camera);
+                let stamped =
+                    |stamp: FrameStamp| Stamped { camera_ns: stamp.kernel_ns, arrival_ns, anew: packet.discontinuity };
+                frames.camera.push(camera.map(stamped));
                 frames.count(packet);
                 frames.arrived.push(Arrived { sequence: packet.sequence, stamp_ns });
                 if let Some(levels) = &mut frames.brightness {

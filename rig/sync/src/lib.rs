@@ -9,6 +9,7 @@
 //! and free-running with a lag that a flash told.
 
 mod board;
+mod camera_clock;
 mod collect;
 mod edges;
 mod epochs;

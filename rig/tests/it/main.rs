@@ -2,6 +2,7 @@
 
 #[cfg(target_os = "linux")]
 mod frame_cameras;
+mod gige;
 mod kept;
 mod libusb;
 #[cfg(unix)]

@@ -25,6 +25,14 @@ pub enum PixelFormat {
     Grey10Packed,
     /// 12-bit grey, two pixels in three bytes ([`Samples::Packed12`]).
     Grey12Packed,
+    /// 10-bit grey, four pixels in five bytes ([`Samples::Lsb10`]).
+    Grey10Lsb,
+    /// 12-bit grey, two pixels in three bytes ([`Samples::Lsb12`]).
+    Grey12Lsb,
+    /// 10-bit grey, two pixels in three bytes ([`Samples::Gev10`]).
+    Grey10Gev,
+    /// 12-bit grey, two pixels in three bytes ([`Samples::Gev12`]).
+    Grey12Gev,
     /// One colour a pixel, as it comes from behind the filters of a colour sensor.
     Bayer(BayerOrder, Samples),
     /// 8-bit RGB, three bytes a pixel.
@@ -62,6 +70,15 @@ pub enum Samples {
     /// MIPI RAW12: of two pixels the upper 8 bits in a byte each, then a byte with the lower 4 bits of both, those of the
     /// first pixel lowest.
     Packed12,
+    /// PFNC's `10p`: the bits of one value after the other, from the lowest of the first byte on; four values in five bytes.
+    Lsb10,
+    /// PFNC's `12p`: the same with two values in three bytes.
+    Lsb12,
+    /// GigE Vision's `10Packed`: of two pixels the upper 8 bits of the first, a byte with the lower 2 bits of the first (bits 1
+    /// and 0) and of the second (5 and 4), the upper 8 bits of the second.
+    Gev10,
+    /// GigE Vision's `12Packed`: the same with the lower 4 bits of both in the byte between (3 to 0, 7 to 4).
+    Gev12,
 }
 
 impl BayerOrder {
@@ -83,13 +100,23 @@ impl BayerOrder {
 
 impl Samples {
     /// All layouts.
-    pub const ALL: [Self; 5] = [Self::Bits8, Self::Bits10, Self::Bits12, Self::Packed10, Self::Packed12];
+    pub const ALL: [Self; 9] = [
+        Self::Bits8,
+        Self::Bits10,
+        Self::Bits12,
+        Self::Packed10,
+        Self::Packed12,
+        Self::Lsb10,
+        Self::Lsb12,
+        Self::Gev10,
+        Self::Gev12,
+    ];
 }
 
 impl PixelFormat {
     /// All formats.
     pub fn all() -> impl Iterator<Item = Self> {
-        const PLAIN: [PixelFormat; 11] = [
+        const PLAIN: [PixelFormat; 15] = [
             PixelFormat::Mjpeg,
             PixelFormat::Yuyv,
             PixelFormat::Uyvy,
@@ -101,6 +128,10 @@ impl PixelFormat {
             PixelFormat::Grey12,
             PixelFormat::Grey10Packed,
             PixelFormat::Grey12Packed,
+            PixelFormat::Grey10Lsb,
+            PixelFormat::Grey12Lsb,
+            PixelFormat::Grey10Gev,
+            PixelFormat::Grey12Gev,
         ];
         let bayer = |samples| BayerOrder::ALL.map(|order| PixelFormat::Bayer(order, samples));
         PLAIN.into_iter().chain(Samples::ALL.into_iter().flat_map(bayer))
@@ -119,6 +150,10 @@ impl PixelFormat {
             Self::Grey12 => "grey12",
             Self::Grey10Packed => "grey10p",
             Self::Grey12Packed => "grey12p",
+            Self::Grey10Lsb => "grey10lsb",
+            Self::Grey12Lsb => "grey12lsb",
+            Self::Grey10Gev => "grey10gev",
+            Self::Grey12Gev => "grey12gev",
             Self::Bayer(order, samples) => {
                 let names = match samples {
                     Samples::Bits8 => ["rggb8", "bggr8", "grbg8", "gbrg8"],
@@ -126,6 +161,10 @@ impl PixelFormat {
                     Samples::Bits12 => ["rggb12", "bggr12", "grbg12", "gbrg12"],
                     Samples::Packed10 => ["rggb10p", "bggr10p", "grbg10p", "gbrg10p"],
                     Samples::Packed12 => ["rggb12p", "bggr12p", "grbg12p", "gbrg12p"],
+                    Samples::Lsb10 => ["rggb10lsb", "bggr10lsb", "grbg10lsb", "gbrg10lsb"],
+                    Samples::Lsb12 => ["rggb12lsb", "bggr12lsb", "grbg12lsb", "gbrg12lsb"],
+                    Samples::Gev10 => ["rggb10gev", "bggr10gev", "grbg10gev", "gbrg10gev"],
+                    Samples::Gev12 => ["rggb12gev", "bggr12gev", "grbg12gev", "gbrg12gev"],
                 };
                 names[order as usize]
             }
@@ -149,6 +188,10 @@ impl PixelFormat {
             Self::Grey12 => Some(Samples::Bits12),
             Self::Grey10Packed => Some(Samples::Packed10),
             Self::Grey12Packed => Some(Samples::Packed12),
+            Self::Grey10Lsb => Some(Samples::Lsb10),
+            Self::Grey12Lsb => Some(Samples::Lsb12),
+            Self::Grey10Gev => Some(Samples::Gev10),
+            Self::Grey12Gev => Some(Samples::Gev12),
             Self::Bayer(_, samples) => Some(samples),
             _ => None,
         }

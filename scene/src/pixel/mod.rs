@@ -117,7 +117,9 @@ pub fn check_size(encoding: PixelFormat, width: u32, height: u32) -> Result<(), 
         }
         _ => match encoding.samples() {
             Some(samples) if !samples.fits(width) => match samples {
-                Samples::Packed10 => "four columns are packed together, so that their number is a multiple of 4",
+                Samples::Packed10 | Samples::Lsb10 => {
+                    "four columns are packed together, so that their number is a multiple of 4"
+                }
                 _ => "two columns are packed together, so that their number is even",
             },
             _ => return Ok(()),

@@ -1,5 +1,6 @@
 //! One value a pixel in memory: the layouts of grey and Bayer frames, as V4L2 and MIPI CSI-2 define them (Linux media
-//! documentation, `pixfmt-yuv-luma`, `pixfmt-srggb10p`, `pixfmt-srggb12p`).
+//! documentation, `pixfmt-yuv-luma`, `pixfmt-srggb10p`, `pixfmt-srggb12p`), and as machine-vision cameras have them (PFNC,
+//! GigE Vision).
 
 use super::Samples;
 
@@ -9,8 +10,8 @@ impl Samples {
     pub fn bits(self) -> u32 {
         match self {
             Self::Bits8 => 8,
-            Self::Bits10 | Self::Packed10 => 10,
-            Self::Bits12 | Self::Packed12 => 12,
+            Self::Bits10 | Self::Packed10 | Self::Lsb10 | Self::Gev10 => 10,
+            Self::Bits12 | Self::Packed12 | Self::Lsb12 | Self::Gev12 => 12,
         }
     }
 
@@ -25,8 +26,8 @@ impl Samples {
         match self {
             Self::Bits8 => (1, 1),
             Self::Bits10 | Self::Bits12 => (1, 2),
-            Self::Packed10 => (4, 5),
-            Self::Packed12 => (2, 3),
+            Self::Packed10 | Self::Lsb10 => (4, 5),
+            Self::Packed12 | Self::Lsb12 | Self::Gev10 | Self::Gev12 => (2, 3),
         }
     }
 
@@ -54,6 +55,13 @@ impl Samples {
             Self::Bits10 | Self::Bits12 => (byte(group) | byte(group + 1) << 8).min(self.white()),
             Self::Packed10 => byte(group + place) << 2 | byte(group + 4) >> (2 * place) & 0b11,
             Self::Packed12 => byte(group + place) << 4 | byte(group + 2) >> (4 * place) & 0b1111,
+            Self::Lsb10 | Self::Lsb12 => {
+                let bit = self.bits() as usize * place;
+                let two = byte(group + bit / 8) | byte(group + bit / 8 + 1) << 8;
+                two >> (bit % 8) & self.white()
+            }
+            Self::Gev10 => byte(group + 2 * place) << 2 | byte(group + 1) >> (4 * place) & 0b11,
+            Self::Gev12 => byte(group + 2 * place) << 4 | byte(group + 1) >> (4 * place) & 0b1111,
         }
     }
 
@@ -82,6 +90,16 @@ impl Samples {
                     let rest = (0..of).map(|at| (value(at) & ((1 << low) - 1)) << (low as usize * at)).sum::<u16>();
                     (0..of).map(|at| (value(at) >> low) as u8).chain([rest as u8]).collect()
                 }
+                Self::Lsb10 | Self::Lsb12 => {
+                    let (of, bytes) = self.group();
+                    let bits = (0..of).map(|at| u64::from(value(at)) << (self.bits() as usize * at)).sum::<u64>();
+                    bits.to_le_bytes()[..bytes].to_vec()
+                }
+                Self::Gev10 | Self::Gev12 => {
+                    let low = self.bits() - 8;
+                    let rest = |at: usize| value(at) & ((1 << low) - 1);
+                    vec![(value(0) >> low) as u8, (rest(0) | rest(1) << 4) as u8, (value(1) >> low) as u8]
+                }
             }
         };
         values.chunks(self.group().0).flat_map(group).collect()
@@ -105,13 +123,20 @@ mod tests {
         // pixfmt-srggb12p: B00[11:4] G01[11:4], then G01[3:0] B00[3:0].
         assert_eq!(Samples::Packed12.unpack(&[0xab, 0x12, 0x5c]), [0xabc, 0x125]);
         assert_eq!(Samples::Bits8.unpack(&[0, 7, 255]), [0, 7, 255]);
+        // PFNC, lsb Packed: the bits of the first value from bit 0 of byte 0 on, then those of the next.
+        let packed = [0x34, 0b0101_0110, 0b0110_1100, 0b1110_0001, 0x81];
+        assert_eq!(Samples::Lsb10.unpack(&packed), [0x234, 0b11_0001_0101, 0b10_0001_0110, 0b10_0000_0111]);
+        assert_eq!(Samples::Lsb12.unpack(&[0xab, 0x5c, 0x12]), [0xcab, 0x125]);
+        // GigE Vision: the upper bits of the first, the lower of both, the upper of the second.
+        assert_eq!(Samples::Gev12.unpack(&[0xab, 0x5c, 0x12]), [0xabc, 0x125]);
+        assert_eq!(Samples::Gev10.unpack(&[0x81, 0b0001_0011, 0xff]), [0b10_0000_0111, 0b11_1111_1101]);
     }
 
     #[test]
     fn rows_of_packed_values_are_made_of_whole_groups() {
         assert_eq!([4, 6, 7, 8].map(|width| Samples::Packed10.fits(width)), [true, false, false, true]);
         assert_eq!([2, 3].map(|width| Samples::Packed12.fits(width)), [true, false]);
-        assert_eq!(Samples::ALL.map(|samples| samples.bytes(8)), [8, 16, 16, 10, 12]);
+        assert_eq!(Samples::ALL.map(|samples| samples.bytes(8)), [8, 16, 16, 10, 12, 10, 12, 12, 12]);
     }
 
     #[test]

@@ -31,11 +31,12 @@ uint32 DAMAGED=2
 uint32 KERNEL_STAMP=4
 uint32 KERNEL_CLOCK_MONOTONIC=8
 uint32 KERNEL_START_OF_EXPOSURE=16
+uint32 CAMERA_CLOCK=32
 # Counts the packets of the stream from 0; what was lost leaves a gap.
 uint64 sequence
 # Arrival, CLOCK_MONOTONIC, nanoseconds.
 int64 host_ns
-# The kernel's stamp, nanoseconds, and its count of frames; valid if flags has KERNEL_STAMP.
+# The kernel's stamp (with CAMERA_CLOCK: the camera's), nanoseconds, and its count of frames; valid if flags has KERNEL_STAMP.
 int64 kernel_ns
 uint32 kernel_sequence
 uint32 flags
@@ -55,6 +56,8 @@ pub mod flag {
     pub const KERNEL_CLOCK_MONOTONIC: u32 = 8;
     /// The stamp marks the start of the exposure; without it, the end of the frame.
     pub const KERNEL_START_OF_EXPOSURE: u32 = 16;
+    /// The stamp and the count are the camera's own, not the kernel's.
+    pub const CAMERA_CLOCK: u32 = 32;
 }
 
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -71,6 +74,7 @@ pub fn header(packet: &Packet) -> [u8; HEADER_BYTES] {
         (kernel_ns, kernel_sequence) = (stamp.kernel_ns, stamp.sequence);
         set(true, flag::KERNEL_STAMP);
         set(stamp.clock == StampClock::Monotonic, flag::KERNEL_CLOCK_MONOTONIC);
+        set(stamp.clock == StampClock::Camera, flag::CAMERA_CLOCK);
         set(stamp.point == StampPoint::StartOfExposure, flag::KERNEL_START_OF_EXPOSURE);
     }
     let mut bytes = [0; HEADER_BYTES];
@@ -101,7 +105,11 @@ pub fn parse(message: &Bytes) -> Option<Packet> {
     }
     let stamp = has(flag::KERNEL_STAMP).then(|| FrameStamp {
         kernel_ns: u64_at(20).cast_signed(),
-        clock: if has(flag::KERNEL_CLOCK_MONOTONIC) { StampClock::Monotonic } else { StampClock::Unknown },
+        clock: match (has(flag::KERNEL_CLOCK_MONOTONIC), has(flag::CAMERA_CLOCK)) {
+            (true, _) => StampClock::Monotonic,
+            (false, true) => StampClock::Camera,
+            (false, false) => StampClock::Unknown,
+        },
         point: if has(flag::KERNEL_START_OF_EXPOSURE) { StampPoint::StartOfExposure } else { StampPoint::EndOfFrame },
         sequence: u32_at(28),
     });
@@ -122,14 +130,13 @@ mod tests {
     use super::*;
 
     fn stamp() -> impl Strategy<Value = FrameStamp> {
-        (any::<i64>(), any::<bool>(), any::<bool>(), any::<u32>()).prop_map(
-            |(kernel_ns, monotonic, start, sequence)| FrameStamp {
-                kernel_ns,
-                clock: if monotonic { StampClock::Monotonic } else { StampClock::Unknown },
-                point: if start { StampPoint::StartOfExposure } else { StampPoint::EndOfFrame },
-                sequence,
-            },
-        )
+        let clock = prop::sample::select(vec![StampClock::Monotonic, StampClock::Camera, StampClock::Unknown]);
+        (any::<i64>(), clock, any::<bool>(), any::<u32>()).prop_map(|(kernel_ns, clock, start, sequence)| FrameStamp {
+            kernel_ns,
+            clock,
+            point: if start { StampPoint::StartOfExposure } else { StampPoint::EndOfFrame },
+            sequence,
+        })
     }
 
     fn packet() -> impl Strategy<Value = Packet> {

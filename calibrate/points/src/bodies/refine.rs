@@ -25,7 +25,7 @@ const VELOCITY_COSTS: f64 = 2.0;
 const RATE_COSTS: f64 = 0.0003;
 /// So much sharper the other half must be for another rate, and for a rate that changes.
 const STEADY_IF: f64 = 1.005;
-const CHANGING_IF: f64 = 1.05;
+const CHANGING_IF: f64 = 1.06;
 
 /// Events so long before and after an instant are looked at again for a thing that turns at `rate` (radians per second), microseconds.
 pub fn around_us(rate: f64, step_s: f64) -> i64 {

@@ -53,7 +53,7 @@ impl FrameTruth {
     /// Bytes of the luma that carry it, in formats other than MJPEG.
     pub const PIXELS: usize = 24;
 
-    fn bytes(self) -> [u8; Self::PIXELS] {
+    pub(crate) fn bytes(self) -> [u8; Self::PIXELS] {
         let mut bytes = [0; Self::PIXELS];
         bytes[..8].copy_from_slice(&self.number.to_le_bytes());
         bytes[8..16].copy_from_slice(&self.exposure_ns[0].to_le_bytes());
