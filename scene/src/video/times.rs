@@ -1,11 +1,10 @@
 //! When the frames of a video are shown, as its container says.
 
-use std::{
-    ffi::OsString,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Command, Stdio},
-};
+use std::{ffi::OsString, path::Path, process::Command};
+
+use erfgs_base::children::{self, Ended};
+
+use super::PATIENCE;
 
 /// When the frames of a video are shown, from the first on.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,22 +56,22 @@ impl FrameTimes {
     pub fn of(path: &Path) -> Option<Self> {
         let mut input = OsString::from("file:");
         input.push(path);
-        let mut child = Command::new("ffprobe")
-            .args(["-v", "error", "-select_streams", "v:0", "-show_entries"])
+        let mut command = Command::new("ffprobe");
+        command
+            .args(["-v", "quiet", "-select_streams", "v:0", "-show_entries"])
             .args([
                 "packet=pts,flags:stream=time_base,r_frame_rate,avg_frame_rate",
                 "-of",
                 "default=noprint_wrappers=1",
             ])
-            .arg(input)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .ok()?;
-        let said = child.stdout.take().map(|output| Said::of(BufReader::new(output)));
-        let ended = child.wait().ok()?;
-        said.filter(|_| ended.success())?.times()
+            .arg(input);
+        // A frame takes a byte at least.
+        let most = usize::try_from(std::fs::metadata(path).ok()?.len()).unwrap_or(usize::MAX);
+        let mut told = Told::new(most);
+        match children::run(command, PATIENCE, |line| told.line(line)).ok()? {
+            Ended::Itself(status) if status.success() => told.times(),
+            _ => None,
+        }
     }
 }
 
@@ -88,39 +87,43 @@ fn rate(text: &str) -> Option<f64> {
 
 /// What ffprobe says.
 #[derive(Debug, Default)]
-struct Said {
+struct Told {
     /// Seconds in a unit of time.
     unit: Option<[f64; 2]>,
     /// The rates that the container says: that which holds for all frames, if one does, and their mean.
     rates: [Option<f64>; 2],
-    /// Times of the packets that make frames, in units; `None` where one has none.
+    /// Times of the packets that make frames, in units; `None` where one has none, or there are more than can be.
     units: Option<Vec<i64>>,
+    most: usize,
+    /// That of the packet that is told.
+    pts: Option<i64>,
+    is_open: bool,
 }
 
-impl Said {
-    fn of(lines: impl BufRead) -> Self {
-        let mut said = Self { units: Some(Vec::new()), ..Self::default() };
-        let (mut pts, mut is_open) = (None, false);
-        for line in lines.lines().map_while(Result::ok) {
-            match line.trim().split_once('=') {
-                Some(("pts", text)) => (pts, is_open) = (text.parse().ok(), true),
-                // Packets that only help to decode others are no frames.
-                Some(("flags", flags)) if is_open => {
-                    is_open = false;
-                    if !flags.contains('D') {
-                        said.units = said.units.zip(pts).map(|(mut units, pts): (Vec<i64>, i64)| {
-                            units.push(pts);
-                            units
-                        });
-                    }
+impl Told {
+    fn new(most: usize) -> Self {
+        Self { units: Some(Vec::new()), most, ..Self::default() }
+    }
+
+    fn line(&mut self, line: &str) {
+        match line.trim().split_once('=') {
+            Some(("pts", text)) => (self.pts, self.is_open) = (text.parse().ok(), true),
+            // Packets that only help to decode others are no frames.
+            Some(("flags", flags)) if self.is_open => {
+                self.is_open = false;
+                if !flags.contains('D') {
+                    let pts = self.units.as_ref().filter(|units| units.len() < self.most).and(self.pts);
+                    self.units = self.units.take().zip(pts).map(|(mut units, pts)| {
+                        units.push(pts);
+                        units
+                    });
                 }
-                Some(("time_base", text)) => said.unit = ratio(text),
-                Some(("r_frame_rate", text)) => said.rates[0] = rate(text),
-                Some(("avg_frame_rate", text)) => said.rates[1] = rate(text),
-                _ => {}
             }
+            Some(("time_base", text)) => self.unit = ratio(text),
+            Some(("r_frame_rate", text)) => self.rates[0] = rate(text),
+            Some(("avg_frame_rate", text)) => self.rates[1] = rate(text),
+            _ => {}
         }
-        said
     }
 
     fn times(self) -> Option<FrameTimes> {
@@ -153,7 +156,9 @@ mod tests {
     fn probed(units: &[&str], unit: &str, nominal: &str, mean: &str) -> Option<FrameTimes> {
         let packets: String = units.iter().map(|pts| format!("pts={pts}\nflags=K__\n")).collect();
         let text = format!("{packets}r_frame_rate={nominal}\navg_frame_rate={mean}\ntime_base={unit}\n");
-        Said::of(text.as_bytes()).times()
+        let mut told = Told::new(100);
+        text.lines().for_each(|line| told.line(line));
+        told.times()
     }
 
     #[test]
