@@ -47,7 +47,7 @@ pub(super) fn read_json<T: DeserializeOwned>(
 
 /// Reads a text file.
 pub(super) fn read_text(path: &Path, hint: &'static str) -> Result<String, RunError> {
-    fs::read_to_string(path).map_err(|source| match source.kind() {
+    erfgs_base::text::read(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => RunError::Missing { path: path.to_owned(), hint },
         _ => FileError::when("read", path)(source).into(),
     })
