@@ -1,6 +1,6 @@
 //! The JSON files of a run, which are either the old ones or the new ones, never half of one.
 
-use std::{fs, io, path::Path};
+use std::{io, path::Path};
 
 use erfgs_base::{FileError, atomic};
 
@@ -55,6 +55,8 @@ pub(super) fn read_text(path: &Path, hint: &'static str) -> Result<String, RunEr
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
