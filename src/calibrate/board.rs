@@ -11,7 +11,7 @@ use erfgs_calibrate::{
     report::telling,
 };
 use erfgs_scene::rig_file::RigFile;
-use erfgs_session::container::Session;
+use erfgs_session::container::{Session, recording_file};
 use erfgs_sync::Synchronisation;
 
 use super::summary::finish;
