@@ -1,8 +1,9 @@
 //! `erfgs doctor`: what this machine has, what it lacks, and what to install.
 
-use std::process::{Command, Stdio};
+use std::{process::Command, time::Duration};
 
 use anyhow::bail;
+use erfgs_base::children::answer;
 use erfgs_points::{Colmap, ColmapProgram};
 use erfgs_train::gpu::{AdapterChoice, Gpu, GpuError, Shape, adapters, run_canary};
 use serde::Serialize;
@@ -133,8 +134,9 @@ fn examine_adapter(arguments: &Arguments) -> Result<(AdapterReport, Option<GpuEr
 }
 
 fn ffmpeg_version() -> Option<String> {
-    let output = Command::new("ffmpeg").arg("-version").stdin(Stdio::null()).output().ok()?;
-    let text = String::from_utf8_lossy(&output.stdout);
+    let mut command = Command::new("ffmpeg");
+    command.arg("-version");
+    let text = answer(command, Duration::from_secs(30), 1 << 20).ok()?.out;
     text.strip_prefix("ffmpeg version ")?.split_whitespace().next().map(str::to_owned)
 }
 

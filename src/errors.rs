@@ -1,42 +1,26 @@
 //! How a command ends when it does not succeed.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{borrow::Cow, path::Path, process::ExitCode};
 
-use erfgs_base::{names::printable, order::natural};
+use erfgs_base::names::printable;
+use erfgs_session::container::recording_file;
 
 /// The command line asks for something that cannot be asked for (exit code 2).
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Usage(pub String);
 
-/// Refuses a path at which there is no file that could be a recording.
-pub fn recording_at(path: &Path) -> Result<(), Usage> {
+/// The file with a recording at `path`; a folder of rosbag2 has one.
+pub fn recording_at(path: &Path) -> anyhow::Result<Cow<'_, Path>> {
     let shown = path.display();
-    match (path.exists(), path.is_dir()) {
-        (false, _) => Err(Usage(format!("'{shown}' does not exist"))),
-        (true, true) => Err(Usage(match bag(path) {
-            Some(file) => format!("'{shown}' is a folder of rosbag2: give the file in it, {}", file.display()),
-            None => format!("'{shown}' is a folder: give a session (.mcap) or an event file"),
-        })),
-        (true, false) => Ok(()),
+    if !path.exists() {
+        return Err(Usage(format!("'{shown}' does not exist")).into());
     }
-}
-
-/// The recording in a folder as rosbag2 makes it, with `metadata.yaml` beside it.
-pub fn bag(folder: &Path) -> Option<PathBuf> {
-    if !folder.join("metadata.yaml").is_file() {
-        return None;
+    let file = recording_file(path)?;
+    if file.is_dir() {
+        return Err(Usage(format!("'{shown}' is a folder: give a session (.mcap) or an event file")).into());
     }
-    let files = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
-    let is_bag = |file: &PathBuf| {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        let name = name.strip_suffix(".zstd").unwrap_or(&name);
-        name.ends_with(".mcap") || name.ends_with(".db3")
-    };
-    files.filter(is_bag).min_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()))
+    Ok(file)
 }
 
 /// Refuses to write over what is there, unless that is wanted.

@@ -13,9 +13,8 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum as _;
 use erfgs_base::names::FileNames;
 use erfgs_dataset::{Dataset, export::Layout};
-use erfgs_events::SensorSize;
 use erfgs_session::{
-    container::{Recording, Summary},
+    container::{self, Recording, Summary},
     export::{EventsFormat, FramesFormat},
     source::Encoding,
 };
@@ -24,6 +23,7 @@ use self::scene::{SceneFormat, SceneOptions};
 use crate::{
     device::{Adapter, TrainedRun},
     errors::{Usage, not_over},
+    event_file::EventFileOptions,
     takes,
     terminal::Terminal,
 };
@@ -102,9 +102,8 @@ pub struct Arguments {
     /// One stream, by its name in `erfgs info`.
     #[arg(long, value_name = "ID", help_heading = "Of a session or an event file")]
     stream: Option<String>,
-    /// Size of the sensor, if the event file does not state it. Default: the smallest that holds all events.
-    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size, help_heading = "Of a session or an event file")]
-    size: Option<SensorSize>,
+    #[command(flatten, next_help_heading = "Of a session or an event file")]
+    file_is: EventFileOptions,
     /// Number of significant low bits in the 16-bit samples of an AEDAT 4 file, 8 to 16. Default: all, and frames that would
     /// be nearly black are refused (png, exr, mp4).
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16), help_heading = "Of a session or an event file")]
@@ -231,10 +230,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if !input.exists() {
         return Err(Usage(format!("'{}' does not exist", input.display())).into());
     }
-    if crate::errors::bag(input).is_some() {
-        crate::errors::recording_at(input)?;
-    }
+    let input = &*container::recording_file(input)?;
     let manifest = input.file_name().is_some_and(|name| name == Dataset::MANIFEST);
+    arguments.suit(input, input.is_file() && !manifest)?;
     match (input.is_file() && !manifest, arguments.to) {
         (true, Some(To::Streams(format))) => recording(input, format, arguments, terminal),
         (true, Some(To::Scene(_))) => {
@@ -279,6 +277,32 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
 }
 
+impl Arguments {
+    /// Refuses options that say nothing of what is exported.
+    fn suit(&self, input: &Path, is_recording: bool) -> Result<(), Usage> {
+        let (is_scene, is_dataset) = (matches!(self.to, Some(To::Scene(_))), matches!(self.to, Some(To::Dataset(_))));
+        let is_run = !is_recording && !is_dataset;
+        let hints = self.file_is.hints();
+        let given = [
+            ("--stream", self.stream.is_some(), is_recording, "a session or an event file"),
+            ("--size", hints.size.is_some(), is_recording, "an event file"),
+            ("--columns", hints.columns.is_some(), is_recording, "an event file"),
+            ("--bits", self.bits.is_some(), is_recording, "a session or an event file"),
+            ("--from", self.from.is_some(), is_recording, "a session or an event file"),
+            ("--until", self.until.is_some(), is_recording, "a session or an event file"),
+            ("--dataset", self.dataset.is_some(), is_run, "a run"),
+            ("--instants", self.instants.is_some(), is_run && !is_scene, "a run without --to"),
+            ("--take", self.take.is_some(), is_run && is_scene, "a sweep (--to html)"),
+            ("--exact", self.exact, is_run && is_scene, "a run (--to html or e4d)"),
+            ("--at", self.at.is_some(), is_run && is_scene, "a run (--to gltf)"),
+        ];
+        if let Some((name, _, _, of)) = given.into_iter().find(|(_, is_given, fits, _)| *is_given && !fits) {
+            return Err(Usage(format!("{name} is for {of}, and nothing of '{}' is exported by it", input.display())));
+        }
+        if is_recording { Ok(()) } else { self.video.fits(false) }
+    }
+}
+
 /// An error if the recording is cut or damaged, of which everything else was exported.
 fn complain(recording: &Recording, lost: &[String]) -> anyhow::Result<()> {
     complain_of("exported", recording.path(), recording.summary(), lost)
@@ -301,7 +325,7 @@ struct Task {
 }
 
 fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let mut recording = Recording::open(path, arguments.size)?;
+    let mut recording = Recording::open_with(path, &arguments.file_is.hints())?;
     let range = range(&recording, arguments)?;
     if matches!(format.kind(), Kind::Session) {
         return excerpt::export(&mut recording, range, arguments, terminal);

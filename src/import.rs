@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use erfgs_events::SensorSize;
 use erfgs_session::container::{self, Recording};
 use serde::Serialize;
 
 use crate::{
     errors::{Usage, recording_at},
+    event_file::EventFileOptions,
     export::complain_of,
     terminal::{Terminal, bytes, thousands},
 };
@@ -30,9 +30,8 @@ pub struct Arguments {
     /// The session to write. Default: beside the file, named *.mcap.
     #[arg(long, value_name = "S.mcap")]
     out: Option<PathBuf>,
-    /// Size of the sensor, if the file does not state it. Default: the smallest that holds all events.
-    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
-    size: Option<SensorSize>,
+    #[command(flatten)]
+    file_is: EventFileOptions,
 }
 
 #[derive(Serialize)]
@@ -48,11 +47,11 @@ struct Imported {
 /// Writes the session and says what it holds.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let out = arguments.out.clone().unwrap_or_else(|| arguments.file.with_extension("mcap"));
-    recording_at(&arguments.file)?;
+    let file = recording_at(&arguments.file)?;
     if out.extension().is_none_or(|extension| extension != "mcap") {
         return Err(Usage(format!("'{}' names no session: sessions end in .mcap", out.display())).into());
     }
-    let recording = match Recording::open(&arguments.file, arguments.size)? {
+    let recording = match Recording::open_with(&file, &arguments.file_is.hints())? {
         Recording::EventFile(recording) => recording,
         Recording::Session(_) => {
             let file = arguments.file.display();

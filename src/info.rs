@@ -7,13 +7,15 @@ mod settings;
 use std::path::{Path, PathBuf};
 
 use erfgs_dataset::{Dataset, Split};
-use erfgs_events::{EventFile, EventFileError, SensorSize};
+use erfgs_events::{EventFile, EventFileError};
 use erfgs_run::{Metrics, RunFolder, RunInfo};
 use erfgs_scene::{Modality, PointCloud};
+use erfgs_session::container::recording_file;
 use serde::Serialize;
 
 use crate::{
     errors::Usage,
+    event_file::EventFileOptions,
     progress::duration,
     terminal::{Terminal, bytes, table, thousands},
 };
@@ -38,23 +40,25 @@ pub struct Arguments {
     /// Print the SHA3-224 of each field of the events of an event file or a session.
     #[arg(long)]
     digest: bool,
-    /// Size of the sensor, if the event file does not say it.
-    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
-    size: Option<SensorSize>,
+    #[command(flatten)]
+    file_is: EventFileOptions,
 }
 
 /// Looks at what `path` is and describes it.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
-    let path = &arguments.path;
+    let path = &*recording_file(&arguments.path)?;
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
-    if crate::errors::bag(path).is_some() {
-        crate::errors::recording_at(path)?;
-    }
     let folder = if path.is_file() { path.parent().unwrap_or(Path::new(".")) } else { path };
     let file_name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     if arguments.digest && (path.is_dir() || extension == "ply" || extension == "json") {
         let what = format!("--digest is for sessions and event files, and '{}' is none", path.display());
         return Err(Usage(what).into());
+    }
+    let hints = arguments.file_is.hints();
+    let is_text =
+        !path.is_dir() && !matches!(extension, "ply" | "json" | "mcap" | "db3" | "npz" | "npy" | "h5" | "hdf5");
+    if hints.columns.is_some() && !is_text {
+        return Err(Usage(format!("--columns is for events as text, and '{}' is none", path.display())).into());
     }
     let is_recording = matches!(extension, "mcap" | "db3");
     if arguments.check && !is_recording {
@@ -64,21 +68,21 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (false, _) if is_recording && !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
         (false, "ply") => points(path, terminal),
         (false, _) if is_recording => session::run(path, arguments.digest, arguments.check, terminal),
-        (false, "npz" | "npy") => events::describe_arrays(path, arguments.size, arguments.digest, terminal),
-        (false, "h5" | "hdf5") => events::describe_hdf5(path, arguments.size, arguments.digest, terminal),
+        (false, "npz" | "npy") => events::describe_arrays(path, hints.size, arguments.digest, terminal),
+        (false, "h5" | "hdf5") => events::describe_hdf5(path, hints.size, arguments.digest, terminal),
         // A run keeps a copy of its dataset's manifest, so that run.json is looked for first.
         (true, _) if folder.join("run.json").is_file() => run_folder(folder, terminal),
         (true, _) => dataset(&Dataset::load(folder)?, terminal),
         (false, _) if file_name == "run.json" => run_folder(folder, terminal),
         (false, _) if file_name == Dataset::MANIFEST => dataset(&Dataset::load(folder)?, terminal),
         (false, _) if !path.exists() => Err(Usage(format!("'{}' does not exist", path.display())).into()),
-        (false, _) => match EventFile::open(path) {
+        (false, _) => match EventFile::open_with(path, &hints) {
             Err(error @ EventFileError::Unknown { .. }) => Err(Usage(format!(
                 "'{}' has no format that erfgs knows: give a session, a dataset or run folder, a .ply or an event file ({error})",
                 path.display()
             ))
             .into()),
-            opened => events::describe(opened?, arguments.size, arguments.digest, terminal),
+            opened => events::describe(&opened?, arguments.digest, terminal),
         },
     }
 }

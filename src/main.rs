@@ -11,6 +11,7 @@ mod devices;
 mod doctor;
 mod errors;
 mod eval;
+mod event_file;
 mod export;
 mod import;
 mod info;

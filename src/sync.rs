@@ -59,7 +59,7 @@ fn fit(session: &mut Session, options: SyncOptions, terminal: &Terminal) -> anyh
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut session = Session::open(&arguments.session)?;
     let sync = fit(&mut session, SyncOptions { flash: arguments.flash }, terminal)?;
-    let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(&arguments.session));
+    let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(session.path()));
     let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));
     sync.save(&out)?;
     erfgs_base::atomic::write(&plot, page(&sync).as_bytes())

@@ -12,6 +12,7 @@
 //! - [`mod@order`]: the order of names as a person sees it.
 //! - [`npy`]: NumPy's arrays.
 //! - [`plausible`]: what numbers of files and settings are believed.
+//! - [`regular`]: files, and nothing that only looks like one.
 //! - [`text`]: text files, whatever editor wrote them.
 //! - [`FileError`]: a file that could not be read or written, with what helps.
 //! - [`calendar`](mod@calendar): dates as UTC.
@@ -33,6 +34,7 @@ pub mod plausible;
 #[cfg(feature = "parallel")]
 pub mod progress;
 pub mod random;
+pub mod regular;
 #[cfg(feature = "files")]
 pub mod scratch;
 pub mod text;

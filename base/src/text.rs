@@ -8,6 +8,7 @@ use std::{io, path::Path};
 /// # Errors
 /// If the file cannot be read, or is in another encoding, with the line where that shows.
 pub fn read(path: &Path) -> io::Result<String> {
+    crate::regular::check(path)?;
     decode(std::fs::read(path)?)
 }
 

@@ -8,7 +8,7 @@ use std::{
 
 use super::{
     Aedat2Chip, Aedat2Decoder, Anomalies, CsvDecoder, DatDecoder, DatFormat, Decoder, RawHeader, SensorSize, Sink,
-    StreamDecoder, TextLayout,
+    StreamDecoder, TextColumns, TextLayout,
     es::{self, EsDecoder, EsKind},
     evt::BYTE_ORDER_MARK,
 };
@@ -54,6 +54,14 @@ pub enum EventFileError {
         offset: u64,
         /// What is wrong and what to do.
         what: String,
+    },
+    /// Columns were given of a file that is no text.
+    #[error("{} is {format} and no text, so that it has no columns to name; leave --columns out", path.display())]
+    NoText {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        format: &'static str,
     },
     /// A line of text is not understood, or contradicts the others.
     #[error("line {line} of {}: {what}", path.display())]
@@ -107,6 +115,15 @@ impl EventFormat {
     }
 }
 
+/// What a user says of an event file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EventFileHints {
+    /// Size of the sensor.
+    pub size: Option<SensorSize>,
+    /// What each column of a text is.
+    pub columns: Option<TextColumns>,
+}
+
 /// An event file whose header was read.
 #[derive(Clone, Debug)]
 pub struct EventFile {
@@ -132,7 +149,25 @@ impl EventFile {
     /// # Errors
     /// If the file cannot be read or is none of the formats.
     pub fn open(path: &Path) -> Result<Self, EventFileError> {
+        Self::open_with(path, &EventFileHints::default())
+    }
+
+    /// As [`EventFile::open`], with what the user says of the file, whatever it says itself.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is none of the formats, or is no text and has columns nevertheless.
+    pub fn open_with(path: &Path, hints: &EventFileHints) -> Result<Self, EventFileError> {
+        let mut file = Self::recognised(path, hints.columns)?;
+        if hints.columns.is_some() && !matches!(file.format, EventFormat::Csv(_)) {
+            return Err(EventFileError::NoText { path: path.to_owned(), format: file.format.name() });
+        }
+        file.size = hints.size.or(file.size);
+        Ok(file)
+    }
+
+    fn recognised(path: &Path, columns: Option<TextColumns>) -> Result<Self, EventFileError> {
         let io = |doing| move |source| EventFileError::Io { doing, path: path.to_owned(), offset: 0, source };
+        erfgs_base::regular::check(path).map_err(io("open"))?;
         let mut file = File::open(path).map_err(io("open"))?;
         let length = file.metadata().map_err(io("open"))?.len();
         let mut head = Vec::new();
@@ -146,6 +181,8 @@ impl EventFile {
         #[cfg_attr(not(feature = "npz"), expect(unused_mut, reason = "only archives have members"))]
         let mut member = None;
         let (format, size, header, body) = match &head[..] {
+            // Whatever its name says, text has columns.
+            _ if columns.is_some() && !head.contains(&0) => text(path, &head, columns)?,
             _ if extension == "dat" => dat(path, &head)?,
             _ if is_raw(&head, &extension) => raw(path, &head)?,
             _ if head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&head).starts_with(b"#!AER-DAT2.0") => {
@@ -165,20 +202,15 @@ impl EventFile {
             _ if head.starts_with(b"PK\x03\x04") => {
                 let (name, start) = crate::archive::text_in(path).map_err(|what| unknown(&what))?;
                 member = Some(name);
-                text(path, &start)?
+                text(path, &start, columns)?
             }
-            _ if extension == "csv" || extension == "txt" && TextLayout::is_likely(&head) => text(path, &head)?,
+            _ if extension == "csv" || extension == "txt" && TextLayout::is_likely(&head) => {
+                text(path, &head, columns)?
+            }
             _ => return Err(unknown(foreign(&head).unwrap_or("its first bytes are those of no format"))),
         };
         let size = size.map(SensorSize::checked).transpose().map_err(|wrong| malformed(path, 0, wrong))?;
         Ok(Self { path: path.to_owned(), format, size, header, body: body as u64, length, member })
-    }
-
-    /// Takes this as the sensor's size, whatever the file says.
-    #[must_use]
-    pub fn with_size(mut self, size: SensorSize) -> Self {
-        self.size = Some(size);
-        self
     }
 
     /// A decoder of the file's body.
@@ -282,8 +314,8 @@ fn foreign(head: &[u8]) -> Option<&'static str> {
 }
 
 /// Text says at its beginning how it is laid out.
-fn text(path: &Path, head: &[u8]) -> Result<Head, EventFileError> {
-    let layout = TextLayout::of(head, head.len() < RawHeader::MAX_BYTES).map_err(|wrong| line(path, wrong))?;
+fn text(path: &Path, head: &[u8], columns: Option<TextColumns>) -> Result<Head, EventFileError> {
+    let layout = TextLayout::of(head, head.len() < RawHeader::MAX_BYTES, columns).map_err(|wrong| line(path, wrong))?;
     Ok((EventFormat::Csv(layout), layout.size(), Vec::new(), layout.body()))
 }
 

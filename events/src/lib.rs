@@ -97,7 +97,7 @@ pub use aedat4::{
 };
 pub use anomalies::Anomalies;
 pub use columns::Columns;
-pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder, TextLayout};
+pub use csv::{CSV_HEADER, CsvDecoder, CsvEncoder, TextColumns, TextLayout};
 pub use dat::{DatDecoder, DatEncoder, DatFormat, DatItems};
 pub use davis::{DavisDecoder, DavisEncoder, DavisLayout};
 #[cfg(feature = "digest")]
@@ -109,7 +109,7 @@ pub use event::{Event, Events};
 pub use evt::{
     Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt3Encoder, Evt21Decoder, Evt21Encoder, RawFormat, RawHeader, WordOrder,
 };
-pub use file::{EventFile, EventFileError, EventFormat};
+pub use file::{EventFile, EventFileError, EventFileHints, EventFormat};
 pub use sink::{ApsFrame, CdEvent, Edge, EventBatch, ImuSample, Mark, Sink};
 pub use stream::StreamDecoder;
 

@@ -13,13 +13,20 @@ use std::{
     fs::File,
     io::{self, BufRead, BufReader, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    process::{Child, ChildStdout, Command, Stdio},
+    process::{ChildStdout, Command, ExitStatus, Stdio},
+    time::Duration,
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{
+    FileError,
+    children::{self, Piped},
+};
 
 pub use self::{times::FrameTimes, write::VideoWriter};
 use crate::ImageRgb8;
+
+/// ffmpeg and ffprobe that do nothing for so long are ended.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What can go wrong with a video.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +81,7 @@ pub enum VideoError {
         message: String,
     },
     /// The system lost hold of ffmpeg.
-    #[error("cannot {what}")]
+    #[error("cannot {what}: {source}")]
     Encoder {
         /// What was being done.
         what: &'static str,
@@ -108,7 +115,7 @@ impl Probe {
 #[derive(Debug)]
 pub struct Video {
     path: PathBuf,
-    child: Child,
+    program: Piped,
     frames: BufReader<ChildStdout>,
     messages: File,
 }
@@ -129,14 +136,21 @@ impl Video {
     pub fn probe(path: &Path) -> Option<Probe> {
         let mut input = std::ffi::OsString::from("file:");
         input.push(path);
-        let output = Command::new("ffprobe")
-            .args(["-v", "error", "-select_streams", "v:0", "-count_packets", "-show_entries"])
+        let mut command = Command::new("ffprobe");
+        command
+            .args(["-v", "quiet", "-select_streams", "v:0", "-count_packets", "-show_entries"])
             .args(["stream=avg_frame_rate,nb_read_packets", "-of", "default=noprint_wrappers=1"])
-            .arg(input)
-            .stdin(Stdio::null())
-            .output()
-            .ok()?;
-        Probe::of(&String::from_utf8_lossy(&output.stdout))
+            .arg(input);
+        let mut said = String::new();
+        // It says two lines.
+        let keep = |line: &str| {
+            if said.len() < 4096 {
+                said += line;
+                said.push('\n');
+            }
+        };
+        children::run(command, PATIENCE, keep).ok()?;
+        Probe::of(&said)
     }
 
     /// Begins to decode the first video stream of `path`, frame by frame as stored, without making up or dropping any.
@@ -144,10 +158,10 @@ impl Video {
     /// # Errors
     /// If there is no such file or ffmpeg cannot be started.
     pub fn open(path: &Path) -> Result<Self, VideoError> {
-        Self::open_with(OsStr::new("ffmpeg"), path)
+        Self::open_within(OsStr::new("ffmpeg"), path, PATIENCE)
     }
 
-    fn open_with(ffmpeg: &OsStr, path: &Path) -> Result<Self, VideoError> {
+    fn open_within(ffmpeg: &OsStr, path: &Path, patience: Duration) -> Result<Self, VideoError> {
         if !path.is_file() {
             return Err(VideoError::Missing { path: path.to_owned() });
         }
@@ -156,7 +170,8 @@ impl Video {
         let messages = tempfile::tempfile().map_err(failed)?;
         let mut input = std::ffi::OsString::from("file:");
         input.push(path);
-        let mut child = Command::new(ffmpeg)
+        let mut command = Command::new(ffmpeg);
+        command
             .args(["-nostdin", "-v", "error", "-xerror", "-threads", "1", "-i"])
             .arg(input)
             .args([
@@ -174,14 +189,13 @@ impl Video {
             ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(messages.try_clone().map_err(failed)?)
-            .spawn()
-            .map_err(failed)?;
-        let Some(frames) = child.stdout.take() else {
+            .stderr(messages.try_clone().map_err(failed)?);
+        let mut program = Piped::start(command, patience).map_err(failed)?;
+        let Some(frames) = program.child().stdout.take() else {
             return Err(failed(io::Error::other("its output is not connected")));
         };
         let frames = BufReader::with_capacity(1 << 18, frames);
-        Ok(Self { path: path.to_owned(), child, frames, messages })
+        Ok(Self { path: path.to_owned(), program, frames, messages })
     }
 
     /// The next frame, or `None` after the last one.
@@ -189,7 +203,8 @@ impl Video {
     /// # Errors
     /// If the video is damaged or cut short.
     pub fn next_frame(&mut self) -> Result<Option<ImageRgb8>, VideoError> {
-        match read_ppm(&mut self.frames) {
+        let Self { program, frames, .. } = self;
+        match program.waits(|_| read_ppm(frames)) {
             Ok(Some(frame)) => Ok(Some(frame)),
             Ok(None) => self.finish().map(|()| None),
             Err(source) => {
@@ -201,28 +216,22 @@ impl Video {
     }
 
     fn finish(&mut self) -> Result<(), VideoError> {
-        let status = self.child.wait().map_err(|source| VideoError::Pipe { path: self.path.clone(), source })?;
+        let status = self.program.wait().map_err(|source| VideoError::Pipe { path: self.path.clone(), source })?;
         if status.success() {
             return Ok(());
         }
-        let mut message = Vec::new();
-        let read = self.messages.seek(SeekFrom::Start(0)).and_then(|_| {
-            let mut start = (&self.messages).take(2000);
-            start.read_to_end(&mut message)
-        });
-        let message = match (read, String::from_utf8_lossy(&message).trim()) {
-            (Ok(_), text) if !text.is_empty() => text.replace('\n', "; "),
-            _ => status.to_string(),
-        };
-        Err(VideoError::Decode { path: self.path.clone(), message })
+        let message = messages_of(&mut self.messages, status);
+        Err(VideoError::Decode { path: self.path.clone(), message: message.replace('\n', "; ") })
     }
 }
 
-impl Drop for Video {
-    fn drop(&mut self) {
-        // Frames after the last one that was wanted are never decoded. Both calls fail only if the decoder has ended.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+/// What ffmpeg said, or how it ended where it said nothing.
+fn messages_of(messages: &mut File, status: ExitStatus) -> String {
+    let mut message = Vec::new();
+    let read = messages.seek(SeekFrom::Start(0)).and_then(|_| messages.take(2000).read_to_end(&mut message));
+    match (read, String::from_utf8_lossy(&message).trim()) {
+        (Ok(_), text) if !text.is_empty() => text.to_owned(),
+        _ => status.to_string(),
     }
 }
 
@@ -280,13 +289,56 @@ mod tests {
     #[test]
     fn without_ffmpeg_the_error_says_what_to_install() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let error = Video::open_with(OsStr::new("no-such-ffmpeg"), file.path()).unwrap_err();
+        let error = Video::open_within(OsStr::new("no-such-ffmpeg"), file.path(), PATIENCE).unwrap_err();
         assert!(
             matches!(error, VideoError::NoFfmpeg { .. }) && error.to_string().contains("install ffmpeg"),
             "{error}"
         );
         let error = Video::open(Path::new("no/such/video.mp4")).unwrap_err();
         assert!(matches!(error, VideoError::Missing { .. }), "{error}");
+    }
+
+    #[test]
+    fn samples_of_any_depth_fill_eight_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        // A ramp of all levels in 8, 10, 12 and 16 bits, which a lossless codec keeps.
+        for pixels in ["gray", "gray10le", "gray12le", "gray16le", "yuv444p10le", "gbrp12le", "rgb48le"] {
+            let path = folder.path().join(format!("{pixels}.mkv"));
+            let made = Command::new("ffmpeg")
+                .args(["-v", "error", "-f", "lavfi", "-i", "color=black:s=256x16:r=10,format=gray16le,geq=lum=X*257"])
+                .args(["-frames:v", "2", "-pix_fmt", pixels, "-c:v", "ffv1", "-y"])
+                .arg(&path)
+                .status()
+                .expect("ffmpeg is installed by scripts/setup.sh");
+            assert!(made.success(), "{pixels}");
+            let mut video = Video::open(&path).unwrap();
+            for _ in 0..2 {
+                let frame = video.next_frame().unwrap().unwrap();
+                for x in 0..256 {
+                    let level = i32::from(frame.pixel(x, 8)[0]);
+                    assert!(level.abs_diff(x as i32) <= 3, "{pixels}, column {x}: {level}");
+                }
+            }
+            assert_eq!(video.next_frame().unwrap(), None);
+        }
+    }
+
+    #[test]
+    fn a_decoder_that_hangs_is_ended_and_one_that_talks_does_not_stand_still() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (program, file) = (folder.path().join("ffmpeg"), folder.path().join("a.mp4"));
+        std::fs::write(&file, b"x").unwrap();
+        let decoder = |script: &str| {
+            std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
+            std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+            Video::open_within(program.as_os_str(), &file, Duration::from_millis(500)).unwrap().next_frame()
+        };
+        let hung = decoder("sleep 600").unwrap_err().to_string();
+        assert!(hung.contains("stood still") && hung.contains("a.mp4"), "{hung}");
+        // More words than a pipe holds.
+        let talks = decoder("seq 100000 >&2; exit 1").unwrap_err().to_string();
+        assert!(talks.contains("1; 2; 3") && talks.len() < 4000, "{talks}");
     }
 
     #[test]

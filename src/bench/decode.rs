@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use erfgs_events::{EventFile, SensorSize};
+use erfgs_events::EventFile;
 use erfgs_replay::bench::DecodeFigures;
 use serde::Serialize;
 
 use crate::{
     errors::Usage,
+    event_file::EventFileOptions,
     terminal::{Terminal, table, thousands},
 };
 
@@ -27,9 +28,8 @@ pub struct Arguments {
     /// Number of runs; the fastest one counts.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     runs: u32,
-    /// Size of the sensor, if the file does not say it.
-    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
-    size: Option<SensorSize>,
+    #[command(flatten)]
+    file_is: EventFileOptions,
 }
 
 #[derive(Serialize)]
@@ -53,10 +53,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             format!("{file} is a session: `erfgs export {file} --to raw` gives a file of its words, or --to aedat4");
         return Err(Usage(what).into());
     }
-    let mut file = EventFile::open(&arguments.file)?;
-    if let Some(size) = arguments.size {
-        file = file.with_size(size);
-    }
+    let file = EventFile::open_with(&arguments.file, &arguments.file_is.hints())?;
     let content =
         std::fs::read(&file.path).with_context(|| format!("cannot read {} into memory", file.path.display()))?;
     let body = content.get(file.body as usize..).unwrap_or_default();

@@ -11,7 +11,7 @@ use erfgs_calibrate::{
     report::telling,
 };
 use erfgs_scene::rig_file::RigFile;
-use erfgs_session::container::Session;
+use erfgs_session::container::{Session, recording_file};
 use erfgs_sync::Synchronisation;
 
 use super::summary::finish;
@@ -166,6 +166,7 @@ pub fn lens_model(text: &str) -> Result<LensModel, String> {
 
 /// The folder of a session in which its calibration was recorded, where there is one beside other recordings; else what was given.
 pub fn recorded(input: &Path, terminal: &Terminal) -> anyhow::Result<PathBuf> {
+    let input = &*recording_file(input)?;
     if !input.is_dir() {
         return Ok(input.to_owned());
     }

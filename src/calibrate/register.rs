@@ -8,13 +8,13 @@ use erfgs_calibrate::{
     intensity::{LogIntensity, dark_ramp, leaky},
     sfm::{CameraView, RegisterOptions, read_model_views, reduced, register},
 };
-use erfgs_events::{Columns, EventFile, Events, npz};
+use erfgs_events::{Columns, EventFile, EventFileHints, Events, npz};
 use erfgs_points::ColmapProgram;
 use erfgs_scene::rig_file::RigFile;
 use erfgs_scene::{Modality, image::ImageGrey8};
 
 use super::{steps::Steps, summary::finish};
-use crate::{errors::Usage, terminal::Terminal};
+use crate::{errors::Usage, event_file::TextOptions, terminal::Terminal};
 
 /// Add cameras to a calibrated rig, from images of what its cameras see too.
 #[derive(Debug, clap::Args)]
@@ -54,6 +54,8 @@ pub struct Arguments {
     /// Event files hold movement; integrate up to this time, seconds after the first event.
     #[arg(long, value_name = "SECONDS", value_parser = crate::parse::seconds)]
     leaky: Option<f64>,
+    #[command(flatten)]
+    text: TextOptions,
     /// Corner frequency of the leaky integral.
     #[arg(long, value_name = "HZ", default_value_t = 0.7, value_parser = crate::parse::within(0.0, 1e6))]
     cutoff_hz: f64,
@@ -97,7 +99,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             continue;
         }
         let size = [known.intrinsics.width, known.intrinsics.height];
-        let (image, modality) = picture(&file, size, arguments, options.radius_px)?;
+        let (image, modality) = picture(&file, size, arguments, options.radius_px, terminal)?;
         new.push(CameraView { name, modality, image, intrinsics: Some(known.intrinsics), chosen: None });
     }
     if new.is_empty() {
@@ -131,6 +133,7 @@ fn picture(
     size: [u32; 2],
     arguments: &Arguments,
     radius_px: u32,
+    terminal: &Terminal,
 ) -> anyhow::Result<(ImageGrey8, Modality)> {
     let extension = file.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase());
     if matches!(extension.as_deref(), Some("png" | "jpg" | "jpeg")) {
@@ -139,7 +142,10 @@ fn picture(
     }
     let events = match extension.as_deref() {
         Some("npz") => npz::read_events(file, Some(size))?,
-        _ => decoded(file, size)?,
+        extension => {
+            let is_text = matches!(extension, Some("csv" | "txt"));
+            decoded(file, size, &if is_text { arguments.text.hints() } else { EventFileHints::default() }, terminal)?
+        }
     };
     let log: LogIntensity = if arguments.dark_ramp {
         dark_ramp(&events, arguments.threshold)
@@ -156,9 +162,30 @@ fn picture(
     Ok((log.picture(radius_px), Modality::Event))
 }
 
-fn decoded(file: &Path, [width, height]: [u32; 2]) -> anyhow::Result<Events> {
+fn decoded(
+    path: &Path,
+    [width, height]: [u32; 2],
+    hints: &EventFileHints,
+    terminal: &Terminal,
+) -> anyhow::Result<Events> {
     let mut columns = Columns::default();
-    EventFile::open(file)?.decode(&mut columns)?;
+    let file = EventFile::open_with(path, hints)?;
+    if let Some(other) = file.size.filter(|size| [size.width, size.height].map(u32::from) != [width, height]) {
+        bail!(
+            "{} is of a sensor of {}x{} pixels, and the intrinsics of that camera are for {width}x{height}: give the camera's own file, or \
+             intrinsics of that size",
+            path.display(),
+            other.width,
+            other.height
+        );
+    }
+    let anomalies = file.decode(&mut columns)?;
+    if columns.is_empty() {
+        bail!("{} holds no event that can be read: {anomalies}", path.display());
+    }
+    if !anomalies.is_empty() {
+        terminal.note(format!("{}: {anomalies}", path.display()));
+    }
     let mut events = Events::new(width, height);
     for index in 0..columns.len() {
         events.push(erfgs_events::Event {

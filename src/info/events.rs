@@ -35,15 +35,7 @@ struct EventFileSummary<'a> {
 }
 
 /// Decodes the file and describes it; with `digest`, digests each field.
-pub fn describe(
-    mut file: EventFile,
-    size: Option<SensorSize>,
-    digest: bool,
-    terminal: &Terminal,
-) -> anyhow::Result<()> {
-    if let Some(size) = size {
-        file = file.with_size(size);
-    }
+pub fn describe(file: &EventFile, digest: bool, terminal: &Terminal) -> anyhow::Result<()> {
     let mut found = if digest { Digests::new() } else { Digests::default() };
     let anomalies = file.decode(&mut found)?;
     let range_us = found.range_us.map(|(first, last)| [microseconds(first), microseconds(last)]);

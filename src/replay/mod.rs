@@ -11,12 +11,12 @@ use std::{
 };
 
 use audience::Audience;
-use erfgs_events::SensorSize;
 use erfgs_replay::{Player, PlayerOptions, Speed};
 use serde::Serialize;
 
 use crate::{
     errors::{Usage, recording_at},
+    event_file::EventFileOptions,
     export::complain_of,
     interrupt, quick,
     terminal::{Terminal, bytes, table, thousands},
@@ -52,9 +52,8 @@ pub struct Arguments {
     /// Start this many seconds after the beginning.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = crate::parse::seconds)]
     seek: f64,
-    /// Size of the sensor, if the event file does not state it. Default: the smallest that holds all events.
-    #[arg(long, value_name = "WxH", value_parser = crate::parse::sensor_size)]
-    size: Option<SensorSize>,
+    #[command(flatten)]
+    file_is: EventFileOptions,
     /// Show it on the live page.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
     live: Option<SocketAddr>,
@@ -97,7 +96,8 @@ struct PlayedStream {
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     recording_at(&arguments.session)?;
     let seek_ns = (arguments.seek * 1e9) as i64;
-    let options = PlayerOptions { speed: arguments.speed, repeat: arguments.repeat, seek_ns, size: arguments.size };
+    let Arguments { speed, repeat, file_is, .. } = arguments;
+    let options = PlayerOptions { speed: *speed, repeat: *repeat, seek_ns, hints: file_is.hints() };
     let player = Player::open(&arguments.session, options)?;
     let summary = player.summary();
     if summary.streams.is_empty() {

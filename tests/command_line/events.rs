@@ -129,3 +129,27 @@ fn what_has_no_events_has_no_digests() {
         assert!(said.contains("--digest") && said.contains(path), "{said}");
     }
 }
+
+#[test]
+fn columns_are_what_the_user_says_in_every_command_that_reads_text() {
+    let folder = Folder::new();
+    let lines: String = (1..50).map(|n| format!("a,{},{},{n},{}\n", n % 7, n % 5, n % 2)).collect();
+    std::fs::write(folder.path("a.csv"), format!("camera,u,v,when,sign\n{lines}")).unwrap();
+    for command in [
+        "info a.csv",
+        "export a.csv --to npz --out a.npz",
+        "import a.csv",
+        "replay a.csv --speed max",
+        "bench decode a.csv",
+    ] {
+        let said = folder.fail(1, command);
+        assert!(said.contains("line 1 of a.csv") && said.contains("--columns t_us,x,y,p"), "{command}: {said}");
+        folder.succeed(&format!("{command} --columns -,x,y,t_ms,p"));
+    }
+    for read in ["info a.csv --columns -,x,y,t_ms,p", "info a.npz"] {
+        let found = folder.figures(read);
+        assert_eq!([&found["events"], &found["first_us"], &found["last_us"]], [49, 1000, 49_000], "{read}");
+    }
+    let said = folder.fail(1, "export a.mcap --to csv --columns x,y,t,p --out b.csv");
+    assert!(said.contains("a session and no text"), "{said}");
+}

@@ -29,6 +29,15 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_right() {
         ("render run --path camera --out x", "--path camera 03"),
         ("render run --out x.mp4 --format png", ".mp4"),
         ("info nowhere", "nowhere"),
+        ("export ds --to colmap --size 64x48 --out o", "--size is for an event file"),
+        ("export ds --to colmap --from 1 --out o", "--from"),
+        ("export ds --to nerfstudio --exact --out o", "--exact"),
+        ("export ds --to nerfstudio --fps 3 --out o", "--fps"),
+        ("export ds --columns x,y,p,t --out o", "--columns is for an event file"),
+        ("export ds/events/event00.npz --to csv --instants 3", "--instants is for a run"),
+        ("export ds/events/event00.npz --to csv --at 0.1", "--at"),
+        ("info ds --columns x,y,p,t", "--columns is for events as text"),
+        ("info a.csv --columns x,y,p", "lacks t"),
     ] {
         let said = folder.fail(2, words);
         assert!(said.contains(hint), "erfgs {words}: {said}");

@@ -1,5 +1,5 @@
-//! Files and folders that are not whole yet. Each is locked while its process lives, so that what a process left that was killed is
-//! known by the next one that writes into the same folder, and removed.
+//! Files and folders that are not whole yet. Each is locked while its process lives and named after it, so that what a process left that
+//! was killed is known by the next one that writes into the same folder, and removed.
 
 use std::{
     collections::BTreeSet,
@@ -11,6 +11,7 @@ use std::{
 
 use tempfile::{NamedTempFile, TempDir};
 
+use super::left::{Lock, Owner, is_left, is_shared, unwritten};
 use crate::ending::Listed;
 
 /// What everything that is not whole yet is called, and what intermediate files are.
@@ -40,7 +41,8 @@ impl BegunFile {
     /// Begins a file in a folder.
     pub fn new(folder: &Path, prefix: &str) -> io::Result<Self> {
         let mut builder = tempfile::Builder::new();
-        builder.prefix(prefix);
+        let prefix = format!("{prefix}{}", Owner::us().mark());
+        builder.prefix(&prefix);
         #[cfg(unix)]
         builder.permissions(mode(0o666));
         let (file, listed) = locked(
@@ -73,7 +75,8 @@ impl BegunFolder {
     pub fn new(parent: &Path, prefix: &str, visibility: Visibility) -> io::Result<Self> {
         std::fs::create_dir_all(parent)?;
         let mut builder = tempfile::Builder::new();
-        builder.prefix(prefix);
+        let prefix = format!("{prefix}{}", Owner::us().mark());
+        builder.prefix(&prefix);
         #[cfg(unix)]
         builder.permissions(mode(match visibility {
             Visibility::AsUsual => 0o777,
@@ -137,13 +140,6 @@ fn locked<T, H: Into<Option<File>>>(
     Err(io::Error::new(io::ErrorKind::ResourceBusy, "another process removes what is begun"))
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Lock {
-    Ours,
-    Another,
-    Unknown,
-}
-
 #[cfg(unix)]
 fn lock(file: &File) -> Lock {
     use rustix::{
@@ -200,9 +196,8 @@ fn remove_left(folder: &Path, ours: &Metadata) {
 fn remove_left_now(folder: &Path, ours: &Metadata) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
-        if !name.to_str().is_some_and(|name| LEFT.iter().any(|prefix| name.starts_with(prefix))) {
-            continue;
-        }
+        let rest = name.to_str().and_then(|name| LEFT.iter().find_map(|prefix| name.strip_prefix(prefix)));
+        let Some(rest) = rest else { continue };
         let Ok(found) = entry.metadata() else { continue };
         // Links and pipes are nobody's that would be left.
         if !(found.is_file() || found.is_dir()) || !is_of_same_user(&found, ours) {
@@ -213,7 +208,8 @@ fn remove_left_now(folder: &Path, ours: &Metadata) {
         let handle =
             if found.is_dir() { File::open(&path) } else { File::options().read(true).write(true).open(&path) };
         let Ok(handle) = handle else { continue };
-        if lock(&handle) != Lock::Ours || !is_at(&handle, &path) {
+        let is_left = is_left(lock(&handle), is_shared(&handle), Owner::of(rest), unwritten(&found, ours));
+        if !is_left || !is_at(&handle, &path) {
             continue;
         }
         let _ = if found.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };

@@ -6,6 +6,7 @@ use std::{
 };
 
 pub(crate) mod begun;
+mod left;
 
 use begun::{BegunFile, BegunFolder, PREFIX, Visibility};
 

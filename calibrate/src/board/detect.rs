@@ -11,6 +11,7 @@ use super::{
     corner::{Window, refine},
     facing,
     features::features,
+    fill::filled,
 };
 use crate::statistics::median;
 
@@ -158,6 +159,9 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     exact(&grey, &mut corners, target);
     // What hides a corner in part pulls it aside, and so do edges that are too near to it.
     corners = without_strays(corners, target, STRAY_PX);
+    if (FEW..all).contains(&corners.len()) && !matches!(target, Target::AprilGrid { .. }) {
+        corners = without_strays(filled(&grey, &corners, target, share(target)), target, STRAY_PX);
+    }
     corners.sort_by_key(|corner| corner.id);
     corners
 }
@@ -323,15 +327,19 @@ fn charuco(grey: &Grey, target: &Target) -> Vec<Corner> {
     best
 }
 
-/// Refines each corner in a window that no other edge enters, and leaves out what is no corner.
-fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
-    // How near the next edge is, as a share of a square or a tag: on a ChArUco board a marker begins an eighth of a square away
-    // from the corner, or less; on an AprilGrid the small square ends, or a tag's code begins.
-    let share = match target {
+/// How near the next edge is to a corner, as a share of a square or a tag: on a ChArUco board a marker begins an eighth of a square away
+/// from the corner, or less; on an AprilGrid the small square ends, or a tag's code begins.
+fn share(target: &Target) -> f64 {
+    match target {
         Target::Chessboard { .. } => 0.42,
         Target::Charuco { .. } => 0.12,
         Target::AprilGrid { spacing, .. } => 0.5 * spacing.min(0.3),
-    };
+    }
+}
+
+/// Refines each corner in a window that no other edge enters, and leaves out what is no corner.
+fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
+    let share = share(target);
     let refined = corners.iter().filter_map(|corner| {
         // One that has no neighbours does not say how large squares are.
         let lone = [DVec2::X * LONE_PX, DVec2::Y * LONE_PX];

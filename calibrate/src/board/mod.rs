@@ -19,6 +19,7 @@ mod doubt;
 mod error;
 mod facing;
 mod features;
+mod fill;
 mod input;
 mod intrinsics;
 mod joint;

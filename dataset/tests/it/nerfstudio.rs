@@ -173,3 +173,32 @@ fn what_is_not_taken_is_said() {
         assert!(said.contains(word), "{word}: {said}");
     }
 }
+
+#[test]
+fn cameras_are_called_by_whatever_part_of_their_paths_tells_them_apart() {
+    for (paths, names) in [
+        (["images/left", "images/right", "images/top"], ["left", "right", "top"]),
+        (["cam01/images", "cam02/images", "cam03/images"], ["cam01", "cam02", "cam03"]),
+        (["rig/a/rgb/undistorted", "rig/b/rgb/undistorted", "rig/c/rgb/undistorted"], ["a", "b", "c"]),
+        (["./a/rgb", "b/rgb", "./c/rgb"], ["a", "b", "c"]),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut frames = Vec::new();
+        for (camera, path) in paths.iter().enumerate() {
+            for t in 0..2_u64 {
+                let file = format!("{path}/{t:04}.png");
+                write(folder.path().join(&file), &halves(16, 8, t as u8, camera as u8));
+                frames.push(frame(&file, camera as u64, json!({ "time": t })));
+            }
+        }
+        let file = json!({ "w": 16, "h": 8, "fl_x": 20.0, "frames": frames });
+        std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
+        let options = ImportOptions { fps: Some(10.0), ..Default::default() };
+        let dataset = run(Layout::Nerfstudio, folder.path(), &options, &folder.path().join("ds")).unwrap();
+        let found: Vec<&str> = dataset.manifest.cameras.iter().map(|camera| camera.name.as_str()).collect();
+        assert_eq!(found, names, "{paths:?}");
+        for (number, camera) in dataset.manifest.cameras.iter().enumerate() {
+            assert_eq!(grey(&dataset, camera, 1), [1, number as u8], "{paths:?}: the pictures of {}", camera.name);
+        }
+    }
+}

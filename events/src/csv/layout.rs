@@ -1,8 +1,11 @@
 //! What the beginning of a text says of all of it: order of the columns, unit of the time, size of the sensor.
 
+use std::borrow::Cow;
+
 use super::{
-    line::{self, Row, Time},
-    names::{Names, TimeUnit, known},
+    line,
+    names::{TextColumns, TimeUnit, known},
+    sample::Sample,
 };
 use crate::{SensorSize, evt::BYTE_ORDER_MARK};
 
@@ -33,15 +36,32 @@ impl Default for TextLayout {
 }
 
 /// A line and what is wrong in it.
-type Wrong = (u64, String);
+pub(super) type Wrong = (u64, String);
 
-/// The lines before the first event.
+/// Who says what the columns are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Source {
+    /// Nobody.
+    #[default]
+    None,
+    /// A line of names, or OpenEB's geometry.
+    File,
+    /// The user.
+    User,
+}
+
+/// What of lines is read before the first event.
 #[derive(Default)]
 struct Preamble {
-    names: Option<Names>,
+    names: Option<TextColumns>,
+    source: Source,
     size: Option<SensorSize>,
     /// A line `%geometry:W,H`, as OpenEB's decoders write before `x,y,p,t`.
     geometry: bool,
+    /// A line of names that does not count, since the user gave others.
+    overridden: bool,
+    /// The last comment that tells a unit of time.
+    unit: Option<(u64, TimeUnit)>,
 }
 
 impl TextLayout {
@@ -55,21 +75,24 @@ impl TextLayout {
         self.body
     }
 
-    /// The layout of a text that begins with `head`; `whole` if that is all of it.
+    /// The layout of a text that begins with `head`, `whole` if that is all of it; its columns are `given` where the user says so.
     ///
     /// # Errors
     /// The line, and what in it is not understood or contradicts the others.
-    pub(crate) fn of(head: &[u8], whole: bool) -> Result<Self, Wrong> {
+    pub(crate) fn of(head: &[u8], whole: bool, given: Option<TextColumns>) -> Result<Self, Wrong> {
         if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") || head.contains(&0) {
             let what = "it is no UTF-8 but UTF-16 or binary; convert it: iconv -f UTF-16 -t UTF-8";
             return Err((1, what.to_owned()));
         }
         let mut layout =
             Self { body: if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 }, ..Self::default() };
-        let mut preamble = Preamble::default();
+        let mut preamble = Preamble { names: given, ..Preamble::default() };
+        if given.is_some() {
+            preamble.source = Source::User;
+        }
         let mut rest = &head[layout.body..];
         while let Some((line, after)) = next_line(rest, whole) {
-            if preamble.hears(line).map_err(|what| (layout.lines + 1, what))? {
+            if preamble.takes(line, layout.lines + 1).map_err(|what| (layout.lines + 1, what))? {
                 layout.lines += 1;
                 layout.body += rest.len() - after.len();
                 rest = after;
@@ -79,19 +102,26 @@ impl TextLayout {
         }
         layout.size = preamble.size;
         match preamble.names {
-            Some(names) => {
-                (layout.order, layout.columns) = (names.order, names.count);
-                (layout.unit, layout.unit_is_named) = (names.unit, names.unit.is_some());
-            }
+            Some(names) => layout.name(&names),
             None if preamble.geometry => layout.order = [3, 0, 1, 2],
             None => {}
         }
         let sample = Sample::of(rest, whole, layout.lines);
-        sample.check_order(&layout, preamble.names.is_some() || preamble.geometry)?;
+        sample.check_words(&layout)?;
+        sample.check_order(&layout, preamble.source)?;
         if layout.unit.is_none() {
-            layout.unit = Some(sample.unit(&layout)?);
+            let unit = sample.unit(&layout)?;
+            preamble.check_unit(unit)?;
+            layout.unit = Some(unit);
         }
+        sample.check_times(&layout)?;
         Ok(layout)
+    }
+
+    /// Takes what names say.
+    pub(super) fn name(&mut self, names: &TextColumns) {
+        (self.order, self.columns) = (names.order, names.count);
+        (self.unit, self.unit_is_named) = (names.unit, names.unit.is_some());
     }
 
     /// Whether a text that begins so can be one of events.
@@ -112,8 +142,16 @@ fn is_value(field: &str) -> bool {
     field.parse::<f64>().is_ok() || matches!(field, "true" | "True" | "TRUE" | "false" | "False" | "FALSE")
 }
 
+/// A line as text: of what is no UTF-8 each byte is a letter, as in headers of other formats.
+fn latin1_or_utf8(line: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(line) {
+        Ok(text) => text.into(),
+        Err(_) => line.iter().map(|&byte| char::from(byte)).collect::<String>().into(),
+    }
+}
+
 /// The first line, and what follows it; `None` if it is not over.
-fn next_line(bytes: &[u8], whole: bool) -> Option<(&[u8], &[u8])> {
+pub(super) fn next_line(bytes: &[u8], whole: bool) -> Option<(&[u8], &[u8])> {
     match bytes.iter().position(|&byte| byte == b'\n') {
         Some(end) => Some((&bytes[..end], &bytes[end + 1..])),
         None if whole && !bytes.is_empty() => Some((bytes, &[])),
@@ -121,143 +159,95 @@ fn next_line(bytes: &[u8], whole: bool) -> Option<(&[u8], &[u8])> {
     }
 }
 
+/// What to do about names that are not understood.
+const RENAME: &str =
+    "rename or remove that column, or say what all are, as `--columns t_us,x,y,p` (`-` for one that is none of these)";
+
 impl Preamble {
     /// Takes what a line before the first event says; `false` if it is one of an event.
-    fn hears(&mut self, line: &[u8]) -> Result<bool, String> {
-        let line = String::from_utf8_lossy(line::bare(line));
+    fn takes(&mut self, line: &[u8], number: u64) -> Result<bool, String> {
+        let line = latin1_or_utf8(line::bare(line));
         let line = line.as_ref();
         if line.is_empty() {
             return Ok(true);
         }
         if let Some(comment) = line.strip_prefix(['#', '%']) {
-            if let Some(geometry) = comment.trim_start().strip_prefix("geometry:") {
-                self.size = Some(line::size(&line::fields(geometry)).ok_or_else(|| {
-                    format!("`{}` is no size of a sensor; it is written %geometry:1280,720", line.escape_debug())
-                })?);
-                self.geometry = true;
-            } else {
-                // A comment that is names more than anything else, as NumPy writes them.
-                let words = line::fields(comment.rsplit(':').next().unwrap_or_default());
-                if known(&words) >= 3 && known(&words) * 2 > words.len() {
-                    self.names = Some(Names::of(&words)?);
-                }
-            }
-            return Ok(true);
+            return self.takes_comment(comment, line, number).map(|()| true);
         }
         let fields = line::fields(line);
         if self.size.is_none() && line::size(&fields).is_some() {
             self.size = line::size(&fields);
             return Ok(true);
         }
+        if let (Source::User, Some(names)) = (self.source, &self.names) {
+            // One line without a number where numbers must be is one of other names.
+            let is_event = names.order.iter().any(|&at| fields.get(at).is_some_and(|field| is_value(field)));
+            return Ok(!is_event && !std::mem::replace(&mut self.overridden, true));
+        }
         if fields.first().is_some_and(|first| is_value(first)) {
             return Ok(false);
         }
-        match Names::of(&fields) {
-            Ok(names) => self.names = Some(names),
+        match TextColumns::of(&fields) {
+            Ok(names) => self.is_named(names),
+            // A line of units below the names.
+            Err(_) if self.takes_units(&fields) => {}
             // The columns have names already: this is an event that cannot be read.
             Err(_) if self.names.is_some() => return Ok(false),
-            Err(what) => return Err(what),
+            Err(what) => return Err(format!("{what}: {RENAME}")),
         }
         Ok(true)
     }
-}
 
-/// The first events of a text.
-struct Sample<'a> {
-    /// Lines, with their numbers.
-    lines: Vec<(u64, Vec<&'a str>)>,
-}
+    /// Takes the unit of times from a line of units.
+    fn takes_units(&mut self, fields: &[&str]) -> bool {
+        let Some(names) = self.names.as_mut().filter(|names| names.count == fields.len()) else { return false };
+        let Some(unit) = TimeUnit::of_cell(fields[names.order[0]]) else { return false };
+        if names.unit.is_none_or(|named| named == unit) {
+            names.unit = Some(unit);
+            return true;
+        }
+        false
+    }
 
-impl<'a> Sample<'a> {
-    fn of(mut bytes: &'a [u8], whole: bool, mut number: u64) -> Self {
-        let mut lines = Vec::new();
-        while let Some((line, after)) = next_line(bytes, whole) {
-            number += 1;
-            bytes = after;
-            if let Ok(text) = std::str::from_utf8(line::bare(line))
-                && !text.is_empty()
-                && !text.starts_with(['#', '%'])
-            {
-                lines.push((number, line::fields(text)));
+    fn is_named(&mut self, names: TextColumns) {
+        (self.names, self.source) = (Some(names), Source::File);
+    }
+
+    fn takes_comment(&mut self, comment: &str, line: &str, number: u64) -> Result<(), String> {
+        if let Some(geometry) = comment.trim_start().strip_prefix("geometry:") {
+            self.size = Some(line::size(&line::fields(geometry)).ok_or_else(|| {
+                format!("`{}` is no size of a sensor; it is written %geometry:1280,720", line.escape_debug())
+            })?);
+            self.geometry = true;
+            if self.source == Source::None {
+                self.source = Source::File;
             }
+            return Ok(());
         }
-        Self { lines }
+        if self.source == Source::User {
+            return Ok(());
+        }
+        // A comment that is names more than anything else, as NumPy writes them.
+        let words = line::fields(comment.rsplit(':').next().unwrap_or_default());
+        if known(&words) >= 3 && known(&words) * 2 > words.len() {
+            self.is_named(TextColumns::of(&words).map_err(|what| format!("{what}: {RENAME}"))?);
+        } else if let Some(unit) = TimeUnit::in_prose(comment) {
+            self.unit = Some((number, unit));
+        }
+        Ok(())
     }
 
-    fn rows(&self, layout: &TextLayout) -> impl Iterator<Item = (u64, Result<Row, String>)> {
-        self.lines.iter().map(|(number, fields)| (*number, Row::of(fields, layout)))
-    }
-
-    /// How many lines are no events, and in how many time goes back.
-    fn faults(&self, layout: &TextLayout) -> [usize; 2] {
-        let (mut wrong, mut back, mut last) = (0, 0, 0.0);
-        for (_, row) in self.rows(layout) {
-            match row {
-                Ok(row) => {
-                    let now = match row.t {
-                        Time::Whole(whole) => whole as f64,
-                        Time::Real(real) => real,
-                    };
-                    back += usize::from(now < last);
-                    last = now;
-                }
-                Err(_) => wrong += 1,
-            }
-        }
-        [wrong, back]
-    }
-
-    /// Refuses a text whose lines do not fit the order of its columns.
-    fn check_order(&self, layout: &TextLayout, is_named: bool) -> Result<(), Wrong> {
-        let [wrong, back] = self.faults(layout);
-        let is_wrong = wrong * 2 > self.lines.len();
-        // Rows or columns taken for times go back all the time.
-        let goes_back = !is_named && self.lines.len() >= 4 && back * 4 >= self.lines.len();
-        let Some((number, _)) = self.lines.first().filter(|_| is_wrong || goes_back) else { return Ok(()) };
-        let others: [(&str, [usize; 4]); 4] = [
-            ("x,y,p,t", [3, 0, 1, 2]),
-            ("x,y,t,p", [2, 0, 1, 3]),
-            ("t,p,x,y", [0, 2, 3, 1]),
-            ("t,x,y,p", [0, 1, 2, 3]),
-        ];
-        let fits = |order| layout.columns == 4 && self.faults(&TextLayout { order, ..*layout }) == [0, 0];
-        if let Some((names, _)) = others.into_iter().find(|(_, order)| *order != layout.order && fits(*order)) {
-            let taken =
-                if is_named { "what its names say" } else { "t,x,y,p, which is taken where no names are given" };
-            return Err((
-                *number,
-                format!(
-                    "the columns are not in the order of {taken}; they look like {names}: put a line `{names}` before"
-                ),
-            ));
-        }
-        let first = self.rows(layout).find_map(|(number, row)| Some((number, row.err()?)));
-        match first {
-            Some((number, what)) if is_wrong && !is_named => Err((
+    /// Refuses a unit that a comment contradicts.
+    fn check_unit(&self, taken: TimeUnit) -> Result<(), Wrong> {
+        match self.unit {
+            Some((number, unit)) if unit != taken && self.source != Source::User => Err((
                 number,
                 format!(
-                    "{what}; without a line of names the columns are t,x,y,p, t in microseconds or seconds with a point: put a \
-                     line such as `x,y,p,t_us` before"
+                    "a comment tells of times in {unit}, and as they are written they would be taken for {taken}: put a line of names \
+                     before that says which (t_s, t_ms, t_us, t_ns), or say it, as `--columns t_ms,x,y,p`"
                 ),
             )),
             _ => Ok(()),
-        }
-    }
-
-    /// The unit of the time, by how all times are written.
-    fn unit(&self, layout: &TextLayout) -> Result<TimeUnit, Wrong> {
-        let times = || self.rows(layout).filter_map(|(number, row)| Some((number, row.ok()?.t)));
-        if times().any(|(_, t)| t.has_fraction()) {
-            return Ok(TimeUnit::Seconds);
-        }
-        match times().find(|(_, t)| matches!(t, Time::Real(_))) {
-            Some((number, _)) => Err((
-                number,
-                "times are written with a point or an exponent and none has a fraction, so that they may be seconds or \
-                 microseconds: put a line of names before that says so, such as `t_s,x,y,p` or `t_us,x,y,p`"
-                    .to_owned(),
-            )),
-            None => Ok(TimeUnit::Microseconds),
         }
     }
 }

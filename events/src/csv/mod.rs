@@ -9,13 +9,14 @@
 mod layout;
 mod line;
 mod names;
+mod sample;
 
-pub use self::layout::TextLayout;
 use self::{
     TextLayout as Layout,
     line::{Row, Time},
-    names::{Names, TimeUnit},
+    names::TimeUnit,
 };
+pub use self::{layout::TextLayout, names::TextColumns};
 use super::{Anomalies, CdEvent, Decoder, SensorSize, Sink, stage::Stage};
 
 /// Lines longer than this are damaged.
@@ -99,11 +100,8 @@ impl CsvDecoder {
         match Row::of(&fields, &self.layout) {
             Ok(row) => self.row(row, sink),
             Err(_) if first && line::size(&fields).is_some() => {}
-            Err(_) => match Names::of(&fields) {
-                Ok(names) if first => {
-                    (self.layout.order, self.layout.columns) = (names.order, names.count);
-                    (self.layout.unit, self.layout.unit_is_named) = (names.unit, names.unit.is_some());
-                }
+            Err(_) => match TextColumns::of(&fields) {
+                Ok(names) if first => self.layout.name(&names),
                 _ => self.anomalies.damaged += 1,
             },
         }
@@ -152,7 +150,7 @@ impl CsvDecoder {
             return None;
         }
         let remedy =
-            "write all times alike, or put a line of names before that tells their unit (t_s, t_ms, t_us, t_ns)";
+            "write all times alike, or tell their unit by a line of names or with --columns (t_s, t_ms, t_us, t_ns)";
         match (row.t, unit) {
             (Time::Real(real), TimeUnit::Microseconds) => Some(format!(
                 "the time {real} has a point or an exponent, those before are whole and were taken for microseconds; {remedy}"

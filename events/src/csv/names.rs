@@ -1,4 +1,6 @@
-//! A line of names: which column is what, and in which unit times are.
+//! Names of columns: which one is what, and in which unit times are.
+
+use std::{fmt, str::FromStr};
 
 /// In which unit times are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,17 +37,44 @@ impl TimeUnit {
             _ => None,
         }
     }
+
+    /// What a cell of a line of units says, as `ms` or `[ms]`.
+    pub(super) fn of_cell(cell: &str) -> Option<Self> {
+        Self::of(cell.to_lowercase().trim_matches(|letter: char| !letter.is_alphanumeric()))
+    }
+
+    /// The one unit that a comment tells of times in, as "timestamps are in ms".
+    pub(super) fn in_prose(comment: &str) -> Option<Self> {
+        let comment = comment.to_lowercase();
+        let words = || comment.split(|letter: char| !letter.is_alphanumeric());
+        let tells = words().any(|word| matches!(word, "t" | "ts" | "time" | "times" | "timestamp" | "timestamps"));
+        let mut units = words().filter_map(Self::of);
+        let unit = units.next().filter(|_| tells)?;
+        units.all(|other| other == unit).then_some(unit)
+    }
 }
 
-/// What a line of names says.
+impl fmt::Display for TimeUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Seconds => "seconds",
+            Self::Milliseconds => "milliseconds",
+            Self::Microseconds => "microseconds",
+            Self::Nanoseconds => "nanoseconds",
+        })
+    }
+}
+
+/// Which columns of a text are what, and in which unit its times are: what a line of names says, or the user where a text has none
+/// that is understood, as `x,y,p,t_us`. A `-` stands for a column that is none of an event's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Names {
+pub struct TextColumns {
     /// Which column is the time, the column of the pixel, its row and the polarity.
-    pub order: [usize; 4],
+    pub(super) order: [usize; 4],
     /// Number of columns.
-    pub count: usize,
+    pub(super) count: usize,
     /// The unit of the time, where its name tells it.
-    pub unit: Option<TimeUnit>,
+    pub(super) unit: Option<TimeUnit>,
 }
 
 /// Columns in one line at most.
@@ -57,7 +86,7 @@ enum Column {
     X,
     Y,
     Polarity,
-    /// The number of the line, as pandas writes it.
+    /// The number of the line, as pandas writes it, or `-`.
     Index,
 }
 
@@ -87,22 +116,21 @@ pub(super) fn known(fields: &[&str]) -> usize {
     fields.iter().filter(|name| !name.is_empty() && Column::of(name).is_some()).count()
 }
 
-impl Names {
-    /// What a line of names says.
+impl TextColumns {
+    /// What these names say.
     ///
     /// # Errors
     /// Which name is not known or which column is missing.
-    pub fn of(fields: &[&str]) -> Result<Self, String> {
+    pub(super) fn of(fields: &[&str]) -> Result<Self, String> {
         if fields.len() > MOST {
-            return Err(format!("its line of names has {} columns; at most {MOST} are read", fields.len()));
+            return Err(format!("there are names of {} columns; at most {MOST} are read", fields.len()));
         }
         let mut found = [None; 4];
         let mut unit = None;
         for (at, name) in fields.iter().enumerate() {
             let column = Column::of(name).ok_or_else(|| {
                 format!(
-                    "column {} is called `{}`, which is not known; names are t (or t_s, t_ms, t_us, t_ns), x, y and p: \
-                     rename or remove the column",
+                    "column {} is called `{}`, which is not known; names are t (or t_s, t_ms, t_us, t_ns), x, y and p",
                     at + 1,
                     name.escape_debug()
                 )
@@ -118,7 +146,7 @@ impl Names {
                 Column::Index => continue,
             };
             if found[place].replace(at).is_some() {
-                return Err(format!("two columns are called {}; remove one", ["t", "x", "y", "p"][place]));
+                return Err(format!("two columns are called {}", ["t", "x", "y", "p"][place]));
             }
         }
         let [Some(t), Some(x), Some(y), Some(p)] = found else {
@@ -128,8 +156,19 @@ impl Names {
                 .filter(|(_, at)| at.is_none())
                 .map(|(name, _)| name)
                 .collect();
-            return Err(format!("its line of names lacks {}; name the columns t, x, y and p", missing.join(", ")));
+            return Err(format!("it lacks {} of t, x, y and p", missing.join(", ")));
         };
         Ok(Self { order: [t, x, y, p], count: fields.len(), unit })
+    }
+}
+
+impl FromStr for TextColumns {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names: Vec<&str> = text.split(',').map(str::trim).collect();
+        Self::of(&names).map_err(|what| {
+            format!("{what}; write what each column is, as x,y,p,t_us, with - for a column that is none of these")
+        })
     }
 }

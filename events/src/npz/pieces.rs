@@ -24,6 +24,7 @@ pub fn read_pieces(
 ) -> Result<(), NpzError> {
     // A member of an archive is read from its beginning to its end, so that each column has an archive of its own.
     let [mut ts, mut xs, mut ys, mut ps] = [archive(path)?, archive(path)?, archive(path)?, archive(path)?];
+    ts.check_names()?;
     let sensor = ts.sensor(Some(size))?.unwrap_or(size);
     let (room, most) = (ts.room, ts.most);
     let (mut t, mut x, mut y, mut p) =

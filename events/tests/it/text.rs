@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use erfgs_events::{
-    Anomalies, CdEvent, Columns, CsvDecoder, Decoder, EventFile, EventFileError, SensorSize, TextLayout,
+    Anomalies, CdEvent, Columns, CsvDecoder, Decoder, EventFile, EventFileError, EventFileHints, SensorSize, TextLayout,
 };
 use proptest::prelude::*;
 
@@ -13,9 +13,20 @@ fn read(
     name: &str,
     text: &[u8],
 ) -> Result<(Vec<CdEvent>, Option<SensorSize>, Anomalies), EventFileError> {
+    read_as(folder, name, text, None)
+}
+
+/// The same, with columns as the user says.
+fn read_as(
+    folder: &Path,
+    name: &str,
+    text: &[u8],
+    columns: Option<&str>,
+) -> Result<(Vec<CdEvent>, Option<SensorSize>, Anomalies), EventFileError> {
     let path = folder.join(name);
     std::fs::write(&path, text).unwrap();
-    let file = EventFile::open(&path)?;
+    let columns = columns.map(|columns| columns.parse().unwrap());
+    let file = EventFile::open_with(&path, &EventFileHints { columns, size: None })?;
     let mut columns = Columns::default();
     let anomalies = file.decode(&mut columns)?;
     Ok((columns.iter().collect(), file.size, anomalies))
@@ -127,6 +138,124 @@ proptest! {
         prop_assert!(matches!(error, EventFileError::Line { line: 1, .. }), "{}", error);
         let said = error.to_string();
         prop_assert!(said.contains(&format!("column {} is called `{unknown}`", at + 1)) && said.contains("t_ms"), "{}", said);
+        prop_assert!(said.contains("--columns t_us,x,y,p"), "{}", said);
+    }
+
+    #[test]
+    fn columns_that_the_user_names_are_taken_whatever_the_text_says(
+        events in events(),
+        order in orders(),
+        (name, unit) in proptest::sample::select(&TIMES[7..]),
+        header in proptest::option::of("(when,u,v,sign|x,y,t_us,p|a;b|a recording)"),
+        others in 0..3_usize,
+        ending in proptest::sample::select(&["csv", "txt", "log", "dat"][..]),
+    ) {
+        let mut names: Vec<&str> = order.iter().map(|&at| [name, "x", "y", "p"][at]).collect();
+        let mut text = lines(&events, &order, ",", unit);
+        for _ in 0..others {
+            // What is none of an event's, and no number.
+            text = text.lines().map(|line| format!("cam0,{line}\n")).collect();
+            names.insert(0, "-");
+        }
+        let text = header.iter().chain([&text]).map(String::as_str).collect::<Vec<_>>().join("\n");
+        let folder = tempfile::tempdir().unwrap();
+        let columns = names.join(",");
+        let (found, _, anomalies) = read_as(folder.path(), &format!("a.{ending}"), text.as_bytes(), Some(&columns)).unwrap();
+        prop_assert_eq!(found, events, "{}\n{}", columns, text);
+        prop_assert!(anomalies.is_empty(), "{}", anomalies);
+        // One column more than the text has.
+        let error = read_as(folder.path(), "a.csv", text.as_bytes(), Some(&format!("{columns},-"))).unwrap_err();
+        prop_assert!(error.to_string().contains("as --columns says"), "{}", error);
+    }
+
+    #[test]
+    fn polarities_and_times_of_other_programs_are_not_taken_for_damage(
+        events in events(),
+        [off, on] in prop::sample::select(&[[0, 2], [1, 2], [-1, 2], [0, 255], [3, 4]][..]),
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |event: &CdEvent| format!("{},{},{},{}\n", event.t_us, event.x, event.y, if event.on { on } else { off });
+        let text: String = events.iter().map(of).collect();
+        let others = events.iter().filter(|event| ![0, 1, -1].contains(&if event.on { on } else { off })).count();
+        let read_text = |text: &str| read(folder.path(), "a.csv", text.as_bytes());
+        match read_text(&text) {
+            Err(error) => prop_assert!(error.to_string().contains("line "), "{}", error),
+            Ok(_) => prop_assert!(others < 2, "{}", text),
+        }
+        let early = |event: &CdEvent| format!("{},{},{},1\n", event.t_us as i64 - events[2].t_us as i64, event.x, event.y);
+        let text: String = events.iter().map(early).collect();
+        let said = read_text(&text).unwrap_err().to_string();
+        prop_assert!(said.contains("before zero"), "{}", said);
+        // A single one that is damaged is damage.
+        let mut lines: Vec<String> = events.iter().map(|event| format!("{},{},{},1\n", event.t_us, event.x, event.y)).collect();
+        lines[1] = format!("{},{},{},7\n", events[1].t_us, events[1].x, events[1].y);
+        let (found, _, anomalies) = read_text(&lines.concat()).unwrap();
+        prop_assert_eq!((found.len(), anomalies.damaged), (events.len() - 1, 1));
+    }
+
+    #[test]
+    fn a_line_of_units_below_the_names_is_not_left_out(
+        events in events(),
+        order in orders(),
+        (cell, unit) in prop::sample::select(&[("ms", 1000), ("[ms]", 1000), ("(s)", 1_000_000), ("us", 1), ("NS", 0)][..]),
+    ) {
+        let line = |of: [&str; 4]| order.iter().map(|&at| of[at]).collect::<Vec<_>>().join(",");
+        let head = format!("{}\n{}\n", line(["t", "x", "y", "p"]), line([cell, "[px]", "px", "-"]));
+        let folder = tempfile::tempdir().unwrap();
+        let text = head + &lines(&events, &order, ",", unit);
+        let (found, _, anomalies) = read(folder.path(), "a.csv", text.as_bytes()).unwrap();
+        prop_assert_eq!(&found, &events, "{}", text);
+        prop_assert!(anomalies.is_empty());
+    }
+
+    #[test]
+    fn times_that_no_clock_has_or_that_vanish_are_refused(events in events()) {
+        let folder = tempfile::tempdir().unwrap();
+        let with = |name: &str, time: &dyn Fn(u64) -> String| {
+            let line = |event: &CdEvent| format!("{},{},{},1\n", time(event.t_us), event.x, event.y);
+            let text: String = events.iter().map(line).collect();
+            let names = if name.is_empty() { String::new() } else { format!("{name},x,y,p\n") };
+            read(folder.path(), "a.csv", format!("{names}{text}").as_bytes()).map_err(|error| error.to_string())
+        };
+        // Nanoseconds since 1970 are no microseconds, and microseconds no seconds.
+        let since_1970 = |t_us: u64| (1_700_000_000_000_000_000 + t_us * 1000).to_string();
+        let said = with("", &since_1970).unwrap_err();
+        prop_assert!(said.contains("no clock has") && said.contains("--columns"), "{}", said);
+        prop_assert!(with("t_ns", &since_1970).is_ok());
+        prop_assert!(with("t_s", &|t_us| (1_700_000_000_000_000 + t_us).to_string()).is_err());
+        let said = with("t_us", &|t_us| format!("{:.7}", t_us as f64 * 1e-8)).unwrap_err();
+        prop_assert!(said.contains("are zero"), "{}", said);
+    }
+
+    #[test]
+    fn a_column_that_stands_still_is_not_the_time(events in events(), x in 0..900_u16) {
+        let line = |event: &CdEvent| format!("{x},{},{},{}\n", event.y, event.t_us / 1000, u8::from(event.on));
+        let text: String = events.iter().map(line).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let said = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
+        prop_assert!(said.contains("they look like x,y,t,p"), "{}", said);
+        // Events of one instant are what they are.
+        let text: String = events.iter().map(|event| format!("700,{},{},1\n", event.x, event.y)).collect();
+        prop_assert!(read(folder.path(), "a.csv", text.as_bytes()).is_ok(), "{}", text);
+    }
+
+    #[test]
+    fn a_unit_in_a_comment_is_not_left_out(
+        events in events(),
+        comment in "(timestamps are in ms|time unit: milliseconds|t \\[ns\\], pixel, sign|Time in seconds)",
+    ) {
+        let text = format!("# {comment}\n{}\n", lines(&events, &[0, 1, 2, 3], " ", 1));
+        let folder = tempfile::tempdir().unwrap();
+        let error = read(folder.path(), "a.txt", text.as_bytes()).unwrap_err().to_string();
+        prop_assert!(error.contains("line 1 of") && error.contains("--columns t_ms"), "{}", error);
+        let (found, ..) = read_as(folder.path(), "a.txt", text.as_bytes(), Some("t_us,x,y,p")).unwrap();
+        prop_assert_eq!(&found, &events);
+        // What a comment says and the times show is one.
+        for comment in ["times in us", "recorded at a time of day", "x and y in pixels, 5 ms of exposure"] {
+            let text = format!("# {comment}\n{}\n", lines(&events, &[0, 1, 2, 3], " ", 1));
+            let (found, ..) = read(folder.path(), "a.txt", text.as_bytes()).unwrap();
+            prop_assert_eq!(&found, &events);
+        }
     }
 
     #[test]
@@ -231,4 +360,34 @@ fn words_below_a_line_of_names_are_a_damaged_line() {
     assert_eq!(anomalies.damaged, 2);
     let (events, ..) = read(folder.path(), "some.csv", b"t,x,y,on\nthis,is,no,event\n7,1,2,0\n").unwrap();
     assert_eq!(events.len(), 1);
+}
+
+#[test]
+fn names_in_latin_1_tell_the_unit() {
+    let folder = tempfile::tempdir().unwrap();
+    let (events, ..) = read(folder.path(), "a.csv", b"time [\xb5s],x,y,p\n1000,1,2,1\n2000,1,2,0\n").unwrap();
+    assert_eq!(events[1].t_us, 2000);
+    // What is no letter of a unit is none.
+    for head in [&b"time [\xe6s],x,y,p\n"[..], b"time [\x83\xcas],x,y,p\n"] {
+        let said = read(folder.path(), "a.csv", &[head, b"1000,1,2,1\n"].concat()).unwrap_err().to_string();
+        assert!(said.contains("column 1 is called"), "{said}");
+    }
+}
+
+#[test]
+fn columns_are_for_text_and_say_all_of_an_event() {
+    let folder = tempfile::tempdir().unwrap();
+    let raw = b"% evt 3.0\n% format EVT3;height=720;width=1280\n% end\n\x64\x60\x00\x80";
+    let error = read_as(folder.path(), "a.raw", raw, Some("t,x,y,p")).unwrap_err().to_string();
+    assert!(error.contains("is evt3 and no text"), "{error}");
+    for (columns, words) in [
+        ("t,x,y", "lacks p"),
+        ("t,x,y,p,p", "two columns are called p"),
+        ("t,x,y,sign", "column 4 is called `sign`"),
+        ("", "lacks t, x, y, p"),
+        (&"-,".repeat(40), "41 columns"),
+    ] {
+        let said = columns.parse::<erfgs_events::TextColumns>().unwrap_err();
+        assert!(said.contains(words) && said.contains("x,y,p,t_us"), "{said}");
+    }
 }

@@ -22,7 +22,7 @@ use std::{
     thread::JoinHandle,
 };
 
-use erfgs_events::SensorSize;
+use erfgs_events::EventFileHints;
 use erfgs_session::{
     container::{ContainerError, Recording, Summary},
     source::{Counters, Description, Outlet, Source, SourceError},
@@ -40,8 +40,8 @@ pub struct PlayerOptions {
     pub repeat: bool,
     /// Where to start, nanoseconds of session time.
     pub seek_ns: i64,
-    /// Size of the sensor, where the recording is an event file that does not say it.
-    pub size: Option<SensorSize>,
+    /// What the user says of an event file.
+    pub hints: EventFileHints,
 }
 
 /// A recording that is open for playing.
@@ -56,7 +56,7 @@ impl Player {
     /// # Errors
     /// If it cannot be read.
     pub fn open(path: &Path, options: PlayerOptions) -> Result<Self, ContainerError> {
-        let summary = Recording::open(path, options.size)?.summary().clone();
+        let summary = Recording::open_with(path, &options.hints)?.summary().clone();
         let shared = Arc::new(Shared::new(path.to_owned(), options, summary.streams.len()));
         Ok(Self { summary, shared })
     }
@@ -105,7 +105,7 @@ impl Source for PlayedSource {
         if self.shared.all_started() {
             let mut conductor = self.shared.conductor.lock().unwrap_or_else(PoisonError::into_inner);
             if conductor.as_ref().is_none_or(JoinHandle::is_finished) {
-                let recording = Recording::open(&self.shared.path, self.shared.orders().options.size)?;
+                let recording = Recording::open_with(&self.shared.path, &self.shared.orders().options.hints)?;
                 let shared = self.shared.clone();
                 let thread = std::thread::Builder::new().name("erfgs-replay".into());
                 *conductor = Some(thread.spawn(move || conductor::conduct(recording, &shared))?);

@@ -244,3 +244,23 @@ fn stale_rigs_and_frames_are_removed() {
     small_model().write_binary(folder.path()).unwrap();
     assert!(!folder.path().join("rigs.bin").exists() && !folder.path().join("frames.bin").exists());
 }
+
+#[test]
+fn text_of_other_programs_may_lack_its_last_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = [
+        "# written by another program\n1 PINHOLE 640 480 500 500 320 240",
+        "1 1 0 0 0 0.5 0 0 1 a.png\n10.5 20.5 7 11 12 -1\n2 1 0 0 0 0 0 0 1 b.png\n3.5 4.5 7",
+        "7 0.1 0.2 0.3 9 8 7 1.5 1 0 2 0",
+    ];
+    for ends in [["", "", ""], ["\n", "", "\n"], ["\n", "\n", ""], ["\n", "\n", "\n"]] {
+        for ((name, text), end) in TEXT.iter().zip(files).zip(ends) {
+            std::fs::write(folder.path().join(name), format!("{text}{end}")).unwrap();
+        }
+        let model = Model::read(folder.path()).unwrap();
+        assert_eq!((model.cameras.len(), model.images[&2].points.len(), model.points.len()), (1, 1, 1), "{ends:?}");
+    }
+    // What lacks more than that is cut.
+    std::fs::write(folder.path().join(TEXT[2]), "7 0.1 0.2 0.3 9 8 7 1.5 1 0 2").unwrap();
+    assert!(Model::read(folder.path()).is_err());
+}

@@ -100,14 +100,16 @@ impl File {
     fn check_end<I, T>(&self, items: &BTreeMap<I, T>, header: &str) -> Result<(), ColmapError> {
         let last = self.text.lines().count();
         let cut = |what: String| Err(malformed(&self.path, last, format!("the file is cut short: {what}")));
-        if !self.text.is_empty() && !self.text.ends_with('\n') {
+        let (first, count) = (header.lines().next(), header.lines().next_back().unwrap_or_default());
+        // COLMAP ends every line; what others write may lack the last end.
+        let is_colmaps = self.text.lines().next().is_some_and(|line| Some(line) == first);
+        let ends_in_comment = self.text.lines().next_back().is_some_and(|line| line.starts_with('#'));
+        if (is_colmaps || ends_in_comment) && !self.text.ends_with('\n') {
             return cut("its last line does not end".to_owned());
         }
-        let (first, count) = (header.lines().next(), header.lines().next_back().unwrap_or_default());
         let stated = self.text.lines().find_map(|line| line.strip_prefix(count.trim_end()));
         let Some(stated) = stated else {
-            let begun = self.text.lines().next().is_some_and(|line| Some(line) == first);
-            return if begun { cut("its header is not whole".to_owned()) } else { Ok(()) };
+            return if is_colmaps { cut("its header is not whole".to_owned()) } else { Ok(()) };
         };
         let digits = stated.trim_start().split(|c: char| !c.is_ascii_digit()).next().unwrap_or_default();
         match digits.parse::<usize>() {

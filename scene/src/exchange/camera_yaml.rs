@@ -43,9 +43,7 @@ fn distortion(document: &Yaml) -> Result<Distortion, String> {
         None | Some((_, Yaml::BadValue | Yaml::Null)) => Vec::new(),
         Some((key, value)) => numbers(value).ok_or_else(|| format!("its {key} are not all numbers"))?,
     };
-    // What OpenCV's calibration programs write names no model, but says whether it is the fisheye.
-    let fisheye = matches!(document["fisheye_model"], Yaml::Integer(1) | Yaml::Boolean(true));
-    let model = document["distortion_model"].as_str().unwrap_or(if fisheye { "fisheye" } else { "plumb_bob" });
+    let model = model_of(document)?;
     let lens = match model {
         "equidistant" | "fisheye" => coefficients::fisheye(&k),
         "plumb_bob" | "rational_polynomial" | "" => coefficients::standard(&k),
@@ -55,12 +53,53 @@ fn distortion(document: &Yaml) -> Result<Distortion, String> {
     lens.map_err(|what| format!("distortion model '{model}' with {} coefficients is not supported: {what}", k.len()))
 }
 
+/// The lens model: as it is named, or as OpenCV's calibration programs say whether it is the fisheye.
+fn model_of(document: &Yaml) -> Result<&str, String> {
+    let named = match &document["distortion_model"] {
+        Yaml::BadValue | Yaml::Null => None,
+        value => Some(
+            value
+                .as_str()
+                .ok_or("its distortion_model is no name; plumb_bob, rational_polynomial and equidistant are")?,
+        ),
+    };
+    // Whatever else such a key is called, a lens of the other kind would be taken.
+    let mut fisheye = None;
+    for key in yaml::keys(document).filter(|key| key.to_lowercase().contains("fisheye")) {
+        let is_one = match &document[key] {
+            Yaml::Integer(1) | Yaml::Boolean(true) => true,
+            Yaml::Integer(0) | Yaml::Boolean(false) => false,
+            _ => {
+                return Err(format!(
+                    "its {} is neither 0 nor 1; name the model by distortion_model",
+                    key.escape_debug()
+                ));
+            }
+        };
+        if fisheye.is_some_and(|before| before != is_one) {
+            return Err(
+                "its keys contradict each other on whether the lens is a fisheye; name the model by distortion_model"
+                    .into(),
+            );
+        }
+        fisheye = Some(is_one);
+    }
+    match (named, fisheye) {
+        (Some("equidistant" | "fisheye"), Some(false)) | (Some("plumb_bob" | "rational_polynomial"), Some(true)) => {
+            Err("its distortion_model and its key of the fisheye contradict each other; remove the one that is wrong"
+                .into())
+        }
+        (Some(model), _) => Ok(model),
+        (None, Some(true)) => Ok("fisheye"),
+        (None, _) => Ok("plumb_bob"),
+    }
+}
+
 /// What is read of a document, or known to say the same again.
-const KNOWN: [&str; 10] = [
+const KNOWN: [&str; 9] = [
     "camera_matrix",
     "camera_name",
     "distortion_model",
-    "fisheye_model",
     "image_height",
     "image_width",
     "projection_matrix",
@@ -88,7 +127,9 @@ pub(super) fn left_out(document: &Yaml, intrinsics: &Intrinsics, name: &str) -> 
             notes.push(format!("its {key} is that of rectified images and is not kept"));
         }
     }
-    let is_known = |key: &&str| KNOWN.contains(key) || coefficients::is_name(key) || unit::is_key(key);
+    let is_known = |key: &&str| {
+        KNOWN.contains(key) || key.to_lowercase().contains("fisheye") || coefficients::is_name(key) || unit::is_key(key)
+    };
     let keys = yaml::keys(document).filter(|key| !is_known(key)).map(str::to_owned).collect();
     notes.extend(notes::unknown(&keys));
     notes

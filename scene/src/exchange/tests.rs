@@ -203,8 +203,25 @@ fn what_a_format_says_beyond_a_rig_is_told() {
     // As OpenCV's calibration programs say which lens it is.
     let fisheye = text.replace("distortion_model: plumb_bob", "fisheye_model: 1");
     let fisheye = fisheye.replace("cols: 5", "cols: 4").replace("[0.0, 0.0, 0.0, 0.0, 0.0]", "[0.1, 0.0, 0.0, 0.2]");
-    std::fs::write(&path, fisheye).unwrap();
-    assert_eq!(read(&path).unwrap().cameras[0].intrinsics.distortion, Distortion::KannalaBrandt([0.1, 0.0, 0.0, 0.2]));
+    std::fs::write(&path, &fisheye).unwrap();
+    let lens = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        read(&path).map(|rig| rig.cameras[0].intrinsics.distortion).map_err(|error| error.to_string())
+    };
+    for key in ["fisheye_model: 1", "fisheye: true", "isFisheye: 1", "fisheye_model: 1\ndistortion_model: fisheye"] {
+        let text = fisheye.replace("fisheye_model: 1", key);
+        assert_eq!(lens(&text), Ok(Distortion::KannalaBrandt([0.1, 0.0, 0.0, 0.2])), "{key}");
+    }
+    for key in [
+        "fisheye_model: 2",
+        "fisheye: maybe",
+        "distortion_model: 7",
+        "fisheye: 1\ndistortion_model: plumb_bob",
+        "fisheye: 1\nfisheye_model: 0",
+    ] {
+        let said = lens(&fisheye.replace("fisheye_model: 1", key)).unwrap_err();
+        assert!(said.contains("distortion_model") && said.contains("b.yaml"), "{key}: {said}");
+    }
 }
 
 const ALL: [(Format, &str); 8] = [

@@ -172,6 +172,9 @@ impl Reach {
 impl fmt::Display for Reach {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [one, other] = self.cameras.each_ref().map(|name| name.escape_debug().take(40).collect::<String>());
+        if one == other {
+            return write!(f, "all of its cameras are at one place");
+        }
         write!(f, "{one} and {other} are {:.3} m apart", self.length)
     }
 }

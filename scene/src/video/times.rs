@@ -1,11 +1,10 @@
 //! When the frames of a video are shown, as its container says.
 
-use std::{
-    ffi::OsString,
-    io::{BufRead, BufReader},
-    path::Path,
-    process::{Command, Stdio},
-};
+use std::{ffi::OsString, path::Path, process::Command};
+
+use erfgs_base::children::{self, Ended};
+
+use super::PATIENCE;
 
 /// When the frames of a video are shown, from the first on.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,22 +56,22 @@ impl FrameTimes {
     pub fn of(path: &Path) -> Option<Self> {
         let mut input = OsString::from("file:");
         input.push(path);
-        let mut child = Command::new("ffprobe")
-            .args(["-v", "error", "-select_streams", "v:0", "-show_entries"])
+        let mut command = Command::new("ffprobe");
+        command
+            .args(["-v", "quiet", "-select_streams", "v:0", "-show_entries"])
             .args([
                 "packet=pts,flags:stream=time_base,r_frame_rate,avg_frame_rate",
                 "-of",
                 "default=noprint_wrappers=1",
             ])
-            .arg(input)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .ok()?;
-        let probe = child.stdout.take().map(|output| ProbeOutput::of(BufReader::new(output)));
-        let ended = child.wait().ok()?;
-        probe.filter(|_| ended.success())?.times()
+            .arg(input);
+        // A frame takes a byte at least.
+        let most = usize::try_from(std::fs::metadata(path).ok()?.len()).unwrap_or(usize::MAX);
+        let mut probe = ProbeOutput::new(most);
+        match children::run(command, PATIENCE, |line| probe.line(line)).ok()? {
+            Ended::Itself(status) if status.success() => probe.times(),
+            _ => None,
+        }
     }
 }
 
@@ -86,41 +85,45 @@ fn rate(text: &str) -> Option<f64> {
     ratio(text).map(|[over, under]| over / under).filter(|rate| (1e-4..1e6).contains(rate))
 }
 
-/// The output of ffprobe.
+/// What ffprobe says.
 #[derive(Debug, Default)]
 struct ProbeOutput {
     /// Seconds in a unit of time.
     unit: Option<[f64; 2]>,
     /// The rates that the container says: that which holds for all frames, if one does, and their mean.
     rates: [Option<f64>; 2],
-    /// Times of the packets that make frames, in units; `None` where one has none.
+    /// Times of the packets that make frames, in units; `None` where one has none, or there are more than can be.
     units: Option<Vec<i64>>,
+    most: usize,
+    /// That of the packet whose lines are read.
+    pts: Option<i64>,
+    is_open: bool,
 }
 
 impl ProbeOutput {
-    fn of(lines: impl BufRead) -> Self {
-        let mut probe = Self { units: Some(Vec::new()), ..Self::default() };
-        let (mut pts, mut is_open) = (None, false);
-        for line in lines.lines().map_while(Result::ok) {
-            match line.trim().split_once('=') {
-                Some(("pts", text)) => (pts, is_open) = (text.parse().ok(), true),
-                // Packets that only help to decode others are no frames.
-                Some(("flags", flags)) if is_open => {
-                    is_open = false;
-                    if !flags.contains('D') {
-                        probe.units = probe.units.zip(pts).map(|(mut units, pts): (Vec<i64>, i64)| {
-                            units.push(pts);
-                            units
-                        });
-                    }
+    fn new(most: usize) -> Self {
+        Self { units: Some(Vec::new()), most, ..Self::default() }
+    }
+
+    fn line(&mut self, line: &str) {
+        match line.trim().split_once('=') {
+            Some(("pts", text)) => (self.pts, self.is_open) = (text.parse().ok(), true),
+            // Packets that only help to decode others are no frames.
+            Some(("flags", flags)) if self.is_open => {
+                self.is_open = false;
+                if !flags.contains('D') {
+                    let pts = self.units.as_ref().filter(|units| units.len() < self.most).and(self.pts);
+                    self.units = self.units.take().zip(pts).map(|(mut units, pts)| {
+                        units.push(pts);
+                        units
+                    });
                 }
-                Some(("time_base", text)) => probe.unit = ratio(text),
-                Some(("r_frame_rate", text)) => probe.rates[0] = rate(text),
-                Some(("avg_frame_rate", text)) => probe.rates[1] = rate(text),
-                _ => {}
             }
+            Some(("time_base", text)) => self.unit = ratio(text),
+            Some(("r_frame_rate", text)) => self.rates[0] = rate(text),
+            Some(("avg_frame_rate", text)) => self.rates[1] = rate(text),
+            _ => {}
         }
-        probe
     }
 
     fn times(self) -> Option<FrameTimes> {
@@ -153,7 +156,9 @@ mod tests {
     fn probed(units: &[&str], unit: &str, nominal: &str, mean: &str) -> Option<FrameTimes> {
         let packets: String = units.iter().map(|pts| format!("pts={pts}\nflags=K__\n")).collect();
         let text = format!("{packets}r_frame_rate={nominal}\navg_frame_rate={mean}\ntime_base={unit}\n");
-        ProbeOutput::of(text.as_bytes()).times()
+        let mut probe = ProbeOutput::new(100);
+        text.lines().for_each(|line| probe.line(line));
+        probe.times()
     }
 
     #[test]
@@ -168,7 +173,7 @@ mod tests {
         let uneven = probed(&["512", "1024", "3072"], "1/15360", "30/1", "23/1").unwrap();
         assert_eq!(uneven, FrameTimes::Uneven(vec![0, 33_333_333, 166_666_667]));
         assert_eq!((uneven.since(1, 2), uneven.since(0, 3)), (Some(133_333_334), None));
-        // The rate that is probe is wrong, and the frames are even all the same.
+        // The rate that is said is wrong, and the frames are even all the same.
         assert_eq!(probed(&["0", "1000", "2000"], "1/15000", "25/1", "25/1"), Some(FrameTimes::Even(15.0)));
         // Without times the mean rate is what the container says.
         assert_eq!(probed(&["N/A", "N/A"], "1/25", "50/1", "25/1"), Some(FrameTimes::Even(25.0)));

@@ -1,19 +1,22 @@
 //! MP4 files by way of ffmpeg: an existing, well-kept encoder, found on every system that handles video.
 
 use std::{
-    io::{Read, Write},
+    fs::File,
+    io::Write,
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    process::{Command, Stdio},
 };
 
-use erfgs_base::{FileError, atomic::Place};
+use erfgs_base::{FileError, atomic::Place, children::Piped};
 
-use super::VideoError;
+use super::{PATIENCE, VideoError, messages_of};
 
 /// A video that is being written. It appears under its name when it is finished, and not before.
 #[derive(Debug)]
 pub struct VideoWriter {
-    ffmpeg: Child,
+    ffmpeg: Piped,
+    /// What it says, in a file: a pipe that nobody reads would fill up and stop it.
+    messages: File,
     path: PathBuf,
     /// Where it is until then; nothing once it is finished.
     place: Option<Place>,
@@ -29,7 +32,10 @@ impl VideoWriter {
     pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, VideoError> {
         let size = format!("{width}x{height}");
         let place = Place::begin(path).map_err(FileError::when("write", path))?;
-        let ffmpeg = Command::new("ffmpeg")
+        let failed = |source| VideoError::NoEncoder { source };
+        let messages = tempfile::tempfile().map_err(failed)?;
+        let mut command = Command::new("ffmpeg");
+        command
             .args(["-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "pipe:0"])
             .args(["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-c:v", "libx264", "-crf", "16", "-pix_fmt", "yuv420p"])
@@ -37,11 +43,10 @@ impl VideoWriter {
             .arg(place.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|source| VideoError::NoEncoder { source })?;
+            .stderr(messages.try_clone().map_err(failed)?);
         Ok(Self {
-            ffmpeg,
+            ffmpeg: Piped::start(command, PATIENCE).map_err(failed)?,
+            messages,
             path: path.to_owned(),
             place: Some(place),
             frame_bytes: width as usize * height as usize * 3,
@@ -56,17 +61,13 @@ impl VideoWriter {
         if rgb.len() != self.frame_bytes {
             return Err(VideoError::FrameSize { bytes: rgb.len(), wanted: self.frame_bytes });
         }
-        let written = self.ffmpeg.stdin.as_mut().map(|pipe| pipe.write_all(rgb));
-        match written {
-            Some(Ok(())) => Ok(()),
+        let closed = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        let written = self.ffmpeg.waits(|child| child.stdin.as_mut().ok_or_else(closed)?.write_all(rgb));
+        written.or_else(|source| {
             // What ffmpeg says tells more than the broken pipe.
-            other => {
-                self.end()?;
-                let closed = || std::io::ErrorKind::BrokenPipe.into();
-                let source = other.and_then(Result::err).unwrap_or_else(closed);
-                Err(VideoError::Encoder { what: "give ffmpeg a frame", source })
-            }
-        }
+            self.end()?;
+            Err(VideoError::Encoder { what: "give ffmpeg a frame", source })
+        })
     }
 
     /// Ends the video.
@@ -80,29 +81,16 @@ impl VideoWriter {
     }
 
     fn end(&mut self) -> Result<(), VideoError> {
-        drop(self.ffmpeg.stdin.take());
-        let mut said = String::new();
-        if let Some(mut stderr) = self.ffmpeg.stderr.take() {
-            stderr
-                .read_to_string(&mut said)
-                .map_err(|source| VideoError::Encoder { what: "read what ffmpeg says", source })?;
-        }
+        drop(self.ffmpeg.child().stdin.take());
         let status = self.ffmpeg.wait().map_err(|source| VideoError::Encoder { what: "wait for ffmpeg", source })?;
         if status.success() {
             return Ok(());
         }
+        let said = messages_of(&mut self.messages, status);
         // By the name that the user knows.
         let building = self.place.as_ref().map(|place| place.path().to_string_lossy().into_owned());
         let said = building.map_or(said.clone(), |building| said.replace(&building, &self.path.to_string_lossy()));
-        Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message: said.trim().to_owned() })
-    }
-}
-
-impl Drop for VideoWriter {
-    fn drop(&mut self) {
-        // Ended already, or abandoned after an error elsewhere: no process stays behind, and nobody wants what it would write.
-        let _ = self.ffmpeg.kill();
-        let _ = self.ffmpeg.wait();
+        Err(VideoError::Encode { path: self.path.clone(), status: status.to_string(), message: said })
     }
 }
 
@@ -144,7 +132,7 @@ mod tests {
 
         // An encoder that ends early, as on a full disk.
         let mut video = VideoWriter::create(&path, 16, 16, 30.0).expect("ffmpeg");
-        video.ffmpeg.kill().expect("ended");
+        video.ffmpeg.child().kill().expect("ended");
         let error = (0..1000).find_map(|_| video.push(&frame).err());
         assert!(error.or_else(|| video.finish().err()).is_some_and(|error| error.to_string().contains("x.mp4")));
         assert_eq!(std::fs::read(&path).expect("kept"), b"an earlier one");

@@ -178,6 +178,14 @@ pub enum ContainerError {
         /// What is wrong.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// A folder of rosbag2 is not one recording.
+    #[error("{path} is a folder of rosbag2, and {what}", path = path.display())]
+    BagFolder {
+        /// The folder.
+        path: PathBuf,
+        /// What is wrong and what to do.
+        what: String,
+    },
     /// A recording of rosbag2 in SQLite cannot be read.
     #[error("cannot read {path} as a recording of rosbag2: {source}", path = path.display())]
     Rosbag2 {

@@ -2,6 +2,7 @@
 //!
 //! `docs/reference/session.md` describes the format for readers that are not this program.
 
+mod bag;
 mod chunk;
 mod decode;
 mod error;
@@ -30,6 +31,7 @@ mod unpack;
 mod walk;
 mod writer;
 
+pub use bag::recording_file;
 pub use decode::{DecodedStream, hand_over, sensor_size};
 pub use error::ContainerError;
 pub use event_file::{EventFileRecording, import_events};

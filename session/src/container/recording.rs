@@ -3,7 +3,7 @@
 use std::{fs::File, io::Read, path::Path};
 
 use super::{ContainerError, DecodedStream, Entry, EventFileRecording, Session, Stream, Summary};
-use erfgs_events::{SensorSize, Sink};
+use erfgs_events::{EventFileError, EventFileHints, SensorSize, Sink};
 
 /// How a file of SQLite begins.
 pub(super) const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
@@ -22,16 +22,29 @@ impl Recording {
     /// # Errors
     /// If the file cannot be read or is none of the formats.
     pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
+        Self::open_with(path, &EventFileHints { size, ..EventFileHints::default() })
+    }
+
+    /// As [`Recording::open`], with what the user says of an event file.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is none of the formats, or has columns given and is no text.
+    pub fn open_with(path: &Path, hints: &EventFileHints) -> Result<Self, ContainerError> {
+        let path = &*super::recording_file(path)?;
         let mut head = Vec::new();
-        let file = File::open(path);
+        let file = erfgs_base::regular::check(path).and_then(|()| File::open(path));
         let file = file.map_err(|source| ContainerError::Open { what: "open", path: path.to_owned(), source })?;
         let read = file.take(16).read_to_end(&mut head);
         read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
         let named = |name: &str| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(name));
         if named("mcap") || head.starts_with(mcap::MAGIC) || head == *SQLITE_MAGIC {
+            if hints.columns.is_some() {
+                let error = EventFileError::NoText { path: path.to_owned(), format: "a session" };
+                return Err(ContainerError::event_file(path, error));
+            }
             return Session::open(path).map(|session| Self::Session(Box::new(session)));
         }
-        EventFileRecording::open(path, size).map(|file| Self::EventFile(Box::new(file)))
+        EventFileRecording::open(path, hints).map(|file| Self::EventFile(Box::new(file)))
     }
 
     /// The file's name.

@@ -99,13 +99,16 @@ pub struct Session<R = File> {
 }
 
 impl Session<File> {
-    /// Opens the session `path`, also a recording of rosbag2 in SQLite (with the feature `rosbag2`). A session that was ended properly says at its end what it holds; another one is read
+    /// Opens the session `path`, also a recording of rosbag2 in SQLite (with the feature `rosbag2`) or a folder
+    /// with one. A session that was ended properly says at its end what it holds; another one is read
     /// through once.
     ///
     /// # Errors
     /// If the file cannot be read or is no session.
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
+        let path = &*super::recording_file(path)?;
         let open = |source| ContainerError::Open { what: "open", path: path.to_owned(), source };
+        erfgs_base::regular::check(path).map_err(open)?;
         let file = File::open(path).map_err(open)?;
         #[cfg(feature = "rosbag2")]
         {

@@ -77,3 +77,18 @@ fn a_window_of_packets_of_aedat4_is_decoded_from_any_packet_on() {
     let first = events.iter().position(|event| *event == columns.iter().next().unwrap()).unwrap();
     assert!(columns.iter().eq(events[first..].iter().copied().take(columns.len())));
 }
+
+#[test]
+fn times_that_no_clock_has_become_no_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npz");
+    for (t_us, is_taken) in [(1_700_000_000_000_000, true), (1_700_000_000_000_000_000, false), (i64::MAX, false)] {
+        let mut events = erfgs_events::Events::new(4, 4);
+        events.push(erfgs_events::Event { t_us, x: 1, y: 2, on: true });
+        erfgs_events::npz::write_events(&path, &events).unwrap();
+        let opened = Recording::open(&path, None).map(drop).map_err(|error| error.to_string());
+        assert_eq!(opened.is_ok(), is_taken, "{t_us}: {opened:?}");
+        let told = |said: &String| said.contains("a.npz") && said.contains("plausible");
+        assert!(opened.is_ok() || opened.as_ref().is_err_and(told), "{opened:?}");
+    }
+}

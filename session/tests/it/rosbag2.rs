@@ -115,3 +115,27 @@ fn bags_without_events_and_broken_ones_say_so() {
         let _ = Session::open(&folder.path().join("d.db3"));
     }
 }
+
+#[test]
+fn a_folder_of_rosbag2_is_the_recording_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let words: Vec<u8> = (0..5).flat_map(|n| mono(n * 1000, 3, 4, true)).collect();
+    bag(
+        &path.join("a_0.db3"),
+        "event_camera_msgs/msg/EventPacket",
+        &[event_packet(1_700_000_000_000_000_000, "mono", &words)],
+    );
+    let count = |path: &Path| {
+        let mut columns = Columns::default();
+        let recording = erfgs_session::Recording::open(path, None);
+        recording.map(|mut recording| recording.decode_events(0, &mut columns, |_| {}).map(|_| columns.len()).unwrap())
+    };
+    assert!(count(path).is_err(), "no folder of rosbag2");
+    std::fs::write(path.join("metadata.yaml"), "rosbag2_bagfile_information:\n").unwrap();
+    assert_eq!(count(path).unwrap(), 5);
+    assert_eq!(Session::open(path).unwrap().path(), path.join("a_0.db3"));
+    std::fs::copy(path.join("a_0.db3"), path.join("a_1.db3")).unwrap();
+    let said = count(path).err().unwrap().to_string();
+    assert!(said.contains("2 files") && said.contains("a_1.db3"), "{said}");
+}

@@ -1,6 +1,6 @@
 //! The JSON files of a run, which are either the old ones or the new ones, never half of one.
 
-use std::{fs, io, path::Path};
+use std::{io, path::Path};
 
 use erfgs_base::{FileError, atomic};
 
@@ -47,7 +47,7 @@ pub(super) fn read_json<T: DeserializeOwned>(
 
 /// Reads a text file.
 pub(super) fn read_text(path: &Path, hint: &'static str) -> Result<String, RunError> {
-    fs::read_to_string(path).map_err(|source| match source.kind() {
+    erfgs_base::text::read(path).map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => RunError::Missing { path: path.to_owned(), hint },
         _ => FileError::when("read", path)(source).into(),
     })
@@ -55,6 +55,8 @@ pub(super) fn read_text(path: &Path, hint: &'static str) -> Result<String, RunEr
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

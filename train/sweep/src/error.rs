@@ -86,6 +86,14 @@ pub enum SweepError {
         /// What it said.
         message: String,
     },
+    /// What was submitted cannot be read.
+    #[error("{path}, which says what was submitted, cannot be read ({what}); look with `squeue --me` whether anything of it runs, and remove the file if nothing does", path = path.display())]
+    Record {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
     /// Slurm answered what is not understood.
     #[error("`{command}` answered '{answer}', which is not the id of a job")]
     Answer {

@@ -132,7 +132,7 @@ impl Manifest {
             return Err(SweepError::NoSweep { folder: folder.into() });
         }
         let path = folder.join("sweep.json");
-        let text = std::fs::read_to_string(&path).map_err(FileError::when("read", &path))?;
+        let text = erfgs_base::text::read(&path).map_err(FileError::when("read", &path))?;
         let wrong = |message: String| SweepError::Manifest { path: path.clone(), message };
         let mut found: Self = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
         if found.format != FORMAT || found.version > VERSION {
@@ -243,7 +243,7 @@ fn ready(folder: &Path, at_random: bool) -> Result<(), SweepError> {
     if !path.is_file() {
         return Err(SweepError::NoDataset { folder: folder.into() });
     }
-    let text = std::fs::read_to_string(&path).map_err(FileError::when("read", &path))?;
+    let text = erfgs_base::text::read(&path).map_err(FileError::when("read", &path))?;
     let manifest: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     if !at_random && manifest.get("points").is_none_or(serde_json::Value::is_null) {
         return Err(SweepError::NoPoints { folder: folder.into() });

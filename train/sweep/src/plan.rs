@@ -127,7 +127,7 @@ impl Plan {
     /// # Errors
     /// [`SweepError::Plan`] says what is wrong with it.
     pub fn load(path: &Path) -> Result<Self, SweepError> {
-        let text = std::fs::read_to_string(path).map_err(FileError::when("read", path))?;
+        let text = erfgs_base::text::read(path).map_err(FileError::when("read", path))?;
         let wrong = |message: String| SweepError::Plan { path: path.to_owned(), message };
         let mut plan: Self = toml::from_str(&text).map_err(|error| wrong(error.to_string().trim().to_owned()))?;
         let absolute = std::path::absolute(path).map_err(FileError::when("read", path))?;

@@ -6,13 +6,13 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    io,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
-    thread,
-    time::{Duration, Instant},
+    process::Command,
+    time::Duration,
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{FileError, children::answer};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -28,8 +28,11 @@ const TASKS: usize = 1000;
 const GRACE_SECONDS: u32 = 120;
 
 /// How long a controller may take to answer. Without a configuration Slurm's programs try for a minute.
-const PATIENCE: Duration = Duration::from_secs(10);
-const LOOK_EVERY: Duration = Duration::from_millis(20);
+const PING_PATIENCE: Duration = Duration::from_secs(10);
+/// How long a command of Slurm may take: a controller that has much to do lets them try for a minute.
+const PATIENCE: Duration = Duration::from_secs(180);
+/// Bytes that one may print: a hundred of each of 600,000 tasks.
+const MOST_BYTES: usize = 64 << 20;
 
 /// An array that was submitted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,27 +48,13 @@ pub struct Submission {
 /// # Errors
 /// A sentence, where one is installed and no controller of it answers.
 pub fn answers() -> Result<bool, String> {
-    match told_within(Command::new("scontrol").arg("ping"), PATIENCE) {
-        Err(_) => Ok(false),
-        Ok(Some(said)) if said.contains("UP") => Ok(true),
-        Ok(_) => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
+    let mut ping = Command::new("scontrol");
+    ping.arg("ping");
+    match answer(ping, PING_PATIENCE, MOST_BYTES) {
+        Err(error) if error.kind() != io::ErrorKind::TimedOut => Ok(false),
+        Ok(said) if said.status.success() && said.out.contains("UP") => Ok(true),
+        _ => Err("Slurm is installed here, but no controller of it answers (`scontrol ping`)".into()),
     }
-}
-
-/// What a program prints, and nothing where it fails or goes on for longer than `patience`.
-fn told_within(command: &mut Command, patience: Duration) -> std::io::Result<Option<String>> {
-    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn()?;
-    let begun = Instant::now();
-    while child.try_wait()?.is_none() {
-        if begun.elapsed() > patience {
-            child.kill()?;
-            child.wait()?;
-            return Ok(None);
-        }
-        thread::sleep(LOOK_EVERY);
-    }
-    let output = child.wait_with_output()?;
-    Ok(output.status.success().then(|| String::from_utf8_lossy(&output.stdout).into_owned()))
 }
 
 /// The scripts of the arrays in which `jobs` are submitted.
@@ -151,7 +140,7 @@ pub fn submit(manifest: &Manifest, program: &Path) -> Result<Vec<Submission>, Sw
     let befores: BTreeSet<&String> = later.iter().filter_map(|job| job.after.as_ref()).collect();
     let logs = manifest.folder.join("logs");
     std::fs::create_dir_all(&logs).map_err(FileError::when("create the folder", &logs))?;
-    let (mut all, mut new) = (submissions(manifest), Vec::new());
+    let (mut all, mut new) = (submissions(manifest)?, Vec::new());
     for (jobs, waits) in [(names(&first), false), (names(&later), true)] {
         for (jobs, script) in std::iter::zip(jobs.chunks(TASKS), scripts(manifest, &jobs, program)?) {
             let path = manifest.folder.join(format!("jobs-{}.sh", all.len()));
@@ -201,7 +190,7 @@ fn submit_pages(manifest: &Manifest, program: &Path, all: &[Submission]) -> Resu
 /// # Errors
 /// [`SweepError::Slurm`] if it does not answer.
 pub fn queue(manifest: &Manifest) -> Result<Queue, SweepError> {
-    let submissions = submissions(manifest);
+    let submissions = submissions(manifest)?;
     if submissions.is_empty() {
         return Ok(Queue::new());
     }
@@ -239,18 +228,35 @@ fn record(manifest: &Manifest) -> PathBuf {
     manifest.folder.join("slurm.json")
 }
 
-fn submissions(manifest: &Manifest) -> Vec<Submission> {
-    let text = std::fs::read_to_string(record(manifest)).unwrap_or_default();
-    serde_json::from_str(&text).unwrap_or_default()
+/// What was submitted. What cannot be read is no reason to submit it again.
+fn submissions(manifest: &Manifest) -> Result<Vec<Submission>, SweepError> {
+    let path = record(manifest);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(FileError::when("read", &path)(error).into()),
+    };
+    serde_json::from_str(&text).map_err(|error| SweepError::Record { path, what: error.to_string() })
 }
 
 fn ask(command: &str, words: &[String]) -> Result<String, SweepError> {
+    ask_within(command, words, PATIENCE)
+}
+
+fn ask_within(command: &str, words: &[String], patience: Duration) -> Result<String, SweepError> {
     let failed = |message: String| SweepError::Slurm { command: format!("{command} {}", words.join(" ")), message };
-    let output = Command::new(command).args(words).output().map_err(|error| failed(error.to_string()))?;
-    if !output.status.success() {
-        return Err(failed(String::from_utf8_lossy(&output.stderr).trim().to_owned()));
+    let mut asked = Command::new(command);
+    asked.args(words);
+    let said = answer(asked, patience, MOST_BYTES).map_err(|error| match error.kind() {
+        io::ErrorKind::TimedOut if command == "sbatch" => failed(format!(
+            "{error}; whether it submitted anything `squeue --me` says: cancel that before you try again"
+        )),
+        _ => failed(error.to_string()),
+    })?;
+    if !said.status.success() {
+        return Err(failed(said.errors.trim().to_owned()));
     }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    Ok(said.out)
 }
 
 #[cfg(test)]
@@ -266,13 +272,30 @@ mod tests {
 
     #[test]
     fn a_program_that_does_not_answer_is_given_up() {
-        let told = |program: &str, words: &[&str], ms| {
-            told_within(Command::new(program).args(words), Duration::from_millis(ms)).map_err(|error| error.kind())
+        let asked = |program: &str, words: &[&str], ms| {
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            ask_within(program, &words, Duration::from_millis(ms)).map_err(|error| error.to_string())
         };
-        assert_eq!(told("echo", &["it is UP"], 60_000), Ok(Some("it is UP\n".into())));
-        assert_eq!(told("false", &[], 60_000), Ok(None));
-        assert_eq!(told("sleep", &["1000"], 50), Ok(None));
-        assert_eq!(told("no-such-program", &[], 50), Err(std::io::ErrorKind::NotFound));
+        assert_eq!(asked("echo", &["12"], 60_000), Ok("12\n".into()));
+        // A queue of thousands of tasks is more than a pipe holds.
+        assert!(asked("seq", &["100000"], 60_000).is_ok_and(|said| said.ends_with("100000\n")));
+        for (program, words, what) in [("sleep", "1000", "did not end within"), ("cat", "no/such/file", "no/such/file")]
+        {
+            let error = asked(program, &[words], 50).unwrap_err();
+            assert!(error.contains(what) && error.contains(program), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_was_submitted_and_cannot_be_read_is_not_submitted_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let manifest = manifest(folder.path());
+        assert!(queue(&manifest).unwrap().is_empty());
+        std::fs::write(record(&manifest), "[{\"id\": 1, \"jobs\"").unwrap();
+        for error in [queue(&manifest).unwrap_err(), submit(&manifest, Path::new("erfgs")).unwrap_err()] {
+            let error = error.to_string();
+            assert!(error.contains("slurm.json") && error.contains("squeue --me"), "{error}");
+        }
     }
 
     #[test]

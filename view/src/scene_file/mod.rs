@@ -8,6 +8,7 @@ mod coding;
 mod fidelity;
 mod motion;
 mod order;
+mod plausible;
 mod read;
 
 use std::{io::Write as _, ops::Range};

@@ -125,6 +125,7 @@ impl SceneFile {
         }
         let mut rows = vec![("core", count.checked_mul(CORE)), ("sh", count.checked_mul(sh_stride(*sh_degree)))];
         motion.check()?;
+        self.header.check_plausible()?;
         if let Some(options) = motion.free_time() {
             rows.push(("motion", dynamic.checked_mul(options.floats())));
         }

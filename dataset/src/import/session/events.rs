@@ -239,3 +239,86 @@ impl Gathered {
         (events, covers)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use erfgs_events::{Aedat4Compression, Aedat4Encoder, EventFileHints, SensorSize};
+    use erfgs_scene::{Distortion, Pose};
+    use erfgs_session::{
+        clock::{Clock, ClockFit, Evidence, Residuals},
+        container::{EventFileRecording, import_events},
+    };
+
+    use super::*;
+    use crate::import::session::Timing;
+
+    /// A session of frames of samples of 16 bits, of which the largest is `white`.
+    fn session(folder: &std::path::Path, white: u16) -> Session {
+        let size = SensorSize { width: 16, height: 8 };
+        let mut encoder = Aedat4Encoder::new(size, "DAVIS346_1", Aedat4Compression::None);
+        for n in 0..3_u64 {
+            let [exposure_start_us, exposure_end_us] = [1000, 2000].map(|t_us| t_us + n * 40_000);
+            let pixels = (0..128).map(|at| if at % 16 < 8 { 0 } else { white }).collect();
+            let (width, height, channels, bits) = (16, 8, 1, 16);
+            encoder.frame(ApsFrame { exposure_start_us, exposure_end_us, width, height, channels, pixels, bits });
+        }
+        let [file, out] = ["aedat4", "mcap"].map(|ending| folder.join(format!("{white}.{ending}")));
+        std::fs::write(&file, encoder.finish()).unwrap();
+        let recording = EventFileRecording::open(&file, &EventFileHints::default()).unwrap();
+        import_events(&recording, &out, |_| {}).unwrap();
+        Session::open(&out).unwrap()
+    }
+
+    fn viewpoint() -> Viewpoint {
+        let fit = ClockFit {
+            evidence: Evidence::Edges,
+            origin_ticks: 0,
+            origin_ns: 0,
+            ns_per_tick: 1000.0,
+            window_ticks: [0, 1_000_000],
+            residuals: Residuals::of(vec![0.0]),
+            samples: 2,
+            outliers: 0,
+        };
+        let distortion = Distortion::None;
+        Viewpoint {
+            stream: "ev".into(),
+            camera: "ev".into(),
+            intrinsics: Intrinsics { width: 16, height: 8, fx: 20.0, fy: 20.0, cx: 8.0, cy: 4.0, distortion },
+            pose: Pose::IDENTITY,
+            pose_sigma: None,
+            clock_sigma_s: None,
+            timing: Timing { epochs: Clock::line(fit, 1000.0).into(), ..Timing::default() },
+            thresholds: [0.2; 2],
+        }
+    }
+
+    #[test]
+    fn few_bits_of_a_sessions_frames_are_asked_for_and_taken_as_said() {
+        let folder = tempfile::tempdir().unwrap();
+        for depth in [8, 10, 12, 14, 16_u8] {
+            let white = ((1_u32 << depth) - 1) as u16;
+            let mut session = session(folder.path(), white);
+            let mut gather = |bits| {
+                let window = [i64::MIN, i64::MAX];
+                let found = gather(&mut session, 0, &viewpoint(), window, 1, (true, bits), &mut |_| {})?;
+                let found = found.expect("dated");
+                assert_eq!(found.pictures.len(), 3);
+                Ok::<_, ImportError>(found.pictures[0].1.data.iter().copied().max().unwrap())
+            };
+            let unsaid = gather(None).map_err(|error| error.to_string());
+            match unsaid {
+                Err(said) => {
+                    assert!(depth <= 12 && said.contains(&format!("the largest is {white}")), "{depth}: {said}");
+                    assert!(said.contains("camera ev") && said.contains("--bits"), "{said}");
+                }
+                Ok(level) => assert!(depth > 12 && (level == 255) == (depth == 16), "{depth}: {level}"),
+            }
+            assert_eq!(gather(Some(depth)).unwrap(), 255, "{depth}");
+            if depth > 8 {
+                let said = gather(Some(depth - 1)).unwrap_err().to_string();
+                assert!(said.contains(&format!("more than {} bits hold", depth - 1)), "{said}");
+            }
+        }
+    }
+}

@@ -55,6 +55,8 @@ pub(super) struct LensKeys {
     pub(super) k6: Option<Number>,
     pub(super) p1: Option<Number>,
     pub(super) p2: Option<Number>,
+    /// Nerfstudio's list of k1, k2, k3, k4, p1 and p2.
+    pub(super) distortion_params: Option<Vec<Number>>,
 }
 
 /// The names of the coefficients, in the order of [`LensKeys::coefficients`].
@@ -75,6 +77,8 @@ impl LensKeys {
             (None, None) => (file.camera_model.clone(), file.is_fisheye),
             own => (own.0.clone(), own.1),
         };
+        self.check_list()?;
+        file.check_list()?;
         let [k1, k2, k3, k4, k5, k6, p1, p2] = self.coefficients_over(file)?;
         let merged = Self {
             camera_model,
@@ -95,6 +99,7 @@ impl LensKeys {
             k6,
             p1,
             p2,
+            distortion_params: None,
         };
         self.check_size(file, &merged)?;
         Ok(merged)
@@ -114,7 +119,37 @@ impl LensKeys {
     }
 
     fn coefficients(&self) -> [Option<Number>; 8] {
+        let named = self.named();
+        match self.distortion_params.as_deref() {
+            Some(&[k1, k2, k3, k4, p1, p2]) => {
+                [Some(k1), Some(k2), Some(k3), Some(k4), named[4], named[5], Some(p1), Some(p2)]
+            }
+            _ => named,
+        }
+    }
+
+    /// Coefficients that have a name of their own.
+    fn named(&self) -> [Option<Number>; 8] {
         [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2]
+    }
+
+    /// Refuses a list of coefficients of another length, or beside others by name.
+    fn check_list(&self) -> Result<(), String> {
+        let Some(list) = &self.distortion_params else { return Ok(()) };
+        if list.len() != 6 {
+            let count = list.len();
+            return Err(format!(
+                "distortion_params has {count} numbers, and k1, k2, k3, k4, p1, p2 are six; write them by name"
+            ));
+        }
+        let differs = |(named, listed): (Option<Number>, Option<Number>)| named.is_some() && named != listed;
+        match std::iter::zip(self.named(), self.coefficients()).position(differs) {
+            Some(at) => Err(format!(
+                "{} and distortion_params contradict each other; remove the one that is wrong",
+                COEFFICIENTS[at]
+            )),
+            None => Ok(()),
+        }
     }
 
     /// Those of the frame, and those of the file where they are of the same model.

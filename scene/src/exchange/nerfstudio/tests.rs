@@ -222,3 +222,25 @@ fn a_frame_of_another_size_takes_no_pixels_of_the_file() {
     let i = both("\"w\": 640, \"h\": 480, \"camera_angle_x\": 1.0", "\"w\": 320, \"h\": 240").unwrap();
     assert!((i.fx - 160.0 / 0.5_f64.tan()).abs() < 1e-9 && i.cx == 160.0);
 }
+
+#[test]
+fn a_list_of_coefficients_is_taken_as_if_they_were_named() {
+    let list = "\"distortion_params\": [-0.2, 0.05, 0.01, 0, 1e-3, -2e-3]";
+    let named = "\"k1\": -0.2, \"k2\": 0.05, \"k3\": 0.01, \"k4\": 0, \"p1\": 1e-3, \"p2\": -2e-3";
+    let lens = Distortion::BrownConrady([-0.2, 0.05, 1e-3, -2e-3, 0.01, 0.0, 0.0, 0.0]);
+    assert_eq!(distortion(list), lens);
+    assert_eq!(distortion(&format!("{list}, {named}")), lens);
+    // Of the file, and of the frame before it.
+    let of_file = |frame: &str| one(frame).replacen('{', &format!("{{{list}, {SIZE}, "), 1);
+    assert_eq!(read_rig(&of_file("\"time\": 0")).unwrap().cameras[0].intrinsics.distortion, lens);
+    let straight = of_file("\"distortion_params\": [0, 0, 0, 0, 0, 0]");
+    assert_eq!(read_rig(&straight).unwrap().cameras[0].intrinsics.distortion, Distortion::None);
+    for (keys, said) in [
+        (format!("{list}, \"k1\": 0.3"), "k1 and distortion_params contradict"),
+        ("\"distortion_params\": [0.1, 0.2]".into(), "has 2 numbers"),
+        ("\"distortion_params\": [0.1, 0, 0, 0.1, 0, 0], \"camera_model\": \"OPENCV\"".into(), "k4"),
+    ] {
+        let message = refused(&format!("{SIZE}, {keys}"));
+        assert!(message.contains("a.png") && message.contains(said), "{message}");
+    }
+}

@@ -29,7 +29,7 @@ pub use write::import_events;
 use self::{host_clock::HostClock, packets::Packets, source::EventSource, within::Within};
 use super::{ContainerError, DecodedStream, Entry, Summary};
 use erfgs_events::EventEncoding;
-use erfgs_events::{SensorSize, Sink};
+use erfgs_events::{EventFileHints, SensorSize, Sink};
 
 /// An event file that was read through once.
 pub struct EventFileRecording {
@@ -42,14 +42,14 @@ pub struct EventFileRecording {
 }
 
 impl EventFileRecording {
-    /// Opens an event file and reads it through for its span; `size` is taken for the sensor's, whatever the file says.
-    /// Where nothing says it, it is what holds all addresses.
+    /// Opens an event file and reads it through for its span; `hints` are taken whatever the file says. Where nothing says the
+    /// sensor's size, it is what holds all addresses.
     ///
     /// # Errors
     /// If the file cannot be read, or is none that erfgs reads.
-    pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
-        let mut source = EventSource::open(path, size)?;
-        let survey = survey::survey(&source, size.is_none())?;
+    pub fn open(path: &Path, hints: &EventFileHints) -> Result<Self, ContainerError> {
+        let mut source = EventSource::open(path, hints)?;
+        let survey = survey::survey(&source, hints.size.is_none())?;
         let of_addresses = source.size().is_none();
         if of_addresses {
             let extent = survey.extent.map(SensorSize::checked).transpose();

@@ -224,13 +224,14 @@ impl Sink for Merged<'_, '_> {
 mod tests {
     use super::*;
     use crate::container::event_file::packets::Packets;
+    use erfgs_events::EventFileHints;
 
     #[test]
     fn a_beginning_that_evt2_would_lose_is_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("e.csv");
         std::fs::write(&path, "t,x,y,on\n20000000000,1,2,1\n").unwrap();
-        let source = EventSource::open(&path, None).unwrap();
+        let source = EventSource::open(&path, &EventFileHints::default()).unwrap();
         let first = |encoding| Packets::start(source.clone(), encoding, 20_000_000_000).next().unwrap();
         let said = first(EventEncoding::Evt2).unwrap_err().to_string();
         assert!(said.contains("e.csv") && said.contains("20000000000") && said.contains("4 h 46 min"), "{said}");

@@ -7,9 +7,10 @@ use std::{
 };
 
 use super::super::ContainerError;
+use erfgs_base::plausible::INSTANT;
 use erfgs_events::EventEncoding;
 use erfgs_events::{
-    Anomalies, EventBatch, EventFile, EventFileError, EventFormat, Events, SensorSize, Sink,
+    Anomalies, EventBatch, EventFile, EventFileError, EventFileHints, EventFormat, Events, SensorSize, Sink,
     hdf5::{self, Hdf5Layout},
     npz,
 };
@@ -32,7 +33,8 @@ pub(super) enum EventSource {
 }
 
 impl EventSource {
-    pub fn open(path: &Path, size: Option<SensorSize>) -> Result<Self, ContainerError> {
+    pub fn open(path: &Path, hints: &EventFileHints) -> Result<Self, ContainerError> {
+        let size = hints.size;
         let failed = |error: EventFileError| ContainerError::event_file(path, error);
         let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
         let mut head = Vec::new();
@@ -41,8 +43,15 @@ impl EventSource {
         let read = file.take(8).read_to_end(&mut head);
         read.map_err(|source| ContainerError::Read { path: path.to_owned(), offset: 0, source })?;
         let named_arrays = extension.eq_ignore_ascii_case("npz") || head.starts_with(NPY);
+        let no_text = |format| match hints.columns {
+            Some(_) => Err(failed(EventFileError::NoText { path: path.to_owned(), format })),
+            None => Ok(()),
+        };
         // An archive may hold text instead.
-        if named_arrays || head.starts_with(b"PK\x03\x04") && EventFile::open(path).is_err() {
+        let is_archive = || head.starts_with(b"PK\x03\x04");
+        let holds_no_text = || matches!(EventFile::open_with(path, hints), Err(EventFileError::Unknown { .. }));
+        if named_arrays || is_archive() && holds_no_text() {
+            no_text("NumPy's arrays")?;
             let events = read_arrays(path, size)?;
             let side = |side| u16::try_from(side).unwrap_or(u16::MAX);
             let size = Some(SensorSize { width: side(events.width), height: side(events.height) });
@@ -52,15 +61,12 @@ impl EventSource {
             || extension.eq_ignore_ascii_case("h5")
             || extension.eq_ignore_ascii_case("hdf5")
         {
+            no_text("HDF5")?;
             let file = hdf5::open(path).map_err(|error| ContainerError::event_file(path, error))?;
             let size = size.or(file.size());
             return Ok(Self::Hdf5 { path: path.to_owned(), layout: file.layout(), size });
         }
-        let file = EventFile::open(path).map_err(failed)?;
-        Ok(Self::Stream(match size {
-            Some(size) => file.with_size(size),
-            None => file,
-        }))
+        EventFile::open_with(path, hints).map(Self::Stream).map_err(failed)
     }
 
     pub fn path(&self) -> &Path {
@@ -129,7 +135,13 @@ impl EventSource {
 fn read_arrays(path: &Path, size: Option<SensorSize>) -> Result<Events, ContainerError> {
     let size = size.map(|size| [size.width.into(), size.height.into()]);
     let events = if is_npy(path) { npz::read_structured(path, size) } else { npz::read_events(path, size) };
-    events.map_err(|error| ContainerError::event_file(path, error))
+    let events = events.map_err(|error| ContainerError::event_file(path, error))?;
+    // They are in order.
+    let ends = events.t_us.first().into_iter().chain(events.t_us.last());
+    let checked = INSTANT.check_all(ends.map(|&t_us| t_us as f64 * 1e-6));
+    checked
+        .map_err(|wrong| ContainerError::event_file(path, format!("has times that are no microseconds: {wrong}")))?;
+    Ok(events)
 }
 
 /// Whether the file is an array, and no archive of arrays.

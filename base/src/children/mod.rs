@@ -8,7 +8,15 @@ use std::{
     time::{Duration, Instant},
 };
 
+mod answer;
+mod piped;
+mod watch;
+
+pub use answer::{Answer, answer};
+pub use piped::Piped;
+
 use crate::ending;
+use watch::Watch;
 
 /// A line longer than that is passed on in pieces.
 const LONGEST_LINE: u64 = 1 << 16;
@@ -36,6 +44,7 @@ pub enum Ended {
 /// If the program cannot be started or waited for.
 pub fn run(mut command: Command, idle: Duration, mut said: impl FnMut(&str)) -> io::Result<Ended> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    end_with_us(&mut command, Signal::Kill);
     let mut child = Group::start(command)?;
     let (sender, lines) = sync_channel(WAITING);
     if let Some(stream) = child.child.stdout.take() {
@@ -96,6 +105,7 @@ fn follow(stream: impl Read + Send + 'static, lines: SyncSender<String>) -> io::
 }
 
 /// A program in a process group of its own, with all that it starts.
+#[derive(Debug)]
 struct Group {
     child: Child,
     id: u32,
@@ -106,7 +116,6 @@ impl Group {
     fn start(mut command: Command) -> io::Result<Self> {
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
-        end_with_us(&mut command, Signal::Kill);
         let mut list = ending::list();
         let child = command.spawn()?;
         let id = child.id();
@@ -125,6 +134,16 @@ impl Group {
         Ok(status)
     }
 
+    /// Waits for its end, without the list: others end meanwhile.
+    fn wait(&mut self) -> io::Result<ExitStatus> {
+        loop {
+            if let Some(status) = self.ended()? {
+                return Ok(status);
+            }
+            thread::sleep(Duration::from_millis(2));
+        }
+    }
+
     fn end(&mut self) {
         let mut list = ending::list();
         if !std::mem::replace(&mut self.has_ended, true) {
@@ -140,44 +159,6 @@ impl Group {
 impl Drop for Group {
     fn drop(&mut self) {
         self.end();
-    }
-}
-
-/// Looks whether a process group does anything.
-struct Watch {
-    group: u32,
-    limit: Duration,
-    look_every: Duration,
-    looked: Instant,
-    idle: Duration,
-    used: Option<u64>,
-}
-
-impl Watch {
-    fn new(group: u32, limit: Duration) -> Self {
-        let look_every = (limit / 16).clamp(Duration::from_millis(5), Duration::from_secs(4));
-        Self { group, limit, look_every, looked: Instant::now(), idle: Duration::ZERO, used: None }
-    }
-
-    fn is_busy(&mut self) {
-        self.idle = Duration::ZERO;
-    }
-
-    fn hangs(&mut self) -> bool {
-        let since = self.looked.elapsed();
-        if since < self.look_every {
-            return false;
-        }
-        self.looked = Instant::now();
-        match processor::sleeping(self.group) {
-            // No more than two looks' time: this process may have been stopped in between, and the program with it.
-            used @ Some(_) if used == self.used => self.idle += since.min(2 * self.look_every),
-            used => {
-                self.used = used;
-                self.is_busy();
-            }
-        }
-        self.idle >= self.limit
     }
 }
 
@@ -231,72 +212,6 @@ pub(crate) fn end_group(group: u32) {
 
 #[cfg(not(unix))]
 pub(crate) fn end_group(_: u32) {}
-
-#[cfg(target_os = "linux")]
-mod processor {
-    use std::{fs, path::Path};
-
-    /// The processor time of a process group, in ticks, if all of its threads sleep; `None` if one runs, wants to, waits for a disk
-    /// or was stopped by somebody, or where nothing is known.
-    pub fn sleeping(group: u32) -> Option<u64> {
-        let mut used = None;
-        for entry in fs::read_dir("/proc").ok()?.flatten() {
-            if !entry.file_name().to_str().is_some_and(|name| name.starts_with(|c: char| c.is_ascii_digit())) {
-                continue;
-            }
-            // What has ended since the list was made is not there any more.
-            let Some(process) = read(&entry.path()) else { continue };
-            if process.group != group {
-                continue;
-            }
-            for thread in fs::read_dir(entry.path().join("task")).ok()?.flatten() {
-                if read(&thread.path()).is_some_and(|thread| !matches!(thread.state, 'S' | 'I' | 'Z' | 'X')) {
-                    return None;
-                }
-            }
-            *used.get_or_insert(0_u64) += process.used;
-        }
-        used
-    }
-
-    struct Process {
-        state: char,
-        group: u32,
-        used: u64,
-    }
-
-    fn read(folder: &Path) -> Option<Process> {
-        parse(&fs::read_to_string(folder.join("stat")).ok()?)
-    }
-
-    /// State, group, and the times of the process and of what it has waited for. Its name, in parentheses, may hold anything.
-    fn parse(stat: &str) -> Option<Process> {
-        let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_ascii_whitespace().collect();
-        let number = |index: usize| fields.get(index)?.parse::<u64>().ok();
-        let used = number(11)?.checked_add(number(12)?)?.checked_add(number(13)?)?.checked_add(number(14)?)?;
-        Some(Process { state: fields.first()?.chars().next()?, group: number(2)?.try_into().ok()?, used })
-    }
-
-    #[cfg(test)]
-    mod tests {
-        use super::*;
-
-        #[test]
-        fn the_name_of_a_program_is_no_number() {
-            let stat = "12 (a) R 9 (b c) S 1 77 12 0 -1 4194560 1 2 3 4 10 20 30 40 20 0 5";
-            let process = parse(stat).unwrap();
-            assert_eq!((process.state, process.group, process.used), ('S', 77, 100));
-            assert!(parse("12 (a) S 1").is_none() && parse("").is_none());
-        }
-    }
-}
-
-#[cfg(not(target_os = "linux"))]
-mod processor {
-    pub fn sleeping(_: u32) -> Option<u64> {
-        None
-    }
-}
 
 #[cfg(all(test, unix))]
 mod tests {
