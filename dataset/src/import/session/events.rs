@@ -243,7 +243,7 @@ impl Gathered {
 #[cfg(test)]
 mod tests {
     use erfgs_events::{Aedat4Compression, Aedat4Encoder, EventFileHints, SensorSize};
-    use erfgs_scene::{Distortion, Pose};
+    use erfgs_scene::{Distortion, Intrinsics, Pose};
     use erfgs_session::{
         clock::{Clock, ClockFit, Evidence, Residuals},
         container::{EventFileRecording, import_events},
@@ -271,7 +271,7 @@ mod tests {
 
     fn viewpoint() -> Viewpoint {
         let fit = ClockFit {
-            evidence: Evidence::Edges,
+            evidence: Evidence::TriggerEdges,
             origin_ticks: 0,
             origin_ns: 0,
             ns_per_tick: 1000.0,
