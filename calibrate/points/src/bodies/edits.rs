@@ -98,8 +98,7 @@ pub fn apply(
     }
     for TurnBody { body, rate_rad_s } in &edits.turn {
         let (index, rate) = (edited.find(body)?, DVec3::from(*rate_rad_s));
-        // Not a number is not less either.
-        if !(rate.length() <= FASTEST) {
+        if !rate.is_finite() || rate.length() > FASTEST {
             return Err(wrong(format!(
                 "{body} cannot turn at {rate_rad_s:?} rad/s; at most {FASTEST} can be followed"
             )));
@@ -326,8 +325,11 @@ mod tests {
 
     const TIMES: [f64; 6] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5];
 
+    /// Points and their colours.
+    type Instant = (Vec<DVec3>, Vec<[u8; 3]>);
+
     /// Balls of 60 points that fly along x, one above the other, each a track of its own.
-    fn balls(heights: &[f64]) -> (Vec<Track>, Owners, Vec<(Vec<DVec3>, Vec<[u8; 3]>)>) {
+    fn balls(heights: &[f64]) -> (Vec<Track>, Owners, Vec<Instant>) {
         let at = |height: f64, t_s: f64| DVec3::new(2.0 * t_s, height, 0.0);
         let points = |t_s: f64| {
             let of = |height: &f64| {
