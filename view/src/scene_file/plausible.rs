@@ -120,6 +120,10 @@ mod tests {
         let camera: HeaderCamera = serde_json::from_value(camera).unwrap();
         let mut header = SceneFile::for_tests().header;
         header.cameras = vec![camera];
+        // Nothing moves, so that the rows of what does are none.
+        let mut none = header.sections.iter().find(|section| section.floats == 0).unwrap().clone();
+        none.name = "motion".into();
+        header.sections.push(none);
         header.events.edges = vec![0.0, 0.5, 1.0];
         header.events.counts = vec![3.0, 4.0];
         header.motion =
