@@ -199,6 +199,16 @@ pub struct Counters {
     pub reconnections: u64,
 }
 
+impl Counters {
+    /// Counts a frame of so many bytes: whether it is damaged, and whether the outlet took it.
+    pub fn deliver(&mut self, bytes: u64, is_damaged: bool, is_taken: bool) {
+        self.packets += 1;
+        self.bytes += bytes;
+        self.errors += u64::from(is_damaged);
+        self.refused += u64::from(!is_taken);
+    }
+}
+
 /// An error of a source: the message says which device, what was being done, and what to do next.
 pub type SourceError = Box<dyn Error + Send + Sync>;
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use erfgs_dataset::{BodiesFile, Body, Dataset};
-use erfgs_points::{BodyEdits, BodyOptions, CloudError, FoundBodies, attach_bodies, find_bodies};
+use erfgs_points::{BodyEdits, BodyOptions, CloudError, FoundBodies, attach_bodies, find_bodies, noted_rate};
 
 use crate::{
     takes::write_page,
@@ -95,9 +95,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
 /// What the terminal shows of a body.
 fn row(body: &Body) -> Vec<String> {
     let number = |name: &str| body.found_by.get(name).map_or("-".into(), ToString::to_string);
-    let rate = body.found_by.get("rate_rad_s").and_then(|value| serde_json::from_value::<[f64; 3]>(value.clone()).ok());
-    let rate =
-        rate.map_or("-".into(), |rate| format!("{:.1}", rate.iter().map(|part| part * part).sum::<f64>().sqrt()));
+    let rate = noted_rate(body).map_or("-".into(), |rate| format!("{:.1}", rate.length()));
     let rotation = body.found_by.get("rotation").and_then(|value| value.as_str()).unwrap_or("-");
     vec![
         body.name.clone(),

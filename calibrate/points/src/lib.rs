@@ -25,6 +25,7 @@ pub use erfgs_calibrate::colmap::{Colmap, ColmapProgram};
 
 pub use bodies::{
     BodyEdits, BodyOptions, BodyProgress, BodyStep, FoundBodies, SplitBody, TurnBody, attach_bodies, find_bodies,
+    noted_rate,
 };
 pub use error::CloudError;
 pub use event_fit::{EventFit, event_fit};

@@ -63,8 +63,7 @@ fn found(grey: &Grey, corners: &[Corner], id: u32, target: &Target, share: f64, 
     let map = homography(&plane, &pixels)?;
     let at = apply(&map, place)?;
     let unit = target.square_m();
-    let side =
-        |way: DVec2| Some((apply(&map, place + 0.5 * unit * way)? - apply(&map, place - 0.5 * unit * way)?) * 1.0);
+    let side = |way: DVec2| Some(apply(&map, place + 0.5 * unit * way)? - apply(&map, place - 0.5 * unit * way)?);
     let sides = [side(DVec2::X)?, side(DVec2::Y)?];
     let pixel = refine(grey, at, &Window::of(sides.map(|side| side * share))?)?;
     let near = (NEAR * sides[0].length().min(sides[1].length())).max(NEAR_PX);

@@ -185,10 +185,7 @@ fn deliver(config: &PatternConfig, quit: &AtomicBool, counters: &Mutex<Counters>
         let bytes = payload.len() as u64;
         let (host_ns, discontinuity, damaged) = (host_ns(), false, false);
         let taken = outlet.send(Packet { sequence, host_ns, discontinuity, damaged, stamp, payload });
-        let mut counters = counters.lock().unwrap_or_else(PoisonError::into_inner);
-        counters.packets += 1;
-        counters.bytes += bytes;
-        counters.refused += u64::from(!taken);
+        counters.lock().unwrap_or_else(PoisonError::into_inner).deliver(bytes, damaged, taken);
     }
 }
 

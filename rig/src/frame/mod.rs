@@ -8,6 +8,8 @@ mod format;
 mod gige;
 mod portable;
 #[cfg(target_os = "linux")]
+mod retry;
+#[cfg(target_os = "linux")]
 mod v4l2;
 
 use std::path::PathBuf;

@@ -287,11 +287,7 @@ fn stream(
         let packet = Packet { sequence, host_ns, discontinuity: false, damaged, stamp: None, payload };
         sequence += 1;
         let taken = outlet.send(packet);
-        let mut counters = state.counters.lock().unwrap_or_else(PoisonError::into_inner);
-        counters.packets += 1;
-        counters.bytes += bytes;
-        counters.errors += u64::from(damaged);
-        counters.refused += u64::from(!taken);
+        state.counters.lock().unwrap_or_else(PoisonError::into_inner).deliver(bytes, damaged, taken);
     }
     if let Err(error) = camera.stop_stream() {
         tracing::debug!("while camera {} is stopped: {error}", config.id);

@@ -119,11 +119,11 @@ fn stop(features: &mut Features) {
     if let Err(error) = features.run("AcquisitionStop") {
         tracing::debug!("{error}");
     }
-    unlock(features, false);
+    lock_format(features, false);
 }
 
 /// Tells the camera that its format is settled, or is not any more.
-pub fn unlock(features: &mut Features, locked: bool) {
+pub fn lock_format(features: &mut Features, locked: bool) {
     if features.has("TLParamsLocked")
         && let Err(error) = features.set_number("TLParamsLocked", f64::from(u8::from(locked)))
     {

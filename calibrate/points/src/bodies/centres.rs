@@ -90,12 +90,7 @@ fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], tim
     }
     let mut radii: Vec<f64> = certain
         .iter()
-        .map(|(instant, found)| {
-            let points = clouds[*instant].points;
-            let mut away: Vec<f64> = found.members.iter().map(|&at| points[at].distance(found.centre)).collect();
-            away.sort_unstable_by(f64::total_cmp);
-            away.get(away.len() * 9 / 10).copied().unwrap_or(0.0)
-        })
+        .map(|(instant, found)| radius_m(clouds[*instant].points, &found.members, found.centre))
         .collect();
     radii.sort_unstable_by(f64::total_cmp);
     let (first, last) = (chain[0].0, chain[chain.len() - 1].0);
@@ -114,6 +109,13 @@ fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], tim
         colours: Histogram::mean(certain.iter().map(|(_, found)| &found.colours)),
         usual_points,
     }
+}
+
+/// How far nine tenths of a thing's points are from its centre at most, metres; 0 without points.
+pub fn radius_m(points: &[DVec3], members: &[usize], centre: DVec3) -> f64 {
+    let mut away: Vec<f64> = members.iter().map(|&at| points[at].distance(centre)).collect();
+    away.sort_unstable_by(f64::total_cmp);
+    away.get(away.len() * 9 / 10).copied().unwrap_or(0.0)
 }
 
 /// Where a thing is at a time by the nearest places that are known: on a parabola between them, straight on beyond them.

@@ -2,7 +2,6 @@
 //! to look at.
 
 use glam::DVec3;
-use serde_json::Value;
 
 use super::{
     contrast::{Window, contrasts},
@@ -32,10 +31,7 @@ pub struct Curve {
 impl Curve {
     /// Along the axis that was found, or else that of the best rate that was looked at; none where nothing was.
     pub fn new(spin: &Spin, shades: Option<&Shades<'_>>, windows: &[&Window]) -> Option<Self> {
-        let noted = |name: &str| serde_json::from_value(spin.found_by.get(name).unwrap_or(&Value::Null).clone()).ok();
-        let looked_at = ["rate_by_events_rad_s", "rate_by_frames_rad_s"].into_iter().filter_map(noted);
-        let rates = std::iter::once(spin.rate).chain(looked_at.map(|rate: [f64; 3]| DVec3::from(rate)));
-        let rate = rates.into_iter().find(|rate| rate.length() > 1e-6)?;
+        let rate = [spin.rate, spin.looked_at].into_iter().find(|rate| *rate != DVec3::ZERO)?;
         let (axis, length) = (rate.normalize(), rate.length().max(LEAST));
         let [from, to] = FROM_TO.map(|end| end * length);
         let along = |at: usize| from + (to - from) * at as f64 / (RATES - 1) as f64;
@@ -59,8 +55,8 @@ mod tests {
     #[test]
     fn there_is_no_curve_about_no_axis_and_one_about_what_was_looked_at() {
         assert!(Curve::new(&Spin::default(), None, &[]).is_none());
-        let found_by = [("rate_by_events_rad_s".to_owned(), serde_json::json!([0.0, 20.0, 0.0]))].into();
-        let curve = Curve::new(&Spin { rate: DVec3::ZERO, found_by }, None, &[]).unwrap();
+        let spin = Spin { looked_at: DVec3::Y * 20.0, ..Spin::default() };
+        let curve = Curve::new(&spin, None, &[]).unwrap();
         assert_eq!((curve.axis, curve.rates[0], curve.rates[60]), (DVec3::Y, -20.0, 40.0));
         assert!(curve.contrast.is_empty() && curve.apart.is_empty());
     }

@@ -72,10 +72,8 @@ impl Motion {
 
 /// A body as far as it is known.
 pub struct Draft<'a> {
-    name: &'a str,
-    track: &'a Track,
-    shapes: &'a [Shape],
-    /// Which of the shapes is seen best.
+    thing: &'a Thing,
+    /// Which of its shapes is seen best.
     best: usize,
     motion: Motion,
     /// The motion that its looks tell.
@@ -86,7 +84,7 @@ pub struct Draft<'a> {
 impl<'a> Draft<'a> {
     /// With a shape of its own; none where none is left. `rates` are those that change, if they do.
     pub fn new(film: &Film, thing: &'a Thing, spin: Spin, rates: Option<Vec<(f64, DVec3)>>) -> Option<Self> {
-        let Thing { name, track, shapes, path, .. } = thing;
+        let Thing { track, shapes, path, .. } = thing;
         let best = best_seen(film, track, shapes)?;
         let upright_s = film.moments[shapes[best].moment].t_s;
         let turn = match rates {
@@ -97,7 +95,7 @@ impl<'a> Draft<'a> {
         let (carved, grown) = (grower.carved()?, grower.grow());
         let grown = grown.map(|grown| followed(film, shapes, path, &turn, grown));
         let motion = Motion { path: path.clone(), turn, carved };
-        Some(Self { name, track, shapes, best, motion, grown, found_by: spin.found_by })
+        Some(Self { thing, best, motion, grown, found_by: spin.found_by })
     }
 
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
@@ -105,13 +103,13 @@ impl<'a> Draft<'a> {
         let mut subjects = Vec::new();
         for (thing, motion) in std::iter::zip(number.., [Some(&self.motion), self.grown.as_ref()]) {
             let Some(motion) = motion else { continue };
-            subjects.extend(self.shapes.iter().map(|shape| motion.subject(film, thing, shape.moment, step_s)));
+            subjects.extend(self.thing.shapes.iter().map(|shape| motion.subject(film, thing, shape.moment, step_s)));
         }
         subjects
     }
 
     fn grower<'b>(&'b self, film: &'b Film, path: &'b Path, turn: &'b Turn) -> Grower<'b> {
-        Grower { film, shapes: self.shapes, path, turn, best: self.best, radius_m: self.track.radius_m }
+        Grower { film, shapes: &self.thing.shapes, path, turn, best: self.best, radius_m: self.thing.track.radius_m }
     }
 
     /// Improves the motion by windows of its own shape: those by its motion, and those by its looks.
@@ -147,13 +145,13 @@ impl<'a> Draft<'a> {
         self.motion = looks;
         let Some((path, turn)) = self.refined(film, windows) else { return };
         let time = |shape: &Shape| film.moments[shape.moment].t_s;
-        let kept: Vec<_> = self.shapes.iter().map(time).map(|t_s| (t_s, self.motion.turn.at(t_s))).collect();
+        let kept: Vec<_> = self.thing.shapes.iter().map(time).map(|t_s| (t_s, self.motion.turn.at(t_s))).collect();
         let turn = turn.through(&kept);
         let again = self.grower(film, &path, &turn).realign(self.motion.carved.clone());
         self.motion = match again {
             Some(grown) => {
                 self.found_by.insert("colours_apart".into(), json!(grown.apart.map(|apart| rounded(apart, 1))));
-                followed(film, self.shapes, &path, &turn, grown)
+                followed(film, &self.thing.shapes, &path, &turn, grown)
             }
             None => Motion { path, turn, carved: self.motion.carved.clone() },
         };
@@ -169,20 +167,20 @@ impl<'a> Draft<'a> {
 
     fn refined(&mut self, film: &Film, windows: &Windows) -> Option<(Path, Turn)> {
         let refined = refine::refine(windows);
-        let next = self.motion.refined(film, &refined, film.moments[self.shapes[self.best].moment].t_s);
+        let next = self.motion.refined(film, &refined, film.moments[self.thing.shapes[self.best].moment].t_s);
         self.found_by.extend(refined.found_by);
         next
     }
 
     /// The body.
     pub fn body(self, film: &Film) -> Body {
-        let usual = median(self.shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
-        let best = &film.moments[self.shapes[self.best].moment];
+        let usual = median(self.thing.shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
+        let best = &film.moments[self.thing.shapes[self.best].moment];
         let facts = [
-            ("instants", json!(self.shapes.len())),
-            ("sure_instants", json!(self.track.sure.iter().filter(|sure| **sure).count())),
+            ("instants", json!(self.thing.shapes.len())),
+            ("sure_instants", json!(self.thing.track.sure.iter().filter(|sure| **sure).count())),
             ("hull_points", json!(usual)),
-            ("radius_m", json!(rounded(self.track.radius_m, 4))),
+            ("radius_m", json!(rounded(self.thing.track.radius_m, 4))),
             ("rate_rad_s", vector(self.motion.turn.rate(best.t_s))),
             ("carving_agreement", json!(rounded(self.motion.carved.agree, 2))),
             ("carving_cell_m", json!(rounded(self.motion.carved.cell_m, 5))),
@@ -191,15 +189,15 @@ impl<'a> Draft<'a> {
         let mut found_by = self.found_by;
         if self.motion.turn.changes() {
             let rates =
-                self.shapes.iter().map(|shape| &film.moments[shape.moment]).map(
+                self.thing.shapes.iter().map(|shape| &film.moments[shape.moment]).map(
                     |moment| json!({"t_ns": moment.t_ns, "rate_rad_s": vector(self.motion.turn.rate(moment.t_s))}),
                 );
             found_by.insert("rates".into(), rates.collect());
         }
         found_by.extend(facts.map(|(name, value)| (name.to_owned(), value)));
         Body {
-            name: self.name.into(),
-            span_ns: span_ns(film, self.track),
+            name: self.thing.name.clone(),
+            span_ns: span_ns(film, &self.thing.track),
             poses: poses(film, &self.motion.path, &self.motion.turn),
             points: self.motion.carved.points,
             found_by,

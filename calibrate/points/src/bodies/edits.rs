@@ -10,7 +10,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    centres::{Cloud, Owners, Track},
+    centres::{Cloud, Owners, Track, radius_m},
     detections::{Histogram, mean},
 };
 use crate::CloudError;
@@ -251,9 +251,7 @@ impl Edited<'_> {
             }
             let Cloud { points, colours } = clouds[instant];
             let centre = mean(members.iter().map(|&at| points[at]));
-            let mut away: Vec<f64> = members.iter().map(|&at| points[at].distance(centre)).collect();
-            away.sort_unstable_by(f64::total_cmp);
-            radii.push(away[away.len() * 9 / 10]);
+            radii.push(radius_m(points, members, centre));
             looks.push(Histogram::of(members.iter().map(|&at| &colours[at])));
             track.centres[instant] = Some(centre);
         }

@@ -37,7 +37,6 @@ use erfgs_calibrate::statistics::median;
 use erfgs_dataset::{Bodies, BodiesFile, Body, Dataset};
 use serde_json::{Value, json};
 
-pub use self::edits::{BodyEdits, SplitBody, TurnBody};
 use self::{
     curve::Curve,
     draft::Draft,
@@ -48,6 +47,10 @@ use self::{
     spin::rounded,
     things::{Thing, Things},
     varying::Evidence,
+};
+pub use self::{
+    edits::{BodyEdits, SplitBody, TurnBody},
+    spin::noted_rate,
 };
 use crate::CloudError;
 

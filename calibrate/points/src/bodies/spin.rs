@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use erfgs_dataset::Body;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -36,6 +37,8 @@ const FLAT: f64 = 0.985;
 pub struct Spin {
     /// Axis times rate, radians per second; zero if none was found.
     pub rate: DVec3,
+    /// The best rate that was looked at, taken or not; zero if there was nothing to look at.
+    pub looked_at: DVec3,
     /// What it was found by: numbers for reports.
     pub found_by: BTreeMap<String, Value>,
 }
@@ -48,6 +51,7 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
     };
     let by_frames = shades.map(|shades| by_frames(shades, step_s)).unwrap_or_default();
     if let Some(best) = by_frames.first() {
+        spin.looked_at = best.1;
         note("rate_by_frames_rad_s", vector(best.1));
         note("colours_apart_to_no_turn", json!(rounded(best.0, 3)));
     }
@@ -110,6 +114,9 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
             break;
         }
     }
+    if best.1 != DVec3::ZERO {
+        spin.looked_at = best.1;
+    }
     spin.found_by.insert("rate_by_events_rad_s".into(), vector(best.1));
     spin.found_by.insert("contrast_without_turn".into(), json!(rounded(still, 3)));
     spin.found_by.insert("contrast_with_turn".into(), json!(rounded(sharp, 3)));
@@ -157,6 +164,12 @@ fn by_frames(shades: &Shades<'_>, step_s: f64) -> Vec<(f64, DVec3)> {
 pub(super) fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);
     (value * scale).round() / scale
+}
+
+/// How a body turns where it is seen best, by those who found it: axis times rate, radians per second.
+pub fn noted_rate(body: &Body) -> Option<DVec3> {
+    let rate = body.found_by.get("rate_rad_s")?;
+    serde_json::from_value::<[f64; 3]>(rate.clone()).ok().map(DVec3::from)
 }
 
 pub(super) fn vector(of: DVec3) -> Value {

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 
 use super::{find::choose, frames::Shape};
 use crate::{
-    frame::{FrameConfig, FrameError, Lock, NamedLock},
+    frame::{FrameConfig, FrameError, Lock, NamedLock, retry::pause},
     genicam::{
         Chunk, GenicamConfig, GenicamError, Wish, Wishes, apply, chunk_values,
         gige::{
@@ -28,8 +28,6 @@ use crate::{
 
 /// The longest wait for a datagram: the patience of `stop`.
 const WAIT: Duration = Duration::from_millis(100);
-/// How often a lost camera is looked for.
-const RETRY_EVERY: Duration = Duration::from_millis(500);
 /// So many blocks in a row of which the leader came and no payload are no accident.
 const LEADERS_ALONE: u32 = 3;
 
@@ -126,7 +124,7 @@ fn prepare(config: &FrameConfig, found: &Found) -> Result<(Ready, Map<String, Va
     let mut settings = apply(&mut device.features, &wishes, &mut missed).map_err(fail)?;
     let shape = Shape { format: config.format, size: [config.width, config.height], tick_hz: device.tick_hz };
     let stream = device.prepare(&more, shape.bytes()).map_err(fail)?;
-    tell(&mut settings, &mut missed, config, found, &device, &stream);
+    tell(&mut settings, &mut missed, config, &more, found, &device, &stream);
     missed.tell(&mut settings);
     Ok((Ready { device: Arc::new(Mutex::new(device)), stream, shape }, settings))
 }
@@ -136,6 +134,7 @@ fn tell(
     settings: &mut Map<String, Value>,
     missed: &mut NotApplied,
     config: &FrameConfig,
+    more: &GenicamConfig,
     found: &Found,
     device: &Device,
     stream: &Stream,
@@ -156,7 +155,6 @@ fn tell(
         settings.extend(told);
     }
     settings.extend(config.raw.map(|raw| ("raw".to_owned(), json!(raw))));
-    let more = config.genicam.clone().unwrap_or_default();
     if let Some(asked) = more.packet_bytes {
         missed.compare("genicam.packet_bytes", asked, stream.packet_bytes);
     }
@@ -440,11 +438,7 @@ impl Watch {
         self.sequence += 1;
         let (bytes, damaged) = (packet.payload.len() as u64, packet.damaged);
         let taken = self.outlet.send(packet);
-        let mut counters = lock(&self.state.counters);
-        counters.packets += 1;
-        counters.bytes += bytes;
-        counters.errors += u64::from(damaged);
-        counters.refused += u64::from(!taken);
+        lock(&self.state.counters).deliver(bytes, damaged, taken);
     }
 
     /// Looks for the same camera until it is there again, or the owner stops.
@@ -468,10 +462,7 @@ impl Watch {
                 Ok(back) => return Some(back),
                 Err(error) => tracing::debug!("not back yet: {error}"),
             }
-            let pause = Instant::now();
-            while pause.elapsed() < RETRY_EVERY && !self.stopping() {
-                thread::sleep(RETRY_EVERY / 10);
-            }
+            pause(|| self.stopping());
         }
         None
     }

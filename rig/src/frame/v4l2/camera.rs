@@ -24,6 +24,7 @@ use crate::{
         FoundCamera, FrameConfig, FrameError,
         check::{is_cut, without_padding},
         encoding_of, fourccs,
+        retry::pause,
     },
     host_time::host_ns,
     not_applied::NotApplied,
@@ -31,8 +32,6 @@ use crate::{
 
 /// How long one wait for a frame lasts, ms: the patience of `stop`.
 const WAIT_MS: i32 = 100;
-/// How often a lost camera is looked for.
-const RETRY_EVERY: Duration = Duration::from_millis(500);
 
 /// How cameras are listed: for tests with cameras of their own.
 type List = Arc<dyn Fn() -> Result<Vec<FoundCamera>, FrameError> + Send + Sync>;
@@ -358,11 +357,7 @@ impl Watch {
         };
         self.sequence += 1;
         let taken = self.outlet.send(packet);
-        let mut counters = self.state.counters();
-        counters.packets += 1;
-        counters.bytes += bytes;
-        counters.errors += u64::from(damaged);
-        counters.refused += u64::from(!taken);
+        self.state.counters().deliver(bytes, damaged, taken);
     }
 
     /// Looks for the same camera until it is there again, or the owner stops.
@@ -377,10 +372,7 @@ impl Watch {
                 Ok(back) => return Some(back),
                 Err(error) => tracing::debug!("not back yet: {error}"),
             }
-            let pause = Instant::now();
-            while pause.elapsed() < RETRY_EVERY && !self.stopping() {
-                thread::sleep(RETRY_EVERY / 10);
-            }
+            pause(|| self.stopping());
         }
         None
     }

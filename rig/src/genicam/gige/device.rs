@@ -200,7 +200,7 @@ impl Device {
     pub fn begin(&mut self, stream: &mut Stream) -> Result<(), GenicamError> {
         // Test packets, and what was under way when an acquisition before was ended.
         stream.socket.drain();
-        crate::genicam::settings::unlock(&mut self.features, true);
+        crate::genicam::settings::lock_format(&mut self.features, true);
         self.features.run("AcquisitionStart")
     }
 
@@ -210,7 +210,7 @@ impl Device {
     /// If the camera does not take it.
     pub fn end(&mut self) -> Result<(), GenicamError> {
         let stopped = self.features.run("AcquisitionStop");
-        crate::genicam::settings::unlock(&mut self.features, false);
+        crate::genicam::settings::lock_format(&mut self.features, false);
         stopped
     }
 }

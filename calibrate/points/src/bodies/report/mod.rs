@@ -9,10 +9,9 @@ use erfgs_page::{
     html::{self, Escaped, count, number},
     plot::{Plot, Series, legend, swatch},
 };
-use glam::DVec3;
 use serde_json::Value;
 
-use super::{curve::Curve, film::Film, things::Things};
+use super::{curve::Curve, film::Film, spin::noted_rate, things::Things};
 
 /// All that a page shows.
 pub struct Shown<'a> {
@@ -51,11 +50,6 @@ fn fact(body: &Body, name: &str, decimals: usize) -> String {
     body.found_by.get(name).and_then(Value::as_f64).map_or("–".into(), |value| number(value, decimals))
 }
 
-fn rate(body: &Body) -> Option<DVec3> {
-    let rate = body.found_by.get("rate_rad_s")?;
-    serde_json::from_value::<[f64; 3]>(rate.clone()).ok().map(DVec3::from)
-}
-
 fn words<'a>(body: &'a Body, name: &str) -> &'a str {
     body.found_by.get(name).and_then(Value::as_str).unwrap_or("–")
 }
@@ -68,7 +62,7 @@ fn table(shown: &Shown<'_>) -> String {
             format!("{} <small>({} sure)</small>", fact(body, "instants", 0), fact(body, "sure_instants", 0)),
             count(body.points.len() as u64),
             fact(body, "radius_m", 3),
-            rate(body).map_or("–".into(), |rate| number(rate.length(), 1)),
+            noted_rate(body).map_or("–".into(), |rate| number(rate.length(), 1)),
             fact(body, "contrast_without_turn", 3),
             fact(body, "contrast_gained_by_looks", 3),
         ];
@@ -156,7 +150,7 @@ fn curve(shown: &Shown<'_>, body: &Body) -> String {
         .collect();
     let names: Vec<(usize, String)> = series.iter().map(|series| (series.run, series.name.clone())).collect();
     // Rates are written with two decimals where there are many of them.
-    let found = rate(body).map(|rate| (rate.dot(curve.axis), "found".to_owned()));
+    let found = noted_rate(body).map(|rate| (rate.dot(curve.axis), "found".to_owned()));
     let axis = curve.axis.to_array().map(|part| number(part, 2)).join(", ");
     let plot = Plot {
         y_label: "share of the greatest".into(),

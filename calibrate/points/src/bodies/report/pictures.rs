@@ -6,7 +6,10 @@ use erfgs_scene::image::{ImageRgb8, jpeg};
 use glam::{DQuat, DVec2, DVec3};
 
 use super::Shown;
-use crate::bodies::film::{Eye, Film, Moment, View};
+use crate::{
+    bodies::film::{Eye, Film, Moment, View},
+    rig::spread,
+};
 
 /// Instants of a body that are shown, at most, and how large a picture of one is, pixels: at least, and at most.
 const SHOWN: usize = 12;
@@ -69,12 +72,6 @@ impl Canvas {
     }
 }
 
-/// Some of `count`, evenly spread.
-fn spread(count: usize, most: usize) -> Vec<usize> {
-    let shown = count.min(most);
-    (0..shown).map(|index| if shown < 2 { 0 } else { index * (count - 1) / (shown - 1) }).collect()
-}
-
 /// The pose of a body at an instant; none of a body without poses.
 fn pose(body: &Body, t_ns: i64) -> Option<(DVec3, DQuat)> {
     let of = |pose: &BodyPose| (DVec3::from(pose.translation_m), pose.rotation());
@@ -102,18 +99,19 @@ pub fn strip(shown: &Shown<'_>, body: &Body) -> String {
     let film = shown.film;
     let Some(thing) = shown.things.all.iter().find(|thing| thing.name == body.name) else { return String::new() };
     let moments: Vec<&Moment> = thing.shapes.iter().map(|shape| &film.moments[shape.moment]).collect();
-    let largest = |eye: &usize| -> f64 {
-        let half = |moment: &&Moment| half_px(&film.eyes[*eye], pose(body, moment.t_ns)?.0, thing.track.radius_m);
+    let half = |eye: &Eye, moment: &Moment| half_px(eye, pose(body, moment.t_ns)?.0, thing.track.radius_m);
+    let size = |eye: &Eye| -> f64 {
         // The logarithm, so that a camera that sees it always is before one that sees it once and near.
-        moments.iter().filter_map(half).map(|half| half.min(60.0).ln()).sum()
+        moments.iter().filter_map(|moment| half(eye, moment)).map(|half| half.min(60.0).ln()).sum()
     };
-    let eye = (0..film.eyes.len()).max_by(|a, b| largest(a).total_cmp(&largest(b)));
-    let Some(eye) = eye.filter(|eye| largest(eye) > 0.0) else { return String::new() };
+    let sizes = film.eyes.iter().map(size).enumerate();
+    let Some((eye, _)) = sizes.filter(|(_, size)| *size > 0.0).max_by(|a, b| a.1.total_cmp(&b.1)) else {
+        return String::new();
+    };
     let seen: Vec<&Moment> =
         moments.into_iter().filter(|moment| moment.views.iter().any(|view| view.eye == eye)).collect();
     let picked: Vec<&Moment> = spread(seen.len(), SHOWN).into_iter().map(|index| seen[index]).collect();
-    let halves =
-        picked.iter().filter_map(|moment| half_px(&film.eyes[eye], pose(body, moment.t_ns)?.0, thing.track.radius_m));
+    let halves = picked.iter().filter_map(|moment| half(&film.eyes[eye], moment));
     let half = halves.fold(LEAST_HALF_PX, f64::max).min(200.0);
     let side = ((2.0 * half).ceil() as u32).max(1);
     let scale = (SIDE_PX[0].div_ceil(side)).max(1);
