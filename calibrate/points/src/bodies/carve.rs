@@ -1,5 +1,6 @@
 //! A thing's own shape: carved in its frame by the silhouettes of all instants, carried there by its motion.
 
+use erfgs_calibrate::statistics::median;
 use erfgs_dataset::SurfacePoint;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -18,6 +19,8 @@ const LEFT: f64 = 0.1;
 const MOST_CELLS: usize = 1 << 21;
 /// Surfaces that a camera sees more aslant have no colour in it.
 const FACING: f64 = 0.25;
+/// Silhouettes are so much wider than what they are of, pixels: they are smoothed, and what is beside them is of them.
+const GROWN_PX: f64 = 1.0;
 /// A shape has at least so many points.
 const FEWEST_POINTS: usize = 10;
 
@@ -181,7 +184,21 @@ pub fn carve(film: &Film, hull: &[DVec3], places: &[Place], cell_m: f64) -> Opti
     for (point, _) in points.iter_mut().filter(|(_, seen)| !seen) {
         point.colour = usual;
     }
+    let shrink_m = GROWN_PX * pixel_m(film, places);
+    for (point, _) in &mut points {
+        point.position_m = (DVec3::from(point.position_m) - shrink_m * DVec3::from(point.normal)).to_array();
+    }
     Some(Carved { points: points.into_iter().map(|(point, _)| point).collect(), agree, cell_m: grid.cell_m })
+}
+
+/// How wide a pixel is where a thing is: the median over instants and views, metres.
+fn pixel_m(film: &Film, places: &[Place]) -> f64 {
+    let of = |place: &Place| {
+        let views = film.moments[place.moment].views.iter().map(|view| &film.eyes[view.eye]);
+        let centre = place.centre;
+        views.map(move |eye| eye.centre.distance(centre) / eye.intrinsics.fx)
+    };
+    median(places.iter().flat_map(of)).unwrap_or(0.0)
 }
 
 /// The share of views that see something move where a place of the thing is, of those that see it at all.

@@ -6,6 +6,7 @@ use glam::DVec3;
 use super::{
     chains::Chain,
     detections::{Detection, Histogram, mean},
+    flight::{Flights, Places},
     path::fitted,
 };
 
@@ -38,6 +39,14 @@ impl Track {
         self.centres.iter().enumerate().filter(|(_, centre)| centre.is_some()).map(|(instant, _)| instant)
     }
 
+    /// How it flies, by the instants at which it was seen alone.
+    pub fn flights(&self, times_s: &[f64], exposure_s: f64, cell_m: f64) -> Flights {
+        let sure = self.instants().filter(|&instant| self.sure[instant]);
+        let (times_s, places): (Vec<f64>, Vec<DVec3>) =
+            sure.filter_map(|instant| Some((times_s[instant], self.centres[instant]?))).unzip();
+        Flights::new(Places { times_s: &times_s, places: &places, exposure_s, cell_m })
+    }
+
     /// Times and centres of the instants at which it was followed.
     pub fn places(&self, times_s: &[f64]) -> (Vec<f64>, Vec<DVec3>) {
         std::iter::zip(times_s, &self.centres).filter_map(|(&time, &centre)| Some((time, centre?))).unzip()
@@ -62,7 +71,7 @@ pub fn follow(
     detections: &[Vec<Detection>],
     clouds: &[Cloud<'_>],
     times_s: &[f64],
-    cell_m: f64,
+    [cell_m, exposure_s]: [f64; 2],
 ) -> (Vec<Track>, Owners) {
     let tracks = chains.iter().map(|chain| begin(chain, detections, clouds, times_s)).collect();
     let owners = clouds.iter().map(|cloud| vec![None; cloud.points.len()]).collect();
@@ -70,6 +79,7 @@ pub fn follow(
     followed.assign(6);
     followed.extend();
     followed.assign(4);
+    followed.fly(exposure_s);
     (followed.tracks, followed.owners)
 }
 
@@ -150,14 +160,16 @@ impl Followed<'_> {
         }
     }
 
-    fn assign_at(&mut self, instant: usize) {
+    /// The tracks that are followed at an instant, and where they are.
+    fn here(&self, instant: usize) -> Vec<(usize, DVec3)> {
+        let at = |(index, track): (usize, &Track)| Some((index, track.centres[instant]?));
+        self.tracks.iter().enumerate().filter_map(at).collect()
+    }
+
+    /// Gives points of an instant to tracks.
+    fn own(&mut self, instant: usize) {
         let Cloud { points, colours } = self.clouds[instant];
-        let here: Vec<(usize, DVec3)> = self
-            .tracks
-            .iter()
-            .enumerate()
-            .filter_map(|(index, track)| Some((index, track.centres[instant]?)))
-            .collect();
+        let here = self.here(instant);
         for (at, owner) in self.owners[instant].iter_mut().enumerate() {
             let nearest = here.iter().map(|&(index, centre)| {
                 let track = &self.tracks[index];
@@ -167,7 +179,12 @@ impl Followed<'_> {
             let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0));
             *owner = nearest.and_then(|(_, away, index)| (away < NEAR).then_some(index));
         }
-        for (index, centre) in here {
+    }
+
+    fn assign_at(&mut self, instant: usize) {
+        self.own(instant);
+        let points = self.clouds[instant].points;
+        for (index, centre) in self.here(instant) {
             let members = self.owners[instant].iter().zip(points).filter(|(owner, _)| **owner == Some(index));
             let members: Vec<DVec3> = members.map(|(_, &point)| point).collect();
             let track = &mut self.tracks[index];
@@ -176,6 +193,21 @@ impl Followed<'_> {
                 let trust = if track.sure[instant] { 1.0 } else { 0.7 };
                 track.centres[instant] = Some(centre + trust * step);
             }
+        }
+    }
+
+    /// What was not seen alone is where its flight has it, if it flies; points go to where things are then.
+    fn fly(&mut self, exposure_s: f64) {
+        for track in &mut self.tracks {
+            let flights = track.flights(self.times_s, exposure_s, self.cell_m);
+            for (instant, centre) in track.centres.iter_mut().enumerate().filter(|(instant, _)| !track.sure[*instant]) {
+                if let (Some(centre), Some(flown)) = (centre, flights.at(self.times_s[instant])) {
+                    *centre = flown;
+                }
+            }
+        }
+        for instant in 0..self.clouds.len() {
+            self.own(instant);
         }
     }
 
@@ -271,7 +303,7 @@ mod tests {
         let found: Vec<Vec<Detection>> =
             clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell)).collect();
         assert!(found.iter().any(|pieces| pieces.len() == 1), "they are one piece somewhere");
-        let (tracks, owners) = follow(&chains(&found, &times), &found, &clouds, &times, cell);
+        let (tracks, owners) = follow(&chains(&found, &times), &found, &clouds, &times, [cell, 0.0]);
         assert_eq!(tracks.len(), 2);
         for (index, track) in tracks.iter().enumerate() {
             assert_eq!(track.instants().count(), times.len());
@@ -285,5 +317,31 @@ mod tests {
             let mine = owners.iter().flatten().filter(|owner| **owner == Some(index)).count();
             assert!(mine.abs_diff(200 * times.len()) < 40 * times.len(), "{mine} points");
         }
+    }
+
+    #[test]
+    fn a_ball_that_is_hidden_where_it_bounces_is_where_its_flight_has_it() {
+        let velocities = [DVec3::new(2.0, 2.8, 0.0), DVec3::new(1.6, -2.6, 0.2)];
+        let way = |t: f64| {
+            let after = t - 0.31;
+            velocities[usize::from(after > 0.0)] * after + 4.905 * after * after * DVec3::Y
+        };
+        let times: Vec<f64> = (0..10).map(|k| 0.0667 * f64::from(k)).collect();
+        let seen = |t: f64| (t - 0.31_f64).abs() > 0.05;
+        let instants: Vec<Vec<DVec3>> =
+            times.iter().map(|&t| if seen(t) { sphere(way(t), 0.1).collect() } else { Vec::new() }).collect();
+        let colours = [[200, 60, 30]; 200];
+        let clouds: Vec<Cloud<'_>> =
+            instants.iter().map(|points| Cloud { points, colours: &colours[..points.len()] }).collect();
+        let found: Vec<Vec<Detection>> =
+            clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, 0.02)).collect();
+        let (tracks, _) = follow(&chains(&found, &times), &found, &clouds, &times, [0.02, 0.0]);
+        assert_eq!(tracks.len(), 1);
+        for (instant, &t) in times.iter().enumerate() {
+            let off = tracks[0].centres[instant].unwrap().distance(way(t));
+            assert!(off < 0.02, "{off} m at {t} s, seen: {}", seen(t));
+        }
+        let bounces = tracks[0].flights(&times, 0.0, 0.02).bounces();
+        assert!(bounces.len() == 1 && (bounces[0].t_s - 0.31).abs() < 0.005, "{bounces:?}");
     }
 }

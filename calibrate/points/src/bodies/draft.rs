@@ -18,6 +18,7 @@ use super::{
     refine::{self, Refined},
     shades::Shape,
     spin::{Spin, rounded, vector},
+    stretches::{self, Stretch},
     things::Thing,
     turn::Turn,
 };
@@ -29,8 +30,9 @@ const POSE_TURN: f64 = 0.5;
 const MOST_POSES: f64 = 50_000.0;
 /// So many places of a shape are held against events, at most.
 const MOST_SURFACE: usize = 2400;
-/// So much sharper events must be for a thing to be followed by its looks; if it was not found to turn, sharper at all.
-const LOOKS_IF: f64 = 1.03;
+/// A thing is followed by its looks if events are so sharp by them at least, compared with how sharp they are by its motion alone: these
+/// know its rates, but not how they add up, and of a thing that is not round its silhouettes know that better.
+const LOOKS_IF: f64 = 0.975;
 
 /// How a thing moves, and its shape by that.
 pub struct Motion {
@@ -54,19 +56,24 @@ impl Motion {
         Subject { thing, moment, places, normals: Some(normals), path: &self.path, rate, around_us }
     }
 
-    /// The motion that a second look at events tells, and its rates where they change. Rotations at the instants become others.
-    fn refined(&self, film: &Film, refined: &Refined, upright_s: f64) -> Option<(Path, Turn)> {
+    /// The motion that a second look at the events of each of its stretches tells. Rotations at the instants become others.
+    fn refined(&self, film: &Film, looks: &[(Stretch, Refined)], upright_s: f64) -> Option<(Path, Turn)> {
+        looks.iter().find(|(_, refined)| !refined.rates.is_empty())?;
         let time = |moment: usize| film.moments[moment].t_s;
-        let rates = if refined.changing {
-            let more = |&(moment, more): &(usize, DVec3)| (time(moment), self.turn.rate(time(moment)) + more);
-            refined.rates.iter().map(more).collect()
-        } else {
-            let more = refined.rates.first()?.1;
-            self.turn.rates().iter().map(|&(t_s, rate)| (t_s, rate + more)).collect()
-        };
+        let rates = looks.iter().flat_map(|(stretch, refined)| -> Vec<(f64, DVec3)> {
+            if refined.changing {
+                let more = |&(moment, more): &(usize, DVec3)| (time(moment), self.turn.rate(time(moment)) + more);
+                return refined.rates.iter().map(more).collect();
+            }
+            let more = refined.rates.first().map_or(DVec3::ZERO, |first| first.1);
+            // A steady rate is told at one time alone, whatever the stretch.
+            let own = |t_s: f64| looks.len() == 1 || stretch.has(t_s);
+            self.turn.rates().iter().filter(|rate| own(rate.0)).map(|&(t_s, rate)| (t_s, rate + more)).collect()
+        });
         let velocity = |&(moment, more): &(usize, DVec3)| (time(moment), self.path.velocity(time(moment)) + more);
-        let velocities: Vec<(f64, DVec3)> = refined.velocities.iter().map(velocity).collect();
-        Some((self.path.clone().with_velocities(&velocities), Turn::changing(upright_s, rates)))
+        let velocities: Vec<(f64, DVec3)> =
+            looks.iter().flat_map(|(_, refined)| &refined.velocities).map(velocity).collect();
+        Some((self.path.clone().with_velocities(&velocities), Turn::changing(upright_s, rates.collect())))
     }
 }
 
@@ -96,6 +103,19 @@ impl<'a> Draft<'a> {
         let grown = grown.map(|grown| followed(film, shapes, path, &turn, grown));
         let motion = Motion { path: path.clone(), turn, carved };
         Some(Self { thing, best, motion, grown, found_by: spin.found_by })
+    }
+
+    /// The same of what bounces: each stretch between bounces has a rate of its own.
+    pub fn bouncing(film: &Film, thing: &'a Thing, spin: Spin, windows: &Windows, step_s: f64) -> Option<Self> {
+        let Thing { track, shapes, path, .. } = thing;
+        let best = best_seen(film, track, shapes)?;
+        let best_s = film.moments[shapes[best].moment].t_s;
+        let stretches = Stretch::all(path.bounces_s());
+        let spins = stretches::spins(film, thing, &stretches, windows, step_s);
+        let told: Vec<DVec3> = spins.iter().map(|spin| spin.rate).collect();
+        let own = stretches.iter().position(|stretch| stretch.has(best_s));
+        let spin = own.map_or(spin, |own| spins[own].clone());
+        Self::new(film, thing, spin, Some(Stretch::rates(&stretches, &told, film.seconds())))
     }
 
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
@@ -128,8 +148,7 @@ impl<'a> Draft<'a> {
             mean_contrast(&all, Change::default())
         };
         let gained = sharp(by_looks) / sharp(by_motion).max(f64::MIN_POSITIVE);
-        let least = if self.motion.turn.fastest() > 0.0 { LOOKS_IF } else { 1.0 };
-        let better = by_motion.is_empty() || gained > least;
+        let better = by_motion.is_empty() || gained > LOOKS_IF;
         if !by_motion.is_empty() {
             self.found_by.insert("contrast_gained_by_looks".into(), json!(rounded(gained, 4)));
         }
@@ -166,9 +185,13 @@ impl<'a> Draft<'a> {
     }
 
     fn refined(&mut self, film: &Film, windows: &Windows) -> Option<(Path, Turn)> {
-        let refined = refine::refine(windows);
-        let next = self.motion.refined(film, &refined, film.moments[self.thing.shapes[self.best].moment].t_s);
-        self.found_by.extend(refined.found_by);
+        let best_s = film.moments[self.thing.shapes[self.best].moment].t_s;
+        let stretches = Stretch::all(self.motion.path.bounces_s());
+        let look = |stretch: Stretch| (stretch, refine::refine(&stretch.windows(film, windows)));
+        let looks: Vec<(Stretch, Refined)> = stretches.into_iter().map(look).collect();
+        let next = self.motion.refined(film, &looks, best_s);
+        let best = looks.into_iter().find(|(stretch, _)| stretch.has(best_s));
+        self.found_by.extend(best.map(|(_, refined)| refined.found_by).unwrap_or_default());
         next
     }
 
@@ -187,6 +210,10 @@ impl<'a> Draft<'a> {
             ("best_seen_ns", json!(best.t_ns)),
         ];
         let mut found_by = self.found_by;
+        let bounces: Vec<i64> = self.motion.path.bounces_s().map(|t_s| film.ns(t_s)).collect();
+        if !bounces.is_empty() {
+            found_by.insert("bounces_ns".into(), json!(bounces));
+        }
         if self.motion.turn.changes() {
             let rates =
                 self.thing.shapes.iter().map(|shape| &film.moments[shape.moment]).map(

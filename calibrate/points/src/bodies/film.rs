@@ -189,6 +189,11 @@ impl Film {
         self.span_ns[0].saturating_add((1e9 * t_s).round() as i64)
     }
 
+    /// How long exposures usually are, seconds.
+    pub fn exposure_s(&self) -> f64 {
+        median(self.moments.iter().map(|moment| moment.exposure_s)).unwrap_or(0.0)
+    }
+
     /// The length of the recording, seconds.
     pub fn seconds(&self) -> f64 {
         1e-9 * self.span_ns[1].saturating_sub(self.span_ns[0]) as f64

@@ -1,12 +1,14 @@
 //! Bodies: what moves as a few things, each with a path, a way of turning and a shape of its own.
 //!
 //! The moving points of the initial cloud are hulls of all that moves, one for each instant. Connected pieces of them are chained into
-//! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); a smooth
-//! path goes through the centres (`path`). Hulls are deeper than what they are of where views are from one side (`slim`). How a thing turns is told by the colours of frames (`shades`) and by its events, which are
-//! sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one rate, and `varying` for rates that change.
-//! What the user corrects comes between tracks and rotations (`edits`). With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates that are a little wrong
-//! add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape its events are looked
-//! at again (`refine`), which tell how it gets from one instant to the next.
+//! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); what flies
+//! freely bounces at times that its places tell (`flight`), and a path goes through the centres that is smooth between bounces (`path`).
+//! Hulls are deeper than what they are of where views are from one side (`slim`). How a thing turns is told by the colours of frames
+//! (`shades`) and by its events, which are sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one
+//! rate, `stretches` for one between two bounces, and `varying` for rates that change. What the user corrects comes between tracks and
+//! rotations (`edits`). With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates
+//! that are a little wrong add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape
+//! its events are looked at again (`refine`), which tell how it gets from one instant to the next.
 
 mod carve;
 mod centres;
@@ -17,6 +19,7 @@ mod detections;
 mod draft;
 mod edits;
 mod film;
+mod flight;
 mod grow;
 mod near_events;
 mod normals;
@@ -27,6 +30,7 @@ mod shades;
 mod slim;
 mod smooth;
 mod spin;
+mod stretches;
 mod things;
 mod turn;
 mod varying;
@@ -180,7 +184,12 @@ impl<'a> Finder<'a> {
                 varying::varying(&Evidence { shades: shades.as_ref(), windows, instants }, spin.rate)
             };
             (self.progress)(BodyStep::Shapes, index, things.all.len());
-            drafts.extend(Draft::new(film, thing, spin, rates));
+            let bounces = thing.rate.is_none() && thing.path.bounces_s().next().is_some();
+            drafts.extend(if bounces {
+                Draft::bouncing(film, thing, spin, windows, self.step_s())
+            } else {
+                Draft::new(film, thing, spin, rates)
+            });
         }
         Ok((drafts, curves))
     }

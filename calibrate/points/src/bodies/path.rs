@@ -2,26 +2,68 @@
 
 use glam::{DMat3, DVec3};
 
+use super::flight::Bounce;
+
 /// Beyond its ends a path goes straight on for so long, seconds, and then stands still.
 const ON_S: f64 = 0.08;
 
-/// A smooth path through places: cubic between two, with tangents that do not swing beyond a bounce (Akima's, modified as MATLAB's
-/// `makima` does); straight on beyond its ends, and then still.
-#[derive(Clone, Debug, PartialEq)]
+/// A smooth path through places: cubic between two, with tangents that do not swing (Akima's, modified as MATLAB's `makima` does);
+/// its velocity jumps at bounces; straight on beyond its ends, and then still.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Path {
     times_s: Vec<f64>,
     places: Vec<DVec3>,
-    tangents: Vec<DVec3>,
+    /// Before and after each place.
+    tangents: Vec<[DVec3; 2]>,
+    /// Which of the places are bounces.
+    bounces: Vec<usize>,
 }
 
 impl Path {
     /// Through `places` at `times_s`, which increase.
+    #[cfg(test)]
     pub fn new(times_s: Vec<f64>, places: Vec<DVec3>) -> Self {
-        let tangents = tangents(&times_s, &places);
-        Self { times_s, places, tangents }
+        let tangents = tangents(&times_s, &places).into_iter().map(|tangent| [tangent; 2]).collect();
+        Self { times_s, places, tangents, bounces: Vec::new() }
     }
 
-    /// With places at some of its times instead of its own, and the tangents that they bring.
+    /// The same with bounces, in the order of time; what was seen within `blurred_s` of one is left out, since it was seen partly before
+    /// and partly after it.
+    pub fn bouncing(times_s: &[f64], places: &[DVec3], bounces: &[Bounce], blurred_s: f64) -> Self {
+        let clear = |time: f64| bounces.iter().all(|bounce| (bounce.t_s - time).abs() > blurred_s);
+        let mut path = Self::default();
+        let mut next = bounces.iter().peekable();
+        for (&t_s, &place) in std::iter::zip(times_s, places).filter(|(time, _)| clear(**time)) {
+            while let Some(bounce) = next.next_if(|bounce| bounce.t_s < t_s) {
+                path.push_bounce(bounce);
+            }
+            path.times_s.push(t_s);
+            path.places.push(place);
+        }
+        let tangents = path.tangents_of(&path.places);
+        path.tangents = tangents;
+        for bounce in bounces {
+            if let Some(index) = path.times_s.iter().position(|&time| time == bounce.t_s) {
+                path.tangents[index] = bounce.velocities;
+            }
+        }
+        path
+    }
+
+    fn push_bounce(&mut self, bounce: &Bounce) {
+        if self.times_s.last().is_some_and(|&last| last < bounce.t_s) {
+            self.bounces.push(self.times_s.len());
+            self.times_s.push(bounce.t_s);
+            self.places.push(bounce.place);
+        }
+    }
+
+    /// When it bounces, seconds.
+    pub fn bounces_s(&self) -> impl Iterator<Item = f64> + '_ {
+        self.bounces.iter().map(|&index| self.times_s[index])
+    }
+
+    /// With places at some of its times instead of its own, and the tangents that they bring. Bounces go along with what is beside them.
     pub fn through(&self, places: &[(f64, DVec3)]) -> Self {
         let mut new = self.places.clone();
         for &(t_s, place) in places {
@@ -29,17 +71,41 @@ impl Path {
                 new[index] = place;
             }
         }
-        let (before, after) = (tangents(&self.times_s, &self.places), tangents(&self.times_s, &new));
+        for &index in &self.bounces {
+            let beside = [index.checked_sub(1), Some(index + 1)].into_iter().flatten();
+            let beside: Vec<usize> = beside.filter(|at| *at < new.len() && !self.bounces.contains(at)).collect();
+            let moved = beside.iter().map(|&at| new[at] - self.places[at]).sum::<DVec3>();
+            new[index] += moved / beside.len().max(1) as f64;
+        }
+        let (before, after) = (self.tangents_of(&self.places), self.tangents_of(&new));
         let tangents = std::iter::zip(&self.tangents, std::iter::zip(before, after))
-            .map(|(own, (before, after))| own + after - before);
-        Self { times_s: self.times_s.clone(), tangents: tangents.collect(), places: new }
+            .map(|(own, (before, after))| [0, 1].map(|side| own[side] + after[side] - before[side]));
+        Self { tangents: tangents.collect(), places: new, ..self.clone() }
+    }
+
+    /// The tangents through `places` at its times: those before and after a bounce know nothing of one another.
+    fn tangents_of(&self, places: &[DVec3]) -> Vec<[DVec3; 2]> {
+        let mut all = vec![[DVec3::ZERO; 2]; places.len()];
+        let Some(last) = places.len().checked_sub(1) else { return all };
+        let ends: Vec<usize> = [0].into_iter().chain(self.bounces.iter().copied()).chain([last]).collect();
+        for pair in ends.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            let found = tangents(&self.times_s[from..=to], &places[from..=to]);
+            for (at, tangent) in (from..=to).zip(found) {
+                let sides = [at > from || from == 0, at < to || to == last];
+                for side in [0, 1].into_iter().filter(|&side| sides[side]) {
+                    all[at][side] = tangent;
+                }
+            }
+        }
+        all
     }
 
     /// With velocities at some of its times, metres per second, instead of those that its places tell.
     pub fn with_velocities(mut self, velocities: &[(f64, DVec3)]) -> Self {
         for &(t_s, velocity) in velocities {
             if let Some(index) = self.times_s.iter().position(|&time| time == t_s) {
-                self.tangents[index] = velocity;
+                self.tangents[index] = [velocity; 2];
             }
         }
         self
@@ -57,7 +123,7 @@ impl Path {
         }
         let (index, u, step) = self.piece(t_s);
         let (p, q) = (self.places[index], self.places[index + 1]);
-        let (m, n) = (self.tangents[index] * step, self.tangents[index + 1] * step);
+        let (m, n) = (self.tangents[index][1] * step, self.tangents[index + 1][0] * step);
         p + (m + (3.0 * (q - p) - 2.0 * m - n + (2.0 * (p - q) + m + n) * u) * u) * u
     }
 
@@ -69,7 +135,7 @@ impl Path {
         }
         let (index, u, step) = self.piece(t_s.clamp(first, last));
         let (p, q) = (self.places[index], self.places[index + 1]);
-        let (m, n) = (self.tangents[index] * step, self.tangents[index + 1] * step);
+        let (m, n) = (self.tangents[index][1] * step, self.tangents[index + 1][0] * step);
         (m + (2.0 * (3.0 * (q - p) - 2.0 * m - n) + 3.0 * (2.0 * (p - q) + m + n) * u) * u) / step
     }
 
@@ -182,6 +248,39 @@ mod tests {
         assert_eq!(Path::new(vec![0.5], vec![DVec3::Y]).at(7.0), DVec3::Y);
         assert_eq!(Path::new(vec![0.5], vec![DVec3::Y]).velocity(7.0), DVec3::ZERO);
         assert_eq!(Path::new(vec![], vec![]).at(1.0), DVec3::ZERO);
+    }
+
+    #[test]
+    fn at_a_bounce_the_velocity_jumps_and_what_was_blurred_by_it_is_left_out() {
+        let velocities = [DVec3::new(1.0, 2.5, 0.0), DVec3::new(0.8, -2.0, 0.1)];
+        let ball = |t: f64| {
+            let after = t - 0.31;
+            velocities[usize::from(after > 0.0)] * after + 4.905 * after * after * DVec3::Y
+        };
+        let times: Vec<f64> = (0..10).map(|k| 0.0667 * f64::from(k)).collect();
+        // The one nearest to the bounce is wrong.
+        let odd = |t: f64| if (t - 0.31_f64).abs() < 0.03 { DVec3::X } else { ball(t) };
+        let places: Vec<DVec3> = times.iter().map(|&t| odd(t)).collect();
+        let bounce = Bounce { t_s: 0.31, place: ball(0.31), velocities };
+        let path = Path::bouncing(&times, &places, &[bounce], 0.03);
+        assert_eq!(path.bounces_s().collect::<Vec<_>>(), [0.31]);
+        for step in 0..590 {
+            let t = 0.001 * f64::from(step);
+            assert!(path.at(t).distance(ball(t)) < 4e-3, "{t} s: {}", path.at(t).distance(ball(t)));
+        }
+        assert!(
+            path.velocity(0.309).distance(velocities[0]) < 0.2 && path.velocity(0.311).distance(velocities[1]) < 0.2
+        );
+        let moved = path.through(&times.iter().map(|&t| (t, ball(t) + DVec3::Z)).collect::<Vec<_>>());
+        assert!(moved.at(0.31).abs_diff_eq(DVec3::Z, 1e-9) && moved.at(0.2).distance(ball(0.2) + DVec3::Z) < 4e-3);
+        // Before the first place and after the last there is none, and without places nothing at all.
+        for t_s in [-1.0, 9.0] {
+            assert_eq!(
+                Path::bouncing(&times, &places, &[Bounce { t_s, ..bounce }], 0.0),
+                Path::new(times.clone(), places.clone())
+            );
+        }
+        assert_eq!(Path::bouncing(&[], &[], &[bounce], 0.0).at(0.3), DVec3::ZERO);
     }
 
     #[test]

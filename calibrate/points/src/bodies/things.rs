@@ -45,16 +45,16 @@ impl Things {
         let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
         let found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, film.cell_m)).collect();
         let (tracks, mut owners) =
-            centres::follow(&chains::chains(&found, &times), &found, &clouds, &times, film.cell_m);
+            centres::follow(&chains::chains(&found, &times), &found, &clouds, &times, [film.cell_m, film.exposure_s()]);
         let named = edits::apply(edits, tracks, &mut owners, &clouds, &times)?;
         if named.is_empty() {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
         let thing = |(index, Named { name, track, rate }): (usize, Named)| {
-            let (known, places) = track.places(&times);
+            let path = path(film, &track);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
-            Thing { name, shapes, slim, path: Path::new(known, places), track, rate }
+            Thing { name, shapes, slim, path, track, rate }
         };
         Ok(Self { all: named.into_iter().enumerate().map(thing).collect(), owners })
     }
@@ -64,6 +64,18 @@ impl Things {
         let all = self.owners.iter().flatten();
         [all.clone().count(), all.filter(|owner| owner.is_none()).count()]
     }
+}
+
+/// The way of a track, with the bounces of its flight.
+fn path(film: &Film, track: &Track) -> Path {
+    let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
+    let (times_s, places) = track.places(&times);
+    let exposure_s = film.exposure_s();
+    let flights = track.flights(&times, exposure_s, film.cell_m);
+    let bounces = flights.bounces();
+    let places: Vec<DVec3> =
+        std::iter::zip(&times_s, places).map(|(&t_s, place)| flights.at(t_s).unwrap_or(place)).collect();
+    Path::bouncing(&times_s, &places, &bounces, 0.5 * exposure_s)
 }
 
 /// The points of a track at each of its instants, about its centre.

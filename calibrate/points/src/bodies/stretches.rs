@@ -1,0 +1,103 @@
+//! How a thing turns that bounces: each stretch between bounces by itself, since a bounce changes the rate.
+
+use glam::DVec3;
+
+use super::{
+    contrast::Window,
+    film::Film,
+    near_events::Windows,
+    shades::Shades,
+    spin::{self, Spin},
+    things::Thing,
+};
+
+/// Events of an instant that is nearer to a bounce, seconds, are partly from before and partly from after it.
+const CLEAR_S: f64 = 0.010;
+/// A stretch must have so many instants with events to be looked at by itself.
+const FEWEST: usize = 2;
+/// Rates hold up to so near to a bounce, seconds.
+const NEAR_S: f64 = 1e-4;
+
+/// The time between two bounces of a thing, or before the first, or after the last, seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch {
+    pub from_s: f64,
+    pub to_s: f64,
+}
+
+impl Stretch {
+    /// All stretches between bounces at times, in order.
+    pub fn all(bounces_s: impl IntoIterator<Item = f64>) -> Vec<Self> {
+        let mut from_s = f64::NEG_INFINITY;
+        let ends = bounces_s.into_iter().chain([f64::INFINITY]);
+        ends.map(|to_s| Self { from_s: std::mem::replace(&mut from_s, to_s), to_s }).collect()
+    }
+
+    /// Whether a time is in it, and not near to a bounce.
+    pub fn clearly_has(&self, t_s: f64) -> bool {
+        t_s > self.from_s + CLEAR_S && t_s < self.to_s - CLEAR_S
+    }
+
+    /// Whether a time is in it.
+    pub fn has(&self, t_s: f64) -> bool {
+        t_s >= self.from_s && t_s < self.to_s
+    }
+
+    /// The events of its instants.
+    pub fn windows(&self, film: &Film, windows: &Windows) -> Windows {
+        let clear = windows.iter().filter(|(moment, _)| self.clearly_has(film.moments[**moment].t_s));
+        clear.map(|(&moment, windows)| (moment, windows.clone())).collect()
+    }
+
+    /// Rates at times of stretches that each have their own, in a recording of so many seconds.
+    pub fn rates(stretches: &[Self], rates: &[DVec3], seconds: f64) -> Vec<(f64, DVec3)> {
+        let ends = |stretch: &Self| [stretch.from_s.max(0.0) + NEAR_S, stretch.to_s.min(seconds) - NEAR_S];
+        let all = std::iter::zip(stretches, rates);
+        let mut at: Vec<(f64, DVec3)> = all.flat_map(|(stretch, &rate)| ends(stretch).map(|t_s| (t_s, rate))).collect();
+        // Of a bounce at the very beginning or end nothing is left on one side.
+        at.sort_by(|a, b| a.0.total_cmp(&b.0));
+        at.dedup_by_key(|rate| rate.0);
+        at
+    }
+}
+
+/// How a thing turns in each of its stretches, by itself.
+pub fn spins(film: &Film, thing: &Thing, stretches: &[Stretch], windows: &Windows, step_s: f64) -> Vec<Spin> {
+    let spin = |stretch: &Stretch| {
+        let time = |moment: usize| film.moments[moment].t_s;
+        let from = thing.slim.partition_point(|shape| time(shape.moment) <= stretch.from_s + CLEAR_S);
+        let to = thing.slim.partition_point(|shape| time(shape.moment) < stretch.to_s - CLEAR_S);
+        let own = stretch.windows(film, windows);
+        if own.len() < FEWEST || to.saturating_sub(from) < FEWEST {
+            return None;
+        }
+        let shades = Shades::new(film, &thing.slim[from..to]);
+        let all: Vec<&Window> = own.values().flatten().collect();
+        Some(spin::spin(shades.as_ref(), &all, step_s))
+    };
+    let spins: Vec<Option<Spin>> = stretches.iter().map(spin).collect();
+    // A stretch that tells nothing turns as the nearest that does.
+    let nearest = |index: usize| {
+        let told = spins.iter().enumerate().filter_map(|(at, spin)| spin.as_ref().map(|spin| (at, spin)));
+        told.min_by_key(|(at, _)| at.abs_diff(index)).map(|(_, spin)| spin.clone()).unwrap_or_default()
+    };
+    (0..stretches.len()).map(nearest).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_lie_between_bounces() {
+        let all = Stretch::all([0.2, 0.5]);
+        assert_eq!(all.len(), 3);
+        assert!(all[0].has(-1.0) && all[1].has(0.2) && all[2].has(9.0) && !all[1].has(0.5));
+        assert!(!all[1].clearly_has(0.205) && all[1].clearly_has(0.3) && !all[1].clearly_has(0.495));
+        let rates = Stretch::rates(&all, &[DVec3::X, DVec3::Y, DVec3::Z], 1.0);
+        let times: Vec<i64> = rates.iter().map(|rate| (1e4 * rate.0).round() as i64).collect();
+        assert_eq!(times, [1, 1999, 2001, 4999, 5001, 9999]);
+        assert_eq!([rates[1].1, rates[2].1, rates[3].1], [DVec3::X, DVec3::Y, DVec3::Y]);
+        assert_eq!(Stretch::all([]), [Stretch { from_s: f64::NEG_INFINITY, to_s: f64::INFINITY }]);
+    }
+}
