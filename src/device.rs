@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
+use erfgs_splat::gpu::{AdapterChoice, Gpu, run_canary};
 use erfgs_train::{
     checkpoint::Checkpoint,
-    gpu::{AdapterChoice, Gpu, run_canary},
     scene::Scene,
     trainer::{TrainOptions, Trainer},
 };

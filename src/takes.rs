@@ -8,8 +8,9 @@ use std::{
 use anyhow::Context;
 use erfgs_base::{FileError, atomic};
 use erfgs_run::RunFolder;
+use erfgs_splat::gpu::Gpu;
 use erfgs_sweep::{Manifest, TrainedTake, TrainedWindow};
-use erfgs_train::{gpu::Gpu, trainer::Trainer};
+use erfgs_train::trainer::Trainer;
 use erfgs_view::{Learned, Precision, SceneFile, Window, alone, scene_file::fidelity};
 
 use crate::{

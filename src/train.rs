@@ -16,11 +16,10 @@ use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
 use erfgs_run::{CameraPose, CameraTime, CurveRow, LeftOut, RunFolder};
 use erfgs_scene::Modality;
+use erfgs_splat::{gpu::Gpu, ply::write_ply};
 use erfgs_train::{
     checkpoint::Checkpoint,
     config::{Config, Method, MotionModel, Preset},
-    export::write_ply,
-    gpu::Gpu,
     scene::{Flicker, Scene},
     schedule::{Budget, Clock},
     static_set::StaticSet,

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_train::export::write_ply;
+use erfgs_splat::ply::write_ply;
 use serde::Serialize;
 
 use crate::{

@@ -11,10 +11,9 @@ use erfgs_scene::{
     exr::{Layers, write_layers},
     video::VideoWriter,
 };
+use erfgs_splat::{gpu::Gpu, raster::View};
 use erfgs_train::{
-    gpu::Gpu,
     metrics::to_bytes,
-    raster::View,
     trainer::{Rendered, Trainer},
 };
 use serde::Serialize;

@@ -9,9 +9,9 @@ use std::{
 use erfgs_dataset::{Bodies, Body, BodyPose, Dataset, SurfacePoint};
 use erfgs_run::RunFolder;
 use erfgs_scene::ply::GaussianCloud;
+use erfgs_splat::gpu::{AdapterChoice, Gpu};
 use erfgs_train::{
     config::{Config, Method, MotionModel, Preset},
-    gpu::{AdapterChoice, Gpu},
     scene::Scene,
     trainer::{Progress, TrainOptions, Trainer},
 };

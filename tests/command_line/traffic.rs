@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
+use erfgs_splat::gpu::{AdapterChoice, Gpu, Shape, Traffic};
 use erfgs_train::{
     config::{Config, Method, Preset},
-    gpu::{AdapterChoice, Gpu, Shape, Traffic},
     scene::Scene,
     trainer::{Progress, TrainOptions, Trainer},
 };

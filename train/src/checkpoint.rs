@@ -16,13 +16,15 @@ use crate::{
     camera_time::CameraTimeState,
     config::Config,
     density::{Moments, Population, Seen},
+    schedule::Clock,
+};
+use erfgs_run::{LeftOut, RunError, write_atomically};
+use erfgs_splat::{
     field::{FieldState, NamedVector},
     gaussians::{CORE, Gaussians, sh_stride},
     motion::ClockRow,
     raster::PoseRow,
-    schedule::Clock,
 };
-use erfgs_run::{LeftOut, RunError, write_atomically};
 
 const MAGIC: &[u8; 8] = b"ERFGSCKP";
 /// The version where a run was stopped between two rows of its curve. Otherwise a file is of [`STATIC`] where some Gaussians are

@@ -10,12 +10,14 @@ use std::{path::PathBuf, process::ExitCode};
 
 use erfgs_dataset::Dataset;
 use erfgs_scene::ply::GaussianCloud;
-use erfgs_train::{
-    config::{Config, Method, Preset},
+use erfgs_splat::{
     gaussians::sh_stride,
     gpu::{AdapterChoice, Gpu},
-    metrics::{Picture, psnr, to_bytes, to_unit},
     raster::{Frame, GaussianBuffers, RasterError, Rasteriser, RenderOptions},
+};
+use erfgs_train::{
+    config::{Config, Method, Preset},
+    metrics::{Picture, psnr, to_bytes, to_unit},
     scene::{Scene, near_plane},
 };
 

@@ -35,7 +35,10 @@ pub(crate) use still::stands_still;
 
 use crate::{
     config::Config,
-    motion::bodies::{Recording, Start, thin},
+    start::{Recording, from_bodies, thin},
+};
+use erfgs_splat::{
+    motion::bodies::Start,
     raster::{RasterError, View},
 };
 
@@ -312,7 +315,7 @@ impl Scene {
             thin(body, apart_m)
         };
         let bodies: Vec<Body> = self.carrying(config)?.into_iter().map(thinned).collect();
-        Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
+        Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 
     /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view.

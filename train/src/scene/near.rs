@@ -1,7 +1,7 @@
 //! How near to a camera there is something to see.
 
 use super::Point;
-use crate::raster::View;
+use erfgs_splat::raster::View;
 
 /// Fewer points than this in view say nothing.
 const LEAST_POINTS: usize = 100;

@@ -6,10 +6,8 @@
 //! even across a bounce.
 
 use super::{TrainError, Trainer};
-use crate::{
-    config::{Config, Pairing},
-    motion::Motion,
-};
+use crate::config::{Config, Pairing};
+use erfgs_splat::motion::Motion;
 
 /// The first part reaches so many RGB intervals to either side, and grows by so many at a time.
 const FIRST: f64 = 1.1;

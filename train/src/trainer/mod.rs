@@ -35,19 +35,21 @@ use crate::{
     config::{Config, ConfigError, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
-    field::FieldState,
-    gaussians::Gaussians,
-    gpu::Gpu,
     losses::Levels,
-    motion::Motion,
-    optimiser::FiniteCheck,
-    raster::{Region, View},
     scene::{Scene, SceneError, SceneView},
     schedule::{Budget, Clock, Schedule, Stage},
 };
 use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
 use erfgs_run::{CameraColour, CameraPose, CameraTime, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
+use erfgs_splat::{
+    field::FieldState,
+    gaussians::Gaussians,
+    gpu::Gpu,
+    motion::Motion,
+    optimiser::FiniteCheck,
+    raster::{Region, View},
+};
 
 /// A photometric loss that pictures without anything in them may not have: five grey levels.
 const FAR_OFF: f64 = 0.02;
@@ -456,7 +458,7 @@ impl<'a> Trainer<'a> {
             self.model.motion.as_ref().and_then(Motion::bodies).map_or([(rows, 0); 2], |bodies| bodies.values());
         for (what, buffer, floats) in [
             ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
-            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * crate::raster::sh_stride(gaussians.sh_degree)),
+            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * erfgs_splat::raster::sh_stride(gaussians.sh_degree)),
             (TRAJECTORIES, rows, row_floats),
             (PATHS, paths, path_floats),
             (PATHS, nodes, node_floats),

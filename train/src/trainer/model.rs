@@ -6,14 +6,16 @@ use super::{StageTimes, TrainError};
 use crate::{
     config::{Config, FieldOptions, MotionModel},
     density::{Moments, Population},
+    scene::Scene,
+};
+use erfgs_splat::{
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
     motion::{Bodies, ClockRow, FreeTime, Motion, MotionRows, Witness},
+    optimiser::decayed,
     optimiser::{Adam, AdamBuffers, AdamConfig},
     raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted},
-    scene::Scene,
-    schedule::decayed,
 };
 
 /// A rendering and what its backward pass needs.

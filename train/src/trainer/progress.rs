@@ -3,14 +3,12 @@
 use crate::{
     checkpoint::CheckpointError,
     config::ConfigError,
-    field::FieldError,
-    gpu::GpuError,
     metrics::MetricError,
-    raster::RasterError,
     scene::SceneError,
     schedule::{Budget, Stage},
 };
 use erfgs_run::RunError;
+use erfgs_splat::{field::FieldError, gpu::GpuError, raster::RasterError};
 use serde::Serialize;
 
 use super::Trainer;

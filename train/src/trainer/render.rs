@@ -1,10 +1,8 @@
 //! Rendering of the learned scene.
 
 use super::{TrainError, Trainer, model::Rendering};
-use crate::{
-    raster::{LOW_PASS, View},
-    scene::near_plane,
-};
+use crate::scene::near_plane;
+use erfgs_splat::raster::{LOW_PASS, View};
 
 /// A rendering, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +21,7 @@ impl Trainer<'_> {
     /// # Errors
     /// [`TrainError`] where the device fails.
     pub fn render(&mut self, view: &View, t01: f64) -> Result<Rendered, TrainError> {
-        let options = crate::raster::RenderOptions {
+        let options = erfgs_splat::raster::RenderOptions {
             depth: true,
             near: self.near(view),
             low_pass: self.low_pass(view),

@@ -13,13 +13,15 @@ use super::{
 use crate::{
     checkpoint::LossSums,
     config::{MotionModel, Norm, Pairing, Switch},
-    field::{Blend, Outputs, Tape},
-    gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
-    motion::{Motion, Witness},
-    raster::{Region, RenderOptions, View, Wanted},
     scene::TrainFrame,
     schedule::Stage,
+};
+use erfgs_splat::{
+    field::{Blend, Outputs, Tape},
+    gpu::Gpu,
+    motion::{Motion, Witness},
+    raster::{Region, RenderOptions, View, Wanted},
 };
 
 const EXPOSURE: u64 = 0x6578_706f;

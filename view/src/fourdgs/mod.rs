@@ -7,11 +7,13 @@
 
 mod chords;
 
-use erfgs_train::{
-    config::MotionModel,
+use erfgs_splat::{
     gaussians::{CORE, Gaussians, SH_C0, sh_stride, sigmoid},
     gpu::Gpu,
     motion::{FreeTimeOptions, Motion, bodies::EXTRA_FLOATS},
+};
+use erfgs_train::{
+    config::MotionModel,
     schedule::Stage,
     trainer::{TrainError, Trainer},
 };

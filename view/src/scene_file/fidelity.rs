@@ -1,10 +1,9 @@
 //! What the codes of a file cost a picture.
 
+use erfgs_splat::{gpu::Gpu, raster::View};
 use erfgs_train::{
     density::Moments,
-    gpu::Gpu,
     metrics::{Picture, psnr, to_bytes, to_unit},
-    raster::View,
     trainer::{TrainError, TrainOptions, Trainer},
 };
 

@@ -14,9 +14,11 @@ mod read;
 use std::{io::Write as _, ops::Range};
 
 use erfgs_dataset::Split;
-use erfgs_train::{
+use erfgs_splat::{
     gaussians::{CORE, select_rows, sh_stride},
     raster::View,
+};
+use erfgs_train::{
     scene::{EventView, Scene, SceneError},
     schedule::Stage,
     trainer::{TrainError, Trainer},

@@ -1,15 +1,14 @@
 //! How the Gaussians of a file move: what the header says of it, and the sections that it takes.
 
-use erfgs_train::{
-    config::MotionModel,
+use erfgs_splat::{
     field::{FieldState, NamedVector},
     motion::{
         FreeTimeOptions, Motion,
         bodies::{EXTRA_FLOATS, NEVER, SOFTNESS},
         free_time,
     },
-    trainer::Trainer,
 };
+use erfgs_train::{config::MotionModel, trainer::Trainer};
 use serde::{Deserialize, Serialize};
 
 use super::{Coding, Part};

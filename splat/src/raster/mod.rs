@@ -15,7 +15,7 @@ mod uniform;
 pub use bench::{BenchResult, BenchScene, bench};
 pub use buffers::Deltas;
 pub use frame::Frame;
-pub(crate) use kernels::HARMONICS;
+pub use kernels::HARMONICS;
 pub use rasteriser::Rasteriser;
 pub use region::Region;
 pub use types::{

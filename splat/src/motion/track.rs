@@ -1,11 +1,12 @@
 //! A way through places at some instants, and where it is between them.
 
 /// How many intervals later, and how far from the place at the instant itself: in the order of time, with (0, 0) among them.
-pub(super) type Track = Vec<(f32, [f32; 3])>;
+pub type Track = Vec<(f32, [f32; 3])>;
 
 /// Where `track` is `dt` intervals after its instant: a cubic from each place to the next with the tangents of parabolas through
 /// three of them, and straight on beyond the last.
-pub(super) fn along(track: &[(f32, [f32; 3])], dt: f32) -> [f32; 3] {
+#[must_use]
+pub fn along(track: &[(f32, [f32; 3])], dt: f32) -> [f32; 3] {
     std::array::from_fn(|axis| one_axis(track, dt, axis))
 }
 

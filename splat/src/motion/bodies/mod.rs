@@ -17,15 +17,11 @@ mod carry_on;
 mod device;
 mod index;
 mod options;
-mod rest;
 pub mod spline;
 mod start;
 #[cfg(test)]
 mod tests;
-mod thin;
 
 pub use device::{Bodies, SOFTNESS};
-pub use options::BodiesOptions;
-pub(crate) use options::MOST_NODES;
-pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Recording, Start};
-pub use thin::thin;
+pub use options::{BodiesOptions, MOST_NODES};
+pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Start};

@@ -80,4 +80,4 @@ impl Default for BodiesOptions {
 }
 
 /// More nodes have never been of use; each row names four of them in numbers that single precision holds.
-pub(crate) const MOST_NODES: u32 = 1 << 12;
+pub const MOST_NODES: u32 = 1 << 12;

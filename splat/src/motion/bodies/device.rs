@@ -4,10 +4,9 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
 use super::{
-    BodiesOptions, Start,
+    BodiesOptions, NEIGHBOURS, Start,
     carry_on::{Paths, gate_within},
     index::Index,
-    start::NEIGHBOURS,
 };
 use crate::{
     field::{FieldError, FieldState, NamedVector, Tape},
@@ -16,9 +15,8 @@ use crate::{
         ClockRow, FreeTime, MotionRows, Witness,
         free_time::{FreeTimeOptions, GONE},
     },
-    optimiser::{Adam, AdamBuffers, AdamConfig},
+    optimiser::{Adam, AdamBuffers, AdamConfig, decayed},
     raster::Deltas,
-    schedule::decayed,
 };
 
 /// How softly a body appears and vanishes, seconds.

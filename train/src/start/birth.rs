@@ -11,14 +11,14 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::{
-    free_time::FreeTimeOptions,
-    shutter::shrunk,
-    track::{Track, along},
-};
-use crate::{
+use super::shutter::shrunk;
+use crate::scene::Point;
+use erfgs_splat::{
     gaussians::{CORE, Gaussians, Neighbours},
-    scene::Point,
+    motion::{
+        FreeTimeOptions,
+        track::{Track, along},
+    },
 };
 
 /// Points that take their mean displacement together, and in how many rounds. The first rounds are many: each brings a thing
@@ -298,7 +298,7 @@ mod tests {
     use erfgs_base::random;
 
     use super::*;
-    use crate::motion::free_time::ROW;
+    use erfgs_splat::motion::free_time::ROW;
 
     /// Points in a ball around `centre`, of about `colour`.
     fn ball(seed: u64, centre: [f32; 3], colour: [u8; 3]) -> impl Iterator<Item = Point> {

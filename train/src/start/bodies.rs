@@ -3,17 +3,15 @@
 use erfgs_dataset::{Body, BodyPose};
 use glam::{DQuat, DVec3, DVec4};
 
-use super::{BodiesOptions, spline};
-use crate::{
+use crate::scene::Point;
+use erfgs_splat::{
     gaussians::{Gaussians, Neighbours},
-    motion::free_time::FreeTimeOptions,
-    scene::Point,
+    motion::{
+        BodiesOptions, FreeTimeOptions,
+        bodies::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Start, spline},
+    },
 };
 
-/// Vectors of a row of a Gaussian beside its path: see `row.wgsl`.
-pub const EXTRA_FLOATS: usize = 8;
-/// Neighbours of a node on either side, at most.
-pub const NEIGHBOURS: usize = 16;
 /// Neighbours that a node looks for.
 const NEAREST: usize = 6;
 /// The nodes that a Gaussian hangs on.
@@ -24,35 +22,8 @@ const FEWEST_NODES: usize = 5;
 const MOST_TURN: f64 = 1.0;
 /// Most control points of all bodies and nodes together: 64 MiB of them.
 const MOST_CONTROL: usize = 1 << 21;
-/// The instant of a Gaussian that a body carries, as one that is free in time would have it: never.
-pub const NEVER: f32 = 1e9;
 /// How much third differences of control points count beside errors of poses, squared.
 const STIFFNESS: f64 = 1e-3;
-
-/// Where bodies start from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Start {
-    /// How many.
-    pub bodies: usize,
-    /// What they are called.
-    pub names: Vec<String>,
-    /// Whether how each turns between instants is a guess: frames did not tell.
-    pub guessed: Vec<bool>,
-    /// How many nodes they have in all.
-    pub nodes: usize,
-    /// Control points of each.
-    pub knots: usize,
-    /// Stretches between knots in a second.
-    pub per_second: f64,
-    /// Control points: see `shared.wgsl`.
-    pub control: Vec<f32>,
-    /// Gates and nodes: see `poses.wgsl`.
-    pub other: Vec<f32>,
-    /// Neighbours of nodes: see `settle.wgsl`.
-    pub neighbours: Vec<u32>,
-    /// The Gaussians of all bodies, with their rows.
-    pub gaussians: Gaussians,
-}
 
 /// What a recording is like, as bodies need to know it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,69 +46,66 @@ impl Recording {
     }
 }
 
-impl Start {
-    /// Control points, nodes and Gaussians of `bodies`; rows are as long as those of `free` and what bodies need.
-    #[must_use]
-    pub fn new(
-        bodies: &[Body],
-        recording: Recording,
-        sh_degree: u32,
-        options: &BodiesOptions,
-        free: &FreeTimeOptions,
-    ) -> Self {
-        let length = recording.length();
-        let interval = length / recording.intervals.max(1e-6);
-        let fastest = bodies.iter().map(fastest_turn).fold(0.0, f64::max);
-        let spacing = (interval / f64::from(options.knots)).min(MOST_TURN / fastest.max(1e-9));
-        let total = bodies.iter().map(|body| (body.points.len() as f64).sqrt()).sum::<f64>();
-        let mut nodes: Vec<(usize, DVec3, f64)> = Vec::new();
-        let mut gaussians =
-            Gaussians { sh_degree, motion_floats: free.floats() + EXTRA_FLOATS, ..Gaussians::default() };
-        for (index, body) in bodies.iter().enumerate() {
-            let places: Vec<DVec3> = body.points.iter().map(|point| DVec3::from(point.position_m)).collect();
-            let share = f64::from(options.nodes) * (places.len() as f64).sqrt() / total.max(1e-9);
-            let rests = spread(&places, (share as usize).max(FEWEST_NODES));
-            let reach = reach_of(&rests).ln();
-            let first = nodes.len();
-            nodes.extend(rests.into_iter().map(|rest| (index, rest, reach)));
-            add_gaussians(&mut gaussians, body, index, &nodes[first..], first, options, free);
+/// Control points, nodes and Gaussians of `bodies`; rows are as long as those of `free` and what bodies need.
+#[must_use]
+pub fn from_bodies(
+    bodies: &[Body],
+    recording: Recording,
+    sh_degree: u32,
+    options: &BodiesOptions,
+    free: &FreeTimeOptions,
+) -> Start {
+    let length = recording.length();
+    let interval = length / recording.intervals.max(1e-6);
+    let fastest = bodies.iter().map(fastest_turn).fold(0.0, f64::max);
+    let spacing = (interval / f64::from(options.knots)).min(MOST_TURN / fastest.max(1e-9));
+    let total = bodies.iter().map(|body| (body.points.len() as f64).sqrt()).sum::<f64>();
+    let mut nodes: Vec<(usize, DVec3, f64)> = Vec::new();
+    let mut gaussians = Gaussians { sh_degree, motion_floats: free.floats() + EXTRA_FLOATS, ..Gaussians::default() };
+    for (index, body) in bodies.iter().enumerate() {
+        let places: Vec<DVec3> = body.points.iter().map(|point| DVec3::from(point.position_m)).collect();
+        let share = f64::from(options.nodes) * (places.len() as f64).sqrt() / total.max(1e-9);
+        let rests = spread(&places, (share as usize).max(FEWEST_NODES));
+        let reach = reach_of(&rests).ln();
+        let first = nodes.len();
+        nodes.extend(rests.into_iter().map(|rest| (index, rest, reach)));
+        add_gaussians(&mut gaussians, body, index, &nodes[first..], first, options, free);
+    }
+    gaussians.dynamic = gaussians.len();
+    let count = bodies.len() + nodes.len();
+    let most = (MOST_CONTROL / count.max(1)).max(4);
+    let knots = ((length / spacing).ceil() as usize).clamp(1, most - 3) + 3;
+    let per_second = (knots - 3) as f64 / length;
+    let mut control = vec![0.0_f32; knots * count * 8];
+    for (index, body) in bodies.iter().enumerate() {
+        for (knot, [x, y, z, qw, qx, qy, qz]) in path(body, recording, knots, per_second).into_iter().enumerate() {
+            let turn = DVec4::new(qw, qx, qy, qz).normalize_or(DVec4::X);
+            let row = [x, y, z, 0.0, turn.x, turn.y, turn.z, turn.w].map(|value| value as f32);
+            control[8 * (knot * count + index)..][..8].copy_from_slice(&row);
         }
-        gaussians.dynamic = gaussians.len();
-        let count = bodies.len() + nodes.len();
-        let most = (MOST_CONTROL / count.max(1)).max(4);
-        let knots = ((length / spacing).ceil() as usize).clamp(1, most - 3) + 3;
-        let per_second = (knots - 3) as f64 / length;
-        let mut control = vec![0.0_f32; knots * count * 8];
-        for (index, body) in bodies.iter().enumerate() {
-            for (knot, [x, y, z, qw, qx, qy, qz]) in path(body, recording, knots, per_second).into_iter().enumerate() {
-                let turn = DVec4::new(qw, qx, qy, qz).normalize_or(DVec4::X);
-                let row = [x, y, z, 0.0, turn.x, turn.y, turn.z, turn.w].map(|value| value as f32);
-                control[8 * (knot * count + index)..][..8].copy_from_slice(&row);
-            }
+    }
+    for knot in 0..knots {
+        for node in 0..nodes.len() {
+            control[8 * (knot * count + bodies.len() + node) + 4] = 1.0;
         }
-        for knot in 0..knots {
-            for node in 0..nodes.len() {
-                control[8 * (knot * count + bodies.len() + node) + 4] = 1.0;
-            }
-        }
-        let gate = |body: &Body| {
-            let [begin, end] = body.span_ns.map(|t_ns| recording.seconds(t_ns) as f32);
-            let comes_or_goes = body.span_ns[0] > recording.span_ns[0] || body.span_ns[1] < recording.span_ns[1];
-            [begin, end, f32::from(u8::from(comes_or_goes)), 0.0]
-        };
-        let node = |(_, rest, reach): &(usize, DVec3, f64)| [rest.x, rest.y, rest.z, *reach].map(|value| value as f32);
-        Self {
-            bodies: bodies.len(),
-            names: bodies.iter().map(|body| body.name.clone()).collect(),
-            guessed: bodies.iter().map(guessed).collect(),
-            nodes: nodes.len(),
-            knots,
-            per_second,
-            control,
-            other: bodies.iter().map(gate).chain(nodes.iter().map(node)).flatten().collect(),
-            neighbours: neighbours(&nodes),
-            gaussians,
-        }
+    }
+    let gate = |body: &Body| {
+        let [begin, end] = body.span_ns.map(|t_ns| recording.seconds(t_ns) as f32);
+        let comes_or_goes = body.span_ns[0] > recording.span_ns[0] || body.span_ns[1] < recording.span_ns[1];
+        [begin, end, f32::from(u8::from(comes_or_goes)), 0.0]
+    };
+    let node = |(_, rest, reach): &(usize, DVec3, f64)| [rest.x, rest.y, rest.z, *reach].map(|value| value as f32);
+    Start {
+        bodies: bodies.len(),
+        names: bodies.iter().map(|body| body.name.clone()).collect(),
+        guessed: bodies.iter().map(guessed).collect(),
+        nodes: nodes.len(),
+        knots,
+        per_second,
+        control,
+        other: bodies.iter().map(gate).chain(nodes.iter().map(node)).flatten().collect(),
+        neighbours: neighbours(&nodes),
+        gaussians,
     }
 }
 
@@ -300,7 +268,7 @@ mod tests {
     use erfgs_dataset::SurfacePoint;
 
     use super::*;
-    use crate::{
+    use erfgs_splat::{
         gaussians::CORE,
         reference::bodies::{Control, pose},
     };
@@ -331,7 +299,7 @@ mod tests {
     }
 
     fn start(bodies: &[Body], options: &BodiesOptions) -> Start {
-        Start::new(bodies, RECORDING, 1, options, &FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() })
+        from_bodies(bodies, RECORDING, 1, options, &FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() })
     }
 
     /// The control points of a body or node.
@@ -426,7 +394,7 @@ mod tests {
         let start = start(&[still, wild], &BodiesOptions { nodes: 1, ..BodiesOptions::default() });
         assert!(start.control.len() <= 8 * MOST_CONTROL);
         assert!(start.control.iter().chain(&start.other).chain(&start.gaussians.core).all(|value| value.is_finite()));
-        let none = Start::new(&[], RECORDING, 0, &BodiesOptions::default(), &FreeTimeOptions::default());
+        let none = from_bodies(&[], RECORDING, 0, &BodiesOptions::default(), &FreeTimeOptions::default());
         assert_eq!((none.bodies, none.nodes, none.gaussians.len()), (0, 0, 0));
     }
 }

@@ -24,7 +24,6 @@ use wgpu::Buffer;
 
 use super::{ClockRow, MotionRows, Witness, track};
 use crate::{
-    config::ConfigError,
     field::{FieldError, Tape},
     gpu::{Gpu, GpuError, Kernel, Shape},
     raster::Deltas,
@@ -38,9 +37,9 @@ pub const ROW: usize = 8;
 pub const GONE: f32 = -30.0;
 
 /// Most knots on either side of an instant.
-pub(crate) const MOST_KNOTS: u32 = 16;
+pub const MOST_KNOTS: u32 = 16;
 /// Most births between two instants.
-pub(crate) const MOST_BETWEEN: u32 = 16;
+pub const MOST_BETWEEN: u32 = 16;
 
 /// What paths are fitted to between the middles of two exposures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -121,16 +120,28 @@ impl Default for FreeTimeOptions {
     }
 }
 
+/// Rows cannot have a path.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{key} = {value} is out of range: {reason}")]
+pub struct PathError {
+    /// The option, as configurations name it.
+    pub key: &'static str,
+    /// Its value.
+    pub value: String,
+    /// What is allowed.
+    pub reason: &'static str,
+}
+
 /// Where things go farther than this share of the picture's width from frame to frame, no path that can be learned leads from one to the
 /// next, and Gaussians live half as long.
-pub(crate) const FAR: f64 = 1.0 / 6.0;
+pub const FAR: f64 = 1.0 / 6.0;
 /// The life that a Gaussian starts with where things go less far, RGB intervals.
 const FIRST_LIFE: f32 = 0.5;
 
 impl FreeTimeOptions {
     /// Decides on lives and on births between frames where the fastest things go by `displacement` (a share of the picture's width) from
     /// frame to frame, if that is known and events tell what is between.
-    pub(crate) fn live(&mut self, displacement: Option<f64>) {
+    pub fn live(&mut self, displacement: Option<f64>) {
         let far = displacement.is_some_and(|displacement| displacement > FAR);
         self.first_life = if far { 0.5 } else { 1.0 } * FIRST_LIFE;
         self.least_life = 0.5 * self.first_life;
@@ -140,17 +151,16 @@ impl FreeTimeOptions {
 
     /// Lets frames alone tell of paths: they leave so little unseen that a parabola through three of them is better known than any
     /// path between two.
-    pub(crate) fn follow_frames(&mut self) {
+    pub fn follow_frames(&mut self) {
         (self.knots, self.first_life, self.least_life) = (0, 1.0, 0.5);
     }
 
     /// Whether rows can have such a path.
     ///
     /// # Errors
-    /// [`ConfigError::OutOfRange`].
-    pub fn check_path(&self) -> Result<(), ConfigError> {
-        let refuse =
-            |key, value, reason: &str| Err(ConfigError::OutOfRange { key, value, reason: String::from(reason) });
+    /// [`PathError`].
+    pub fn check_path(&self) -> Result<(), PathError> {
+        let refuse = |key, value, reason| Err(PathError { key, value, reason });
         if self.knots == 1 || self.knots > MOST_KNOTS {
             return refuse("free_time.knots", self.knots.to_string(), "0 (a parabola), or 2 to 16 on either side");
         }
@@ -215,7 +225,7 @@ impl FreeTimeOptions {
 
     /// The row of a Gaussian that is born at `instant` with a velocity, metres an interval.
     #[must_use]
-    pub(crate) fn born(&self, instant: f32, velocity: [f32; 3]) -> Vec<f32> {
+    pub fn born(&self, instant: f32, velocity: [f32; 3]) -> Vec<f32> {
         let [x, y, z] = velocity;
         match self.knots {
             0 => vec![x, y, z, instant, 0.0, 0.0, 0.0, self.log_life()],
@@ -224,7 +234,7 @@ impl FreeTimeOptions {
     }
 
     /// A row that is at its place at `instant` and where `path` says so many intervals later.
-    pub(crate) fn bent(&self, instant: f32, path: impl Fn(f32) -> [f32; 3]) -> Vec<f32> {
+    pub fn bent(&self, instant: f32, path: impl Fn(f32) -> [f32; 3]) -> Vec<f32> {
         let side = self.knots as i32;
         let knots = (-side..=side).filter(|knot| *knot != 0).map(|knot| path(knot as f32 * self.spacing));
         let mut row: Vec<f32> = knots.flat_map(|[x, y, z]| [x, y, z, 0.0]).collect();

@@ -5,18 +5,14 @@
 //! ([`crate::field`]); rows of their own for each Gaussian, born at an instant with a velocity ([`free_time`]); and bodies, whose
 //! paths many Gaussians share for the whole recording ([`bodies`]).
 
-pub mod birth;
 pub mod bodies;
 pub mod free_time;
-mod shutter;
-mod track;
+pub mod track;
 
 use wgpu::Buffer;
 
-pub(crate) use bodies::MOST_NODES;
-pub use bodies::{Bodies, BodiesOptions};
-pub(crate) use free_time::{FAR, MOST_BETWEEN, MOST_KNOTS};
-pub use free_time::{FreeTime, FreeTimeOptions, Guide};
+pub use bodies::{Bodies, BodiesOptions, MOST_NODES};
+pub use free_time::{FAR, FreeTime, FreeTimeOptions, Guide, MOST_BETWEEN, MOST_KNOTS, PathError};
 
 use crate::{
     field::{Field, FieldError, FieldState, Outputs, Tape},

@@ -7,7 +7,8 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::{gaussians::Neighbours, scene::Point};
+use crate::scene::Point;
+use erfgs_splat::gaussians::Neighbours;
 
 /// Points belong to one thing if their colours are no farther apart than this, of 255.
 const ALIKE: f32 = 60.0;

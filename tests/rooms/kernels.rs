@@ -1,3 +1,5 @@
+//! The loops of all compute kernels, which run without wgpu's own counter in each.
+
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -45,7 +47,9 @@ fn every_loop_of_a_kernel_counts_towards_a_bound() {
     // Steps that are not written out; the host gives none of 0: threads that are dispatched are at least one.
     const GIVEN: [&str; 4] = ["p.threads", "step.threads", "groups.x * THREADS", "groups.x * 256u"];
     let mut files = Vec::new();
-    kernels(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut files);
+    for room in ["splat", "train"] {
+        kernels(&erfgs_recordings::root().join(room).join("src"), &mut files);
+    }
     assert!(files.len() > 50, "{files:?}");
     let mut loops = 0;
     for file in &files {

@@ -5,7 +5,8 @@ use crate::gpu::{Gpu, Kernel};
 const VIEW: &str = include_str!("shared/view.wgsl");
 const SPLAT: &str = include_str!("shared/splat.wgsl");
 const GAUSSIAN: &str = include_str!("shared/gaussian.wgsl");
-pub(crate) const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
+/// WGSL of the basis of spherical harmonics and of how much of it is in use.
+pub const HARMONICS: &str = include_str!("shared/harmonics.wgsl");
 const COLOUR: &str = include_str!("shared/colour.wgsl");
 
 /// Threads of a workgroup of the stages with one thread a Gaussian.

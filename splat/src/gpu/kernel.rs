@@ -24,22 +24,32 @@ pub struct Bound {
 }
 
 impl Gpu {
-    /// Compiles a kernel. `parts` are joined in order: constants first, then shared WGSL, then the stage itself, whose
-    /// entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
-    ///
-    /// Each loop has to end by itself: its counter goes by steps other than 0 towards a bound.
+    /// Compiles a kernel of this crate; see [`Self::trusted_kernel`].
+    #[expect(unsafe_code, reason = "a test reads the loops of this crate's kernels")]
+    pub(crate) fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
+        // SAFETY: Each loop of this crate's kernels counts towards a bound, which a test reads off them (`tests/rooms/kernels.rs`).
+        unsafe { self.trusted_kernel(label, parts) }
+    }
+
+    /// Compiles a kernel without wgpu's own counter in each loop. `parts` are joined in order: constants first, then shared WGSL, then
+    /// the stage itself, whose entry point is `main` and whose bindings are all in group 0, numbered from 0, each used by the kernel.
     ///
     /// A WGSL error surfaces at the next [`Gpu::wait`].
+    ///
+    /// # Safety
+    /// Each loop has to end by itself: its counter goes by steps other than 0 towards a bound. A loop that never ends is undefined
+    /// behaviour.
+    #[must_use]
     #[expect(
         unsafe_code,
         reason = "wgpu's own counter in each loop costs the backward blending of a graphics processor half its speed"
     )]
-    pub(crate) fn kernel(&self, label: &str, parts: &[&str]) -> Kernel {
+    pub unsafe fn trusted_kernel(&self, label: &str, parts: &[&str]) -> Kernel {
         let source = parts.join("\n");
         let text = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(source.into()) };
         let checks = wgpu::ShaderRuntimeChecks { force_loop_bounding: false, ..wgpu::ShaderRuntimeChecks::checked() };
-        // SAFETY: Without a counter of its own in each loop, a loop that never ends would be undefined. Kernels are our own text, and
-        // each of their loops counts towards a bound, which a test reads off them. All other checks stay.
+        // SAFETY: Without a counter of its own in each loop, a loop that never ends would be undefined; the caller has none. All other
+        // checks stay.
         let module = unsafe { self.device.create_shader_module_trusted(text, checks) };
         let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
@@ -71,6 +81,3 @@ impl Gpu {
         Bound { label: Arc::clone(&kernel.label), pipeline: kernel.pipeline.clone(), group }
     }
 }
-
-#[cfg(test)]
-mod tests;

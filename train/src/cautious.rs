@@ -1,6 +1,6 @@
 //! Adam on the host for the few numbers of a camera, of which a mean gradient may be chance.
 
-use super::AdamConfig;
+use erfgs_splat::optimiser::AdamConfig;
 
 /// A camera takes some hundred steps.
 const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
