@@ -35,7 +35,7 @@ fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffi
     trainer.run(&run, &options, &warm, &mut watch).expect("a warm-up");
     trainer.times.start();
     trainer.run(&run, &options, &AtomicBool::new(false), &mut |_: &Progress| {}).expect("a training");
-    (trainer.times.traffic, trainer.model.gaussians.count)
+    (trainer.times.traffic, trainer.model.drawn.gaussians.count)
 }
 
 #[test]

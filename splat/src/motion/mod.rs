@@ -7,12 +7,14 @@
 
 pub mod bodies;
 pub mod free_time;
+mod plan;
 pub mod track;
 
 use wgpu::Buffer;
 
 pub use bodies::{Bodies, BodiesOptions, MOST_NODES};
 pub use free_time::{FAR, FreeTime, FreeTimeOptions, Guide, MOST_BETWEEN, MOST_KNOTS, PathError};
+pub use plan::MotionPlan;
 
 use crate::{
     field::{Field, FieldError, FieldState, Outputs, Tape},

@@ -11,7 +11,6 @@ mod flicker;
 mod load;
 mod memory;
 mod motion;
-mod near;
 mod pictures;
 mod still;
 mod words;
@@ -29,7 +28,6 @@ pub(crate) use load::{extent, median};
 pub(crate) use memory::check as check_memory;
 pub(crate) use motion::grow;
 pub use motion::{MotionMasks, classify, project};
-pub use near::near_plane;
 pub use pictures::{Pictures, Pixels};
 pub(crate) use still::stands_still;
 
