@@ -21,8 +21,12 @@ impl Trainer<'_> {
             Some(rendering) => rendering,
             empty => empty.insert(Rendering::new(self.gpu)?),
         };
-        self.model.forward(self.gpu, view, t01, &options, rendering, &mut self.times)?;
-        Ok(rendering.picture(self.gpu)?)
+        loop {
+            self.model.forward(self.gpu, view, t01, &options, rendering, &mut self.times)?;
+            if rendering.is_complete(self.gpu)? {
+                return Ok(rendering.picture(self.gpu)?);
+            }
+        }
     }
 
     /// The near plane, metres. A training camera with frames is rendered as it was trained; in front of any other, event cameras
