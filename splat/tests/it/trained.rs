@@ -178,3 +178,50 @@ fn a_run_that_cannot_be_drawn_says_why() {
     fs::write(&file, bytes).expect("a file");
     assert!(refused().to_string().contains("checksum"));
 }
+
+/// The places of all values of a JSON text that hold no others.
+fn leaves(value: &Value, at: String, found: &mut Vec<String>) {
+    match value {
+        Value::Object(fields) => fields.iter().for_each(|(key, value)| leaves(value, format!("{at}/{key}"), found)),
+        Value::Array(values) => {
+            values.iter().enumerate().for_each(|(index, value)| leaves(value, format!("{at}/{index}"), found));
+        }
+        _ => found.push(at),
+    }
+}
+
+#[test]
+fn whatever_a_header_says_is_drawn_or_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = folder.path();
+    let gpu = Gpu::open(&AdapterChoice::default()).expect("an adapter");
+    let learned = learned();
+    let good = header(&learned);
+    let mut places = Vec::new();
+    leaves(&good, String::new(), &mut places);
+    assert!(places.len() > 60, "{places:?}");
+    let (mut drawn, drawing) = (0, [json!(-1), json!(3e38)]);
+    for place in &places {
+        for odd in [json!(-1), json!(0), json!(3e38), json!(u64::MAX), json!(i64::MIN), Value::Null, json!("x")] {
+            let mut header = good.clone();
+            header.pointer_mut(place).expect("a value").clone_from(&odd);
+            save(run, &header, &learned);
+            let Ok(learned) = Reconstruction::read(run) else { continue };
+            // Kernels take a while to be made: two of them are drawn.
+            if !drawing.contains(&odd) {
+                continue;
+            }
+            let Ok(mut scene) = TrainedScene::new(&gpu, learned) else { continue };
+            let t01 = scene.record().share(1.0);
+            drawn += u32::from(scene.render(&VIEW, t01).is_ok());
+            scene.gaussians_at(t01).expect("Gaussians");
+        }
+    }
+    assert!(drawn > 20, "{drawn}");
+    // Nobody is there, either.
+    let mut nobody = learned;
+    nobody.gaussians = Gaussians { motion_floats: nobody.gaussians.motion_floats, ..Gaussians::default() };
+    save(run, &header(&nobody), &nobody);
+    let picture = TrainedScene::open(&gpu, run).expect("a scene").render(&VIEW, 0.5).expect("a picture");
+    assert!(picture.rgb.iter().all(|value| *value == 0.0) && picture.transmittance.iter().all(|light| *light == 1.0));
+}
