@@ -31,10 +31,10 @@ for argument in "${@:2}"; do
 done
 
 # Tests run once. Where what they do themselves is little, it takes longer to optimise them than they ever run; the libraries that they
-# test are compiled as for everything else. Of the calibration and the trainer that is so of unit tests alone.
+# test are compiled as for everything else. Of the calibration, the trainer and the renderer that is so of unit tests alone.
 case $form:$CARGO_PKG_NAME:$source in
   test:erfgs-base:* | test:erfgs-recorder:* | test:erfgs-replay:* | test:erfgs-rig:* | test:erfgs-scene:* | \
-    test:erfgs-session:* | test:erfgs-sync:* | test:erfgs-calibrate:*src/lib.rs | test:erfgs-train:*src/lib.rs)
+    test:erfgs-session:* | test:erfgs-sync:* | test:erfgs-calibrate:*src/lib.rs | test:erfgs-train:*src/lib.rs | test:erfgs-splat:*src/lib.rs)
     set -- "$@" -C opt-level=0
     level=0
     ;;

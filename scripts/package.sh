@@ -17,7 +17,7 @@ case "${1:-}" in
   *) sed -n '2,8p' "$0" | cut -c3-; [ "$1" = -h ] || [ "$1" = --help ] && exit 0 || exit 2 ;;
 esac
 
-crates=(base events scene session rig)
+crates=(base events scene splat session rig)
 export CARGO_INCREMENTAL=0 CARGO_PROFILE_DEV_DEBUG=false
 # .ci/run has had clippy look at them.
 unset RUSTC_WORKSPACE_WRAPPER
@@ -94,6 +94,7 @@ if $compile; then
   alone base files parallel
   alone events aedat4 npz digest serde
   alone scene cameras images formats exr
+  alone splat
   alone session file pictures export exr rosbag2
   alone rig evk4 davis346 frames trigger
 fi

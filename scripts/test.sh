@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what is missing and runs all tests, the emulated devices beside them. Arguments go to `cargo test`, which then runs
-# alone: scripts/test.sh -p erfgs-train raster
+# alone: scripts/test.sh -p erfgs-splat raster
 # At the end it says which tests were not run for want of recordings that may not be passed on (tests/recordings).
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -5,9 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
+use erfgs_splat::{
+    gpu::{AdapterChoice, Gpu, run_canary},
+    trained::{Reconstruction, TrainedError, TrainedScene},
+};
 use erfgs_train::{
     checkpoint::Checkpoint,
-    gpu::{AdapterChoice, Gpu, run_canary},
     scene::Scene,
     trainer::{TrainOptions, Trainer},
 };
@@ -57,18 +60,34 @@ impl TrainedRun {
         &self.adapter
     }
 
-    /// The device, for [`Self::trainer`].
+    /// The device, for [`Self::scene`] and [`Self::trainer`].
     pub fn device(&self) -> anyhow::Result<Gpu> {
         self.adapter.open()
     }
 
-    /// The run's scene and what it learned.
-    pub fn trainer<'a>(&self, gpu: &'a Gpu, folder: &RunFolder) -> anyhow::Result<Trainer<'a>> {
+    /// What the run learned, drawn without its dataset; a run of an earlier version is opened with it.
+    pub fn scene<'a>(&self, gpu: &'a Gpu, folder: &RunFolder) -> anyhow::Result<TrainedScene<'a>> {
+        match Reconstruction::read(folder.root()) {
+            Err(error @ TrainedError::NoRecord { .. }) => {
+                let trainer = self.trainer(gpu, folder).with_context(|| error.to_string())?;
+                Ok(TrainedScene::new(gpu, trainer.reconstruction()?)?)
+            }
+            learned => Ok(TrainedScene::new(gpu, learned?)?),
+        }
+    }
+
+    /// The recording that the run was trained on, where it is still there.
+    pub fn dataset(&self, folder: &RunFolder) -> anyhow::Result<Dataset> {
         let trained_on = folder.read_info()?.dataset;
         let path: &Path = self.dataset.as_deref().unwrap_or(&trained_on);
-        let dataset = Dataset::load(path).with_context(|| {
+        Dataset::load(path).with_context(|| {
             format!("cannot open the dataset of run {}; if it has moved, name it with --dataset", self.run.display())
-        })?;
+        })
+    }
+
+    /// The run, to be measured.
+    pub fn trainer<'a>(&self, gpu: &'a Gpu, folder: &RunFolder) -> anyhow::Result<Trainer<'a>> {
+        let dataset = self.dataset(folder)?;
         let checkpoint = Checkpoint::load(&folder.checkpoint_file())?;
         // The initial points play no part any more.
         let without_points = dataset.manifest.points.is_none();

@@ -5,7 +5,7 @@ use std::{process::Command, time::Duration};
 use anyhow::bail;
 use erfgs_base::children::answer;
 use erfgs_points::{Colmap, ColmapProgram};
-use erfgs_train::gpu::{AdapterChoice, Gpu, GpuError, Shape, adapters, run_canary};
+use erfgs_splat::gpu::{AdapterChoice, Gpu, GpuError, Shape, adapters, run_canary};
 use serde::Serialize;
 
 use crate::terminal::{Terminal, bytes, table};

@@ -111,7 +111,7 @@ fn view(arguments: &Arguments, folders: &[RunFolder], notes: &mut Vec<String>) -
     let scene = |folder: &RunFolder| -> anyhow::Result<_> {
         let run = TrainedRun::new(folder.root(), None, &arguments.adapter);
         let gpu = run.device()?;
-        Ok(Learned::of(&run.trainer(&gpu, folder)?)?.file(Precision::Packed))
+        Ok(Learned::of(run.scene(&gpu, folder)?.learned()).file(Precision::Packed))
     };
     let mut scenes: Vec<(String, SceneFile)> = Vec::new();
     let same_rig = |one: &SceneFile, other: &SceneFile| {

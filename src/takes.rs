@@ -8,8 +8,8 @@ use std::{
 use anyhow::Context;
 use erfgs_base::{FileError, atomic};
 use erfgs_run::RunFolder;
+use erfgs_splat::{gpu::Gpu, trained::TrainedScene};
 use erfgs_sweep::{Manifest, TrainedTake, TrainedWindow};
-use erfgs_train::{gpu::Gpu, trainer::Trainer};
 use erfgs_view::{Learned, Precision, SceneFile, Window, alone, scene_file::fidelity};
 
 use crate::{
@@ -37,8 +37,8 @@ impl WindowRun {
     }
 
     /// What it learned.
-    pub fn trainer<'a>(&self, gpu: &'a Gpu) -> anyhow::Result<Trainer<'a>> {
-        self.run.trainer(gpu, &self.folder)
+    pub fn scene<'a>(&self, gpu: &'a Gpu) -> anyhow::Result<TrainedScene<'a>> {
+        self.run.scene(gpu, &self.folder)
     }
 }
 
@@ -84,18 +84,6 @@ pub fn runs(manifest: &Manifest, take: &TrainedTake<'_>, adapter: &Adapter) -> V
     take.windows.iter().map(|window| WindowRun::of(manifest, take, window, adapter)).collect()
 }
 
-/// How long what was recorded is, seconds.
-pub fn seconds(trainer: &Trainer<'_>) -> f64 {
-    let [start, end] = trainer.scene.dataset.manifest.span_ns;
-    1e-9 * (end - start) as f64
-}
-
-/// An instant, seconds from the beginning, in [0, 1].
-pub fn share(trainer: &Trainer<'_>, at: f64) -> f64 {
-    let seconds = seconds(trainer);
-    if seconds > 0.0 { (at / seconds).clamp(0.0, 1.0) } else { 0.0 }
-}
-
 /// That browsers draw a scene by themselves; why they do not.
 pub fn browsers_draw(scene: &SceneFile, run: &Path) -> anyhow::Result<()> {
     match &scene.header.only_server {
@@ -111,7 +99,7 @@ pub fn browsers_draw(scene: &SceneFile, run: &Path) -> anyhow::Result<()> {
 pub struct OpenTake<'a> {
     gpu: &'a Gpu,
     windows: Vec<WindowRun>,
-    open: Option<(usize, Trainer<'a>)>,
+    open: Option<(usize, TrainedScene<'a>)>,
 }
 
 impl<'a> OpenTake<'a> {
@@ -126,27 +114,32 @@ impl<'a> OpenTake<'a> {
         first.zip(last).map_or(0.0, |(first, last)| last.until - first.from)
     }
 
+    /// The run of the first window.
+    pub fn first(&self) -> Option<&WindowRun> {
+        self.windows.first()
+    }
+
     /// What a window learned.
-    pub fn window(&mut self, number: usize) -> anyhow::Result<&mut Trainer<'a>> {
+    pub fn window(&mut self, number: usize) -> anyhow::Result<&mut TrainedScene<'a>> {
         if self.open.as_ref().is_none_or(|(open, _)| *open != number) {
             let window = self.windows.get(number).context("there is no such window")?;
             // The one before goes first: there may be no room for both.
             drop(self.open.take());
-            self.open = Some((number, window.trainer(self.gpu)?));
+            self.open = Some((number, window.scene(self.gpu)?));
         }
-        self.open.as_mut().map(|(_, trainer)| trainer).context("no window is open")
+        self.open.as_mut().map(|(_, scene)| scene).context("no window is open")
     }
 
     /// The window that shows what is seen so many seconds after the take's beginning, and the same instant in it, in [0, 1]. What is
     /// between windows that are there is shown by the one before.
-    pub fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut Trainer<'a>, f64)> {
+    pub fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut TrainedScene<'a>, f64)> {
         let from = self.windows.first().map_or(0.0, |first| first.window.from);
         let at = from + seconds;
         let number = self.windows.iter().rposition(|of| at >= of.window.from).unwrap_or(0);
         let (begins, until) = self.windows.get(number).map_or((0.0, 0.0), |of| (of.window.begins, of.window.until));
-        let trainer = self.window(number)?;
-        let t01 = share(trainer, at.min(until) - begins);
-        Ok((trainer, t01))
+        let scene = self.window(number)?;
+        let t01 = scene.record().share(at.min(until) - begins);
+        Ok((scene, t01))
     }
 }
 
@@ -173,14 +166,14 @@ pub fn page(
     let mut scenes: Vec<(String, SceneFile)> = Vec::new();
     for (at, window) in windows.iter().enumerate() {
         progress.update(at as u64, windows.len() as u64, "windows");
-        let trainer = window.trainer(&gpu)?;
-        let scene = Learned::of(&trainer)?.file(precision);
-        browsers_draw(&scene, window.folder.root())?;
+        let scene = window.scene(&gpu)?;
+        let file = Learned::of(scene.learned()).file(precision);
+        browsers_draw(&file, window.folder.root())?;
         if precision == Precision::Packed {
-            let decibels = fidelity(trainer, &gpu, &scene)?;
+            let decibels = fidelity(scene, &file)?;
             psnr_db = Some(psnr_db.map_or(decibels, |worst| worst.min(decibels)));
         }
-        scenes.push((window.folder.name(), scene));
+        scenes.push((window.folder.name(), file));
     }
     drop(progress);
     let packed: Vec<alone::Packed<'_>> = scenes

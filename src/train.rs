@@ -16,11 +16,10 @@ use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method as CloudMethod};
 use erfgs_run::{CameraPose, CameraTime, CurveRow, LeftOut, RunFolder};
 use erfgs_scene::Modality;
+use erfgs_splat::{gpu::Gpu, ply::write_ply};
 use erfgs_train::{
     checkpoint::Checkpoint,
     config::{Config, Method, MotionModel, Preset},
-    export::write_ply,
-    gpu::Gpu,
     scene::{Flicker, Scene},
     schedule::{Budget, Clock},
     static_set::StaticSet,
@@ -427,7 +426,8 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         if let Some(version) = stands.other_version() {
             terminal.note(format!("the run was begun with erfgs {version}; this is {}", env!("CARGO_PKG_VERSION")));
         }
-        if stands.is_finished(&folder) {
+        // A run of an earlier version is saved again, with what drawing it takes.
+        if stands.is_finished(&folder) && checkpoint.record.is_some() {
             terminal.note(format!("{} is finished: nothing is left to do", folder.root().display()));
             let summary = Summary::of_finished(&folder)?;
             return terminal.result(&summary, || describe(&summary));
@@ -518,7 +518,7 @@ fn drive(
         terminal.note(format!("a checkpoint is saved; once the file can be read again, continue with: {command}"));
     }
     let outcome = outcome?;
-    let gaussians = trainer.model.gaussians_still(gpu)?;
+    let gaussians = trainer.model.drawn.gaussians_still(gpu)?;
     write_ply(&folder.point_cloud_file(), &gaussians)?;
     if outcome == Outcome::Finished {
         folder.finish()?;
@@ -530,7 +530,7 @@ fn drive(
         iterations: done,
         train_seconds: trainer.clock.seconds,
         cpu_seconds: trainer.clock.cpu_seconds,
-        gaussians: trainer.model.gaussians.count.into(),
+        gaussians: trainer.model.drawn.gaussians.count.into(),
         dynamic: last.map_or(0, |last| last.dynamic.into()),
         psnr: quality.0,
         dpsnr: quality.1,

@@ -12,7 +12,11 @@ use erfgs_base::scratch::Scratch;
 use erfgs_page::serve::PageOptions;
 use erfgs_run::{PerView, RunFolder};
 use erfgs_scene::image::ImageRgb8;
-use erfgs_train::{metrics::to_bytes, trainer::Trainer};
+use erfgs_splat::{
+    model::Rendered,
+    raster::View,
+    trained::{Record, TrainedScene},
+};
 use erfgs_view::{Ask, Compared, FrameError, Learned, Model, Precision, SceneFile, ViewPage, Window};
 use serde::Serialize;
 
@@ -85,14 +89,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let is_file = |path: &PathBuf| path.is_file();
     let gpu = if arguments.runs.iter().all(is_file) { None } else { Some(arguments.adapter.open()?) };
     // Who draws for browsers that cannot: each run, or the take.
-    let mut trainers = Vec::new();
+    let mut scenes = Vec::new();
     let mut take: Option<OpenTake<'_>> = None;
     let mut models = Vec::new();
     for path in &arguments.runs {
         let Some(gpu) = gpu.as_ref().filter(|_| !is_file(path)) else {
             let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             models.push(Model { name, scene: SceneFile::open(path)?, dataset: None, errors: Vec::new(), window: None });
-            trainers.push(None);
+            scenes.push(None);
             continue;
         };
         if let Some(windows) = takes::windows(path, arguments.take.as_deref(), &arguments.adapter, terminal)? {
@@ -103,16 +107,22 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             let count = windows.len() as u64;
             for (at, window) in windows.iter().enumerate() {
                 progress.update(at as u64, count, "windows");
-                models.push(model(&window.folder, &window.trainer(gpu)?, Some(window.window.clone()))?);
+                models.push(model(
+                    &window.run,
+                    &window.folder,
+                    &window.scene(gpu)?,
+                    Some(window.window.clone()),
+                    terminal,
+                ));
             }
             take = Some(OpenTake::new(gpu, windows));
             continue;
         }
         let run = TrainedRun::new(path, arguments.dataset.as_deref(), &arguments.adapter);
         let folder = run.folder()?;
-        let trainer = run.trainer(gpu, &folder)?;
-        models.push(model(&folder, &trainer, None)?);
-        trainers.push(Some(trainer));
+        let scene = run.scene(gpu, &folder)?;
+        models.push(model(&run, &folder, &scene, None, terminal));
+        scenes.push(Some(scene));
     }
     let served = models.iter().map(|model| ServedModel {
         name: model.name.clone(),
@@ -148,12 +158,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         match asks.recv_timeout(Duration::from_millis(200)) {
             // Who asked has left, or looks from somewhere else by now.
             Ok(ask) if ask.is_abandoned() => {}
-            Ok(ask) => match (&mut take, trainers.get_mut(ask.model)) {
+            Ok(ask) => match (&mut take, scenes.get_mut(ask.model)) {
                 (Some(take), _) => match take.window(ask.model) {
-                    Ok(trainer) => answer(trainer, ask),
+                    Ok(scene) => answer(ask, |view, t01| scene.render(view, t01)),
                     Err(error) => drop(ask.answer.send(Err(format!("{error:#}")))),
                 },
-                (None, Some(Some(trainer))) => answer(trainer, ask),
+                (None, Some(Some(scene))) => answer(ask, |view, t01| scene.render(view, t01)),
                 // Who asked may have left.
                 _ => drop(ask.answer.send(Err("the server cannot draw a scene file; the browser can".into()))),
             },
@@ -164,29 +174,38 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What the page shows of a run.
-fn model(folder: &RunFolder, trainer: &Trainer<'_>, window: Option<Window>) -> anyhow::Result<Model> {
-    let dataset = Some(trainer.scene.dataset.clone());
-    let scene = Learned::of(trainer)?.file(Precision::Exact);
-    Ok(Model { name: folder.name(), scene, dataset, errors: errors(folder, trainer), window })
+/// What the page shows of a run. Without its dataset there are no recorded frames to compare with.
+fn model(
+    run: &TrainedRun,
+    folder: &RunFolder,
+    scene: &TrainedScene<'_>,
+    window: Option<Window>,
+    terminal: &Terminal,
+) -> Model {
+    let dataset = run.dataset(folder);
+    if let Err(error) = &dataset {
+        terminal.note(format!("{} is shown without recorded frames: {error:#}", folder.name()));
+    }
+    let errors = errors(folder, scene.record());
+    let scene = Learned::of(scene.learned()).file(Precision::Exact);
+    Model { name: folder.name(), scene, dataset: dataset.ok(), errors, window }
 }
 
 /// How well the run shows held-out frames, where `erfgs eval` has measured it.
-fn errors(folder: &RunFolder, trainer: &Trainer<'_>) -> Vec<FrameError> {
-    let of =
-        |view: PerView| FrameError { camera: view.camera, t01: trainer.scene.to_unit(view.t_ns), psnr_db: view.psnr };
+fn errors(folder: &RunFolder, record: &Record) -> Vec<FrameError> {
+    let of = |view: PerView| FrameError { camera: view.camera, t01: record.to_unit(view.t_ns), psnr_db: view.psnr };
     folder.read_per_view().unwrap_or_default().into_iter().map(of).collect()
 }
 
 /// Draws what a page asks for, unless it does not wait for it any more.
-pub fn answer(trainer: &mut Trainer<'_>, ask: Ask) {
+pub fn answer<E: std::fmt::Display>(ask: Ask, render: impl FnOnce(&View, f64) -> Result<Rendered, E>) {
     if ask.is_abandoned() {
         return;
     }
-    let drawn = trainer.render(&ask.view, ask.t01).map_err(|error| error.to_string());
+    let drawn = render(&ask.view, ask.t01).map_err(|error| error.to_string());
     let picture = drawn.map(|drawn| {
         let (width, height) = (ask.view.width, ask.view.height);
-        ImageRgb8 { width, height, data: to_bytes(&drawn.rgb) }
+        ImageRgb8 { width, height, data: drawn.to_bytes() }
     });
     // Who asked may have left.
     let _ = ask.answer.send(picture);

@@ -1,6 +1,6 @@
 //! Pictures in `f64` by any rules, or by none: what the rasteriser's rules are measured against.
 
-use erfgs_train::{
+use erfgs_splat::{
     raster::{CORE_STRIDE, RenderOptions, Thresholds, View, sh_stride},
     reference::raster::{Gaussians, Splat, project},
 };
@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn without_rules_a_lone_splat_is_its_formula_and_with_them_it_ends() {
         // A round splat of an opacity of a half in the middle of 33 x 33 pixels; its variance is 4 square pixels.
-        let size = ((4.0 - f64::from(erfgs_train::raster::LOW_PASS)).sqrt() / 33.0 * 2.0).ln();
+        let size = ((4.0 - f64::from(erfgs_splat::raster::LOW_PASS)).sqrt() / 33.0 * 2.0).ln();
         let gaussians = Gaussians {
             sh_degree: 0,
             core: vec![0.0, 0.0, 2.0, size, size, size, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],

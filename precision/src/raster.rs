@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use erfgs_base::random::{key, normal, purpose, range, uniform};
-use erfgs_train::{
+use erfgs_splat::{
     gpu::{AdapterChoice, Gpu, Shape},
     raster::{
         Frame, GaussianBuffers, Gradients, RasterError, Rasteriser, RenderOptions, Thresholds, View, Wanted, sh_stride,
@@ -148,7 +148,7 @@ impl Cloud {
         let d_image = vec![DVec4::from_array(GRADIENT); (self.view.width * self.view.height) as usize];
         let (image, _): (_, Vec<SplatGradient>) = stopwatch.time(|| {
             let splats = self.gaussians.splats(&self.view, &options);
-            let image = erfgs_train::reference::raster::blend(&splats, &self.view, &options);
+            let image = erfgs_splat::reference::raster::blend(&splats, &self.view, &options);
             let gradients = blend_backward(&splats, &image, DVec3::from(options.background.map(f64::from)), &d_image);
             Ok((image, gradients))
         })?;

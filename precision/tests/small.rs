@@ -1,7 +1,7 @@
 //! Every component runs in small, and its curves are what they must be.
 
 use erfgs_precision::{Bench, Kept, Size, Spent, components};
-use erfgs_train::gpu::{AdapterChoice, Gpu};
+use erfgs_splat::gpu::{AdapterChoice, Gpu};
 
 #[test]
 fn every_setting_of_the_small_components_runs_and_each_curve_has_its_default() {

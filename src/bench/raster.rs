@@ -1,6 +1,6 @@
 //! `erfgs bench raster`.
 
-use erfgs_train::raster::{self, BenchScene};
+use erfgs_splat::raster::{self, BenchScene};
 use serde::Serialize;
 
 use crate::{

@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
     })?;
     drop(progress);
-    let gaussians = trainer.model.gaussians.count;
+    let gaussians = trainer.model.drawn.gaussians.count;
     let measured = trainer.iterations_done() - first;
     let iterations = measured.max(1) as f64;
     let total: f64 = trainer.times.stages().map(|(_, seconds, _)| seconds).sum();
@@ -173,7 +173,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         method,
         preset,
         gaussians,
-        dynamic: trainer.model.dynamic,
+        dynamic: trainer.model.drawn.dynamic,
         iterations: measured,
         iterations_per_s: iterations / (trainer.clock.seconds - started).max(1e-12),
         an_iteration: TrafficFigures {

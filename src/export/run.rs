@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use erfgs_train::export::write_ply;
+use erfgs_splat::ply::write_ply;
 use serde::Serialize;
 
 use crate::{
@@ -36,13 +36,14 @@ pub fn run(
         not_over(&there.point_cloud_file(), force)?;
     }
     let gpu = run.device()?;
-    let mut trainer = run.trainer(&gpu, &folder)?;
+    let mut scene = run.scene(&gpu, &folder)?;
     let out = there;
     let instants = instants.unwrap_or_else(|| {
-        let times: std::collections::BTreeSet<i64> = trainer.scene.held_out.iter().map(|frame| frame.t_ns).collect();
+        let held_out = scene.record().cameras.iter().filter(|camera| camera.held_out);
+        let times: std::collections::BTreeSet<i64> =
+            held_out.flat_map(|camera| &camera.frames_ns).map(|[t_ns, ..]| *t_ns).collect();
         times.len() as u32
     });
-    let [start, end] = trainer.scene.dataset.manifest.span_ns;
     let progress = terminal.progress("exporting");
     let mut files = Vec::new();
     let mut write = |file: PathBuf, t_ns, gaussians| -> anyhow::Result<()> {
@@ -51,12 +52,12 @@ pub fn run(
         files.push(Exported { file, t_ns, gaussians: gaussians.len(), bytes });
         Ok(())
     };
-    write(out.point_cloud_file(), None, trainer.model.gaussians_still(&gpu)?)?;
+    write(out.point_cloud_file(), None, scene.gaussians_still()?)?;
     for index in 0..instants {
         progress.update(index.into(), instants.into(), "instants");
         let t01 = f64::from(index) / f64::from(instants.max(2) - 1);
-        let t_ns = start + (t01 * (end - start) as f64).round() as i64;
-        write(out.point_cloud_at_file(index), Some(t_ns), trainer.model.gaussians_at(&gpu, t01)?)?;
+        let t_ns = scene.record().from_unit(t01);
+        write(out.point_cloud_at_file(index), Some(t_ns), scene.gaussians_at(t01)?)?;
     }
     drop(progress);
     terminal.result(&files, || {

@@ -112,39 +112,38 @@ pub fn run(run: &TrainedRun, options: SceneOptions<'_>, terminal: &Terminal) -> 
         return Err(Usage("--at is for gltf, which holds one instant".into()).into());
     }
     let gpu = run.device()?;
-    let mut trainer = run.trainer(&gpu, &folder)?;
+    let mut scene = run.scene(&gpu, &folder)?;
     let (written, gaussians, psnr_db, left_out) = if format == SceneFormat::FourDgs {
         let progress = terminal.progress("following what moves");
         let on_progress = &mut |done, of| progress.update(done, of, "instants");
-        let Written { bytes, gaussians, left_out } = fourdgs::write(&mut trainer, &gpu, on_progress)?;
+        let Written { bytes, gaussians, left_out } = fourdgs::write(&mut scene, on_progress)?;
         (bytes, gaussians, None, left_out)
     } else if format == SceneFormat::Gltf {
-        let [start, end] = trainer.scene.dataset.manifest.span_ns;
-        let seconds = (end - start) as f64 / 1e9;
+        let [start, end] = scene.record().span_ns;
+        let seconds = end.saturating_sub(start) as f64 / 1e9;
         let at = at.unwrap_or(seconds / 2.0);
         if at > seconds {
             return Err(Usage(format!("--at {at} is behind the end: the recording is {seconds:.3} s long")).into());
         }
-        let cloud = GaussianCloud::from(&trainer.model.gaussians_at(&gpu, at / seconds.max(f64::MIN_POSITIVE))?);
+        let cloud = GaussianCloud::from(&scene.gaussians_at(at / seconds.max(f64::MIN_POSITIVE))?);
         let gltf::Written { bytes, gaussians } = gltf::write(&cloud)?;
         let faint = cloud.len() - gaussians;
         let left_out = (faint > 0).then(|| format!("{} Gaussians that cannot be seen then", thousands(faint as u64)));
         (bytes, gaussians, None, left_out.into_iter().collect())
     } else {
-        let learned = Learned::of(&trainer)?;
-        let scene = learned.file(if exact { Precision::Exact } else { Precision::Packed });
+        let packed = Learned::of(scene.learned()).file(if exact { Precision::Exact } else { Precision::Packed });
         if format == SceneFormat::Html {
-            takes::browsers_draw(&scene, &run.run)?;
+            takes::browsers_draw(&packed, &run.run)?;
         }
         let name = folder.name();
         let written = match format {
             SceneFormat::Html => {
-                alone::page(&[alone::Packed { name: &name, scene: &scene, window: None }])?.into_bytes()
+                alone::page(&[alone::Packed { name: &name, scene: &packed, window: None }])?.into_bytes()
             }
-            _ => scene.compressed(),
+            _ => packed.compressed(),
         };
-        let psnr_db = if exact { None } else { Some(fidelity(trainer, &gpu, &scene)?) };
-        (written, scene.header.count, psnr_db, Vec::new())
+        let psnr_db = if exact { None } else { Some(fidelity(scene, &packed)?) };
+        (written, packed.header.count, psnr_db, Vec::new())
     };
     atomic::write(&file, &written).map_err(erfgs_base::FileError::when("write", &file))?;
     let exported = Exported { file, gaussians, bytes: written.len() as u64, psnr_db, left_out };

@@ -5,18 +5,14 @@ mod path;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_dataset::Dataset;
+use erfgs_dataset::Manifest;
+use erfgs_run::RunFolder;
 use erfgs_scene::{
     ImageRgb8, Intrinsics,
     exr::{Layers, write_layers},
     video::VideoWriter,
 };
-use erfgs_train::{
-    gpu::Gpu,
-    metrics::to_bytes,
-    raster::View,
-    trainer::{Rendered, Trainer},
-};
+use erfgs_splat::{gpu::Gpu, model::Rendered, raster::View, trained::TrainedScene};
 use serde::Serialize;
 
 use self::path::Choice;
@@ -160,7 +156,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         },
         |frames| frames as usize,
     );
-    let stations = choice.stations(subject.dataset()?, frames)?;
+    let stations = choice.stations(&subject.recording()?, frames)?;
     if arguments.times.is_some() && stations.iter().any(|station| station.time_s.is_some()) {
         return Err(Usage("the path has times of its own: leave --times out".into()).into());
     }
@@ -173,9 +169,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         let along = index as f64 / (frames.max(2) - 1) as f64;
         let time_s = station.time_s.unwrap_or(times.from + along * (times.to - times.from));
         let view = View::try_from((&resized(&station.intrinsics, arguments.scale), &station.world_to_camera))?;
-        let (trainer, t01) = subject.at(time_s)?;
+        let (scene, t01) = subject.at(time_s)?;
         let started = std::time::Instant::now();
-        let rendered = trainer.render(&view, t01).context("cannot render")?;
+        let rendered = scene.render(&view, t01).context("cannot render")?;
         seconds += started.elapsed().as_secs_f64();
         writer.push(index, &view, &rendered)?;
     }
@@ -205,7 +201,7 @@ fn resized(intrinsics: &Intrinsics, scale: f64) -> Intrinsics {
 
 /// What is rendered.
 enum Subject<'a> {
-    Run(Box<Trainer<'a>>),
+    Run(RunFolder, Box<TrainedScene<'a>>),
     /// The windows of a long take, one after another.
     Take(Box<OpenTake<'a>>),
 }
@@ -216,31 +212,34 @@ impl<'a> Subject<'a> {
         if let Some(windows) = takes::windows(&run.run, arguments.take.as_deref(), run.adapter(), terminal)? {
             return Ok(Self::Take(Box::new(OpenTake::new(gpu, windows))));
         }
-        Ok(Self::Run(Box::new(run.trainer(gpu, &run.folder()?)?)))
+        let folder = run.folder()?;
+        let scene = run.scene(gpu, &folder)?;
+        Ok(Self::Run(folder, Box::new(scene)))
     }
 
     /// How long it is.
     fn seconds(&self) -> f64 {
         match self {
-            Self::Run(trainer) => takes::seconds(trainer),
+            Self::Run(_, scene) => scene.record().seconds(),
             Self::Take(take) => take.seconds(),
         }
     }
 
     /// Where its cameras stand: those of a take stand in all of its windows where they do in the first.
-    fn dataset(&mut self) -> anyhow::Result<&Dataset> {
-        match self {
-            Self::Run(trainer) => Ok(&trainer.scene.dataset),
-            Self::Take(take) => Ok(&take.window(0)?.scene.dataset),
-        }
+    fn recording(&self) -> anyhow::Result<Manifest> {
+        let folder = match self {
+            Self::Run(folder, _) => folder,
+            Self::Take(take) => &take.first().context("the take has no windows")?.folder,
+        };
+        Ok(folder.read_dataset()?)
     }
 
     /// What shows an instant, seconds from the beginning, and when that is for it, in [0, 1].
-    fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut Trainer<'a>, f64)> {
+    fn at(&mut self, seconds: f64) -> anyhow::Result<(&mut TrainedScene<'a>, f64)> {
         match self {
-            Self::Run(trainer) => {
-                let t01 = takes::share(trainer, seconds);
-                Ok((trainer, t01))
+            Self::Run(_, scene) => {
+                let t01 = scene.record().share(seconds);
+                Ok((scene, t01))
             }
             Self::Take(take) => take.at(seconds),
         }
@@ -270,7 +269,7 @@ impl<'a> Writer<'a> {
         let (width, height) = (view.width, view.height);
         match self {
             Self::Png(folder) => {
-                let image = ImageRgb8 { width, height, data: to_bytes(&rendered.rgb) };
+                let image = ImageRgb8 { width, height, data: rendered.to_bytes() };
                 Ok(image.write_png(&folder.join(format!("{index:05}.png")))?)
             }
             Self::Exr(folder) => {
@@ -278,7 +277,7 @@ impl<'a> Writer<'a> {
                 let layers = Layers { width, height, rgb, transmittance, depth };
                 Ok(write_layers(&folder.join(format!("{index:05}.exr")), &layers)?)
             }
-            Self::Mp4(video) => Ok(video.push(&to_bytes(&rendered.rgb))?),
+            Self::Mp4(video) => Ok(video.push(&rendered.to_bytes())?),
         }
     }
 

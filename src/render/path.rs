@@ -1,7 +1,7 @@
 //! `--path`: where the camera of a rendering goes.
 
 use anyhow::Context;
-use erfgs_dataset::{Camera, Dataset, Split};
+use erfgs_dataset::{Camera, Manifest, Split};
 use erfgs_scene::{
     Pose,
     camera_path::{Station, key_frames, orbit},
@@ -33,20 +33,20 @@ impl Choice {
     }
 
     /// The cameras of `frames` frames.
-    pub fn stations(&self, dataset: &Dataset, frames: usize) -> anyhow::Result<Vec<Station>> {
+    pub fn stations(&self, recording: &Manifest, frames: usize) -> anyhow::Result<Vec<Station>> {
         match self {
             Self::Orbit => {
-                let poses: Vec<Pose> = dataset.manifest.cameras.iter().map(|camera| camera.world_to_camera).collect();
-                Ok(orbit(&poses, &station(model(dataset)?), frames)?)
+                let poses: Vec<Pose> = recording.cameras.iter().map(|camera| camera.world_to_camera).collect();
+                Ok(orbit(&poses, &station(model(recording)?), frames)?)
             }
             Self::Camera(name) => {
-                let camera = dataset.camera(name).ok_or_else(|| {
-                    let names: Vec<&str> = dataset.manifest.cameras.iter().map(|camera| camera.name.as_str()).collect();
+                let camera = recording.cameras.iter().find(|camera| camera.name == *name).ok_or_else(|| {
+                    let names: Vec<&str> = recording.cameras.iter().map(|camera| camera.name.as_str()).collect();
                     Usage(format!("there is no camera '{name}'; the dataset has {}", names.join(", ")))
                 })?;
                 Ok(vec![station(camera); frames])
             }
-            Self::File(file) => Ok(key_frames(file, &model(dataset)?.intrinsics, frames)?),
+            Self::File(file) => Ok(key_frames(file, &model(recording)?.intrinsics, frames)?),
         }
     }
 }
@@ -56,8 +56,9 @@ fn station(camera: &Camera) -> Station {
 }
 
 /// The camera that gives the size and focal length of a path: the first held-out one, else the first.
-fn model(dataset: &Dataset) -> anyhow::Result<&Camera> {
-    dataset.cameras(Split::Test).next().or(dataset.manifest.cameras.first()).context("the dataset has no cameras")
+fn model(recording: &Manifest) -> anyhow::Result<&Camera> {
+    let held_out = recording.cameras.iter().find(|camera| camera.split == Split::Test);
+    held_out.or(recording.cameras.first()).context("the dataset has no cameras")
 }
 
 #[cfg(test)]

@@ -51,7 +51,7 @@ impl Live {
         terminal: &Terminal,
     ) -> anyhow::Result<Self> {
         let training = Arc::new(LiveTraining::default());
-        let scene = Learned::of(trainer)?.file(Precision::Packed);
+        let scene = Learned::of(&trainer.reconstruction()?).file(Precision::Packed);
         let model = Model {
             name: folder.name(),
             scene,
@@ -109,7 +109,7 @@ impl Live {
     pub fn look(&mut self, trainer: &mut Trainer<'_>) -> Result<(), TrainError> {
         let from = Instant::now();
         if let Some(ask) = self.asked.take() {
-            view::answer(trainer, ask);
+            view::answer(ask, |view, t01| trainer.render(view, t01));
         }
         if self.scene_is_due() {
             self.show(trainer)?;
@@ -121,7 +121,7 @@ impl Live {
     fn show(&mut self, trainer: &Trainer<'_>) -> Result<(), TrainError> {
         let words = |left: &LeftOut| format!("{}: {} ({})", left.what, left.why, left.saves);
         self.training.leaves_out(trainer.left_out().iter().map(words).collect());
-        self.page.replace(0, Learned::of(trainer)?.file(Precision::Packed));
+        self.page.replace(0, Learned::of(&trainer.reconstruction()?).file(Precision::Packed));
         self.shown = Instant::now();
         self.shown_iteration = self.iteration;
         Ok(())
@@ -154,7 +154,7 @@ impl Live {
         let from = Instant::now();
         while from.elapsed() < FAREWELL {
             if let Ok(ask) = self.asks.recv_timeout(Duration::from_millis(50)) {
-                view::answer(trainer, ask);
+                view::answer(ask, |view, t01| trainer.render(view, t01));
             }
         }
     }

@@ -5,18 +5,19 @@ use std::{collections::BTreeMap, f64::consts::TAU};
 
 use erfgs_base::random::{key, range};
 use erfgs_dataset::{Body, BodyPose, SurfacePoint};
-use erfgs_train::{
+use erfgs_splat::{
     field::{Outputs, Tape},
     gaussians::CORE,
     gpu::Gpu,
     motion::{
         Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Witness,
-        bodies::{EXTRA_FLOATS, Recording, SOFTNESS, Start},
+        bodies::{EXTRA_FLOATS, SOFTNESS, Start},
         free_time::GONE,
     },
     raster::Deltas,
     reference::bodies::{self as twin, Gate, Node, Row},
 };
+use erfgs_train::start::{Recording, from_bodies};
 use glam::{DQuat, DVec3, DVec4};
 
 use crate::{Bound, Case, Expected, Measured, Refusal, Size};
@@ -103,7 +104,7 @@ impl Made {
     fn start(&self) -> Start {
         let recording = Recording { span_ns: [0, (1e9 * SECONDS) as i64], intervals: self.intervals };
         let free = FreeTimeOptions::default();
-        let mut start = Start::new(&[self.body()], recording, 0, &BodiesOptions::default(), &free);
+        let mut start = from_bodies(&[self.body()], recording, 0, &BodiesOptions::default(), &free);
         if !self.all_hang {
             // On the first node alone.
             for row in start.gaussians.motion.chunks_exact_mut(free.floats() + EXTRA_FLOATS) {

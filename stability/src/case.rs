@@ -6,7 +6,7 @@ use std::{
 };
 
 use erfgs_base::cpu;
-use erfgs_train::{
+use erfgs_splat::{
     gpu::Gpu,
     raster::{RasterError, Rasteriser},
 };

@@ -1,7 +1,7 @@
 //! Clouds of Gaussians before a camera, rendered on the device and by the twin.
 
 use erfgs_base::random::{key, normal, purpose, range};
-use erfgs_train::{
+use erfgs_splat::{
     raster::{Frame, GaussianBuffers, Gradients, RasterError, RenderOptions, View, Wanted, sh_stride},
     reference::raster::Gaussians,
 };

@@ -10,7 +10,7 @@ use erfgs_dataset::{
 use erfgs_events::{Events, npz};
 use erfgs_replay::{Luma, Mode, Simulator, SimulatorConfig};
 use erfgs_scene::{Distortion, Intrinsics, Modality, Pose, image::ImageRgb8, ply::PointCloud};
-use erfgs_train::{
+use erfgs_splat::{
     raster::{RenderOptions, View},
     reference::raster::Gaussians,
 };

@@ -1,7 +1,7 @@
 //! Gaussians that are free in time at the edges of what lives and velocities may be: the kernels against the `f64` twin.
 
 use erfgs_base::random::{key, range};
-use erfgs_train::{
+use erfgs_splat::{
     field::{Outputs, Tape},
     gpu::Gpu,
     motion::{ClockRow, FreeTime, FreeTimeOptions, Motion, MotionRows, Witness, free_time::ROW},

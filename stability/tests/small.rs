@@ -1,7 +1,7 @@
 //! The small suite passes.
 
+use erfgs_splat::gpu::{AdapterChoice, Gpu};
 use erfgs_stability::{Bench, Size, cases};
-use erfgs_train::gpu::{AdapterChoice, Gpu};
 
 #[test]
 fn every_case_of_the_small_suite_is_as_it_must_be() {

@@ -9,9 +9,9 @@ use std::{
 use erfgs_dataset::{Bodies, Body, BodyPose, Dataset, SurfacePoint};
 use erfgs_run::RunFolder;
 use erfgs_scene::ply::GaussianCloud;
+use erfgs_splat::gpu::{AdapterChoice, Gpu};
 use erfgs_train::{
     config::{Config, Method, MotionModel, Preset},
-    gpu::{AdapterChoice, Gpu},
     scene::Scene,
     trainer::{Progress, TrainOptions, Trainer},
 };
@@ -74,7 +74,7 @@ fn body(name: &str, span_s: [f64; 2]) -> Body {
 }
 
 /// Two bodies for the dataset that is there.
-fn give_bodies(dataset: &Path) {
+pub fn give_bodies(dataset: &Path) {
     let mut dataset = Dataset::load(dataset).expect("a dataset");
     let start = dataset.manifest.span_ns[0];
     let mut bodies = vec![body("disc", [0.0, SECONDS]), body("<b>ball", [0.08, 0.22])];

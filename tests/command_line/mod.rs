@@ -27,6 +27,7 @@ mod traffic;
 mod variants;
 mod view;
 mod watched;
+mod without_dataset;
 
 use std::{
     path::{Path, PathBuf},

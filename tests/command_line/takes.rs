@@ -2,11 +2,9 @@
 
 use std::{fs, path::Path};
 
+use erfgs_splat::gaussians::{CORE, sh_stride};
 use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film, motion::Ball};
-use erfgs_train::{
-    checkpoint::Checkpoint,
-    gaussians::{CORE, sh_stride},
-};
+use erfgs_train::checkpoint::Checkpoint;
 
 use super::{
     Folder,

@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
+use erfgs_splat::gpu::{AdapterChoice, Gpu, Shape, Traffic};
 use erfgs_train::{
     config::{Config, Method, Preset},
-    gpu::{AdapterChoice, Gpu, Shape, Traffic},
     scene::Scene,
     trainer::{Progress, TrainOptions, Trainer},
 };
@@ -35,7 +35,7 @@ fn counted(folder: &Folder, method: Method, points: u32, poses: bool) -> (Traffi
     trainer.run(&run, &options, &warm, &mut watch).expect("a warm-up");
     trainer.times.start();
     trainer.run(&run, &options, &AtomicBool::new(false), &mut |_: &Progress| {}).expect("a training");
-    (trainer.times.traffic, trainer.model.gaussians.count)
+    (trainer.times.traffic, trainer.model.drawn.gaussians.count)
 }
 
 #[test]

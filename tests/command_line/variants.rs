@@ -1,6 +1,7 @@
 use erfgs_dataset::Dataset;
+use erfgs_splat::gaussians::CORE;
 use erfgs_stage::{FilmOptions, RigOptions, StageOptions, film};
-use erfgs_train::{checkpoint::Checkpoint, config::Config, gaussians::CORE, scene::Scene};
+use erfgs_train::{checkpoint::Checkpoint, config::Config, scene::Scene};
 
 use crate::command_line::Folder;
 

@@ -1,4 +1,4 @@
-use erfgs_train::{
+use erfgs_splat::{
     field::{Outputs, Tape},
     gpu::Gpu,
     motion::{

@@ -1,6 +1,6 @@
+use erfgs_splat::gpu::Gpu;
 use erfgs_train::{
     config::{Config, EarlConfig, Method, Norm, Preset, Quantise},
-    gpu::Gpu,
     losses::{LossSum, Losses, Sensor},
     reference::losses as twin,
 };

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use erfgs_train::{
+use erfgs_splat::{
     field::{Field, FieldConfig, HeadInit, Heads, Layout, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gpu::Gpu,
     optimiser::AdamConfig,

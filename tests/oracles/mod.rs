@@ -15,7 +15,7 @@ mod raster;
 use std::process::Command;
 
 use erfgs_recordings::{python, root};
-use erfgs_train::gpu::{AdapterChoice, Gpu, Shape};
+use erfgs_splat::gpu::{AdapterChoice, Gpu, Shape};
 use serde_json::Value;
 
 /// Runs an oracle, a file of this folder, with what `arguments` adds to its command.

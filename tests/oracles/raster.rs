@@ -1,4 +1,4 @@
-use erfgs_train::{
+use erfgs_splat::{
     gpu::Gpu,
     raster::{
         CORE_STRIDE, Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted, sh_stride,

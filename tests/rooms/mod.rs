@@ -1,5 +1,6 @@
 //! The rooms as the documentation lists them, compared with the folders and with what cargo knows of the crates.
 
+mod kernels;
 mod pages;
 
 use std::{
@@ -110,6 +111,7 @@ fn the_lowest_rooms_and_the_stages_know_what_is_said_and_no_more() {
         ("erfgs-page", &[]),
         ("erfgs-events", &["base"]),
         ("erfgs-scene", &["base"]),
+        ("erfgs-splat", &["base", "scene"]),
         ("erfgs-session", &["base", "events", "scene"]),
         ("erfgs-rig", &["base", "events", "scene", "session"]),
         ("erfgs-sync", &["base", "events", "page", "scene", "session"]),

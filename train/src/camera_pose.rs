@@ -9,7 +9,8 @@ use erfgs_scene::Pose;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::{optimiser::cautious_step, raster::PoseRow, schedule::decayed};
+use crate::cautious::cautious_step;
+use erfgs_splat::{optimiser::decayed, raster::PoseRow};
 
 /// Floats that a camera has: a turn (radians, about its axes) and a shift (metres, along them).
 pub(crate) const FLOATS: usize = 6;

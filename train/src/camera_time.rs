@@ -7,7 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{camera_pose::within, motion::ClockRow, optimiser::cautious_step, schedule::decayed};
+use crate::{camera_pose::within, cautious::cautious_step};
+use erfgs_splat::{motion::ClockRow, optimiser::decayed};
 
 /// A step is no longer than this share of a camera's standard deviation.
 const STEP: f64 = 0.2;

@@ -1,14 +1,11 @@
 //! Checkpoints: everything that a run needs to go on as if it had not stopped.
 //!
-//! A file holds the magic `ERFGSCKP`, the length of a JSON header (u64, little-endian), the header, vectors of
-//! little-endian f32 in the order that the header lists, and the SHA-256 of all that. It is written beside its name and
-//! moved there, so that a file under that name is always whole.
+//! A file is a [`erfgs_splat::container`]. It is written beside its name and moved there, so that a file under that name is always
+//! whole.
 
 use std::{io, path::Path, path::PathBuf};
 
-use erfgs_base::plausible::POINT;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use crate::{
     camera_colour::{self, CameraColourState},
@@ -16,20 +13,24 @@ use crate::{
     camera_time::CameraTimeState,
     config::Config,
     density::{Moments, Population, Seen},
-    field::{FieldState, NamedVector},
-    gaussians::{CORE, Gaussians, sh_stride},
-    motion::ClockRow,
-    raster::PoseRow,
     schedule::Clock,
 };
 use erfgs_run::{LeftOut, RunError, write_atomically};
+use erfgs_splat::{
+    container::{self, Container},
+    field::FieldState,
+    gaussians::{CORE, Gaussians, sh_stride},
+    motion::ClockRow,
+    raster::PoseRow,
+    trained::Record,
+};
 
-const MAGIC: &[u8; 8] = b"ERFGSCKP";
-/// The version where a run was stopped between two rows of its curve. Otherwise a file is of [`STATIC`] where some Gaussians are
-/// a static set. Without one, a file is of [`TIMES`] where clocks of cameras are learned; without them, of [`POSES`] where their poses are; without those, of [`LEVELS`]
-/// where levels of event cameras' pixels are learned; without those, of [`COLOURS`] where colours of cameras are learned; without those,
-/// too, it is of [`ROWS`] where the motion model keeps rows for each Gaussian, and of [`PLAIN`] where it does not.
-const VERSION: u32 = 8;
+/// The version that is written: a file holds what drawing takes. Earlier programs wrote [`LOGGED`] where a run was stopped between two
+/// rows of its curve; otherwise [`STATIC`] where some Gaussians are a static set, [`TIMES`] where clocks of cameras are learned,
+/// [`POSES`] where their poses are, [`LEVELS`] where levels of event cameras' pixels are learned, [`COLOURS`] where colours of cameras
+/// are, [`ROWS`] where the motion model keeps rows for each Gaussian, and else [`PLAIN`]. The first that applies counts.
+const VERSION: u32 = 9;
+const LOGGED: u32 = 8;
 const STATIC: u32 = 7;
 const TIMES: u32 = 6;
 const POSES: u32 = 5;
@@ -43,10 +44,7 @@ const COLOURS_OF_CAMERAS: &str = "camera-colours";
 const POSES_OF_CAMERAS: &str = "camera-poses";
 const TIMES_OF_CAMERAS: &str = "camera-times";
 const LOSSES: &str = "losses";
-
-/// Where a Gaussian has the logarithms of its sizes, and the largest of these: what is larger has no square in single precision.
-const SCALES: std::ops::Range<usize> = 3..6;
-const LARGEST: f32 = 44.0;
+const POINTS: &str = "points";
 
 /// Why a checkpoint could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -121,6 +119,10 @@ pub struct Checkpoint {
     pub loss_sums: Option<LossSums>,
     /// What the run leaves out.
     pub left_out: Vec<LeftOut>,
+    /// The recording, and how the Gaussians are drawn; nothing where a version of before has saved it.
+    pub record: Option<Record>,
+    /// The places of the initial cloud, with a record.
+    pub points: Vec<[f32; 3]>,
 }
 
 /// Sums of losses that the next row of the curve is a mean over.
@@ -157,6 +159,8 @@ struct Header {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     loss_counts: Option<[f64; 7]>,
     left_out: Vec<LeftOut>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    record: Option<Record>,
     vectors: Vec<(String, usize)>,
 }
 
@@ -202,23 +206,10 @@ impl Checkpoint {
     /// The first number that no training leaves behind, if there is one: its vector, its place and itself.
     fn implausible(&self) -> Option<(String, usize, f32)> {
         let seen = self.seen_floats();
-        let odd = |values: &[f32], good: &dyn Fn(usize, f32) -> bool| {
-            let mut all = values.iter().copied().enumerate();
-            all.find(|&(index, value)| !(value.is_finite() && good(index, value)))
-        };
-        let is_place = |index: usize, value: f32| match index % CORE {
-            at if at < 3 => POINT.holds(value.into()),
-            at if SCALES.contains(&at) => value <= LARGEST,
-            _ => true,
-        };
         let corners = self.field_box.as_flattened();
         let vectors = self.vectors(&seen).into_iter().chain([("field box".into(), corners)]);
         vectors.into_iter().find_map(|(name, values)| {
-            let (index, value) = match name.as_str() {
-                "core" => odd(values, &is_place),
-                "field box" => odd(values, &|_, value| POINT.holds(value.into())),
-                _ => odd(values, &|_, _| true),
-            }?;
+            let (index, value) = container::implausible(&name, values)?;
             Some((name, index, value))
         })
     }
@@ -259,6 +250,9 @@ impl Checkpoint {
         if let Some(sums) = &self.loss_sums {
             vectors.extend(sums.partial.iter().map(|partial| (LOSSES.into(), &partial[..])));
         }
+        if self.record.is_some() {
+            vectors.push((POINTS.into(), self.points.as_flattened()));
+        }
         if let Some(field) = &self.field {
             vectors.extend(field.vectors.iter().map(|vector| (vector.name.clone(), &vector.values[..])));
         }
@@ -270,8 +264,10 @@ impl Checkpoint {
         let seen = self.seen_floats();
         let vectors = self.vectors(&seen);
         let header = serde_json::to_vec(&Header {
-            version: if self.loss_sums.is_some() {
+            version: if self.record.is_some() {
                 VERSION
+            } else if self.loss_sums.is_some() {
+                LOGGED
             } else if self.fixed > 0 {
                 STATIC
             } else if self.camera_times.is_some() {
@@ -302,43 +298,22 @@ impl Checkpoint {
             event_cameras: self.levels.len(),
             loss_counts: self.loss_sums.as_ref().map(|sums| sums.counts),
             left_out: self.left_out.clone(),
+            record: self.record.clone(),
             vectors: vectors.iter().map(|(name, values)| (name.clone(), values.len())).collect(),
         })?;
-        let mut bytes = MAGIC.to_vec();
-        bytes.extend((header.len() as u64).to_le_bytes());
-        bytes.extend(header);
-        for (_, values) in vectors {
-            bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-        }
-        let hash = Sha256::digest(&bytes);
-        bytes.extend_from_slice(&hash);
-        Ok(bytes)
+        Ok(container::to_bytes(&header, &vectors))
     }
 
     fn from_bytes(bytes: &[u8]) -> Result<Self, String> {
-        let (content, hash) = bytes.split_last_chunk::<32>().ok_or("it is too short")?;
-        let rest = content.strip_prefix(MAGIC).ok_or("it does not begin like one")?;
-        if Sha256::digest(content).as_slice() != hash {
-            return Err("its checksum does not match; it was cut short or changed".into());
-        }
-        let (length, rest) = rest.split_first_chunk::<8>().ok_or("it is too short")?;
-        let length = usize::try_from(u64::from_le_bytes(*length)).map_err(|_| "its header is too long")?;
-        let (header, mut rest) = rest.split_at_checked(length).ok_or("its header is cut short")?;
-        let header: Header = serde_json::from_slice(header).map_err(|error| format!("its header: {error}"))?;
+        let container = Container::open(bytes)?;
+        let header: Header =
+            serde_json::from_slice(container.header).map_err(|error| format!("its header: {error}"))?;
         if !(PLAIN..=VERSION).contains(&header.version) {
             let known = format!("versions {PLAIN} to {VERSION}");
             return Err(format!("it is of version {}, this program reads {known}", header.version));
         }
         header.config.validate().map_err(|error| error.to_string())?;
-        let mut vectors = Vec::with_capacity(header.vectors.len());
-        for (name, count) in header.vectors {
-            let size = count.checked_mul(4).ok_or("a vector is too long")?;
-            let (values, after) = rest.split_at_checked(size).ok_or("a vector is cut short")?;
-            rest = after;
-            let values = values.as_chunks::<4>().0.iter().map(|value| f32::from_le_bytes(*value)).collect();
-            vectors.push(NamedVector { name, values });
-        }
-        let mut vectors = vectors.into_iter();
+        let mut vectors = container.vectors(header.vectors)?.into_iter();
         let mut next = |name: &str| match vectors.next() {
             Some(vector) if vector.name == name => Ok(vector.values),
             _ => Err(format!("'{name}' is missing")),
@@ -410,6 +385,9 @@ impl Checkpoint {
             None => None,
             Some(counts) => Some(LossSums { counts, partial: [next(LOSSES)?, next(LOSSES)?, next(LOSSES)?] }),
         };
+        let points = if header.record.is_some() { next(POINTS)? } else { Vec::new() };
+        let (points, []) = points.as_chunks::<3>() else { return Err("its points are not whole".into()) };
+        let points = points.to_vec();
         let count = gaussians.len();
         let motion = header.dynamic.checked_mul(header.motion_floats);
         let sh = if header.sh_degree <= 3 { count * sh_stride(header.sh_degree) } else { usize::MAX };
@@ -441,6 +419,8 @@ impl Checkpoint {
             levels,
             loss_sums,
             left_out: header.left_out,
+            record: header.record,
+            points,
         })
     }
 }

@@ -14,9 +14,9 @@ use crate::{
     camera_colour::{self, CameraColourState},
     camera_pose::{self, CameraPoseState},
     checkpoint::{Checkpoint, CheckpointError},
-    gaussians::Gaussians,
     schedule::Stage,
 };
+use erfgs_splat::gaussians::Gaussians;
 
 /// Why a run gives no static set.
 #[derive(Debug, thiserror::Error)]

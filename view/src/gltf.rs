@@ -5,7 +5,7 @@
 //! harmonics too.
 
 use erfgs_scene::{ply::GaussianCloud, srgb};
-use erfgs_train::gaussians::{SH_C0, sigmoid};
+use erfgs_splat::gaussians::{SH_C0, sigmoid};
 use serde_json::{Map, Value, json};
 
 /// What is fainter is not written.

@@ -6,7 +6,7 @@
 //! - [`gltf`]: an instant of it for what reads glTF.
 //! - [`server`]: the page and what it asks for, over HTTP.
 //! - [`training`]: what a page is told of a run that is being trained.
-//! - `page/`: the page itself, in plain JavaScript; it draws with the kernels of the trainer ([`erfgs_train::shaders`]) on WebGPU.
+//! - `page/`: the page itself, in plain JavaScript; it draws with the kernels of the trainer ([`erfgs_splat::shaders`]) on WebGPU.
 //!
 //! A browser without WebGPU is shown pictures that the server draws.
 

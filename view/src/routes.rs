@@ -12,10 +12,8 @@ use axum::{
 };
 use erfgs_page::access::{Access, guarded};
 use erfgs_scene::image::{ImageRgb8, jpeg};
-use erfgs_train::{
-    metrics::{Picture, psnr, to_unit},
-    raster::View,
-};
+use erfgs_splat::raster::View;
+use erfgs_train::metrics::{Picture, psnr, to_unit};
 use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 

@@ -11,7 +11,7 @@ use erfgs_page::{
     serve::{PageError, PageOptions, Server},
 };
 use erfgs_scene::image::ImageRgb8;
-use erfgs_train::raster::View;
+use erfgs_splat::raster::View;
 use serde::Serialize;
 use tokio::sync::oneshot;
 

@@ -1,6 +1,6 @@
 //! The files of the page, and the kernels that it runs.
 
-use erfgs_train::shaders;
+use erfgs_splat::shaders;
 
 /// Name, kind and text of each file of the page.
 const FILES: &[(&str, &str, &str)] = &[

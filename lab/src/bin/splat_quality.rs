@@ -10,13 +10,17 @@ use std::{path::PathBuf, process::ExitCode};
 
 use erfgs_dataset::Dataset;
 use erfgs_scene::ply::GaussianCloud;
-use erfgs_train::{
-    config::{Config, Method, Preset},
+use erfgs_splat::{
     gaussians::sh_stride,
     gpu::{AdapterChoice, Gpu},
-    metrics::{Picture, psnr, to_bytes, to_unit},
+    model::to_bytes,
+    near_plane,
     raster::{Frame, GaussianBuffers, RasterError, Rasteriser, RenderOptions},
-    scene::{Scene, near_plane},
+};
+use erfgs_train::{
+    config::{Config, Method, Preset},
+    metrics::{Picture, psnr, to_unit},
+    scene::Scene,
 };
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -81,7 +85,7 @@ fn quality(
     let (mut sum, mut drawn) = (0.0, Frame::new(gpu)?);
     for &[camera, index] in frames {
         let view = &scene.views[camera].view;
-        let near = near_plane(&scene.points, view, share, NEAR_M);
+        let near = near_plane(scene.points.iter().map(|(place, _)| place), view, share, NEAR_M);
         let options = RenderOptions { sh_degree: gaussians.sh_degree, near, ..RenderOptions::default() };
         loop {
             rasteriser.forward(gpu, gaussians, None, view, &options, &mut drawn)?;

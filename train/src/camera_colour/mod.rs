@@ -9,11 +9,10 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use crate::{
+use crate::{kernels::kernel, losses::threads_for};
+use erfgs_splat::{
     gpu::{Commands, Gpu, GpuError, Kernel},
-    losses::threads_for,
-    optimiser::AdamConfig,
-    schedule::decayed,
+    optimiser::{AdamConfig, decayed},
 };
 
 const STEP: &str = include_str!("step.wgsl");
@@ -117,7 +116,7 @@ impl CameraColours {
                 gpu.storage_from("second moment of colours", &state.moments[1])?,
             ],
             steps: state.steps.clone(),
-            kernel: gpu.kernel("colour of a camera", &[STEP]),
+            kernel: kernel(gpu, "colour of a camera", &[STEP]),
         })
     }
 

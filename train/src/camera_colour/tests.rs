@@ -1,8 +1,6 @@
 use super::*;
-use crate::{
-    gpu::{AdapterChoice, Shape},
-    losses::{Exposure, LossSum, Losses},
-};
+use crate::losses::{Exposure, LossSum, Losses};
+use erfgs_splat::gpu::{AdapterChoice, Shape};
 
 const PIXELS: u32 = 1000;
 const OPTIONS: CameraColourOptions = CameraColourOptions { enabled: true, from: 0.0, rate: [5e-3, 5e-4], prior: 0.01 };

@@ -1,4 +1,11 @@
 use super::*;
+use erfgs_scene::Modality;
+use erfgs_splat::{
+    field::NamedVector,
+    motion::MotionPlan,
+    raster::View,
+    trained::{Drawing, RecordedCamera, RecordedEvents},
+};
 
 fn checkpoint() -> Checkpoint {
     let gaussians = Gaussians::from_points(&[([0.5, 1.0, 2.0], [9, 8, 7]), ([1.5, 1.0, 2.0], [1, 2, 3])], 1, 0.1);
@@ -21,6 +28,8 @@ fn checkpoint() -> Checkpoint {
         levels: Vec::new(),
         loss_sums: None,
         left_out: Vec::new(),
+        record: None,
+        points: Vec::new(),
     }
 }
 
@@ -37,6 +46,39 @@ fn losses_since_the_last_row_of_the_curve_come_back() {
     let mut checkpoint = checkpoint();
     let counts = [640.0, 3.0, 1.0 / 3.0, 2.0, 0.0, f64::MIN_POSITIVE, 1e300];
     checkpoint.loss_sums = Some(LossSums { counts, partial: [vec![0.1, 0.2], Vec::new(), vec![3.0]] });
+    let bytes = checkpoint.to_bytes().expect("bytes");
+    assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
+}
+
+#[test]
+fn what_drawing_takes_comes_back() {
+    let mut checkpoint = checkpoint();
+    let view = View {
+        width: 40,
+        height: 30,
+        fx: 0.1 + 0.2,
+        fy: 50.0,
+        cx: 1.0 / 3.0,
+        cy: 15.0,
+        rotation: [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+        translation: [f32::MIN_POSITIVE, -0.7, 1e-3],
+    };
+    checkpoint.record = Some(Record {
+        span_ns: [i64::MIN + 1, i64::MAX],
+        intervals: 1.0 / 3.0,
+        drawing: Drawing { background: [0.1; 3], sh_degree: 1, near_m: 0.2, near_share: 0.3, near_sigmas: 3.0 },
+        motion: MotionPlan::Still,
+        shared_vectors: 1,
+        cameras: vec![RecordedCamera {
+            name: "left".into(),
+            held_out: true,
+            modality: Modality::Both,
+            view,
+            frames_ns: vec![[1, 2, 3]],
+        }],
+        events: RecordedEvents { edges: vec![0.0, 0.1 + 0.2, 1.0], counts: vec![3.0, 1e300] },
+    });
+    checkpoint.points = vec![[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]];
     let bytes = checkpoint.to_bytes().expect("bytes");
     assert_eq!(Checkpoint::from_bytes(&bytes).expect("read"), checkpoint);
 }

@@ -7,12 +7,8 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::{
-    camera_colour::CameraColourOptions,
-    camera_pose::CameraPoseOptions,
-    camera_time::CameraTimeOptions,
-    motion::{BodiesOptions, FreeTimeOptions, Guide},
-};
+pub use crate::{camera_colour::CameraColourOptions, camera_pose::CameraPoseOptions, camera_time::CameraTimeOptions};
+pub use erfgs_splat::motion::{BodiesOptions, FreeTimeOptions, Guide};
 pub use overrides::ConfigError;
 
 /// What is trained.

@@ -3,10 +3,8 @@
 use erfgs_dataset::Dataset;
 
 use super::{Config, FreeTimeOptions, Guide, Method, MotionModel, ranges};
-use crate::{
-    motion::FAR,
-    scene::{SceneError, check_memory, exposed, extent, moves, stands_still},
-};
+use crate::scene::{SceneError, check_memory, exposed, extent, moves, stands_still};
+use erfgs_splat::motion::FAR;
 
 /// The near plane is at most this share of the scene's extent away.
 const NEAREST: f32 = 0.2;
@@ -35,6 +33,9 @@ pub enum ConfigError {
         /// The key that was asked for.
         key: String,
     },
+    /// Paths cannot be so.
+    #[error(transparent)]
+    Path(#[from] erfgs_splat::motion::PathError),
     /// A value makes no sense.
     #[error("{key} = {value} is out of range: {reason}")]
     OutOfRange {
@@ -204,7 +205,7 @@ impl Config {
             free.first_life.to_string(),
             "0, or more than free_time.least_life",
         )?;
-        free.check_path()
+        Ok(free.check_path()?)
     }
 }
 
@@ -235,7 +236,7 @@ mod tests {
         table.remove("motion").expect("a field");
         table.remove("free_time").expect("a section");
         let old = toml::to_string(&table).expect("text");
-        let free_time = crate::motion::FreeTimeOptions::default();
+        let free_time = erfgs_splat::motion::FreeTimeOptions::default();
         let of_the_field = Config { motion: MotionModel::HexPlane, free_time, ..Config::default() };
         assert_eq!(Config::from_toml(&old).expect("read"), of_the_field);
     }

@@ -4,7 +4,7 @@ use erfgs_base::plausible::Brief;
 use toml::{Table, Value};
 
 use super::{Config, ConfigError};
-use crate::motion::{MOST_BETWEEN, MOST_KNOTS, MOST_NODES};
+use erfgs_splat::motion::{MOST_BETWEEN, MOST_KNOTS, MOST_NODES};
 
 /// Fields, and the least and the greatest value of each; both may be taken. Lists hold values of that range.
 struct Range(&'static [&'static str], f64, f64);

@@ -5,10 +5,8 @@ mod statistics;
 
 use erfgs_base::random;
 
-use crate::{
-    config::DensityConfig,
-    gaussians::{CORE, Gaussians, select_rows, sh_stride},
-};
+use crate::config::DensityConfig;
+use erfgs_splat::gaussians::{CORE, Gaussians, select_rows, sh_stride};
 
 pub use statistics::Statistics;
 

@@ -3,7 +3,8 @@
 use wgpu::Buffer;
 
 use super::Seen;
-use crate::gpu::{Commands, Gpu, GpuError, Kernel};
+use crate::kernels::kernel;
+use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel};
 
 /// Running statistics of every Gaussian.
 #[derive(Debug)]
@@ -19,11 +20,11 @@ impl Statistics {
     /// # Errors
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, rows: u32) -> Result<Self, GpuError> {
-        let kernel = gpu.kernel("statistics", &[include_str!("statistics.wgsl")]);
+        let kernel = kernel(gpu, "statistics", &[include_str!("statistics.wgsl")]);
         Ok(Self { kernel, seen: gpu.storage("statistics", u64::from(rows) * 16)?, rows })
     }
 
-    /// Adds the screen statistics of an iteration (rows of vec4; see [`crate::raster::Gradients`]).
+    /// Adds the screen statistics of an iteration (rows of vec4; see [`erfgs_splat::raster::Gradients`]).
     pub fn add(&self, gpu: &Gpu, commands: &mut Commands<'_>, screen: &Buffer) {
         let rows = gpu.uniform("rows", &[self.rows, 0, 0, 0]);
         commands.dispatch(&self.kernel, &[&rows, screen, &self.seen], self.rows.div_ceil(64));
@@ -54,7 +55,7 @@ impl Statistics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::AdapterChoice;
+    use erfgs_splat::gpu::AdapterChoice;
 
     #[test]
     fn gradients_add_up_over_the_iterations_that_saw_a_gaussian() {

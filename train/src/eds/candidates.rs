@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use crate::{
     config::{EdsConfig, Uniqueness},
-    raster::View,
     scene::{Scene, project},
 };
+use erfgs_splat::raster::View;
 
 /// What one source camera gave.
 pub(super) struct Found {

@@ -12,9 +12,11 @@ use erfgs_base::random;
 
 use crate::{
     config::{Coherence, EdsConfig},
+    scene::{Scene, SceneError},
+};
+use erfgs_splat::{
     gaussians::{CORE, Gaussians, Neighbours, sh_stride},
     motion::FreeTimeOptions,
-    scene::{Scene, SceneError},
 };
 
 const VIEWS: u64 = 0x6564_7376;

@@ -112,7 +112,7 @@ impl Trainer<'_> {
             iterations: self.iterations_done(),
             train_seconds: self.clock.seconds,
             train_cpu_seconds: (self.clock.cpu_seconds > 0.0).then_some(self.clock.cpu_seconds),
-            gaussians: u64::from(self.model.gaussians.count),
+            gaussians: u64::from(self.model.drawn.gaussians.count),
             bytes: self.model.bytes(),
             render_fps: if seconds > 0.0 { held_out.len() as f64 / seconds } else { 0.0 },
         };
@@ -224,7 +224,7 @@ fn spread(frames: &[HeldOutFrame], wanted: usize) -> Vec<HeldOutFrame> {
 }
 
 fn clamped(rgb: &[f32]) -> Vec<f32> {
-    to_unit(&crate::metrics::to_bytes(rgb))
+    to_unit(&erfgs_splat::model::to_bytes(rgb))
 }
 
 fn read(dataset: &Dataset, frame: &HeldOutFrame) -> Result<ImageRgb8, TrainError> {

@@ -3,11 +3,9 @@
 use erfgs_events::palette;
 use erfgs_scene::image::{ImageGrey8, ImageRgb8};
 
-use crate::{
-    metrics::to_bytes,
-    trainer::{TrainError, Trainer},
-};
+use crate::trainer::{TrainError, Trainer};
 use erfgs_run::{PerView, RunFolder};
+use erfgs_splat::model::to_bytes;
 
 /// Event frames written for every event camera.
 const EVENT_FRAMES: usize = 3;

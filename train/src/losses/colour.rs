@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
 use super::{LossSum, Losses};
-use crate::{
+use erfgs_splat::{
     gpu::{Commands, Gpu},
     raster::{Deltas, GaussianBuffers, sh_stride},
 };

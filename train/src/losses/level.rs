@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
 use super::{LossSum, Losses, Sensor, threads_for, unit};
-use crate::gpu::{Commands, Gpu, GpuError};
+use erfgs_splat::gpu::{Commands, Gpu, GpuError};
 
 pub(super) const EVENT_LEVEL: &str = include_str!("event_level.wgsl");
 

@@ -14,6 +14,9 @@ pub use self::{colour::ColourChange, level::Levels};
 use crate::{
     camera_colour::CameraColours,
     config::{EarlConfig, Norm, Quantise},
+    kernels::kernel,
+};
+use erfgs_splat::{
     gpu::{Commands, Gpu, GpuError, Kernel},
     raster::HARMONICS,
 };
@@ -200,12 +203,12 @@ impl Losses {
     /// Compiles the kernels.
     pub fn new(gpu: &Gpu) -> Self {
         Self {
-            accumulate: gpu.kernel("accumulate", &[TRANSFER, ACCUMULATE]),
-            photometric: gpu.kernel("photometric", &[TRANSFER, PHOTOMETRIC]),
-            spread: gpu.kernel("spread", &[TRANSFER, SPREAD]),
-            event: gpu.kernel("event", &[TRANSFER, LIN_LOG, EVENT]),
-            event_level: gpu.kernel("event level", &[&level::constants(), TRANSFER, LIN_LOG, level::EVENT_LEVEL]),
-            colour: gpu.kernel("colour", &[HARMONICS, colour::COLOUR]),
+            accumulate: kernel(gpu, "accumulate", &[TRANSFER, ACCUMULATE]),
+            photometric: kernel(gpu, "photometric", &[TRANSFER, PHOTOMETRIC]),
+            spread: kernel(gpu, "spread", &[TRANSFER, SPREAD]),
+            event: kernel(gpu, "event", &[TRANSFER, LIN_LOG, EVENT]),
+            event_level: kernel(gpu, "event level", &[&level::constants(), TRANSFER, LIN_LOG, level::EVENT_LEVEL]),
+            colour: kernel(gpu, "colour", &[HARMONICS, colour::COLOUR]),
         }
     }
 

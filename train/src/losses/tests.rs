@@ -1,10 +1,6 @@
 use super::*;
-use crate::{
-    camera_colour::CameraColourState,
-    config::Config,
-    gpu::{AdapterChoice, Shape},
-    reference::losses as twin,
-};
+use crate::{camera_colour::CameraColourState, config::Config, reference::losses as twin};
+use erfgs_splat::gpu::{AdapterChoice, Shape};
 
 mod colour;
 mod level;

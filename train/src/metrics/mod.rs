@@ -1,7 +1,7 @@
 //! Image quality: PSNR, DPSNR, SSIM and LPIPS, as the 4DGS evaluation defines them where it is well defined.
 //!
 //! All functions take pictures as f32 RGB in [0, 1]. The evaluation compares 8-bit pictures, so that what is measured
-//! is what is written to disk: see [`to_bytes`] and [`to_unit`].
+//! is what is written to disk: see [`erfgs_splat::model::to_bytes`] and [`to_unit`].
 
 mod colour;
 mod fast;
@@ -97,12 +97,6 @@ fn check_length(width: u32, height: u32, channels: usize, found: usize) -> Resul
     if found == expected { Ok(()) } else { Err(MetricError::Length { width, height, expected, found }) }
 }
 
-/// 8-bit values of a picture in [0, 1]: rounded to nearest, clamped; not-a-number becomes 0.
-#[must_use]
-pub fn to_bytes(rgb: &[f32]) -> Vec<u8> {
-    rgb.iter().map(|&value| (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect()
-}
-
 /// The picture in [0, 1] that 8-bit values stand for.
 #[must_use]
 pub fn to_unit(bytes: &[u8]) -> Vec<f32> {
@@ -126,6 +120,7 @@ mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use erfgs_splat::model::to_bytes;
 
     #[test]
     fn bytes_survive_the_way_through_unit_values() {

@@ -5,9 +5,8 @@ use glam::DVec3;
 use crate::{
     config::{EarlConfig, Norm, Quantise},
     losses::{Sensor, level},
-    raster::CORE_STRIDE,
-    reference::raster,
 };
+use erfgs_splat::{raster::CORE_STRIDE, reference::raster};
 
 /// The luma weights of v2e, OpenCV and ITU-R BT.601.
 pub const LUMA: [f64; 3] = [0.299, 0.587, 0.114];

@@ -1,8 +1,4 @@
-//! Plain `f64` twins of the kernels: the definitions that those are tested against.
+//! Plain `f64` twins of the kernels of learning: the definitions that those are tested against. Those of the model and its renderer
+//! are in [`erfgs_splat::reference`].
 
-pub mod adam;
-pub mod bodies;
-pub mod field;
-pub mod free_time;
 pub mod losses;
-pub mod raster;

@@ -4,7 +4,7 @@ use erfgs_dataset::{Camera, Dataset, DatasetError, Split};
 use glam::{DVec3, Vec3};
 
 use super::load::period_ns;
-use crate::motion::birth;
+use crate::start::birth;
 
 /// Points of an instant that are followed, at most: enough to know how fast the fast ones are.
 const FOLLOWED: usize = 400;

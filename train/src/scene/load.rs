@@ -10,10 +10,8 @@ use super::{
     Bins, EventView, Flicker, HeldOutFrame, Pictures, Point, Scene, SceneError, SceneView, TrainFrame, check_memory,
     events::EventCounter,
 };
-use crate::{
-    config::{Config, EarlConfig, MotionModel, Pairing},
-    raster::View,
-};
+use crate::config::{Config, EarlConfig, MotionModel, Pairing};
+use erfgs_splat::raster::View;
 
 /// Bytes that an event takes at most: its own four, and as many of the images of counts between events.
 const EVENT: u64 = 8;

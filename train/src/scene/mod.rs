@@ -11,7 +11,6 @@ mod flicker;
 mod load;
 mod memory;
 mod motion;
-mod near;
 mod pictures;
 mod still;
 mod words;
@@ -29,13 +28,15 @@ pub(crate) use load::{extent, median};
 pub(crate) use memory::check as check_memory;
 pub(crate) use motion::grow;
 pub use motion::{MotionMasks, classify, project};
-pub use near::near_plane;
 pub use pictures::{Pictures, Pixels};
 pub(crate) use still::stands_still;
 
 use crate::{
     config::Config,
-    motion::bodies::{Recording, Start, thin},
+    start::{Recording, from_bodies, thin},
+};
+use erfgs_splat::{
+    motion::bodies::Start,
     raster::{RasterError, View},
 };
 
@@ -312,7 +313,7 @@ impl Scene {
             thin(body, apart_m)
         };
         let bodies: Vec<Body> = self.carrying(config)?.into_iter().map(thinned).collect();
-        Ok(Start::new(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
+        Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 
     /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view.

@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::{Pixels, Scene, SceneError};
-use crate::{config::DynamicConfig, raster::View};
+use crate::config::DynamicConfig;
+use erfgs_splat::raster::View;
 
 /// Frames of a camera that are held at one time, whose median stands for that of all: more tell hardly more.
 const MEDIAN_OF: usize = 64;

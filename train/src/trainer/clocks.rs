@@ -8,10 +8,9 @@ use super::{TrainError, Trainer};
 use crate::{
     camera_time::{CameraTimeState, Learner},
     config::{Config, MotionModel},
-    gpu::Gpu,
-    motion::ClockRow,
     scene::{Scene, TrainFrame},
 };
+use erfgs_splat::{gpu::Gpu, motion::ClockRow};
 
 /// The clocks that are learned.
 #[derive(Debug)]

@@ -6,10 +6,8 @@
 //! even across a bounce.
 
 use super::{TrainError, Trainer};
-use crate::{
-    config::{Config, Pairing},
-    motion::Motion,
-};
+use crate::config::{Config, Pairing};
+use erfgs_splat::motion::Motion;
 
 /// The first part reaches so many RGB intervals to either side, and grows by so many at a time.
 const FIRST: f64 = 1.1;
@@ -74,7 +72,7 @@ impl Follow {
 impl Trainer<'_> {
     /// How the bodies of the fine stage are followed.
     pub(super) fn start_following(&mut self) {
-        let bodies = self.model.motion.as_ref().and_then(Motion::bodies);
+        let bodies = self.model.drawn.motion.as_ref().and_then(Motion::bodies);
         // What its looks tell at all instants need not be followed.
         let bodies = bodies.filter(|bodies| bodies.some_are_guessed());
         self.follow = bodies.and_then(|bodies| Follow::new(bodies.spans(), self.scene.intervals(), &self.config));
@@ -94,7 +92,7 @@ impl Trainer<'_> {
         let due = follow.due(self.schedule.progress(&self.clock));
         let (grown, to) = (self.clock.followed, due.unwrap_or(follow.steps));
         let first = self.clock.iteration == 0;
-        let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
+        let bodies = self.model.drawn.motion.as_mut().and_then(Motion::bodies_mut);
         if let Some(bodies) = bodies.filter(|_| first || to > grown) {
             if !first {
                 bodies.carry_on(self.gpu, follow.window(grown))?;
@@ -107,7 +105,7 @@ impl Trainer<'_> {
 
     /// Shows bodies that were followed whenever they are in view: from now on all of the recording is learned from.
     pub(super) fn end_following(&mut self) -> Result<(), TrainError> {
-        let bodies = self.model.motion.as_mut().and_then(Motion::bodies_mut);
+        let bodies = self.model.drawn.motion.as_mut().and_then(Motion::bodies_mut);
         if let (Some(follow), Some(bodies)) = (self.follow.take(), bodies)
             && self.clock.followed <= follow.steps
         {

@@ -9,13 +9,12 @@ use crate::{
     config::{Guide, MotionModel, Switch},
     density::{Measures, Moments, Population, densify},
     eds,
-    gaussians::Gaussians,
-    motion::birth,
-    raster::Region,
     scene::{MotionMasks, Point, classify},
     schedule::Stage,
+    start::{birth, unexplained},
 };
 use erfgs_run::LeftOut;
+use erfgs_splat::{gaussians::Gaussians, raster::Region};
 
 const BIN: u64 = 0x0062_696e;
 /// Images of few pixels get as many Gaussians as this all the same.
@@ -100,7 +99,7 @@ impl Trainer<'_> {
     /// that no body explains.
     fn carried(&self, mut population: Population) -> Result<Population, TrainError> {
         let start = self.scene.bodies(&self.config)?;
-        let points = start.unexplained(&self.scene.moving_points(), self.scene.recording().length());
+        let points = unexplained(&start, &self.scene.moving_points(), self.scene.recording().length());
         let degree = population.gaussians.sh_degree;
         let rest = self.born_of(&points, degree).with_motion_floats(start.gaussians.motion_floats);
         population.gaussians.dynamic = 0;

@@ -1,7 +1,8 @@
 //! Learning from an event camera at one time, against the levels of its pixels.
 
 use super::{TrainError, Trainer, model::Said, step::within};
-use crate::{config::Pairing, gpu::Gpu, losses::Levels, motion::Witness, raster::Wanted, scene::Scene};
+use crate::{config::Pairing, losses::Levels, scene::Scene};
+use erfgs_splat::{gpu::Gpu, motion::Witness, raster::Wanted};
 
 /// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown where it
 /// saved none.

@@ -8,6 +8,7 @@ mod model;
 mod poses;
 mod progress;
 mod quiet;
+mod record;
 mod render;
 mod samples;
 mod stages;
@@ -16,17 +17,16 @@ mod step;
 
 use std::{
     sync::{
-        Arc,
+        Arc, OnceLock,
         atomic::{AtomicBool, Ordering},
     },
     time::Instant,
 };
 
-use self::{clocks::Clocks, follow::Follow, model::Rendering, poses::Poses, step::Workspace};
+use self::{clocks::Clocks, follow::Follow, poses::Poses, step::Workspace};
 pub use self::{
     model::Model,
     progress::{Outcome, Progress, TrainError, TrainOptions, Watch},
-    render::Rendered,
     stages::StageTimes,
 };
 use crate::{
@@ -35,19 +35,23 @@ use crate::{
     config::{Config, ConfigError, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
-    field::FieldState,
-    gaussians::Gaussians,
-    gpu::Gpu,
     losses::Levels,
-    motion::Motion,
-    optimiser::FiniteCheck,
-    raster::{Region, View},
     scene::{Scene, SceneError, SceneView},
     schedule::{Budget, Clock, Schedule, Stage},
 };
 use erfgs_base::cpu;
 use erfgs_dataset::Dataset;
 use erfgs_run::{CameraColour, CameraPose, CameraTime, CurveRow, CurveWriter, Identity, LeftOut, RunFolder, RunInfo};
+use erfgs_splat::{
+    field::FieldState,
+    gaussians::Gaussians,
+    gpu::Gpu,
+    model::Rendering,
+    motion::Motion,
+    optimiser::FiniteCheck,
+    raster::{Region, View},
+    trained::RecordedEvents,
+};
 
 /// A photometric loss that pictures without anything in them may not have: five grey levels.
 const FAR_OFF: f64 = 0.02;
@@ -115,6 +119,8 @@ pub struct Trainer<'a> {
     viewer: Option<Rendering>,
     /// Where things move in every view, in the fine stage.
     regions: Vec<Option<Arc<Region>>>,
+    /// When events came, once that is counted.
+    counted: OnceLock<RecordedEvents>,
     pub(crate) held_out_masks: Option<HeldOutMasks>,
 }
 
@@ -167,7 +173,7 @@ impl<'a> Trainer<'a> {
         trainer.find_regions()?;
         if clock.stage == Stage::Fine {
             trainer.model.start_motion(gpu, &trainer.config, &trainer.scene, field_box)?;
-            if let Some(motion) = &mut trainer.model.motion {
+            if let Some(motion) = &mut trainer.model.drawn.motion {
                 motion.restore(gpu, field.as_ref())?;
             }
             trainer.start_following();
@@ -225,6 +231,7 @@ impl<'a> Trainer<'a> {
             times: StageTimes::default(),
             viewer: None,
             regions: Vec::new(),
+            counted: OnceLock::new(),
             held_out_masks: None,
             scene,
             config,
@@ -388,7 +395,7 @@ impl<'a> Trainer<'a> {
             loss_trajectory: trajectory,
             loss_colour: colour,
             loss_plane: plane,
-            gaussians: u64::from(self.model.gaussians.count),
+            gaussians: u64::from(self.model.drawn.gaussians.count),
             dynamic: self.dynamic_count(),
             psnr,
             dpsnr,
@@ -402,7 +409,7 @@ impl<'a> Trainer<'a> {
     /// Whether no training camera shows any Gaussian at any of its frames. Before the fine stage nothing is said: what moves may be
     /// born with it.
     fn sees_nothing(&mut self) -> Result<bool, TrainError> {
-        let count = self.model.gaussians.count as usize;
+        let count = self.model.drawn.gaussians.count as usize;
         let seen: Vec<[f32; 4]> = self.gpu.download(&self.model.gradients.screen, count)?;
         if self.clock.stage == Stage::Coarse || seen.iter().any(|row| row[3] > 0.0) {
             return Ok(false);
@@ -418,7 +425,7 @@ impl<'a> Trainer<'a> {
     }
 
     fn dynamic_count(&self) -> u64 {
-        if self.clock.stage == Stage::Fine { u64::from(self.model.dynamic) } else { 0 }
+        if self.clock.stage == Stage::Fine { u64::from(self.model.drawn.dynamic) } else { 0 }
     }
 
     fn progress(&self, psnr: Option<f64>, dpsnr: Option<f64>) -> Progress {
@@ -429,7 +436,7 @@ impl<'a> Trainer<'a> {
             share: self.share(),
             seconds: self.clock.seconds,
             cpu_seconds: self.clock.cpu_seconds,
-            gaussians: self.model.gaussians.count,
+            gaussians: self.model.drawn.gaussians.count,
             dynamic: self.dynamic_count() as u32,
             loss_rgb: None,
             loss_event: None,
@@ -450,13 +457,13 @@ impl<'a> Trainer<'a> {
     }
 
     fn check_finite(&self) -> Result<(), TrainError> {
-        let gaussians = &self.model.gaussians;
+        let gaussians = &self.model.drawn.gaussians;
         let (rows, row_floats) = self.model.motion_values();
         let [(paths, path_floats), (nodes, node_floats)] =
-            self.model.motion.as_ref().and_then(Motion::bodies).map_or([(rows, 0); 2], |bodies| bodies.values());
+            self.model.drawn.motion.as_ref().and_then(Motion::bodies).map_or([(rows, 0); 2], |bodies| bodies.values());
         for (what, buffer, floats) in [
             ("positions, scales, rotations and opacities of the Gaussians", &gaussians.core, gaussians.count * 12),
-            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * crate::raster::sh_stride(gaussians.sh_degree)),
+            (GAUSSIANS_COLOURS, &gaussians.sh, gaussians.count * erfgs_splat::raster::sh_stride(gaussians.sh_degree)),
             (TRAJECTORIES, rows, row_floats),
             (PATHS, paths, path_floats),
             (PATHS, nodes, node_floats),
@@ -498,6 +505,7 @@ impl<'a> Trainer<'a> {
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
         let Clock { stage, iteration, coarse, followed, .. } = self.clock;
         let timeless = Clock { stage, iteration, coarse, followed, ..Clock::default() };
+        let field = self.field()?;
         Ok(Checkpoint {
             config: self.config.clone(),
             clock: if self.deterministic { timeless } else { self.clock },
@@ -505,7 +513,9 @@ impl<'a> Trainer<'a> {
             population: self.model.population(self.gpu)?,
             fixed: self.model.fixed as usize,
             field_box: self.model.field_box,
-            field: self.field()?,
+            record: Some(self.record(field.as_ref())?),
+            points: self.initial_points(),
+            field,
             seen: self.statistics.read(self.gpu)?,
             camera_colours: match self.colours_differ {
                 true => Some(self.colour_state()?),
@@ -524,7 +534,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Gpu`] where the device fails.
     pub fn gaussians(&self) -> Result<Gaussians, TrainError> {
-        self.model.gaussians(self.gpu)
+        Ok(self.model.drawn.gaussians(self.gpu)?)
     }
 
     /// What all Gaussians share of the motion, where they do: the deformation field, or the paths of bodies.
@@ -532,7 +542,7 @@ impl<'a> Trainer<'a> {
     /// # Errors
     /// [`TrainError::Field`] where the device fails.
     pub fn field(&self) -> Result<Option<FieldState>, TrainError> {
-        Ok(self.model.motion.as_ref().map(|motion| motion.state(self.gpu)).transpose()?.flatten())
+        Ok(self.model.drawn.motion.as_ref().map(|motion| motion.state(self.gpu)).transpose()?.flatten())
     }
 
     /// What the scene turned out not to need.
@@ -590,7 +600,7 @@ impl<'a> Trainer<'a> {
 
     /// What the bodies are called that carry Gaussians by now.
     fn body_names(&self) -> Vec<String> {
-        self.model.motion.as_ref().and_then(Motion::bodies).map_or(Vec::new(), |bodies| bodies.names().to_vec())
+        self.model.drawn.motion.as_ref().and_then(Motion::bodies).map_or(Vec::new(), |bodies| bodies.names().to_vec())
     }
 
     /// Where the cameras were found to stand, beside their calibration; nothing where that is not learned.

@@ -6,24 +6,17 @@ use super::{StageTimes, TrainError};
 use crate::{
     config::{Config, FieldOptions, MotionModel},
     density::{Moments, Population},
+    scene::Scene,
+};
+use erfgs_splat::{
     field::{Field, FieldConfig, HeadInit, Heads, Outputs, PlaneWeights, SpatialSmoothness, Tape, TimeAxis},
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
-    motion::{Bodies, ClockRow, FreeTime, Motion, MotionRows, Witness},
-    optimiser::{Adam, AdamBuffers, AdamConfig},
-    raster::{Deltas, Frame, GaussianBuffers, Gradients, Rasteriser, RenderOptions, View, Wanted},
-    scene::Scene,
-    schedule::decayed,
+    model::{Model as Drawn, Rendering},
+    motion::{Bodies, ClockRow, FreeTime, Motion, MotionPlan, MotionRows, Witness, bodies::Start},
+    optimiser::{Adam, AdamBuffers, AdamConfig, decayed},
+    raster::{Deltas, Gradients, RenderOptions, View, Wanted},
 };
-
-/// A rendering and what its backward pass needs.
-#[derive(Debug)]
-pub(super) struct Rendering {
-    /// The image.
-    pub frame: Frame,
-    /// The deformation.
-    pub tape: Tape,
-}
 
 /// What was said of the pixels of a rendering.
 #[derive(Clone, Copy, Debug)]
@@ -36,25 +29,16 @@ pub(super) struct Said<'a> {
     pub wanted: Wanted<'a>,
 }
 
-impl Rendering {
-    /// Room for a rendering.
-    pub fn new(gpu: &Gpu) -> Result<Self, TrainError> {
-        Ok(Self { frame: Frame::new(gpu)?, tape: Tape::new(gpu)? })
-    }
-}
-
 /// Everything that learns.
 #[derive(Debug)]
 pub struct Model {
-    /// The Gaussians' parameters.
-    pub gaussians: GaussianBuffers,
-    /// How many of them, from the first, move.
-    pub dynamic: u32,
-    /// How many of them, to the last, are a static set, which is not learned.
+    /// The Gaussians and, in the fine stage, their motion.
+    pub drawn: Drawn,
+    /// How many of the Gaussians, to the last, are a static set, which is not learned.
     pub fixed: u32,
-    /// How they move, in the fine stage.
-    pub motion: Option<Motion>,
-    rows: RowBuffers,
+    /// How they move, as a file says it.
+    pub plan: MotionPlan,
+    rows: RowGradients,
     /// The box of the field, metres.
     pub field_box: [[f32; 3]; 2],
     /// Adam steps since the moments were zero.
@@ -64,36 +48,26 @@ pub struct Model {
     /// Where gradients of events go that are not to be learned from; the statistics are those of `gradients`.
     aside: Option<Gradients>,
     pub(super) d_deltas: Option<Deltas>,
-    rasteriser: Rasteriser,
     adam: Adam,
     moments: [Buffer; 4],
 }
 
-/// What the motion model keeps for each dynamic Gaussian, on the device: rows of `floats`.
+/// Gradients and moments of what the motion model keeps for each dynamic Gaussian.
 #[derive(Debug)]
-struct RowBuffers {
-    floats: usize,
-    values: Buffer,
+struct RowGradients {
     gradients: Buffer,
     moments: [Buffer; 2],
 }
 
-impl RowBuffers {
-    fn new(gpu: &Gpu, population: &Population) -> Result<Self, GpuError> {
-        let Population { gaussians, moments } = population;
+impl RowGradients {
+    fn new(gpu: &Gpu, Population { gaussians, moments }: &Population) -> Result<Self, GpuError> {
         Ok(Self {
-            floats: gaussians.motion_floats,
-            values: gpu.storage_from("rows of motion", &gaussians.motion)?,
             gradients: gpu.storage("gradient of the rows of motion", gaussians.motion.len() as u64 * 4)?,
             moments: [
                 gpu.storage_from("first moment of motion", &moments.motion_first)?,
                 gpu.storage_from("second moment of motion", &moments.motion_second)?,
             ],
         })
-    }
-
-    fn with<'a>(&'a self, core: &'a Buffer, count: u32) -> MotionRows<'a> {
-        MotionRows { core, count, values: &self.values, gradients: &self.gradients }
     }
 }
 
@@ -103,34 +77,30 @@ impl Model {
     /// # Errors
     /// [`TrainError::Raster`] and [`TrainError::Gpu`] where it does not fit.
     pub fn new(gpu: &Gpu, population: &Population) -> Result<Self, TrainError> {
-        let gaussians = upload(gpu, &population.gaussians)?;
+        let drawn = Drawn::new(gpu, &population.gaussians)?;
         Ok(Self {
-            dynamic: population.gaussians.dynamic as u32,
             fixed: 0,
-            motion: None,
-            rows: RowBuffers::new(gpu, population)?,
+            plan: MotionPlan::Still,
+            rows: RowGradients::new(gpu, population)?,
             field_box: [[0.0; 3]; 2],
             step: 0,
             sh_head: false,
-            gradients: Gradients::new(gpu, &gaussians)?,
+            gradients: Gradients::new(gpu, &drawn.gaussians)?,
             aside: None,
             d_deltas: None,
-            rasteriser: Rasteriser::new(gpu)?,
             adam: Adam::new(gpu),
             moments: upload_moments(gpu, &population.moments)?,
-            gaussians,
+            drawn,
         })
     }
 
     /// Replaces the population; what is shared by all in the motion model stays.
     pub(super) fn replace(&mut self, gpu: &Gpu, population: &Population) -> Result<(), TrainError> {
-        self.gaussians = upload(gpu, &population.gaussians)?;
-        self.dynamic = population.gaussians.dynamic as u32;
-        self.gradients = Gradients::new(gpu, &self.gaussians)?;
+        self.drawn.replace(gpu, &population.gaussians)?;
+        self.gradients = Gradients::new(gpu, &self.drawn.gaussians)?;
         self.aside = self.aside.take().map(|_| self.beside(gpu)).transpose()?;
         self.moments = upload_moments(gpu, &population.moments)?;
-        self.rows = RowBuffers::new(gpu, population)?;
-        self.hang(gpu)?;
+        self.rows = RowGradients::new(gpu, population)?;
         self.size_deltas(gpu)
     }
 
@@ -142,72 +112,54 @@ impl Model {
         scene: &Scene,
         field_box: [[f32; 3]; 2],
     ) -> Result<(), TrainError> {
-        self.motion = match config.motion {
+        let intervals = scene.intervals();
+        let (plan, motion) = match config.motion {
             MotionModel::HexPlane | MotionModel::Auto => {
-                let field_config = field_config(&config.field, self.gaussians.sh_degree, scene.frame_times.len());
-                Some(Motion::HexPlane(Box::new(Field::new(gpu, &field_config, field_box, config.seed)?)))
+                let field = field_config(&config.field, self.drawn.gaussians.sh_degree, scene.frame_times.len());
+                let motion = Motion::HexPlane(Box::new(Field::new(gpu, &field, field_box, config.seed)?));
+                (MotionPlan::HexPlane { field, aabb: field_box }, Some(motion))
             }
             MotionModel::FreeTime => {
-                let intervals = scene.intervals() as f32;
-                Some(Motion::FreeTime(Box::new(FreeTime::new(gpu, &config.free_time, intervals, scene.extent)?)))
+                let options = config.free_time.clone();
+                let motion = FreeTime::new(gpu, &options, intervals as f32, scene.extent)?;
+                (MotionPlan::FreeTime { options, intervals }, Some(Motion::FreeTime(Box::new(motion))))
             }
             MotionModel::Bodies => {
                 let start = scene.bodies(config)?;
-                let lengths = [scene.recording().length(), scene.intervals()];
-                let (bodies, free) = (&config.bodies, &config.free_time);
-                Some(Motion::Bodies(Box::new(Bodies::new(gpu, &start, bodies, free, lengths, scene.extent)?)))
+                let seconds = scene.recording().length();
+                let options = config.free_time.clone();
+                let lengths = [seconds, intervals];
+                let motion = Bodies::new(gpu, &start, &config.bodies, &options, lengths, scene.extent)?;
+                let Start { names, nodes, knots, .. } = start;
+                let plan = MotionPlan::Bodies { options, intervals, seconds, names, nodes, knots };
+                (plan, Some(Motion::Bodies(Box::new(motion))))
             }
-            MotionModel::Still => None,
+            MotionModel::Still => (MotionPlan::Still, None),
         };
-        self.hang(gpu)?;
+        self.plan = plan;
+        self.drawn.set_motion(gpu, motion)?;
         let free = matches!(config.motion, MotionModel::FreeTime | MotionModel::Bodies);
         let events_move_only = free && config.free_time.events_move_only;
         self.aside = events_move_only.then(|| self.beside(gpu)).transpose()?;
         self.field_box = field_box;
-        self.sh_head = matches!(self.motion, Some(Motion::HexPlane(_))) && config.field.sh_head;
+        self.sh_head = matches!(self.drawn.motion, Some(Motion::HexPlane(_))) && config.field.sh_head;
         self.size_deltas(gpu)
-    }
-
-    /// Says to bodies which Gaussians there are.
-    fn hang(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
-        if let Some(bodies) = self.motion.as_mut().and_then(Motion::bodies_mut) {
-            let rows: Vec<f32> = gpu.download(&self.rows.values, self.dynamic as usize * self.rows.floats)?;
-            bodies.hang(gpu, &rows)?;
-        }
-        Ok(())
     }
 
     /// Gradients that share nothing but the statistics with those that are learned from.
     fn beside(&self, gpu: &Gpu) -> Result<Gradients, TrainError> {
-        Ok(Gradients { screen: self.gradients.screen.clone(), ..Gradients::new(gpu, &self.gaussians)? })
+        Ok(Gradients { screen: self.gradients.screen.clone(), ..Gradients::new(gpu, &self.drawn.gaussians)? })
     }
 
     fn size_deltas(&mut self, gpu: &Gpu) -> Result<(), TrainError> {
-        self.d_deltas = match &self.motion {
-            Some(_) if self.dynamic > 0 => {
-                let stride = self.sh_head.then(|| sh_stride(self.gaussians.sh_degree) as u32);
-                Some(Deltas::new(gpu, "gradient of the deltas", self.dynamic, stride)?)
+        self.d_deltas = match &self.drawn.motion {
+            Some(_) if self.drawn.dynamic > 0 => {
+                let stride = self.sh_head.then(|| sh_stride(self.drawn.gaussians.sh_degree) as u32);
+                Some(Deltas::new(gpu, "gradient of the deltas", self.drawn.dynamic, stride)?)
             }
             _ => None,
         };
         Ok(())
-    }
-
-    /// The Gaussians, copied to the host.
-    ///
-    /// # Errors
-    /// [`TrainError::Gpu`].
-    pub fn gaussians(&self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
-        let count = self.gaussians.count as usize;
-        let read = |buffer: &Buffer, floats: usize| gpu.download::<f32>(buffer, floats);
-        Ok(Gaussians {
-            sh_degree: self.gaussians.sh_degree,
-            dynamic: self.dynamic as usize,
-            core: read(&self.gaussians.core, count * CORE)?,
-            sh: read(&self.gaussians.sh, count * sh_stride(self.gaussians.sh_degree))?,
-            motion_floats: self.rows.floats,
-            motion: read(&self.rows.values, self.dynamic as usize * self.rows.floats)?,
-        })
     }
 
     /// The Gaussians and their moments, copied to the host.
@@ -215,7 +167,7 @@ impl Model {
     /// # Errors
     /// [`TrainError::Gpu`].
     pub fn population(&self, gpu: &Gpu) -> Result<Population, TrainError> {
-        let gaussians = self.gaussians(gpu)?;
+        let gaussians = self.drawn.gaussians(gpu)?;
         let read = |buffer: &Buffer, like: &[f32]| gpu.download::<f32>(buffer, like.len());
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [motion_first, motion_second] = &self.rows.moments;
@@ -236,9 +188,9 @@ impl Model {
         const THERE: f32 = 0.1;
         let mut means: Vec<[f32; 3]> = (0..gaussians.len()).map(|index| gaussians.mean(index)).collect();
         let mut tape = Tape::new(gpu)?;
-        if self.deform(gpu, t01, &mut tape, Outputs::PositionOnly)? {
-            let deltas: Vec<f32> = gpu.download(&tape.deltas.core, self.dynamic as usize * CORE)?;
-            let comes_and_goes = self.rows.floats > 0;
+        if self.drawn.deform(gpu, t01, &mut tape, Outputs::PositionOnly)? {
+            let deltas: Vec<f32> = gpu.download(&tape.deltas.core, self.drawn.dynamic as usize * CORE)?;
+            let comes_and_goes = self.drawn.row_floats > 0;
             for ((mean, delta), core) in
                 means.iter_mut().zip(deltas.chunks_exact(CORE)).zip(gaussians.core.chunks_exact(CORE))
             {
@@ -256,7 +208,8 @@ impl Model {
     /// Where the field takes these canonical places by `t01`, metres; where they are, without a field.
     pub(super) fn carried(&mut self, gpu: &Gpu, canonical: &[[f32; 3]], t01: f64) -> Result<Vec<[f32; 3]>, TrainError> {
         let mut places = canonical.to_vec();
-        let Some(field) = self.motion.as_mut().and_then(Motion::field_mut).filter(|_| !canonical.is_empty()) else {
+        let Some(field) = self.drawn.motion.as_mut().and_then(Motion::field_mut).filter(|_| !canonical.is_empty())
+        else {
             return Ok(places);
         };
         let mut core = vec![0.0_f32; canonical.len() * CORE];
@@ -273,48 +226,9 @@ impl Model {
         Ok(places)
     }
 
-    /// The Gaussians as they stand at `t01`, for export.
-    ///
-    /// # Errors
-    /// [`TrainError`] where the device fails.
-    pub fn gaussians_at(&mut self, gpu: &Gpu, t01: f64) -> Result<Gaussians, TrainError> {
-        let mut gaussians = self.gaussians(gpu)?;
-        let mut tape = Tape::new(gpu)?;
-        if !self.deform(gpu, t01, &mut tape, Outputs::All)? {
-            return Ok(gaussians);
-        }
-        let rows = self.dynamic as usize;
-        let add = |to: &mut [f32], deltas: Vec<f32>| to.iter_mut().zip(deltas).for_each(|(to, delta)| *to += delta);
-        add(&mut gaussians.core, gpu.download(&tape.deltas.core, rows * CORE)?);
-        if let Some(sh) = &tape.deltas.sh {
-            add(&mut gaussians.sh, gpu.download(sh, rows * sh_stride(self.gaussians.sh_degree))?);
-        }
-        Ok(gaussians)
-    }
-
-    /// The Gaussians of one moment that stand for all: as they are stored, or, where each is stored at an instant of its
-    /// own, as they stand in the middle of the recording.
-    ///
-    /// # Errors
-    /// [`TrainError`] where the device fails.
-    pub fn gaussians_still(&mut self, gpu: &Gpu) -> Result<Gaussians, TrainError> {
-        match &self.motion {
-            Some(Motion::FreeTime(_) | Motion::Bodies(_)) => self.gaussians_at(gpu, 0.5),
-            Some(Motion::HexPlane(_)) | None => self.gaussians(gpu),
-        }
-    }
-
     /// What the motion model keeps for the Gaussians, and how many floats that is.
     pub(super) fn motion_values(&self) -> (&Buffer, u32) {
-        (&self.rows.values, self.dynamic * self.rows.floats as u32)
-    }
-
-    /// Evaluates the motion at `t01`; says whether there is any.
-    pub(super) fn deform(&mut self, gpu: &Gpu, t01: f64, tape: &mut Tape, what: Outputs) -> Result<bool, TrainError> {
-        let Some(motion) = self.motion.as_mut().filter(|_| self.dynamic > 0) else { return Ok(false) };
-        let rows = self.rows.with(&self.gaussians.core, self.dynamic);
-        motion.forward(gpu, rows, t01 as f32, tape, what)?;
-        Ok(true)
+        (&self.drawn.rows, self.drawn.dynamic * self.drawn.row_floats as u32)
     }
 
     /// Renders `view` at `t01`.
@@ -327,13 +241,11 @@ impl Model {
         rendering: &mut Rendering,
         times: &mut StageTimes,
     ) -> Result<(), TrainError> {
-        let deltas = if self.deform(gpu, t01, &mut rendering.tape, Outputs::All)? {
+        let deformed = self.drawn.deform(gpu, t01, &mut rendering.tape, Outputs::All)?;
+        if deformed {
             times.lap(gpu, "motion forward")?;
-            Some(&rendering.tape.deltas)
-        } else {
-            None
-        };
-        self.rasteriser.forward(gpu, &self.gaussians, deltas, view, options, &mut rendering.frame)?;
+        }
+        self.drawn.draw(gpu, view, options, rendering, deformed)?;
         Ok(times.lap(gpu, "raster forward")?)
     }
 
@@ -348,9 +260,9 @@ impl Model {
     ) -> Result<(), TrainError> {
         let gradients = self.gradients_of(said.witness);
         let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
-        self.rasteriser.backward(
+        self.drawn.rasteriser().backward(
             gpu,
-            &self.gaussians,
+            &self.drawn.gaussians,
             deltas,
             view,
             options,
@@ -380,8 +292,10 @@ impl Model {
         clock: Option<ClockRow<'_>>,
     ) -> Result<(), TrainError> {
         let d_core = self.gradients_of(witness).core.clone();
-        if let (Some(motion), Some(d_deltas)) = (&mut self.motion, &self.d_deltas) {
-            let rows = self.rows.with(&self.gaussians.core, self.dynamic);
+        let Drawn { gaussians, dynamic, motion, rows, .. } = &mut self.drawn;
+        if let (Some(motion), Some(d_deltas)) = (motion, &self.d_deltas) {
+            let (core, count, gradients) = (&gaussians.core, *dynamic, &self.rows.gradients);
+            let rows = MotionRows { core, count, values: rows, gradients };
             motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
             if let Some(clock) = clock {
                 motion.clock(gpu, rows, &rendering.tape, d_deltas, clock);
@@ -392,7 +306,7 @@ impl Model {
 
     /// How many of the Gaussians, from the first, learn.
     pub(super) fn learning(&self) -> u32 {
-        self.gaussians.count - self.fixed
+        self.drawn.gaussians.count - self.fixed
     }
 
     /// Sets the gradients of an iteration to zero.
@@ -403,7 +317,7 @@ impl Model {
         commands.clear(&self.gradients.screen);
         commands.clear(&self.rows.gradients);
         commands.submit();
-        if let Some(bodies) = self.motion.as_ref().and_then(Motion::bodies) {
+        if let Some(bodies) = self.drawn.motion.as_ref().and_then(Motion::bodies) {
             bodies.clear_gradients(gpu);
         }
     }
@@ -436,20 +350,21 @@ impl Model {
             rates.opacity,
             0.0,
         ];
-        let mut sh_rates = vec![rates.sh_rest; sh_stride(self.gaussians.sh_degree)];
+        let mut sh_rates = vec![rates.sh_rest; sh_stride(self.drawn.gaussians.sh_degree)];
         sh_rates[..3].fill(rates.sh_dc);
         let free = &config.free_time;
         let mut row_rates = free.rates(position);
-        row_rates.resize(self.rows.floats.max(row_rates.len()), 0.0);
+        row_rates.resize(self.drawn.row_floats.max(row_rates.len()), 0.0);
         let [core_first, core_second, sh_first, sh_second] = &self.moments;
         let [row_first, row_second] = &self.rows.moments;
         let count = self.learning();
-        let of_rows = (&self.rows.values, &self.rows.gradients, row_first, row_second, &row_rates[..], self.dynamic);
-        let has_rows = self.rows.floats > 0 && self.dynamic > 0;
+        let dynamic = self.drawn.dynamic;
+        let of_rows = (&self.drawn.rows, &self.rows.gradients, row_first, row_second, &row_rates[..], dynamic);
+        let has_rows = self.drawn.row_floats > 0 && dynamic > 0;
         let mut commands = gpu.commands();
         for (parameters, gradients, first_moment, second_moment, rates, rows) in [
-            (&self.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..], count),
-            (&self.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..], count),
+            (&self.drawn.gaussians.core, &self.gradients.core, core_first, core_second, &core_rates[..], count),
+            (&self.drawn.gaussians.sh, &self.gradients.sh, sh_first, sh_second, &sh_rates[..], count),
         ]
         .into_iter()
         .chain(has_rows.then_some(of_rows))
@@ -467,12 +382,12 @@ impl Model {
             self.adam.step(&mut commands, &buffers, rates, &adam, self.step)?;
         }
         commands.submit();
-        if let Some(field) = self.motion.as_mut().and_then(Motion::field_mut).filter(|_| self.dynamic > 0) {
+        if let Some(field) = self.drawn.motion.as_mut().and_then(Motion::field_mut).filter(|_| dynamic > 0) {
             let planes = extent * decayed(rates.planes, progress);
             let network = extent * decayed(rates.network, progress);
             field.step(gpu, planes, network, &adam)?;
         }
-        if let Some(bodies) = self.motion.as_mut().and_then(Motion::bodies_mut).filter(|_| self.dynamic > 0) {
+        if let Some(bodies) = self.drawn.motion.as_mut().and_then(Motion::bodies_mut).filter(|_| dynamic > 0) {
             bodies.step(gpu, progress, follows, adam.epsilon)?;
         }
         Ok(())
@@ -481,11 +396,12 @@ impl Model {
     /// Bytes of the parameters, as a checkpoint without moments would hold them.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let row = CORE + sh_stride(self.gaussians.sh_degree);
-        let field = self.motion.as_ref().and_then(Motion::field);
+        let Drawn { gaussians, dynamic, motion, row_floats, .. } = &self.drawn;
+        let row = CORE + sh_stride(gaussians.sh_degree);
+        let field = motion.as_ref().and_then(Motion::field);
         let (planes, network) = field.map_or((0, 0), Field::parameters);
-        let rows = u64::from(self.dynamic) * self.rows.floats as u64;
-        4 * (u64::from(self.gaussians.count) * row as u64 + rows + planes as u64 + network as u64)
+        let rows = u64::from(*dynamic) * *row_floats as u64;
+        4 * (u64::from(gaussians.count) * row as u64 + rows + planes as u64 + network as u64)
     }
 }
 
@@ -522,10 +438,6 @@ fn field_config(options: &FieldOptions, sh_degree: u32, frame_times: usize) -> F
         time_axis: if options.upper_half_time { TimeAxis::UpperHalf } else { TimeAxis::Full },
         head_init: if options.zero_heads { HeadInit::ZeroLast } else { HeadInit::Xavier },
     }
-}
-
-fn upload(gpu: &Gpu, gaussians: &Gaussians) -> Result<GaussianBuffers, TrainError> {
-    Ok(GaussianBuffers::from_slices(gpu, gaussians.sh_degree, &gaussians.core, &gaussians.sh)?)
 }
 
 fn upload_moments(gpu: &Gpu, moments: &Moments) -> Result<[Buffer; 4], GpuError> {

@@ -7,9 +7,11 @@ use wgpu::Buffer;
 use super::{TrainError, Trainer};
 use crate::{
     camera_pose::{CameraPoseOptions, CameraPoseState, Learner, learner_sigma},
+    scene::{Scene, SceneView, median},
+};
+use erfgs_splat::{
     gpu::Gpu,
     raster::{PoseRow, View},
-    scene::{Scene, SceneView, median},
 };
 
 /// The poses that are learned.

@@ -3,14 +3,12 @@
 use crate::{
     checkpoint::CheckpointError,
     config::ConfigError,
-    field::FieldError,
-    gpu::GpuError,
     metrics::MetricError,
-    raster::RasterError,
     scene::SceneError,
     schedule::{Budget, Stage},
 };
 use erfgs_run::RunError;
+use erfgs_splat::{field::FieldError, gpu::GpuError, model::ModelError, raster::RasterError};
 use serde::Serialize;
 
 use super::Trainer;
@@ -200,4 +198,14 @@ pub enum TrainError {
     /// A picture.
     #[error(transparent)]
     Image(#[from] erfgs_scene::image::ImageError),
+}
+
+impl From<ModelError> for TrainError {
+    fn from(error: ModelError) -> Self {
+        match error {
+            ModelError::Gpu(error) => error.into(),
+            ModelError::Raster(error) => error.into(),
+            ModelError::Field(error) => error.into(),
+        }
+    }
 }

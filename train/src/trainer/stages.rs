@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, time::Instant};
 
-use crate::gpu::{Gpu, GpuError, Traffic};
+use erfgs_splat::gpu::{Gpu, GpuError, Traffic};
 
 /// Seconds and calls of every stage, if they are asked for. Measuring waits for the device after every stage, which the
 /// training loop does not do otherwise.

@@ -4,13 +4,12 @@ use super::{TrainError, TrainOptions, Trainer, grow::thin};
 use crate::{
     config::{Config, MotionModel},
     density::{Moments, Population},
-    gaussians::Gaussians,
-    gpu::Gpu,
     scene::{MotionMasks, Point, Scene, classify},
     schedule::Clock,
     static_set::StaticSet,
 };
 use erfgs_run::LeftOut;
+use erfgs_splat::{gaussians::Gaussians, gpu::Gpu};
 
 /// A frame shows something else where it differs from the static set by more than this (of 1), in the mean of a square.
 const UNLIKE: f32 = 0.1;

@@ -7,19 +7,22 @@ use wgpu::Buffer;
 
 use super::{
     TrainError, Trainer,
-    model::{Rendering, Said, plane_weights},
+    model::{Said, plane_weights},
     samples::{self, Sample},
 };
 use crate::{
     checkpoint::LossSums,
     config::{MotionModel, Norm, Pairing, Switch},
-    field::{Blend, Outputs, Tape},
-    gpu::Gpu,
     losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
-    motion::{Motion, Witness},
-    raster::{Region, RenderOptions, View, Wanted},
     scene::TrainFrame,
     schedule::Stage,
+};
+use erfgs_splat::{
+    field::{Blend, Outputs, Tape},
+    gpu::Gpu,
+    model::Rendering,
+    motion::{Motion, Witness},
+    raster::{Region, RenderOptions, View, Wanted},
 };
 
 const EXPOSURE: u64 = 0x6578_706f;
@@ -164,7 +167,7 @@ impl Trainer<'_> {
         let every = self.config.field.regularise_every;
         if iteration.is_multiple_of(every)
             && let Some(field) =
-                self.model.motion.as_mut().and_then(Motion::field_mut).filter(|_| self.model.dynamic > 0)
+                self.model.drawn.motion.as_mut().and_then(Motion::field_mut).filter(|_| self.model.drawn.dynamic > 0)
         {
             let weights = plane_weights(&self.config.field, every as f32);
             let losses = field.regularise(self.gpu, &weights)?;
@@ -219,7 +222,7 @@ impl Trainer<'_> {
         };
         RenderOptions {
             background: self.config.background,
-            sh_degree: self.model.gaussians.sh_degree.min(raised),
+            sh_degree: self.model.drawn.gaussians.sh_degree.min(raised),
             near: self.config.near_m,
             near_sigmas: self.config.near_sigmas,
             ..RenderOptions::default()
@@ -245,7 +248,7 @@ impl Trainer<'_> {
             Stage::Coarse => Look::All,
             Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => Look::Moving(region),
             // The part of the image that many renderings of an exposure are for has samples of its own.
-            Stage::Fine if exposures && self.model.dynamic > 0 => Look::Still(region),
+            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => Look::Still(region),
             Stage::Fine => Look::All,
         }
     }
@@ -259,7 +262,7 @@ impl Trainer<'_> {
         let times = match &look {
             // What stands still looks alike throughout an exposure.
             Look::Still(_) => vec![frame.instant(self.config.blur.instant)],
-            _ => exposure_times(&self.config, self.clock.stage, self.model.dynamic, frame, drawn),
+            _ => exposure_times(&self.config, self.clock.stage, self.model.drawn.dynamic, frame, drawn),
         };
         let view = self.scene.views[frame.view].view;
         let options = self.options();
@@ -434,7 +437,7 @@ impl Trainer<'_> {
         let weight = self.config.earl.weight_trajectory / self.event_batch();
         let frame_times = &self.scene.frame_times;
         let next = frame_times.partition_point(|&time| time < times[1] - 1e-9);
-        if weight == 0.0 || next == 0 || next >= frame_times.len() || self.model.dynamic == 0 {
+        if weight == 0.0 || next == 0 || next >= frame_times.len() || self.model.drawn.dynamic == 0 {
             return Ok(());
         }
         let (start, end) = (frame_times[next - 1], frame_times[next]);
@@ -443,16 +446,16 @@ impl Trainer<'_> {
         }
         let gpu = self.gpu;
         // The trajectories of a model without a field are smooth as they are.
-        if self.model.motion.as_ref().and_then(Motion::field).is_none() {
+        if self.model.drawn.motion.as_ref().and_then(Motion::field).is_none() {
             return Ok(());
         }
         let anchored = self.config.earl.pairing == Pairing::FrameAnchored && (start - times[0]).abs() < 1e-9;
         if !anchored {
-            self.model.deform(gpu, start, &mut self.work.before, Outputs::PositionOnly)?;
+            self.model.drawn.deform(gpu, start, &mut self.work.before, Outputs::PositionOnly)?;
         }
-        self.model.deform(gpu, end, &mut self.work.after, Outputs::PositionOnly)?;
+        self.model.drawn.deform(gpu, end, &mut self.work.after, Outputs::PositionOnly)?;
         let (Some(field), Some(d_deltas)) =
-            (self.model.motion.as_ref().and_then(Motion::field), self.model.d_deltas.as_ref())
+            (self.model.drawn.motion.as_ref().and_then(Motion::field), self.model.d_deltas.as_ref())
         else {
             return Ok(());
         };
@@ -471,7 +474,7 @@ impl Trainer<'_> {
         let Some(d_deltas) = self.model.d_deltas.as_ref().filter(|_| weight > 0.0) else { return };
         let work = &mut self.work;
         let [before, after] = [0, 1].map(|slot| &work.renderings[slot].tape.deltas);
-        let gaussians = &self.model.gaussians;
+        let gaussians = &self.model.drawn.gaussians;
         let change = ColourChange { gaussians, before, after, centre: view.centre(), sh_degree };
         let (d_sh, sum) = (&self.model.gradients.sh, &work.sums.colour);
         let mut commands = self.gpu.commands();

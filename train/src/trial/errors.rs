@@ -10,10 +10,10 @@ use super::HeldOut;
 use crate::{
     config::Config,
     metrics::to_unit,
-    raster::View,
     scene::{EventView, Scene, SceneError, grow, project},
     trainer::{TrainError, Trainer},
 };
+use erfgs_splat::raster::View;
 
 /// Renderings of an exposure.
 const RENDERINGS: u32 = 5;

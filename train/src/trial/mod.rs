@@ -17,12 +17,12 @@ use self::errors::Errors;
 use crate::{
     checkpoint::Checkpoint,
     config::{Config, MotionModel},
-    gpu::Gpu,
     scene::Scene,
     schedule::{Budget, Stage},
     static_set::StaticSet,
     trainer::{TrainError, TrainOptions, Trainer},
 };
+use erfgs_splat::gpu::Gpu;
 
 /// The trial takes no more than one in so many iterations of the fine stage.
 const MOST_SHARE: u32 = 4;

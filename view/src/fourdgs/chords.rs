@@ -1,6 +1,6 @@
 //! What moves on a bent way, as few straight pieces of it: from a sample on to the last that a line from there leads to.
 
-use erfgs_train::gaussians::{CORE, Gaussians, sigmoid};
+use erfgs_splat::gaussians::{CORE, Gaussians, sigmoid};
 
 /// How far a way may leave its chord, as a share of the largest standard deviation of its Gaussian.
 const STRAIGHT: f32 = 0.25;

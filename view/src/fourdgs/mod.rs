@@ -7,13 +7,11 @@
 
 mod chords;
 
-use erfgs_train::{
-    config::MotionModel,
+use erfgs_splat::{
     gaussians::{CORE, Gaussians, SH_C0, sh_stride, sigmoid},
-    gpu::Gpu,
-    motion::{FreeTimeOptions, Motion, bodies::EXTRA_FLOATS},
-    schedule::Stage,
-    trainer::{TrainError, Trainer},
+    model::ModelError,
+    motion::{FreeTimeOptions, MotionPlan, bodies::EXTRA_FLOATS},
+    trained::{Reconstruction, TrainedScene},
 };
 use fourdgs::{GaussianSet, SceneExtras, WriteOptions};
 
@@ -44,7 +42,7 @@ pub struct Written {
 pub enum FourDgsError {
     /// The run.
     #[error(transparent)]
-    Train(#[from] TrainError),
+    Model(#[from] ModelError),
     /// The container's own code.
     #[error("the scene cannot be written as 4dgs: {0}")]
     Container(#[from] fourdgs::Error),
@@ -71,32 +69,26 @@ struct Birth {
 ///
 /// # Errors
 /// [`FourDgsError`].
-pub fn write(
-    trainer: &mut Trainer<'_>,
-    gpu: &Gpu,
-    on_progress: &mut dyn FnMut(u64, u64),
-) -> Result<Written, FourDgsError> {
-    let span = trainer.scene.dataset.manifest.span_ns;
-    let seconds = ((span[1] - span[0]) as f64 / 1e9) as f32;
-    let intervals = trainer.scene.intervals().max(1.0) as f32;
-    let gaussians = trainer.gaussians()?;
-    let moves = if trainer.clock.stage == Stage::Fine { gaussians.dynamic } else { 0 };
+pub fn write(scene: &mut TrainedScene<'_>, on_progress: &mut dyn FnMut(u64, u64)) -> Result<Written, FourDgsError> {
+    let Reconstruction { record, gaussians, .. } = scene.learned().clone();
+    let [start, end] = record.span_ns;
+    let seconds = (end.saturating_sub(start) as f64 / 1e9) as f32;
+    let intervals = record.intervals.max(1.0) as f32;
+    let moves = if record.motion == MotionPlan::Still { 0 } else { gaussians.dynamic };
     // The window is open at its end, and the last instant belongs to the scene.
     let whole = [0.0, seconds * 1.001 + 1e-6];
-    let mut set = Set::new(&gaussians, trainer.options().sh_degree);
+    let mut set = Set::new(&gaussians, record.drawing.sh_degree);
     let mut left_out = Vec::new();
-    match trainer.config.motion {
-        MotionModel::FreeTime if moves > 0 => {
-            let options = &trainer.config.free_time;
+    match &record.motion {
+        MotionPlan::FreeTime { options, .. } if moves > 0 => {
             for (index, row) in gaussians.motion.chunks_exact(options.floats()).enumerate().take(moves) {
                 for birth in births(&gaussians, index, row, options, [intervals, seconds], whole) {
                     set.push(&gaussians, index, &birth);
                 }
             }
         }
-        MotionModel::Bodies if moves > 0 => {
+        MotionPlan::Bodies { options: free, knots, .. } if moves > 0 => {
             left_out.push("how what bodies carry turns along each of its straight pieces".to_owned());
-            let free = &trainer.config.free_time;
             let floats = free.floats();
             let (of_none, carried): (Vec<usize>, Vec<usize>) =
                 (0..moves).partition(|index| gaussians.motion[index * (floats + EXTRA_FLOATS) + floats] < 1.0);
@@ -106,31 +98,28 @@ pub fn write(
                     set.push(&gaussians, index, &birth);
                 }
             }
-            let stretches = trainer.model.motion.as_ref().and_then(Motion::bodies).map_or(1, |bodies| {
-                let [_, _, control] = bodies.counts();
-                control.saturating_sub(3).max(1) as usize
-            });
+            let stretches = knots.saturating_sub(3).max(1);
             let steps = SAMPLES * stretches;
             let mut chords = Chords::new(carried.into_iter());
             for step in 0..=steps {
                 on_progress(step as u64, steps as u64);
                 let t01 = step as f64 / steps as f64;
-                let there = trainer.model.gaussians_at(gpu, t01)?;
+                let there = scene.gaussians_at(t01)?;
                 set.follow(&gaussians, &chords.push(t01 as f32 * seconds, &there))?;
             }
             set.follow(&gaussians, &chords.end(whole[1]))?;
         }
-        MotionModel::HexPlane | MotionModel::Auto if moves > 0 => {
-            if trainer.config.field.sh_head {
+        MotionPlan::HexPlane { field, .. } if moves > 0 => {
+            if field.heads.sh {
                 left_out.push("how colours change with time".to_owned());
             }
             let steps = intervals.ceil() as u64;
-            let mut from = trainer.model.gaussians_at(gpu, 0.0)?;
+            let mut from = scene.gaussians_at(0.0)?;
             for step in 0..steps {
                 on_progress(step, steps);
                 let at = |offset: f64| (step as f64 + offset) / steps as f64;
-                let middle = trainer.model.gaussians_at(gpu, at(0.5))?;
-                let to = trainer.model.gaussians_at(gpu, at(1.0))?;
+                let middle = scene.gaussians_at(at(0.5))?;
+                let to = scene.gaussians_at(at(1.0))?;
                 let last = if step + 1 == steps { whole[1] } else { at(1.0) as f32 * seconds };
                 let window = [at(0.0) as f32 * seconds, last];
                 let length = seconds / steps as f32;

@@ -13,13 +13,10 @@ mod read;
 
 use std::{io::Write as _, ops::Range};
 
-use erfgs_dataset::Split;
-use erfgs_train::{
+use erfgs_splat::{
     gaussians::{CORE, select_rows, sh_stride},
     raster::View,
-    scene::{EventView, Scene, SceneError},
-    schedule::Stage,
-    trainer::{TrainError, Trainer},
+    trained::{Reconstruction, RecordedCamera},
 };
 use flate2::{Compression, write::GzEncoder};
 use serde::{Deserialize, Serialize};
@@ -175,31 +172,27 @@ struct Part {
 const CORE_CODES: [u8; CORE] = [2, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 0];
 
 impl Learned {
-    /// What a run has learned by now.
-    ///
-    /// # Errors
-    /// [`TrainError`] where the device fails, or events cannot be read.
-    pub fn of(trainer: &Trainer<'_>) -> Result<Self, TrainError> {
-        let gaussians = trainer.gaussians()?;
-        let Trainer { scene, config, .. } = trainer;
-        let moves = trainer.clock.stage == Stage::Fine && gaussians.dynamic > 0;
-        let (motion, only_server) = if moves { motion::of(trainer) } else { (HeaderMotion::Still, None) };
-        let options = trainer.options();
-        let every = scene.points.len().div_ceil(POINTS).max(1);
-        let points: Vec<f32> = scene.points.iter().step_by(every).flat_map(|(place, _)| *place).collect();
+    /// What a run has learned.
+    #[must_use]
+    pub fn of(learned: &Reconstruction) -> Self {
+        let Reconstruction { record, gaussians, shared, points } = learned;
+        let drawing = &record.drawing;
+        let (motion, only_server) = motion::of(learned);
+        let every = points.len().div_ceil(POINTS).max(1);
+        let some_points: Vec<f32> = points.iter().step_by(every).flatten().copied().collect();
         let header = Header {
             count: gaussians.len(),
-            dynamic: if moves { gaussians.dynamic } else { 0 },
+            dynamic: if motion == HeaderMotion::Still { 0 } else { gaussians.dynamic },
             sh_degree: gaussians.sh_degree,
-            active_sh_degree: options.sh_degree,
-            background: options.background,
-            near: [config.near_m, config.near_share],
-            near_sigmas: options.near_sigmas,
-            span_ns: scene.dataset.manifest.span_ns,
+            active_sh_degree: drawing.sh_degree,
+            background: drawing.background,
+            near: [drawing.near_m, drawing.near_share],
+            near_sigmas: drawing.near_sigmas,
+            span_ns: record.span_ns,
             motion,
             only_server,
-            cameras: cameras(trainer),
-            events: events(scene)?,
+            cameras: record.cameras.iter().map(|camera| header_camera(learned, camera)).collect(),
+            events: HeaderEvents { edges: record.events.edges.clone(), counts: record.events.counts.clone() },
             sections: Vec::new(),
             coarse: Vec::new(),
         };
@@ -214,11 +207,12 @@ impl Learned {
             row: Some(codes.len()),
             early: false,
         };
-        let mut parts = vec![rows("core", gaussians.core, &CORE_CODES), rows("sh", gaussians.sh, &sh_codes)];
-        parts.extend(parts_of_motion(&header.motion, &gaussians.motion, trainer.field()?));
+        let mut parts =
+            vec![rows("core", gaussians.core.clone(), &CORE_CODES), rows("sh", gaussians.sh.clone(), &sh_codes)];
+        parts.extend(parts_of_motion(&header.motion, &gaussians.motion, shared.clone()));
         let packed = Coding::blocks(&[2; 3]);
-        parts.push(Part { name: POINTS_NAME.into(), values: points, packed, row: None, early: true });
-        Ok(Self { header, parts })
+        parts.push(Part { name: POINTS_NAME.into(), values: some_points, packed, row: None, early: true });
+        Self { header, parts }
     }
 
     /// The file.
@@ -336,37 +330,19 @@ impl SceneFile {
     }
 }
 
-fn cameras(trainer: &Trainer<'_>) -> Vec<HeaderCamera> {
-    let scene = &trainer.scene;
-    let camera = |(view, of): (&erfgs_train::scene::SceneView, &erfgs_dataset::Camera)| {
-        let times = |frame: &erfgs_dataset::Frame| {
-            [frame.t_ns, frame.exposure_ns[0], frame.exposure_ns[1]].map(|t_ns| scene.to_unit(t_ns))
-        };
-        HeaderCamera {
-            name: view.name.clone(),
-            split: if view.split == Split::Test { "test".into() } else { "train".into() },
-            modality: serde_json::to_value(of.modality)
-                .ok()
-                .and_then(|v| Some(v.as_str()?.to_owned()))
-                .unwrap_or_default(),
-            view: view.view,
-            near: trainer.near(&view.view),
-            frames: of.frames.iter().map(times).collect(),
-        }
-    };
-    scene.views.iter().zip(&scene.dataset.manifest.cameras).map(camera).collect()
-}
-
-fn events(scene: &Scene) -> Result<HeaderEvents, SceneError> {
-    if scene.events.is_empty() {
-        return Ok(HeaderEvents::default());
+fn header_camera(learned: &Reconstruction, camera: &RecordedCamera) -> HeaderCamera {
+    let Reconstruction { record, points, .. } = learned;
+    HeaderCamera {
+        name: camera.name.clone(),
+        split: if camera.held_out { "test".into() } else { "train".into() },
+        modality: serde_json::to_value(camera.modality)
+            .ok()
+            .and_then(|v| Some(v.as_str()?.to_owned()))
+            .unwrap_or_default(),
+        view: camera.view,
+        near: record.near(points, &camera.view),
+        frames: camera.frames_ns.iter().map(|times| times.map(|t_ns| record.to_unit(t_ns))).collect(),
     }
-    let of = |camera: &EventView, bin: usize| -> Result<f64, SceneError> {
-        Ok(camera.activity(bin, bin + 1, false)?.iter().map(|&count| f64::from(count)).sum())
-    };
-    let counts = (0..scene.bins.len())
-        .map(|bin| scene.events.iter().filter(|camera| camera.knows(bin, bin + 1)).map(|camera| of(camera, bin)).sum());
-    Ok(HeaderEvents { edges: scene.bins.edges.clone(), counts: counts.collect::<Result<_, _>>()? })
 }
 
 #[cfg(test)]

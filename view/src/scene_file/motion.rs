@@ -1,14 +1,13 @@
 //! How the Gaussians of a file move: what the header says of it, and the sections that it takes.
 
-use erfgs_train::{
-    config::MotionModel,
-    field::{FieldState, NamedVector},
+use erfgs_splat::{
+    field::{FieldState, NamedVector, TimeAxis},
     motion::{
-        FreeTimeOptions, Motion,
+        FreeTimeOptions, MotionPlan,
         bodies::{EXTRA_FLOATS, NEVER, SOFTNESS},
         free_time,
     },
-    trainer::Trainer,
+    trained::Reconstruction,
 };
 use serde::{Deserialize, Serialize};
 
@@ -143,38 +142,36 @@ impl HeaderMotion {
 }
 
 /// How the Gaussians move, and what of that a browser cannot compute.
-pub(super) fn of(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
-    let Trainer { scene, config, .. } = trainer;
-    let intervals = scene.intervals() as f32;
-    let &FreeTimeOptions { least_life, knots, spacing, .. } = &config.free_time;
-    let gone = free_time::GONE;
-    match config.motion {
-        MotionModel::Still => (HeaderMotion::Still, None),
-        MotionModel::FreeTime => (HeaderMotion::FreeTime { intervals, least_life, gone, knots, spacing }, None),
-        MotionModel::Bodies => {
-            let Some(bodies) = trainer.model.motion.as_ref().and_then(Motion::bodies) else {
-                return (HeaderMotion::Still, None);
-            };
-            let ([_, nodes, control], names) = (bodies.counts(), bodies.names().to_vec());
-            let seconds = scene.recording().length() as f32;
-            let softness = SOFTNESS;
+pub(super) fn of(learned: &Reconstruction) -> (HeaderMotion, Option<String>) {
+    let record = &learned.record;
+    let (intervals, gone) = (record.intervals as f32, free_time::GONE);
+    if learned.gaussians.dynamic == 0 {
+        return (HeaderMotion::Still, None);
+    }
+    match &record.motion {
+        MotionPlan::Still => (HeaderMotion::Still, None),
+        MotionPlan::FreeTime { options, .. } => {
+            let &FreeTimeOptions { least_life, knots, spacing, .. } = options;
+            (HeaderMotion::FreeTime { intervals, least_life, gone, knots, spacing }, None)
+        }
+        MotionPlan::Bodies { options, seconds, names, nodes, knots: control, .. } => {
+            let &FreeTimeOptions { least_life, knots, spacing, .. } = options;
             let motion = HeaderMotion::Bodies {
                 intervals,
                 least_life,
                 gone,
                 knots,
                 spacing,
-                seconds,
-                softness,
-                control,
-                nodes,
-                names,
+                seconds: *seconds as f32,
+                softness: SOFTNESS,
+                control: *control as u32,
+                nodes: *nodes as u32,
+                names: names.clone(),
             };
             (motion, None)
         }
-        MotionModel::HexPlane | MotionModel::Auto => {
-            let field = &config.field;
-            let beyond = if field.sh_head {
+        MotionPlan::HexPlane { field, aabb } => {
+            let beyond = if field.heads.sh {
                 Some("its field deforms colours")
             } else if field.depth > 1 {
                 Some("its network has several hidden layers")
@@ -184,12 +181,12 @@ pub(super) fn of(trainer: &Trainer<'_>) -> (HeaderMotion, Option<String>) {
                 None
             };
             let motion = HeaderMotion::Hexplane {
-                aabb: trainer.model.field_box,
+                aabb: *aabb,
                 levels: field.levels.clone(),
                 features: field.features,
                 width: field.width,
-                spatial_resolution: field.spatial_resolution,
-                upper_half: field.upper_half_time,
+                spatial_resolution: field.spatial_resolution[0],
+                upper_half: field.time_axis == TimeAxis::UpperHalf,
             };
             (motion, beyond.map(str::to_owned))
         }

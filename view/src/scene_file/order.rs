@@ -1,6 +1,6 @@
 //! The most important Gaussians first, and among them neighbours side by side, so that a block of rows spans little.
 
-use erfgs_train::gaussians::{CORE, sigmoid};
+use erfgs_splat::gaussians::{CORE, sigmoid};
 
 use super::Precision;
 

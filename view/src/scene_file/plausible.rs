@@ -1,7 +1,7 @@
 //! Whether the numbers of a header can be those of a recording: a file may come from anybody.
 
 use erfgs_base::plausible::{INSTANT, Implausible, Lens, OVERHANG, POSITION, Quantity, SPAN, check_lens};
-use erfgs_train::raster::View;
+use erfgs_splat::raster::View;
 
 use super::{Header, HeaderCamera, HeaderEvents, HeaderMotion};
 

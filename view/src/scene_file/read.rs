@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_train::{
+use erfgs_splat::{
     gaussians::{CORE, Gaussians, sh_stride},
     motion::{FreeTimeOptions, bodies::EXTRA_FLOATS},
 };

@@ -1,5 +1,5 @@
 use super::*;
-use crate::raster::{CORE_STRIDE, Deltas, GaussianBuffers, sh_stride};
+use erfgs_splat::raster::{CORE_STRIDE, Deltas, GaussianBuffers, sh_stride};
 
 const COUNT: usize = 40;
 const DYNAMIC: usize = 37;

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use crate::matrix::{Matrix, multiply};
+use erfgs_splat::matrix::{Matrix, multiply};
 
 /// A feature map: `height` x `width` x `channels`.
 #[derive(Clone, Debug)]

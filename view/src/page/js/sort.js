@@ -1,4 +1,4 @@
-// The host side of train/src/sort: prefix sums and the radix sort, on the trainer's own WGSL; and a sort by this program.
+// The host side of splat/src/sort: prefix sums and the radix sort, on the trainer's own WGSL; and a sort by this program.
 
 const BLOCK = 2048;
 const DIGITS = 16;

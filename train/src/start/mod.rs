@@ -1,0 +1,11 @@
+//! How motion begins: from points that are known to move, and from the bodies of a dataset.
+
+pub mod birth;
+mod bodies;
+mod rest;
+mod shutter;
+mod thin;
+
+pub use bodies::{Recording, from_bodies};
+pub use rest::unexplained;
+pub use thin::thin;
