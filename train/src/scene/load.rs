@@ -307,9 +307,10 @@ fn event_bytes(dataset: &Dataset) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
 
-    use erfgs_scene::{Pose, ply::PointCloud};
+    use erfgs_dataset::{Bodies, Body, BodyPose, Frame, SurfacePoint};
+    use erfgs_scene::{Pose, image::ImageRgb8, ply::PointCloud};
 
     use super::*;
     use crate::scene::fixtures;
@@ -349,5 +350,40 @@ mod tests {
         };
         assert_eq!(near_m(1.0), Config::default().near_m);
         assert!((near_m(1e-4) / 4.4e-5 - 1.0).abs() < 1e-4, "{}", near_m(1e-4));
+    }
+
+    #[test]
+    fn bodies_start_with_the_same_points_after_poses_were_learned() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut dataset = dataset(folder.path(), &[[-0.4, 0.0, -3.0], [0.4, 0.0, -3.0]]);
+        for (index, camera) in dataset.manifest.cameras.iter_mut().enumerate() {
+            let file = PathBuf::from(format!("{index}.png"));
+            let image = ImageRgb8 { width: 8, height: 8, data: vec![90; 3 * 64] };
+            image.write_png(&folder.path().join(&file)).expect("a picture");
+            camera.frames.push(Frame { file, t_ns: 0, exposure_ns: [0, 0], mask: None });
+        }
+        let point = |n: u32| SurfacePoint {
+            position_m: [0.01 * f64::from(n % 40), 0.01 * f64::from(n / 40), 0.0],
+            normal: [0.0, 0.0, -1.0],
+            colour: [90; 3],
+        };
+        let pose = BodyPose { t_ns: 0, translation_m: [0.0; 3], rotation_wxyz: [1.0, 0.0, 0.0, 0.0] };
+        let body = Body {
+            name: "plate".into(),
+            span_ns: [0, 1],
+            poses: vec![pose],
+            points: (0..1600).map(point).collect(),
+            found_by: Default::default(),
+        };
+        dataset.set_bodies(&Bodies::new(vec![body]), Default::default()).expect("a file");
+        let mut config = Config::default();
+        config.bodies.spacing_px = 0.1;
+        let mut scene = Scene::load_within(dataset, &config, false, None, folder.path()).expect("a scene");
+        let before = scene.bodies(&config).expect("bodies");
+        for view in &mut scene.views {
+            view.view.translation[2] += 0.5;
+        }
+        assert_eq!(scene.bodies(&config).expect("bodies"), before);
+        assert!(before.gaussians.len() < 1600, "nothing was thinned");
     }
 }

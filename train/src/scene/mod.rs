@@ -316,7 +316,8 @@ impl Scene {
         Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 
-    /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view.
+    /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view, where the
+    /// dataset has them. A run that goes on with poses that it learned starts from the same points.
     fn pixels_a_metre(&self, body: &Body) -> Option<f64> {
         /// Places that are looked at.
         const PLACES: usize = 32;
@@ -325,7 +326,9 @@ impl Scene {
         let every = body.poses.len().div_ceil(PLACES).max(1);
         let places = body.poses.iter().step_by(every).map(|pose| pose.place(middle).as_vec3().to_array());
         let seen = places.flat_map(|place| {
-            let views = (0..self.views.len()).filter(|&view| self.has_frames(view)).map(|view| &self.views[view].view);
+            let cameras = &self.dataset.manifest.cameras;
+            let as_given = move |view: usize| self.views[view].view.placed(&cameras[view].world_to_camera);
+            let views = (0..self.views.len()).filter(|&view| self.has_frames(view)).map(as_given);
             views.filter(move |view| project(view, &place).is_some()).map(move |view| {
                 let [.., depth_m] = view.to_camera(&place);
                 f64::from(view.fx / depth_m)
