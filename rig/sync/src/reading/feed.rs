@@ -56,7 +56,7 @@ pub(super) struct Feed {
 
 enum Kind {
     Events {
-        begun: BegunDecoder,
+        begun: Box<BegunDecoder>,
         started: bool,
         dater: Dater,
         clock: EventClock,
@@ -79,6 +79,7 @@ impl Feed {
         dater: Dater,
         (span_ns, clock, frames): ([i64; 2], EventClock, Option<FrameLook>),
     ) -> Self {
+        let begun = Box::new(begun);
         Self::new(stream, id, Kind::Events { begun, started: false, dater, clock, events: true, frames }, span_ns)
     }
 
@@ -108,7 +109,7 @@ impl Feed {
     }
 
     /// The host time from which on packets are wanted; `None` for all.
-    pub fn from_host_ns(&self, start_ns: i64) -> Option<i64> {
+    pub fn first_host_ns(&self, start_ns: i64) -> Option<i64> {
         let first = |t_ns: i64| t_ns.saturating_add(start_ns).saturating_sub(SLACK_NS);
         match &self.kind {
             Kind::Events { begun, .. } => begun.host_ns,

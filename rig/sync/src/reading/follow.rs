@@ -24,7 +24,7 @@ pub(super) struct Follow {
 impl Follow {
     pub fn start(recording: Recording, feeds: Vec<Feed>, span_ns: [i64; 2]) -> Self {
         let start_ns = recording.summary().start.host_ns;
-        let from: Option<Vec<i64>> = feeds.iter().map(|feed| feed.from_host_ns(start_ns)).collect();
+        let from: Option<Vec<i64>> = feeds.iter().map(|feed| feed.first_host_ns(start_ns)).collect();
         let from = from.map(|from| from.into_iter().min().unwrap_or(i64::MAX));
         let over = span_ns[0] >= span_ns[1] || from == Some(i64::MAX);
         let messages = recording.into_messages(from);
