@@ -42,6 +42,9 @@ fi
 
 install build-essential pkg-config ca-certificates colmap ffmpeg libusb-1.0-0-dev libsqlite3-dev libzstd-dev
 
+# Manual pages are read with it in the tests.
+install groff-base
+
 # The trigger board's firmware and its simulator; libclang reads the kernel's V4L2 header for the camera driver.
 install gcc-avr avr-libc simavr libsimavr-dev libelf-dev libclang1-14 libclang-common-14-dev
 

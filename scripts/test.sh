@@ -24,6 +24,7 @@ else
   set +m
   trap 'kill -- -$emulation 2>/dev/null || true' EXIT
   cargo test "${all[@]}"
+  scripts/python.sh
   code=0
   wait $emulation || code=$?
   trap - EXIT

@@ -25,6 +25,7 @@ mod recover;
 mod render;
 mod replay;
 mod report;
+mod shell;
 mod simulate;
 mod sweep;
 mod sync;
@@ -35,7 +36,7 @@ mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::terminal::Terminal;
 
@@ -43,7 +44,7 @@ use crate::terminal::Terminal;
 #[derive(Debug, Parser)]
 #[command(
     name = "erfgs",
-    version,
+    version = env!("ERFGS_VERSION"),
     arg_required_else_help = true,
     subcommand_required = true,
     after_help = "\
@@ -114,6 +115,10 @@ enum Command {
     Report(report::Arguments),
     /// Check this machine: adapter, driver, COLMAP, ffmpeg, and what to install.
     Doctor(doctor::Arguments),
+    /// Print the completions of a shell.
+    Completions(shell::CompletionsArguments),
+    /// Write the manual pages into a folder.
+    Man(shell::ManArguments),
     /// Measure the stages on this machine.
     #[command(
         subcommand,
@@ -156,6 +161,8 @@ fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments, &terminal),
         Command::Report(arguments) => report::run(&arguments, &terminal),
         Command::Doctor(arguments) => doctor::run(&arguments, &terminal),
+        Command::Completions(arguments) => shell::completions(&arguments, Cli::command(), &terminal),
+        Command::Man(arguments) => shell::man(&arguments, Cli::command(), &terminal),
         Command::Bench(command) => bench::run(&command, &terminal),
     };
     match done {

@@ -45,7 +45,12 @@ impl Terminal {
         if !text.ends_with('\n') {
             text.push('\n');
         }
-        match std::io::stdout().lock().write_all(text.as_bytes()) {
+        self.raw(text.as_bytes())
+    }
+
+    /// Prints bytes as they are on stdout.
+    pub fn raw(&self, bytes: &[u8]) -> anyhow::Result<()> {
+        match std::io::stdout().lock().write_all(bytes) {
             // `erfgs info run | head` closes the pipe early; that is no failure.
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
             other => other.context("cannot write to stdout"),

@@ -71,11 +71,44 @@ impl Events {
         (0..self.len()).map(|index| self.get(index))
     }
 
+    /// How many events each pixel had with `from_us <= t < to_us`: rows of OFF counts, then rows of ON counts, `2 * height * width`
+    /// numbers. Events outside of the sensor are not counted.
+    #[must_use]
+    pub fn counts(&self, from_us: i64, to_us: i64) -> Vec<i32> {
+        let (width, height) = (self.width as usize, self.height as usize);
+        let mut counts = vec![0_i32; 2 * width * height];
+        for event in self.between(from_us, to_us).map(|index| self.get(index)) {
+            let (x, y) = (usize::from(event.x), usize::from(event.y));
+            if x < width && y < height {
+                let count = &mut counts[(usize::from(event.on) * height + y) * width + x];
+                *count = count.saturating_add(1);
+            }
+        }
+        counts
+    }
+
     /// The range of indices of the events with `from_us <= t < to_us`.
     #[must_use]
     pub fn between(&self, from_us: i64, to_us: i64) -> std::ops::Range<usize> {
         let start = self.t_us.partition_point(|&t| t < from_us);
         let end = self.t_us.partition_point(|&t| t < to_us);
         start..end.max(start)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_between_two_instants_are_counted_by_pixel_and_polarity() {
+        let mut events = Events::new(3, 2);
+        for (t_us, x, y, on) in
+            [(0, 0, 0, true), (5, 2, 1, true), (5, 2, 1, true), (6, 1, 0, false), (7, 9, 1, true), (9, 0, 0, false)]
+        {
+            events.push(Event { t_us, x, y, on });
+        }
+        assert_eq!(events.counts(5, 9), [0, 1, 0, 0, 0, 0, /* ON */ 0, 0, 0, 0, 0, 2]);
+        assert_eq!(events.counts(9, 5), [0; 12]);
     }
 }

@@ -83,6 +83,7 @@ pub mod hdf5;
 #[cfg(feature = "npz")]
 pub mod npz;
 pub mod palette;
+mod rows;
 mod sink;
 mod stage;
 mod state;
@@ -110,6 +111,7 @@ pub use evt::{
     Evt2Decoder, Evt2Encoder, Evt3Decoder, Evt3Encoder, Evt21Decoder, Evt21Encoder, RawFormat, RawHeader, WordOrder,
 };
 pub use file::{EventFile, EventFileError, EventFileHints, EventFormat};
+pub use rows::EventRows;
 pub use sink::{ApsFrame, CdEvent, Edge, EventBatch, ImuSample, Mark, Sink};
 pub use stream::StreamDecoder;
 

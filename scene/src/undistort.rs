@@ -109,9 +109,15 @@ impl Undistortion {
     /// A mask as the pinhole sees it: what is white by half or more is white.
     #[must_use]
     pub fn mask(&self, mask: &ImageGrey8) -> ImageGrey8 {
-        let Some(map) = &self.map else { return mask.clone() };
-        let data = sample::<1>(map, &mask.data, mask.width, mask.height);
-        ImageGrey8 { width: self.to.width, height: self.to.height, data }.binarised()
+        if self.map.is_none() { mask.clone() } else { self.grey(mask).binarised() }
+    }
+
+    /// A grey image as the pinhole sees it, resampled bilinearly.
+    #[must_use]
+    pub fn grey(&self, image: &ImageGrey8) -> ImageGrey8 {
+        let Some(map) = &self.map else { return image.clone() };
+        let data = sample::<1>(map, &image.data, image.width, image.height);
+        ImageGrey8 { width: self.to.width, height: self.to.height, data }
     }
 }
 

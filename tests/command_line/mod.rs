@@ -16,6 +16,7 @@ mod pipeline;
 mod poses;
 mod precision;
 mod resume;
+mod shell;
 mod simulate;
 #[cfg(target_os = "linux")]
 mod slurm;

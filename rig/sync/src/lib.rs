@@ -23,6 +23,7 @@ mod kept;
 mod lamp;
 mod plot;
 mod pulses;
+pub mod reading;
 mod report;
 mod streams;
 mod table;

@@ -4,6 +4,8 @@
 //! to session time can be right. What tells stretches apart is where they lie in the stream: an epoch begins at a break,
 //! which a decoder tells while it decodes a packet ([`Sink::discontinuity`](erfgs_events::Sink::discontinuity)).
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::Clock;
@@ -73,21 +75,32 @@ impl Epochs {
     /// Follows the stream from epoch to epoch while it is decoded.
     #[must_use]
     pub fn follow(&self) -> EpochCursor<'_> {
-        let mut cursor = EpochCursor { epochs: &self.0, at: (0, 0), clock: None };
-        cursor.seek();
-        cursor
+        EpochCursor::start(Cow::Borrowed(&self.0))
+    }
+
+    /// As [`Epochs::follow`], with the epochs kept in what follows.
+    #[must_use]
+    pub fn into_cursor(self) -> EpochCursor<'static> {
+        EpochCursor::start(Cow::Owned(self.0))
     }
 }
 
 /// Where a decoder is among the epochs of a stream. A sink passes on what it is told: packets and breaks.
 #[derive(Clone, Debug)]
 pub struct EpochCursor<'a> {
-    epochs: &'a [Epoch],
+    epochs: Cow<'a, [Epoch]>,
     at: (u64, u32),
-    clock: Option<&'a Clock>,
+    /// The place of the epoch that holds.
+    current: usize,
 }
 
-impl EpochCursor<'_> {
+impl<'a> EpochCursor<'a> {
+    fn start(epochs: Cow<'a, [Epoch]>) -> Self {
+        let mut cursor = Self { epochs, at: (0, 0), current: 0 };
+        cursor.seek();
+        cursor
+    }
+
     /// What is decoded next came in the packet of this number.
     pub fn packet(&mut self, sequence: u64) {
         self.at = (sequence, 0);
@@ -103,12 +116,13 @@ impl EpochCursor<'_> {
     fn seek(&mut self) {
         let after = self.epochs.partition_point(|epoch| place(epoch) <= self.at);
         // What comes before the first epoch has nothing better than that.
-        self.clock = self.epochs.get(after.saturating_sub(1)).and_then(|epoch| epoch.clock.as_ref());
+        self.current = after.saturating_sub(1);
     }
 
     /// The session time of a device time in microseconds, nanoseconds; `None` in an epoch that nothing dates.
     #[must_use]
     pub fn session_ns(&self, t_us: u64) -> Option<i64> {
-        Some(self.clock?.session_ns(i64::try_from(t_us).unwrap_or(i64::MAX)))
+        let clock = self.epochs.get(self.current)?.clock.as_ref()?;
+        Some(clock.session_ns(i64::try_from(t_us).unwrap_or(i64::MAX)))
     }
 }

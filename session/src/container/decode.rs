@@ -23,6 +23,16 @@ pub struct DecodedStream {
     pub damage: Vec<String>,
 }
 
+/// A decoder, and where it goes on.
+pub struct BegunDecoder {
+    /// The decoder.
+    pub decoder: StreamDecoder,
+    /// The number of the first packet that it wants.
+    pub first_sequence: u64,
+    /// When that packet arrived, host time, nanoseconds; `None` for the beginning.
+    pub host_ns: Option<i64>,
+}
+
 /// The sensor's size, if the description has one that a sensor can have.
 #[must_use]
 pub fn sensor_size(description: &Description) -> Option<SensorSize> {
@@ -47,29 +57,13 @@ impl<R: Read + Seek> Session<R> {
         mut progress: impl FnMut(u64),
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
-        let (description, breaks) = (recorded.description.clone(), recorded.totals.discontinuities);
-        let said = recorded.totals.packets;
-        let (Some(encoding), size) = (description.encoding.events(), sensor_size(&description)) else {
-            return Ok(None);
-        };
+        let (id, said) = (recorded.description.id.clone(), recorded.totals.packets);
         let window_host_ns = window_host_ns.or(self.window());
         let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
-        // Across a break, decoders that began at different places may count the roll-overs of a clock differently, and the
-        // epochs of a stream are those of one that began at its beginning.
-        let state = match window_host_ns {
-            Some([from, _]) if breaks == 0 => self.state_before(&description.id, from)?,
-            _ => None,
-        };
-        let begun = match &state {
-            Some(state) => StreamDecoder::from_state(encoding, state.state, size),
-            None => Some(StreamDecoder::new(encoding, size)),
-        };
-        let Some(mut decoder) = begun else { return Ok(None) };
+        let Some(begun) = self.decoder_from(stream, window_host_ns.map(|[from, _]| from))? else { return Ok(None) };
+        let BegunDecoder { mut decoder, first_sequence, host_ns } = begun;
         let mut decoded = DecodedStream::default();
-        let first_sequence = state.as_ref().map_or(0, |state| state.sequence);
-        // Packets of AEDAT 4 remember nothing of each other.
-        let anywhere = window_host_ns.map(|[from, _]| from).filter(|_| encoding == EventEncoding::Aedat4);
-        for entry in self.messages_within(state.map(|state| state.host_ns).or(anywhere), i64::MAX) {
+        for entry in self.messages_within(host_ns, i64::MAX) {
             let packet = match entry {
                 Ok(Entry::Packet { packet, .. }) if packet.host_ns > to.saturating_add(LATE_NS) => break,
                 Ok(Entry::Packet { stream: of, packet }) if of == stream && packet.host_ns <= to => packet,
@@ -97,9 +91,45 @@ impl<R: Read + Seek> Session<R> {
         decoder.finish(sink);
         decoded.anomalies = decoder.anomalies();
         if window_host_ns.is_none() {
-            decoded.damage.extend(lacking(&description.id, decoded.packets, said));
+            decoded.damage.extend(lacking(&id, decoded.packets, said));
         }
         Ok(Some(decoded))
+    }
+
+    /// A decoder of a stream of events that knows at host time `from_host_ns` what one knows that began at the beginning: it begins at
+    /// the last state that was recorded before, or at the beginning, where none was recorded or the stream has breaks. `None` if the
+    /// stream has no events, or events that erfgs does not decode.
+    ///
+    /// # Errors
+    /// If the session cannot be read.
+    pub fn decoder_from(
+        &mut self,
+        stream: usize,
+        from_host_ns: Option<i64>,
+    ) -> Result<Option<BegunDecoder>, ContainerError> {
+        let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
+        let (id, breaks) = (recorded.description.id.clone(), recorded.totals.discontinuities);
+        let (encoding, size) = (recorded.description.encoding.events(), sensor_size(&recorded.description));
+        let Some(encoding) = encoding else { return Ok(None) };
+        // Across a break, decoders that began at different places may count the roll-overs of a clock differently, and the
+        // epochs of a stream are those of one that began at its beginning.
+        let state = match from_host_ns {
+            Some(from) if breaks == 0 => self.state_before(&id, from)?,
+            _ => None,
+        };
+        // Packets of AEDAT 4 remember nothing of each other.
+        let anywhere = from_host_ns.filter(|_| encoding == EventEncoding::Aedat4);
+        Ok(match state {
+            Some(state) => StreamDecoder::from_state(encoding, state.state, size).map(|decoder| BegunDecoder {
+                decoder,
+                first_sequence: state.sequence,
+                host_ns: Some(state.host_ns),
+            }),
+            None => {
+                let decoder = StreamDecoder::new(encoding, size);
+                Some(BegunDecoder { decoder, first_sequence: 0, host_ns: anywhere })
+            }
+        })
     }
 
     /// The last state of a stream's decoder at or before a host time.

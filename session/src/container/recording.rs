@@ -110,6 +110,29 @@ impl Recording {
         }
     }
 
+    /// As [`Recording::messages`], with the recording kept in what gives them.
+    #[must_use]
+    pub fn into_messages(
+        self,
+        from_host_ns: Option<i64>,
+    ) -> Box<dyn Iterator<Item = Result<Entry, ContainerError>> + Send> {
+        match self {
+            Self::Session(session) => Box::new(session.into_messages(from_host_ns)),
+            Self::EventFile(file) => Box::new(file.messages(from_host_ns)),
+        }
+    }
+
+    /// The same recording opened for another reader. Of a session that was not ended this reads the whole file again.
+    ///
+    /// # Errors
+    /// If the file is gone or has become another.
+    pub fn again(&self) -> Result<Self, ContainerError> {
+        match self {
+            Self::Session(session) => Session::open(session.path()).map(|session| Self::Session(Box::new(session))),
+            Self::EventFile(file) => Ok(Self::EventFile(file.clone())),
+        }
+    }
+
     /// Decodes all events of a stream: see [`Session::decode_events`] and [`EventFileRecording::decode_events`].
     ///
     /// # Errors

@@ -8,12 +8,11 @@ use std::{
 
 use mcap::records::{Record, op};
 
-use crate::source::LATE_NS;
-
 use super::{
     error::ContainerError,
     framing::Head,
     layout::{Entry, Layout, Stream},
+    messages::{IntoMessages, Messages, Range},
     parse::parse_record,
     record::{RIG_ATTACHMENT, SESSION_METADATA, SessionStart, TOTALS_METADATA, Totals, VERSION},
     said::Index,
@@ -212,7 +211,15 @@ impl<R: Read + Seek> Session<R> {
         });
         self.walk.go_to(offset);
         let streams = self.summary.streams.len();
-        Messages { walk: &mut self.walk, streams, from_ns: from_host_ns.unwrap_or(i64::MIN), to_ns, over: false }
+        let range = Range { streams, from_ns: from_host_ns.unwrap_or(i64::MIN), to_ns, over: false };
+        Messages { walk: &mut self.walk, range }
+    }
+
+    /// As [`Session::messages`], with the session kept in what gives them.
+    #[must_use]
+    pub fn into_messages(mut self, from_host_ns: Option<i64>) -> IntoMessages<R> {
+        let Messages { range, .. } = self.messages(from_host_ns);
+        IntoMessages { walk: self.walk, range }
     }
 
     /// Whether the whole file was read when it was opened, as its end did not say what it holds: what is damaged is known
@@ -410,61 +417,5 @@ impl<R: Read + Seek> Session<R> {
         let first = summary.span_ns().map_or(0, |[first, _]| first);
         summary.start = SessionStart { host_ns: first, epoch_ns: first, program: "ROS 2".into(), ..Default::default() };
         Ok(())
-    }
-}
-
-/// The messages of a session. After an error about a chunk or a message it goes on behind it; after an error of reading
-/// it is over.
-pub struct Messages<'a, R> {
-    walk: &'a mut Walk<R>,
-    /// How many streams the summary has: a packet of another one would have no description.
-    streams: usize,
-    from_ns: i64,
-    to_ns: i64,
-    over: bool,
-}
-
-impl<R: Read + Seek> Iterator for Messages<'_, R> {
-    type Item = Result<Entry, ContainerError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        while !self.over {
-            match self.walk.step() {
-                Ok(Item::Entry(Entry::Packet { stream, .. })) if stream >= self.streams => {
-                    let what = "the index at the end of the file does not know this packet's stream".to_owned();
-                    let (path, offset) = (self.walk.framing.path().to_owned(), self.walk.chunk_offset());
-                    return Some(Err(ContainerError::Damaged { path, offset, what }));
-                }
-                // Packets lie out of the order of their times by less than this.
-                Ok(Item::Entry(Entry::Packet { packet, .. }))
-                    if packet.host_ns > self.to_ns.saturating_add(LATE_NS) =>
-                {
-                    self.over = true;
-                }
-                Ok(Item::Entry(entry))
-                    if host_ns(&entry).is_none_or(|time| (self.from_ns..=self.to_ns).contains(&time)) =>
-                {
-                    return Some(Ok(entry));
-                }
-                Ok(Item::End { .. }) => self.over = true,
-                Ok(Item::BadChunk(_, error) | Item::Mended(error, _)) => return Some(Err(error)),
-                Ok(_) => {}
-                Err(error) => {
-                    self.over = matches!(error, ContainerError::Read { .. });
-                    return Some(Err(error));
-                }
-            }
-        }
-        None
-    }
-}
-
-fn host_ns(entry: &Entry) -> Option<i64> {
-    match entry {
-        Entry::Packet { packet, .. } => Some(packet.host_ns),
-        Entry::DecoderState(state) => Some(state.host_ns),
-        Entry::Status(status) => Some(status.host_ns),
-        Entry::Incident(incident) => Some(incident.host_ns),
-        Entry::Clock { .. } => None,
     }
 }

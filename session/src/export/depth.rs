@@ -28,7 +28,7 @@ impl Sink for Largest {
 ///
 /// # Errors
 /// If nothing is said and the samples are so small that fewer may count, or if there are larger ones than the user says.
-pub(super) fn of(recording: &mut Recording, stream: usize, said: Option<u8>) -> Result<u8, ExportError> {
+pub fn of(recording: &mut Recording, stream: usize, said: Option<u8>) -> Result<u8, ExportError> {
     let description = &recording.summary().streams[stream].description;
     if description.encoding != Encoding::Events(EventEncoding::Aedat4) {
         return Ok(16);

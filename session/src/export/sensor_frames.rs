@@ -91,7 +91,8 @@ impl Frames<'_, '_> {
 }
 
 /// A frame as the cameras' encodings have it: of more than 12 bits the upper 12, of colour the upper 8, alpha left out.
-fn samples(frame: &ApsFrame) -> (Encoding, Vec<u8>) {
+#[must_use]
+pub fn samples(frame: &ApsFrame) -> (Encoding, Vec<u8>) {
     let words = |bits: u8, wanted: u8| {
         let scaled = |pixel: &u16| if bits > wanted { pixel >> (bits - wanted) } else { pixel << (wanted - bits) };
         frame.pixels.iter().flat_map(|pixel| scaled(pixel).to_le_bytes()).collect()

@@ -5,3 +5,4 @@ mod camera_clock;
 mod exposures;
 mod flash;
 mod merge;
+mod reading;

@@ -1,8 +1,8 @@
 //! The host's clock, had the file been recorded: it goes with the device's, and never back.
 
-/// Host time of device times.
+/// Host time of the device times of an event file, in the order of the file.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct HostClock {
+pub struct HostClock {
     first_us: u64,
     /// What is added to device times since the device's clock was set back.
     offset_us: u64,
@@ -11,6 +11,7 @@ pub(super) struct HostClock {
 
 impl HostClock {
     /// Device time `first_us` is host time 0.
+    #[must_use]
     pub fn new(first_us: u64) -> Self {
         Self { first_us, ..Self::default() }
     }
@@ -22,6 +23,7 @@ impl HostClock {
     }
 
     /// The last host time, nanoseconds.
+    #[must_use]
     pub fn last_ns(&self) -> i64 {
         i64::try_from(self.last_us).unwrap_or(i64::MAX).saturating_mul(1000)
     }

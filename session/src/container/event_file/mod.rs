@@ -24,14 +24,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
+pub use host_clock::HostClock;
 pub use write::import_events;
 
-use self::{host_clock::HostClock, packets::Packets, source::EventSource, within::Within};
-use super::{ContainerError, DecodedStream, Entry, Summary};
+use self::{packets::Packets, source::EventSource, within::Within};
+use super::{BegunDecoder, ContainerError, DecodedStream, Entry, Summary};
 use erfgs_events::EventEncoding;
-use erfgs_events::{EventFileHints, SensorSize, Sink};
+use erfgs_events::{EventFileHints, SensorSize, Sink, StreamDecoder};
 
 /// An event file that was read through once.
+#[derive(Clone)]
 pub struct EventFileRecording {
     path: PathBuf,
     source: EventSource,
@@ -101,11 +103,10 @@ impl EventFileRecording {
         mut progress: impl FnMut(u64),
     ) -> Result<DecodedStream, ContainerError> {
         let Some(window) = self.window else {
-            let anomalies = self.source.decode(sink, |bytes| {
+            return self.decode_events_while(sink, |bytes| {
                 progress(bytes);
                 true
-            })?;
-            return Ok(DecodedStream { anomalies, ..DecodedStream::default() });
+            });
         };
         let over = Cell::new(false);
         let mut within = Within::new(sink, HostClock::new(self.first_us), window, &over);
@@ -114,6 +115,33 @@ impl EventFileRecording {
             !over.get()
         })?;
         Ok(DecodedStream { anomalies, ..DecodedStream::default() })
+    }
+
+    /// Decodes the file into `sink`, whatever readers are restricted to, for as long as `go_on` says so, which is called with the
+    /// bytes read so far, where the format is read piece by piece.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn decode_events_while(
+        &self,
+        sink: &mut impl Sink,
+        go_on: impl FnMut(u64) -> bool,
+    ) -> Result<DecodedStream, ContainerError> {
+        let anomalies = self.source.decode(sink, go_on)?;
+        Ok(DecodedStream { anomalies, ..DecodedStream::default() })
+    }
+
+    /// A decoder of the packets that [`EventFileRecording::messages`] gives.
+    #[must_use]
+    pub fn decoder(&self) -> BegunDecoder {
+        let decoder = StreamDecoder::new(self.encoding(), self.source.size());
+        BegunDecoder { decoder, first_sequence: 0, host_ns: None }
+    }
+
+    /// The clock that the file's times are told on, at its beginning.
+    #[must_use]
+    pub fn clock(&self) -> HostClock {
+        HostClock::new(self.first_us)
     }
 
     fn encoding(&self) -> EventEncoding {

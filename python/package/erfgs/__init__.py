@@ -1,0 +1,52 @@
+"""Sessions of several frame and event cameras on one clock, calibrated rigs, and datasets, as NumPy arrays.
+
+    import erfgs
+
+    with erfgs.open("take.mcap") as session:
+        for part in session.slices(dt=10_000):
+            print(part.start, len(part.events["ev0"]), len(part.frames["rgb0"]))
+
+Every time is in microseconds. Those of a recording begin with it and are the same for all of its streams.
+Files that are refused raise `Error`, with what to do about it; what is passed over is told by a `DamageWarning`.
+"""
+
+from ._erfgs import (
+    Camera,
+    Clock,
+    ClockPart,
+    DamageWarning,
+    Dataset,
+    DatasetCamera,
+    Error,
+    FrameIterator,
+    Recording,
+    Rig,
+    SliceIterator,
+    Stream,
+    __version__,
+    open,
+)
+from ._types import EVENT_DTYPE, Frame, FrameTime, Slice
+from .data import SliceDataset
+
+__all__ = [
+    "EVENT_DTYPE",
+    "Camera",
+    "Clock",
+    "ClockPart",
+    "DamageWarning",
+    "Dataset",
+    "DatasetCamera",
+    "Error",
+    "Frame",
+    "FrameIterator",
+    "FrameTime",
+    "Recording",
+    "Rig",
+    "Slice",
+    "SliceDataset",
+    "SliceIterator",
+    "Stream",
+    "__version__",
+    "open",
+]

@@ -1,0 +1,49 @@
+//! Errors and warnings of the libraries, in their own words.
+
+use std::{error::Error as StdError, ffi::CString};
+
+use pyo3::{
+    create_exception,
+    exceptions::{PyException, PyUserWarning},
+    prelude::*,
+};
+
+create_exception!(erfgs, Error, PyException, "What a file or a device is refused for, and what to do about it.");
+create_exception!(
+    erfgs,
+    DamageWarning,
+    PyUserWarning,
+    "A part of a recording was passed over: it is damaged, or has no time."
+);
+
+/// How an object pickles: what is called with which arguments to make it again.
+pub type Reduced<'py, A> = PyResult<(Bound<'py, PyAny>, A)>;
+
+/// The message with those of its causes that it does not quote.
+fn words(error: &dyn StdError) -> String {
+    let mut words = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let said = error.to_string();
+        if !words.contains(&said) {
+            words = format!("{words}: {said}");
+        }
+        cause = error.source();
+    }
+    words
+}
+
+/// An error of a library as an exception.
+pub fn raised(error: impl StdError) -> PyErr {
+    Error::new_err(words(&error))
+}
+
+/// Warns of what was passed over.
+pub fn warn(py: Python<'_>, messages: Vec<String>) -> PyResult<()> {
+    let category = py.get_type::<DamageWarning>();
+    for message in messages {
+        let message = CString::new(message.replace('\0', " "))?;
+        PyErr::warn(py, &category, &message, 1)?;
+    }
+    Ok(())
+}

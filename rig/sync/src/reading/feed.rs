@@ -1,0 +1,312 @@
+//! One stream while its recording is read: what of it was found and is not handed out yet.
+
+use std::{
+    cell::Cell,
+    collections::{BTreeSet, HashMap, VecDeque},
+};
+
+use erfgs_events::{ApsFrame, CdEvent, Decoder, Event, EventRows, Sink, StreamDecoder};
+use erfgs_scene::pixel::FrameFormat;
+use erfgs_session::{
+    container::{BegunDecoder, hand_over},
+    export::sensor_samples,
+    source::{Description, Packet},
+};
+
+use super::{EventClock, FrameLook, Picture, SLACK_NS, times::Dater};
+use crate::Exposure;
+
+/// A frame of an event sensor comes after the events of its exposure by its readout, and its middle lies half an exposure earlier.
+const SENSOR_FRAME_NS: i64 = 2_000_000_000;
+
+/// A frame with its time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TimedFrame {
+    /// The number of the packet that it came in.
+    pub sequence: u64,
+    /// The middle of its exposure, nanoseconds of session time.
+    pub mid_ns: i64,
+    /// When its exposure began and ended, nanoseconds of session time; `None` where nothing tells its length.
+    pub exposure_ns: Option<[i64; 2]>,
+    /// What it shows.
+    pub picture: Picture,
+}
+
+/// What to say of what nothing dates.
+pub(super) fn told_undated(id: &str, count: u64, what: &str) -> Option<String> {
+    (count > 0)
+        .then(|| format!("{count} {what} of stream '{id}' were left out: no clock dates them (`erfgs sync` says why)"))
+}
+
+/// A stream that is read.
+pub(super) struct Feed {
+    pub stream: usize,
+    pub id: String,
+    kind: Kind,
+    span_ns: [i64; 2],
+    /// Events that wait.
+    pub rows: EventRows,
+    /// Frames that wait.
+    pub frames: VecDeque<TimedFrame>,
+    /// Up to here all of the stream was met, session nanoseconds.
+    newest_ns: i64,
+    undated: u64,
+    damaged: u64,
+}
+
+enum Kind {
+    Events {
+        begun: Box<BegunDecoder>,
+        started: bool,
+        dater: Dater,
+        clock: EventClock,
+        events: bool,
+        frames: Option<FrameLook>,
+    },
+    Camera {
+        format: FrameFormat,
+        deep: bool,
+        exposures: HashMap<u64, Exposure>,
+        due: BTreeSet<(i64, u64)>,
+    },
+}
+
+impl Feed {
+    pub fn of_events(
+        stream: usize,
+        id: String,
+        begun: BegunDecoder,
+        dater: Dater,
+        (span_ns, clock, frames): ([i64; 2], EventClock, Option<FrameLook>),
+    ) -> Self {
+        let begun = Box::new(begun);
+        Self::new(stream, id, Kind::Events { begun, started: false, dater, clock, events: true, frames }, span_ns)
+    }
+
+    /// Without its events.
+    pub fn of_frames(mut self) -> Self {
+        if let Kind::Events { events, .. } = &mut self.kind {
+            *events = false;
+        }
+        self
+    }
+
+    pub fn of_camera(
+        stream: usize,
+        description: &Description,
+        format: FrameFormat,
+        exposures: HashMap<u64, Exposure>,
+        (span_ns, deep): ([i64; 2], bool),
+    ) -> Self {
+        let mids = exposures.iter().map(|(&sequence, exposure)| (exposure.mid_ns, sequence));
+        let due = mids.filter(|(mid_ns, _)| (span_ns[0]..span_ns[1]).contains(mid_ns)).collect();
+        Self::new(stream, description.id.clone(), Kind::Camera { format, deep, exposures, due }, span_ns)
+    }
+
+    fn new(stream: usize, id: String, kind: Kind, span_ns: [i64; 2]) -> Self {
+        let (rows, frames) = (EventRows::default(), VecDeque::new());
+        Self { stream, id, kind, span_ns, rows, frames, newest_ns: i64::MIN, undated: 0, damaged: 0 }
+    }
+
+    /// The host time from which on packets are wanted; `None` for all.
+    pub fn first_host_ns(&self, start_ns: i64) -> Option<i64> {
+        let first = |t_ns: i64| t_ns.saturating_add(start_ns).saturating_sub(SLACK_NS);
+        match &self.kind {
+            Kind::Events { begun, .. } => begun.host_ns,
+            // A camera whose frames lie elsewhere wants none at all.
+            Kind::Camera { due, .. } => Some(due.first().map_or(i64::MAX, |&(mid_ns, _)| first(mid_ns))),
+        }
+    }
+
+    /// Takes a packet of the stream.
+    pub fn take(&mut self, packet: &Packet) {
+        match &mut self.kind {
+            Kind::Events { begun, started, .. } => {
+                if packet.sequence < begun.first_sequence {
+                    return;
+                }
+                hand_over(&mut begun.decoder, packet, *started);
+                *started = true;
+                self.decode(|decoder, taking| {
+                    taking.packet(packet.sequence);
+                    decoder.decode(&packet.payload, taking);
+                });
+            }
+            Kind::Camera { format, deep, exposures, due } => {
+                let Some(exposure) = exposures.get(&packet.sequence) else {
+                    self.undated += 1;
+                    return;
+                };
+                if !due.remove(&(exposure.mid_ns, packet.sequence)) {
+                    return;
+                }
+                match Picture::decode(format, *deep, &packet.payload) {
+                    Ok(picture) if !packet.damaged => {
+                        let around = |length: i64| {
+                            let start = exposure.mid_ns.saturating_sub(length / 2);
+                            [start, start.saturating_add(length)]
+                        };
+                        let (sequence, mid_ns) = (packet.sequence, exposure.mid_ns);
+                        let exposure_ns = exposure.length_ns.map(around);
+                        self.frames.push_back(TimedFrame { sequence, mid_ns, exposure_ns, picture });
+                    }
+                    _ => self.damaged += 1,
+                }
+            }
+        }
+    }
+
+    /// The recording is over.
+    pub fn finish(&mut self) {
+        if matches!(self.kind, Kind::Events { .. }) {
+            self.decode(|decoder, taking| decoder.finish(taking));
+        }
+    }
+
+    fn decode(&mut self, work: impl FnOnce(&mut StreamDecoder, &mut Taking<'_>)) {
+        let Kind::Events { begun, dater, clock, events, frames, .. } = &mut self.kind else { return };
+        let mut taking = Taking {
+            over: None,
+            dater: Some(dater),
+            span_ns: self.span_ns,
+            clock: *clock,
+            rows: events.then_some(&mut self.rows),
+            frames: frames.map(|look| (look, &mut self.frames)),
+            sequence: 0,
+            newest_ns: self.newest_ns,
+            undated: 0,
+            damaged: 0,
+        };
+        work(&mut begun.decoder, &mut taking);
+        self.newest_ns = taking.newest_ns;
+        let (undated, damaged) = (taking.undated, taking.damaged);
+        self.undated += undated;
+        self.damaged += damaged;
+    }
+
+    /// Whether it may have events.
+    pub fn has_events(&self) -> bool {
+        matches!(self.kind, Kind::Events { events: true, .. })
+    }
+
+    /// Whether it may have frames.
+    pub fn has_frames(&self) -> bool {
+        matches!(self.kind, Kind::Events { frames: Some(_), .. } | Kind::Camera { .. })
+    }
+
+    /// Whether all that the stream saw before a session time was met.
+    pub fn has_seen(&self, t_ns: i64) -> bool {
+        match &self.kind {
+            Kind::Events { frames, .. } => {
+                let slack = if frames.is_some() { SENSOR_FRAME_NS } else { SLACK_NS };
+                self.newest_ns >= t_ns.saturating_add(slack)
+            }
+            Kind::Camera { due, .. } => due.first().is_none_or(|&(mid_ns, _)| mid_ns >= t_ns),
+        }
+    }
+
+    /// What was left out so far.
+    pub fn take_damage(&mut self) -> Vec<String> {
+        let what = if matches!(self.kind, Kind::Camera { .. }) { "frames" } else { "events or frames" };
+        let (undated, damaged) = (std::mem::take(&mut self.undated), std::mem::take(&mut self.damaged));
+        let broken = format!("{damaged} frames of stream '{}' were left out: they are cut or damaged", self.id);
+        told_undated(&self.id, undated, what).into_iter().chain((damaged > 0).then_some(broken)).collect()
+    }
+}
+
+/// Takes what a decoder finds within a span.
+pub(super) struct Taking<'a> {
+    /// Told when the span is over.
+    over: Option<&'a Cell<bool>>,
+    /// `None` where all times are the device's and all are wanted.
+    dater: Option<&'a mut Dater>,
+    span_ns: [i64; 2],
+    clock: EventClock,
+    rows: Option<&'a mut EventRows>,
+    frames: Option<(FrameLook, &'a mut VecDeque<TimedFrame>)>,
+    sequence: u64,
+    newest_ns: i64,
+    pub undated: u64,
+    damaged: u64,
+}
+
+impl<'a> Taking<'a> {
+    /// Events alone.
+    pub fn of_events(
+        dater: Option<&'a mut Dater>,
+        span_ns: [i64; 2],
+        clock: EventClock,
+        (rows, over): (&'a mut EventRows, &'a Cell<bool>),
+    ) -> Self {
+        let (over, rows, frames) = (Some(over), Some(rows), None);
+        Self { over, dater, span_ns, clock, rows, frames, sequence: 0, newest_ns: i64::MIN, undated: 0, damaged: 0 }
+    }
+
+    /// Session time, where it is known; counted where it is not.
+    fn session_ns(&mut self, t_us: u64) -> Option<i64> {
+        let t_ns = self.dater.as_mut()?.session_ns(t_us);
+        match t_ns {
+            Some(t_ns) => {
+                self.newest_ns = self.newest_ns.max(t_ns);
+                self.over.iter().for_each(|over| over.set(self.newest_ns >= self.span_ns[1].saturating_add(SLACK_NS)));
+            }
+            None => self.undated += 1,
+        }
+        t_ns
+    }
+
+    fn holds(&self, t_ns: i64) -> bool {
+        (self.span_ns[0]..self.span_ns[1]).contains(&t_ns)
+    }
+}
+
+impl Sink for Taking<'_> {
+    fn packet(&mut self, sequence: u64) {
+        self.sequence = sequence;
+        self.dater.iter_mut().for_each(|dater| dater.packet(sequence));
+    }
+
+    fn discontinuity(&mut self, t_us: u64) {
+        self.dater.iter_mut().for_each(|dater| dater.discontinuity(t_us));
+    }
+
+    fn event(&mut self, event: CdEvent) {
+        let device_us = i64::try_from(event.t_us).unwrap_or(i64::MAX);
+        let t_us = if self.dater.is_none() {
+            device_us
+        } else {
+            let Some(t_ns) = self.session_ns(event.t_us).filter(|&t_ns| self.holds(t_ns)) else { return };
+            if self.clock == EventClock::Device { device_us } else { t_ns.div_euclid(1000) }
+        };
+        if let Some(rows) = &mut self.rows {
+            rows.push(Event { t_us, x: event.x, y: event.y, on: event.on });
+        }
+    }
+
+    fn frame(&mut self, mut frame: ApsFrame) {
+        if self.frames.is_none() {
+            return;
+        }
+        let exposure = [frame.exposure_start_us, frame.exposure_end_us].map(|t_us| self.session_ns(t_us));
+        let [Some(start), Some(end)] = exposure else { return };
+        let mid_ns = start.midpoint(end);
+        if !self.holds(mid_ns) {
+            return;
+        }
+        let Some((look, frames)) = &mut self.frames else { return };
+        frame.bits = if frame.bits == 16 { look.bits.unwrap_or(16) } else { frame.bits };
+        let (encoding, payload) = sensor_samples(&frame);
+        let [width, height] = [frame.width, frame.height].map(u32::from);
+        let format = encoding.frames().map(|pixels| FrameFormat { pixels, width, height, look: Default::default() });
+        let picture = format.and_then(|format| Picture::decode(&format, look.deep, &payload).ok());
+        match picture {
+            Some(picture) => frames.push_back(TimedFrame {
+                sequence: self.sequence,
+                mid_ns,
+                exposure_ns: Some([start, end]),
+                picture,
+            }),
+            None => self.damaged += 1,
+        }
+    }
+}
