@@ -1,7 +1,7 @@
 //! The Python module `erfgs`: thin over the rooms that read sessions, rigs and datasets.
 //!
 //! What is here turns arguments into those of a library, lets go of the interpreter's lock while the library works, and hands arrays
-//! over. Every time is in microseconds, as event cameras' are; those of libraries are in nanoseconds ([`times`]).
+//! over. Every time is in microseconds, as event cameras' are; those of libraries are in nanoseconds (`times.rs`).
 
 mod arrays;
 mod clock;
