@@ -28,6 +28,8 @@ use crate::{
 
 /// The longest wait for a datagram: the patience of `stop`.
 const WAIT: Duration = Duration::from_millis(100);
+/// A frame that has begun when the owner stops is waited for so long.
+const ENDING: Duration = Duration::from_millis(300);
 /// So many blocks in a row of which the leader came and no payload are no accident.
 const LEADERS_ALONE: u32 = 3;
 
@@ -336,7 +338,16 @@ impl Watch {
             dropped: ready.stream.socket.dropped(),
             told: VecDeque::new(),
         };
-        while !self.stopping() {
+        let mut ends = None;
+        loop {
+            // What has begun when the owner stops is a whole frame a moment later.
+            if ends.is_none() && self.stopping() {
+                receiver.end();
+                ends = Some(Instant::now() + ENDING);
+            }
+            if ends.is_some_and(|ends| !receiver.is_busy() || Instant::now() >= ends) {
+                break;
+            }
             if let Some(reason) = health.pulse.lost() {
                 return Err(format!("camera {}: {reason}; it is opened anew", self.config.id));
             }
@@ -351,7 +362,7 @@ impl Watch {
             receiver.advance(host_ns());
             self.settle(&mut receiver, ready, &mut health);
             let silent = health.last.elapsed() > Duration::from_millis(u64::from(self.config.timeout_ms));
-            if silent && !self.config.triggered {
+            if silent && !self.config.triggered && ends.is_none() {
                 return Err(self.silence());
             }
         }

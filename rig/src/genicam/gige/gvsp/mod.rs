@@ -93,6 +93,8 @@ pub struct Receiver {
     /// The highest number so far, and its id.
     newest: Option<(u64, u64)>,
     long_ids: bool,
+    /// Whether no block begins any more.
+    ending: bool,
     blocks: VecDeque<Block>,
     requests: VecDeque<Request>,
     counts: Counts,
@@ -108,6 +110,7 @@ impl Receiver {
             done: None,
             newest: None,
             long_ids: false,
+            ending: false,
             blocks: VecDeque::new(),
             requests: VecDeque::new(),
             counts: Counts::default(),
@@ -174,6 +177,17 @@ impl Receiver {
         self.requests.pop_front()
     }
 
+    /// Lets no block begin any more: those that have begun may come to their end.
+    pub fn end(&mut self) {
+        self.ending = true;
+    }
+
+    /// Whether a block has begun and is not handed over.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        !self.open.is_empty()
+    }
+
     /// Hands over what is there, at the end of a stream.
     pub fn finish(&mut self) {
         while let Some(open) = self.open.pop_front() {
@@ -190,12 +204,18 @@ impl Receiver {
             return None;
         }
         let Some((newest, newest_id)) = self.newest else {
+            if self.ending {
+                return None;
+            }
             self.newest = Some((1 << 32, datagram.block));
             return Some(self.begin(0, 1 << 32, datagram.block, now_ns));
         };
         let ahead = ahead(newest_id, datagram.block, datagram.long_ids);
         if ahead.unsigned_abs() > MOST_AHEAD.unsigned_abs() && ahead > 0 {
             self.counts.strange += 1;
+            return None;
+        }
+        if self.ending && !(-RESTART_BEHIND..=0).contains(&ahead) {
             return None;
         }
         if ahead < -RESTART_BEHIND {

@@ -103,6 +103,28 @@ fn a_block_without_an_end_is_asked_for_it_and_then_given_as_it_is() {
 }
 
 #[test]
+fn at_the_end_what_has_begun_becomes_whole_and_nothing_begins() {
+    let mut receiver = Receiver::new(plan(true));
+    let all = datagrams(1);
+    all[..4].iter().for_each(|datagram| receiver.take(datagram, 0));
+    receiver.end();
+    for datagram in datagrams(2).iter().chain(&all[4..]) {
+        assert!(receiver.is_busy());
+        receiver.take(datagram, MS);
+    }
+    assert!(!receiver.is_busy());
+    receiver.finish();
+    let blocks = drain(&mut receiver);
+    assert_eq!(blocks.iter().map(|block| (ticks(block), block.damage)).collect::<Vec<_>>(), [(Some(1), None)]);
+    assert_eq!(receiver.counts(), Counts::default());
+    // Nor does the first.
+    let mut receiver = Receiver::new(plan(true));
+    receiver.end();
+    all.iter().for_each(|datagram| receiver.take(datagram, 0));
+    assert!(!receiver.is_busy() && receiver.next_block().is_none());
+}
+
+#[test]
 fn a_trailer_alone_can_be_missing() {
     let mut receiver = Receiver::new(plan(false));
     for datagram in &datagrams(1)[..8] {
