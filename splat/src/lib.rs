@@ -25,7 +25,7 @@ pub mod shaders;
 pub mod sort;
 pub mod trained;
 
-pub use near::near_plane;
+pub use near::{near_plane, near_plane_beside};
 
 /// The example of the README.
 #[cfg(doctest)]

@@ -30,6 +30,19 @@ pub fn near_plane<'a>(points: impl Iterator<Item = &'a [f32; 3]>, view: &View, s
     least.max(share * *nearest)
 }
 
+/// The near plane of `view`, metres, beside cameras whose frames were `trained` on. One of these is rendered as it was trained; in front
+/// of any other, event cameras without frames among them, lie Gaussians that no frame could see through or past: [`near_plane`].
+#[must_use]
+pub fn near_plane_beside<'a, 'b>(
+    mut trained: impl Iterator<Item = &'a View>,
+    points: impl Iterator<Item = &'b [f32; 3]>,
+    view: &View,
+    share: f32,
+    least: f32,
+) -> f32 {
+    if trained.any(|camera| camera == view) { least } else { near_plane(points, view, share, least) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     motion::MotionPlan,
-    near::near_plane,
+    near::near_plane_beside,
     raster::{LOW_PASS, RenderOptions, View},
 };
 
@@ -108,15 +108,12 @@ impl Record {
         start.saturating_add((end.saturating_sub(start) as f64 * t01).round() as i64)
     }
 
-    /// The near plane of `view`, metres, where the training began with these `points`. A training camera with frames is rendered as it
-    /// was trained; in front of any other, event cameras without frames among them, lie Gaussians that no frame could see through or past.
+    /// The near plane of `view`, metres, where the training began with these `points`: [`near_plane_beside`].
     #[must_use]
     pub fn near(&self, points: &[[f32; 3]], view: &View) -> f32 {
         let Drawing { near_m, near_share, .. } = self.drawing;
-        if self.cameras.iter().any(|camera| camera.view == *view && camera.is_trained()) {
-            return near_m;
-        }
-        near_plane(points.iter(), view, near_share, near_m)
+        let trained = self.cameras.iter().filter(|camera| camera.is_trained()).map(|camera| &camera.view);
+        near_plane_beside(trained, points.iter(), view, near_share, near_m)
     }
 
     /// How to draw `view`.

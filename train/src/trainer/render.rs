@@ -3,7 +3,7 @@
 use super::{TrainError, Trainer};
 use erfgs_splat::{
     model::{Rendered, Rendering},
-    near_plane,
+    near_plane_beside,
     raster::{RenderOptions, View},
     trained::low_pass,
 };
@@ -29,15 +29,12 @@ impl Trainer<'_> {
         }
     }
 
-    /// The near plane, metres. A training camera with frames is rendered as it was trained; in front of any other, event cameras
-    /// without frames among them, lie Gaussians that no frame could see through or past.
+    /// The near plane, metres: [`near_plane_beside`].
     #[must_use]
     pub fn near(&self, view: &View) -> f32 {
-        let trained = |index: usize| self.scene.views[index].view == *view && self.scene.has_frames(index);
-        if (0..self.scene.views.len()).any(trained) {
-            return self.config.near_m;
-        }
+        let trained = (0..self.scene.views.len()).filter(|&index| self.scene.has_frames(index));
+        let trained = trained.map(|index| &self.scene.views[index].view);
         let points = self.scene.points.iter().map(|(place, _)| place);
-        near_plane(points, view, self.config.near_share, self.config.near_m)
+        near_plane_beside(trained, points, view, self.config.near_share, self.config.near_m)
     }
 }
