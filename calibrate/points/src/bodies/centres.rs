@@ -25,6 +25,8 @@ pub struct Track {
     pub centres: Vec<Option<DVec3>>,
     /// Whether its detection stood alone then, and was as large as usual.
     pub sure: Vec<bool>,
+    /// Before which instants it bounces off another thing.
+    pub met: Vec<usize>,
     /// Nine tenths of its points are nearer to its centre, metres.
     pub radius_m: f64,
     /// Its colours.
@@ -42,9 +44,14 @@ impl Track {
     /// How it flies, by the instants at which it was seen alone.
     pub fn flights(&self, times_s: &[f64], exposure_s: f64, cell_m: f64) -> Flights {
         let sure = self.instants().filter(|&instant| self.sure[instant]);
-        let (times_s, places): (Vec<f64>, Vec<DVec3>) =
+        let (seen_s, places): (Vec<f64>, Vec<DVec3>) =
             sure.filter_map(|instant| Some((times_s[instant], self.centres[instant]?))).unzip();
-        Flights::new(Places { times_s: &times_s, places: &places, exposure_s, cell_m })
+        Flights::new(Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &self.jumps_s(times_s) })
+    }
+
+    /// The spans of time in which it bounces off another thing, seconds.
+    fn jumps_s(&self, times_s: &[f64]) -> Vec<[f64; 2]> {
+        self.met.iter().map(|&instant| [times_s[instant - 1], times_s[instant]]).collect()
     }
 
     /// Times and centres of the instants at which it was followed.
@@ -86,7 +93,7 @@ pub fn follow(
 /// A track by its chain alone; between its detections by what is around.
 fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], times_s: &[f64]) -> Track {
     let of = |&(instant, index): &(usize, usize)| (instant, &detections[instant][index]);
-    let mut sizes: Vec<usize> = chain.iter().map(|at| of(at).1.members.len()).collect();
+    let mut sizes: Vec<usize> = chain.seen.iter().map(|at| of(at).1.members.len()).collect();
     sizes.sort_unstable();
     let usual_points = sizes[sizes.len() / 2] as f64;
     // Where two things are one piece, it is larger than usual and its centre between them.
@@ -94,16 +101,16 @@ fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], tim
         let share = detection.members.len() as f64 / usual_points;
         share > 0.6 && share < 1.4
     };
-    let mut certain: Vec<(usize, &Detection)> = chain.iter().map(of).filter(|(_, found)| alone(found)).collect();
+    let mut certain: Vec<(usize, &Detection)> = chain.seen.iter().map(of).filter(|(_, found)| alone(found)).collect();
     if certain.len() < 2 {
-        certain = chain.iter().map(of).collect();
+        certain = chain.seen.iter().map(of).collect();
     }
     let mut radii: Vec<f64> = certain
         .iter()
         .map(|(instant, found)| radius_m(clouds[*instant].points, &found.members, found.centre))
         .collect();
     radii.sort_unstable_by(f64::total_cmp);
-    let (first, last) = (chain[0].0, chain[chain.len() - 1].0);
+    let (first, last) = (chain.seen[0].0, chain.seen[chain.seen.len() - 1].0);
     let (mut centres, mut sure) = (vec![None; times_s.len()], vec![false; times_s.len()]);
     let known: (Vec<f64>, Vec<DVec3>) =
         certain.iter().map(|(instant, found)| (times_s[*instant], found.centre)).unzip();
@@ -115,6 +122,7 @@ fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], tim
     Track {
         centres,
         sure,
+        met: chain.met.clone(),
         radius_m: radii[radii.len() / 2],
         colours: Histogram::mean(certain.iter().map(|(_, found)| &found.colours)),
         usual_points,

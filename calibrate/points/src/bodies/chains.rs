@@ -19,7 +19,13 @@ const WIDEST_GAP: usize = 3;
 /// A detection: its instant and its index.
 type At = (usize, usize);
 /// A chain of detections.
-pub type Chain = Vec<At>;
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Chain {
+    /// Where it goes through.
+    pub seen: Vec<At>,
+    /// Before which instants it bounces off another.
+    pub met: Vec<usize>,
+}
 
 /// A detection and one before it, as a chain may go.
 #[derive(Clone, Copy)]
@@ -37,10 +43,10 @@ pub fn chains(detections: &[Vec<Detection>], times_s: &[f64]) -> Vec<Chain> {
     let mut found = Vec::new();
     while found.len() < MOST_TRACKS {
         let Some(chain) = best(detections, &free, times_s) else { break };
-        if chain.len() < SHORTEST.min(times_s.len()) {
+        if chain.seen.len() < SHORTEST.min(times_s.len()) {
             break;
         }
-        for &(instant, index) in &chain {
+        for &(instant, index) in &chain.seen {
             free[instant][index] = false;
         }
         found.push(chain);
@@ -95,7 +101,7 @@ fn best(detections: &[Vec<Detection>], free: &[Vec<bool>], times_s: &[f64]) -> O
         (at, from) = (from, before);
     }
     chain.reverse();
-    Some(chain)
+    Some(Chain { seen: chain, met: Vec::new() })
 }
 
 #[cfg(test)]
@@ -132,6 +138,7 @@ mod tests {
         let chains = chains(&found, &times);
         assert_eq!(chains.len(), 2, "{chains:?}");
         for chain in chains {
+            let chain = chain.seen;
             let side = (found[chain[0].0][chain[0].1].centre.y / (times[chain[0].0] - 0.2)).signum() * 3.0;
             for (instant, index) in chain {
                 assert!(found[instant][index].centre.distance(way(times[instant], side)) < 0.01, "at {instant}");

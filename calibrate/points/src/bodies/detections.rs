@@ -7,7 +7,7 @@ use glam::{DVec3, IVec3};
 /// Points so many spacings apart are of one piece.
 const LINK: f64 = 1.8;
 /// Pieces with fewer points are no things.
-const FEWEST: usize = 18;
+pub const FEWEST: usize = 18;
 /// More pieces of one instant are crumbs; the largest are kept.
 const MOST: usize = 24;
 
@@ -80,12 +80,18 @@ pub fn detections(points: &[DVec3], colours: &[[u8; 3]], cell_m: f64) -> Vec<Det
     // A stable sort: of equal ones the first comes first.
     pieces.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
     pieces.truncate(MOST);
-    let detection = |members: Vec<usize>| Detection {
-        centre: mean(members.iter().map(|&member| points[member])),
-        colours: Histogram::of(members.iter().map(|&member| &colours[member])),
-        members,
-    };
-    pieces.into_iter().map(detection).collect()
+    pieces.into_iter().map(|members| Detection::new(members, points, colours)).collect()
+}
+
+impl Detection {
+    /// Of some of the points of an instant.
+    pub fn new(members: Vec<usize>, points: &[DVec3], colours: &[[u8; 3]]) -> Self {
+        Self {
+            centre: mean(members.iter().map(|&member| points[member])),
+            colours: Histogram::of(members.iter().map(|&member| &colours[member])),
+            members,
+        }
+    }
 }
 
 /// The mean of places; the origin of none.

@@ -18,7 +18,7 @@ use super::{
     refine::{self, Refined},
     shades::Shape,
     spin::{Spin, rounded, vector},
-    stretches::{self, Stretch},
+    stretches::Stretch,
     things::Thing,
     turn::Turn,
 };
@@ -66,9 +66,8 @@ impl Motion {
                 return refined.rates.iter().map(more).collect();
             }
             let more = refined.rates.first().map_or(DVec3::ZERO, |first| first.1);
-            // A steady rate is told at one time alone, whatever the stretch.
-            let own = |t_s: f64| looks.len() == 1 || stretch.has(t_s);
-            self.turn.rates().iter().filter(|rate| own(rate.0)).map(|&(t_s, rate)| (t_s, rate + more)).collect()
+            let own = self.turn.rates().iter().filter(|rate| stretch.has(rate.0));
+            own.map(|&(t_s, rate)| (t_s, rate + more)).collect()
         });
         let velocity = |&(moment, more): &(usize, DVec3)| (time(moment), self.path.velocity(time(moment)) + more);
         let velocities: Vec<(f64, DVec3)> =
@@ -92,7 +91,7 @@ impl<'a> Draft<'a> {
     /// With a shape of its own; none where none is left. `rates` are those that change, if they do.
     pub fn new(film: &Film, thing: &'a Thing, spin: Spin, rates: Option<Vec<(f64, DVec3)>>) -> Option<Self> {
         let Thing { track, shapes, path, .. } = thing;
-        let best = best_seen(film, track, shapes)?;
+        let best = best_seen(film, thing)?;
         let upright_s = film.moments[shapes[best].moment].t_s;
         let turn = match rates {
             Some(rates) => Turn::changing(upright_s, rates),
@@ -103,19 +102,6 @@ impl<'a> Draft<'a> {
         let grown = grown.map(|grown| followed(film, shapes, path, &turn, grown));
         let motion = Motion { path: path.clone(), turn, carved };
         Some(Self { thing, best, motion, grown, found_by: spin.found_by })
-    }
-
-    /// The same of what bounces: each stretch between bounces has a rate of its own.
-    pub fn bouncing(film: &Film, thing: &'a Thing, spin: Spin, windows: &Windows, step_s: f64) -> Option<Self> {
-        let Thing { track, shapes, path, .. } = thing;
-        let best = best_seen(film, track, shapes)?;
-        let best_s = film.moments[shapes[best].moment].t_s;
-        let stretches = Stretch::all(path.bounces_s());
-        let spins = stretches::spins(film, thing, &stretches, windows, step_s);
-        let told: Vec<DVec3> = spins.iter().map(|spin| spin.rate).collect();
-        let own = stretches.iter().position(|stretch| stretch.has(best_s));
-        let spin = own.map_or(spin, |own| spins[own].clone());
-        Self::new(film, thing, spin, Some(Stretch::rates(&stretches, &told, film.seconds())))
     }
 
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
@@ -187,7 +173,7 @@ impl<'a> Draft<'a> {
     fn refined(&mut self, film: &Film, windows: &Windows) -> Option<(Path, Turn)> {
         let best_s = film.moments[self.thing.shapes[self.best].moment].t_s;
         let stretches = Stretch::all(self.motion.path.bounces_s());
-        let look = |stretch: Stretch| (stretch, refine::refine(&stretch.windows(film, windows)));
+        let look = |stretch: Stretch| (stretch, refine::refine(stretch.windows(film, windows)));
         let looks: Vec<(Stretch, Refined)> = stretches.into_iter().map(look).collect();
         let next = self.motion.refined(film, &looks, best_s);
         let best = looks.into_iter().find(|(stretch, _)| stretch.has(best_s));
@@ -241,7 +227,7 @@ fn followed(film: &Film, shapes: &[Shape], path: &Path, turn: &Turn, grown: Grow
 }
 
 /// Which of a thing's shapes is seen best: surely, with about as many points as usual, about the middle of its time.
-fn best_seen(film: &Film, track: &Track, shapes: &[Shape]) -> Option<usize> {
+fn best_seen(film: &Film, Thing { track, shapes, .. }: &Thing) -> Option<usize> {
     let usual = median(shapes.iter().map(|shape| shape.places.len() as f64))?.max(1.0);
     let middle = median(shapes.iter().map(|shape| film.moments[shape.moment].t_s))?;
     let any_sure = shapes.iter().any(|shape| track.sure[shape.moment]);
@@ -250,6 +236,11 @@ fn best_seen(film: &Film, track: &Track, shapes: &[Shape]) -> Option<usize> {
     };
     let sure = (0..shapes.len()).filter(|&at| track.sure[shapes[at].moment] || !any_sure);
     sure.min_by(|&a, &b| odd(&shapes[a]).total_cmp(&odd(&shapes[b])))
+}
+
+/// When a thing is seen best, seconds.
+pub fn best_seen_s(film: &Film, thing: &Thing) -> Option<f64> {
+    best_seen(film, thing).map(|best| film.moments[thing.shapes[best].moment].t_s)
 }
 
 /// When a track is in view: half an interval beyond its ends, or as long as the recording where it is followed from end to end.

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     centres::{Cloud, Owners, Track, radius_m},
     detections::{Histogram, mean},
+    parts::{far_apart, nearest, settled},
 };
 use crate::CloudError;
 
@@ -21,8 +22,6 @@ const PARTS: std::ops::RangeInclusive<usize> = 2..=16;
 const FASTEST: f64 = 1000.0;
 /// A part is found at an instant if it has so large a share of an even one.
 const LEAST_SHARE: f64 = 0.2;
-/// Rounds after which the middles of parts hardly move any more.
-const ROUNDS: usize = 20;
 
 /// Corrections of the bodies of a dataset.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -161,7 +160,9 @@ impl Edited<'_> {
         for &other in others {
             self.things[other] = None;
         }
-        self.thing(*first).track.sure = sure;
+        let track = &mut self.thing(*first).track;
+        track.sure = sure;
+        track.met.clear();
         self.measure(*first);
         Ok(())
     }
@@ -282,40 +283,6 @@ fn owned(owners: &[Option<usize>], index: usize) -> Vec<usize> {
     (0..owners.len()).filter(|&at| owners[at] == Some(index)).collect()
 }
 
-fn nearest(middles: &[DVec3], place: DVec3) -> usize {
-    let away = |at: &usize| middles[*at].distance_squared(place);
-    (0..middles.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(0)
-}
-
-/// Places that are far apart: the one that is farthest from the middle of all, and then always the farthest from those before.
-fn far_apart(places: &[DVec3], count: usize) -> Vec<DVec3> {
-    let middle = mean(places.iter().copied());
-    let mut chosen: Vec<DVec3> = Vec::new();
-    while chosen.len() < count {
-        let away = |place: &DVec3| {
-            let from = if chosen.is_empty() { std::slice::from_ref(&middle) } else { &chosen };
-            from.iter().map(|other| other.distance_squared(*place)).fold(f64::INFINITY, f64::min)
-        };
-        let farthest = places.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
-        chosen.push(farthest.copied().unwrap_or(middle));
-    }
-    chosen
-}
-
-/// Middles of the places that are nearest to each; a middle that nothing is near stays.
-fn settled(places: &[DVec3], mut middles: Vec<DVec3>) -> Vec<DVec3> {
-    for _ in 0..ROUNDS {
-        let near: Vec<usize> = places.iter().map(|place| nearest(&middles, *place)).collect();
-        for (part, middle) in middles.iter_mut().enumerate() {
-            let mine: Vec<DVec3> = (0..places.len()).filter(|&at| near[at] == part).map(|at| places[at]).collect();
-            if !mine.is_empty() {
-                *middle = mean(mine);
-            }
-        }
-    }
-    middles
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -341,6 +308,7 @@ mod tests {
         let track = |height: &f64| Track {
             centres: TIMES.iter().map(|t_s| Some(at(*height, *t_s))).collect(),
             sure: vec![true; TIMES.len()],
+            met: Vec::new(),
             radius_m: 0.1,
             colours: Histogram::of(&[[9; 3]]),
             usual_points: 60.0,

@@ -47,6 +47,8 @@ pub struct Places<'a> {
     pub exposure_s: f64,
     /// How far points of it are apart, metres.
     pub cell_m: f64,
+    /// Spans of time, seconds, within each of which its velocity is known to jump.
+    pub jumps_s: &'a [[f64; 2]],
 }
 
 impl<'a> Places<'a> {
@@ -116,9 +118,9 @@ impl Flight {
     /// The flight of a thing, with as many bounces as its places tell; none of what does not fly.
     fn of(seen: Places<'_>) -> Option<Self> {
         let most = (seen.times_s.len() / INSTANTS_EACH).saturating_sub(1).min(MOST);
-        let mut flight = Self::with(seen, Vec::new())?;
-        let mut best = flight.clone();
-        for _ in 0..most {
+        let mut flight = Self::with_jumps(seen)?;
+        let (mut best, known) = (flight.clone(), flight.breaks_s.len());
+        for _ in known..most {
             let Some(next) = flight.with_one_more(seen) else { break };
             if next.price(seen) < best.price(seen) {
                 best = next.clone();
@@ -127,7 +129,7 @@ impl Flight {
         }
         let jumps = best.terms.iter().skip(3).all(|jump| jump.length() > LEAST_JUMP);
         let falls = best.terms[2].length() < MOST_ACCELERATION;
-        let smooth_m = if best.breaks_s.is_empty() { f64::INFINITY } else { smooth_m(seen, best.terms.len() + 1) };
+        let smooth_m = if best.breaks_s.len() == known { f64::INFINITY } else { smooth_m(seen, best.terms.len() + 1) };
         (jumps && falls && best.apart_m < (FLIES * seen.cell_m).min(SHARP * smooth_m)).then_some(best)
     }
 
@@ -139,15 +141,32 @@ impl Flight {
         // Each stretch needs places of its own.
         let ends: Vec<usize> = breaks_s.iter().map(|at| seen.times_s.partition_point(|time| time < at)).collect();
         let ends: Vec<usize> = [0].into_iter().chain(ends).chain([count]).collect();
-        if count < terms + SPARE
-            || !breaks_s.is_empty() && ends.windows(2).any(|pair| pair[1] - pair[0] < INSTANTS_EACH)
-        {
+        if count < terms + SPARE || ends.windows(2).any(|pair| pair[1] - pair[0] < INSTANTS_EACH) {
             return None;
         }
         let mut flight = Self { from_s, breaks_s, terms: Vec::new(), apart_m: 0.0 };
         let rows: Vec<Vec<f64>> = seen.times_s.iter().map(|&time| flight.basis(time, seen.exposure_s)).collect();
         (flight.terms, flight.apart_m) = fitted(&rows, seen.places)?;
         flight.apart_m.is_finite().then_some(flight)
+    }
+
+    /// The nearest flight whose velocity jumps where it is known to.
+    fn with_jumps(seen: Places<'_>) -> Option<Self> {
+        let inside = |span: &&[f64; 2]| seen.times_s.first() <= Some(&span[0]) && Some(&span[1]) <= seen.times_s.last();
+        let mut spans: Vec<[f64; 2]> = seen.jumps_s.iter().filter(inside).copied().collect();
+        spans.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let within = |[from, to]: [f64; 2], step: usize| from + (step as f64 + 0.5) / TRIES as f64 * (to - from);
+        let mut best = Self::with(seen, spans.iter().map(|&span| within(span, TRIES / 2)).collect())?;
+        for (index, &span) in spans.iter().enumerate() {
+            let moved = |step: usize| {
+                let mut breaks_s = best.breaks_s.clone();
+                breaks_s[index] = within(span, step);
+                Self::with(seen, breaks_s)
+            };
+            let nearest = (0..TRIES).filter_map(moved).min_by(|a, b| a.apart_m.total_cmp(&b.apart_m));
+            best = nearest.unwrap_or(best);
+        }
+        Some(best)
     }
 
     /// With the jump more that brings it nearest, all jumps moved where they are best then.
@@ -208,8 +227,14 @@ impl Flight {
     }
 }
 
+/// How far a thing is apart from the nearest flight that jumps where it is known to, and nowhere else: the root of the mean square,
+/// metres; none where its places do not tell it.
+pub fn apart_m(seen: Places<'_>) -> Option<f64> {
+    Flight::with_jumps(seen).map(|flight| flight.apart_m)
+}
+
 /// The terms by which rows of numbers come nearest to places, and how far apart these are then: the root of the mean square, metres.
-fn fitted(rows: &[Vec<f64>], places: &[DVec3]) -> Option<(Vec<DVec3>, f64)> {
+pub fn fitted(rows: &[Vec<f64>], places: &[DVec3]) -> Option<(Vec<DVec3>, f64)> {
     let (count, terms) = (rows.len(), rows.first()?.len());
     let design = DMatrix::from_row_iterator(count, terms, rows.iter().flatten().copied());
     let right = DMatrix::from_row_iterator(count, 3, places.iter().flat_map(|place| place.to_array()));
@@ -221,7 +246,8 @@ fn fitted(rows: &[Vec<f64>], places: &[DVec3]) -> Option<(Vec<DVec3>, f64)> {
     Some((terms, apart_m))
 }
 
-fn sum(row: &[f64], terms: &[DVec3]) -> DVec3 {
+/// The sum of terms, each multiplied by its value of a row.
+pub fn sum(row: &[f64], terms: &[DVec3]) -> DVec3 {
     std::iter::zip(row, terms).map(|(value, term)| *value * *term).sum()
 }
 
@@ -261,7 +287,7 @@ mod tests {
     fn found(times_s: &[f64], place: impl Fn(f64) -> DVec3) -> Vec<Bounce> {
         let places: Vec<DVec3> =
             times_s.iter().enumerate().map(|(at, &time)| place(time) + noise(at as u64, 0.006)).collect();
-        Flights::new(Places { times_s, places: &places, exposure_s: 0.0, cell_m: CELL_M }).bounces()
+        Flights::new(Places { times_s, places: &places, exposure_s: 0.0, cell_m: CELL_M, jumps_s: &[] }).bounces()
     }
 
     fn fifteen_hertz(count: usize) -> Vec<f64> {

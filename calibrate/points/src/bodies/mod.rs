@@ -13,6 +13,7 @@
 mod carve;
 mod centres;
 mod chains;
+mod close;
 mod contrast;
 mod curve;
 mod detections;
@@ -21,8 +22,10 @@ mod edits;
 mod film;
 mod flight;
 mod grow;
+mod mixture;
 mod near_events;
 mod normals;
+mod parts;
 mod path;
 mod refine;
 mod report;
@@ -179,17 +182,15 @@ impl<'a> Finder<'a> {
                 spin.rate = rate;
                 spin.found_by.insert("rotation".into(), json!("as was said"));
                 None
+            } else if let Some((best, rates)) = stretches::turning(film, thing, windows, self.step_s()) {
+                spin = best;
+                Some(rates)
             } else {
                 let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
                 varying::varying(&Evidence { shades: shades.as_ref(), windows, instants }, spin.rate)
             };
             (self.progress)(BodyStep::Shapes, index, things.all.len());
-            let bounces = thing.rate.is_none() && thing.path.bounces_s().next().is_some();
-            drafts.extend(if bounces {
-                Draft::bouncing(film, thing, spin, windows, self.step_s())
-            } else {
-                Draft::new(film, thing, spin, rates)
-            });
+            drafts.extend(Draft::new(film, thing, spin, rates));
         }
         Ok((drafts, curves))
     }

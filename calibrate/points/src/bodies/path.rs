@@ -23,8 +23,7 @@ impl Path {
     /// Through `places` at `times_s`, which increase.
     #[cfg(test)]
     pub fn new(times_s: Vec<f64>, places: Vec<DVec3>) -> Self {
-        let tangents = tangents(&times_s, &places).into_iter().map(|tangent| [tangent; 2]).collect();
-        Self { times_s, places, tangents, bounces: Vec::new() }
+        Self::bouncing(&times_s, &places, &[], 0.0)
     }
 
     /// The same with bounces, in the order of time; what was seen within `blurred_s` of one is left out, since it was seen partly before

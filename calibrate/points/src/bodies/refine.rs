@@ -78,7 +78,7 @@ pub fn best_velocity(windows: &[Window], usual: f64, start: Change) -> DVec3 {
 }
 
 /// Looks at windows again, given by instant, in the order of time.
-pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
+pub fn refine<'a>(windows: impl IntoIterator<Item = (&'a usize, &'a Vec<Window>)>) -> Refined {
     let instant = |(&moment, windows): (&usize, &Vec<Window>)| {
         let (half, other): (Vec<Window>, Vec<Window>) =
             windows.iter().map(Window::halves).map(|[half, other]| (half, other)).unzip();
@@ -86,7 +86,7 @@ pub fn refine(windows: &BTreeMap<usize, Vec<Window>>) -> Refined {
         let usual = mean_contrast(&half, change);
         (usual > 0.0).then_some(Instant { moment, half, other, usual, change })
     };
-    let mut instants: Vec<Instant> = windows.iter().filter_map(instant).collect();
+    let mut instants: Vec<Instant> = windows.into_iter().filter_map(instant).collect();
     let mut refined = Refined::default();
     if instants.is_empty() {
         return refined;

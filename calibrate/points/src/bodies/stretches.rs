@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::{
     contrast::Window,
+    draft::best_seen_s,
     film::Film,
     near_events::Windows,
     shades::Shades,
@@ -21,8 +22,8 @@ const NEAR_S: f64 = 1e-4;
 /// The time between two bounces of a thing, or before the first, or after the last, seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch {
-    pub from_s: f64,
-    pub to_s: f64,
+    from_s: f64,
+    to_s: f64,
 }
 
 impl Stretch {
@@ -34,7 +35,7 @@ impl Stretch {
     }
 
     /// Whether a time is in it, and not near to a bounce.
-    pub fn clearly_has(&self, t_s: f64) -> bool {
+    fn clearly_has(&self, t_s: f64) -> bool {
         t_s > self.from_s + CLEAR_S && t_s < self.to_s - CLEAR_S
     }
 
@@ -44,13 +45,12 @@ impl Stretch {
     }
 
     /// The events of its instants.
-    pub fn windows(&self, film: &Film, windows: &Windows) -> Windows {
-        let clear = windows.iter().filter(|(moment, _)| self.clearly_has(film.moments[**moment].t_s));
-        clear.map(|(&moment, windows)| (moment, windows.clone())).collect()
+    pub fn windows<'a>(self, film: &Film, windows: &'a Windows) -> impl Iterator<Item = (&'a usize, &'a Vec<Window>)> {
+        windows.iter().filter(move |(moment, _)| self.clearly_has(film.moments[**moment].t_s))
     }
 
     /// Rates at times of stretches that each have their own, in a recording of so many seconds.
-    pub fn rates(stretches: &[Self], rates: &[DVec3], seconds: f64) -> Vec<(f64, DVec3)> {
+    fn rates(stretches: &[Self], rates: &[DVec3], seconds: f64) -> Vec<(f64, DVec3)> {
         let ends = |stretch: &Self| [stretch.from_s.max(0.0) + NEAR_S, stretch.to_s.min(seconds) - NEAR_S];
         let all = std::iter::zip(stretches, rates);
         let mut at: Vec<(f64, DVec3)> = all.flat_map(|(stretch, &rate)| ends(stretch).map(|t_s| (t_s, rate))).collect();
@@ -61,18 +61,31 @@ impl Stretch {
     }
 }
 
-/// How a thing turns in each of its stretches, by itself.
-pub fn spins(film: &Film, thing: &Thing, stretches: &[Stretch], windows: &Windows, step_s: f64) -> Vec<Spin> {
+/// How a thing turns that bounces: as is told for the stretch in which it is seen best, and the rates of all. None of what does not bounce.
+pub fn turning(film: &Film, thing: &Thing, windows: &Windows, step_s: f64) -> Option<(Spin, Vec<(f64, DVec3)>)> {
+    let stretches = Stretch::all(thing.path.bounces_s());
+    if stretches.len() < 2 {
+        return None;
+    }
+    let mut spins = spins(film, thing, &stretches, windows, step_s);
+    let told: Vec<DVec3> = spins.iter().map(|spin| spin.rate).collect();
+    let best_s = best_seen_s(film, thing)?;
+    let best = stretches.iter().position(|stretch| stretch.has(best_s))?;
+    Some((spins.swap_remove(best), Stretch::rates(&stretches, &told, film.seconds())))
+}
+
+/// How it turns in each of its stretches, by itself.
+fn spins(film: &Film, thing: &Thing, stretches: &[Stretch], windows: &Windows, step_s: f64) -> Vec<Spin> {
     let spin = |stretch: &Stretch| {
         let time = |moment: usize| film.moments[moment].t_s;
         let from = thing.slim.partition_point(|shape| time(shape.moment) <= stretch.from_s + CLEAR_S);
         let to = thing.slim.partition_point(|shape| time(shape.moment) < stretch.to_s - CLEAR_S);
-        let own = stretch.windows(film, windows);
+        let own: Vec<&Vec<Window>> = stretch.windows(film, windows).map(|(_, windows)| windows).collect();
         if own.len() < FEWEST || to.saturating_sub(from) < FEWEST {
             return None;
         }
         let shades = Shades::new(film, &thing.slim[from..to]);
-        let all: Vec<&Window> = own.values().flatten().collect();
+        let all: Vec<&Window> = own.into_iter().flatten().collect();
         Some(spin::spin(shades.as_ref(), &all, step_s))
     };
     let spins: Vec<Option<Spin>> = stretches.iter().map(spin).collect();

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{
     centres::{self, Cloud, Owners, Track},
-    chains,
+    chains, close,
     detections::detections,
     edits::{self, BodyEdits, Named},
     film::Film,
@@ -43,15 +43,14 @@ impl Things {
         let clouds: Vec<Cloud<'_>> =
             film.moments.iter().map(|moment| Cloud { points: &moment.points, colours: &moment.colours }).collect();
         let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
-        let found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, film.cell_m)).collect();
-        let (tracks, mut owners) =
-            centres::follow(&chains::chains(&found, &times), &found, &clouds, &times, [film.cell_m, film.exposure_s()]);
+        let (cell_m, exposure_s) = (film.cell_m, film.exposure_s());
+        let (tracks, mut owners) = followed(&clouds, &times, [cell_m, exposure_s]);
         let named = edits::apply(edits, tracks, &mut owners, &clouds, &times)?;
         if named.is_empty() {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
         let thing = |(index, Named { name, track, rate }): (usize, Named)| {
-            let path = path(film, &track);
+            let path = path(&track, &times, [cell_m, exposure_s]);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
             Thing { name, shapes, slim, path, track, rate }
@@ -66,12 +65,23 @@ impl Things {
     }
 }
 
+/// The tracks of what moves, and which points are theirs.
+fn followed(clouds: &[Cloud<'_>], times_s: &[f64], [cell_m, exposure_s]: [f64; 2]) -> (Vec<Track>, Owners) {
+    let mut found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell_m)).collect();
+    let mut chains = chains::chains(&found, times_s);
+    let (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, [cell_m, exposure_s]);
+    let apart = close::Followed { tracks: &tracks, owners: &owners, clouds, times_s, cell_m, exposure_s }.told_apart();
+    if apart.tracks.is_empty() {
+        return (tracks, owners);
+    }
+    apart.chained(&mut chains, &mut found);
+    centres::follow(&chains, &found, clouds, times_s, [cell_m, exposure_s])
+}
+
 /// The way of a track, with the bounces of its flight.
-fn path(film: &Film, track: &Track) -> Path {
-    let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
-    let (times_s, places) = track.places(&times);
-    let exposure_s = film.exposure_s();
-    let flights = track.flights(&times, exposure_s, film.cell_m);
+fn path(track: &Track, times: &[f64], [cell_m, exposure_s]: [f64; 2]) -> Path {
+    let (times_s, places) = track.places(times);
+    let flights = track.flights(times, exposure_s, cell_m);
     let bounces = flights.bounces();
     let places: Vec<DVec3> =
         std::iter::zip(&times_s, places).map(|(&t_s, place)| flights.at(t_s).unwrap_or(place)).collect();
