@@ -6,7 +6,7 @@ use anyhow::Context;
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
 use erfgs_splat::{
-    gpu::{AdapterChoice, Gpu, run_canary},
+    gpu::{AdapterChoice, Gpu, Shape, run_canary},
     trained::{Reconstruction, TrainedError, TrainedScene},
 };
 use erfgs_train::{
@@ -26,7 +26,12 @@ pub struct Adapter {
 impl Adapter {
     /// Opens the adapter and makes sure that it computes right.
     pub fn open(&self) -> anyhow::Result<Gpu> {
-        let gpu = Gpu::open(&AdapterChoice { name: self.adapter.clone(), shape: None })?;
+        self.open_as(None)
+    }
+
+    /// The same with the kernels in this shape, whatever the adapter is.
+    pub fn open_as(&self, shape: Option<Shape>) -> anyhow::Result<Gpu> {
+        let gpu = Gpu::open(&AdapterChoice { name: self.adapter.clone(), shape })?;
         run_canary(&gpu)?;
         Ok(gpu)
     }

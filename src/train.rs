@@ -72,6 +72,10 @@ A dataset may be larger than memory. Frames that do not fit in --memory are read
 others are trained on. Events that would take more than half of it, at 8 bytes each, are kept in temporary files in the run's \
 folder. The result is the same. On a GPU reading may limit the speed; JPEG reads faster than PNG.
 
+On the device frames and events stay, as far as --device-memory has room: events take at most half of it, frames the rest, the \
+least recently used of which make way for others. If all fit, an iteration transfers nothing of the size of an image. The result is \
+the same.
+
 A long take is trained in windows. Static Gaussians are learned once: train one window, and the others with --static and that \
 run. They reuse its static Gaussians, camera poses and camera colours, skip the coarse stage, and train only what moves and \
 what looks different in their frames. `erfgs sweep` does this for all windows of a take.
@@ -148,6 +152,10 @@ pub struct Arguments {
     /// again, in parallel with training; events that do not fit are kept in files.
     #[arg(long, value_name = "GIB", value_parser = gibibytes)]
     memory: Option<f64>,
+    /// Memory of the device for frames and events, GiB. Default: a quarter of the device's memory, or of the free memory if it shares the
+    /// processor's. What does not fit is uploaded when it is used.
+    #[arg(long, value_name = "GIB", value_parser = gibibytes)]
+    device_memory: Option<f64>,
     /// Reuse the static Gaussians of this run, which is another window of the same take; skips the coarse stage.
     #[arg(long = "static", value_name = "RUN")]
     static_set: Option<PathBuf>,
@@ -254,10 +262,14 @@ fn minutes(text: &str) -> Result<f64, String> {
     }
 }
 
+fn bytes_of(gibibytes: f64) -> u64 {
+    (gibibytes * GIBIBYTE) as u64
+}
+
 fn gibibytes(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(size) if (0.0..=1e6).contains(&size) => Ok(size),
-        _ => Err("a number of GiB is needed, as in `--memory 4`; 0 keeps nothing".into()),
+        _ => Err("a number of GiB is needed, such as 4; 0 keeps nothing".into()),
     }
 }
 
@@ -310,6 +322,7 @@ impl Arguments {
             },
             evaluate: !self.no_evaluation,
             deterministic: self.deterministic,
+            device_memory: self.device_memory.map(bytes_of),
         }
     }
 
@@ -322,6 +335,7 @@ impl Arguments {
         words.extend(self.deterministic.then(|| "--deterministic".into()));
         words.extend(self.no_evaluation.then(|| "--no-evaluation".into()));
         words.extend(self.memory.map(|size| format!("--memory {size}")));
+        words.extend(self.device_memory.map(|size| format!("--device-memory {size}")));
         words.extend((self.init == Some(CloudMethod::Random)).then(|| "--init random".into()));
         words.extend(self.adapter.adapter.as_ref().map(|name| format!("--adapter {}", shell_word(Path::new(name)))));
         words.join(" ")
@@ -433,12 +447,12 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             return terminal.result(&summary, || describe(&summary));
         }
     }
-    let memory = arguments.memory.map(|size| (size * GIBIBYTE) as u64);
+    let memory = arguments.memory.map(bytes_of);
     let gpu = arguments.adapter.open()?;
     let begun = checkpoint.is_some();
     if !begun && tried.is_none() {
-        let static_set = static_set.as_ref();
-        let setting = Setting { gpu: &gpu, dataset: &dataset, config: &config, static_set, memory };
+        let (static_set, device_memory) = (static_set.as_ref(), options.device_memory);
+        let setting = Setting { gpu: &gpu, dataset: &dataset, config: &config, static_set, memory, device_memory };
         tried = trial::make(&setting, options.budget, &folder, terminal)?;
         if let Some(tried) = &tried {
             trial::take(&mut config, &dataset, tried);
@@ -451,6 +465,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
         (None, None) => Trainer::new(&gpu, scene, config, &options)?,
     };
+    let [most, all] = trainer.device_room();
+    if all > most {
+        let [most, all] = [most, all].map(bytes);
+        terminal.note(format!(
+            "frames and events need {all} on the device: {most} of them stay there (--device-memory), the others are uploaded when they \
+             are used"
+        ));
+    }
     if let Some(tried) = tried.filter(|_| !begun && !arguments.deterministic) {
         trainer.clock = Clock::after([tried.seconds, tried.cpu_seconds]);
     }

@@ -8,6 +8,7 @@ use std::{
 use anyhow::Context;
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
+use erfgs_splat::gpu::Shape;
 use erfgs_train::{
     config::Config,
     scene::Scene,
@@ -29,12 +30,14 @@ const WARM_UP: u32 = 20;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Iterations of the fine stage are measured, after a warm-up. After every stage the benchmark waits for the device, which \
-training does not do; the stages together therefore take a little more than an iteration of training.
+training does not do; the stages together therefore take a little more than an iteration of training. Submissions, dispatches, \
+buffers that the host waits for and bytes either way are counted where they happen.
 
 Examples:
   erfgs bench train ds-dv
   erfgs bench train ds-dv --preset paper --iterations 200 --adapter llvmpipe --json
-  erfgs bench train ds-dv --kernels")]
+  erfgs bench train ds-dv --kernels
+  erfgs bench train ds-dv --shape gpu")]
 pub struct Arguments {
     /// The dataset, with initial points.
     dataset: PathBuf,
@@ -53,8 +56,19 @@ pub struct Arguments {
     /// Time each kernel by the device's own clock, too, which slows the stages down.
     #[arg(long)]
     kernels: bool,
+    /// Run the kernels in this shape, whatever the adapter is.
+    #[arg(long, value_enum)]
+    shape: Option<ShapeName>,
     #[command(flatten)]
     adapter: Adapter,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum ShapeName {
+    /// That of graphics processors: what passes to and from one is counted on any adapter.
+    Gpu,
+    /// That of software drivers.
+    Cpu,
 }
 
 #[derive(Serialize)]
@@ -67,6 +81,8 @@ struct Figures {
     dynamic: u32,
     iterations: u64,
     iterations_per_s: f64,
+    /// Processor time of this process in an iteration, milliseconds; of the host alone where the adapter is no software driver.
+    cpu_ms_an_iteration: f64,
     /// What passes to and from the device in an iteration, in the mean.
     an_iteration: TrafficFigures,
     stages: Vec<StageFigures>,
@@ -81,6 +97,8 @@ struct TrafficFigures {
     /// Buffers that the host reads, each of which it waits for.
     maps: f64,
     bytes_written: f64,
+    /// In the iteration that wrote most.
+    bytes_written_most: u64,
     bytes_read: f64,
 }
 
@@ -119,7 +137,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let without_points = dataset.manifest.points.is_none();
     config.settle(&dataset, without_points)?;
     let scene = Scene::load(dataset, &config, without_points)?;
-    let gpu = arguments.adapter.open()?;
+    let gpu = arguments.adapter.open_as(arguments.shape.map(|shape| match shape {
+        ShapeName::Gpu => Shape::Gpu,
+        ShapeName::Cpu => Shape::Cpu,
+    }))?;
     let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
     let mut trainer = Trainer::new(&gpu, scene, config, &options)?;
     let folder = erfgs_base::scratch::Scratch::new().context("cannot make a folder for the run")?;
@@ -134,7 +155,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if arguments.kernels {
         gpu.time_kernels()?;
     }
-    let (first, started) = (trainer.iterations_done(), trainer.clock.seconds);
+    let (first, started) = (trainer.iterations_done(), [trainer.clock.seconds, trainer.clock.cpu_seconds]);
     trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now: &erfgs_train::trainer::Progress| {
         progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
     })?;
@@ -175,12 +196,14 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         gaussians,
         dynamic: trainer.model.drawn.dynamic,
         iterations: measured,
-        iterations_per_s: iterations / (trainer.clock.seconds - started).max(1e-12),
+        iterations_per_s: iterations / (trainer.clock.seconds - started[0]).max(1e-12),
+        cpu_ms_an_iteration: 1e3 * (trainer.clock.cpu_seconds - started[1]) / iterations,
         an_iteration: TrafficFigures {
             submissions: mean(traffic.submissions),
             dispatches: mean(traffic.dispatches),
             maps: mean(traffic.maps),
             bytes_written: mean(traffic.written),
+            bytes_written_most: trainer.times.most.written,
             bytes_read: mean(traffic.read),
         },
         stages,
@@ -215,7 +238,8 @@ fn describe(figures: &Figures) -> String {
     let kernels = if figures.kernels.is_empty() { String::new() } else { format!("\n\n{}", table(&kernels)) };
     format!(
         "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n\
-         an iteration: {:.1} submissions of {:.0} dispatches, {:.0} kB written, {:.1} buffers and {:.0} kB read back\n{}{kernels}",
+         an iteration: {:.2} ms of processor time, {:.1} submissions of {:.0} dispatches, {:.1} kB written (at most {:.1}), {:.1} \
+         buffers and {:.1} kB read back\n{}{kernels}",
         figures.adapter,
         figures.driver,
         figures.method,
@@ -223,9 +247,11 @@ fn describe(figures: &Figures) -> String {
         thousands(figures.gaussians.into()),
         thousands(figures.dynamic.into()),
         figures.iterations_per_s,
+        figures.cpu_ms_an_iteration,
         figures.an_iteration.submissions,
         figures.an_iteration.dispatches,
         1e-3 * figures.an_iteration.bytes_written,
+        1e-3 * figures.an_iteration.bytes_written_most as f64,
         figures.an_iteration.maps,
         1e-3 * figures.an_iteration.bytes_read,
         table(&rows)

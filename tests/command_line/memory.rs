@@ -22,9 +22,19 @@ fn frames_and_events_that_are_read_again_teach_the_same() {
             fs::read_dir(folder.path(run)).expect("a run").flatten().map(|entry| entry.file_name()).collect();
         assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".tmp")), "{left:?}");
     }
+    // The device has room for nothing, for some and for all; what it has no room for is not uploaded before it is looked at.
+    for (run, memory) in [("none", "0"), ("some", "6e-5"), ("all", "1")] {
+        let said = folder.run(&format!("{TRAIN} --out {run}-there --device-memory {memory}"));
+        let text = String::from_utf8_lossy(&said.stderr);
+        assert!(said.status.success() && text.contains("(--device-memory)") == (run != "all"), "{text}");
+    }
+    folder.succeed(&format!("{TRAIN} --out none-anywhere --memory 0 --device-memory 3e-5"));
     let [kept, none, some] =
         ["kept", "none", "some"].map(|run| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint"));
     assert!(kept == none && kept == some, "it matters which frames are kept");
+    for run in ["none-there", "some-there", "all-there", "none-anywhere"] {
+        assert!(kept == fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint"), "{run}");
+    }
 }
 
 #[test]

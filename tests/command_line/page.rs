@@ -91,10 +91,15 @@ pub fn header(scene: &[u8]) -> serde_json::Value {
 
 /// `ds` in the folder: something moves before six cameras, and its hull is known.
 pub fn film_small(folder: &Folder) {
+    film_of(folder, "ds", [64, 48]);
+}
+
+/// The same with images of another size.
+pub fn film_of(folder: &Folder, dataset: &str, [width, height]: [u32; 2]) {
     use erfgs_stage::{EventOptions, FilmOptions, RigOptions, StageOptions, film};
     let options = FilmOptions {
         stage: StageOptions { samples_per_axis: 1, ..StageOptions::default() },
-        rig: RigOptions { width: 64, height: 48, rgb: 6, event: 2, test: 1, ..RigOptions::default() },
+        rig: RigOptions { width, height, rgb: 6, event: 2, test: 1, ..RigOptions::default() },
         events: EventOptions::default(),
         duration_ns: 300_000_000,
         rgb_fps: 20.0,
@@ -103,6 +108,8 @@ pub fn film_small(folder: &Folder) {
         truth: true,
         ..FilmOptions::default()
     };
-    film(&folder.path("ds"), &options, &|_| {}).expect("a film");
-    folder.succeed("dataset points ds --method random --random-points 400 --moving 4 --moving-points 400");
+    film(&folder.path(dataset), &options, &|_| {}).expect("a film");
+    folder.succeed(&format!(
+        "dataset points {dataset} --method random --random-points 400 --moving 4 --moving-points 400"
+    ));
 }

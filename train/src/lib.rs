@@ -9,6 +9,7 @@ pub mod config;
 pub mod density;
 pub mod eds;
 pub mod evaluate;
+mod feed;
 mod kernels;
 pub mod losses;
 pub mod metrics;

@@ -7,6 +7,7 @@ use erfgs_base::memory::{self, Shortage};
 use wgpu::util::DeviceExt;
 
 use super::{
+    memory as device_memory,
     timing::{self, Times},
     traffic::{Counters, Traffic},
 };
@@ -129,6 +130,8 @@ pub struct Gpu {
     pub mappable: bool,
     /// So many threads are always within one subgroup; 0 without subgroup operations.
     pub subgroup: u32,
+    /// See [`Gpu::memory`].
+    memory: Option<u64>,
     pub(super) counters: Counters,
     pub(super) times: Times,
     failure: Arc<Mutex<Option<Failure>>>,
@@ -214,8 +217,9 @@ impl Gpu {
         }));
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
         let subgroup = if features.contains(wgpu::Features::SUBGROUP) { info.subgroup_min_size } else { 0 };
+        let memory = device_memory::own(&adapter);
         let (counters, times) = (Counters::default(), Times::default());
-        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, counters, times, failure })
+        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, memory, counters, times, failure })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
@@ -347,6 +351,11 @@ impl Gpu {
     /// [`GpuError::Failed`].
     pub fn download<T: Pod>(&self, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
         self.read(&[(buffer, count)], |slices| slices[0].to_vec())
+    }
+
+    /// Bytes of the memory that the device has of its own; `None` where it shares the processor's, or nobody says.
+    pub fn memory(&self) -> Option<u64> {
+        self.memory
     }
 
     /// What has passed between the host and the device so far.

@@ -8,6 +8,7 @@ mod canary;
 mod commands;
 mod context;
 mod kernel;
+mod memory;
 mod timing;
 mod traffic;
 

@@ -29,6 +29,18 @@ impl Traffic {
             read: self.read - before.read,
         }
     }
+
+    /// The larger of both, each count by itself.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            submissions: self.submissions.max(other.submissions),
+            dispatches: self.dispatches.max(other.dispatches),
+            maps: self.maps.max(other.maps),
+            written: self.written.max(other.written),
+            read: self.read.max(other.read),
+        }
+    }
 }
 
 impl std::ops::AddAssign for Traffic {

@@ -33,6 +33,17 @@ impl Region {
         column < self.columns && row < self.rows && self.needed[(row * self.columns + column) as usize]
     }
 
+    /// A bit for each pixel of an image of `width` x `height` pixels, row by row, the lowest of a word first: whether a needed block has it.
+    #[must_use]
+    pub fn bits(&self, width: u32, height: u32) -> Vec<u32> {
+        let mut bits = vec![0; (u64::from(width) * u64::from(height)).div_ceil(32) as usize];
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        for (pixel, _) in pixels.enumerate().filter(|(_, (x, y))| self.contains(*x, *y)) {
+            bits[pixel / 32] |= 1 << (pixel % 32);
+        }
+        bits
+    }
+
     /// Share of the blocks that are needed.
     #[must_use]
     pub fn share(&self) -> f64 {
@@ -67,5 +78,11 @@ mod tests {
         assert!(region.contains(16, 8) && region.contains(19, 9) && !region.contains(15, 9));
         assert_eq!(region.tiles([2, 1]), [0, 1 << 2]);
         assert!((region.share() - 1.0 / 15.0).abs() < 1e-12);
+        let bits = region.bits(20, 10);
+        assert_eq!(bits.len(), 7);
+        for pixel in 0..224_u32 {
+            let is_in = pixel < 200 && region.contains(pixel % 20, pixel / 20);
+            assert_eq!(bits[pixel as usize / 32] >> (pixel % 32) & 1, u32::from(is_in), "{pixel}");
+        }
     }
 }

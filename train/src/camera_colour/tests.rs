@@ -1,5 +1,5 @@
 use super::*;
-use crate::losses::{Exposure, LossSum, Losses};
+use crate::losses::{Exposure, LossSum, Losses, Part, Target, packed};
 use erfgs_splat::gpu::{AdapterChoice, Shape};
 
 const PIXELS: u32 = 1000;
@@ -17,17 +17,25 @@ fn scene() -> Vec<[f32; 4]> {
         .collect()
 }
 
-/// What a camera of this gain and offset takes of the scene, packed; pixels are left out where `alpha` is 0.
-fn taken(scene: &[[f32; 4]], [gain, offset]: [[f32; 3]; 2], alpha: u32) -> Vec<u32> {
+/// What a camera of this gain and offset takes of the scene.
+fn taken(scene: &[[f32; 4]], [gain, offset]: [[f32; 3]; 2]) -> Vec<u32> {
     let byte = |value: f32| (255.0 * value.clamp(0.0, 1.0)).round() as u32;
-    scene
-        .iter()
-        .map(|p| (0..3).fold(alpha << 24, |packed, c| packed | byte(gain[c] * p[c] + offset[c]) << (8 * c)))
-        .collect()
+    scene.iter().map(|p| (0..3).fold(0, |packed, c| packed | byte(gain[c] * p[c] + offset[c]) << (8 * c))).collect()
 }
 
 /// Learns from one frame of each camera, in turn.
 fn learn(gpu: &Gpu, frames: &[Vec<u32>], options: &CameraColourOptions, rounds: u32) -> CameraColourState {
+    learn_of(gpu, frames, options, rounds, false)
+}
+
+/// The same, or from none of the pixels.
+fn learn_of(
+    gpu: &Gpu,
+    frames: &[Vec<u32>],
+    options: &CameraColourOptions,
+    rounds: u32,
+    none: bool,
+) -> CameraColourState {
     let losses = Losses::new(gpu);
     // The last camera takes no frames.
     let takes: Vec<bool> = (0..=frames.len()).map(|view| view < frames.len()).collect();
@@ -35,12 +43,15 @@ fn learn(gpu: &Gpu, frames: &[Vec<u32>], options: &CameraColourOptions, rounds: 
     let loss = LossSum::new(gpu, PIXELS).expect("a buffer");
     let mean = gpu.storage_from("scene", &scene()).expect("a buffer");
     let d_mean = gpu.storage("gradient", u64::from(PIXELS) * 16).expect("a buffer");
-    let frames: Vec<Buffer> = frames.iter().map(|frame| gpu.storage_from("frame", frame).expect("a buffer")).collect();
+    let frames: Vec<Buffer> =
+        frames.iter().map(|frame| gpu.storage_from("frame", &packed(frame)).expect("a buffer")).collect();
+    let nowhere = gpu.storage("region", u64::from(PIXELS).div_ceil(8)).expect("a buffer");
+    let part = if none { Part::Within(&nowhere) } else { Part::All };
     for round in 0..rounds {
         for (view, frame) in frames.iter().enumerate() {
             let mut commands = gpu.commands();
             let exposure = Exposure { pixels: PIXELS, mean: &mean, linear_light: false, view, colours: &colours };
-            losses.photometric(gpu, &mut commands, &exposure, frame, &d_mean, &loss, 1.0);
+            losses.photometric(gpu, &mut commands, &exposure, &Target { frame, part }, &d_mean, &loss, 1.0);
             colours.step(gpu, &mut commands, view, PIXELS, options, f64::from(round) / f64::from(rounds));
             commands.submit();
         }
@@ -51,7 +62,7 @@ fn learn(gpu: &Gpu, frames: &[Vec<u32>], options: &CameraColourOptions, rounds: 
 #[test]
 fn gains_and_offsets_of_cameras_are_found() {
     let wanted = [[[1.0; 3], [0.0; 3]], [[0.9, 1.05, 1.1], [0.02, -0.03, 0.0]], [[1.1, 0.95, 0.9], [-0.02, 0.03, 0.0]]];
-    let frames = wanted.map(|shown| taken(&scene(), shown, 255));
+    let frames = wanted.map(|shown| taken(&scene(), shown));
     for gpu in gpus() {
         let found = learn(&gpu, &frames, &OPTIONS, 300);
         assert_eq!(found.steps, [300, 300, 300, 0]);
@@ -66,7 +77,7 @@ fn gains_and_offsets_of_cameras_are_found() {
 
 #[test]
 fn what_all_cameras_have_in_common_is_left_to_the_scene() {
-    let frames = [taken(&scene(), [[1.3; 3], [0.05; 3]], 255), taken(&scene(), [[1.1; 3], [0.03; 3]], 255)];
+    let frames = [taken(&scene(), [[1.3; 3], [0.05; 3]]), taken(&scene(), [[1.1; 3], [0.03; 3]])];
     for gpu in gpus() {
         let found = learn(&gpu, &frames, &OPTIONS, 200);
         for (one, other) in std::iter::zip(found.of(0).as_flattened(), found.of(1).as_flattened()) {
@@ -79,9 +90,9 @@ fn what_all_cameras_have_in_common_is_left_to_the_scene() {
 
 #[test]
 fn a_camera_whose_frames_say_nothing_stays_as_it_was() {
-    let frames = [taken(&scene(), [[0.5; 3], [0.2; 3]], 0), taken(&scene(), [[1.0; 3], [0.0; 3]], 0)];
+    let frames = [taken(&scene(), [[0.5; 3], [0.2; 3]]), taken(&scene(), [[1.0; 3], [0.0; 3]])];
     for gpu in gpus() {
-        let found = learn(&gpu, &frames, &OPTIONS, 20);
+        let found = learn_of(&gpu, &frames, &OPTIONS, 20, true);
         assert_eq!([found.of(0), found.of(1)], [[[1.0; 3], [0.0; 3]]; 2]);
     }
 }
@@ -89,8 +100,7 @@ fn a_camera_whose_frames_say_nothing_stays_as_it_was() {
 /// Adam on |gain x + offset - y| with the prior, in f64.
 #[test]
 fn a_step_is_the_twins() {
-    let frames =
-        [taken(&scene(), [[1.0; 3], [0.0; 3]], 255), taken(&scene(), [[0.8, 1.1, 1.2], [0.05, 0.0, -0.02]], 255)];
+    let frames = [taken(&scene(), [[1.0; 3], [0.0; 3]]), taken(&scene(), [[0.8, 1.1, 1.2], [0.05, 0.0, -0.02]])];
     let options = CameraColourOptions { prior: 0.3, ..OPTIONS };
     let rounds = 12;
     let [mut value, mut m, mut v] = [[[[0.0_f64; 3]; 2]; 2]; 3];

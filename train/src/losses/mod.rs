@@ -36,6 +36,38 @@ pub(crate) fn threads_for(pixels: u32) -> u32 {
     pixels.div_ceil(PIXELS_A_THREAD).max(1)
 }
 
+/// A frame that an exposure is compared with.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// Its pixels, as [`packed`] makes them.
+    pub frame: &'a Buffer,
+    /// Which of them.
+    pub part: Part<'a>,
+}
+
+/// The part of an image that is compared. A bit for each pixel, row by row, the lowest of a word first, says which are within.
+#[derive(Clone, Copy, Debug)]
+pub enum Part<'a> {
+    /// All of it.
+    All,
+    /// What is within.
+    Within(&'a Buffer),
+    /// What is not.
+    Outside(&'a Buffer),
+}
+
+/// The pixels of a frame (red in the lowest byte) as they are stored and as the device has them: red, green and blue, a byte each, pixel by
+/// pixel.
+#[must_use]
+pub fn packed(pixels: &[u32]) -> Vec<u8> {
+    let mut bytes = vec![0; (3 * pixels.len()).next_multiple_of(4)];
+    for (colour, pixel) in bytes.as_chunks_mut::<3>().0.iter_mut().zip(pixels) {
+        let [red, green, blue, _] = pixel.to_le_bytes();
+        *colour = [red, green, blue];
+    }
+    bytes
+}
+
 /// A rendered exposure and who saw it.
 #[derive(Clone, Copy, Debug)]
 pub struct Exposure<'a> {
@@ -68,7 +100,8 @@ struct PhotometricParameters {
     linear_light: u32,
     scale: f32,
     view: u32,
-    unused: [u32; 3],
+    part: u32,
+    unused: [u32; 2],
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -232,31 +265,38 @@ impl Losses {
     }
 
     /// Writes the gradient of `scale * sum |shown - frame|` with respect to the exposure to `d_mean`, keeps those of its
-    /// camera's gain and offset, and adds the sum to `loss`. `shown` is the exposure as the camera shows it, the frame
-    /// (packed RGBA8) is in display values.
+    /// camera's gain and offset, and adds the sum to `loss`. `shown` is the exposure as the camera shows it, the frame is in
+    /// display values; what is no part of the `target` is left out.
     #[expect(clippy::too_many_arguments, reason = "one argument a binding")]
     pub fn photometric(
         &self,
         gpu: &Gpu,
         commands: &mut Commands<'_>,
         exposure: &Exposure<'_>,
-        frame: &Buffer,
+        target: &Target<'_>,
         d_mean: &Buffer,
         loss: &LossSum,
         scale: f32,
     ) {
         let Exposure { pixels, mean, linear_light, view, colours } = *exposure;
         let threads = threads_for(pixels).min(loss.threads);
+        let (part, within) = match target.part {
+            Part::All => (0, target.frame),
+            Part::Within(region) => (1, region),
+            Part::Outside(region) => (2, region),
+        };
         let parameters = PhotometricParameters {
             pixels,
             threads,
             linear_light: linear_light.into(),
             scale,
             view: view as u32,
-            unused: [0; 3],
+            part,
+            unused: [0; 2],
         };
         let parameters = gpu.uniform("photometric", &parameters);
-        let bindings = [&parameters, mean, frame, &colours.values, d_mean, &loss.partial, &colours.partial];
+        let bindings =
+            [&parameters, mean, target.frame, within, &colours.values, d_mean, &loss.partial, &colours.partial];
         commands.dispatch(&self.photometric, &bindings, threads.div_ceil(64));
     }
 

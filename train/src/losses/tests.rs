@@ -46,18 +46,38 @@ fn the_lin_log_of_a_sensor_is_the_twins() {
 #[test]
 fn the_photometric_loss_and_its_gradients_match_the_twin() {
     for gpu in gpus() {
-        for linear_light in [false, true] {
-            check_photometric(&gpu, linear_light);
+        let bits: Vec<u32> = (1..=PIXELS.div_ceil(32)).map(|word| word.wrapping_mul(0x9e37_79b9)).collect();
+        let bits = gpu.storage_from("region", &bits).expect("a buffer");
+        for part in [Part::All, Part::Within(&bits), Part::Outside(&bits)] {
+            for linear_light in [false, true] {
+                check_photometric(&gpu, part, linear_light);
+            }
         }
     }
 }
 
-fn check_photometric(gpu: &Gpu, linear_light: bool) {
+#[test]
+fn frames_are_packed_without_gaps() {
+    assert_eq!(packed(&[0xff03_0201, 0x0006_0504, 7]), [1, 2, 3, 4, 5, 6, 7, 0, 0, 0, 0, 0]);
+    assert_eq!((packed(&[]), packed(&[0x0003_0201; 4])), (vec![], [1, 2, 3].repeat(4)));
+}
+
+fn check_photometric(gpu: &Gpu, part: Part<'_>, linear_light: bool) {
     let losses = Losses::new(gpu);
     let renderings = [image(1), image(2), image(3)];
     let frame: Vec<u32> = (0..PIXELS).map(|p| 0xff00_0000 | p.wrapping_mul(0x0001_2345) & 0x00ff_ffff).collect();
-    let truth: Vec<[f64; 3]> =
-        frame.iter().map(|&v| [0, 8, 16].map(|shift| f64::from(v >> shift & 255) / 255.0)).collect();
+    let bits: Vec<u32> = match part {
+        Part::All => vec![u32::MAX; PIXELS.div_ceil(32) as usize],
+        Part::Within(bits) | Part::Outside(bits) => gpu.download(bits, PIXELS.div_ceil(32) as usize).expect("bits"),
+    };
+    let is_left_out =
+        |pixel: u32| (bits[pixel as usize / 32] >> (pixel % 32) & 1 == 0) != matches!(part, Part::Outside(_));
+    let left_out = (0..PIXELS).filter(|&pixel| is_left_out(pixel)).count();
+    assert!(if matches!(part, Part::All) { left_out == 0 } else { (20..130).contains(&left_out) }, "{left_out}");
+    let truth: Vec<Option<[f64; 3]>> = (0..)
+        .zip(&frame)
+        .map(|(pixel, v)| (!is_left_out(pixel)).then(|| [0, 8, 16].map(|shift| f64::from(v >> shift & 255) / 255.0)))
+        .collect();
     let mut state = CameraColourState::neutral(&[true; 3]);
     state.values[8..16].copy_from_slice(&[1.25, 0.9, 1.0, 0.0, 0.03, -0.02, 0.0, 0.0]);
     let colours = CameraColours::new(gpu, &state, PIXELS).expect("buffers");
@@ -65,13 +85,13 @@ fn check_photometric(gpu: &Gpu, linear_light: bool) {
     let buffers = renderings.each_ref().map(|image| gpu.storage_from("image", image).expect("a buffer"));
     let new = || gpu.storage("scratch", u64::from(PIXELS) * 16).expect("a buffer");
     let (mean, d_mean, d_image) = (new(), new(), new());
-    let frame = gpu.storage_from("frame", &frame).expect("a buffer");
+    let frame = gpu.storage_from("frame", &packed(&frame)).expect("a buffer");
     let mut commands = gpu.commands();
     for (index, image) in buffers.iter().enumerate() {
         losses.accumulate(gpu, &mut commands, PIXELS, image, &mean, index == 0, 1.0 / 3.0, linear_light);
     }
     let exposure = Exposure { pixels: PIXELS, mean: &mean, linear_light, view: 1, colours: &colours };
-    losses.photometric(gpu, &mut commands, &exposure, &frame, &d_mean, &loss, 1.0);
+    losses.photometric(gpu, &mut commands, &exposure, &Target { frame: &frame, part }, &d_mean, &loss, 1.0);
     losses.spread(gpu, &mut commands, PIXELS, &buffers[1], &d_mean, &d_image, 1.0 / 3.0);
     commands.submit();
 

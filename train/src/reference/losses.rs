@@ -45,16 +45,17 @@ pub fn exposure(images: &[Vec<[f64; 3]>], linear_light: bool) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// `sum |gain * exposure + offset - frame|` over pixels and channels.
+/// `sum |gain * exposure + offset - frame|` over channels and those pixels that are not left out.
 #[must_use]
 pub fn photometric(
     images: &[Vec<[f64; 3]>],
     [gain, offset]: [[f64; 3]; 2],
-    frame: &[[f64; 3]],
+    frame: &[Option<[f64; 3]>],
     linear_light: bool,
 ) -> f64 {
     let exposure = exposure(images, linear_light);
-    exposure.iter().zip(frame).flat_map(|(a, b)| (0..3).map(move |c| (gain[c] * a[c] + offset[c] - b[c]).abs())).sum()
+    let compared = exposure.iter().zip(frame).filter_map(|(shown, taken)| Some((shown, taken.as_ref()?)));
+    compared.flat_map(|(a, b)| (0..3).map(move |c| (gain[c] * a[c] + offset[c] - b[c]).abs())).sum()
 }
 
 /// Lin-log intensity of a display colour.

@@ -24,6 +24,16 @@ pub(super) struct Counts {
     now: Vec<Pair>,
 }
 
+/// What the counts between two edges are added up from: known counts of all pixels, and events. Both are added or taken away modulo 2^32, in
+/// any order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Way {
+    /// Which image of counts is added, and which is taken away.
+    pub images: [Option<usize>; 2],
+    /// Which events are counted, and whether they are added or taken away.
+    pub events: [(Range<usize>, bool); 2],
+}
+
 /// Known counts, and the events between them and an edge.
 struct Nearest {
     /// Which of the images; nothing where all are 0, at the first edge.
@@ -75,19 +85,35 @@ impl Counts {
 
     /// The counts of all pixels between two edges.
     pub fn between(&self, from: usize, to: usize) -> io::Result<Vec<Pair>> {
+        let Way { images: [more, less], events } = self.way(from, to);
+        let mut sums = vec![[0; 2]; self.pixels];
+        self.add_image(&mut sums, more, true)?;
+        self.add_image(&mut sums, less, false)?;
+        for (events, more) in events {
+            self.add(&mut sums, events, more)?;
+        }
+        Ok(sums)
+    }
+
+    /// What the counts between two edges are added up from, with the fewest events.
+    pub fn way(&self, from: usize, to: usize) -> Way {
         let to = to.max(from);
         let direct = self.begins[from]..self.begins[to];
         let [start, end] = [from, to].map(|edge| self.nearest(edge));
-        let mut sums = vec![[0; 2]; self.pixels];
         if direct.len() <= start.way.len() + end.way.len() + self.pixels {
-            self.add(&mut sums, direct, true)?;
-            return Ok(sums);
+            return Way { images: [None; 2], events: [(direct, true), (0..0, true)] };
         }
-        self.add_image(&mut sums, end.image, true)?;
-        self.add_image(&mut sums, start.image, false)?;
-        self.add(&mut sums, start.way, !start.before)?;
-        self.add(&mut sums, end.way, end.before)?;
-        Ok(sums)
+        Way { images: [end.image, start.image], events: [(start.way, !start.before), (end.way, end.before)] }
+    }
+
+    /// How many pixels there are.
+    pub fn pixels(&self) -> usize {
+        self.pixels
+    }
+
+    /// The events and the images of counts, as they lie in memory or in files.
+    pub fn words(&self) -> [&Words; 2] {
+        [&self.events, &self.images]
     }
 
     /// The known counts with the fewest events between them and an edge.

@@ -2,6 +2,7 @@
 
 use std::{
     io,
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -11,7 +12,8 @@ use erfgs_events::Events;
 use super::{
     Bins, SceneError,
     balance::{self, Returns},
-    counts::Counts,
+    counts::{Counts, Way},
+    words::Words,
 };
 use crate::{
     config::EarlConfig,
@@ -50,6 +52,15 @@ pub struct EventView {
     counts: Counts,
     /// Where the counts' files are, if they are not in memory.
     folder: PathBuf,
+}
+
+/// What lies in an event camera's memory or files.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Numbers {
+    /// Its events.
+    Events,
+    /// Counts of all pixels at some edges.
+    Images,
 }
 
 /// An event camera whose events are being counted, in the order of their times.
@@ -211,9 +222,7 @@ impl EventView {
     /// # Errors
     /// [`SceneError::Scratch`] where the events lie in a file that cannot be read any more.
     pub fn between(&self, from: usize, to: usize) -> Result<Vec<f32>, SceneError> {
-        let [first, last] = self.covers.map(|edge| self.edges[edge]);
-        let share = (self.edges[to] - self.edges[from]) / (last - first).max(1e-12);
-        let drift = (self.drift * share) as f32;
+        let drift = self.drift_between(from, to);
         let mut counts = self.signed(from, to)?;
         for (pixel, count) in counts.iter_mut().enumerate() {
             // What tells of its own thresholds has it in them.
@@ -224,10 +233,60 @@ impl EventView {
         Ok(counts)
     }
 
+    /// What events that nothing caused add up to between two edges, units of the sensor's threshold.
+    pub(crate) fn drift_between(&self, from: usize, to: usize) -> f32 {
+        let [first, last] = self.covers.map(|edge| self.edges[edge]);
+        let share = (self.edges[to] - self.edges[from]) / (last - first).max(1e-12);
+        (self.drift * share) as f32
+    }
+
+    /// How many pixels the camera has.
+    pub(crate) fn pixels(&self) -> usize {
+        self.counts.pixels()
+    }
+
+    /// What an ON and an OFF event change, units of the sensor's threshold: at most pixels, and at each, where pixels tell.
+    pub(crate) fn steps(&self) -> ([f32; 2], &[[f32; 2]]) {
+        (self.step, &self.steps)
+    }
+
+    /// ON and OFF events of every pixel between two edges.
+    ///
+    /// # Errors
+    /// As [`EventView::between`].
+    pub(crate) fn pairs(&self, from: usize, to: usize) -> Result<Vec<[u32; 2]>, SceneError> {
+        self.counts.between(from, to).map_err(scratch(&self.folder))
+    }
+
+    /// What those are added up from.
+    pub(crate) fn way(&self, from: usize, to: usize) -> Way {
+        self.counts.way(from, to)
+    }
+
+    /// How many numbers [`EventView::read`] has of each kind.
+    pub(crate) fn numbers(&self) -> [usize; 2] {
+        self.counts.words().map(Words::len)
+    }
+
+    /// Hands numbers over, piece by piece: of each event twice its pixel, and one more if it is ON, or the images of counts, ON and OFF of
+    /// each pixel.
+    ///
+    /// # Errors
+    /// As [`EventView::between`].
+    pub(crate) fn read(
+        &self,
+        kind: Numbers,
+        numbers: Range<usize>,
+        take: impl FnMut(usize, &[u32]),
+    ) -> Result<(), SceneError> {
+        let words = self.counts.words()[kind as usize];
+        words.read(numbers.start, numbers.len(), take).map_err(scratch(&self.folder))
+    }
+
     /// The signed count of every pixel between two edges as it is, units of the sensor's threshold.
     fn signed(&self, from: usize, to: usize) -> Result<Vec<f32>, SceneError> {
         let signed = |([on, off], step): ([u32; 2], &[f32; 2])| on as f32 * step[0] - off as f32 * step[1];
-        let counts = self.counts.between(from, to).map_err(scratch(&self.folder))?;
+        let counts = self.pairs(from, to)?;
         let steps = self.steps.iter().chain(std::iter::repeat(&self.step));
         Ok(counts.into_iter().zip(steps).map(signed).collect())
     }

@@ -21,8 +21,10 @@ use erfgs_dataset::{Body, Dataset, DatasetError, Split};
 use glam::DVec3;
 
 pub use bins::Bins;
+pub(crate) use counts::Way;
 pub(crate) use displacement::{exposed, moves};
 pub use events::EventView;
+pub(crate) use events::Numbers;
 pub use flicker::Flicker;
 pub(crate) use load::{extent, median};
 pub(crate) use memory::check as check_memory;

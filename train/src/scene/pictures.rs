@@ -49,9 +49,13 @@ struct Expected {
 }
 
 impl Files {
-    fn bytes(&self, index: usize) -> u64 {
+    fn pixels(&self, index: usize) -> u64 {
         let size = &self.dataset.manifest.cameras[self.frames[index].0].intrinsics;
-        4 * u64::from(size.width) * u64::from(size.height)
+        u64::from(size.width) * u64::from(size.height)
+    }
+
+    fn bytes(&self, index: usize) -> u64 {
+        4 * self.pixels(index)
     }
 
     fn read(&self, index: usize) -> Result<Pixels, SceneError> {
@@ -99,6 +103,12 @@ impl Pictures {
     #[must_use]
     pub fn bytes(&self) -> [u64; 2] {
         self.bytes
+    }
+
+    /// How many pixels a frame has.
+    #[must_use]
+    pub fn pixels(&self, index: usize) -> u64 {
+        self.files.pixels(index)
     }
 
     /// Whether no frame is read again.
@@ -162,28 +172,14 @@ fn readers() -> Result<ThreadPool, SceneError> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_dataset::{Camera, Frame};
-    use erfgs_scene::ImageRgb8;
-
     use super::*;
     use crate::scene::fixtures;
 
     const FRAMES: usize = 10;
 
-    /// A camera of 4 x 2 pixels, whose frames are of one colour each.
-    fn dataset(root: &std::path::Path) -> Dataset {
-        let frame = |index: usize| {
-            let name = format!("{index}.png");
-            let data = [index as u8, 1, 2].repeat(8);
-            ImageRgb8 { width: 4, height: 2, data }.write_png(&root.join(&name)).expect("written");
-            Frame { file: name.into(), t_ns: index as i64, exposure_ns: [index as i64; 2], mask: None }
-        };
-        let camera = Camera { frames: (0..FRAMES).map(frame).collect(), ..fixtures::camera("a", [4, 2], 4.0) };
-        fixtures::dataset(root, vec![camera], [0, FRAMES as i64])
-    }
-
     fn pictures(root: &std::path::Path, most: u64) -> Pictures {
-        Pictures::new(&dataset(root), (0..FRAMES).map(|index| (0, index)).collect(), most).expect("frames")
+        Pictures::new(&fixtures::painted(root, FRAMES), (0..FRAMES).map(|index| (0, index)).collect(), most)
+            .expect("frames")
     }
 
     fn pixels(index: usize) -> Vec<u32> {

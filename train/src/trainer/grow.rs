@@ -110,6 +110,7 @@ impl Trainer<'_> {
     pub(super) fn find_regions(&mut self) -> Result<MotionMasks, TrainError> {
         self.regions = vec![None; self.scene.views.len()];
         if self.config.motion == MotionModel::Still {
+            self.feed.set_regions(self.gpu, &self.scene, &self.regions)?;
             return Ok(MotionMasks { masks: Vec::new() });
         }
         let masks = MotionMasks::new(&self.scene, &self.config.dynamic)?;
@@ -120,6 +121,7 @@ impl Trainer<'_> {
                 self.regions[*view] = Some(Arc::new(Region::new(mask, size.width, size.height)));
             }
         }
+        self.feed.set_regions(self.gpu, &self.scene, &self.regions)?;
         Ok(masks)
     }
 

@@ -1,6 +1,6 @@
 //! Learning from an event camera at one time, against the levels of its pixels.
 
-use super::{TrainError, Trainer, model::Said, step::within};
+use super::{TrainError, Trainer, model::Said};
 use crate::{config::Pairing, losses::Levels, scene::Scene};
 use erfgs_splat::{gpu::Gpu, motion::Witness, raster::Wanted};
 
@@ -37,8 +37,6 @@ impl Trainer<'_> {
         let events = &self.scene.events[index];
         let view = self.scene.views[events.view].view;
         let region = self.regions.get(events.view).cloned().flatten();
-        let counts = within(region.as_deref(), view.width, events.between(events.covers[0], to)?);
-        gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 1)?;
         self.work.renderings[0].frame.region = region;
         let time = self.scene.bins.edges[to];
@@ -49,6 +47,8 @@ impl Trainer<'_> {
         let mut commands = gpu.commands();
         let (image, d_image, sum) = (&work.renderings[0].frame.image, &work.gradients[0], &work.sums.event);
         let (count, levels) = (&work.count, &self.levels[index]);
+        let (edges, within) = ([events.covers[0], to], self.feed.region(events.view));
+        self.feed.events.count(gpu, &mut commands, index, events, edges, within, count)?;
         work.losses.event_level(gpu, &mut commands, image, count, levels, d_image, sum, scale, &events.sensor);
         commands.submit();
         self.times.lap(gpu, "event loss")?;

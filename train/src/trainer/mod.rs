@@ -35,6 +35,7 @@ use crate::{
     config::{Config, ConfigError, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
+    feed::Feed,
     losses::Levels,
     scene::{Scene, SceneError, SceneView},
     schedule::{Budget, Clock, Schedule, Stage},
@@ -100,6 +101,8 @@ pub struct Trainer<'a> {
     statistics: Statistics,
     finite: FiniteCheck,
     work: Workspace,
+    /// What is learned from, on the device.
+    feed: Feed,
     /// The levels of the event cameras' pixels, where they are learned.
     levels: Vec<Levels>,
     /// Their near planes, metres.
@@ -219,6 +222,7 @@ impl<'a> Trainer<'a> {
             statistics: Statistics::new(gpu, population.gaussians.len() as u32)?,
             finite: FiniteCheck::new(gpu)?,
             work,
+            feed: Feed::new(gpu, &scene, options.device_memory)?,
             levels: level::levels(gpu, &scene, config.earl.pairing, levels)?,
             event_near: Vec::new(),
             colours,
@@ -601,6 +605,12 @@ impl<'a> Trainer<'a> {
     /// What the bodies are called that carry Gaussians by now.
     fn body_names(&self) -> Vec<String> {
         self.model.drawn.motion.as_ref().and_then(Motion::bodies).map_or(Vec::new(), |bodies| bodies.names().to_vec())
+    }
+
+    /// Bytes of the device's memory that frames and events may take, and what all of them take.
+    #[must_use]
+    pub fn device_room(&self) -> [u64; 2] {
+        self.feed.room(&self.scene, self.config.earl.enabled)
     }
 
     /// Where the cameras were found to stand, beside their calibration; nothing where that is not learned.

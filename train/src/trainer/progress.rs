@@ -3,6 +3,7 @@
 use crate::{
     checkpoint::CheckpointError,
     config::ConfigError,
+    feed::FeedError,
     metrics::MetricError,
     scene::SceneError,
     schedule::{Budget, Stage},
@@ -22,6 +23,9 @@ pub struct TrainOptions {
     pub evaluate: bool,
     /// Whether checkpoints leave out how long training took, so that the same run writes the same bytes.
     pub deterministic: bool,
+    /// Bytes of the device's memory that frames and events may take; a quarter of it where nothing is said, or of what is free where the
+    /// device shares the processor's. What does not fit is handed over when it is looked at, and teaches the same.
+    pub device_memory: Option<u64>,
 }
 
 /// How a run ended.
@@ -198,6 +202,15 @@ pub enum TrainError {
     /// A picture.
     #[error(transparent)]
     Image(#[from] erfgs_scene::image::ImageError),
+}
+
+impl From<FeedError> for TrainError {
+    fn from(error: FeedError) -> Self {
+        match error {
+            FeedError::Scene(error) => error.into(),
+            FeedError::Gpu(error) => error.into(),
+        }
+    }
 }
 
 impl From<ModelError> for TrainError {

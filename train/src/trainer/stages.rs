@@ -12,6 +12,8 @@ pub struct StageTimes {
     stages: BTreeMap<&'static str, (f64, u64)>,
     /// What passed to and from the device in the iterations that were measured.
     pub traffic: Traffic,
+    /// The most of each that passed in one of them.
+    pub most: Traffic,
 }
 
 impl StageTimes {
@@ -39,6 +41,7 @@ impl StageTimes {
     pub(super) fn passed(&mut self, traffic: Traffic) {
         if self.last.is_some() {
             self.traffic += traffic;
+            self.most = self.most.max(traffic);
         }
     }
 

@@ -13,7 +13,7 @@ use super::{
 use crate::{
     checkpoint::LossSums,
     config::{MotionModel, Norm, Pairing, Switch},
-    losses::{ColourChange, Exposure, LEFT_OUT, LossSum, Losses},
+    losses::{ColourChange, Exposure, LossSum, Losses, Part, Target},
     scene::TrainFrame,
     schedule::Stage,
 };
@@ -36,7 +36,6 @@ pub(super) struct Workspace {
     pub(super) losses: Losses,
     pub(super) renderings: Vec<Rendering>,
     mean: Buffer,
-    frame: Buffer,
     pub(super) count: Buffer,
     pub(super) gradients: [Buffer; 2],
     before: Tape,
@@ -106,7 +105,7 @@ enum Look {
     /// Where something moves in the view.
     Moving(Arc<Region>),
     /// Where nothing does.
-    Still(Arc<Region>),
+    Still,
 }
 
 impl Workspace {
@@ -116,7 +115,6 @@ impl Workspace {
             losses: Losses::new(gpu),
             renderings: Vec::new(),
             mean: image("mean of an exposure")?,
-            frame: gpu.storage("frame", u64::from(pixels) * 4)?,
             count: gpu.storage("event counts", u64::from(pixels) * 4)?,
             gradients: [image("gradient of an image")?, image("gradient of a later image")?],
             before: Tape::new(gpu)?,
@@ -147,6 +145,7 @@ impl Workspace {
 impl Trainer<'_> {
     /// Runs the next iteration of the stage.
     pub(super) fn iterate(&mut self) -> Result<(), TrainError> {
+        self.feed.fill(self.gpu, &self.scene, self.config.earl.enabled)?;
         let before = self.gpu.traffic();
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
@@ -195,7 +194,7 @@ impl Trainer<'_> {
     }
 
     /// Has frames read that a later iteration of this stage will ask for.
-    fn read_ahead(&self) {
+    fn read_ahead(&mut self) {
         let (pictures, now) = (&self.scene.pictures, self.schedule.done(&self.clock));
         let part = self.part();
         if pictures.all_are_kept() {
@@ -206,6 +205,7 @@ impl Trainer<'_> {
             let then = self.clock.iteration + READ_AHEAD;
             if let Sample::Frame(index) =
                 samples::draw(&self.scene, &self.config, part.as_ref(), self.clock.stage, then, slot)
+                && !self.feed.frames.keep(index)
             {
                 pictures.expect(index, now + u64::from(READ_AHEAD));
             }
@@ -244,24 +244,24 @@ impl Trainer<'_> {
         let Some(region) = self.regions.get(view).cloned().flatten() else { return Look::All };
         let exposures = self.config.motion == MotionModel::Bodies && self.config.bodies.exposure > 1;
         match self.clock.stage {
-            Stage::Coarse if self.config.dynamic.coarse_without_moving => Look::Still(region),
+            Stage::Coarse if self.config.dynamic.coarse_without_moving => Look::Still,
             Stage::Coarse => Look::All,
             Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => Look::Moving(region),
             // The part of the image that many renderings of an exposure are for has samples of its own.
-            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => Look::Still(region),
+            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => Look::Still,
             Stage::Fine => Look::All,
         }
     }
 
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
-        let frame_pixels = self.scene.pictures.get(index)?;
+        let pixels_taken = self.feed.frames.get(self.gpu, &self.scene.pictures, index)?;
         let drawn =
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
         let look = self.look(frame.view);
         let times = match &look {
             // What stands still looks alike throughout an exposure.
-            Look::Still(_) => vec![frame.instant(self.config.blur.instant)],
+            Look::Still => vec![frame.instant(self.config.blur.instant)],
             _ => exposure_times(&self.config, self.clock.stage, self.model.drawn.dynamic, frame, drawn),
         };
         let view = self.scene.views[frame.view].view;
@@ -272,21 +272,14 @@ impl Trainer<'_> {
         let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
         let gpu = self.gpu;
         self.work.renderings(gpu, times.len())?;
-        let left_out = |region: &Region, moving: bool| {
-            let keep = |(index, &pixel): (u32, &u32)| {
-                let moves = region.contains(index % view.width, index / view.width);
-                if moves == moving { pixel & 0x00ff_ffff } else { pixel }
-            };
-            (0..).zip(frame_pixels.iter()).map(keep).collect::<Vec<u32>>()
+        let part = match (&look, self.feed.region(frame.view)) {
+            (Look::Moving(_), Some(moving)) => Part::Within(moving),
+            (Look::Still, Some(moving)) => Part::Outside(moving),
+            (Look::All, _) | (_, None) => Part::All,
         };
-        match &look {
-            Look::All => gpu.upload(&self.work.frame, 0, &frame_pixels),
-            Look::Still(region) => gpu.upload(&self.work.frame, 0, &left_out(region, true)),
-            Look::Moving(region) => gpu.upload(&self.work.frame, 0, &left_out(region, false)),
-        }
         let region = match &look {
             Look::Moving(region) => Some(region.clone()),
-            Look::All | Look::Still(_) => None,
+            Look::All | Look::Still => None,
         };
         let looks_at_all = region.is_none();
         for (slot, &time) in times.iter().enumerate() {
@@ -318,9 +311,9 @@ impl Trainer<'_> {
         });
         let scale = if only.is_some() { scale * times.len() as f32 } else { scale };
         let share = if linear { 1.0 } else { weight };
-        let (target, sum) = (&work.frame, &work.sums.rgb);
+        let (target, sum) = (Target { frame: &pixels_taken, part }, &work.sums.rgb);
         let exposure = Exposure { pixels, mean, linear_light: linear, view: frame.view, colours: &self.colours };
-        work.losses.photometric(gpu, &mut commands, &exposure, target, d_mean, sum, scale * share);
+        work.losses.photometric(gpu, &mut commands, &exposure, &target, d_mean, sum, scale * share);
         // What moves is told by its neighbours in time, too: the colour of a camera is learned from all of its image.
         let learned = &self.config.camera_colour;
         if self.colours_differ && looks_at_all && run_share >= f64::from(learned.from) {
@@ -377,8 +370,6 @@ impl Trainer<'_> {
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();
-        let counts = within(region.as_deref(), view.width, events.between(from, to)?);
-        gpu.upload(&self.work.count, 0, &counts);
         self.work.renderings(gpu, 2)?;
         for (slot, &time) in times.iter().enumerate() {
             self.work.renderings[slot].frame.region.clone_from(&region);
@@ -395,6 +386,8 @@ impl Trainer<'_> {
         let [d_before, d_after] = &work.gradients;
         let (count, sum) = (&work.count, &work.sums.event);
         let mut commands = gpu.commands();
+        let within = self.feed.region(events.view);
+        self.feed.events.count(gpu, &mut commands, index, events, [from, to], within, count)?;
         work.losses.event(
             gpu,
             &mut commands,
@@ -483,18 +476,6 @@ impl Trainer<'_> {
             work.sums.colour_samples += 1.0;
         }
     }
-}
-
-/// Event counts where the image of `width` pixels has a region; elsewhere they are left out.
-pub(super) fn within(region: Option<&Region>, width: u32, mut counts: Vec<f32>) -> Vec<f32> {
-    if let Some(region) = region {
-        for (count, index) in counts.iter_mut().zip(0..) {
-            if !region.contains(index % width, index / width) {
-                *count = LEFT_OUT;
-            }
-        }
-    }
-    counts
 }
 
 /// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant. `drawn`, in [0, 1), says where

@@ -102,6 +102,8 @@ pub struct Setting<'a> {
     pub static_set: Option<&'a StaticSet>,
     /// Bytes of memory that frames and events may take.
     pub memory: Option<u64>,
+    /// Bytes of the device's memory that they may take there.
+    pub device_memory: Option<u64>,
 }
 
 /// Trains for a while with bodies, and without, and compares; `budget` is that of the training. `go_on` is told how far it is and says
@@ -136,7 +138,8 @@ pub fn trial(
     let seen = errors::Seen::new(&scene, &bodies, &held_out, &config)?;
     let part = |budget: Option<f64>| budget.map(|budget| budget * MOST_TIME);
     let budget = Budget { seconds: part(budget.seconds), cpu_seconds: part(budget.cpu_seconds) };
-    let options = TrainOptions { budget, ..TrainOptions::default() };
+    let device_memory = setting.device_memory;
+    let options = TrainOptions { budget, device_memory, ..TrainOptions::default() };
     let mut trainer = match setting.static_set {
         Some(set) => Trainer::within(setting.gpu, scene, free_config, &options, set)?,
         None => Trainer::new(setting.gpu, scene, free_config, &options)?,
@@ -153,7 +156,8 @@ pub fn trial(
     let iterations = trainer.clock.iteration;
     let config = Config { motion: MotionModel::Bodies, fine_iterations: iterations, ..config };
     let checkpoint = Checkpoint { config, ..coarse };
-    let mut trainer = Trainer::resume(setting.gpu, trainer.into_scene(), checkpoint, &TrainOptions::default())?;
+    let options = TrainOptions { device_memory, ..TrainOptions::default() };
+    let mut trainer = Trainer::resume(setting.gpu, trainer.into_scene(), checkpoint, &options)?;
     if !trainer.train_quietly(Stage::Fine, &mut |trainer| on(trainer, lengths[0] + lengths[1]))? {
         return Ok(None);
     }

@@ -14,7 +14,7 @@ use super::SweepError;
 pub(super) const MOST_JOBS: usize = 100_000;
 
 /// Options of `erfgs train` that a plan may give, without the dashes. The others are the sweep's own business.
-const OPTIONS: [&str; 12] = [
+const OPTIONS: [&str; 13] = [
     "method",
     "preset",
     "config",
@@ -25,6 +25,7 @@ const OPTIONS: [&str; 12] = [
     "deterministic",
     "no-evaluation",
     "memory",
+    "device-memory",
     "init",
     "adapter",
 ];
