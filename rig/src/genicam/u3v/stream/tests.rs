@@ -26,7 +26,7 @@ fn trailer_of(id: u64, status: u16, valid: u64) -> Vec<u8> {
 }
 
 fn payload(id: u64, bytes: usize) -> Vec<u8> {
-    (0..bytes).map(|at| (at as u64 * 7 + id) as u8).collect()
+    (0..bytes).map(|at| (at as u64 * 7).wrapping_add(id) as u8).collect()
 }
 
 /// The transfers of a whole block, of so many bytes at most.
