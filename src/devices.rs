@@ -59,9 +59,11 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         problems.push(format!("cannot search for cameras: {error}"));
         Vec::new()
     });
-    match gige(&arguments.at) {
-        Ok(found) => cameras.extend(found),
-        Err(error) => problems.push(format!("cannot search for GigE Vision cameras: {error}")),
+    for (kind, found) in [("GigE", gige(&arguments.at)), ("USB3", u3v())] {
+        match found {
+            Ok(found) => cameras.extend(found),
+            Err(error) => problems.push(format!("cannot search for {kind} Vision cameras: {error}")),
+        }
     }
     let ports = trigger::ports();
     let ports = if arguments.probe {
@@ -85,6 +87,17 @@ fn gige(addresses: &[Ipv4Addr]) -> Result<Vec<FoundCamera>, String> {
     frame::list_gige(addresses).map_err(|error| error.to_string())
 }
 
+#[cfg(target_os = "linux")]
+fn u3v() -> Result<Vec<FoundCamera>, String> {
+    frame::list_u3v().map_err(|error| error.to_string())
+}
+
+/// On other systems there is no driver of them.
+#[cfg(not(target_os = "linux"))]
+fn u3v() -> Result<Vec<FoundCamera>, String> {
+    Ok(Vec::new())
+}
+
 /// On other systems there is no driver of them.
 #[cfg(not(target_os = "linux"))]
 fn gige(addresses: &[Ipv4Addr]) -> Result<Vec<FoundCamera>, String> {
@@ -102,8 +115,12 @@ fn text(devices: &Devices) -> String {
             .extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.model, camera.port)));
     }
     for camera in &devices.cameras {
-        // What an Ethernet camera offers is known when it is opened.
-        let link = if camera.driver == "gige" { "GigE Vision".into() } else { camera.formats.join(" ") };
+        // What a machine-vision camera offers is known when it is opened.
+        let link = match camera.driver.as_str() {
+            "gige" => "GigE Vision".into(),
+            "u3v" => format!("USB3 Vision, {}", camera.link.as_deref().unwrap_or("unknown speed")),
+            _ => camera.formats.join(" "),
+        };
         rows.push(vec!["camera".into(), camera.name.clone(), camera.serial.clone(), camera.bus.clone(), link]);
         remarks.extend(camera.problem.as_ref().map(|problem| format!("{} at {}: {problem}", camera.name, camera.bus)));
     }

@@ -1,5 +1,6 @@
 //! Emulated devices, and the stage that they film.
 
+mod genicam;
 #[cfg(unix)]
 pub mod gige;
 #[cfg(unix)]

@@ -59,9 +59,9 @@
 //! The default is all of them.
 //!
 //! - `evk4`, `davis346`: the drivers of event cameras, through libusb.
-//! - `frames`: RGB cameras, through V4L2 (Linux) and nokhwa (everywhere).
+//! - `frames`: RGB cameras, through V4L2, GigE Vision and USB3 Vision (Linux), and nokhwa (everywhere).
 //! - `trigger`: the trigger board, through a serial port.
-//! - `usb`: the USB transport alone; the drivers of event cameras bring it.
+//! - `usb`: the USB transport alone; the drivers bring it.
 
 #[cfg(any(feature = "evk4", feature = "davis346"))]
 pub mod event;

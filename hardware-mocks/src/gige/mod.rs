@@ -3,7 +3,6 @@
 //!
 //! [`GigeCamera`] has no input or output: datagrams and times go in and come out. [`GigeFront`] puts it behind sockets.
 
-mod description;
 mod faults;
 mod front;
 mod registers;
@@ -17,13 +16,14 @@ use std::{
     net::{Ipv4Addr, SocketAddrV4},
 };
 
-use self::registers::{DESCRIPTION, FEATURES, FEATURES_END, Memory, boot, feature};
-use crate::usb::{
-    TriggerLine,
-    clock::{ClockError, Crystal},
-    line::LineTap,
-    scene::FrameScene,
-    uvc::FrameTruth,
+use self::registers::{DESCRIPTION, FEATURES, Memory, boot};
+use crate::{
+    genicam::{
+        Camera, CameraOptions, Exposed, Order,
+        description::{self, Wire},
+        registers::FEATURES_BYTES,
+    },
+    usb::{TriggerLine, clock::ClockError, scene::FrameScene},
 };
 
 const RESEND: u16 = 0x40;
@@ -31,6 +31,8 @@ const RESEND: u16 = 0x40;
 const KEPT_BLOCKS: usize = 4;
 /// Ticks of its clock a second: no round number, so that nobody takes ticks for nanoseconds.
 const TICK_HZ: u64 = 125_000_000;
+const LINK_BYTES_S: u32 = 125_000_000;
+const FEATURES_END: u32 = FEATURES + FEATURES_BYTES;
 
 /// How a camera is built and wired.
 #[derive(Clone, Debug)]
@@ -84,13 +86,6 @@ pub struct GigeCounts {
     pub resent: u64,
 }
 
-struct Acquisition {
-    began_ns: i64,
-    number: u64,
-    next_ns: Option<i64>,
-    tap: Option<LineTap>,
-}
-
 /// A block that was sent, for those who ask for packets again.
 struct Kept {
     id: u16,
@@ -103,12 +98,10 @@ pub struct GigeCamera {
     options: GigeOptions,
     memory: Memory,
     description: Vec<u8>,
-    scene: Box<dyn FrameScene>,
-    crystal: Option<Crystal>,
+    camera: Camera,
     owner: Option<(SocketAddrV4, i64)>,
     /// The last command and what was answered, for a host that did not hear it.
     answered: Option<(SocketAddrV4, u16, Vec<u8>)>,
-    acquisition: Option<Acquisition>,
     kept: VecDeque<Kept>,
     outgoing: VecDeque<(SocketAddrV4, Vec<u8>)>,
     counts: GigeCounts,
@@ -120,17 +113,30 @@ impl GigeCamera {
     /// A camera at an address, before a scene.
     #[must_use]
     pub fn new(options: GigeOptions, address: Ipv4Addr, scene: Box<dyn FrameScene>) -> Self {
-        let text = description::text(options.sensor);
+        let wire = Wire {
+            transport: "GigE",
+            namespace: "GEV",
+            order: Order::Big,
+            features: FEATURES.into(),
+            strings: [(boot::MAKER, 32), (boot::MODEL, 32), (boot::SERIAL, 16)],
+            most_bytes_s: LINK_BYTES_S,
+        };
+        let text = description::text(&wire, options.sensor);
         let description = if options.zipped { description::archive(&text) } else { text.into_bytes() };
+        let more = CameraOptions {
+            sensor: options.sensor,
+            trigger: options.trigger.clone(),
+            strobe: options.strobe.clone(),
+            clock: options.clock,
+            link_bytes_s: LINK_BYTES_S,
+        };
         let mut camera = Self {
             options,
             memory: Memory::new(),
             description,
-            scene,
-            crystal: None,
+            camera: Camera::new(more, Order::Big, scene),
             owner: None,
             answered: None,
-            acquisition: None,
             kept: VecDeque::new(),
             outgoing: VecDeque::new(),
             counts: GigeCounts::default(),
@@ -169,23 +175,7 @@ impl GigeCamera {
         memory.put_word(boot::HEARTBEAT_MS, 3000);
         memory.put(boot::TICK_HZ, &TICK_HZ.to_be_bytes());
         memory.put_word(boot::PACKET_SIZE, 1400);
-        let [columns, rows] = self.options.sensor;
-        for (at, value) in [
-            (feature::WIDTH, columns),
-            (feature::HEIGHT, rows),
-            (feature::PIXEL_FORMAT, registers::FORMATS[0].1),
-            (feature::EXPOSURE_US, 5000),
-            (feature::RATE_HZ, 30_f32.to_bits()),
-            (feature::RATE_ENABLE, 1),
-            (feature::EXPOSURE_AUTO, 2),
-            (feature::GAIN_AUTO, 2),
-            (feature::GAMMA_ENABLE, 1),
-            (feature::TEMPERATURE, 41.5_f32.to_bits()),
-            (feature::THROUGHPUT, 100_000_000),
-        ] {
-            memory.put_feature(at, value);
-        }
-        self.settle();
+        self.camera.power_up();
     }
 
     /// What it did so far.
@@ -202,10 +192,8 @@ impl GigeCamera {
     /// Loses its power for a time: nobody controls it, and its settings are the maker's, when it is back.
     pub fn restart(&mut self, now_ns: i64, for_ns: i64) {
         let address = self.memory.word(boot::ADDRESS);
-        self.crystal = None;
         self.owner = None;
         self.answered = None;
-        self.acquisition = None;
         self.kept.clear();
         self.outgoing.clear();
         self.power_up(Ipv4Addr::from_bits(address));
@@ -214,7 +202,7 @@ impl GigeCamera {
 
     /// Another program takes it, as it can when the first was not heard of for too long, or releases it again (`None`).
     pub fn give_to(&mut self, other: Option<SocketAddrV4>, now_ns: i64) {
-        self.acquisition = None;
+        self.camera.stop();
         self.set_owner(other.map(|other| (other, now_ns)));
     }
 
@@ -226,16 +214,8 @@ impl GigeCamera {
         if owner.is_none() {
             self.memory.put_word(boot::PRIVILEGE, 0);
             self.memory.put_word(boot::STREAM_PORT, 0);
-            self.acquisition = None;
+            self.camera.stop();
         }
-    }
-
-    /// What follows from the settings.
-    fn settle(&mut self) {
-        let payload = stream::payload_bytes(&self.memory);
-        self.memory.put_feature(feature::PAYLOAD, payload);
-        let most_hz = stream::most_rate_hz(&self.memory) as f32;
-        self.memory.put_feature(feature::MOST_RATE_HZ, most_hz.to_bits());
     }
 
     /// Takes a datagram at its control port, and gives the answer.
@@ -329,6 +309,9 @@ impl GigeCamera {
             bytes.resize(length, 0);
             return Ok(bytes);
         }
+        if let Some(offset) = at.checked_sub(FEATURES) {
+            return self.camera.features.bytes(offset, length).ok_or(0x8003);
+        }
         self.memory.bytes(at, length).map(<[u8]>::to_vec).ok_or(0x8003)
     }
 
@@ -340,8 +323,6 @@ impl GigeCamera {
         if !owns {
             return 0x8006;
         }
-        let locked = self.memory.feature(feature::LOCKED) != 0;
-        let offset = at.wrapping_sub(FEATURES);
         match at {
             boot::HEARTBEAT_MS | boot::STREAM_PORT | boot::PACKET_DELAY | boot::STREAM_ADDRESS => {
                 self.memory.put_word(at, value);
@@ -352,18 +333,7 @@ impl GigeCamera {
                     self.send_test_packet((value & 0xffff) as usize);
                 }
             }
-            FEATURES..FEATURES_END => {
-                match offset {
-                    feature::PAYLOAD | feature::MOST_RATE_HZ | feature::TEMPERATURE => return 0x8004,
-                    feature::WIDTH..=feature::PIXEL_FORMAT if locked => return 0x8006,
-                    _ => {}
-                }
-                self.memory.put_word(at, value);
-                if offset == feature::ACQUIRE {
-                    self.acquire(value != 0, now_ns);
-                }
-                self.settle();
-            }
+            FEATURES..FEATURES_END => return self.camera.write(at - FEATURES, value, now_ns),
             _ => return 0x8004,
         }
         0
@@ -393,67 +363,23 @@ impl GigeCamera {
         }
     }
 
-    fn acquire(&mut self, on: bool, now_ns: i64) {
-        self.acquisition = on.then(|| {
-            let triggered = self.memory.feature(feature::TRIGGER_MODE) != 0;
-            let tap = self.options.trigger.as_ref().filter(|_| triggered).map(|line| {
-                let mut tap = line.tap();
-                tap.skip(now_ns);
-                tap
-            });
-            Acquisition { began_ns: now_ns, number: 0, next_ns: (!triggered).then_some(now_ns), tap }
-        });
-    }
-
     /// Lets time pass: exposes what is due, and forgets a controller that is not heard of.
     pub fn advance(&mut self, now_ns: i64) {
-        self.crystal.get_or_insert_with(|| Crystal::new(self.options.clock, now_ns));
         let heartbeat_ns = i64::from(self.memory.word(boot::HEARTBEAT_MS)) * 1_000_000;
         if self.owner.is_some_and(|(_, heard_ns)| now_ns - heard_ns > heartbeat_ns) {
             self.set_owner(None);
         }
-        while let Some(start_ns) = self.next_exposure(now_ns) {
-            self.expose(start_ns);
+        while let Some(exposed) = self.camera.exposed(now_ns) {
+            self.send(&exposed);
         }
     }
 
-    fn next_exposure(&mut self, now_ns: i64) -> Option<i64> {
-        let exposure_ns = i64::from(self.memory.feature(feature::EXPOSURE_US)) * 1000;
-        let acquisition = self.acquisition.as_mut()?;
-        // A frame is sent when its exposure is over.
-        let over_ns = now_ns - exposure_ns;
-        if let Some(tap) = &mut acquisition.tap {
-            return tap.next_rise(over_ns, &Default::default());
-        }
-        let start_ns = acquisition.next_ns.filter(|&next| next <= over_ns)?;
-        let crystal = self.crystal?;
-        let rate_hz = f64::from(f32::from_bits(self.memory.feature(feature::RATE_HZ)));
-        let interval_ns = (1e9 / rate_hz.max(0.1)) as i64;
-        // The crystal says when the next one begins: its error per interval, carried in true time.
-        let target = interval_ns * (acquisition.number as i64 + 1);
-        let device = |at_ns: i64| crystal.elapsed_ns(at_ns) - crystal.elapsed_ns(acquisition.began_ns);
-        let next = start_ns + interval_ns;
-        acquisition.next_ns = Some(next + target - device(next));
-        Some(start_ns)
-    }
-
-    fn expose(&mut self, start_ns: i64) {
-        let exposure_ns = [start_ns, start_ns + i64::from(self.memory.feature(feature::EXPOSURE_US)) * 1000];
-        let (Some(acquisition), Some(crystal)) = (&mut self.acquisition, self.crystal) else { return };
-        let number = acquisition.number;
-        acquisition.number += 1;
+    fn send(&mut self, exposed: &Exposed) {
         self.counts.frames += 1;
-        if let Some(strobe) = self.options.strobe.as_ref().filter(|_| self.memory.feature(feature::LINE_SOURCE) == 1) {
-            strobe.push(exposure_ns[0], true);
-            strobe.push(exposure_ns[1], false);
-        }
-        let [width, height] = [feature::WIDTH, feature::HEIGHT].map(|at| self.memory.feature(at));
-        let (_, picture) = self.scene.frame(number, exposure_ns, width, height);
-        let ns = crystal.elapsed_ns(start_ns).max(0).unsigned_abs();
-        let ticks = (u128::from(ns) * u128::from(TICK_HZ) / 1_000_000_000) as u64;
+        let number = exposed.truth.number;
         let (block, id) = (number + 1, (number % 65_535) as u16 + 1);
-        let truth = FrameTruth { number, exposure_ns };
-        let packets = stream::packets(&self.memory, &stream::Frame { id, ticks, ns, picture: &picture, truth });
+        let packet_bytes = self.memory.word(boot::PACKET_SIZE) & 0xffff;
+        let packets = stream::packets(&self.camera.features, id, exposed, packet_bytes);
         let Some(to) = self.destination() else { return };
         let sent = self.options.faults.way(block, &packets);
         self.outgoing.extend(sent.into_iter().map(|bytes| (to, bytes)));

@@ -6,6 +6,7 @@
 //! | [`evk4`] | the Prophesee EVK4: treuzell requests, registers of the IMX636, EVT3 and EVT2.1 words |
 //! | [`davis346`] | the iniVation DAVIS346: SPI registers, words of events, frames, inertial samples and edges |
 //! | [`uvc`] | a camera of the USB Video Class: MJPEG, YUYV, NV12, GREY |
+//! | [`u3v`] | a USB3 Vision camera: registers behind GenCP, blocks of a stream |
 //! | [`scene`] | what the sensors see: a pattern whose every event is known, the stage, a recorded file |
 //! | [`clock`] | crystals that are off and drift, and the wire that makes sensors share one |
 //! | [`line`](mod@line) | the wire from a trigger board to the sensors' trigger inputs |
@@ -25,6 +26,7 @@ pub mod outbox;
 pub mod rigfile;
 pub mod scene;
 pub mod standard;
+pub mod u3v;
 pub mod uvc;
 
 pub use davis346::{Davis346, Davis346Options};
@@ -32,6 +34,7 @@ pub use evk4::{Evk4, Evk4Options};
 pub use faults::{Fault, FaultKind, Faults, Ledger, Plug};
 pub use line::TriggerLine;
 pub use outbox::{SensorCounts, SharedCounts};
+pub use u3v::{U3v, U3vFaults, U3vOptions};
 pub use uvc::{Uvc, UvcOptions};
 
 /// The setup packet of a control transfer (USB 2.0, table 9-2).

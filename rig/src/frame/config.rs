@@ -45,7 +45,7 @@ pub struct FrameConfig {
     pub buffers: u32,
     /// After so many milliseconds without a frame a camera that is not triggered counts as lost.
     pub timeout_ms: u32,
-    /// What machine-vision cameras (`backend = "gige"`) have beyond others.
+    /// What machine-vision cameras (`backend = "gige"` or `"u3v"`) have beyond others.
     #[cfg(target_os = "linux")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub genicam: Option<GenicamConfig>,
@@ -97,8 +97,11 @@ impl FrameConfig {
         if !(2..=32).contains(&self.buffers) {
             return fail(format!("buffers is {}; the kernel takes 2 to 32", self.buffers));
         }
-        if self.backend != Backend::Gige && super::fourccs(self.format).is_empty() {
-            return fail(format!("{} comes from machine-vision cameras alone: set backend = \"gige\"", self.format));
+        if !self.backend.is_genicam() && super::fourccs(self.format).is_empty() {
+            return fail(format!(
+                "{} comes from machine-vision cameras alone: set backend = \"gige\" or \"u3v\"",
+                self.format
+            ));
         }
         if let Some(problem) = self.genicam_problem() {
             return fail(problem);
@@ -126,9 +129,10 @@ impl FrameConfig {
     /// What a machine-vision camera cannot be set to, and others not either.
     #[cfg(target_os = "linux")]
     fn genicam_problem(&self) -> Option<String> {
-        if self.backend != Backend::Gige {
+        if !self.backend.is_genicam() {
             let stray = self.genicam.is_some();
-            return stray.then(|| "the table genicam is for machine-vision cameras: set backend = \"gige\"".into());
+            return stray
+                .then(|| "the table genicam is for machine-vision cameras: set backend = \"gige\" or \"u3v\"".into());
         }
         let formats = || pixel::FORMATS.iter().map(|(_, _, format)| (*format).into());
         if pixel::code_of(self.format).is_none() {
@@ -136,7 +140,8 @@ impl FrameConfig {
             known.sort_by_key(|format| format.name());
             known.dedup();
             return Some(format!(
-                "backend \"gige\" has no format {}; give one that the camera has, of {}",
+                "backend \"{}\" has no format {}; give one that the camera has, of {}",
+                self.backend.name(),
                 self.format,
                 names(known.into_iter())
             ));
@@ -148,12 +153,12 @@ impl FrameConfig {
                     .into(),
             );
         }
-        self.genicam.as_ref().and_then(GenicamConfig::problem)
+        self.genicam.as_ref().and_then(|more| more.problem(self.backend == Backend::U3v))
     }
 
     #[cfg(not(target_os = "linux"))]
     fn genicam_problem(&self) -> Option<String> {
-        (self.backend == Backend::Gige).then(|| "backend \"gige\" exists on Linux alone".into())
+        self.backend.is_genicam().then(|| format!("backend \"{}\" exists on Linux alone", self.backend.name()))
     }
 }
 
@@ -170,6 +175,27 @@ pub enum Backend {
     Portable,
     /// GigE Vision (Linux): machine-vision cameras on Ethernet.
     Gige,
+    /// USB3 Vision (Linux): machine-vision cameras on USB.
+    U3v,
+}
+
+impl Backend {
+    /// Its name in `RIG.toml`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Precise => "precise",
+            Self::Portable => "portable",
+            Self::Gige => "gige",
+            Self::U3v => "u3v",
+        }
+    }
+
+    /// Whether it is for machine-vision cameras.
+    fn is_genicam(self) -> bool {
+        matches!(self, Self::Gige | Self::U3v)
+    }
 }
 
 /// What becomes of a quantity that cameras set by themselves. Training needs frames of one look, so that the default is
@@ -246,6 +272,20 @@ mod tests {
             let error = read(more).unwrap_err();
             assert!(error.contains(says), "{more}: {error}");
         }
+        let on_usb = |more: &str| {
+            let table = format!(r#"{{"backend": "u3v", "format": "grey8", "genicam": {more}}}"#);
+            serde_json::from_str::<FrameConfig>(&table).unwrap().check().map_err(|error| error.to_string())
+        };
+        assert_eq!(on_usb(r#"{"transfers": 16, "transfer_bytes": 65536}"#), Ok(()));
+        for (more, says) in [
+            (r#"{"packet_bytes": 1500}"#, "genicam.packet_bytes is for backend = \"gige\", and this is \"u3v\""),
+            (r#"{"transfers": 1}"#, "2 to 256"),
+            (r#"{"transfer_bytes": 1000}"#, "in steps of 1024"),
+        ] {
+            let error = on_usb(more).unwrap_err();
+            assert!(error.contains(says), "{more}: {error}");
+        }
+        assert!(read(r#", "genicam": {"transfers": 16}"#).unwrap_err().contains("is for backend = \"u3v\""));
         let stray: FrameConfig = serde_json::from_str(r#"{"genicam": {}}"#).unwrap();
         assert!(stray.check().unwrap_err().to_string().contains("set backend = \"gige\""));
     }

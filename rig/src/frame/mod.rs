@@ -1,11 +1,11 @@
-//! RGB cameras: nokhwa as the portable path, V4L2 on Linux as the precise one; GigE Vision for machine-vision cameras.
+//! RGB cameras: nokhwa as the portable path, V4L2 on Linux as the precise one; GigE Vision and USB3 Vision for machine-vision cameras.
 
 mod check;
 mod config;
 mod error;
 mod format;
 #[cfg(target_os = "linux")]
-mod gige;
+mod genicam;
 mod portable;
 #[cfg(target_os = "linux")]
 mod retry;
@@ -13,15 +13,19 @@ mod retry;
 mod v4l2;
 
 use std::path::PathBuf;
+#[cfg(target_os = "linux")]
+use std::sync::Arc;
 
 use erfgs_session::source::Source;
 use serde::Serialize;
 
+#[cfg(target_os = "linux")]
+use crate::usb::LibusbBus;
 pub use config::{Backend, FrameConfig, Lock, NamedLock};
 pub use error::FrameError;
 pub use format::{encoding_of, fourccs};
 #[cfg(target_os = "linux")]
-pub use gige::{GigeCamera, list as list_gige};
+pub use genicam::{GenicamCamera, GigeLink, U3vLink, list_gige, list_u3v, list_u3v_on};
 use portable::PortableCamera;
 #[cfg(target_os = "linux")]
 pub use v4l2::{PreciseCamera, list_in};
@@ -41,6 +45,9 @@ pub struct FoundCamera {
     pub driver: String,
     /// The formats that it offers, as four-character codes; empty where they are known only when it is opened.
     pub formats: Vec<String>,
+    /// Speed of its link, where it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub link: Option<String>,
     /// Why it cannot be used, if it cannot.
     pub problem: Option<String>,
 }
@@ -73,10 +80,13 @@ pub fn open(config: &FrameConfig) -> Result<Box<dyn Source>, FrameError> {
         Backend::Auto => Ok(Box::new(PortableCamera::open(config)?)),
         Backend::Portable => Ok(Box::new(PortableCamera::open(config)?)),
         #[cfg(target_os = "linux")]
-        Backend::Gige => Ok(Box::new(GigeCamera::open(config)?)),
+        Backend::Gige => Ok(Box::new(GenicamCamera::open(GigeLink, config)?)),
+        #[cfg(target_os = "linux")]
+        Backend::U3v => Ok(Box::new(GenicamCamera::open(U3vLink(Arc::new(LibusbBus)), config)?)),
         #[cfg(not(target_os = "linux"))]
-        Backend::Gige => {
-            Err(FrameError::Config { id: config.id.clone(), problem: "backend \"gige\" exists on Linux alone".into() })
+        Backend::Gige | Backend::U3v => {
+            let problem = format!("backend \"{}\" exists on Linux alone", config.backend.name());
+            Err(FrameError::Config { id: config.id.clone(), problem })
         }
     }
 }

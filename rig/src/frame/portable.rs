@@ -42,6 +42,7 @@ pub fn list() -> Result<Vec<FoundCamera>, FrameError> {
             node: camera.index().as_string().into(),
             driver: SYSTEM.into(),
             formats: Vec::new(),
+            link: None,
             problem: None,
         })
         .collect())

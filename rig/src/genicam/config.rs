@@ -37,6 +37,10 @@ pub struct GenicamConfig {
     pub receive_buffer_mib: Option<u32>,
     /// After so many milliseconds without a word from us the camera takes itself for free.
     pub heartbeat_ms: u32,
+    /// USB transfers in flight; left out, those of two frames.
+    pub transfers: Option<usize>,
+    /// Most bytes of a USB transfer; left out, 256 KiB.
+    pub transfer_bytes: Option<u32>,
 }
 
 impl Default for GenicamConfig {
@@ -57,14 +61,20 @@ impl Default for GenicamConfig {
             resend: true,
             receive_buffer_mib: None,
             heartbeat_ms: 3000,
+            transfers: None,
+            transfer_bytes: None,
         }
     }
 }
 
 impl GenicamConfig {
-    /// Looks for what cannot be: which field, and what would do.
+    /// Looks for what cannot be, on Ethernet or on USB: which field, and what would do.
     #[must_use]
-    pub fn problem(&self) -> Option<String> {
+    pub fn problem(&self, on_usb: bool) -> Option<String> {
+        if let Some(stray) = self.stray(on_usb) {
+            let [has, other] = if on_usb { ["u3v", "gige"] } else { ["gige", "u3v"] };
+            return Some(format!("genicam.{stray} is for backend = \"{other}\", and this is \"{has}\"; leave it out"));
+        }
         if let Some(bytes) = self.packet_bytes.filter(|bytes| !(576..=16_000).contains(bytes)) {
             return Some(format!("genicam.packet_bytes is {bytes}; it can be 576 to 16000, or be left out"));
         }
@@ -77,6 +87,14 @@ impl GenicamConfig {
         if self.receive_buffer_mib.is_some_and(|mib| !(1..=2047).contains(&mib)) {
             return Some("genicam.receive_buffer_mib can be 1 to 2047".into());
         }
+        if let Some(transfers) = self.transfers.filter(|transfers| !(2..=256).contains(transfers)) {
+            return Some(format!("genicam.transfers is {transfers}; it can be 2 to 256"));
+        }
+        if let Some(bytes) =
+            self.transfer_bytes.filter(|bytes| !(1 << 10..=4 << 20).contains(bytes) || !bytes.is_multiple_of(1024))
+        {
+            return Some(format!("genicam.transfer_bytes is {bytes}; it can be 1024 to 4194304, in steps of 1024"));
+        }
         if self.throughput == Some(0) {
             return Some("genicam.throughput is 0; give bytes a second, or leave it out".into());
         }
@@ -85,5 +103,24 @@ impl GenicamConfig {
             .iter()
             .find(odd)
             .map(|(name, _)| format!("genicam.features.{name} must be a number, a text or a truth value"))
+    }
+
+    /// A field of the other transport that is set.
+    fn stray(&self, on_usb: bool) -> Option<&'static str> {
+        let default = Self::default();
+        let ethernet = [
+            ("addresses", self.addresses != default.addresses),
+            ("packet_bytes", self.packet_bytes != default.packet_bytes),
+            ("packet_delay_ns", self.packet_delay_ns != default.packet_delay_ns),
+            ("resend", self.resend != default.resend),
+            ("receive_buffer_mib", self.receive_buffer_mib != default.receive_buffer_mib),
+            ("heartbeat_ms", self.heartbeat_ms != default.heartbeat_ms),
+        ];
+        let usb = [
+            ("transfers", self.transfers != default.transfers),
+            ("transfer_bytes", self.transfer_bytes != default.transfer_bytes),
+        ];
+        let fields = if on_usb { &ethernet[..] } else { &usb };
+        fields.iter().find(|(_, is_set)| *is_set).map(|(name, _)| *name)
     }
 }

@@ -1,6 +1,7 @@
 use std::{io, net::Ipv4Addr};
 
-use super::gige::gvcp::Status;
+use super::Status;
+use crate::usb::TransportError;
 
 /// What can go wrong with a machine-vision camera.
 #[derive(Debug, thiserror::Error)]
@@ -23,6 +24,23 @@ pub enum GenicamError {
         address: Ipv4Addr,
         /// What was asked.
         doing: String,
+    },
+    /// The bus says no.
+    #[error(transparent)]
+    Bus(#[from] TransportError),
+    /// No answer, as often as it was told.
+    #[error(
+        "it does not answer when it is to {doing}: unplug it and plug it in again, to a port of the computer itself"
+    )]
+    NoAnswer {
+        /// What was asked.
+        doing: String,
+    },
+    /// It is on USB, and not as USB3 Vision has it.
+    #[error("it does not follow USB3 Vision: {reason}. A newer firmware of its maker may")]
+    Usb3 {
+        /// In what.
+        reason: String,
     },
     /// It says no.
     #[error("it refuses to {doing}: {status}")]

@@ -116,14 +116,26 @@ pub fn apply(
 
 /// Ends what another program may have left running; a camera that is not running may say no.
 fn stop(features: &mut Features) {
-    if let Err(error) = features.run("AcquisitionStop") {
+    if let Err(error) = end(features) {
         tracing::debug!("{error}");
     }
+}
+
+/// Begins to acquire frames.
+pub(super) fn begin(features: &mut Features) -> Result<(), GenicamError> {
+    lock_format(features, true);
+    features.run("AcquisitionStart")
+}
+
+/// Ends what was begun.
+pub(super) fn end(features: &mut Features) -> Result<(), GenicamError> {
+    let stopped = features.run("AcquisitionStop");
     lock_format(features, false);
+    stopped
 }
 
 /// Tells the camera that its format is settled, or is not any more.
-pub fn lock_format(features: &mut Features, locked: bool) {
+fn lock_format(features: &mut Features, locked: bool) {
     if features.has("TLParamsLocked")
         && let Err(error) = features.set_number("TLParamsLocked", f64::from(u8::from(locked)))
     {

@@ -27,7 +27,7 @@ pub fn memory_advice() -> String {
     };
     format!(
         "{now}. Raise it, as root: `echo 256 > {LIMIT_FILE}` (until the next start), or add usbcore.usbfs_memory_mb=256 \
-         to the kernel's command line. Or lower `stream.transfers` of the camera"
+         to the kernel's command line. Or lower the `transfers` of the camera"
     )
 }
 
@@ -36,12 +36,12 @@ pub fn memory_advice() -> String {
 pub struct Budget {
     /// Bytes that all streams may keep in flight together; `None`: no limit.
     pub limit: Option<usize>,
-    /// Event cameras that share it.
+    /// Cameras that share it.
     pub cameras: usize,
 }
 
 impl Budget {
-    /// The budget of this machine for one of `cameras` event cameras.
+    /// The budget of this machine for one of `cameras` cameras.
     #[must_use]
     pub fn of_machine(cameras: usize) -> Self {
         Self { limit: usbfs_limit_bytes(), cameras }

@@ -5,8 +5,8 @@ use std::{sync::Arc, time::Duration};
 use rusb::UsbContext;
 
 use super::{
-    Bus, Control, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport, TransportError,
-    asynchronous::BulkStream,
+    Bus, Control, Described, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
+    TransportError, asynchronous::BulkStream,
 };
 
 /// The devices of this machine.
@@ -60,6 +60,25 @@ fn interfaces_of(device: &rusb::Device<rusb::Context>) -> rusb::Result<Vec<Inter
         .collect())
 }
 
+fn failed(identity: &Identity, step: &str, error: rusb::Error) -> TransportError {
+    TransportError::new(identity, step, Fault::of_rusb(error, identity))
+}
+
+/// A device that was listed, in a context of its own: the events of one camera are never handled by another's thread.
+fn find(identity: &Identity) -> Result<rusb::Device<rusb::Context>, TransportError> {
+    let context = rusb::Context::new().map_err(|error| failed(identity, "start libusb", error))?;
+    let devices = context.devices().map_err(|error| failed(identity, "list the devices", error))?;
+    let mut all = devices.iter();
+    all.find(|device| identity_of(device).is_ok_and(|found| found == *identity))
+        .ok_or_else(|| TransportError::new(identity, "open", Fault::Gone))
+}
+
+/// What Linux knows of a device; empty where it does not, and on other systems.
+fn attribute(identity: &Identity, name: &str) -> String {
+    let path = format!("/sys/bus/usb/devices/{}/{name}", identity.port);
+    std::fs::read_to_string(path).map(|text| text.trim().to_owned()).unwrap_or_default()
+}
+
 fn whole_bus(step: &str, error: rusb::Error) -> TransportError {
     TransportError {
         device: "(all)".into(),
@@ -78,15 +97,16 @@ impl Bus for LibusbBus {
         Ok(devices.iter().filter_map(|device| identity_of(&device).ok()).collect())
     }
 
+    fn describe(&self, identity: &Identity) -> Result<Described, TransportError> {
+        let device = find(identity)?;
+        let interfaces = interfaces_of(&device).map_err(|error| failed(identity, "read its descriptors", error))?;
+        let [maker, product, serial] = ["manufacturer", "product", "serial"].map(|name| attribute(identity, name));
+        Ok(Described { interfaces, maker, product, serial })
+    }
+
     fn open(&self, identity: &Identity) -> Result<Arc<dyn Transport>, TransportError> {
-        let failed = |step: &str, error| TransportError::new(identity, step, Fault::of_rusb(error, identity));
-        // Every device has its own context, so that the events of one camera are never handled by another's thread.
-        let context = rusb::Context::new().map_err(|error| failed("start libusb", error))?;
-        let devices = context.devices().map_err(|error| failed("list the devices", error))?;
-        let device = devices
-            .iter()
-            .find(|device| identity_of(device).is_ok_and(|found| found == *identity))
-            .ok_or_else(|| TransportError::new(identity, "open", Fault::Gone))?;
+        let failed = |step: &str, error| failed(identity, step, error);
+        let device = find(identity)?;
         let interfaces = interfaces_of(&device).map_err(|error| failed("read its descriptors", error))?;
         let handle = device.open().map_err(|error| failed("open", error))?;
         match handle.set_auto_detach_kernel_driver(true) {

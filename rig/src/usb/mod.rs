@@ -32,11 +32,11 @@ pub enum Speed {
 }
 
 impl Speed {
-    /// What to do about a link that is too slow for an event camera.
+    /// What to do about a link that is too slow for a camera.
     #[must_use]
     pub fn advice(self) -> Option<String> {
         matches!(self, Self::Full | Self::High)
-            .then(|| format!("linked at {self} only: use a USB 3 port and cable, or events will be lost"))
+            .then(|| format!("linked at {self} only: use a USB 3 port and cable, or data will be lost"))
     }
 }
 
@@ -94,6 +94,19 @@ pub struct Interface {
     pub class: (u8, u8, u8),
     /// Endpoints in the order of the descriptor.
     pub endpoints: Vec<Endpoint>,
+}
+
+/// What the system tells of a device before it is opened.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Described {
+    /// The interfaces of its active configuration.
+    pub interfaces: Vec<Interface>,
+    /// Maker; empty where the system does not say.
+    pub maker: String,
+    /// Product; likewise.
+    pub product: String,
+    /// Serial number; likewise.
+    pub serial: String,
 }
 
 /// The fixed part of a control transfer (USB 2.0, table 9-2, without the length).
@@ -212,6 +225,12 @@ pub trait Bus: Send + Sync {
     /// # Errors
     /// If the system does not tell.
     fn list(&self) -> Result<Vec<Identity>, TransportError>;
+
+    /// What the system tells of one, which needs no permission.
+    ///
+    /// # Errors
+    /// If it is gone, or its descriptors cannot be read.
+    fn describe(&self, identity: &Identity) -> Result<Described, TransportError>;
 
     /// Opens one.
     ///

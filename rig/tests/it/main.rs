@@ -7,4 +7,6 @@ mod kept;
 mod libusb;
 #[cfg(unix)]
 mod trigger_board;
+#[cfg(target_os = "linux")]
+mod u3v;
 mod usb_cameras;

@@ -13,11 +13,13 @@
 //! # stage = true               # the stage
 //! # raw = "take.raw"           # EVT3 words, sent as they are (evk4)
 //! # events = "take.aedat4"     # the events of any file that erfgs reads, again and again (evk4, davis346)
-//! # dataset = "ds"             # a camera of a dataset: its events, or its frames (uvc), again and again
+//! # dataset = "ds"             # a camera of a dataset: its events, or its frames (uvc, u3v), again and again
 //! # camera = "event00"
 //! sync = "chain"               # devices that name the same wire share a clock if their driver asks for it
 //! latency_ms = 20              # holds data back until edges of a board in another process have arrived
 //! queue_mib = 256              # how much waits for a slow host before it is lost (default: 4 for an evk4, 8 for a davis346)
+//!
+//! # blocks = { lost_packets = [[3, 1]] }   # what goes wrong inside a u3v: `U3vFaults`
 //!
 //! [device.faults]
 //! jitter_mean_us = 200
@@ -38,8 +40,8 @@ use serde::Deserialize;
 use thiserror::Error;
 
 use super::{
-    Davis346, Davis346Options, Evk4, Evk4Options, Faults, Plug, SharedCounts, Speed, TriggerLine, UsbDevice, Uvc,
-    UvcOptions,
+    Davis346, Davis346Options, Evk4, Evk4Options, Faults, Plug, SharedCounts, Speed, TriggerLine, U3v, U3vFaults,
+    U3vOptions, UsbDevice, Uvc, UvcOptions,
     clock::SyncWire,
     evk4::Stimulus,
     front::{monotonic_ns, usbip::Device},
@@ -140,6 +142,8 @@ pub enum Kind {
     Davis346,
     /// A UVC camera.
     Uvc,
+    /// A USB3 Vision camera.
+    U3v,
 }
 
 /// A device.
@@ -171,18 +175,21 @@ pub struct DeviceFile {
     /// Whether its clock input is connected (DAVIS346).
     #[serde(default)]
     pub slave: bool,
-    /// Whether the trigger line makes it take frames (UVC).
+    /// Whether the trigger line makes it take frames (UVC), or is at its input (U3V).
     #[serde(default)]
     pub triggered: bool,
     /// Formats (UVC).
     #[serde(default)]
     pub formats: Vec<Format>,
-    /// Sizes (UVC), the default first.
+    /// Sizes (UVC), the default first; of a U3V camera the first is its sensor's.
     #[serde(default)]
     pub sizes: Vec<(u32, u32)>,
     /// Frame rates (UVC), hertz, the default first.
     #[serde(default)]
     pub rates_hz: Vec<f64>,
+    /// What goes wrong inside the camera (U3V).
+    #[serde(default)]
+    pub blocks: U3vFaults,
     /// How long data is held back, milliseconds.
     #[serde(default)]
     pub latency_ms: i64,
@@ -253,6 +260,7 @@ impl RigFile {
                 Kind::Evk4 => file.evk4(number, sync, events_line.clone())?,
                 Kind::Davis346 => file.davis346(number, sync, events_line.clone())?,
                 Kind::Uvc => file.uvc(number, frames_line.clone())?,
+                Kind::U3v => file.u3v(number, frames_line.clone())?,
             };
             devices.push(BuiltDevice { name: file.name.clone(), device: Plug::new(device, &file.faults), counts });
         }
@@ -329,6 +337,24 @@ impl DeviceFile {
         };
         let mut device = Uvc::new(options, self.frame_scene(number, size)?);
         device.prepare();
+        let counts = device.counts();
+        Ok((Box::new(device), counts))
+    }
+
+    fn u3v(&self, number: usize, trigger: TriggerLine) -> Result<Built, RigError> {
+        let default = U3vOptions::default();
+        let sensor = self.sizes.first().map_or(default.sensor, |&(width, height)| [width, height]);
+        let side = |length: u32| u16::try_from(length).unwrap_or(u16::MAX);
+        let options = U3vOptions {
+            serial: self.serial.clone(),
+            name: self.name.clone(),
+            sensor,
+            trigger: self.triggered.then_some(trigger),
+            clock: self.faults.clock,
+            faults: self.blocks.clone(),
+            ..default
+        };
+        let device = U3v::new(options, self.frame_scene(number, sensor.map(side))?);
         let counts = device.counts();
         Ok((Box::new(device), counts))
     }

@@ -7,7 +7,10 @@ use erfgs_events::{Columns, Event, Events};
 use erfgs_session::container::Recording;
 
 use super::{DeviceFile, Kind, RigError};
-use crate::usb::scene::{EventScene, FrameScene, Pattern, PatternFrames, Picture, TakeEvents, TakeFrames};
+use crate::usb::{
+    U3vFaults,
+    scene::{EventScene, FrameScene, Pattern, PatternFrames, Picture, TakeEvents, TakeFrames},
+};
 use erfgs_stage::{EventOptions, RigCamera, RigOptions, Stage, StageError, StageOptions, StageView};
 
 /// Columns and rows.
@@ -26,17 +29,23 @@ impl DeviceFile {
         }
         let frames = !self.formats.is_empty() || !self.sizes.is_empty() || !self.rates_hz.is_empty() || self.triggered;
         match self.kind {
-            Kind::Davis346 | Kind::Uvc if self.raw.is_some() => {
+            Kind::Davis346 | Kind::Uvc | Kind::U3v if self.raw.is_some() => {
                 wrong("raw is sent word for word by an evk4; an events file is played by a davis346, too")
             }
-            Kind::Uvc if self.events.is_some() => wrong("events are for event cameras; leave them out"),
-            Kind::Uvc if self.sync.is_some() || self.latency_ms != 0 || self.queue_mib.is_some() => {
+            Kind::Uvc | Kind::U3v if self.events.is_some() => wrong("events are for event cameras; leave them out"),
+            Kind::Uvc | Kind::U3v if self.sync.is_some() || self.latency_ms != 0 || self.queue_mib.is_some() => {
                 wrong("sync, latency_ms and queue_mib are for event cameras; leave them out")
             }
             Kind::Evk4 | Kind::Davis346 if frames => {
-                wrong("formats, sizes, rates_hz and triggered are for a uvc camera; leave them out")
+                wrong("formats, sizes, rates_hz and triggered are for a frame camera; leave them out")
             }
-            Kind::Evk4 | Kind::Uvc if self.slave => wrong("slave is for a davis346; leave it out"),
+            Kind::U3v if !self.formats.is_empty() || !self.rates_hz.is_empty() => {
+                wrong("a u3v has all its formats and rates; leave formats and rates_hz out")
+            }
+            Kind::Evk4 | Kind::Davis346 | Kind::Uvc if self.blocks != U3vFaults::default() => {
+                wrong("blocks are of a u3v; leave them out")
+            }
+            Kind::Evk4 | Kind::Uvc | Kind::U3v if self.slave => wrong("slave is for a davis346; leave it out"),
             _ => Ok(()),
         }
     }
@@ -76,7 +85,7 @@ impl DeviceFile {
             return Ok(Box::new(TakeFrames::film(&view, 15, 33_333_333, 5_000_000)));
         }
         // A DAVIS346 plays the events of a dataset, which come without its frames.
-        let Some((path, name)) = self.recorded().filter(|_| self.kind == Kind::Uvc) else {
+        let Some((path, name)) = self.recorded().filter(|_| self.kind != Kind::Davis346) else {
             return Ok(Box::new(PatternFrames::new()));
         };
         let dataset = Dataset::load(path)?;

@@ -40,6 +40,7 @@ fn look_at(path: &Path, class: &Path) -> Option<FoundCamera> {
             node: path.to_owned(),
             driver: capabilities.map_or_else(String::new, |c| c.driver),
             formats,
+            link: None,
             problem,
         }
     };
@@ -114,6 +115,7 @@ mod tests {
             node: format!("/dev/video{number}").into(),
             driver: "uvcvideo".into(),
             formats: Vec::new(),
+            link: None,
             problem: None,
         }
     }

@@ -7,13 +7,13 @@ use std::{
 };
 
 use super::{
-    description,
     find::{Found, Reach, controller},
     gvcp::{Status, register},
     gvsp::{NETWORK_BYTES, Plan, Timing},
     socket::{Channel, StreamSocket},
+    url,
 };
-use crate::genicam::{Features, GenicamConfig, GenicamError, gige::gvcp};
+use crate::genicam::{Features, GenicamConfig, GenicamError, block::block_bytes, description, gige::gvcp, settings};
 
 /// Sizes of packets that are tried, the largest first: jumbo frames of several kinds, then what passes everywhere.
 const PACKET_SIZES: [u32; 6] = [9000, 8228, 4000, 1500, 1400, 576];
@@ -96,7 +96,8 @@ impl Device {
     /// # Errors
     /// If the camera does not take it, packets of the size asked for do not pass, or the camera's frames cannot be.
     pub fn prepare(&self, config: &GenicamConfig, frame_bytes: usize) -> Result<Stream, GenicamError> {
-        let block_bytes = self.payload_bytes(frame_bytes)?;
+        self.features.refresh();
+        let block_bytes = block_bytes("PayloadSize", self.features.integer("PayloadSize")?.into(), frame_bytes)?;
         let wanted_room = match config.receive_buffer_mib {
             Some(mib) => (mib as usize) << 20,
             None => (2 * block_bytes).max(LEAST_ROOM),
@@ -124,20 +125,6 @@ impl Device {
             timing: Timing::default(),
         };
         Ok(Stream { socket, plan, packet_bytes, wanted_room })
-    }
-
-    /// Bytes of a block. What a camera says is memory of ours, so that it is compared with the frame.
-    fn payload_bytes(&self, frame_bytes: usize) -> Result<usize, GenicamError> {
-        self.features.refresh();
-        let told = self.features.integer("PayloadSize")?;
-        let most = 2 * frame_bytes + (1 << 20);
-        match usize::try_from(told) {
-            Ok(bytes) if (frame_bytes..=most).contains(&bytes) => Ok(bytes),
-            _ => Err(GenicamError::Feature {
-                name: "PayloadSize".into(),
-                reason: format!("it says {told} bytes, and a frame has {frame_bytes}"),
-            }),
-        }
     }
 
     /// The packet size asked for if it passes, or the largest that does.
@@ -200,8 +187,7 @@ impl Device {
     pub fn begin(&mut self, stream: &mut Stream) -> Result<(), GenicamError> {
         // Test packets, and what was under way when an acquisition before was ended.
         stream.socket.drain();
-        crate::genicam::settings::lock_format(&mut self.features, true);
-        self.features.run("AcquisitionStart")
+        settings::begin(&mut self.features)
     }
 
     /// Ends the stream.
@@ -209,9 +195,7 @@ impl Device {
     /// # Errors
     /// If the camera does not take it.
     pub fn end(&mut self) -> Result<(), GenicamError> {
-        let stopped = self.features.run("AcquisitionStop");
-        crate::genicam::settings::lock_format(&mut self.features, false);
-        stopped
+        settings::end(&mut self.features)
     }
 }
 
@@ -235,7 +219,7 @@ fn take_control(channel: &Channel) -> Result<(), GenicamError> {
 fn read_description(channel: &Channel) -> Result<String, GenicamError> {
     let read = |at| {
         let url = gvcp::text(&channel.memory(at, register::URL_BYTES)?);
-        let place = description::place(&url)?;
+        let place = url::place(&url)?;
         description::text(&channel.memory(place.address, place.length)?)
     };
     let [first, second] = register::URLS;

@@ -1,7 +1,9 @@
 //! The control protocol of GigE Vision (GVCP), without input or output: commands as datagrams, acknowledges taken apart, and
 //! when to repeat a command. All numbers are big-endian.
 
-use std::{fmt, net::Ipv4Addr};
+use std::net::Ipv4Addr;
+
+pub use crate::genicam::status::Status;
 
 /// The port at which cameras listen.
 pub const PORT: u16 = 3956;
@@ -61,34 +63,6 @@ const PACKET_RESEND: u16 = 0x40;
 const PENDING: u16 = 0x89;
 /// No camera may put off an answer for longer in all.
 const LONGEST_PENDING_NS: i64 = 20_000_000_000;
-
-/// What a camera answers instead of doing what it was told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Status(pub u16);
-
-impl Status {
-    /// Another program has the control, or the register cannot be written now.
-    pub const ACCESS_DENIED: Self = Self(0x8006);
-    /// The camera is doing something else.
-    pub const BUSY: Self = Self(0x8007);
-}
-
-impl fmt::Display for Status {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let words = match self.0 {
-            0x8001 => "not implemented",
-            0x8002 => "invalid parameter",
-            0x8003 => "no such register",
-            0x8004 => "write-protected",
-            0x8005 => "bad alignment",
-            0x8006 => "access denied",
-            0x8007 => "busy",
-            0x8fff => "error",
-            _ => return write!(f, "status {:#06x}", self.0),
-        };
-        write!(f, "{words} (status {:#06x})", self.0)
-    }
-}
 
 /// A command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,12 +2,12 @@
 //!
 //! [`gvcp`] and [`gvsp`] are the protocols, without input or output; the sockets are in `socket` and `find`.
 
-mod description;
 mod device;
 mod find;
 pub mod gvcp;
 pub mod gvsp;
 mod socket;
+mod url;
 
 pub use device::{Device, Pulse, Stream};
 pub use find::{Found, Interface, Reach, Target, ask, find, interfaces};

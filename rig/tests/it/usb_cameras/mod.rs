@@ -4,5 +4,5 @@ mod davis346;
 mod davis346_stream;
 mod evk4;
 mod evk4_settings;
-mod support;
+pub mod support;
 mod sync;

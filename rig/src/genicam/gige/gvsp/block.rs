@@ -2,38 +2,9 @@
 
 use super::{
     Timing,
-    packet::{Content, Datagram, Leader},
+    packet::{Content, Datagram},
 };
-
-/// A block as it is handed over.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Block {
-    /// Its number: block ids counted on over their wraps.
-    pub number: u64,
-    /// When its first datagram came, nanoseconds.
-    pub first_ns: i64,
-    /// What the camera said of it; `None` if the leader was lost.
-    pub leader: Option<Leader>,
-    /// Its bytes, without those of packets that are missing, in whose place are zeros.
-    pub bytes: Vec<u8>,
-    /// Packets that are missing, of those that are known to have been sent.
-    pub missing: u32,
-    /// Why it is not whole.
-    pub damage: Option<Damage>,
-    /// Whether blocks before it started over: the camera began anew.
-    pub restarted: bool,
-}
-
-/// Why a block is not whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Damage {
-    /// Packets of the payload, leader or trailer are missing.
-    Missing,
-    /// More came than the camera said that a block has, or packets of other lengths.
-    Layout,
-    /// The camera says that it lost something itself: the status of a packet.
-    Camera(u16),
-}
+use crate::genicam::block::{Block, Damage, Leader};
 
 /// The packets of one block so far.
 #[derive(Debug)]

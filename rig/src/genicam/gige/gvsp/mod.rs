@@ -11,8 +11,9 @@ mod packet;
 use std::collections::VecDeque;
 
 use block::Open;
-pub use block::{Block, Damage};
-pub use packet::{Content, Datagram, HEADER_BYTES, Image, Leader, NETWORK_BYTES};
+pub use packet::{Content, Datagram, HEADER_BYTES, NETWORK_BYTES};
+
+pub use crate::genicam::block::{Block, Damage, Image, Leader};
 
 /// So many blocks are put together at once; the oldest is handed over when another begins.
 const MOST_OPEN: usize = 8;

@@ -1,5 +1,7 @@
 //! A datagram of the stream, taken apart.
 
+use crate::genicam::block::{Image, Leader};
+
 /// Bytes before the content, with block ids of 16 and of 64 bits.
 pub const HEADER_BYTES: [usize; 2] = [8, 20];
 /// Bytes that IP and UDP put before a datagram, which count in the camera's packet size.
@@ -29,42 +31,6 @@ pub enum Content<'a> {
     Trailer,
     /// A piece of it.
     Payload(&'a [u8]),
-}
-
-/// What a camera says of a block before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Leader {
-    /// The kind of block: [`Leader::holds_image`], [`Leader::holds_chunks`].
-    pub kind: u16,
-    /// The camera's clock, ticks.
-    pub ticks: u64,
-    /// What the image is; `None` where the leader does not say.
-    pub image: Option<Image>,
-}
-
-/// An image, as its leader describes it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Image {
-    /// Code of the pixel format (PFNC).
-    pub pixels: u32,
-    /// Columns and rows.
-    pub size: [u32; 2],
-    /// Bytes after each row.
-    pub row_padding: u16,
-}
-
-impl Leader {
-    /// Whether the block is an image, with chunks behind it or without.
-    #[must_use]
-    pub fn holds_image(&self) -> bool {
-        matches!(self.kind & 0x3fff, 1 | 5)
-    }
-
-    /// Whether chunks lie behind the image.
-    #[must_use]
-    pub fn holds_chunks(&self) -> bool {
-        self.kind & 0x4000 != 0 || self.kind == 5
-    }
 }
 
 fn half(bytes: &[u8], at: usize) -> Option<u16> {

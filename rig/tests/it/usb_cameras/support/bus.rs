@@ -12,7 +12,7 @@ use std::{
 
 use erfgs_hardware_mocks::usb::{self as mocks, Reply, Urb, UsbDevice};
 use erfgs_rig::usb::{
-    Arrival, Bus, Control, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
+    Arrival, Bus, Control, Described, Endpoint, Fault, Flight, Identity, Interface, Receiver, Speed, Stream, Transport,
     TransportError,
 };
 
@@ -126,6 +126,15 @@ impl Bus for EmulatedBus {
         Ok(lock(&self.ports).iter().filter_map(|port| self.identity(port)).collect())
     }
 
+    fn describe(&self, identity: &Identity) -> Result<Described, TransportError> {
+        let ports = lock(&self.ports);
+        let port = ports.iter().find(|port| self.identity(port).as_ref() == Some(identity));
+        let port = port.ok_or_else(|| TransportError::new(identity, "describe", Fault::Gone))?;
+        let now = self.now_ns();
+        let text = |place: usize| text(port, now, place).unwrap_or_default();
+        Ok(Described { interfaces: interfaces(port, now), maker: text(14), product: text(15), serial: text(16) })
+    }
+
     fn open(&self, identity: &Identity) -> Result<Arc<dyn Transport>, TransportError> {
         let gone = || TransportError::new(identity, "open", Fault::Gone);
         let ports = lock(&self.ports);
@@ -133,7 +142,7 @@ impl Bus for EmulatedBus {
         let transport = EmulatedTransport {
             port: Arc::clone(port),
             identity: identity.clone(),
-            serial: serial(port, self.now_ns()),
+            serial: text(port, self.now_ns(), 16),
             interfaces: interfaces(port, self.now_ns()),
             clock: Arc::clone(&self.clock),
             gone: Arc::new(AtomicBool::new(false)),
@@ -146,9 +155,10 @@ impl Bus for EmulatedBus {
     }
 }
 
-fn serial(port: &Port, now: i64) -> Option<String> {
+/// A text whose number is at this place of the device's descriptor.
+fn text(port: &Port, now: i64, place: usize) -> Option<String> {
     let Reply::Data(device) = control_in(port, now, 0x80, 6, 0x0100, 0, 18) else { return None };
-    let index = u16::from(*device.get(16)?);
+    let index = u16::from(*device.get(place)?);
     if index == 0 {
         return None;
     }

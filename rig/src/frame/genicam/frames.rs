@@ -6,7 +6,7 @@ use erfgs_session::source::{FrameStamp, Packet, StampClock, StampPoint};
 
 use crate::{
     frame::check::without_padding,
-    genicam::{Order, cut, gige::gvsp::Block, pixel},
+    genicam::{Block, Order, cut, pixel},
 };
 
 /// What the frames of a stream are to be.
@@ -18,6 +18,8 @@ pub struct Shape {
     pub size: [u32; 2],
     /// Ticks of the camera's clock a second.
     pub tick_hz: u64,
+    /// Which way the numbers of chunks lie.
+    pub order: Order,
 }
 
 /// A frame, and the chunks behind it.
@@ -52,7 +54,7 @@ impl Shape {
         }
         let bytes = Bytes::from(block.bytes);
         // Where something is missing, where chunks begin is not known.
-        let parts = block.leader.filter(|leader| leader.holds_chunks() && !damaged).map(|_| cut(&bytes, Order::Big));
+        let parts = block.leader.filter(|leader| leader.holds_chunks() && !damaged).map(|_| cut(&bytes, self.order));
         let (mut payload, chunks) = match parts {
             Some(Some(parts)) => {
                 let rest = parts.iter().skip(1).map(|chunk| (chunk.id, bytes.slice_ref(chunk.data))).collect();
@@ -97,9 +99,9 @@ impl Shape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::genicam::gige::gvsp::{Damage, Image, Leader};
+    use crate::genicam::{Damage, Image, Leader};
 
-    const SHAPE: Shape = Shape { format: PixelFormat::Grey8, size: [2, 2], tick_hz: 125_000_000 };
+    const SHAPE: Shape = Shape { format: PixelFormat::Grey8, size: [2, 2], tick_hz: 125_000_000, order: Order::Big };
 
     fn block(kind: u16, bytes: &[u8], padding: u16) -> Block {
         let image = Image { pixels: 0x0108_0001, size: [2, 2], row_padding: padding };

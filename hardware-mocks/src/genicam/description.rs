@@ -2,17 +2,34 @@
 
 use std::fmt::Write;
 
-use super::registers::{CHUNKS, FEATURES, FORMATS, boot, feature};
+use super::registers::{CHUNKS, FORMATS, Order, feature};
+
+/// What differs between the transports.
+pub(crate) struct Wire {
+    /// The transport, as the model's name has it.
+    pub transport: &'static str,
+    /// The same, as GenApi has it.
+    pub namespace: &'static str,
+    /// How bytes lie.
+    pub order: Order,
+    /// Where the features begin.
+    pub features: u64,
+    /// Where maker, model and serial number are, and how long.
+    pub strings: [(u32, u32); 3],
+    /// Most bytes a second of the link.
+    pub most_bytes_s: u32,
+}
 
 /// The description of a camera with a sensor of this size.
-pub fn text(sensor: [u32; 2]) -> String {
-    let mut xml = String::from(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<RegisterDescription ModelName=\"EmulatedGigE\" VendorName=\"erfgs\" ToolTip=\"\" \
-         StandardNameSpace=\"GEV\" SchemaMajorVersion=\"1\" SchemaMinorVersion=\"1\" SchemaSubMinorVersion=\"0\" MajorVersion=\"1\" \
+pub(crate) fn text(wire: &Wire, sensor: [u32; 2]) -> String {
+    let mut xml = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<RegisterDescription ModelName=\"Emulated{}\" VendorName=\"erfgs\" ToolTip=\"\" \
+         StandardNameSpace=\"{}\" SchemaMajorVersion=\"1\" SchemaMinorVersion=\"1\" SchemaSubMinorVersion=\"0\" MajorVersion=\"1\" \
          MinorVersion=\"0\" SubMinorVersion=\"0\" ProductGuid=\"11111111-1111-1111-1111-111111111113\" \
          VersionGuid=\"11111111-1111-1111-1111-111111111114\" xmlns=\"http://www.genicam.org/GenApi/Version_1_1\">\n",
+        wire.transport, wire.namespace
     );
-    let mut body = Body::default();
+    let mut body = Body { xml: String::new(), listed: Vec::new(), wire };
     body.strings();
     body.region(sensor);
     body.exposure();
@@ -25,13 +42,20 @@ pub fn text(sensor: [u32; 2]) -> String {
     xml + "<Port Name=\"Device\" NameSpace=\"Standard\"/>\n</RegisterDescription>\n"
 }
 
-#[derive(Default)]
-struct Body {
+struct Body<'a> {
     xml: String,
     listed: Vec<String>,
+    wire: &'a Wire,
 }
 
-impl Body {
+impl Body<'_> {
+    fn order(&self) -> &'static str {
+        match self.wire.order {
+            Order::Big => "BigEndian",
+            Order::Little => "LittleEndian",
+        }
+    }
+
     /// A node that users see.
     fn node(&mut self, kind: &str, name: &str, inside: &str) {
         self.listed.push(name.to_owned());
@@ -41,16 +65,17 @@ impl Body {
     /// The register behind a node.
     fn register(&mut self, kind: &str, name: &str, at: u32, access: &str) {
         let sign = if kind == "IntReg" { "<Sign>Unsigned</Sign>" } else { "" };
+        let (at, order) = (self.wire.features + u64::from(at), self.order());
         let _ = writeln!(
             self.xml,
             "<{kind} Name=\"{name}Reg\"><Address>{at:#x}</Address><Length>4</Length><AccessMode>{access}</AccessMode>\
-             <pPort>Device</pPort><Cachable>NoCache</Cachable>{sign}<Endianess>BigEndian</Endianess></{kind}>"
+             <pPort>Device</pPort><Cachable>NoCache</Cachable>{sign}<Endianess>{order}</Endianess></{kind}>"
         );
     }
 
     fn integer(&mut self, name: &str, at: u32, access: &str, limits: &str) {
         self.node("Integer", name, &format!("{LOCKED}<pValue>{name}Reg</pValue>{limits}"));
-        self.register("IntReg", name, FEATURES + at, access);
+        self.register("IntReg", name, at, access);
     }
 
     fn choice(&mut self, name: &str, at: u32, entries: &[(&str, u32)], more: &str) {
@@ -61,7 +86,7 @@ impl Body {
             })
             .collect();
         self.node("Enumeration", name, &format!("{more}{entries}<pValue>{name}Reg</pValue>"));
-        self.register("IntReg", name, FEATURES + at, "RW");
+        self.register("IntReg", name, at, "RW");
     }
 
     fn command(&mut self, name: &str, register: &str, value: u32) {
@@ -70,16 +95,12 @@ impl Body {
 
     fn flag(&mut self, name: &str, at: u32) {
         self.node("Boolean", name, &format!("<pValue>{name}Reg</pValue><OnValue>1</OnValue><OffValue>0</OffValue>"));
-        self.register("IntReg", name, FEATURES + at, "RW");
+        self.register("IntReg", name, at, "RW");
     }
 
     fn strings(&mut self) {
-        let strings = [
-            ("DeviceVendorName", boot::MAKER, 32),
-            ("DeviceModelName", boot::MODEL, 32),
-            ("DeviceSerialNumber", boot::SERIAL, 16),
-        ];
-        for (name, at, length) in strings {
+        let names = ["DeviceVendorName", "DeviceModelName", "DeviceSerialNumber"];
+        for (name, (at, length)) in names.into_iter().zip(self.wire.strings) {
             let inside = format!(
                 "<Address>{at:#x}</Address><Length>{length}</Length><AccessMode>RO</AccessMode><pPort>Device</pPort>"
             );
@@ -126,7 +147,7 @@ impl Body {
         self.integer("BlackLevelRaw", feature::BLACK_LEVEL, "RW", "<Min>0</Min><Max>255</Max>");
         self.flag("GammaEnable", feature::GAMMA_ENABLE);
         self.node("Float", "DeviceTemperature", "<pValue>DeviceTemperatureReg</pValue><Unit>C</Unit>");
-        self.register("FloatReg", "DeviceTemperature", FEATURES + feature::TEMPERATURE, "RO");
+        self.register("FloatReg", "DeviceTemperature", feature::TEMPERATURE, "RO");
     }
 
     fn acquisition(&mut self) {
@@ -135,7 +156,7 @@ impl Body {
             "AcquisitionMode",
             "<EnumEntry Name=\"Continuous\" NameSpace=\"Standard\"><Value>0</Value></EnumEntry><Value>0</Value>",
         );
-        self.register("IntReg", "Acquire", FEATURES + feature::ACQUIRE, "WO");
+        self.register("IntReg", "Acquire", feature::ACQUIRE, "WO");
         self.command("AcquisitionStart", "Acquire", 1);
         self.command("AcquisitionStop", "Acquire", 0);
         self.flag("AcquisitionFrameRateEnable", feature::RATE_ENABLE);
@@ -144,12 +165,13 @@ impl Body {
             "AcquisitionFrameRate",
             "<pValue>AcquisitionFrameRateReg</pValue><Min>0.1</Min><Max>1000</Max><Unit>Hz</Unit>",
         );
-        self.register("FloatReg", "AcquisitionFrameRate", FEATURES + feature::RATE_HZ, "RW");
+        self.register("FloatReg", "AcquisitionFrameRate", feature::RATE_HZ, "RW");
         self.node("Float", "ResultingFrameRate", "<pValue>ResultingFrameRateReg</pValue><Unit>Hz</Unit>");
-        self.register("FloatReg", "ResultingFrameRate", FEATURES + feature::MOST_RATE_HZ, "RO");
-        self.integer("DeviceLinkThroughputLimit", feature::THROUGHPUT, "RW", "<Min>1000000</Min><Max>125000000</Max>");
+        self.register("FloatReg", "ResultingFrameRate", feature::MOST_RATE_HZ, "RO");
+        let limits = format!("<Min>1000000</Min><Max>{}</Max>", self.wire.most_bytes_s);
+        self.integer("DeviceLinkThroughputLimit", feature::THROUGHPUT, "RW", &limits);
         self.node("Integer", "TLParamsLocked", "<pValue>TLParamsLockedReg</pValue><Min>0</Min><Max>1</Max>");
-        self.register("IntReg", "TLParamsLocked", FEATURES + feature::LOCKED, "RW");
+        self.register("IntReg", "TLParamsLocked", feature::LOCKED, "RW");
     }
 
     fn lines(&mut self) {
@@ -161,6 +183,8 @@ impl Body {
         );
         self.choice("TriggerMode", feature::TRIGGER_MODE, &[("Off", 0), ("On", 1)], "");
         self.choice("TriggerSource", feature::TRIGGER_SOURCE, &[("Software", 0), ("Line0", 1), ("Line1", 2)], "");
+        self.register("IntReg", "TriggerSoftware", feature::TRIGGER_SOFTWARE, "WO");
+        self.command("TriggerSoftware", "TriggerSoftware", 1);
         let edges = [("RisingEdge", 0), ("FallingEdge", 1)];
         self.choice("TriggerActivation", feature::TRIGGER_ACTIVATION, &edges, "");
         self.choice("LineSelector", feature::LINE_SELECTOR, &[("Line0", 1), ("Line1", 2)], "");
@@ -181,8 +205,9 @@ impl Body {
             self.xml,
             "<IntReg Name=\"ChunkEnableReg\"><Address>{:#x}</Address><pIndex Offset=\"4\">ChunkSelectorReg</pIndex><Length>4</Length>\
              <AccessMode>RW</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Unsigned</Sign>\
-             <Endianess>BigEndian</Endianess></IntReg>",
-            FEATURES + feature::CHUNK_ENABLE
+             <Endianess>{}</Endianess></IntReg>",
+            self.wire.features + u64::from(feature::CHUNK_ENABLE),
+            self.order()
         );
         for (name, id, length) in CHUNKS {
             let kinds = if name == "ExposureTime" {
@@ -191,11 +216,12 @@ impl Body {
                 ["Integer", "IntReg", "<Sign>Unsigned</Sign>"]
             };
             let [front, behind, sign] = kinds;
+            let order = self.order();
             self.node(front, &format!("Chunk{name}"), &format!("<pValue>Chunk{name}Reg</pValue>"));
             let _ = writeln!(
                 self.xml,
                 "<{behind} Name=\"Chunk{name}Reg\"><Address>0</Address><Length>{length}</Length><AccessMode>RO</AccessMode>\
-                 <pPort>Chunk{name}Port</pPort>{sign}<Endianess>BigEndian</Endianess></{behind}>\n\
+                 <pPort>Chunk{name}Port</pPort>{sign}<Endianess>{order}</Endianess></{behind}>\n\
                  <Port Name=\"Chunk{name}Port\"><ChunkID>{id:x}</ChunkID></Port>"
             );
         }
@@ -206,7 +232,7 @@ impl Body {
 const LOCKED: &str = "<pIsLocked>TLParamsLockedReg</pIsLocked>";
 
 /// A ZIP archive of one stored file.
-pub fn archive(text: &str) -> Vec<u8> {
+pub(crate) fn archive(text: &str) -> Vec<u8> {
     let (text, name) = (text.as_bytes(), b"emulated.xml");
     let mut common = Vec::new();
     for half in [20_u16, 0, 0, 0, 0x5a21] {
