@@ -83,7 +83,8 @@ pub fn take(config: &mut Config, dataset: &Dataset, trial: &Trial) {
 
 /// What the terminal shows of a trial.
 fn describe(trial: &Trial) -> String {
-    let heading = ["body", "error of frames", "of events", "against free in time", ""].map(str::to_owned);
+    let heading =
+        ["body", "error of frames", "of events", "against free in time", "must be below", ""].map(str::to_owned);
     let both = |errors: Option<[f64; 2]>, digits: usize| {
         errors.map_or("-".into(), |[carried, free]| format!("{carried:.digits$} / {free:.digits$}"))
     };
@@ -93,6 +94,7 @@ fn describe(trial: &Trial) -> String {
             both(tried.frames, 3),
             both(tried.events, 2),
             tried.ratio().map_or("-".into(), |ratio| format!("{ratio:.2}")),
+            format!("{:.2}", tried.below),
             if tried.carries { "a body" } else { "free in time" }.into(),
         ]
     };

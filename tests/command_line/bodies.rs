@@ -223,6 +223,12 @@ fn a_trial_tells_bodies_from_what_is_none_and_is_made_once() {
     let unknown =
         folder.fail(1, "train ds --out none --motion bodies --iterations 10+10 --set bodies.free=[\"rope\"] -q");
     assert!(unknown.contains("'rope'") && unknown.contains("ghost"), "{unknown}");
+    let bodies = Dataset::load(&folder.path("ds")).expect("a dataset").read_bodies().expect("bodies").expect("some");
+    let names: Vec<&str> = bodies.bodies.iter().map(|body| body.name.as_str()).collect();
+    let all = serde_json::to_string(&names).expect("JSON");
+    let refused =
+        folder.fail(1, &format!("train ds --out none --motion bodies --iterations 10+10 --set bodies.free={all} -q"));
+    assert!(refused.contains("all bodies") && refused.contains("free-time"), "{refused}");
     let train = "train ds --out run --motion bodies --iterations 60+240 --seed 3 --no-evaluation --resume";
     let output = folder.run(train);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

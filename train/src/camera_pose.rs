@@ -4,11 +4,14 @@
 //! turn and a shift of its own, by gradients of the frames that are looked at as wholes. Nothing tells a scene that is elsewhere from
 //! cameras that are elsewhere: what all cameras have in common - a turn, a shift, a scale - is taken from them after each step.
 
+mod common;
+
 use erfgs_dataset::PoseSigma;
 use erfgs_scene::Pose;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
+use self::common::Common;
 use crate::cautious::cautious_step;
 use erfgs_splat::{optimiser::decayed, raster::PoseRow};
 
@@ -166,35 +169,15 @@ impl CameraPoseState {
         learner.focal * (squares.iter().sum::<f64>() / 5.0).sqrt()
     }
 
-    /// Takes from all cameras the turn, the shift and the scale that they have in common: those of a scene that fits them best in the
-    /// least squares sense, in which a camera's turn counts as much as the same at its place in the depth of the scene.
+    /// Takes from all cameras the turn, the shift and the scale that they have in common.
     fn take_common(&mut self, learners: &[Learner]) {
-        let count = learners.len() as f64;
-        let middle = learners.iter().map(|learner| learner.pose.centre()).sum::<DVec3>() / count;
         // How the camera moved in the world.
-        let moved = |state: &Self, learner: &Learner| {
-            state.of(learner.camera).map(|by| -(learner.pose.rotation.inverse() * by))
-        };
-        let (mut shift, mut scale, mut spread) = (DVec3::ZERO, 0.0, 0.0);
-        let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        let moved = |learner: &Learner| self.of(learner.camera).map(|by| -(learner.pose.rotation.inverse() * by));
+        let common = Common::of(learners, moved);
         for learner in learners {
-            let ([turned, shifted], from) = (moved(self, learner), learner.pose.centre() - middle);
-            let depth = learner.depth * learner.depth;
-            shift += shifted / count;
-            scale += from.dot(shifted);
-            spread += from.length_squared();
-            let outer = DMat3::from_cols(from * from.x, from * from.y, from * from.z);
-            normal += DMat3::from_diagonal(DVec3::splat(from.length_squared() + depth)) - outer;
-            right += from.cross(shifted) + depth * turned;
-        }
-        let turn = if normal.determinant() > 0.0 { normal.inverse() * right } else { DVec3::ZERO };
-        let scale = if spread > 0.0 { scale / spread } else { 0.0 };
-        for learner in learners {
-            let from = learner.pose.centre() - middle;
-            let common = [turn, shift + turn.cross(from) + scale * from];
-            let own = self.of(learner.camera);
+            let (own, taken) = (self.of(learner.camera), common.at(learner.pose.centre()));
             let rotation = learner.pose.rotation;
-            self.set(learner.camera, [0, 1].map(|part| own[part] + rotation * common[part]));
+            self.set(learner.camera, [0, 1].map(|part| own[part] + rotation * taken[part]));
         }
     }
 }
@@ -316,6 +299,19 @@ mod tests {
         state.take_common(&learners);
         let apart = state.values.iter().zip(&once.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(apart < 1e-5 && once.values.iter().any(|value| value.abs() > 5e-4), "{apart}");
+    }
+
+    #[test]
+    fn turns_of_all_cameras_about_their_own_axes_are_a_shift_of_the_scene() {
+        let (learners, mut state) = (learners(7), CameraPoseState::calibrated(7));
+        // All look up by a pixel: their pictures go down together, whatever the world's axes are to them.
+        for learner in &learners {
+            state.set(learner.camera, [DVec3::new(1.0 / 300.0, 0.0, 0.0), DVec3::ZERO]);
+        }
+        let pixels = |state: &CameraPoseState| learners.iter().map(|learner| state.pixels(learner)).sum::<f64>() / 7.0;
+        let before = pixels(&state);
+        state.take_common(&learners);
+        assert!(before > 0.99 && pixels(&state) < 0.2, "{before} and {} pixels", pixels(&state));
     }
 
     #[test]

@@ -24,9 +24,10 @@ impl Statistics {
         Ok(Self { kernel, seen: gpu.storage("statistics", u64::from(rows) * 16)?, rows })
     }
 
-    /// Adds the screen statistics of an iteration (rows of vec4; see [`erfgs_splat::raster::Gradients`]).
-    pub fn add(&self, gpu: &Gpu, commands: &mut Commands<'_>, screen: &Buffer) {
-        let rows = gpu.uniform("rows", &[self.rows, 0, 0, 0]);
+    /// Adds the screen statistics of an iteration (rows of vec4; see [`erfgs_splat::raster::Gradients`]). Where a picture was looked at in
+    /// `part`, Gaussians without a gradient were not looked at.
+    pub fn add(&self, gpu: &Gpu, commands: &mut Commands<'_>, screen: &Buffer, part: bool) {
+        let rows = gpu.uniform("rows", &[self.rows, part.into(), 0, 0]);
         commands.dispatch(&self.kernel, &[&rows, screen, &self.seen], self.rows.div_ceil(64));
     }
 
@@ -64,11 +65,25 @@ mod tests {
         for screen in [[[3.0f32, 4.0, 2.0, 1.0], [9.0, 9.0, 9.0, 0.0]], [[0.0, 1.0, 5.0, 2.0], [0.0; 4]]] {
             let screen = gpu.storage_from("screen", &screen).expect("a buffer");
             let mut commands = gpu.commands();
-            statistics.add(&gpu, &mut commands, &screen);
+            statistics.add(&gpu, &mut commands, &screen, false);
             commands.submit();
         }
         let seen = statistics.read(&gpu).expect("statistics");
         assert_eq!(seen[0], Seen { gradient: 6.0, iterations: 2.0, radius_px: 5.0 });
         assert_eq!(seen[1], Seen::default());
+    }
+    #[test]
+    fn what_was_left_out_of_a_picture_was_not_seen() {
+        let gpu = Gpu::open(&AdapterChoice::default()).expect("an adapter");
+        for (part, iterations) in [(false, 1.0), (true, 0.0)] {
+            let statistics = Statistics::new(&gpu, 2).expect("a buffer");
+            let screen =
+                gpu.storage_from("screen", &[[0.0_f32, 0.0, 2.0, 1.0], [3.0, 4.0, 2.0, 1.0]]).expect("a buffer");
+            let mut commands = gpu.commands();
+            statistics.add(&gpu, &mut commands, &screen, part);
+            commands.submit();
+            let seen = statistics.read(&gpu).expect("statistics");
+            assert_eq!(seen.iter().map(|seen| seen.iterations).collect::<Vec<_>>(), [iterations, 1.0]);
+        }
     }
 }

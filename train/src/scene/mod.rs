@@ -96,6 +96,12 @@ pub enum SceneError {
         /// The bodies that there are.
         known: String,
     },
+    /// No body is left to carry anything.
+    #[error("`bodies.free` names all bodies of dataset '{path}'; train with --motion free-time")]
+    AllFree {
+        /// The dataset.
+        path: PathBuf,
+    },
     /// This machine has not the memory that the cameras take.
     #[error(
         "training on dataset '{path}' is too much for this machine: {shortage}. Camera '{camera}' takes most, with its {} x {} pixels; make the dataset smaller (`erfgs dataset import --scale`), leave cameras out, or train on a larger machine",
@@ -290,7 +296,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`SceneError::NoBodies`] where none were found, [`SceneError::UnknownBody`] where the configuration names one that is not there,
-    /// [`SceneError::Dataset`] where their file is damaged.
+    /// [`SceneError::AllFree`] where it names all, [`SceneError::Dataset`] where their file is damaged.
     pub fn carrying(&self, config: &Config) -> Result<Vec<Body>, SceneError> {
         let bodies = self.dataset.read_bodies()?.map(|file| file.bodies).unwrap_or_default();
         if bodies.is_empty() {
@@ -301,7 +307,11 @@ impl Scene {
             let known = bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>().join(", ");
             return Err(SceneError::UnknownBody { name: name.clone(), path: self.dataset.root.clone(), known });
         }
-        Ok(bodies.into_iter().filter(|body| !free.contains(&body.name)).collect())
+        let carrying: Vec<Body> = bodies.into_iter().filter(|body| !free.contains(&body.name)).collect();
+        if carrying.is_empty() {
+            return Err(SceneError::AllFree { path: self.dataset.root.clone() });
+        }
+        Ok(carrying)
     }
 
     /// Where the bodies of the dataset start from.

@@ -40,6 +40,8 @@ pub(super) struct Workspace {
     pub(super) gradients: [Buffer; 2],
     before: Tape,
     after: Tape,
+    /// Whether a frame sample of this iteration looks past what moves.
+    looks_past: bool,
     /// Sums of the losses since the last row of the curve.
     pub sums: Sums,
 }
@@ -119,6 +121,7 @@ impl Workspace {
             gradients: [image("gradient of an image")?, image("gradient of a later image")?],
             before: Tape::new(gpu)?,
             after: Tape::new(gpu)?,
+            looks_past: false,
             sums: Sums {
                 rgb: LossSum::new(gpu, pixels)?,
                 rgb_values: 0.0,
@@ -177,7 +180,9 @@ impl Trainer<'_> {
             self.work.sums.plane_samples += 1.0;
         }
         let mut commands = self.gpu.commands();
-        self.statistics.add(self.gpu, &mut commands, &self.model.gradients.screen);
+        // What lies behind things that move is in a picture of which that part is left out, but nothing is said of it.
+        let looks_past = std::mem::take(&mut self.work.looks_past);
+        self.statistics.add(self.gpu, &mut commands, &self.model.gradients.screen, looks_past);
         commands.submit();
         self.times.lap(self.gpu, "plane regularisers and statistics")?;
         let decay = match (self.config.learning_rate.decay_steps, self.schedule.budget.is_none()) {
@@ -259,6 +264,7 @@ impl Trainer<'_> {
         let drawn =
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
         let look = self.look(frame.view);
+        self.work.looks_past |= matches!(look, Look::Still);
         let times = match &look {
             // What stands still looks alike throughout an exposure.
             Look::Still => vec![frame.instant(self.config.blur.instant)],

@@ -33,6 +33,11 @@ const FEWEST: u32 = 40;
 /// A body carries unless its error is so many times that of what is free in time: what is right a little becomes sharp in a longer
 /// training, as what is free in time does not.
 const WORSE: f64 = 1.01;
+/// That is so where silhouettes of all instants agree on its shape. Where fewer of them do, it may bend, or be more than one thing, and
+/// must explain more at once: by so much of what their share lacks of [`SURE`].
+const DOUBT: f64 = 0.6;
+/// The share of silhouettes that agree on the shape of what is rigid and was followed rightly.
+const SURE: f64 = 0.86;
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,6 +48,8 @@ pub struct Tried {
     pub frames: Option<[f64; 2]>,
     /// The share, root mean square, of what the events of a camera that was kept apart say there that is not explained, likewise.
     pub events: Option<[f64; 2]>,
+    /// The ratio of these errors, below which it carries Gaussians.
+    pub below: f64,
     /// Whether it carries Gaussians from now on.
     pub carries: bool,
 }
@@ -163,7 +170,7 @@ pub fn trial(
     }
     let carried = seen.errors(&mut trainer)?;
     let tried = |(body, (carried, free)): (&Body, (&Errors, &Errors))| {
-        let tried = judged(&body.name, carried, free);
+        let tried = judged(body, carried, free);
         Tried { carries: tried.carries || iterations < FEWEST, ..tried }
     };
     let bodies = std::iter::zip(&bodies, std::iter::zip(&carried, &free)).map(tried).collect();
@@ -181,11 +188,13 @@ fn short(config: &Config) -> Config {
     short
 }
 
-fn judged(body: &str, carried: &Errors, free: &Errors) -> Tried {
+fn judged(body: &Body, carried: &Errors, free: &Errors) -> Tried {
     let both = |of: fn(&Errors) -> Option<f64>| Some([of(carried)?, of(free)?]);
-    let mut tried =
-        Tried { body: body.into(), frames: both(Errors::frames), events: both(Errors::events), carries: true };
-    tried.carries = tried.ratio().is_none_or(|ratio| ratio < WORSE);
+    let agree = body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64);
+    let below = WORSE - DOUBT * (SURE - agree.unwrap_or(SURE).clamp(0.0, SURE));
+    let (frames, events) = (both(Errors::frames), both(Errors::events));
+    let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true };
+    tried.carries = tried.ratio().is_none_or(|ratio| ratio < below);
     tried
 }
 
@@ -193,18 +202,34 @@ fn judged(body: &str, carried: &Errors, free: &Errors) -> Tried {
 mod tests {
     use super::*;
 
+    /// A ball, on whose shape such a share of silhouettes agrees.
+    fn ball(agree: Option<f64>) -> Body {
+        let found_by = agree.map(|agree| ("carving_agreement".into(), agree.into())).into_iter().collect();
+        Body { name: "ball".into(), span_ns: [0, 1], poses: Vec::new(), points: Vec::new(), found_by }
+    }
+
     #[test]
     fn a_body_carries_where_its_errors_are_smaller_in_the_mean_or_nothing_tells() {
         let carries = |frames: Option<[f64; 2]>, events: Option<[f64; 2]>| {
             let [carried, free] =
                 [0, 1].map(|which| Errors::of(frames.map(|of| of[which]), events.map(|of| of[which])));
-            judged("ball", &carried, &free).carries
+            judged(&ball(None), &carried, &free).carries
         };
         assert!(carries(Some([0.1, 0.11]), Some([0.5, 0.5])));
         assert!(!carries(Some([0.12, 0.11]), Some([0.5, 0.5])));
         // Frames are a little worse, and events much better.
         assert!(carries(Some([0.12, 0.11]), Some([0.4, 0.5])));
         assert!(!carries(None, Some([0.6, 0.5])) && carries(Some([0.1, 0.2]), None) && carries(None, None));
+    }
+
+    #[test]
+    fn a_body_on_whose_shape_silhouettes_do_not_agree_must_explain_more() {
+        let carries = |agree: Option<f64>, carried: f64| {
+            let [carried, free] = [carried, 0.1].map(|error| Errors::of(Some(error), None));
+            judged(&ball(agree), &carried, &free).carries
+        };
+        assert!(carries(None, 0.1005) && carries(Some(0.86), 0.1005));
+        assert!(!carries(Some(0.74), 0.097) && carries(Some(0.74), 0.092));
     }
 
     #[test]
