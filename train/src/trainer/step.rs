@@ -244,28 +244,35 @@ impl Trainer<'_> {
         }
     }
 
-    /// What the frame sample of this iteration looks at in a view.
-    fn look(&self, view: usize) -> Look {
-        let Some(region) = self.regions.get(view).cloned().flatten() else { return Look::All };
+    /// What the frame sample of this iteration looks at in a view, part by part.
+    fn parts_of(&self, view: usize) -> Vec<Look> {
+        let Some(region) = self.regions.get(view).cloned().flatten() else { return vec![Look::All] };
         let exposures = self.config.motion == MotionModel::Bodies && self.config.bodies.exposure > 1;
         match self.clock.stage {
-            Stage::Coarse if self.config.dynamic.coarse_without_moving => Look::Still,
-            Stage::Coarse => Look::All,
-            Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => Look::Moving(region),
-            // The part of the image that many renderings of an exposure are for has samples of its own.
-            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => Look::Still,
-            Stage::Fine => Look::All,
+            Stage::Coarse if self.config.dynamic.coarse_without_moving => vec![Look::Still],
+            Stage::Coarse => vec![Look::All],
+            Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => vec![Look::Moving(region)],
+            // Only that part of the image needs many renderings of an exposure.
+            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => vec![Look::Still, Look::Moving(region)],
+            Stage::Fine => vec![Look::All],
         }
     }
 
     fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
+        let view = self.scene.frames[index].view;
+        let looks = self.parts_of(view);
+        self.work.looks_past |= matches!(looks[..], [Look::Still]);
+        self.work.sums.rgb_values +=
+            3.0 * f64::from(self.scene.views[view].view.width * self.scene.views[view].view.height);
+        looks.iter().try_for_each(|look| self.learn_part(index, batch_slot, look))
+    }
+
+    fn learn_part(&mut self, index: usize, batch_slot: u32, look: &Look) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let pixels_taken = self.feed.frames.get(self.gpu, &self.scene.pictures, index)?;
         let drawn =
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
-        let look = self.look(frame.view);
-        self.work.looks_past |= matches!(look, Look::Still);
-        let times = match &look {
+        let times = match look {
             // What stands still looks alike throughout an exposure.
             Look::Still => vec![frame.instant(self.config.blur.instant)],
             _ => exposure_times(&self.config, self.clock.stage, self.model.drawn.dynamic, frame, drawn),
@@ -278,12 +285,12 @@ impl Trainer<'_> {
         let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
         let gpu = self.gpu;
         self.work.renderings(gpu, times.len())?;
-        let part = match (&look, self.feed.region(frame.view)) {
+        let part = match (look, self.feed.region(frame.view)) {
             (Look::Moving(_), Some(moving)) => Part::Within(moving),
             (Look::Still, Some(moving)) => Part::Outside(moving),
             (Look::All, _) | (_, None) => Part::All,
         };
-        let region = match &look {
+        let region = match look {
             Look::Moving(region) => Some(region.clone()),
             Look::All | Look::Still => None,
         };
@@ -327,7 +334,6 @@ impl Trainer<'_> {
         }
         commands.submit();
         self.times.lap(gpu, "photometric loss")?;
-        work.sums.rgb_values += 3.0 * f64::from(pixels);
         for slot in 0..times.len() {
             if only.is_some_and(|only| only != slot) {
                 continue;
