@@ -66,7 +66,7 @@ u3v() {
   has "$folder/values" "'DeviceModelName' = 'Emulated U3V'" "'DeviceTemperature' = 41.5 C" "'TriggerMode' = 'Off'"
   plugged 60 target/debug/erfgs devices --json >"$folder/devices.json"
   has "$folder/devices.json" '"erfgs Emulated U3V \"mono\""' '"U3V00042"' '"5 Gbit/s"'
-  plugged 60 target/debug/erfgs record tests/guest/u3v-rig.toml --out "$folder/take.mcap" --seconds 2 --disk-test 0 --quiet --json \
+  plugged 60 target/debug/erfgs record tests/guest/u3v-rig.toml --out "$folder/take.mcap" --seconds 3 --disk-test 0 --quiet --json \
     >"$folder/summary.json"
   has "$folder/summary.json" '"driver": 3,'
   target/debug/erfgs sync "$folder/take.mcap" --json >"$folder/sync.json" || code=1
