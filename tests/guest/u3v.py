@@ -2,15 +2,17 @@
 
 usage: u3v.py FOLDER
 
-FOLDER holds take.mcap, which `erfgs record` wrote of u3v-rig.toml; kept, the folder of `erfgs-usbd --keep`, with mono-0-82.bin; and
-ledger.json (`erfgs-usbd --ledger`). Blocks are taken apart by the protocol, without erfgs. u3v.toml says what the camera loses.
+FOLDER holds take.mcap, which `erfgs record` wrote of u3v-rig.toml; pictures, which `erfgs export` made of it; kept, the folder of
+`erfgs-usbd --keep`, with mono-0-82.bin; and ledger.json (`erfgs-usbd --ledger`). Blocks are taken apart by the protocol, without erfgs. u3v.toml says what the camera loses.
 
 - A block that came whole is a frame of the session, byte for byte, with the camera's time; one that did not is a frame that is marked as
   damaged and begins with what came of it.
 - Blocks of which nothing came, or no leader, are counted as lost, each once. No others are missing but at the end.
 - What the camera exposed it sent, or counts as lost itself.
+- There is a picture of every frame of the session.
 """
 
+import glob
 import json
 import struct
 import sys
@@ -85,6 +87,8 @@ def main():
     check(not any(status["dropped"].values()), f"the recorder dropped {status['dropped']}")
     camera = json.load(open(f"{folder}/ledger.json"))["mono"]["counts"]
     check(camera["lost"] == 0 and camera["frames"] == camera["seen"] > newest, f"the camera counts {camera}")
+    pictures = len(glob.glob(f"{folder}/pictures/mono/*.png"))
+    check(pictures == len(ids), f"{pictures} pictures of {len(ids)} frames")
     print(f"mono: {len(ids)} frames of {len(sent)} blocks, {whole} of them whole and byte for byte what the camera sent; {lost} lost, "
           f"{len(ids) - whole} damaged")
     check(whole > 50, "too few frames")
