@@ -36,42 +36,77 @@ host() {
   plugged() { # plugged SECONDS PROGRAM...: runs it with the cameras on its bus
     timeout "$1" umockdev-wrapper target/umockdev/bridge "$folder" "${@:2}" || code=1
   }
+  has() { # has FILE TEXT...: each of them is in it
+    local text
+    for text in "${@:2}"; do
+      grep -qF -- "$text" "$1" || { cat "$1"; echo "it lacks: $text"; code=1; }
+    done
+  }
   serve tests/guest/cameras.toml
   for camera in "${cameras[@]}"; do plugged 60 target/independent/release/independent $camera; done
   # Our own driver, through the same libusb.
   for camera in "${cameras[@]}"; do plugged 200 target/debug/examples/follow_pattern $camera; done
   plugged 60 target/debug/erfgs devices --json >"$folder/devices.json"
-  for camera in '"00051234"' '"00000336"'; do
-    grep -q "$camera" "$folder/devices.json" || { cat "$folder/devices.json"; echo "erfgs devices does not list $camera"; code=1; }
-  done
+  has "$folder/devices.json" '"00051234"' '"00000336"'
   dismiss 0,0
   # Transfers that come late or in pieces cost nothing.
   serve tests/guest/faults.toml
   for camera in "${cameras[@]}"; do plugged 200 target/debug/examples/follow_pattern $camera; done
   dismiss 3,3
+  u3v
   return $code
 }
 
-serve() { # serve RIG.toml: its devices, in $folder
+# A USB3 Vision camera: Aravis lists, reads and sets it, and our program records it; every frame and every loss is accounted for.
+u3v() {
+  serve tests/guest/u3v.toml kept
+  plugged 60 arv-tool-0.8 control Width ExposureTime=3000 PixelFormat=Mono12p >"$folder/set"
+  has "$folder/set" '-U3V00042 (USB3)' 'Width = 160 min:16 max:160 inc:4' 'ExposureTime = 3000 us' 'PixelFormat = Mono12p'
+  plugged 60 arv-tool-0.8 values >"$folder/values"
+  has "$folder/values" "'DeviceModelName' = 'Emulated U3V'" "'DeviceTemperature' = 41.5 C" "'TriggerMode' = 'Off'"
+  plugged 60 target/debug/erfgs devices --json >"$folder/devices.json"
+  has "$folder/devices.json" '"erfgs Emulated U3V \"mono\""' '"U3V00042"' '"5 Gbit/s"'
+  plugged 60 target/debug/erfgs record tests/guest/u3v-rig.toml --out "$folder/take.mcap" --seconds 3 --disk-test 0 --quiet --json \
+    >"$folder/summary.json"
+  has "$folder/summary.json" '"driver": 3,'
+  target/debug/erfgs sync "$folder/take.mcap" --json >"$folder/sync.json" || code=1
+  has "$folder/sync.json" '"free-running"'
+  target/debug/erfgs export "$folder/take.mcap" --to png --out "$folder/pictures" --quiet || code=1
+  bye 0
+  python3 tests/guest/u3v.py "$folder" || code=1
+  rm -rf "$folder"
+}
+
+serve() { # serve RIG.toml [kept]: its devices, in $folder; kept: with a copy of all that they deliver
+  local devices keep=()
+  devices=$(grep -c '^\[\[device\]\]' "$1")
   folder=$(mktemp -d)
+  if [ $# -gt 1 ]; then
+    mkdir "$folder/$2"
+    keep=(--keep "$folder/$2")
+  fi
   mkfifo "$folder/commands"
-  target/debug/erfgs-usbd "$1" --sockets "$folder" --ledger "$folder/ledger.json" <"$folder/commands" &
+  target/debug/erfgs-usbd "$1" --sockets "$folder" --ledger "$folder/ledger.json" "${keep[@]}" <"$folder/commands" &
   daemon=$!
   exec 3>"$folder/commands"
-  until [ "$(ls "$folder"/*.sock 2>/dev/null | wc -l)" = 2 ]; do
+  until [ "$(ls "$folder"/*.sock 2>/dev/null | wc -l)" = "$devices" ]; do
     kill -0 $daemon || return 1
     sleep 0.05
   done
 }
 
 dismiss() { # dismiss FAULTS: the devices that are served, and how many faults each should have had
+  bye "$1"
+  rm -rf "$folder"
+}
+
+bye() { # bye FAULTS: as dismiss, and leaves what they wrote
   echo quit >&3
   exec 3>&-
   wait $daemon || code=1
   local faults
   faults=$(grep -o '"faults": *[0-9]*' "$folder/ledger.json" | grep -o '[0-9]*$' | paste -sd ,)
   [ "$faults" = "$1" ] || { echo "the cameras had $faults faults, not $1"; code=1; }
-  rm -rf "$folder"
 }
 
 case "${1:-}" in

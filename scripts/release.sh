@@ -61,8 +61,7 @@ install -D -m 644 /dev/stdin "$tree/share/zsh/vendor-completions/_erfgs" < <("$e
 install -D -m 644 /dev/stdin "$tree/share/fish/vendor_completions.d/erfgs.fish" < <("$erfgs" completions fish)
 "$erfgs" man --quiet "$tree/share/man/man1" >/dev/null
 install -D -m 644 -t "$tree/share/doc/erfgs" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT
-# Before 73, where the tag that gives the user at the machine access is looked at.
-install -D -m 644 scripts/udev/99-erfgs.rules "$tree/lib/udev/rules.d/60-erfgs.rules"
+install -D -m 644 scripts/udev/60-erfgs.rules "$tree/lib/udev/rules.d/60-erfgs.rules"
 scripts/sbom.py erfgs hdf5-static "$version" "$tree/share/doc/erfgs"
 cp "$tree/share/doc/erfgs/erfgs-$version.cdx.json" "$out"
 

@@ -109,7 +109,7 @@ if [ "$oracles" = yes ]; then
 fi
 
 if [ "$emulation" = yes ]; then
-  install busybox-static cpio kmod python3 umockdev libumockdev-dev libudev-dev v4l-utils
+  install busybox-static cpio kmod python3 umockdev libumockdev-dev libudev-dev v4l-utils aravis-tools-cli
   if ! have qemu-system-x86; then
     update_once
     qemu() { as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" qemu-system-x86; }

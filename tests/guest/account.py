@@ -28,6 +28,7 @@ import sys
 
 HEADER = 40
 DISCONTINUITY = 1
+DAMAGED = 2
 CYCLE_NS = 62.5
 
 wrong = []
@@ -88,9 +89,9 @@ def session_start(data):
 
 class Packet:
     def __init__(self, message):
-        self.sequence, self.host_ns = struct.unpack_from("<Qq", message, 4)
+        self.sequence, self.host_ns, self.kernel_ns = struct.unpack_from("<Qqq", message, 4)
         self.kernel_sequence, flags, length = struct.unpack_from("<III", message, 28)
-        self.discontinuity = bool(flags & DISCONTINUITY)
+        self.discontinuity, self.damaged = bool(flags & DISCONTINUITY), bool(flags & DAMAGED)
         self.payload = message[HEADER:]
         assert len(self.payload) == length, "a packet is not as long as it says"
 
@@ -355,4 +356,5 @@ def main():
     sys.exit(1 if wrong else 0)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,9 @@
 //! Sessions through the program: recorded, written, cut off, repaired, described, exported, replayed, synchronised; event files of other
 //! programs, and what is said of wrong input.
 
+#[cfg(target_os = "linux")]
+#[path = "../../rig/tests/it/usb_cameras/support/bus.rs"]
+mod bus;
 mod chain;
 mod damage;
 pub mod dataset;
@@ -19,3 +22,5 @@ mod raw;
 mod rig;
 mod session;
 mod told;
+#[cfg(target_os = "linux")]
+mod u3v;

@@ -161,3 +161,18 @@ fn files_that_are_named_exist() {
     assert!(seen > 100, "{seen} paths");
     assert!(missing.is_empty(), "there is no such file: {missing:#?}");
 }
+
+/// systemd gives the user at the machine what is tagged by 73-seat-late.rules. The interfaces of a device, by which a rule knows cameras of
+/// all makers, are read in 50-udev-default.rules.
+#[test]
+fn rules_of_udev_are_numbered_where_their_tag_is_looked_at() {
+    let mut tags = 0;
+    for entry in fs::read_dir(erfgs_recordings::root().join("scripts/udev")).expect("the rules") {
+        let path = entry.expect("a file").path();
+        let name = path.file_name().and_then(|name| name.to_str()).expect("a name");
+        let number = name.split_once('-').and_then(|(number, _)| number.parse::<u32>().ok());
+        assert!(number.is_some_and(|number| (51..73).contains(&number)), "{name}");
+        tags += fs::read_to_string(&path).expect(name).matches("TAG+=\"uaccess\"").count();
+    }
+    assert!(tags > 5, "{tags} rules");
+}

@@ -62,7 +62,7 @@ fn source(device: &DeviceConfig, bus: &Arc<dyn Bus>) -> Result<Box<dyn Source>, 
         DeviceSettings::Davis346(config) => {
             Box::new(Davis346Source::open(Arc::clone(bus), &device.id, config.as_ref().clone())?)
         }
-        DeviceSettings::Camera(config) => frame::open(config)?,
+        DeviceSettings::Camera(config) => frame::open_on(config, bus)?,
         DeviceSettings::Trigger(config) => Box::new(TriggerBoard::open(config)?),
         DeviceSettings::Pattern(config) => Box::new(Pattern::open(&device.id, config.clone())?),
     })

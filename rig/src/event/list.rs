@@ -57,10 +57,6 @@ fn candidate(identity: &Identity) -> Option<Kind> {
     None
 }
 
-pub(super) fn is_event_camera(identity: &Identity) -> bool {
-    candidate(identity).is_some()
-}
-
 /// The event cameras of this machine, of the kinds whose drivers were built. Opens each for a moment to read its serial number; those in use by another
 /// program are listed with that problem.
 ///

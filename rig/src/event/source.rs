@@ -14,7 +14,7 @@ use super::{
     stream::{Feed, Signal},
     supervisor::{Link, Supervisor, begin, find},
 };
-use crate::usb::{Budget, Bus, memory_advice};
+use crate::usb::{Budget, Bus, Flight, memory_advice};
 
 /// An event camera as a source.
 pub struct EventSource<D: Driver> {
@@ -30,6 +30,11 @@ struct Running {
     thread: JoinHandle<Result<(), EventError>>,
 }
 
+/// The transfers of a stream: those that are wanted, and once it runs those that there are.
+fn told(flight: Flight) -> Value {
+    json!({ "transfers": flight.transfers, "transfer_bytes": flight.bytes })
+}
+
 impl<D: Driver> EventSource<D> {
     /// Finds the camera that `config` asks for and brings it into the state that it describes. `id` is the stream's
     /// name within the rig.
@@ -41,6 +46,8 @@ impl<D: Driver> EventSource<D> {
         let mut driver: D = find(bus.as_ref(), D::wanted_serial(&config))?;
         driver.configure(&config)?;
         let (width, height) = driver.size();
+        let mut settings = driver.settings().clone();
+        settings.insert("stream".into(), told(D::stream_config(&config).flight()));
         let description = Description {
             id: id.into(),
             model: D::MODEL.into(),
@@ -49,7 +56,7 @@ impl<D: Driver> EventSource<D> {
             width,
             height,
             start_order: driver.start_order(),
-            settings: driver.settings().clone(),
+            settings,
         };
         let serial = driver.serial().to_owned();
         let link = Arc::new(Link { bus, config: Mutex::new(config), serial, driver: Mutex::new(Some(driver)) });
@@ -83,10 +90,8 @@ impl<D: Driver> Source for EventSource<D> {
                 EventError::NotFound { model: D::MODEL, serial: self.link.serial.clone(), others: Vec::new() }.into()
             );
         };
-        let cameras =
-            self.link.bus.list().map_or(1, |all| all.iter().filter(|it| super::list::is_event_camera(it)).count());
         let wanted = D::stream_config(&self.link.config()).flight();
-        let flight = Budget::of_machine(cameras).fit(wanted);
+        let flight = Budget::on(&*self.link.bus).fit(wanted);
         if flight != wanted {
             outlet.report(Incident::Warning {
                 message: format!(
@@ -105,8 +110,8 @@ impl<D: Driver> Source for EventSource<D> {
         let (signals, inbox) = mpsc::channel();
         let stream = begin(driver, flight, &self.feed, &outlet, &signals)?;
         drop(guard);
-        let usb = json!({ "transfers": stream.granted(), "transfer_bytes": flight.bytes });
-        self.description.settings.insert("stream".into(), usb);
+        let granted = told(Flight { transfers: stream.granted(), ..flight });
+        self.description.settings.insert("stream".into(), granted);
         let supervisor = Supervisor {
             link: Arc::clone(&self.link),
             feed: Arc::clone(&self.feed),

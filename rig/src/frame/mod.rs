@@ -12,15 +12,12 @@ mod retry;
 #[cfg(target_os = "linux")]
 mod v4l2;
 
-use std::path::PathBuf;
-#[cfg(target_os = "linux")]
-use std::sync::Arc;
+use std::{path::PathBuf, sync::Arc};
 
 use erfgs_session::source::Source;
 use serde::Serialize;
 
-#[cfg(target_os = "linux")]
-use crate::usb::LibusbBus;
+use crate::usb::{Bus, LibusbBus};
 pub use config::{Backend, FrameConfig, Lock, NamedLock};
 pub use error::FrameError;
 pub use format::{encoding_of, fourccs};
@@ -68,6 +65,15 @@ pub fn list() -> Result<Vec<FoundCamera>, FrameError> {
 /// # Errors
 /// If there is no such camera, or it cannot do what is asked; the message says what it can.
 pub fn open(config: &FrameConfig) -> Result<Box<dyn Source>, FrameError> {
+    open_on(config, &(Arc::new(LibusbBus) as _))
+}
+
+/// As [`open`], with the USB devices of `bus`. Cameras that the kernel's own driver serves are the machine's all the same.
+///
+/// # Errors
+/// As [`open`].
+#[cfg_attr(not(target_os = "linux"), expect(unused_variables, reason = "no camera there is opened by way of a bus"))]
+pub fn open_on(config: &FrameConfig, bus: &Arc<dyn Bus>) -> Result<Box<dyn Source>, FrameError> {
     match config.backend {
         #[cfg(target_os = "linux")]
         Backend::Auto | Backend::Precise => Ok(Box::new(PreciseCamera::open(config)?)),
@@ -82,7 +88,7 @@ pub fn open(config: &FrameConfig) -> Result<Box<dyn Source>, FrameError> {
         #[cfg(target_os = "linux")]
         Backend::Gige => Ok(Box::new(GenicamCamera::open(GigeLink, config)?)),
         #[cfg(target_os = "linux")]
-        Backend::U3v => Ok(Box::new(GenicamCamera::open(U3vLink(Arc::new(LibusbBus)), config)?)),
+        Backend::U3v => Ok(Box::new(GenicamCamera::open(U3vLink(Arc::clone(bus)), config)?)),
         #[cfg(not(target_os = "linux"))]
         Backend::Gige | Backend::U3v => {
             let problem = format!("backend \"{}\" exists on Linux alone", config.backend.name());

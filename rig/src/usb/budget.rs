@@ -1,6 +1,6 @@
 //! Memory that Linux lets all programs together put into USB transfers, and what of it a rig may use.
 
-use super::Flight;
+use super::{Bus, Flight, cameras};
 
 const LIMIT_FILE: &str = "/sys/module/usbcore/parameters/usbfs_memory_mb";
 
@@ -41,10 +41,10 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// The budget of this machine for one of `cameras` cameras.
+    /// The budget of this machine for one of the cameras on a bus: event cameras and USB3 Vision cameras share it.
     #[must_use]
-    pub fn of_machine(cameras: usize) -> Self {
-        Self { limit: usbfs_limit_bytes(), cameras }
+    pub fn on(bus: &dyn Bus) -> Self {
+        Self { limit: usbfs_limit_bytes(), cameras: cameras::count(bus) }
     }
 
     /// As many of the transfers that `wanted` asks for as fit this camera's share of three quarters of the limit (the

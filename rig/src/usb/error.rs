@@ -28,7 +28,7 @@ impl TransportError {
 pub enum Fault {
     /// The user may not open the device.
     #[error(
-        "permission denied. Install the rules for cameras: copy scripts/udev/99-erfgs.rules to \
+        "permission denied. Install the rules for cameras: copy scripts/udev/60-erfgs.rules to \
          /etc/udev/rules.d/, run `udevadm control --reload` and `udevadm trigger` as root, join the group plugdev, and \
          plug the device in again. One rule reads: SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{vendor:04x}\", \
          ATTR{{idProduct}}==\"{product:04x}\", MODE=\"0660\", GROUP=\"plugdev\", TAG+=\"uaccess\""

@@ -5,6 +5,7 @@
 
 mod asynchronous;
 mod budget;
+pub(crate) mod cameras;
 mod error;
 mod libusb;
 

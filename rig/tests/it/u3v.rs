@@ -7,9 +7,11 @@ use std::{
 };
 
 use erfgs_hardware_mocks::usb::{
-    Fault, FaultKind, Faults, Plug, Speed, TriggerLine, U3v, U3vFaults, U3vOptions,
+    Davis346, Davis346Options, Evk4, Evk4Options, Fault, FaultKind, Faults, Plug, Speed, TriggerLine, U3v, U3vFaults,
+    U3vOptions, Uvc, UvcOptions,
     clock::ClockError,
-    scene::{FrameScene, PatternFrames},
+    evk4::Stimulus,
+    scene::{FrameScene, Pattern, PatternFrames},
     u3v::STREAM,
     uvc::{Format, FrameTruth},
 };
@@ -17,9 +19,11 @@ use erfgs_rig::{
     frame::{Backend, FrameConfig, FrameError, GenicamCamera, Lock, NamedLock, U3vLink, list_u3v_on},
     genicam::GenicamConfig,
     host_time::host_ns,
+    usb::Budget,
 };
 use erfgs_scene::pixel::{BayerOrder, PixelFormat, Samples};
 use erfgs_session::source::{Counters, Incident, Packet, Source, StampClock};
+use serde_json::json;
 
 use crate::{
     kept::Kept,
@@ -148,15 +152,14 @@ fn frames_come_with_the_cameras_time_and_its_settings_are_read_back() {
     let settings = &description.settings;
     assert_eq!((description.model.as_str(), description.serial.as_str()), ("erfgs Emulated U3V", "U3V00001"));
     assert_eq!(description.exposure_ns(), Some(2_000_000));
-    for (name, value) in
-        [("gain", 6.5), ("black_level", 12.0), ("region_x", 8.0), ("rate_hz", 100.0), ("transfer_bytes", 3072.0)]
-    {
+    for (name, value) in [("gain", 6.5), ("black_level", 12.0), ("region_x", 8.0), ("rate_hz", 100.0)] {
         assert_eq!(settings[name].as_f64(), Some(value), "{name}");
     }
     for (name, value) in [("backend", "u3v"), ("user_name", "left"), ("port", "1-1")] {
         assert_eq!(settings[name], value);
     }
     assert_eq!(settings["usb"]["link"], "5 Gbit/s");
+    assert_eq!(settings["stream"], json!({ "transfers": 8, "transfer_bytes": 3072, "wanted_transfers": 8 }));
     assert_eq!(
         (&settings["genicam"]["GainAuto"], &settings["genicam"]["LineSource"]),
         (&"Off".into(), &"ExposureActive".into())
@@ -425,4 +428,20 @@ fn cameras_are_listed_and_chosen_and_one_program_has_each() {
     assert_eq!((listed[0].name.as_str(), listed[0].serial.as_str()), ("erfgs Emulated U3V", "U3V00007"));
     let said = refused(&bus, &FrameConfig { camera: "U3V00007".into(), ..config() });
     assert!(said.contains("another program uses it. Close other viewers"), "{said}");
+}
+
+#[test]
+fn all_cameras_that_keep_transfers_in_flight_share_the_memory_for_them() {
+    let bus = bus();
+    assert_eq!(Budget::on(&*bus).cameras, 1);
+    let frames = || Box::new(PatternFrames::default());
+    plug(&bus, U3vOptions::default(), Vec::new());
+    bus.add(Arc::new(Mutex::new(U3v::new(U3vOptions::default(), frames()))));
+    let events = |width, height| Box::new(Pattern::new(width, height, 1000));
+    let evk4 = Evk4::new(Evk4Options::default(), Stimulus::Scene(events(1280, 720)));
+    bus.add(Arc::new(Mutex::new(evk4)));
+    bus.add(Arc::new(Mutex::new(Davis346::new(Davis346Options::default(), events(346, 260), frames()))));
+    // One that the kernel's own driver serves takes none of it.
+    bus.add(Arc::new(Mutex::new(Uvc::new(UvcOptions::default(), frames()))));
+    assert_eq!(Budget::on(&*bus).cameras, 4);
 }

@@ -6,7 +6,7 @@ use erfgs_session::source::Description;
 
 use super::{Finding, Plan};
 
-/// Bytes that an event camera keeps in flight where its driver does not say.
+/// Bytes that an event camera keeps in flight where its stream does not say.
 const IN_FLIGHT: u64 = 4 << 20;
 /// Clocks that are read in nanoseconds and do not jump.
 const GOOD_CLOCKS: [&str; 4] = ["tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"];
@@ -26,21 +26,13 @@ pub(super) fn check(plan: &Plan<'_>, root: &Path) -> Vec<Finding> {
 fn usbfs(limit_mib: &str, streams: &[Description]) -> Option<Finding> {
     const CHECK: &str = "usbfs memory";
     let limit = limit_mib.trim().parse::<u64>().ok()? << 20;
-    let in_flight = |stream: &Description| {
-        let number = |name: &str| stream.settings.get("stream")?.get(name)?.as_u64();
-        match (number("transfers"), number("transfer_bytes")) {
-            (Some(transfers), Some(bytes)) => transfers * bytes,
-            _ => IN_FLIGHT,
-        }
-    };
-    let on_usb = |stream: &&Description| stream.encoding.is_events() && !stream.model.contains("(no camera)");
-    let needs: u64 = streams.iter().filter(on_usb).map(in_flight).sum();
+    let needs = streams.iter().map(in_flight).fold(0, u64::saturating_add);
     // 0 means that there is no limit.
     if needs == 0 || limit == 0 {
         return None;
     }
     let says = format!(
-        "event cameras keep {} MiB of USB transfers in flight; the kernel allows {} MiB for all programs together",
+        "the cameras keep {} MiB of USB transfers in flight; the kernel allows {} MiB for all programs together",
         needs.div_ceil(1 << 20),
         limit >> 20
     );
@@ -51,6 +43,16 @@ fn usbfs(limit_mib: &str, streams: &[Description]) -> Option<Finding> {
     } else {
         Finding::good(CHECK, says)
     })
+}
+
+/// Bytes that a stream keeps in flight. Cameras of the kernel's own drivers take none of this memory, and tell of no transfers.
+fn in_flight(stream: &Description) -> u64 {
+    let number = |name: &str| stream.settings.get("stream")?.get(name)?.as_u64();
+    match (number("wanted_transfers").or_else(|| number("transfers")), number("transfer_bytes")) {
+        (Some(transfers), Some(bytes)) => transfers.saturating_mul(bytes),
+        _ if stream.encoding.is_events() && !stream.model.contains("(no camera)") => IN_FLIGHT,
+        _ => 0,
+    }
 }
 
 fn memory(meminfo: &str, queues: u64) -> Option<Finding> {
@@ -84,6 +86,7 @@ fn clock(source: &str) -> Finding {
 #[cfg(test)]
 mod tests {
     use erfgs_events::EventEncoding;
+    use erfgs_scene::pixel::PixelFormat;
     use erfgs_session::source::Encoding;
 
     use super::{super::Verdict, *};
@@ -107,9 +110,20 @@ mod tests {
     fn transfers_are_summed_against_the_kernels_limit() {
         let small = || camera(serde_json::json!({}));
         let large = || camera(serde_json::json!({ "stream": { "transfers": 64, "transfer_bytes": 262_144 } }));
+        let frames = |settings| Description { encoding: Encoding::Frames(PixelFormat::Grey8), ..camera(settings) };
+        // A share of what is wanted, which is told.
+        let u3v = || {
+            let stream = serde_json::json!({ "transfers": 12, "wanted_transfers": 40, "transfer_bytes": 262_144 });
+            frames(serde_json::json!({ "backend": "u3v", "stream": stream }))
+        };
         let verdict = |limit, streams: &[Description]| usbfs(limit, streams).map(|finding| finding.verdict);
         assert_eq!(verdict("16\n", &[small(), small(), small(), small()]), Some(Verdict::Good));
         assert_eq!(verdict("16\n", &[small(), large()]), Some(Verdict::Warning));
+        // 10 MiB of a USB3 Vision camera and 4 MiB of each event camera; a V4L2 camera takes none.
+        assert_eq!(verdict("16\n", &[u3v(), small()]), Some(Verdict::Good));
+        assert_eq!(verdict("16\n", &[u3v(), small(), small()]), Some(Verdict::Warning));
+        assert_eq!(verdict("16\n", &[frames(serde_json::json!({ "backend": "precise" }))]), None);
+        assert!(usbfs("16\n", &[u3v(), small()]).unwrap().says.contains("keep 14 MiB"));
         assert_eq!(verdict("0\n", &[large()]), None);
         assert_eq!(verdict("16\n", &[]), None);
     }

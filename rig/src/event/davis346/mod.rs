@@ -24,7 +24,7 @@ use self::{
 use super::{Driver, EventError, StreamConfig, Window};
 use crate::{
     not_applied::NotApplied,
-    usb::{Identity, Transport},
+    usb::{Identity, Transport, cameras},
 };
 
 const MODEL: &str = "iniVation DAVIS346";
@@ -299,7 +299,7 @@ impl Driver for Davis346 {
     const ADJUSTABLE: &'static [&'static str] = &["biases", "events", "frames"];
 
     fn is_candidate(identity: &Identity) -> bool {
-        (identity.vendor, identity.product) == (0x152A, 0x841A)
+        cameras::is_davis346(identity)
     }
 
     fn connect(transport: Arc<dyn Transport>) -> Result<Self, EventError> {

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     event::EventError,
-    usb::{Control, Identity, Transport},
+    usb::{Control, Transport},
 };
 
 /// Oldest firmware that OpenEB talks to.
@@ -25,11 +25,6 @@ const COMPATIBLE: [&str; 2] = ["psee,ccam5_imx636", "psee,ccam5_gen42"];
 const CHIP_ID: u32 = 0x0014;
 const IMX636: u32 = 0xA040_1806;
 const CHIP_VARIANT: u32 = 0xF128;
-
-/// Whether the identifiers are those of a board that may carry the sensor.
-pub(crate) fn is_candidate(identity: &Identity) -> bool {
-    matches!((identity.vendor, identity.product), (0x04B4, 0x00F4 | 0x00F5) | (0x31F7, 0x0003) | (0x1409, 0x8E00))
-}
 
 /// What the board says of itself.
 #[derive(Clone, Debug, PartialEq, Eq)]

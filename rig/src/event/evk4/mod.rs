@@ -25,13 +25,13 @@ pub use config::{
     AntiFlicker, AntiFlickerMode, BiasOffsets, Evk4Config, Format, MaskRows, RateLimit, Region, RegionMode, SyncRole,
     TrailFilter, TrailKind, TriggerInput,
 };
-pub(super) use identify::{Found, is_candidate};
+pub(super) use identify::Found;
 
 use self::{board::Board, sequence::play};
 use super::{Driver, EventError, StreamConfig};
 use crate::{
     not_applied::NotApplied,
-    usb::{Identity, Transport},
+    usb::{Identity, Transport, cameras},
 };
 
 pub(super) const MODEL: &str = "Prophesee EVK4";
@@ -152,7 +152,7 @@ impl Driver for Evk4 {
         &["biases", "region", "masked_pixels", "rate_limit", "anti_flicker", "trail_filter"];
 
     fn is_candidate(identity: &Identity) -> bool {
-        is_candidate(identity)
+        cameras::is_prophesee(identity)
     }
 
     fn connect(transport: Arc<dyn Transport>) -> Result<Self, EventError> {

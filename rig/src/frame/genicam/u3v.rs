@@ -136,8 +136,11 @@ impl Device for U3vDevice {
             "port": identity.port,
             "usb": { "device": identity.to_string(), "link": identity.speed.to_string() },
             "user_name": self.found.name,
-            "transfers": intake.flight.transfers,
-            "transfer_bytes": intake.sizes.transfer,
+            "stream": {
+                "transfers": intake.flight.transfers,
+                "transfer_bytes": intake.flight.bytes,
+                "wanted_transfers": intake.wanted.transfers,
+            },
         });
         if let Value::Object(told) = told {
             settings.extend(told);

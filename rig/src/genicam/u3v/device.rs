@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     genicam::{Block, Features, GenicamConfig, GenicamError, description, settings},
-    usb::{Arrival, Bus, Control, Flight, Stream, memory_advice},
+    usb::{Arrival, Budget, Bus, Control, Flight, Stream, memory_advice},
 };
 
 /// A manifest has no more entries.
@@ -33,7 +33,7 @@ pub struct Device {
     pub features: Features,
     endpoint: u8,
     sirm: u64,
-    cameras: usize,
+    budget: Budget,
 }
 
 /// The receiving end of a stream.
@@ -41,6 +41,8 @@ pub struct Intake {
     /// What it looks like.
     pub sizes: Sizes,
     /// The transfers that are wanted in flight.
+    pub wanted: Flight,
+    /// Those of them for which there should be memory.
     pub flight: Flight,
     channel: Arc<Channel>,
     shared: Arc<Shared>,
@@ -89,9 +91,7 @@ impl Device {
         }
         let sirm = channel.double(offset(sbrm, register::SIRM)?)?;
         let features = Features::new(&read_description(&channel)?, Arc::clone(&channel))?;
-        // What other cameras take of the kernel's memory for transfers.
-        let cameras = find::count(bus);
-        Ok(Self { channel, features, endpoint, sirm, cameras })
+        Ok(Self { channel, features, endpoint, sirm, budget: Budget::on(bus) })
     }
 
     /// What the camera needs for frames of so many bytes, and room for it.
@@ -107,9 +107,11 @@ impl Device {
         };
         let sizes = Sizes::new(needs, frame_bytes, config.transfer_bytes)?;
         let state = State { receiver: Receiver::new(Plan::from(&sizes)), broke: None, lively: false };
+        let wanted = sizes.flight(config);
         Ok(Intake {
             sizes,
-            flight: sizes.flight(config, self.cameras),
+            wanted,
+            flight: self.budget.fit(wanted),
             channel: Arc::clone(&self.channel),
             shared: Arc::new(Shared { state: Mutex::new(state), came: Condvar::new() }),
             stream: None,
@@ -217,8 +219,8 @@ impl Intake {
     /// What a user should know of the transfers, if there is something.
     #[must_use]
     pub fn shortage(&self) -> Option<String> {
-        (self.granted < self.flight.transfers).then(|| {
-            format!("{} transfers in flight of the {} wanted: {}", self.granted, self.flight.transfers, memory_advice())
+        (self.granted < self.wanted.transfers).then(|| {
+            format!("{} transfers in flight of the {} wanted: {}", self.granted, self.wanted.transfers, memory_advice())
         })
     }
 

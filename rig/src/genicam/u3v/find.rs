@@ -5,11 +5,10 @@ use std::sync::Arc;
 use super::{Channel, gencp::register};
 use crate::{
     genicam::GenicamError,
-    usb::{Bus, Identity, Interface, Transport, TransportError},
+    usb::{Bus, Identity, Interface, Transport, TransportError, cameras::u3v_control},
 };
 
-/// Class and subclass of all interfaces, and the protocols of those for control and for the stream.
-const CONTROL: (u8, u8, u8) = (0xef, 5, 0);
+/// Class, subclass and protocol of the interface that streams.
 const STREAM: (u8, u8, u8) = (0xef, 5, 2);
 
 /// A camera on a bus.
@@ -45,10 +44,6 @@ pub struct Opened {
     pub stream: Interface,
 }
 
-fn with_class(interfaces: &[Interface], class: (u8, u8, u8)) -> Option<&Interface> {
-    interfaces.iter().find(|interface| interface.class == class)
-}
-
 /// Opens a camera.
 ///
 /// # Errors
@@ -56,7 +51,8 @@ fn with_class(interfaces: &[Interface], class: (u8, u8, u8)) -> Option<&Interfac
 pub(super) fn open(bus: &dyn Bus, identity: &Identity) -> Result<Opened, GenicamError> {
     let transport: Arc<dyn Transport> = bus.open(identity)?;
     let interfaces = transport.interfaces();
-    let (Some(control), Some(stream)) = (with_class(interfaces, CONTROL), with_class(interfaces, STREAM)) else {
+    let stream = interfaces.iter().find(|interface| interface.class == STREAM);
+    let (Some(control), Some(stream)) = (u3v_control(interfaces), stream) else {
         return Err(GenicamError::Usb3 { reason: "it has no interfaces for control and stream".into() });
     };
     let (control, stream) = (control.clone(), stream.clone());
@@ -73,7 +69,7 @@ pub fn find(bus: &dyn Bus) -> Result<Vec<Found>, TransportError> {
     for identity in bus.list()? {
         // One that is unplugged meanwhile is no camera.
         let Ok(described) = bus.describe(&identity) else { continue };
-        if with_class(&described.interfaces, CONTROL).is_none() {
+        if u3v_control(&described.interfaces).is_none() {
             continue;
         }
         let mut found = Found {
@@ -93,15 +89,6 @@ pub fn find(bus: &dyn Bus) -> Result<Vec<Found>, TransportError> {
     }
     cameras.sort_by(|a, b| a.identity.port.cmp(&b.identity.port));
     Ok(cameras)
-}
-
-/// How many cameras there are on a bus, one at least.
-pub(super) fn count(bus: &dyn Bus) -> usize {
-    let all = bus.list().unwrap_or_default();
-    let is_one = |identity: &&Identity| {
-        bus.describe(identity).is_ok_and(|described| with_class(&described.interfaces, CONTROL).is_some())
-    };
-    all.iter().filter(is_one).count().max(1)
 }
 
 /// Asks a camera what it is.

@@ -2,7 +2,7 @@
 
 use crate::{
     genicam::{GenicamConfig, GenicamError, block::block_bytes},
-    usb::{Budget, Flight},
+    usb::Flight,
 };
 
 /// Bytes of a transfer, if the configuration does not say. A MiB was too much for some hosts.
@@ -69,13 +69,13 @@ impl Sizes {
         Ok(Self { transfer, block_bytes, told: [leader, transfer, payload / transfer, rest, 0, trailer] })
     }
 
-    /// Transfers in flight: those of two frames, and no more than the kernel has memory for.
+    /// The transfers that are wanted in flight: those of two frames.
     #[must_use]
-    pub fn flight(&self, config: &GenicamConfig, cameras: usize) -> Flight {
+    pub fn flight(&self, config: &GenicamConfig) -> Flight {
         let [_, _, count, rest, ..] = self.told;
         let frame = count as usize + usize::from(rest > 0) + 2;
         let transfers = config.transfers.unwrap_or((2 * frame).clamp(*FLIGHT.start(), *FLIGHT.end()));
-        Budget::of_machine(cameras).fit(Flight { transfers, bytes: self.transfer as usize })
+        Flight { transfers, bytes: self.transfer as usize }
     }
 }
 
@@ -95,7 +95,7 @@ mod tests {
         assert_eq!((small.transfer, small.told), (3072, [1024, 3072, 0, 3072, 0, 1024]));
         let whole = Sizes::new(Needs { payload: 131_072, info: 0, ..NEEDS }, 131_072, Some(65_536)).unwrap();
         assert_eq!(whole.told, [1024, 65_536, 2, 0, 0, 1024]);
-        assert_eq!(small.flight(&GenicamConfig { transfers: Some(4), ..GenicamConfig::default() }, 1).transfers, 4);
+        assert_eq!(small.flight(&GenicamConfig { transfers: Some(4), ..GenicamConfig::default() }).transfers, 4);
     }
 
     #[test]

@@ -5,6 +5,8 @@ mod arrays;
 mod chunks;
 mod frames;
 mod inivation;
+#[cfg(target_os = "linux")]
+mod machine_vision;
 mod prophesee;
 mod session_files;
 
@@ -41,6 +43,8 @@ impl Seeds {
         arrays::put(&mut seeds);
         chunks::put(&mut seeds);
         frames::put(&mut seeds);
+        #[cfg(target_os = "linux")]
+        machine_vision::put(&mut seeds);
         session_files::put(&mut seeds, &evt3, &davis);
         seeds
     }

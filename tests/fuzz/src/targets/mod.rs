@@ -14,10 +14,16 @@ mod evt2;
 mod evt21;
 mod evt3;
 mod frames;
+#[cfg(target_os = "linux")]
+mod gencp;
 mod headers;
 mod npy;
 mod npz;
 mod repair;
+#[cfg(target_os = "linux")]
+mod u3vcamera;
+#[cfg(target_os = "linux")]
+mod u3vstream;
 
 pub use aedat2::aedat2;
 pub use aedat4::aedat4;
@@ -32,10 +38,16 @@ pub use evt2::evt2;
 pub use evt3::evt3;
 pub use evt21::evt21;
 pub use frames::frames;
+#[cfg(target_os = "linux")]
+pub use gencp::gencp;
 pub use headers::headers;
 pub use npy::npy;
 pub use npz::npz;
 pub use repair::repair;
+#[cfg(target_os = "linux")]
+pub use u3vcamera::u3vcamera;
+#[cfg(target_os = "linux")]
+pub use u3vstream::u3vstream;
 
 /// A target: what checks one input, by panicking.
 pub type Target = fn(&[u8]);
@@ -59,6 +71,12 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("ecf", ecf),
     ("blosc", blosc),
     ("frames", frames),
+    #[cfg(target_os = "linux")]
+    ("gencp", gencp),
+    #[cfg(target_os = "linux")]
+    ("u3vstream", u3vstream),
+    #[cfg(target_os = "linux")]
+    ("u3vcamera", u3vcamera),
 ];
 
 /// The target of this name.
