@@ -38,7 +38,7 @@ impl<'a> Commands<'a> {
     /// linear workgroup index as `group.y * num_workgroups.x + group.x` and returns where it passes its count.
     pub fn dispatch(&mut self, kernel: &Kernel, bindings: &[Binding<'_>], groups: u32) {
         if groups > 0 {
-            self.run(&self.gpu.bind(kernel, bindings), groups);
+            self.run(&self.gpu.bind_again(kernel, bindings), groups);
         }
     }
 
@@ -50,7 +50,7 @@ impl<'a> Commands<'a> {
         arguments: &wgpu::Buffer,
         offset: u64,
     ) {
-        self.run_indirect(&self.gpu.bind(kernel, bindings), arguments, offset);
+        self.run_indirect(&self.gpu.bind_again(kernel, bindings), arguments, offset);
     }
 
     /// As [`Commands::dispatch`], of what is bound already.

@@ -8,6 +8,7 @@ use wgpu::util::DeviceExt;
 
 use super::{
     memory as device_memory,
+    reuse::Reused,
     submissions::{Held, Submission},
     timing::{self, Times},
     traffic::{Counters, Traffic},
@@ -136,6 +137,7 @@ pub struct Gpu {
     pub(super) counters: Counters,
     pub(super) times: Times,
     pub(super) held: Held,
+    pub(super) reused: Reused,
     failure: Arc<Mutex<Option<Failure>>>,
 }
 
@@ -220,8 +222,21 @@ impl Gpu {
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
         let subgroup = if features.contains(wgpu::Features::SUBGROUP) { info.subgroup_min_size } else { 0 };
         let memory = device_memory::own(&adapter);
-        let (counters, times, held) = (Counters::default(), Times::default(), Held::default());
-        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, memory, counters, times, held, failure })
+        Ok(Self {
+            device,
+            queue,
+            info,
+            limits,
+            shape,
+            mappable,
+            subgroup,
+            memory,
+            counters: Counters::default(),
+            times: Times::default(),
+            held: Held::default(),
+            reused: Reused::default(),
+            failure,
+        })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
@@ -239,6 +254,7 @@ impl Gpu {
                 limit,
             });
         }
+        self.reused.makes(size);
         let shared = matches!(self.info.device_type, wgpu::DeviceType::Cpu | wgpu::DeviceType::IntegratedGpu);
         if shared && size >= WORTH_ASKING {
             memory::afford(size).map_err(|shortage| GpuError::NoMemory {
@@ -266,13 +282,13 @@ impl Gpu {
         Ok(buffer)
     }
 
-    /// A uniform buffer that holds `value`.
+    /// A uniform buffer that holds `value` for good: the same where it was asked for not long ago.
     pub fn uniform<T: Pod>(&self, label: &str, value: &T) -> wgpu::Buffer {
-        self.counters.written(size_of::<T>() as u64);
-        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some(label),
-            contents: bytemuck::bytes_of(value),
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        let contents = bytemuck::bytes_of(value);
+        self.reused.uniform(label, contents, || {
+            self.counters.written(contents.len() as u64);
+            let usage = wgpu::BufferUsages::UNIFORM;
+            self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
         })
     }
 

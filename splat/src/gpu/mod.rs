@@ -9,6 +9,7 @@ mod commands;
 mod context;
 mod kernel;
 mod memory;
+mod reuse;
 mod submissions;
 mod timing;
 mod traffic;
