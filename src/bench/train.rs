@@ -1,6 +1,7 @@
 //! `erfgs bench train`.
 
 use std::{
+    cell::Cell,
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
 };
@@ -29,9 +30,9 @@ const WARM_UP: u32 = 20;
 /// Measure a training run.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Iterations of the fine stage are measured, after a warm-up. After every stage the benchmark waits for the device, which \
-training does not do; the stages together therefore take a little more than an iteration of training. Submissions, dispatches, \
-buffers that the host waits for and bytes either way are counted where they happen.
+Iterations of the fine stage are measured, after a warm-up: first as training runs them, for iterations a second, processor time, \
+submissions, dispatches, buffers that the host waits for and bytes either way; then as many again with a wait after every stage, \
+which together take more than an iteration of training.
 
 Examples:
   erfgs bench train ds-dv
@@ -50,7 +51,7 @@ pub struct Arguments {
     /// Change a setting; may be given again.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Iterations that are measured.
+    /// Iterations that are measured, and as many again stage by stage.
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..1_000_000))]
     iterations: u32,
     /// Time each kernel by the device's own clock, too, which slows the stages down.
@@ -83,6 +84,8 @@ struct Figures {
     iterations_per_s: f64,
     /// Processor time of this process in an iteration, milliseconds; of the host alone where the adapter is no software driver.
     cpu_ms_an_iteration: f64,
+    /// Processor time of the thread that trains, milliseconds: it records what the device computes.
+    thread_ms_an_iteration: f64,
     /// What passes to and from the device in an iteration, in the mean.
     an_iteration: TrafficFigures,
     stages: Vec<StageFigures>,
@@ -129,7 +132,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         config.set(assignment).map_err(|error| Usage(error.to_string()))?;
     }
     config.coarse_iterations = WARM_UP;
-    config.fine_iterations = WARM_UP + arguments.iterations;
+    config.fine_iterations = WARM_UP + 2 * arguments.iterations;
     config.evaluation.leave_alone();
     config.evaluation.log_every = u32::MAX;
     let (method, preset) = (arguments.method.name(), arguments.preset.name());
@@ -146,23 +149,35 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let folder = erfgs_base::scratch::Scratch::new().context("cannot make a folder for the run")?;
     let folder = RunFolder::new(folder.path());
     let progress = terminal.progress("measuring");
-    let warm = AtomicBool::new(false);
-    trainer.run(&folder, &options, &warm, &mut |now: &erfgs_train::trainer::Progress| {
-        progress.share(now.share, || "warming up".into());
-        warm.store(now.iteration >= u64::from(2 * WARM_UP), Ordering::Relaxed);
-    })?;
+    // After the last iteration: what a run saves at its end is none.
+    let thread_seconds = Cell::new(0.0);
+    let train_to = |trainer: &mut Trainer<'_>, end: u64, doing: &str| {
+        let reached = AtomicBool::new(false);
+        trainer.run(&folder, &options, &reached, &mut |now: &erfgs_train::trainer::Progress| {
+            progress.share(now.share, || doing.into());
+            thread_seconds.set(erfgs_base::cpu::thread_seconds().unwrap_or(0.0));
+            reached.store(now.iteration >= end, Ordering::Relaxed);
+        })
+    };
+    let [warm, counted] = [2 * WARM_UP, 2 * WARM_UP + arguments.iterations].map(u64::from);
+    train_to(&mut trainer, warm, "warming up")?;
+    trainer.times.count();
+    let first = trainer.iterations_done();
+    let spent = |trainer: &Trainer<'_>, thread: f64| [trainer.clock.seconds, trainer.clock.cpu_seconds, thread];
+    let before = spent(&trainer, erfgs_base::cpu::thread_seconds().unwrap_or(0.0));
+    train_to(&mut trainer, counted, "measuring")?;
+    let after = spent(&trainer, thread_seconds.get());
+    let [seconds, cpu_seconds, thread_seconds] = std::array::from_fn(|kind| after[kind] - before[kind]);
+    let iterations = (trainer.iterations_done() - first).max(1) as f64;
     trainer.times.start();
     if arguments.kernels {
         gpu.time_kernels()?;
     }
-    let (first, started) = (trainer.iterations_done(), [trainer.clock.seconds, trainer.clock.cpu_seconds]);
     trainer.run(&folder, &options, &AtomicBool::new(false), &mut |now: &erfgs_train::trainer::Progress| {
-        progress.share(now.share, || format!("iteration {} of {}", now.iteration, now.iterations));
+        progress.share(now.share, || "measuring each stage".into());
     })?;
     drop(progress);
     let gaussians = trainer.model.drawn.gaussians.count;
-    let measured = trainer.iterations_done() - first;
-    let iterations = measured.max(1) as f64;
     let total: f64 = trainer.times.stages().map(|(_, seconds, _)| seconds).sum();
     let stages = trainer
         .times
@@ -195,9 +210,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         preset,
         gaussians,
         dynamic: trainer.model.drawn.dynamic,
-        iterations: measured,
-        iterations_per_s: iterations / (trainer.clock.seconds - started[0]).max(1e-12),
-        cpu_ms_an_iteration: 1e3 * (trainer.clock.cpu_seconds - started[1]) / iterations,
+        iterations: iterations as u64,
+        iterations_per_s: iterations / seconds.max(1e-12),
+        cpu_ms_an_iteration: 1e3 * cpu_seconds / iterations,
+        thread_ms_an_iteration: 1e3 * thread_seconds / iterations,
         an_iteration: TrafficFigures {
             submissions: mean(traffic.submissions),
             dispatches: mean(traffic.dispatches),
@@ -238,7 +254,7 @@ fn describe(figures: &Figures) -> String {
     let kernels = if figures.kernels.is_empty() { String::new() } else { format!("\n\n{}", table(&kernels)) };
     format!(
         "{} ({}): {} with preset {}, {} Gaussians of which {} move, {:.1} iterations a second\n\
-         an iteration: {:.2} ms of processor time, {:.1} submissions of {:.0} dispatches, {:.1} kB written (at most {:.1}), {:.1} \
+         an iteration: {:.2} ms of processor time ({:.2} of the thread that trains), {:.1} submissions of {:.0} dispatches, {:.1} kB written (at most {:.1}), {:.1} \
          buffers and {:.1} kB read back\n{}{kernels}",
         figures.adapter,
         figures.driver,
@@ -248,6 +264,7 @@ fn describe(figures: &Figures) -> String {
         thousands(figures.dynamic.into()),
         figures.iterations_per_s,
         figures.cpu_ms_an_iteration,
+        figures.thread_ms_an_iteration,
         figures.an_iteration.submissions,
         figures.an_iteration.dispatches,
         1e-3 * figures.an_iteration.bytes_written,

@@ -1,8 +1,8 @@
 //! Recording of dispatches.
 
-use super::{Binding, Bound, Gpu, Kernel, timing::Stamps};
+use super::{Binding, Bound, Gpu, Kernel, Submission, timing::Stamps};
 
-/// Commands recorded for one submission, run in order.
+/// Commands that are recorded together, run in order.
 #[derive(Debug)]
 pub struct Commands<'a> {
     gpu: &'a Gpu,
@@ -38,7 +38,7 @@ impl<'a> Commands<'a> {
     /// linear workgroup index as `group.y * num_workgroups.x + group.x` and returns where it passes its count.
     pub fn dispatch(&mut self, kernel: &Kernel, bindings: &[Binding<'_>], groups: u32) {
         if groups > 0 {
-            self.run(&self.gpu.bind(kernel, bindings), groups);
+            self.run(&self.gpu.bind_again(kernel, bindings), groups);
         }
     }
 
@@ -50,7 +50,7 @@ impl<'a> Commands<'a> {
         arguments: &wgpu::Buffer,
         offset: u64,
     ) {
-        self.run_indirect(&self.gpu.bind(kernel, bindings), arguments, offset);
+        self.run_indirect(&self.gpu.bind_again(kernel, bindings), arguments, offset);
     }
 
     /// As [`Commands::dispatch`], of what is bound already.
@@ -79,12 +79,12 @@ impl<'a> Commands<'a> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, 0, bytes);
     }
 
-    /// Hands the recording to the device. The index says what to wait for.
-    pub fn submit(mut self) -> wgpu::SubmissionIndex {
+    /// Hands the recording to the device, after those that [`Gpu::hold_back`] holds back, or has it wait with them.
+    pub fn submit(mut self) -> Submission {
         self.pass = None;
-        self.gpu.counters.submitted(self.dispatches);
+        self.gpu.counters.dispatched(self.dispatches);
         let stamps = self.stamps.take().map(|stamps| (stamps.resolve(&self.gpu.device, &mut self.encoder), stamps));
-        let submission = self.gpu.queue.submit([self.encoder.finish()]);
+        let submission = self.gpu.hand_over(self.encoder.finish());
         if let Some((buffers, stamps)) = stamps {
             stamps.count(self.gpu, &submission, &buffers);
         }

@@ -8,6 +8,8 @@ use wgpu::util::DeviceExt;
 
 use super::{
     memory as device_memory,
+    reuse::Reused,
+    submissions::{Held, Submission},
     timing::{self, Times},
     traffic::{Counters, Traffic},
 };
@@ -134,6 +136,8 @@ pub struct Gpu {
     memory: Option<u64>,
     pub(super) counters: Counters,
     pub(super) times: Times,
+    pub(super) held: Held,
+    pub(super) reused: Reused,
     failure: Arc<Mutex<Option<Failure>>>,
 }
 
@@ -218,8 +222,21 @@ impl Gpu {
         let mappable = shape == Shape::Cpu && features.contains(wgpu::Features::MAPPABLE_PRIMARY_BUFFERS);
         let subgroup = if features.contains(wgpu::Features::SUBGROUP) { info.subgroup_min_size } else { 0 };
         let memory = device_memory::own(&adapter);
-        let (counters, times) = (Counters::default(), Times::default());
-        Ok(Self { device, queue, info, limits, shape, mappable, subgroup, memory, counters, times, failure })
+        Ok(Self {
+            device,
+            queue,
+            info,
+            limits,
+            shape,
+            mappable,
+            subgroup,
+            memory,
+            counters: Counters::default(),
+            times: Times::default(),
+            held: Held::default(),
+            reused: Reused::default(),
+            failure,
+        })
     }
 
     /// A zeroed storage buffer of `bytes` bytes (at least 16, rounded up to 16).
@@ -237,6 +254,7 @@ impl Gpu {
                 limit,
             });
         }
+        self.reused.makes(size);
         let shared = matches!(self.info.device_type, wgpu::DeviceType::Cpu | wgpu::DeviceType::IntegratedGpu);
         if shared && size >= WORTH_ASKING {
             memory::afford(size).map_err(|shortage| GpuError::NoMemory {
@@ -259,28 +277,35 @@ impl Gpu {
     /// As [`Gpu::storage`].
     pub fn storage_from<T: Pod>(&self, label: &str, data: &[T]) -> Result<wgpu::Buffer, GpuError> {
         let buffer = self.storage(label, size_of_val(data) as u64)?;
-        self.upload(&buffer, 0, data);
+        // No recording that is held back knows the buffer.
+        self.write(&buffer, 0, bytemuck::cast_slice(data));
         Ok(buffer)
     }
 
-    /// A uniform buffer that holds `value`.
+    /// A uniform buffer that holds `value` for good: the same where it was asked for not long ago.
     pub fn uniform<T: Pod>(&self, label: &str, value: &T) -> wgpu::Buffer {
-        self.counters.written(size_of::<T>() as u64);
-        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some(label),
-            contents: bytemuck::bytes_of(value),
-            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        let contents = bytemuck::bytes_of(value);
+        self.reused.uniform(label, contents, || {
+            self.counters.written(contents.len() as u64);
+            let usage = wgpu::BufferUsages::UNIFORM;
+            self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some(label), contents, usage })
         })
     }
 
-    /// Writes `data` into `buffer` from byte `offset` on. Takes effect before the next submission.
+    /// Writes `data` into `buffer` from byte `offset` on, after everything that was recorded and handed over or held back. The latter is
+    /// handed over for it: the device writes before the submission that follows.
     pub fn upload<T: Pod>(&self, buffer: &wgpu::Buffer, offset: u64, data: &[T]) {
-        let bytes: &[u8] = bytemuck::cast_slice(data);
-        if bytes.is_empty() {
-            return;
+        if !data.is_empty() {
+            self.flush();
         }
-        self.counters.written(bytes.len() as u64);
-        self.queue.write_buffer(buffer, offset, bytes);
+        self.write(buffer, offset, bytemuck::cast_slice(data));
+    }
+
+    fn write(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.counters.written(bytes.len() as u64);
+            self.queue.write_buffer(buffer, offset, bytes);
+        }
     }
 
     /// Waits for the device, then lends the first `counts[i]` elements of each buffer to `read`. On a mappable adapter
@@ -312,10 +337,10 @@ impl Gpu {
                     copy
                 })
                 .collect();
-            self.counters.submitted(0);
-            self.queue.submit([encoder.finish()]);
+            self.hand_over(encoder.finish());
             copies
         };
+        self.flush();
         for (buffer, (_, count)) in mapped.iter().zip(buffers) {
             self.counters.mapped(bytes_of(*count));
             buffer.slice(..bytes_of(*count)).map_async(wgpu::MapMode::Read, |_| {});
@@ -370,27 +395,29 @@ impl Gpu {
     pub fn read_mapped<R>(
         &self,
         buffer: &wgpu::Buffer,
-        submission: wgpu::SubmissionIndex,
+        submission: &Submission,
         doing: &str,
         read: impl FnOnce(&[u8]) -> R,
     ) -> Result<R, GpuError> {
         let failed = |message: String| GpuError::Failed { doing: doing.into(), message };
         let slice = buffer.slice(..);
         self.counters.mapped(buffer.size());
+        let submission_index = self.handed_over(submission);
         slice.map_async(wgpu::MapMode::Read, |_| {});
         self.device
-            .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+            .poll(wgpu::PollType::Wait { submission_index, timeout: None })
             .map_err(|error| failed(error.to_string()))?;
         let result = read(&slice.get_mapped_range().map_err(|error| failed(error.to_string()))?);
         buffer.unmap();
         Ok(result)
     }
 
-    /// Waits until everything submitted is done, and reports what failed meanwhile.
+    /// Waits until everything submitted, what was held back included, is done, and reports what failed meanwhile.
     ///
     /// # Errors
     /// [`GpuError::Failed`].
     pub fn wait(&self, doing: &str) -> Result<(), GpuError> {
+        self.flush();
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         let failure = self.failure.lock().ok().and_then(|mut slot| slot.take());
         match (polled, failure) {

@@ -1,6 +1,9 @@
 //! Compute kernels: WGSL text with its shared parts, one entry point `main`, one bind group.
 
-use std::sync::Arc;
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
 
 use super::Gpu;
 
@@ -10,6 +13,8 @@ pub type Binding<'a> = &'a wgpu::Buffer;
 /// A compiled compute kernel.
 #[derive(Debug)]
 pub struct Kernel {
+    /// Which of the process.
+    number: u64,
     pub(super) label: Arc<str>,
     pub(super) pipeline: wgpu::ComputePipeline,
     pub(super) layout: wgpu::BindGroupLayout,
@@ -63,21 +68,34 @@ impl Gpu {
             cache: None,
         });
         let layout = pipeline.get_bind_group_layout(0);
-        Kernel { label: label.into(), pipeline, layout }
+        static MADE: AtomicU64 = AtomicU64::new(0);
+        Kernel { number: MADE.fetch_add(1, Ordering::Relaxed), label: label.into(), pipeline, layout }
     }
 
     /// Binds buffers to a kernel, in the order of its `@binding` numbers.
     pub fn bind(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> Bound {
+        self.bound(kernel, self.group(kernel, bindings))
+    }
+
+    /// The same for a dispatch that the next iteration will hardly differ from.
+    pub(super) fn bind_again(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> Bound {
+        self.bound(kernel, self.reused.group(kernel.number, bindings, || self.group(kernel, bindings)))
+    }
+
+    fn bound(&self, kernel: &Kernel, group: wgpu::BindGroup) -> Bound {
+        Bound { label: Arc::clone(&kernel.label), pipeline: kernel.pipeline.clone(), group }
+    }
+
+    fn group(&self, kernel: &Kernel, bindings: &[Binding<'_>]) -> wgpu::BindGroup {
         let entries: Vec<_> = bindings
             .iter()
             .zip(0..)
             .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
-        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(&kernel.label),
             layout: &kernel.layout,
             entries: &entries,
-        });
-        Bound { label: Arc::clone(&kernel.label), pipeline: kernel.pipeline.clone(), group }
+        })
     }
 }

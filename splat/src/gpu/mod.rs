@@ -9,6 +9,8 @@ mod commands;
 mod context;
 mod kernel;
 mod memory;
+mod reuse;
+mod submissions;
 mod timing;
 mod traffic;
 
@@ -16,5 +18,6 @@ pub use canary::{Canary, run_canary};
 pub use commands::Commands;
 pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
 pub use kernel::{Binding, Bound, Kernel};
+pub use submissions::{HeldBack, Submission};
 pub use timing::KernelTime;
 pub use traffic::Traffic;

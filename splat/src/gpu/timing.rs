@@ -8,7 +8,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use super::{Gpu, GpuError};
+use super::{Gpu, GpuError, Submission};
 
 /// What the device has to do for it.
 pub(super) const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY
@@ -138,10 +138,10 @@ impl Stamps {
 
     /// Waits for the submission and adds its times to the sums. What cannot be read is not counted: the failure is told at the next
     /// [`Gpu::wait`].
-    pub(super) fn count(self, gpu: &Gpu, submission: &wgpu::SubmissionIndex, buffers: &[wgpu::Buffer]) {
+    pub(super) fn count(self, gpu: &Gpu, submission: &Submission, buffers: &[wgpu::Buffer]) {
         let mut stamps: Vec<u64> = Vec::with_capacity(2 * self.kernels.len());
         for buffer in buffers {
-            let _ = gpu.read_mapped(buffer, submission.clone(), "reading timestamps", |bytes| {
+            let _ = gpu.read_mapped(buffer, submission, "reading timestamps", |bytes| {
                 stamps.extend(bytes.chunks_exact(8).map(bytemuck::pod_read_unaligned::<u64>));
             });
         }

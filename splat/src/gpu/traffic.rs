@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 /// How much passed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Submissions of recorded commands.
+    /// Submissions, of one recording or of those that were held back.
     pub submissions: u64,
-    /// Dispatches in them.
+    /// Dispatches recorded for them.
     pub dispatches: u64,
     /// Buffers mapped for reading, each of which is waited for.
     pub maps: u64,
@@ -64,8 +64,11 @@ pub(super) struct Counters {
 }
 
 impl Counters {
-    pub(super) fn submitted(&self, dispatches: u64) {
+    pub(super) fn submitted(&self) {
         self.submissions.fetch_add(1, Relaxed);
+    }
+
+    pub(super) fn dispatched(&self, dispatches: u64) {
         self.dispatches.fetch_add(dispatches, Relaxed);
     }
 

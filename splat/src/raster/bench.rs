@@ -39,7 +39,7 @@ pub struct BenchResult {
     pub forward_ms: f64,
     /// A whole backward pass.
     pub backward_ms: f64,
-    /// Tile intersections of the image (on the GPU shape: what there was room for).
+    /// Tile intersections of the image.
     pub intersections: u32,
 }
 
@@ -121,5 +121,24 @@ pub fn bench(gpu: &Gpu, scene: &BenchScene, repeats: u32) -> Result<BenchResult,
             }
         }
     }
-    Ok(BenchResult { stages, forward_ms, backward_ms, intersections: frame.room })
+    // The host makes as much room as it counts, a device has room for more.
+    let intersections = frame.settle(gpu)?.unwrap_or(frame.room);
+    Ok(BenchResult { stages, forward_ms, backward_ms, intersections })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::{AdapterChoice, Shape};
+
+    #[test]
+    fn both_shapes_count_the_same_intersections() {
+        let scene = BenchScene { gaussians: 1000, width: 96, height: 64, ..BenchScene::default() };
+        let [host, device] = [Shape::Cpu, Shape::Gpu].map(|shape| {
+            let gpu = Gpu::open(&AdapterChoice { name: None, shape: Some(shape) }).expect("an adapter");
+            bench(&gpu, &scene, 1).expect("renderings").intersections
+        });
+        // They may round differently at the border of a tile.
+        assert!(host > 1000 && host.abs_diff(device) <= host / 500, "{host} and {device}");
+    }
 }

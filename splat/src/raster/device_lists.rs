@@ -39,6 +39,8 @@ pub(super) struct DeviceLists {
 /// What no render needs after its forward pass.
 #[derive(Debug)]
 struct Scratch {
+    /// Gaussians that the plans are for.
+    planned: Option<u32>,
     /// Tiles that each Gaussian touches.
     counts: Buffer,
     /// First emission index of each Gaussian, in order of depth.
@@ -52,6 +54,7 @@ struct Scratch {
 impl Scratch {
     fn new(gpu: &Gpu, sort: &RadixSort, gaussians: u32, intersections: u32) -> Result<Self, RasterError> {
         Ok(Self {
+            planned: None,
             counts: gpu.storage("tile counts", 4 * u64::from(gaussians))?,
             offsets: gpu.storage("offsets", 4 * u64::from(gaussians))?,
             offset_plan: gpu.storage("plan of the offsets", size_of::<Plan>() as u64)?,
@@ -111,12 +114,15 @@ impl DeviceLists {
         }
         grow(gpu, &mut frame.entries, "frame.entries", 4 * u64::from(frame.room))?;
         grow(gpu, &mut frame.owners, "frame.owners", 4 * u64::from(frame.room))?;
-        gpu.upload(&scratch.by_depth.plan, 0, &[Plan::sort(gaussians)]);
-        gpu.upload(&scratch.offset_plan, 0, &[Plan::scan(gaussians)]);
+        // No kernel changes how many there are.
+        if scratch.planned.replace(gaussians) != Some(gaussians) {
+            gpu.upload(&scratch.by_depth.plan, 0, &[Plan::sort(gaussians)]);
+            gpu.upload(&scratch.offset_plan, 0, &[Plan::scan(gaussians)]);
+        }
 
         let mut commands = gpu.commands();
         let groups = gaussians.div_ceil(THREADS);
-        let Scratch { counts, offsets, offset_plan, by_depth, by_tile, offset_scan } = &*scratch;
+        let Scratch { counts, offsets, offset_plan, by_depth, by_tile, offset_scan, .. } = &*scratch;
         let (view, ranges) = (&render.uniform, &frame.ranges);
         commands.dispatch(&self.intersect, &[view, &frame.splats, counts, &by_depth.keys, &by_depth.values], groups);
         by_depth.sort(&mut commands, 32, Some(gaussians));

@@ -6,7 +6,7 @@ use wgpu::Buffer;
 
 use super::{RasterError, Region};
 use crate::{
-    gpu::{Gpu, GpuError, Shape},
+    gpu::{Gpu, GpuError, Shape, Submission},
     sort::Plan,
 };
 
@@ -43,7 +43,7 @@ pub struct Frame {
     /// GPU shape: the plan with the number of entries, for the host.
     pub(super) counter: Buffer,
     /// GPU shape: the submission that fills `counter`.
-    pub(super) pending: Option<wgpu::SubmissionIndex>,
+    pub(super) pending: Option<Submission>,
 }
 
 impl Frame {
@@ -97,7 +97,7 @@ impl Frame {
         let Some(submission) = self.pending.take() else { return Ok(None) };
         // Only what was submitted up to that render is waited for, which by the next render has usually been done.
         let total = |bytes: &[u8]| bytemuck::from_bytes::<Plan>(bytes).total[0];
-        let needed = gpu.read_mapped(&self.counter, submission, "counting tile intersections", total)?;
+        let needed = gpu.read_mapped(&self.counter, &submission, "counting tile intersections", total)?;
         if needed > self.room {
             self.room = needed.saturating_add(needed / 4);
         }

@@ -32,20 +32,23 @@ pub(super) fn levels(
 
 impl Trainer<'_> {
     /// Renders event view `index` at edge `to` and compares it with what the camera says of the light there.
-    pub(super) fn learn_level(&mut self, index: usize, to: usize) -> Result<(), TrainError> {
+    pub(super) fn learn_level(&mut self, index: usize, to: usize, number: u32) -> Result<(), TrainError> {
         let (gpu, options) = (self.gpu, self.event_options(index));
         let events = &self.scene.events[index];
         let view = self.scene.views[events.view].view;
         let region = self.regions.get(events.view).cloned().flatten();
-        self.work.renderings(gpu, 1)?;
-        self.work.renderings[0].frame.region = region;
+        let sample = self.work.room(gpu, number, 1)?;
+        let rendering = &mut self.work.renderings[sample][0];
+        rendering.frame.region = region;
         let time = self.scene.bins.edges[to];
-        self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[0], &mut self.times)?;
+        self.model.forward(gpu, &view, time, &options, rendering, &mut self.times)?;
+        // As for frames.
+        gpu.flush();
         let pixels = view.width * view.height;
         let scale = self.config.event_weight() * events.sensor.worth() / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
         let mut commands = gpu.commands();
-        let (image, d_image, sum) = (&work.renderings[0].frame.image, &work.gradients[0], &work.sums.event);
+        let (image, d_image, sum) = (&work.renderings[sample][0].frame.image, &work.gradients[0], &work.sums.event);
         let (count, levels) = (&work.count, &self.levels[index]);
         let (edges, within) = ([events.covers[0], to], self.feed.region(events.view));
         self.feed.events.count(gpu, &mut commands, index, events, edges, within, count)?;
@@ -53,7 +56,7 @@ impl Trainer<'_> {
         commands.submit();
         self.times.lap(gpu, "event loss")?;
         work.sums.event_values += f64::from(pixels);
-        let rendering = &self.work.renderings[0];
+        let rendering = &self.work.renderings[sample][0];
         let wanted = Wanted { statistics: true, pose: None };
         let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
         self.model.backward_raster(gpu, &view, &options, rendering, said)?;

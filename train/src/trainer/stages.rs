@@ -9,17 +9,28 @@ use erfgs_splat::gpu::{Gpu, GpuError, Traffic};
 #[derive(Debug, Default)]
 pub struct StageTimes {
     last: Option<Instant>,
+    counts: bool,
     stages: BTreeMap<&'static str, (f64, u64)>,
-    /// What passed to and from the device in the iterations that were measured.
+    /// What passed to and from the device in the iterations that were counted.
     pub traffic: Traffic,
     /// The most of each that passed in one of them.
     pub most: Traffic,
 }
 
 impl StageTimes {
-    /// Starts to measure.
+    /// Starts to count what passes.
+    pub fn count(&mut self) {
+        self.counts = true;
+    }
+
+    /// Starts to measure, and counts no more: each stage is waited for, and handed to the device by itself.
     pub fn start(&mut self) {
-        self.last = Some(Instant::now());
+        (self.last, self.counts) = (Some(Instant::now()), false);
+    }
+
+    /// Whether the end of each stage is waited for.
+    pub(super) fn waits(&self) -> bool {
+        self.last.is_some()
     }
 
     /// Ends the stage `name`, which began where the one before ended.
@@ -39,7 +50,7 @@ impl StageTimes {
 
     /// Adds what passed in an iteration.
     pub(super) fn passed(&mut self, traffic: Traffic) {
-        if self.last.is_some() {
+        if self.counts {
             self.traffic += traffic;
             self.most = self.most.max(traffic);
         }

@@ -19,7 +19,7 @@ use crate::{
 };
 use erfgs_splat::{
     field::{Blend, Outputs, Tape},
-    gpu::Gpu,
+    gpu::{Gpu, Shape},
     model::Rendering,
     motion::{Motion, Witness},
     raster::{Region, RenderOptions, View, Wanted},
@@ -34,7 +34,8 @@ const READ_AHEAD: u32 = 16;
 #[derive(Debug)]
 pub(super) struct Workspace {
     pub(super) losses: Losses,
-    pub(super) renderings: Vec<Rendering>,
+    /// By sample of the iteration.
+    pub(super) renderings: Vec<Vec<Rendering>>,
     mean: Buffer,
     pub(super) count: Buffer,
     pub(super) gradients: [Buffer; 2],
@@ -137,11 +138,20 @@ impl Workspace {
         })
     }
 
-    pub(super) fn renderings(&mut self, gpu: &Gpu, count: usize) -> Result<(), TrainError> {
-        while self.renderings.len() < count {
-            self.renderings.push(Rendering::new(gpu)?);
+    /// Makes room for so many renderings of the iteration's sample `number`; says where they are. A graphics processor has room for those
+    /// of each: what one covered is asked for when it is drawn anew, which would wait for what is still held back in the same iteration.
+    pub(super) fn room(&mut self, gpu: &Gpu, number: u32, count: usize) -> Result<usize, TrainError> {
+        let sample = match gpu.shape {
+            Shape::Gpu => number as usize,
+            Shape::Cpu => 0,
+        };
+        if self.renderings.len() <= sample {
+            self.renderings.resize_with(sample + 1, Vec::new);
         }
-        Ok(())
+        while self.renderings[sample].len() < count {
+            self.renderings[sample].push(Rendering::new(gpu)?);
+        }
+        Ok(sample)
     }
 }
 
@@ -150,6 +160,9 @@ impl Trainer<'_> {
     pub(super) fn iterate(&mut self) -> Result<(), TrainError> {
         self.feed.fill(self.gpu, &self.scene, self.config.earl.enabled)?;
         let before = self.gpu.traffic();
+        // A software driver computes on the host's cores, and its lists are made by the host: there is nothing to wait for together.
+        let together = self.gpu.shape == Shape::Gpu && !self.times.waits();
+        let held = together.then(|| self.gpu.hold_back());
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
         self.follow()?;
@@ -158,13 +171,13 @@ impl Trainer<'_> {
         for slot in 0..self.config.batch {
             match samples::draw(&self.scene, &self.config, part.as_ref(), stage, iteration, slot) {
                 Sample::Frame(index) => self.learn_frame(index, slot)?,
-                Sample::Event { view, from, to } => self.learn_events(view, from, to)?,
+                Sample::Event { view, from, to } => self.learn_events(view, [from, to], slot)?,
             }
         }
         if let Some(Sample::Event { view, from, to }) =
             samples::draw_besides(&self.scene, &self.config, part.as_ref(), stage, iteration)
         {
-            self.learn_events(view, from, to)?;
+            self.learn_events(view, [from, to], self.config.batch)?;
         }
         let every = self.config.field.regularise_every;
         if iteration.is_multiple_of(every)
@@ -193,6 +206,7 @@ impl Trainer<'_> {
         self.times.lap(self.gpu, "Adam")?;
         self.learn_poses()?;
         self.learn_clocks()?;
+        drop(held);
         self.times.passed(self.gpu.traffic().since(before));
         self.clock.iteration += 1;
         Ok(())
@@ -262,12 +276,20 @@ impl Trainer<'_> {
         let view = self.scene.frames[index].view;
         let looks = self.parts_of(view);
         self.work.looks_past |= matches!(looks[..], [Look::Still]);
-        self.work.sums.rgb_values +=
-            3.0 * f64::from(self.scene.views[view].view.width * self.scene.views[view].view.height);
-        looks.iter().try_for_each(|look| self.learn_part(index, batch_slot, look))
+        let View { width, height, .. } = self.scene.views[view].view;
+        self.work.sums.rgb_values += 3.0 * f64::from(width * height);
+        let parts = looks.len() as u32;
+        (0..).zip(&looks).try_for_each(|(part, look)| self.learn_part(index, batch_slot, [part, parts], look))
     }
 
-    fn learn_part(&mut self, index: usize, batch_slot: u32, look: &Look) -> Result<(), TrainError> {
+    /// Learns from a frame where `look` says, which is part `number` of as many.
+    fn learn_part(
+        &mut self,
+        index: usize,
+        batch_slot: u32,
+        [number, parts]: [u32; 2],
+        look: &Look,
+    ) -> Result<(), TrainError> {
         let frame = &self.scene.frames[index];
         let pixels_taken = self.feed.frames.get(self.gpu, &self.scene.pictures, index)?;
         let drawn =
@@ -284,7 +306,7 @@ impl Trainer<'_> {
         let weight = 1.0 / times.len() as f32;
         let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
         let gpu = self.gpu;
-        self.work.renderings(gpu, times.len())?;
+        let sample = self.work.room(gpu, batch_slot + number * (self.config.batch + 1), times.len())?;
         let part = match (look, self.feed.region(frame.view)) {
             (Look::Moving(_), Some(moving)) => Part::Within(moving),
             (Look::Still, Some(moving)) => Part::Outside(moving),
@@ -296,8 +318,13 @@ impl Trainer<'_> {
         };
         let looks_at_all = region.is_none();
         for (slot, &time) in times.iter().enumerate() {
-            self.work.renderings[slot].frame.region.clone_from(&region);
-            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
+            let rendering = &mut self.work.renderings[sample][slot];
+            rendering.frame.region.clone_from(&region);
+            self.model.forward(gpu, &view, time, &options, rendering, &mut self.times)?;
+        }
+        // How many tiles they cover is asked for by the next iteration, while the device still goes back through this one.
+        if number + 1 == parts {
+            gpu.flush();
         }
         let coarse = self.clock.stage == Stage::Coarse;
         let run_share = self.share();
@@ -305,7 +332,7 @@ impl Trainer<'_> {
         let work = &mut self.work;
         let mut commands = gpu.commands();
         let [d_mean, d_linear] = &work.gradients;
-        let mean = match &work.renderings[..times.len()] {
+        let mean = match &work.renderings[sample][..times.len()] {
             [only] => &only.frame.image,
             several => {
                 for (slot, rendering) in several.iter().enumerate() {
@@ -338,7 +365,7 @@ impl Trainer<'_> {
             if only.is_some_and(|only| only != slot) {
                 continue;
             }
-            let rendering = &work.renderings[slot];
+            let rendering = &work.renderings[sample][slot];
             let d_image = if linear {
                 let mut commands = gpu.commands();
                 let image = &rendering.frame.image;
@@ -371,9 +398,9 @@ impl Trainer<'_> {
         if self.config.earl.share > 0.0 { 1.0 } else { self.config.batch as f32 }
     }
 
-    fn learn_events(&mut self, index: usize, from: usize, to: usize) -> Result<(), TrainError> {
+    fn learn_events(&mut self, index: usize, [from, to]: [usize; 2], number: u32) -> Result<(), TrainError> {
         if self.config.earl.pairing == Pairing::Level {
-            return self.learn_level(index, to);
+            return self.learn_level(index, to, number);
         }
         let gpu = self.gpu;
         let events = &self.scene.events[index];
@@ -382,11 +409,14 @@ impl Trainer<'_> {
         let pixels = view.width * view.height;
         let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
         let region = self.regions.get(events.view).cloned().flatten();
-        self.work.renderings(gpu, 2)?;
+        let sample = self.work.room(gpu, number, 2)?;
         for (slot, &time) in times.iter().enumerate() {
-            self.work.renderings[slot].frame.region.clone_from(&region);
-            self.model.forward(gpu, &view, time, &options, &mut self.work.renderings[slot], &mut self.times)?;
+            let rendering = &mut self.work.renderings[sample][slot];
+            rendering.frame.region.clone_from(&region);
+            self.model.forward(gpu, &view, time, &options, rendering, &mut self.times)?;
         }
+        // How many tiles they cover is asked for by the next iteration, while the device still goes back through this one.
+        gpu.flush();
         let sensor = events.sensor;
         let worth = match self.config.earl.norm {
             Norm::L1 => sensor.worth(),
@@ -394,7 +424,7 @@ impl Trainer<'_> {
         };
         let scale = self.config.event_weight() * worth / (pixels as f32 * self.event_batch());
         let work = &mut self.work;
-        let [before, after] = [&work.renderings[0].frame.image, &work.renderings[1].frame.image];
+        let [before, after] = [0, 1].map(|slot| &work.renderings[sample][slot].frame.image);
         let [d_before, d_after] = &work.gradients;
         let (count, sum) = (&work.count, &work.sums.event);
         let mut commands = gpu.commands();
@@ -419,26 +449,26 @@ impl Trainer<'_> {
         work.sums.event_values += f64::from(pixels);
         // The released code counts the render at t for density control, not the one at t'.
         for (slot, statistics) in [(0, true), (1, false)] {
-            let rendering = &self.work.renderings[slot];
+            let rendering = &self.work.renderings[sample][slot];
             let d_image = &self.work.gradients[slot];
             let wanted = Wanted { statistics, pose: None };
             let said = Said { d_image, witness: Witness::Events, wanted };
             self.model.backward_raster(gpu, &view, &options, rendering, said)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
-                self.regularise_trajectory(times)?;
+                self.regularise_trajectory(times, sample)?;
                 self.times.lap(gpu, "trajectory regulariser")?;
-                self.regularise_colour(&view, options.sh_degree);
+                self.regularise_colour(&view, options.sh_degree, sample);
                 self.times.lap(gpu, "colour regulariser")?;
             }
-            self.model.backward_motion(gpu, &self.work.renderings[slot], Witness::Events, None)?;
+            self.model.backward_motion(gpu, &self.work.renderings[sample][slot], Witness::Events, None)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
     }
 
     /// Pulls the means at t' towards the straight line between their places at the frame times around it.
-    fn regularise_trajectory(&mut self, times: [f64; 2]) -> Result<(), TrainError> {
+    fn regularise_trajectory(&mut self, times: [f64; 2], sample: usize) -> Result<(), TrainError> {
         let weight = self.config.earl.weight_trajectory / self.event_batch();
         let frame_times = &self.scene.frame_times;
         let next = frame_times.partition_point(|&time| time < times[1] - 1e-9);
@@ -464,21 +494,21 @@ impl Trainer<'_> {
         else {
             return Ok(());
         };
-        let before = if anchored { &self.work.renderings[0].tape.deltas } else { &self.work.before.deltas };
+        let before = if anchored { &self.work.renderings[sample][0].tape.deltas } else { &self.work.before.deltas };
         let blend = ((times[1] - start) / (end - start)) as f32;
         let reference = Blend { before, after: &self.work.after.deltas, blend };
-        let loss = field.trajectory_loss(gpu, &self.work.renderings[1].tape, reference, weight, d_deltas)?;
+        let loss = field.trajectory_loss(gpu, &self.work.renderings[sample][1].tape, reference, weight, d_deltas)?;
         self.work.sums.trajectory += loss;
         self.work.sums.trajectory_samples += 1.0;
         Ok(())
     }
 
     /// Pulls the colours at t' towards those at t, as the event camera sees them, where the field deforms colour.
-    fn regularise_colour(&mut self, view: &View, sh_degree: u32) {
+    fn regularise_colour(&mut self, view: &View, sh_degree: u32, sample: usize) {
         let weight = self.config.earl.weight_colour / self.event_batch();
         let Some(d_deltas) = self.model.d_deltas.as_ref().filter(|_| weight > 0.0) else { return };
         let work = &mut self.work;
-        let [before, after] = [0, 1].map(|slot| &work.renderings[slot].tape.deltas);
+        let [before, after] = [0, 1].map(|slot| &work.renderings[sample][slot].tape.deltas);
         let gaussians = &self.model.drawn.gaussians;
         let change = ColourChange { gaussians, before, after, centre: view.centre(), sh_degree };
         let (d_sh, sum) = (&self.model.gradients.sh, &work.sums.colour);
