@@ -2,6 +2,7 @@
 
 mod clocks;
 mod follow;
+mod frame_sample;
 mod grow;
 mod level;
 mod model;
@@ -14,6 +15,7 @@ mod samples;
 mod stages;
 mod static_set;
 mod step;
+mod sums;
 
 use std::{
     sync::{

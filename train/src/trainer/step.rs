@@ -1,32 +1,25 @@
 //! One iteration: render the batch, compare, go back, step.
 
-use std::sync::Arc;
-
-use erfgs_base::random;
 use wgpu::Buffer;
 
 use super::{
     TrainError, Trainer,
     model::{Said, plane_weights},
     samples::{self, Sample},
+    sums::Sums,
 };
 use crate::{
-    checkpoint::LossSums,
-    config::{MotionModel, Norm, Pairing, Switch},
-    losses::{ColourChange, Exposure, LossSum, Losses, Part, Target},
-    scene::TrainFrame,
-    schedule::Stage,
+    config::{Norm, Pairing},
+    losses::{ColourChange, LossSum, Losses},
 };
 use erfgs_splat::{
     field::{Blend, Outputs, Tape},
     gpu::{Gpu, Shape},
     model::Rendering,
     motion::{Motion, Witness},
-    raster::{Region, RenderOptions, View, Wanted},
+    raster::{RenderOptions, View, Wanted},
 };
 
-const EXPOSURE: u64 = 0x6578_706f;
-const JITTER: u64 = 0x6a69_7474;
 /// How many iterations before its own a frame is begun to be read that is not kept.
 const READ_AHEAD: u32 = 16;
 
@@ -36,79 +29,15 @@ pub(super) struct Workspace {
     pub(super) losses: Losses,
     /// By sample of the iteration.
     pub(super) renderings: Vec<Vec<Rendering>>,
-    mean: Buffer,
+    pub(super) mean: Buffer,
     pub(super) count: Buffer,
     pub(super) gradients: [Buffer; 2],
     before: Tape,
     after: Tape,
     /// Whether a frame sample of this iteration looks past what moves.
-    looks_past: bool,
+    pub(super) looks_past: bool,
     /// Sums of the losses since the last row of the curve.
     pub sums: Sums,
-}
-
-/// Sums of the losses, and of how many samples.
-#[derive(Debug)]
-pub(super) struct Sums {
-    pub rgb: LossSum,
-    pub rgb_values: f64,
-    pub event: LossSum,
-    pub event_values: f64,
-    pub trajectory: f64,
-    pub trajectory_samples: f64,
-    pub colour: LossSum,
-    pub colour_samples: f64,
-    pub plane: f64,
-    pub plane_samples: f64,
-}
-
-impl Sums {
-    /// As they stand; `None` where nothing was added since the last row of the curve, or what was is no number.
-    pub fn state(&self, gpu: &Gpu) -> Result<Option<LossSums>, TrainError> {
-        let counts = [
-            self.rgb_values,
-            self.event_values,
-            self.trajectory,
-            self.trajectory_samples,
-            self.colour_samples,
-            self.plane,
-            self.plane_samples,
-        ];
-        if counts.iter().all(|&count| count == 0.0) || counts.iter().any(|count| !count.is_finite()) {
-            return Ok(None);
-        }
-        let [rgb, event, colour] = [&self.rgb, &self.event, &self.colour].map(|sum| sum.partial(gpu));
-        Ok(Some(LossSums { counts, partial: [rgb?, event?, colour?] }))
-    }
-
-    /// Goes on from there. Sums over pictures of another size are left alone: the next row of the curve is then a mean over what
-    /// follows.
-    pub fn restore(&mut self, gpu: &Gpu, state: &LossSums) {
-        let [rgb, event, colour] = &state.partial;
-        let fits = [(&self.rgb, rgb), (&self.event, event), (&self.colour, colour)]
-            .map(|(sum, partial)| sum.restore(gpu, partial));
-        if fits != [true; 3] {
-            return;
-        }
-        [
-            self.rgb_values,
-            self.event_values,
-            self.trajectory,
-            self.trajectory_samples,
-            self.colour_samples,
-            self.plane,
-            self.plane_samples,
-        ] = state.counts;
-    }
-}
-
-/// The part of an image that a frame sample looks at.
-enum Look {
-    All,
-    /// Where something moves in the view.
-    Moving(Arc<Region>),
-    /// Where nothing does.
-    Still,
 }
 
 impl Workspace {
@@ -258,136 +187,6 @@ impl Trainer<'_> {
         }
     }
 
-    /// What the frame sample of this iteration looks at in a view, part by part.
-    fn parts_of(&self, view: usize) -> Vec<Look> {
-        let Some(region) = self.regions.get(view).cloned().flatten() else { return vec![Look::All] };
-        let exposures = self.config.motion == MotionModel::Bodies && self.config.bodies.exposure > 1;
-        match self.clock.stage {
-            Stage::Coarse if self.config.dynamic.coarse_without_moving => vec![Look::Still],
-            Stage::Coarse => vec![Look::All],
-            Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => vec![Look::Moving(region)],
-            // Only that part of the image needs many renderings of an exposure.
-            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => vec![Look::Still, Look::Moving(region)],
-            Stage::Fine => vec![Look::All],
-        }
-    }
-
-    fn learn_frame(&mut self, index: usize, batch_slot: u32) -> Result<(), TrainError> {
-        let view = self.scene.frames[index].view;
-        let looks = self.parts_of(view);
-        self.work.looks_past |= matches!(looks[..], [Look::Still]);
-        let View { width, height, .. } = self.scene.views[view].view;
-        self.work.sums.rgb_values += 3.0 * f64::from(width * height);
-        let parts = looks.len() as u32;
-        (0..).zip(&looks).try_for_each(|(part, look)| self.learn_part(index, batch_slot, [part, parts], look))
-    }
-
-    /// Learns from a frame where `look` says, which is part `number` of as many.
-    fn learn_part(
-        &mut self,
-        index: usize,
-        batch_slot: u32,
-        [number, parts]: [u32; 2],
-        look: &Look,
-    ) -> Result<(), TrainError> {
-        let frame = &self.scene.frames[index];
-        let pixels_taken = self.feed.frames.get(self.gpu, &self.scene.pictures, index)?;
-        let drawn =
-            random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
-        let times = match look {
-            // What stands still looks alike throughout an exposure.
-            Look::Still => vec![frame.instant(self.config.blur.instant)],
-            _ => exposure_times(&self.config, self.clock.stage, self.model.drawn.dynamic, frame, drawn),
-        };
-        let view = self.scene.views[frame.view].view;
-        let options = self.options();
-        let pixels = view.width * view.height;
-        let linear = self.scene.linear_exposure && times.len() > 1;
-        let weight = 1.0 / times.len() as f32;
-        let scale = 1.0 / (3.0 * pixels as f32 * self.config.batch as f32);
-        let gpu = self.gpu;
-        let sample = self.work.room(gpu, batch_slot + number * (self.config.batch + 1), times.len())?;
-        let part = match (look, self.feed.region(frame.view)) {
-            (Look::Moving(_), Some(moving)) => Part::Within(moving),
-            (Look::Still, Some(moving)) => Part::Outside(moving),
-            (Look::All, _) | (_, None) => Part::All,
-        };
-        let region = match look {
-            Look::Moving(region) => Some(region.clone()),
-            Look::All | Look::Still => None,
-        };
-        let looks_at_all = region.is_none();
-        for (slot, &time) in times.iter().enumerate() {
-            let rendering = &mut self.work.renderings[sample][slot];
-            rendering.frame.region.clone_from(&region);
-            self.model.forward(gpu, &view, time, &options, rendering, &mut self.times)?;
-        }
-        // How many tiles they cover is asked for by the next iteration, while the device still goes back through this one.
-        if number + 1 == parts {
-            gpu.flush();
-        }
-        let coarse = self.clock.stage == Stage::Coarse;
-        let run_share = self.share();
-        let learns_pose = looks_at_all && self.learns_poses(run_share);
-        let work = &mut self.work;
-        let mut commands = gpu.commands();
-        let [d_mean, d_linear] = &work.gradients;
-        let mean = match &work.renderings[sample][..times.len()] {
-            [only] => &only.frame.image,
-            several => {
-                for (slot, rendering) in several.iter().enumerate() {
-                    let image = &rendering.frame.image;
-                    let first = slot == 0;
-                    work.losses.accumulate(gpu, &mut commands, pixels, image, &work.mean, first, weight, linear);
-                }
-                &work.mean
-            }
-        };
-        // In display light the gradient of every rendering is the same share of that of the mean.
-        let only = (self.config.blur.one_gradient && times.len() > 1).then(|| {
-            let key = [EXPOSURE, self.clock.iteration.into(), batch_slot.into()];
-            let drawn = random::uniform(random::key(self.config.seed, &key)) * times.len() as f64;
-            (drawn as usize).min(times.len() - 1)
-        });
-        let scale = if only.is_some() { scale * times.len() as f32 } else { scale };
-        let share = if linear { 1.0 } else { weight };
-        let (target, sum) = (Target { frame: &pixels_taken, part }, &work.sums.rgb);
-        let exposure = Exposure { pixels, mean, linear_light: linear, view: frame.view, colours: &self.colours };
-        work.losses.photometric(gpu, &mut commands, &exposure, &target, d_mean, sum, scale * share);
-        // What moves is told by its neighbours in time, too: the colour of a camera is learned from all of its image.
-        let learned = &self.config.camera_colour;
-        if self.colours_differ && looks_at_all && run_share >= f64::from(learned.from) {
-            self.colours.step(gpu, &mut commands, frame.view, pixels, learned, run_share);
-        }
-        commands.submit();
-        self.times.lap(gpu, "photometric loss")?;
-        for slot in 0..times.len() {
-            if only.is_some_and(|only| only != slot) {
-                continue;
-            }
-            let rendering = &work.renderings[sample][slot];
-            let d_image = if linear {
-                let mut commands = gpu.commands();
-                let image = &rendering.frame.image;
-                work.losses.spread(gpu, &mut commands, pixels, image, d_mean, d_linear, weight);
-                commands.submit();
-                d_linear
-            } else {
-                d_mean
-            };
-            let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
-            let pose = self.poses.as_ref().filter(|_| learns_pose).map(|poses| poses.row(frame.view));
-            let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
-            self.model.backward_raster(gpu, &view, &options, rendering, said)?;
-            self.times.lap(gpu, "raster backward")?;
-            let tells = !coarse && self.config.camera_time.due(run_share);
-            let clock = self.clocks.as_ref().filter(|_| tells).map(|clocks| clocks.row(frame.view));
-            self.model.backward_motion(gpu, rendering, witness, clock)?;
-            self.times.lap(gpu, "motion backward")?;
-        }
-        Ok(())
-    }
-
     /// The same where the events of a camera are learned from.
     pub(super) fn event_options(&self, index: usize) -> RenderOptions {
         RenderOptions { still_learn: self.config.earl.still_learn, near: self.event_near[index], ..self.options() }
@@ -518,28 +317,4 @@ impl Trainer<'_> {
             work.sums.colour_samples += 1.0;
         }
     }
-}
-
-/// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant. `drawn`, in [0, 1), says where
-/// in its share each is that is drawn at random.
-fn exposure_times(
-    config: &crate::config::Config,
-    stage: Stage,
-    dynamic: u32,
-    frame: &TrainFrame,
-    drawn: f64,
-) -> Vec<f64> {
-    let [start, end] = frame.exposure;
-    let moves = stage == Stage::Fine && end > start && dynamic > 0;
-    if moves && config.motion == MotionModel::Bodies && config.bodies.exposure > 1 {
-        // What goes far in an exposure would be learned as so many sharp things, were they always at the same places.
-        let samples = config.bodies.exposure;
-        let share = |k: u32| (f64::from(k) + drawn) / f64::from(samples);
-        return (0..samples).map(|k| start + (end - start) * share(k)).collect();
-    }
-    let samples = config.blur.samples;
-    if moves && config.blur.model != Switch::Off && samples > 1 {
-        return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
-    }
-    vec![frame.instant(config.blur.instant)]
 }
