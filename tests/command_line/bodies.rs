@@ -169,12 +169,12 @@ fn exposures_take_several_renderings_where_things_move_alone() {
     film_small(&folder);
     give_bodies(&folder.path("ds"));
     let gpu = Gpu::open(&AdapterChoice::default()).expect("an adapter");
-    for (exposure, expected) in [(1, 8), (4, 6 * 4 + 2)] {
+    for (exposure, expected) in [(1, 8), (4, 8 * 4 + 2)] {
         let (mut trainer, run) = trainer(&gpu, &folder, &[&format!("bodies.exposure={exposure}")]);
         trainer.times.start();
         let options = TrainOptions { evaluate: false, ..TrainOptions::default() };
         trainer.run(&run, &options, &AtomicBool::new(false), &mut |_: &Progress| {}).expect("a fine stage");
-        // Two of the eight samples look at what stands still.
+        // Two of the eight samples look at what stands still, too.
         let renderings = trainer.times.stages().find(|(stage, ..)| *stage == "raster forward").map(|(.., calls)| calls);
         assert_eq!(renderings, Some(expected), "{exposure} renderings of an exposure");
     }
