@@ -14,6 +14,9 @@ mod files;
 mod film;
 #[cfg(target_os = "linux")]
 mod gige;
+#[cfg(target_os = "linux")]
+#[path = "../../rig/tests/it/usb_cameras/support/host_clock.rs"]
+mod host_clock;
 mod hosts;
 mod live;
 mod merge;

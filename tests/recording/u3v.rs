@@ -20,10 +20,10 @@ use erfgs_recorder::{
     Options, Recorder, RigConfig, SessionFiles, SessionInfo, StreamStatus, Summary, open_on,
     preflight::{self, Finding, Plan, Verdict},
 };
-use erfgs_rig::{frame::list_u3v_on, host_time::host_ns, usb::Bus};
+use erfgs_rig::{frame::list_u3v_on, usb::Bus};
 use erfgs_session::{Session, container::Entry, source::Packet};
 
-use super::bus::{Clock, EmulatedBus};
+use super::{bus::EmulatedBus, host_clock::HostClock};
 use crate::recording::files::{erfgs, json};
 
 const SIZE: [u32; 2] = [64, 48];
@@ -31,26 +31,13 @@ const SIZE: [u32; 2] = [64, 48];
 const RATE_HZ: f64 = 40.0;
 const HALF_PERIOD_NS: i64 = 12_500_000;
 
-/// The wall's clock.
-struct Real;
-
-impl Clock for Real {
-    fn now_ns(&self) -> i64 {
-        host_ns()
-    }
-
-    fn pass(&self, duration: Duration) {
-        sleep(duration);
-    }
-}
-
 /// A bus with a camera, in which and on whose cable something goes wrong; and what the camera counts.
 fn bus(blocks: U3vFaults, schedule: Vec<Fault>) -> (Arc<dyn Bus>, SharedCounts) {
     let options =
         U3vOptions { serial: "U3V00042".into(), name: "left".into(), faults: blocks, ..U3vOptions::default() };
     let camera = U3v::new(options, Box::new(PatternFrames::default()));
     let counts = camera.counts();
-    let bus = EmulatedBus::new(Arc::new(Real));
+    let bus = EmulatedBus::new(Arc::new(HostClock));
     bus.add(Arc::new(Mutex::new(Plug::new(camera, &Faults { schedule, ..Faults::default() }))));
     (Arc::new(bus), counts)
 }

@@ -27,27 +27,14 @@ use serde_json::json;
 
 use crate::{
     kept::Kept,
-    usb_cameras::support::{Clock, EmulatedBus},
+    usb_cameras::support::{EmulatedBus, HostClock},
 };
-
-/// The wall's clock.
-struct Real;
-
-impl Clock for Real {
-    fn now_ns(&self) -> i64 {
-        host_ns()
-    }
-
-    fn pass(&self, duration: Duration) {
-        sleep(duration);
-    }
-}
 
 type Camera = GenicamCamera<U3vLink>;
 type Model = Arc<Mutex<Plug<U3v>>>;
 
 fn bus() -> Arc<EmulatedBus> {
-    Arc::new(EmulatedBus::new(Arc::new(Real)))
+    Arc::new(EmulatedBus::new(Arc::new(HostClock)))
 }
 
 fn plug(bus: &EmulatedBus, options: U3vOptions, schedule: Vec<Fault>) -> Model {

@@ -32,13 +32,14 @@ impl Trainer<'_> {
     /// What the frame sample of this iteration looks at in a view, part by part.
     fn parts_of(&self, view: usize) -> Vec<Look> {
         let Some(region) = self.regions.get(view).cloned().flatten() else { return vec![Look::All] };
-        let exposures = self.config.motion == MotionModel::Bodies && self.config.bodies.exposure > 1;
         match self.clock.stage {
             Stage::Coarse if self.config.dynamic.coarse_without_moving => vec![Look::Still],
             Stage::Coarse => vec![Look::All],
             Stage::Fine if !self.clock.iteration.is_multiple_of(self.whole_image_every()) => vec![Look::Moving(region)],
             // Only that part of the image needs many renderings of an exposure.
-            Stage::Fine if exposures && self.model.drawn.dynamic > 0 => vec![Look::Still, Look::Moving(region)],
+            Stage::Fine if several(&self.config) && self.model.drawn.dynamic > 0 => {
+                vec![Look::Still, Look::Moving(region)]
+            }
             Stage::Fine => vec![Look::All],
         }
     }
@@ -160,12 +161,17 @@ impl Trainer<'_> {
     }
 }
 
+/// Whether what moves is rendered at several instants of an exposure.
+fn several(config: &Config) -> bool {
+    config.motion == MotionModel::Bodies && config.bodies.exposure > 1
+}
+
 /// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant. `drawn`, in [0, 1), says where
 /// in its share each is that is drawn at random.
 fn exposure_times(config: &Config, stage: Stage, dynamic: u32, frame: &TrainFrame, drawn: f64) -> Vec<f64> {
     let [start, end] = frame.exposure;
     let moves = stage == Stage::Fine && end > start && dynamic > 0;
-    if moves && config.motion == MotionModel::Bodies && config.bodies.exposure > 1 {
+    if moves && several(config) {
         // What goes far in an exposure would be learned as so many sharp things, were they always at the same places.
         let samples = config.bodies.exposure;
         let share = |k: u32| (f64::from(k) + drawn) / f64::from(samples);

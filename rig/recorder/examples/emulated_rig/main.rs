@@ -15,6 +15,8 @@
 mod bus;
 mod camera;
 mod film;
+#[path = "../../../tests/it/usb_cameras/support/host_clock.rs"]
+mod host_clock;
 
 use std::{
     env,
@@ -25,7 +27,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Clock, EmulatedBus};
+use bus::EmulatedBus;
 use camera::{RATE_HZ, StageCamera};
 use erfgs_hardware_mocks::usb::{
     Davis346, Davis346Options, Evk4, Evk4Options, UsbDevice,
@@ -37,9 +39,10 @@ use erfgs_recorder::{
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
     open_on,
 };
-use erfgs_rig::{host_time::host_ns, usb::Bus};
+use erfgs_rig::usb::Bus;
 use erfgs_stage::EventOptions;
 use film::{Films, Place};
+use host_clock::HostClock;
 
 const RIG: &str = r#"
 [rig]
@@ -57,18 +60,6 @@ serial = "00050102"
 id = "davis"
 frames = { interval_us = 100000, exposure_us = 4000 }
 "#;
-
-struct HostClock;
-
-impl Clock for HostClock {
-    fn now_ns(&self) -> i64 {
-        host_ns()
-    }
-
-    fn pass(&self, duration: Duration) {
-        thread::sleep(duration);
-    }
-}
 
 /// Length of the take that plays again and again.
 const TAKE_US: u64 = 300_000;
