@@ -13,6 +13,13 @@ fn bodies_are_found_shown_and_corrected() {
     let page = std::fs::read_to_string(folder.path("pages/found.html")).expect("a page");
     let sections = page.matches("<section id=\"body-").count() as u64;
     assert!(sections == count && page.contains("</html>") && page.contains("data:image/jpeg"), "{sections} of {count}");
+    // By this the trial of a training decides how much better a body must be.
+    let bodies = std::fs::read(folder.path("ds/bodies.json")).expect("bodies");
+    let bodies: serde_json::Value = serde_json::from_slice(&bodies).expect("JSON");
+    for body in bodies["bodies"].as_array().expect("bodies") {
+        let agree = body["found_by"]["carving_agreement"].as_f64();
+        assert!(agree.is_some_and(|agree| (0.5..=0.86).contains(&agree)), "{agree:?}");
+    }
     let shown = folder.succeed("dataset bodies ds");
     assert!(shown.contains("body0") && !shown.contains("report"), "{shown}");
 

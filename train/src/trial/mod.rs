@@ -36,7 +36,8 @@ const WORSE: f64 = 1.01;
 /// That is so where silhouettes of all instants agree on its shape. Where fewer of them do, it may bend, or be more than one thing, and
 /// must explain more at once: by so much of what their share lacks of [`SURE`].
 const DOUBT: f64 = 0.6;
-/// The share of silhouettes that agree on the shape of what is rigid and was followed rightly.
+/// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
+/// (`bodies/carve.rs` of `erfgs-points`).
 const SURE: f64 = 0.86;
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
