@@ -33,6 +33,8 @@ against how fast it may turn, and what belongs to no body. What is wrong there c
   body = \"body1\"
   rate_rad_s = [0.0, 0.0, 15.0]
 
+What is round in all views is taken for a ball, which is where its silhouettes are discs; carve = [\"body2\"] has it carved instead.
+
 Examples:
   erfgs dataset points ds
   erfgs dataset bodies ds
@@ -46,7 +48,7 @@ pub struct Arguments {
     /// Write a page that shows what was found, one HTML file
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Correct what is found by this file: bodies to forget, to merge, to split, and how they turn
+    /// Correct what is found by this file: bodies to forget, to merge, to split, to carve, and how they turn
     #[arg(long, value_name = "FILE")]
     edit: Option<PathBuf>,
 }

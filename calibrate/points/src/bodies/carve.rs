@@ -5,12 +5,12 @@ use erfgs_dataset::SurfacePoint;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::{film::Film, smooth::smooth_volume};
+use super::{film::Film, smooth::smooth_volume, turn::directions};
 use crate::photo::median_colour;
 
 /// A cell is of the thing if at least this share of the views that see it at some instant see something that moves there; less, down
 /// to the least, where hardly anything would be left.
-const AGREE: f64 = 0.86;
+pub const AGREE: f64 = 0.86;
 const LEAST_AGREE: f64 = 0.5;
 const AGREE_STEP: f64 = 0.04;
 /// So much of the hull must be left: hulls of few blurred views may be twice as wide as what they are of.
@@ -23,6 +23,9 @@ const FACING: f64 = 0.25;
 const GROWN_PX: f64 = 1.0;
 /// A shape has at least so many points.
 const FEWEST_POINTS: usize = 10;
+/// A ball has at least and at most so many.
+const FEWEST_OF_BALL: f64 = 100.0;
+const MOST_OF_BALL: f64 = 20_000.0;
 
 /// Where a thing is at an instant.
 #[derive(Clone, Copy, Debug)]
@@ -189,6 +192,24 @@ pub fn carve(film: &Film, hull: &[DVec3], places: &[Place], cell_m: f64) -> Opti
         point.position_m = (DVec3::from(point.position_m) - shrink_m * DVec3::from(point.normal)).to_array();
     }
     Some(Carved { points: points.into_iter().map(|(point, _)| point).collect(), agree, cell_m: grid.cell_m })
+}
+
+/// A ball of a radius, with the colours that views see, and how surely it is one.
+pub fn ball(film: &Film, places: &[Place], [radius_m, cell_m]: [f64; 2], agree: f64) -> Carved {
+    let count = (4.0 * std::f64::consts::PI * (radius_m / cell_m).powi(2)).clamp(FEWEST_OF_BALL, MOST_OF_BALL);
+    let points = directions(count as usize).into_par_iter().map(|normal| {
+        let position = radius_m * normal;
+        (position, normal, colour(film, places, position, normal))
+    });
+    let points: Vec<_> = points.collect();
+    let seen: Vec<[u8; 3]> = points.iter().filter_map(|point| point.2).collect();
+    let usual = median_colour(&seen);
+    let point = |(position, normal, colour): (DVec3, DVec3, Option<[u8; 3]>)| SurfacePoint {
+        position_m: position.to_array(),
+        normal: normal.to_array(),
+        colour: colour.unwrap_or(usual),
+    };
+    Carved { points: points.into_iter().map(point).collect(), agree, cell_m }
 }
 
 /// How wide a pixel is where a thing is: the median over instants and views, metres.

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::{
     contrast::{Window, contrasts},
-    shades::Shades,
+    shades::Compared,
     spin::Spin,
 };
 
@@ -30,7 +30,7 @@ pub struct Curve {
 
 impl Curve {
     /// Along the axis that was found, or else that of the best rate that was looked at; none where nothing was.
-    pub fn new(spin: &Spin, shades: Option<&Shades<'_>>, windows: &[&Window]) -> Option<Self> {
+    pub fn new(spin: &Spin, compared: Option<&dyn Compared>, windows: &[&Window]) -> Option<Self> {
         let rate = [spin.rate, spin.looked_at].into_iter().find(|rate| *rate != DVec3::ZERO)?;
         let (axis, length) = (rate.normalize(), rate.length().max(LEAST));
         let [from, to] = FROM_TO.map(|end| end * length);
@@ -38,7 +38,7 @@ impl Curve {
         let rates: Vec<f64> = (0..RATES).map(along).collect();
         let about: Vec<DVec3> = rates.iter().map(|rate| *rate * axis).collect();
         let contrast = if windows.is_empty() { Vec::new() } else { of_greatest(contrasts(windows, &about)) };
-        let apart = shades.map(|shades| of_greatest(shades.apart(&about))).unwrap_or_default();
+        let apart = compared.map(|compared| of_greatest(compared.apart(&about))).unwrap_or_default();
         Some(Self { axis, rates, contrast, apart })
     }
 }

@@ -16,6 +16,7 @@ use super::{
     near_events::{Subject, Windows},
     path::Path,
     refine::{self, Refined},
+    round::Ball,
     shades::Shape,
     spin::{Spin, rounded, vector},
     stretches::Stretch,
@@ -97,8 +98,10 @@ impl<'a> Draft<'a> {
             Some(rates) => Turn::changing(upright_s, rates),
             None => Turn::steady(upright_s, spin.rate),
         };
-        let grower = Grower { film, shapes, path, turn: &turn, best, radius_m: track.radius_m };
-        let (carved, grown) = (grower.carved()?, grower.grow());
+        let ball = thing.ball.as_ref().map(Ball::agree);
+        let grower = Grower { film, shapes, path, turn: &turn, best, radius_m: track.radius_m, ball };
+        // A ball that flies is where its discs are, and its colours took part in how it turns.
+        let (carved, grown) = (grower.carved()?, if thing.flies() { None } else { grower.grow() });
         let grown = grown.map(|grown| followed(film, shapes, path, &turn, grown));
         let motion = Motion { path: path.clone(), turn, carved };
         Some(Self { thing, best, motion, grown, found_by: spin.found_by })
@@ -107,6 +110,9 @@ impl<'a> Draft<'a> {
     /// What is held against events around every instant: thing `number` by its motion, and `number` + 1 by its looks.
     pub fn subjects(&self, film: &Film, number: usize, step_s: f64) -> Vec<Subject<'_>> {
         let mut subjects = Vec::new();
+        if self.thing.flies() {
+            return subjects;
+        }
         for (thing, motion) in std::iter::zip(number.., [Some(&self.motion), self.grown.as_ref()]) {
             let Some(motion) = motion else { continue };
             subjects.extend(self.thing.shapes.iter().map(|shape| motion.subject(film, thing, shape.moment, step_s)));
@@ -115,7 +121,9 @@ impl<'a> Draft<'a> {
     }
 
     fn grower<'b>(&'b self, film: &'b Film, path: &'b Path, turn: &'b Turn) -> Grower<'b> {
-        Grower { film, shapes: &self.thing.shapes, path, turn, best: self.best, radius_m: self.thing.track.radius_m }
+        let Thing { shapes, track, ball, .. } = self.thing;
+        let ball = ball.as_ref().map(Ball::agree);
+        Grower { film, shapes, path, turn, best: self.best, radius_m: track.radius_m, ball }
     }
 
     /// Improves the motion by windows of its own shape: those by its motion, and those by its looks.
@@ -196,6 +204,7 @@ impl<'a> Draft<'a> {
             ("best_seen_ns", json!(best.t_ns)),
         ];
         let mut found_by = self.found_by;
+        found_by.extend(self.thing.ball.as_ref().map(|ball| ("discs_off".into(), json!(rounded(ball.off, 3)))));
         let bounces: Vec<i64> = self.motion.path.bounces_s().map(|t_s| film.ns(t_s)).collect();
         if !bounces.is_empty() {
             found_by.insert("bounces_ns".into(), json!(bounces));

@@ -35,6 +35,8 @@ pub struct BodyEdits {
     pub split: Vec<SplitBody>,
     /// How bodies turn.
     pub turn: Vec<TurnBody>,
+    /// Bodies that are carved even if they look like balls.
+    pub carve: Vec<String>,
 }
 
 impl BodyEdits {
@@ -77,6 +79,8 @@ pub struct Named {
     pub name: String,
     pub track: Track,
     pub rate: Option<DVec3>,
+    /// Whether it may be a ball.
+    pub may_be_round: bool,
 }
 
 /// Corrects tracks, which are called by their numbers, and whose points are whose.
@@ -87,7 +91,7 @@ pub fn apply(
     clouds: &[Cloud<'_>],
     times_s: &[f64],
 ) -> Result<Vec<Named>, CloudError> {
-    let named = |(number, track)| Some(Named { name: format!("body{number}"), track, rate: None });
+    let named = |(number, track)| Some(Named { name: format!("body{number}"), track, rate: None, may_be_round: true });
     let mut edited = Edited { things: tracks.into_iter().enumerate().map(named).collect(), owners, clouds, times_s };
     for names in &edits.merge {
         edited.merge(names)?;
@@ -103,6 +107,10 @@ pub fn apply(
             )));
         }
         edited.thing(index).rate = Some(rate);
+    }
+    for name in &edits.carve {
+        let index = edited.find(name)?;
+        edited.thing(index).may_be_round = false;
     }
     for name in &edits.forget {
         let index = edited.find(name)?;

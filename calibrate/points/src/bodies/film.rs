@@ -91,6 +91,11 @@ impl View {
         channels(&self.image, pixel)
     }
 
+    /// The colour of a pixel of the smoothed frame by its index.
+    pub fn soft_colour(&self, pixel: usize) -> [u8; 3] {
+        channels(&self.soft, pixel)
+    }
+
     /// How far a colour is apart from a pixel of the smoothed frame by its index, summed over channels, at most [`MOST_APART`].
     pub fn apart(&self, pixel: usize, colour: [u8; 3]) -> f64 {
         let soft = channels(&self.soft, pixel);

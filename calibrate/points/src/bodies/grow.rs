@@ -55,6 +55,8 @@ pub struct Grower<'a> {
     pub best: usize,
     /// How large it is, metres.
     pub radius_m: f64,
+    /// How surely it is a ball of that size, if it is one.
+    pub ball: Option<f64>,
 }
 
 /// How a thing moves by its looks.
@@ -226,6 +228,9 @@ impl Grower<'_> {
             shape.places.iter().map(|&about| rotation.conjugate() * (shape.centre + about - centre)).collect();
         // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
         let cell_m = (0.36 * self.film.cell_m).max(0.045 * self.radius_m);
+        if let Some(agree) = self.ball {
+            return Some(carve::ball(self.film, &places, [self.radius_m, cell_m], agree));
+        }
         carve::carve(self.film, &hull, &places, cell_m)
     }
 
@@ -327,7 +332,8 @@ mod tests {
         let wrong = |(at, place): (usize, &Place)| place.centre + DVec3::Y * if at % 2 == 0 { 0.02 } else { -0.02 };
         let path = Path::new(times.clone(), places.iter().enumerate().map(wrong).collect());
         let best = 3;
-        let grower = Grower { film: &film, shapes: &shapes, path: &path, turn: &turn, best, radius_m: radius };
+        let grower =
+            Grower { film: &film, shapes: &shapes, path: &path, turn: &turn, best, radius_m: radius, ball: None };
         let grown = grower.grow().unwrap();
         assert!(grown.apart[1] < 0.6 * grown.apart[0], "{:?}", grown.apart);
         let middle = grown.poses[best];

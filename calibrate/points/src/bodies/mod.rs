@@ -3,8 +3,8 @@
 //! The moving points of the initial cloud are hulls of all that moves, one for each instant. Connected pieces of them are chained into
 //! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); what flies
 //! freely bounces at times that its places tell (`flight`), and a path goes through the centres that is smooth between bounces (`path`).
-//! Hulls are deeper than what they are of where views are from one side (`slim`). How a thing turns is told by the colours of frames
-//! (`shades`) and by its events, which are sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one
+//! Hulls are deeper than what they are of where views are from one side (`slim`); what is round is a ball, where its silhouettes are
+//! discs (`round`). How a thing turns is told by the colours of frames (`shades`; of a ball, in all directions, `globe`) and by its events, which are sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one
 //! rate, `stretches` for one between two bounces, and `varying` for rates that change. What the user corrects comes between tracks and
 //! rotations (`edits`). With its motion known, a thing is carved in its own frame by the silhouettes of all instants (`carve`). Rates
 //! that are a little wrong add up: so it is followed by its own looks from the instant at which it is seen best (`grow`). With that shape
@@ -21,6 +21,7 @@ mod draft;
 mod edits;
 mod film;
 mod flight;
+mod globe;
 mod grow;
 mod mixture;
 mod near_events;
@@ -29,6 +30,7 @@ mod parts;
 mod path;
 mod refine;
 mod report;
+mod round;
 mod shades;
 mod slim;
 mod smooth;
@@ -48,6 +50,7 @@ use self::{
     curve::Curve,
     draft::Draft,
     film::Film,
+    globe::Globes,
     near_events::{Subject, Windows},
     report::Shown,
     shades::Shades,
@@ -162,10 +165,8 @@ impl<'a> Finder<'a> {
     /// How things turn, what shapes they have by that, and curves of that by names if a page is asked for.
     fn drafts(&self, things: &'a Things) -> Result<(Vec<Draft<'a>>, BTreeMap<&'a str, Curve>), CloudError> {
         let film = self.film;
-        let of_hulls = |(number, thing): (usize, &'a Thing)| {
-            thing.slim.iter().map(move |shape| Subject::of_hull(film, number, shape, &thing.path))
-        };
-        let subjects: Vec<Subject<'_>> = things.all.iter().enumerate().flat_map(of_hulls).collect();
+        let of_thing = |(number, thing): (usize, &'a Thing)| thing.subjects(film, number);
+        let subjects: Vec<Subject<'_>> = things.all.iter().enumerate().flat_map(of_thing).collect();
         let windows = self.windows(&subjects, things.all.len())?;
         let (mut drafts, mut curves) = (Vec::new(), BTreeMap::new());
         for (index, (thing, windows)) in std::iter::zip(&things.all, &windows).enumerate() {
@@ -173,9 +174,12 @@ impl<'a> Finder<'a> {
             let shapes = &thing.shapes;
             let usual = median(shapes.iter().map(|shape| shape.places.len() as f64)).unwrap_or(0.0);
             let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(film, &thing.slim) } else { None };
+            let globes = Globes::longer_and_longer(&thing.globes);
+            let compared = Globes::with(&globes, shades.as_ref());
             let all: Vec<_> = windows.values().flatten().collect();
-            let mut spin = spin::spin(shades.as_ref(), &all, self.step_s());
-            if let Some(curve) = self.options.page.then(|| Curve::new(&spin, shades.as_ref(), &all)).flatten() {
+            let mut spin = spin::spin(&compared, &all, self.step_s());
+            if let Some(curve) = self.options.page.then(|| Curve::new(&spin, compared.last().copied(), &all)).flatten()
+            {
                 curves.insert(thing.name.as_str(), curve);
             }
             let rates = if let Some(rate) = thing.rate {
@@ -185,6 +189,8 @@ impl<'a> Finder<'a> {
             } else if let Some((best, rates)) = stretches::turning(film, thing, windows, self.step_s()) {
                 spin = best;
                 Some(rates)
+            } else if thing.flies() {
+                None
             } else {
                 let instants = shapes.iter().map(|shape| (shape.moment, film.moments[shape.moment].t_s)).collect();
                 varying::varying(&Evidence { shades: shades.as_ref(), windows, instants }, spin.rate)

@@ -61,6 +61,13 @@ impl<'a> Subject<'a> {
         let (moment, rate) = (shape.moment, DVec3::ZERO);
         Self { thing, moment, places: thin.collect(), normals: None, path, rate, around_us: SHORT_US }
     }
+
+    /// A ball, in the same way.
+    pub fn of_ball(thing: usize, shape: &Shape, path: &'a Path) -> Self {
+        let (moment, rate) = (shape.moment, DVec3::ZERO);
+        let (places, normals) = (shape.places.clone(), Some(shape.normals.clone()));
+        Self { thing, moment, places, normals, path, rate, around_us: SHORT_US }
+    }
 }
 
 /// A thing's events by instant, a window for each camera.

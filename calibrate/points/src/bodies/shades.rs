@@ -36,6 +36,12 @@ struct Pair {
     to: usize,
 }
 
+/// Colours of a thing at several instants.
+pub trait Compared: Sync {
+    /// How far they are apart if the thing turns at each of `rates` (radians per second about axes), 0 for the same.
+    fn apart(&self, rates: &[DVec3]) -> Vec<f64>;
+}
+
 /// The pairs of instants of a thing.
 #[derive(Debug)]
 pub struct Shades<'a> {
@@ -89,11 +95,6 @@ impl<'a> Shades<'a> {
         (pairs.len() >= FEWEST_PAIRS).then_some(Self { film, pairs })
     }
 
-    /// How far colours are apart if the thing turns at each of `rates` (radians per second about axes), 0 for the same.
-    pub fn apart(&self, rates: &[DVec3]) -> Vec<f64> {
-        rates.par_iter().map(|&rate| self.apart_at(rate)).collect()
-    }
-
     /// The same between two instants alone; none where they are not compared.
     pub fn apart_between(&self, instants: [usize; 2], rate: DVec3) -> Option<f64> {
         self.mean(rate, self.pairs.iter().filter(|pair| instants == [pair.from.min(pair.to), pair.from.max(pair.to)]))
@@ -122,5 +123,11 @@ impl<'a> Shades<'a> {
             }
         }
         (weights > 0.0).then(|| sum / weights)
+    }
+}
+
+impl Compared for Shades<'_> {
+    fn apart(&self, rates: &[DVec3]) -> Vec<f64> {
+        rates.par_iter().map(|&rate| self.apart_at(rate)).collect()
     }
 }

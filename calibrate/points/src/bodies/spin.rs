@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::{
     contrast::{Window, contrasts},
-    shades::Shades,
+    shades::Compared,
     turn::{climb, rates},
 };
 
@@ -21,6 +21,8 @@ const FRAME_TURNS_DEG: [f64; 10] = [12.0, 28.0, 44.0, 60.0, 76.0, 92.0, 108.0, 1
 const EVENT_RATES: [f64; 10] = [3.0, 5.0, 8.0, 11.5, 15.0, 21.0, 28.0, 37.0, 48.0, 62.0];
 /// So many hypotheses by frames are improved, which differ by at least so many radians from one instant to the next.
 const KEPT: usize = 6;
+/// The first step by which they are improved, radians from one instant to the next.
+const FIRST_STEP: f64 = 0.12;
 const APART: f64 = 0.45;
 /// So many by events.
 const KEPT_BY_EVENTS: usize = 40;
@@ -43,13 +45,14 @@ pub struct Spin {
     pub found_by: BTreeMap<String, Value>,
 }
 
-/// How a thing turns, by the frames and windows of events that there are; `step_s` is the usual time between instants.
-pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Spin {
+/// How a thing turns, by the frames and windows of events that there are; `step_s` is the usual time between instants. `compared` are
+/// neighbouring instants, and then those that are farther apart, if they are to be.
+pub fn spin(compared: &[&dyn Compared], windows: &[&Window], step_s: f64) -> Spin {
     let mut spin = Spin::default();
     let mut note = |name: &str, value: Value| {
         spin.found_by.insert(name.into(), value);
     };
-    let by_frames = shades.map(|shades| by_frames(shades, step_s)).unwrap_or_default();
+    let by_frames = by_frames(compared, step_s);
     if let Some(best) = by_frames.first() {
         spin.looked_at = best.1;
         note("rate_by_frames_rad_s", vector(best.1));
@@ -81,7 +84,7 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
     let mut order: Vec<usize> = (0..tried.len()).collect();
     order.sort_by(|&a, &b| contrast[b].total_cmp(&contrast[a]));
     let colours = |rates: &[DVec3]| -> Vec<f64> {
-        let Some(shades) = shades else { return vec![1.0; rates.len()] };
+        let Some(shades) = compared.last() else { return vec![1.0; rates.len()] };
         let still = shades.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE);
         shades.apart(rates).into_iter().map(|apart| apart / still).collect()
     };
@@ -127,7 +130,7 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
         "not determined: events are as sharp without rotation, and frames show no rotating texture"
     } else if best.0 > scores[0] + BETTER {
         spin.rate = best.1;
-        if shades.is_some() { "by events and frames" } else { "by events" }
+        if compared.is_empty() { "by events" } else { "by events and frames" }
     } else {
         "none found: events and frames fit as well without rotation"
     };
@@ -136,11 +139,11 @@ pub fn spin(shades: Option<&Shades<'_>>, windows: &[&Window], step_s: f64) -> Sp
 }
 
 /// The best rates by colours: how far they are apart compared with no turn, and the rate.
-fn by_frames(shades: &Shades<'_>, step_s: f64) -> Vec<(f64, DVec3)> {
+fn by_frames(all: &[&dyn Compared], step_s: f64) -> Vec<(f64, DVec3)> {
+    let Some(shades) = all.first() else { return Vec::new() };
     let turns = FRAME_TURNS_DEG.map(|degrees| degrees.to_radians() / step_s);
     let tried = rates(FRAME_DIRECTIONS, &turns);
     let apart = shades.apart(&tried);
-    let still = apart[0].max(f64::MIN_POSITIVE);
     let mut order: Vec<usize> = (0..tried.len()).collect();
     order.sort_by(|&a, &b| apart[a].total_cmp(&apart[b]));
     let mut kept: Vec<usize> = Vec::new();
@@ -149,16 +152,27 @@ fn by_frames(shades: &Shades<'_>, step_s: f64) -> Vec<(f64, DVec3)> {
             kept.push(index);
         }
     }
-    let nearer = |rates: &[DVec3]| shades.apart(rates).into_iter().map(|apart| -apart).collect::<Vec<_>>();
-    let mut best: Vec<(f64, DVec3)> = kept
-        .into_iter()
-        .map(|index| {
-            let (apart, rate) = climb((-apart[index], tried[index]), 0.12 / step_s, 2, nearer);
-            (-apart / still, rate)
-        })
-        .collect();
+    let mut best: Vec<(f64, DVec3)> =
+        kept.into_iter().map(|index| climbed(all, (apart[index], tried[index]), step_s)).collect();
     best.sort_by(|a, b| a.0.total_cmp(&b.0));
     best
+}
+
+/// A rate improved by colours of neighbouring instants, and then by those of farther and farther ones: how far they are apart compared
+/// with no turn, and the rate.
+fn climbed(all: &[&dyn Compared], (mut apart, mut rate): (f64, DVec3), step_s: f64) -> (f64, DVec3) {
+    let mut still = 1.0;
+    for (longer, shades) in all.iter().enumerate() {
+        let nearer = |rates: &[DVec3]| shades.apart(rates).into_iter().map(|apart| -apart).collect::<Vec<_>>();
+        still = shades.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE);
+        if longer > 0 {
+            apart = shades.apart(&[rate])[0];
+        }
+        let first = FIRST_STEP / step_s * 0.5_f64.powi(longer as i32).sqrt();
+        let best = climb((-apart, rate), first, 2 + longer as u32, nearer);
+        (apart, rate) = (-best.0, best.1);
+    }
+    (apart / still, rate)
 }
 
 pub(super) fn rounded(value: f64, digits: i32) -> f64 {
@@ -182,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_rotation_that_nothing_tells_is_none_and_says_so() {
-        let spin = spin(None, &[], 0.1);
+        let spin = spin(&[], &[], 0.1);
         assert_eq!(spin.rate, DVec3::ZERO);
         assert!(spin.found_by["rotation"].as_str().is_some_and(|why| why.starts_with("not determined")), "{spin:?}");
     }

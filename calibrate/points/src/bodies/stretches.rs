@@ -6,6 +6,7 @@ use super::{
     contrast::Window,
     draft::best_seen_s,
     film::Film,
+    globe::Globes,
     near_events::Windows,
     shades::Shades,
     spin::{self, Spin},
@@ -78,15 +79,16 @@ pub fn turning(film: &Film, thing: &Thing, windows: &Windows, step_s: f64) -> Op
 fn spins(film: &Film, thing: &Thing, stretches: &[Stretch], windows: &Windows, step_s: f64) -> Vec<Spin> {
     let spin = |stretch: &Stretch| {
         let time = |moment: usize| film.moments[moment].t_s;
-        let from = thing.slim.partition_point(|shape| time(shape.moment) <= stretch.from_s + CLEAR_S);
-        let to = thing.slim.partition_point(|shape| time(shape.moment) < stretch.to_s - CLEAR_S);
+        let from = thing.shapes.partition_point(|shape| time(shape.moment) <= stretch.from_s + CLEAR_S);
+        let to = thing.shapes.partition_point(|shape| time(shape.moment) < stretch.to_s - CLEAR_S);
         let own: Vec<&Vec<Window>> = stretch.windows(film, windows).map(|(_, windows)| windows).collect();
         if own.len() < FEWEST || to.saturating_sub(from) < FEWEST {
             return None;
         }
-        let shades = Shades::new(film, &thing.slim[from..to]);
+        let shades = thing.slim.get(from..to).and_then(|shapes| Shades::new(film, shapes));
+        let globes = Globes::longer_and_longer(thing.globes.get(from..to).unwrap_or_default());
         let all: Vec<&Window> = own.into_iter().flatten().collect();
-        Some(spin::spin(shades.as_ref(), &all, step_s))
+        Some(spin::spin(&Globes::with(&globes, shades.as_ref()), &all, step_s))
     };
     let spins: Vec<Option<Spin>> = stretches.iter().map(spin).collect();
     // A stretch that tells nothing turns as the nearest that does.

@@ -8,11 +8,17 @@ use super::{
     detections::detections,
     edits::{self, BodyEdits, Named},
     film::Film,
+    globe::{self, Globe},
+    near_events::Subject,
     path::Path,
+    round::Ball,
     shades::Shape,
     slim,
 };
 use crate::CloudError;
+
+/// Places of a ball are right to about so many radii.
+const RIGHT_TO: f64 = 0.15;
 
 /// A thing that is followed.
 pub struct Thing {
@@ -20,10 +26,15 @@ pub struct Thing {
     pub name: String,
     /// Where it is at the instants.
     pub track: Track,
+    /// What it is as a ball, if it is round.
+    pub ball: Option<Ball>,
     /// Its points at each of its instants, about its centre.
     pub shapes: Vec<Shape>,
-    /// The same, only as deep as a ball would be whose hull is so deep: what its colours and events are held against.
+    /// The same, only as deep as a ball would be whose hull is so deep: what its colours and events are held against. None of a
+    /// ball that flies.
     pub slim: Vec<Shape>,
+    /// The colours of a ball that flies, and so turns at one rate between bounces, at each of its instants, with their times in seconds.
+    pub globes: Vec<(f64, Globe)>,
     /// Where it is at any time.
     pub path: Path,
     /// How it turns by what the user says, radians per second about axes.
@@ -35,6 +46,21 @@ pub struct Things {
     pub all: Vec<Thing>,
     /// Which of them each moving point of each instant belongs to.
     pub owners: Owners,
+}
+
+impl Thing {
+    /// Whether it is a ball that flies: where it is and how it turns needs no second look.
+    pub fn flies(&self) -> bool {
+        !self.globes.is_empty()
+    }
+
+    /// What is held against events to find out how it turns; `number` is its own among things.
+    pub fn subjects(&self, film: &Film, number: usize) -> Vec<Subject<'_>> {
+        match self.ball {
+            Some(_) => self.shapes.iter().map(|shape| Subject::of_ball(number, shape, &self.path)).collect(),
+            None => self.slim.iter().map(|shape| Subject::of_hull(film, number, shape, &self.path)).collect(),
+        }
+    }
 }
 
 impl Things {
@@ -49,11 +75,15 @@ impl Things {
         if named.is_empty() {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
-        let thing = |(index, Named { name, track, rate }): (usize, Named)| {
+        let thing = |(index, Named { name, track, rate, may_be_round }): (usize, Named)| {
             let path = path(&track, &times, [cell_m, exposure_s]);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
-            Thing { name, shapes, slim, path, track, rate }
+            let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, rate };
+            match may_be_round.then(|| Ball::new(film, &thing)).flatten() {
+                Some(ball) => round(film, thing, ball),
+                None => thing,
+            }
         };
         Ok(Self { all: named.into_iter().enumerate().map(thing).collect(), owners })
     }
@@ -86,6 +116,43 @@ fn path(track: &Track, times: &[f64], [cell_m, exposure_s]: [f64; 2]) -> Path {
     let places: Vec<DVec3> =
         std::iter::zip(&times_s, places).map(|(&t_s, place)| flights.at(t_s).unwrap_or(place)).collect();
     Path::bouncing(&times_s, &places, &bounces, 0.5 * exposure_s)
+}
+
+/// A thing that is round, where and as large as its discs are.
+fn round(film: &Film, mut thing: Thing, ball: Ball) -> Thing {
+    let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
+    let flown = [RIGHT_TO * ball.radius_m, film.exposure_s()];
+    let mut clear = Track { centres: vec![None; times.len()], radius_m: ball.radius_m, ..thing.track.clone() };
+    for &(instant, middle) in &ball.places {
+        clear.centres[instant] = Some(middle);
+        clear.sure[instant] = true;
+    }
+    // Where it is not seen clearly it is where it flies.
+    let path = path(&clear, &times, flown);
+    let followed: Vec<usize> = thing.track.instants().collect();
+    for instant in followed {
+        if clear.centres[instant].is_none() {
+            clear.centres[instant] = Some(path.at(times[instant]));
+            clear.sure[instant] = false;
+        }
+    }
+    thing.path = self::path(&clear, &times, flown);
+    let places: Vec<(usize, DVec3)> =
+        clear.instants().filter_map(|instant| Some((instant, clear.centres[instant]?))).collect();
+    thing.shapes = places.iter().map(|&(moment, centre)| ball.shape(film, moment, centre)).collect();
+    let flights = clear.flights(&times, flown[1], flown[0]);
+    if places.iter().all(|(moment, _)| flights.at(times[*moment]).is_some()) {
+        let globe =
+            |&(moment, centre): &(usize, DVec3)| (times[moment], Globe::new(film, moment, centre, ball.radius_m));
+        thing.globes = places.iter().map(globe).collect();
+        globe::without_light(&mut thing.globes);
+        thing.slim.clear();
+    } else {
+        thing.slim = places.iter().map(|&(moment, centre)| ball.seen(film, moment, centre)).collect();
+    }
+    thing.track = clear;
+    thing.ball = Some(ball);
+    thing
 }
 
 /// The points of a track at each of its instants, about its centre.

@@ -12,7 +12,7 @@ use super::{
     contrast::{Change, Window, mean_contrast},
     near_events::Windows,
     refine::best_velocity,
-    shades::Shades,
+    shades::{Compared as _, Shades},
     turn::{climb, rates},
 };
 
