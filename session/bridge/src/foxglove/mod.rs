@@ -95,7 +95,7 @@ pub fn write(
     Ok(Written { topics, notes: rig.notes, damage: Slices::take_damage(&mut slices) })
 }
 
-/// The slices that are read, of which each so-manieth ends with pictures of events.
+/// The slices that are read. Every n-th ends with pictures of events.
 struct Steps {
     span_ns: [i64; 2],
     slice_ns: i64,
