@@ -36,7 +36,8 @@ fi
 for file; do
   "$venv/bin/rerun" mcap check --full "$file"
   "$venv/bin/rerun" mcap convert "$file" -o "$work/read.rrd" >"$work/convert.log" 2>&1 || { cat "$work/convert.log" >&2; exit 1; }
-  if grep -E 'WARN|ERROR' "$work/convert.log" >&2; then
+  # That it makes a name of its own of the file's path is no complaint.
+  if grep -E 'WARN|ERROR' "$work/convert.log" | grep -v 'Application ID' >&2; then
     echo "rerun.sh: Rerun complains of $file" >&2
     exit 1
   fi
