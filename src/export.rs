@@ -1,5 +1,6 @@
 //! `erfgs export`: runs, datasets, sessions and event files in the formats of other programs.
 
+mod bridge;
 mod dataset;
 mod event_video;
 mod events;
@@ -19,7 +20,10 @@ use erfgs_session::{
     source::Encoding,
 };
 
-use self::scene::{SceneFormat, SceneOptions};
+use self::{
+    event_video::Pictures,
+    scene::{SceneFormat, SceneOptions},
+};
 use crate::{
     device::{Adapter, TrainedRun},
     errors::{Usage, not_over},
@@ -55,6 +59,9 @@ and the frames of its cameras, and of event sensors that have frames, as
   mp4  a video for each camera (ffmpeg), at its mean rate; of the events of an event camera, brighter and darker, at --fps, \
 --speed and --accumulate (of one that has frames, too, its events are shown over them where --accumulate is given)
   session  a recording of its own, byte for byte, with the streams' settings and the rig: what --from and --until leave of it
+or all of it on its one clock (fitted now, where `erfgs sync` has not) for the tools of others, with lenses and poses where --rig is given:
+  foxglove  an MCAP file for Foxglove and Rerun: pictures of the frames, and of the events at --fps and --accumulate
+  rosbag2   a folder with a bag of ROS 2: the events as EVT 3, the frames as the cameras gave them
 All streams that fit the format are written, or the one named with --stream. --from and --until select data by their time of \
 arrival. Packets are kept whole, so that some milliseconds before the range may be included. Existing files \
 are overwritten only with --force.
@@ -71,6 +78,8 @@ Examples:
   erfgs export S.mcap --to raw --stream ev0 --out ev0.raw
   erfgs export S.mcap --to mp4 --out videos
   erfgs export S.mcap --to session --from 12.5 --until 14 --out throw.mcap
+  erfgs export S.mcap --to foxglove --rig rig.json --out take.foxglove.mcap
+  erfgs export S.mcap --to rosbag2 --rig rig.json --out take-bag
   erfgs export S.mcap --to mp4 --stream ev0 --from 12.9 --until 13.1 --speed 0.02 --out slow.mp4
   erfgs export davis346.aedat4 --to png --out frames
   erfgs export recording.raw --to csv --out events.csv")]
@@ -116,6 +125,8 @@ pub struct Arguments {
     until: Option<f64>,
     #[command(flatten)]
     video: event_video::VideoOptions,
+    #[command(flatten)]
+    bridge: bridge::BridgeOptions,
     /// Overwrite existing files.
     #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
@@ -137,6 +148,8 @@ enum Format {
     Exr,
     Mp4,
     Session,
+    Foxglove,
+    Rosbag2,
 }
 
 /// What `--to` names.
@@ -150,6 +163,9 @@ enum To {
     Scene(SceneFormat),
 }
 
+/// What streams are written as.
+const STREAM_FORMATS: &str = "raw, dat, aedat4, csv, npz, h5, png, exr, mp4, session, foxglove or rosbag2";
+
 fn to(text: &str) -> Result<To, String> {
     match text {
         "colmap" => Ok(To::Dataset(Layout::Colmap)),
@@ -159,9 +175,9 @@ fn to(text: &str) -> Result<To, String> {
         "gltf" => Ok(To::Scene(SceneFormat::Gltf)),
         "nerfstudio" => Ok(To::Dataset(Layout::Nerfstudio)),
         _ => Format::from_str(text, false).map(To::Streams).map_err(|_| {
-            "raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs or \
-             gltf for a run"
-                .into()
+            format!(
+                "{STREAM_FORMATS} for streams, colmap or nerfstudio for a dataset, html, e4d, 4dgs or gltf for a run"
+            )
         }),
     }
 }
@@ -174,6 +190,8 @@ enum Kind {
     Video,
     /// A session.
     Session,
+    /// All of it, for the tools of others.
+    Bridge(bridge::Tool),
 }
 
 impl Format {
@@ -188,7 +206,8 @@ impl Format {
             Self::Png => "png",
             Self::Exr => "exr",
             Self::Mp4 => "mp4",
-            Self::Session => "mcap",
+            Self::Session | Self::Foxglove => "mcap",
+            Self::Rosbag2 => "rosbag2",
         }
     }
 
@@ -205,6 +224,17 @@ impl Format {
             Self::Exr => Kind::Frames(FramesFormat::Exr),
             Self::Mp4 => Kind::Video,
             Self::Session => Kind::Session,
+            Self::Foxglove => Kind::Bridge(bridge::Tool::Foxglove),
+            Self::Rosbag2 => Kind::Bridge(bridge::Tool::Rosbag2),
+        }
+    }
+
+    /// What of it shows events.
+    fn pictures(self) -> Pictures {
+        match self {
+            Self::Mp4 => Pictures::Video,
+            Self::Foxglove => Pictures::Steady,
+            _ => Pictures::None,
         }
     }
 
@@ -256,8 +286,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ))
         .into()),
         (true, None) => {
-            let what = "choose the format of the export: --to raw, dat, aedat4, csv, npz, h5, png, exr, mp4 or session";
-            Err(Usage(what.into()).into())
+            Err(Usage(format!("choose the format of the export: --to {STREAM_FORMATS}")).into())
         }
         (false, Some(To::Dataset(layout))) => {
             let Some(out) = &arguments.out else {
@@ -299,7 +328,11 @@ impl Arguments {
         if let Some((name, _, _, of)) = given.into_iter().find(|(_, is_given, fits, _)| *is_given && !fits) {
             return Err(Usage(format!("{name} is for {of}, and nothing of '{}' is exported by it", input.display())));
         }
-        if is_recording { Ok(()) } else { self.video.fits(false) }
+        if is_recording {
+            return Ok(());
+        }
+        self.bridge.fits(Kind::Session)?;
+        self.video.fits(Pictures::None)
     }
 }
 
@@ -327,15 +360,17 @@ struct Task {
 fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut recording = Recording::open_with(path, &arguments.file_is.hints())?;
     let range = range(&recording, arguments)?;
+    arguments.bridge.fits(format.kind())?;
+    if let Kind::Bridge(tool) = format.kind() {
+        return bridge::export(recording, tool, range, arguments, terminal);
+    }
     if matches!(format.kind(), Kind::Session) {
         return excerpt::export(&mut recording, range, arguments, terminal);
     }
-    arguments.video.fits(format == Format::Mp4)?;
+    arguments.video.fits(format.pictures())?;
     let tasks = tasks(&recording, format, arguments)?;
-    let same =
-        |out: &Path| std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(path).ok() == Some(out));
-    if let Some(task) = tasks.iter().find(|task| same(&task.out)) {
-        return Err(Usage(format!("'{}' is the input itself; give another --out", task.out.display())).into());
+    for task in &tasks {
+        not_input(&task.out, path)?;
     }
     for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
         not_over(&file, arguments.force)?;
@@ -345,7 +380,7 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     let exports = match format.kind() {
         Kind::Events(format) => return events::export(&mut recording, format, &tasks, terminal),
         Kind::Frames(format) => frames::export(&mut recording, (format, arguments.bits), &tasks, &mut lost, terminal)?,
-        Kind::Video | Kind::Session => {
+        Kind::Video | Kind::Session | Kind::Bridge(_) => {
             let encoding = |task: &Task| recording.summary().streams[task.stream].description.encoding;
             let (of_events, of_frames): (Vec<_>, Vec<_>) =
                 tasks.into_iter().partition(|task| arguments.video.shows_events_of(encoding(task)));
@@ -368,6 +403,14 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     terminal
         .result(&exported, || exports.iter().map(|exports| exports.line.as_str()).collect::<Vec<_>>().join("\n"))?;
     complain(&recording, &lost)
+}
+
+/// Refuses to write over the input.
+fn not_input(out: &Path, input: &Path) -> Result<(), Usage> {
+    if std::fs::canonicalize(out).ok().is_some_and(|out| std::fs::canonicalize(input).ok() == Some(out)) {
+        return Err(Usage(format!("'{}' is the input itself; give another --out", out.display())));
+    }
+    Ok(())
 }
 
 /// What is exports of a stream that became pictures.
@@ -406,7 +449,7 @@ fn tasks(recording: &Recording, format: Format, arguments: &Arguments) -> anyhow
         Kind::Events(format) => format.fits(encoding),
         Kind::Frames(_) => encoding.is_frames() || encoding.has_sensor_frames(),
         Kind::Video => encoding.is_frames() || encoding.is_events(),
-        Kind::Session => true,
+        Kind::Session | Kind::Bridge(_) => true,
     };
     let extension = format.extension();
     let streams = &recording.summary().streams;

@@ -7,7 +7,7 @@ use std::{
 
 use erfgs_events::{EventFileHints, SensorSize, TextColumns};
 use erfgs_session::source::Description;
-use erfgs_sync::reading::{ALWAYS_NS, EventClock, FrameLook, ReadError, SliceOptions, TimedRecording};
+use erfgs_sync::reading::{ALWAYS_NS, Depth, EventClock, FrameLook, ReadError, SliceOptions, TimedRecording};
 use pyo3::{
     exceptions::{PyKeyError, PyValueError},
     prelude::*,
@@ -99,12 +99,12 @@ impl Recording {
 
 /// How frames are decoded, of arguments.
 fn look(depth: u8, bits: Option<u8>) -> PyResult<FrameLook> {
-    let deep = match depth {
-        8 => false,
-        16 => true,
+    let depth = match depth {
+        8 => Depth::Bits8,
+        16 => Depth::Bits16,
         other => return Err(PyValueError::new_err(format!("depth is {other}; frames are given with 8 or 16 bits"))),
     };
-    Ok(FrameLook { deep, bits })
+    Ok(FrameLook { depth, bits })
 }
 
 #[pymethods]

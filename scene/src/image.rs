@@ -270,6 +270,38 @@ pub fn jpeg(data: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8>
     Some(bytes)
 }
 
+/// The samples of a picture, row by row: grey, or red, green and blue.
+#[derive(Clone, Copy, Debug)]
+pub enum PngSamples<'a> {
+    /// Grey of 8 bits.
+    Grey8(&'a [u8]),
+    /// Colour of 8 bits.
+    Rgb8(&'a [u8]),
+    /// Grey of 16 bits.
+    Grey16(&'a [u16]),
+    /// Colour of 16 bits.
+    Rgb16(&'a [u16]),
+}
+
+/// A picture of `width * height` pixels as a PNG file; `None` where it has no pixels, or not as many.
+#[must_use]
+pub fn png(samples: PngSamples<'_>, width: u32, height: u32) -> Option<Vec<u8>> {
+    let (data, colour): (&[u8], _) = match samples {
+        PngSamples::Grey8(data) => (data, ExtendedColorType::L8),
+        PngSamples::Rgb8(data) => (data, ExtendedColorType::Rgb8),
+        PngSamples::Grey16(data) => (bytemuck::cast_slice(data), ExtendedColorType::L16),
+        PngSamples::Rgb16(data) => (bytemuck::cast_slice(data), ExtendedColorType::Rgb16),
+    };
+    let expected = width as usize * height as usize * usize::from(colour.bits_per_pixel()) / 8;
+    if expected == 0 || data.len() != expected {
+        return None;
+    }
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive);
+    encoder.write_image(data, width, height, colour).ok()?;
+    Some(bytes)
+}
+
 fn encode(path: &Path, data: &[u8], width: u32, height: u32, colour: ExtendedColorType) -> Result<(), ImageError> {
     let io = FileError::when("write image", path);
     let bytes = usize::from(colour.bits_per_pixel()) / 8;
@@ -345,6 +377,19 @@ mod tests {
         assert_eq!(jpeg(&[], 0, 4, 80), None);
         assert_eq!(jpeg(&[0; 7], 5, 4, 80), None);
         assert_eq!(jpeg(&[0; 210_000], 70_000, 1, 80), None);
+    }
+
+    #[test]
+    fn a_png_in_memory_is_the_picture_with_all_its_bits() {
+        let decoded = |bytes: Option<Vec<u8>>| image::load_from_memory(&bytes.unwrap()).unwrap();
+        let colour = gradient(5, 4);
+        assert_eq!(decoded(png(PngSamples::Rgb8(&colour.data), 5, 4)).into_rgb8().into_raw(), colour.data);
+        let grey = [0_u16, 1, 256, 65_535, 40_000, 4095];
+        assert_eq!(decoded(png(PngSamples::Grey16(&grey), 3, 2)).into_luma16().into_raw(), grey);
+        assert_eq!(decoded(png(PngSamples::Rgb16(&grey), 2, 1)).into_rgb16().into_raw(), grey);
+        assert_eq!(decoded(png(PngSamples::Grey8(&[7, 9]), 1, 2)).into_luma8().into_raw(), [7, 9]);
+        assert_eq!(png(PngSamples::Grey8(&[]), 0, 2), None);
+        assert_eq!(png(PngSamples::Grey8(&[1]), 1, 2), None);
     }
 
     fn gradient(width: u32, height: u32) -> ImageRgb8 {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use erfgs_bridge::foxglove::EventPictures;
 use erfgs_session::{
     container::Recording,
     export::{EventVideo, write_event_video},
@@ -15,17 +16,28 @@ use crate::{
     terminal::{Terminal, thousands},
 };
 
-/// How events become a video.
+/// Which pictures of events a format has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pictures {
+    /// None.
+    None,
+    /// At a steady rate of the recording.
+    Steady,
+    /// A video, at a speed of its own.
+    Video,
+}
+
+/// How events become pictures.
 #[derive(Debug, clap::Args)]
 pub struct VideoOptions {
     /// Duration of the events in each picture, milliseconds. Default: the time from picture to picture.
-    #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    #[arg(long, value_name = "MS", value_parser = positive, help_heading = "Of pictures of events (mp4, foxglove)")]
     accumulate: Option<f64>,
-    /// Pictures a second of the video [default: 30].
-    #[arg(long, value_name = "N", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    /// Pictures a second of the video, or of the recording (foxglove) [default: 30].
+    #[arg(long, value_name = "N", value_parser = positive, help_heading = "Of pictures of events (mp4, foxglove)")]
     fps: Option<f64>,
-    /// How many times as fast as it happened the video plays: 0.01 is a hundred times slower [default: 1].
-    #[arg(long, value_name = "TIMES", value_parser = positive, help_heading = "Of a video of events (mp4)")]
+    /// How many times as fast as it happened a video (mp4) plays: 0.01 is a hundred times slower [default: 1].
+    #[arg(long, value_name = "TIMES", value_parser = positive, help_heading = "Of pictures of events (mp4, foxglove)")]
     speed: Option<f64>,
 }
 
@@ -36,12 +48,23 @@ fn positive(text: &str) -> Result<f64, String> {
 
 impl VideoOptions {
     /// Refuses what is given for another format.
-    pub fn fits(&self, is_video: bool) -> Result<(), Usage> {
-        let given = [("--accumulate", self.accumulate), ("--fps", self.fps), ("--speed", self.speed)];
-        match given.into_iter().find(|(_, value)| value.is_some() && !is_video) {
-            Some((name, _)) => Err(Usage(format!("{name} is for videos of events: --to mp4"))),
+    pub fn fits(&self, pictures: Pictures) -> Result<(), Usage> {
+        let some = pictures != Pictures::None;
+        let given = [
+            ("--accumulate", self.accumulate, some, "pictures of events: --to mp4 or foxglove"),
+            ("--fps", self.fps, some, "pictures of events: --to mp4 or foxglove"),
+            ("--speed", self.speed, pictures == Pictures::Video, "videos of events: --to mp4"),
+        ];
+        match given.into_iter().find(|(_, value, fits, _)| value.is_some() && !fits) {
+            Some((name, _, _, of)) => Err(Usage(format!("{name} is for {of}"))),
             None => Ok(()),
         }
+    }
+
+    /// As pictures at a steady rate.
+    pub fn steady(&self) -> EventPictures {
+        let rate_hz = self.fps.unwrap_or(EventPictures::default().rate_hz);
+        EventPictures { rate_hz, span_ns: self.accumulate.map(|ms| (1e6 * ms) as i64) }
     }
 
     /// Whether a stream's events are shown, and not its frames.

@@ -25,5 +25,6 @@ mod raw;
 mod rig;
 mod session;
 mod told;
+mod tools;
 #[cfg(target_os = "linux")]
 mod u3v;

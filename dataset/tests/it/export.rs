@@ -91,6 +91,37 @@ fn what_colmap_gets_comes_back_with_its_points() {
     }
 }
 
+/// `scripts/setup.sh --oracles` installs COLMAP for Python; the environment variable `ERFGS_ORACLES` names another one that has it.
+#[test]
+fn colmap_reads_one_rig_and_a_frame_for_each_instant() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut dataset = dataset(folder.path(), 4);
+    // A camera that runs by itself took its last frame alone.
+    dataset.manifest.cameras[2].frames[3].t_ns += 7_000_000;
+    let out = folder.path().join("out");
+    export(&dataset, export::Layout::Colmap, &out, &mut |_| {}).unwrap();
+    let script = erfgs_recordings::root().join("tests/oracles/colmap_rig.py");
+    let output = Command::new(erfgs_recordings::python()).arg(script).arg(out.join("sparse/0")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&found["rigs"], &found["registered"]), (&json!([[1, [2, 3]]]), &json!(12)));
+    let instant =
+        |cameras: &[u32], t: u32| -> Value { cameras.iter().map(|camera| format!("cam{camera}/{t:05}.png")).collect() };
+    let all = [0, 1, 2];
+    let expected = [instant(&all, 0), instant(&all, 1), instant(&all, 2), instant(&all[..2], 3), instant(&all[2..], 3)];
+    assert_eq!(found["frames"], json!(expected));
+    for camera in &dataset.manifest.cameras {
+        let pose = camera.world_to_camera.matrix();
+        for t in 0..4 {
+            let rows: Vec<[f64; 4]> =
+                serde_json::from_value(found["poses"][format!("{}/{t:05}.png", camera.name)].clone()).unwrap();
+            let off = (0..3).flat_map(|row| (0..4).map(move |column| (row, column)));
+            let off = off.map(|(row, column)| (rows[row][column] - pose.col(column)[row]).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-12, "{}: {off}", camera.name);
+        }
+    }
+}
+
 #[test]
 fn what_a_layout_has_no_place_for_is_said_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();

@@ -16,6 +16,8 @@ use std::{
 use erfgs_base::FileError;
 use glam::DVec2;
 
+use crate::Pose;
+
 use super::{CameraModel, ColmapCamera, ColmapError, ColmapImage, Model, Observation, Point2d, Point3d, REMEDY, pose};
 
 const NONE: u64 = u64::MAX;
@@ -150,7 +152,14 @@ fn push(bytes: &mut Vec<u8>, values: &[f64]) {
     values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
 }
 
-fn counted(count: usize) -> Vec<u8> {
+/// A pose: its quaternion w, x, y, z and its translation.
+pub(super) fn push_pose(bytes: &mut Vec<u8>, pose: &Pose) {
+    let q = pose.rotation;
+    push(bytes, &[q.w, q.x, q.y, q.z]);
+    push(bytes, &pose.translation.to_array());
+}
+
+pub(super) fn counted(count: usize) -> Vec<u8> {
     (count as u64).to_le_bytes().to_vec()
 }
 
@@ -170,9 +179,7 @@ pub(super) fn images(model: &Model) -> Vec<u8> {
     let mut bytes = counted(model.images.len());
     for (id, image) in &model.images {
         bytes.extend_from_slice(&id.to_le_bytes());
-        let q = image.pose.rotation;
-        push(&mut bytes, &[q.w, q.x, q.y, q.z]);
-        push(&mut bytes, &image.pose.translation.to_array());
+        push_pose(&mut bytes, &image.pose);
         bytes.extend_from_slice(&image.camera.to_le_bytes());
         bytes.extend_from_slice(image.name.as_bytes());
         bytes.push(0);

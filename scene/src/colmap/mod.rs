@@ -16,6 +16,7 @@ use glam::{DQuat, DVec2, DVec3};
 use crate::{Distortion, Intrinsics, Pose};
 
 mod binary;
+mod rigs;
 mod text;
 
 /// Camera models that are read and written, with COLMAP's numbers and parameter orders.
@@ -390,10 +391,13 @@ impl Model {
 
 const NAMES: [&str; 3] = ["cameras", "images", "points3D"];
 
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), ColmapError> {
+    Ok(erfgs_base::atomic::write(path, bytes).map_err(FileError::when("write COLMAP model file", path))?)
+}
+
 fn write_files(folder: &Path, extension: &str, files: [Vec<u8>; 3]) -> Result<(), ColmapError> {
     for (name, bytes) in NAMES.iter().zip(files) {
-        let path = folder.join(name).with_extension(extension);
-        erfgs_base::atomic::write(&path, &bytes).map_err(FileError::when("write COLMAP model file", &path))?;
+        write_file(&folder.join(name).with_extension(extension), &bytes)?;
     }
     let other = if extension == "bin" { "txt" } else { "bin" };
     let stale = NAMES.iter().map(|name| (*name, other));

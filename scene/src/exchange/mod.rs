@@ -34,6 +34,7 @@ use erfgs_base::names::FileNames;
 
 pub use camera_yaml::read_intrinsics;
 pub use error::ExchangeError;
+pub use ros::CameraInfo;
 pub use unit::Unit;
 
 use self::unit::Found;

@@ -43,8 +43,10 @@ fn segments(jpeg: &[u8]) -> impl Iterator<Item = (u8, usize, usize)> + '_ {
     })
 }
 
-/// Many cameras leave the Huffman tables out and mean the standard ones (ITU-T T.81, annex K.3): puts them in.
-fn with_huffman_tables(jpeg: &[u8]) -> Cow<'_, [u8]> {
+/// A Motion JPEG frame as a JPEG file. Many cameras leave the Huffman tables out and mean the standard ones (ITU-T T.81, annex K.3),
+/// which few other decoders know: puts them in.
+#[must_use]
+pub fn with_huffman_tables(jpeg: &[u8]) -> Cow<'_, [u8]> {
     if !jpeg.starts_with(&SOI) || segments(jpeg).any(|(marker, ..)| marker == DHT) {
         return Cow::Borrowed(jpeg);
     }

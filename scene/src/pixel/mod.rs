@@ -21,6 +21,8 @@ use erfgs_base::plausible;
 pub use demosaic::demosaic;
 pub use format::{BayerOrder, PixelFormat, Samples};
 #[cfg(feature = "images")]
+pub use jpeg::with_huffman_tables;
+#[cfg(feature = "images")]
 pub use picture::{LightRgb, decode};
 pub use raw::{RawLook, Response};
 #[cfg(feature = "images")]

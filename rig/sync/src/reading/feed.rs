@@ -8,29 +8,20 @@ use std::{
 use erfgs_events::{ApsFrame, CdEvent, Decoder, Event, EventRows, Sink, StreamDecoder};
 use erfgs_scene::pixel::FrameFormat;
 use erfgs_session::{
-    container::{BegunDecoder, hand_over},
+    container::{BegunDecoder, StreamTotals, hand_over},
     export::sensor_samples,
     source::{Description, Packet},
 };
 
-use super::{EventClock, FrameLook, Picture, SLACK_NS, times::Dater};
+use super::{
+    EventClock, FrameLook, SLACK_NS,
+    frame::{TimedFrame, WaitingFrame},
+    times::Dater,
+};
 use crate::Exposure;
 
 /// A frame of an event sensor comes after the events of its exposure by its readout, and its middle lies half an exposure earlier.
 const SENSOR_FRAME_NS: i64 = 2_000_000_000;
-
-/// A frame with its time.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TimedFrame {
-    /// The number of the packet that it came in.
-    pub sequence: u64,
-    /// The middle of its exposure, nanoseconds of session time.
-    pub mid_ns: i64,
-    /// When its exposure began and ended, nanoseconds of session time; `None` where nothing tells its length.
-    pub exposure_ns: Option<[i64; 2]>,
-    /// What it shows.
-    pub picture: Picture,
-}
 
 /// What to say of what nothing dates.
 pub(super) fn told_undated(id: &str, count: u64, what: &str) -> Option<String> {
@@ -46,8 +37,12 @@ pub(super) struct Feed {
     span_ns: [i64; 2],
     /// Events that wait.
     pub rows: EventRows,
-    /// Frames that wait.
-    pub frames: VecDeque<TimedFrame>,
+    /// Frames that wait, decoded when they are handed out: what waits for another stream takes no more memory than it was sent with.
+    pub frames: VecDeque<WaitingFrame>,
+    /// The number of the stream's last packet, where that is known.
+    last_sequence: Option<u64>,
+    /// Whether no packet will follow.
+    ended: bool,
     /// Up to here all of the stream was met, session nanoseconds.
     newest_ns: i64,
     undated: u64,
@@ -105,7 +100,36 @@ impl Feed {
 
     fn new(stream: usize, id: String, kind: Kind, span_ns: [i64; 2]) -> Self {
         let (rows, frames) = (EventRows::default(), VecDeque::new());
-        Self { stream, id, kind, span_ns, rows, frames, newest_ns: i64::MIN, undated: 0, damaged: 0 }
+        let (last_sequence, ended) = (None, false);
+        Self {
+            stream,
+            id,
+            kind,
+            span_ns,
+            rows,
+            frames,
+            last_sequence,
+            ended,
+            newest_ns: i64::MIN,
+            undated: 0,
+            damaged: 0,
+        }
+    }
+
+    /// The recording says of the stream where it ends: others need not wait for it then.
+    pub fn ends_as(&mut self, totals: &StreamTotals) {
+        (self.ended, self.last_sequence) = (totals.packets == 0, totals.next_sequence.checked_sub(1));
+    }
+
+    /// The next of the frames before a session time that can be decoded, in the order of the recording.
+    pub fn next_frame(&mut self, before_ns: i64) -> Option<TimedFrame> {
+        loop {
+            let at = self.frames.iter().position(|frame| frame.mid_ns < before_ns)?;
+            match self.frames.remove(at)?.decoded() {
+                Some(frame) => return Some(frame),
+                None => self.damaged += 1,
+            }
+        }
     }
 
     /// The host time from which on packets are wanted; `None` for all.
@@ -120,6 +144,7 @@ impl Feed {
 
     /// Takes a packet of the stream.
     pub fn take(&mut self, packet: &Packet) {
+        self.ended |= self.last_sequence == Some(packet.sequence);
         match &mut self.kind {
             Kind::Events { begun, started, .. } => {
                 if packet.sequence < begun.first_sequence {
@@ -140,18 +165,22 @@ impl Feed {
                 if !due.remove(&(exposure.mid_ns, packet.sequence)) {
                     return;
                 }
-                match Picture::decode(format, *deep, &packet.payload) {
-                    Ok(picture) if !packet.damaged => {
-                        let around = |length: i64| {
-                            let start = exposure.mid_ns.saturating_sub(length / 2);
-                            [start, start.saturating_add(length)]
-                        };
-                        let (sequence, mid_ns) = (packet.sequence, exposure.mid_ns);
-                        let exposure_ns = exposure.length_ns.map(around);
-                        self.frames.push_back(TimedFrame { sequence, mid_ns, exposure_ns, picture });
-                    }
-                    _ => self.damaged += 1,
+                if packet.damaged {
+                    self.damaged += 1;
+                    return;
                 }
+                let around = |length: i64| {
+                    let start = exposure.mid_ns.saturating_sub(length / 2);
+                    [start, start.saturating_add(length)]
+                };
+                self.frames.push_back(WaitingFrame {
+                    sequence: packet.sequence,
+                    mid_ns: exposure.mid_ns,
+                    exposure_ns: exposure.length_ns.map(around),
+                    format: *format,
+                    deep: *deep,
+                    payload: packet.payload.clone(),
+                });
             }
         }
     }
@@ -196,6 +225,9 @@ impl Feed {
 
     /// Whether all that the stream saw before a session time was met.
     pub fn has_seen(&self, t_ns: i64) -> bool {
+        if self.ended {
+            return true;
+        }
         match &self.kind {
             Kind::Events { frames, .. } => {
                 let slack = if frames.is_some() { SENSOR_FRAME_NS } else { SLACK_NS };
@@ -223,7 +255,7 @@ pub(super) struct Taking<'a> {
     span_ns: [i64; 2],
     clock: EventClock,
     rows: Option<&'a mut EventRows>,
-    frames: Option<(FrameLook, &'a mut VecDeque<TimedFrame>)>,
+    frames: Option<(FrameLook, &'a mut VecDeque<WaitingFrame>)>,
     sequence: u64,
     newest_ns: i64,
     pub undated: u64,
@@ -298,15 +330,12 @@ impl Sink for Taking<'_> {
         let (encoding, payload) = sensor_samples(&frame);
         let [width, height] = [frame.width, frame.height].map(u32::from);
         let format = encoding.frames().map(|pixels| FrameFormat { pixels, width, height, look: Default::default() });
-        let picture = format.and_then(|format| Picture::decode(&format, look.deep, &payload).ok());
-        match picture {
-            Some(picture) => frames.push_back(TimedFrame {
-                sequence: self.sequence,
-                mid_ns,
-                exposure_ns: Some([start, end]),
-                picture,
-            }),
-            None => self.damaged += 1,
-        }
+        let Some(format) = format else {
+            self.damaged += 1;
+            return;
+        };
+        let (sequence, exposure_ns) = (self.sequence, Some([start, end]));
+        let (deep, payload) = (look.depth.is_deep(format.pixels), payload.into());
+        frames.push_back(WaitingFrame { sequence, mid_ns, exposure_ns, format, deep, payload });
     }
 }

@@ -22,7 +22,11 @@ pub(super) struct Follow {
 }
 
 impl Follow {
-    pub fn start(recording: Recording, feeds: Vec<Feed>, span_ns: [i64; 2]) -> Self {
+    pub fn start(recording: Recording, mut feeds: Vec<Feed>, span_ns: [i64; 2]) -> Self {
+        if let Recording::Session(session) = &recording {
+            let streams = &session.summary().streams;
+            feeds.iter_mut().for_each(|feed| feed.ends_as(&streams[feed.stream].totals));
+        }
         let start_ns = recording.summary().start.host_ns;
         let from: Option<Vec<i64>> = feeds.iter().map(|feed| feed.first_host_ns(start_ns)).collect();
         let from = from.map(|from| from.into_iter().min().unwrap_or(i64::MAX));

@@ -25,7 +25,7 @@ impl Iterator for Frames {
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             let feed = self.follow.feeds.first_mut()?;
-            if let Some(frame) = feed.frames.pop_front() {
+            if let Some(frame) = feed.next_frame(i64::MAX) {
                 return Some(Ok(frame));
             }
             if self.follow.has_seen(self.end_ns) {

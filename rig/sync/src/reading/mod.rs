@@ -7,34 +7,37 @@
 mod error;
 mod feed;
 mod follow;
+mod frame;
 mod frames;
 mod picture;
 mod slices;
 mod times;
 
-use std::{cell::Cell, path::Path, sync::Arc};
+use std::{cell::Cell, collections::HashMap, path::Path, sync::Arc};
 
 use erfgs_events::{EventFileHints, EventRows};
+use erfgs_scene::pixel::{self, PixelFormat};
 use erfgs_session::{
     Recording,
-    container::Stream,
+    container::{BegunDecoder, Stream},
     export::sample_bits,
     source::{Description, LATE_NS},
 };
 
 pub use self::{
     error::ReadError,
-    feed::TimedFrame,
+    frame::TimedFrame,
     frames::Frames,
     picture::{Picture, Samples},
     slices::{Part, Slice, SliceOptions, Slices},
+    times::Dater,
 };
 use self::{
     feed::{Feed, Taking},
     follow::Follow,
     times::Clocks,
 };
-use crate::{SyncNote, Synchronisation, of_session};
+use crate::{Exposure, SyncNote, Synchronisation, of_session};
 
 /// A span of session time without bounds.
 pub const ALWAYS_NS: [i64; 2] = [i64::MIN, i64::MAX];
@@ -52,11 +55,34 @@ pub enum EventClock {
     Device,
 }
 
+/// How many bits the samples of a frame are given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Depth {
+    /// 8.
+    #[default]
+    Bits8,
+    /// 16.
+    Bits16,
+    /// 16 where the camera gives more than 8, and 8 elsewhere.
+    OfCamera,
+}
+
+impl Depth {
+    /// Whether frames of these pixels are given 16 bits.
+    fn is_deep(self, pixels: PixelFormat) -> bool {
+        match self {
+            Self::Bits8 => false,
+            Self::Bits16 => true,
+            Self::OfCamera => pixel::is_deep(pixels),
+        }
+    }
+}
+
 /// How the frames of a stream are decoded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameLook {
-    /// With 16 bits a sample.
-    pub deep: bool,
+    /// How many bits a sample is given.
+    pub depth: Depth,
     /// How many bits of samples of 16 count (AEDAT 4), where it is said.
     pub bits: Option<u8>,
 }
@@ -77,13 +103,19 @@ pub struct TimedRecording {
     notes: Vec<SyncNote>,
 }
 
+impl From<Recording> for TimedRecording {
+    fn from(recording: Recording) -> Self {
+        Self { recording, clocks: None, notes: Vec::new() }
+    }
+}
+
 impl TimedRecording {
     /// Opens a session or an event file; `hints` are taken whatever an event file says.
     ///
     /// # Errors
     /// If the file cannot be read or is none of the formats.
     pub fn open(path: &Path, hints: &EventFileHints) -> Result<Self, ReadError> {
-        Ok(Self { recording: Recording::open_with(path, hints)?, clocks: None, notes: Vec::new() })
+        Ok(Recording::open_with(path, hints)?.into())
     }
 
     /// The recording.
@@ -118,16 +150,68 @@ impl TimedRecording {
     }
 
     fn clocks(&mut self) -> Result<Arc<Clocks>, ReadError> {
+        self.find_clocks(|_, _| {})
+    }
+
+    /// Finds the clocks, which fitting takes a while. `progress` is called with the bytes of payload read so far and those of all
+    /// packets.
+    ///
+    /// # Errors
+    /// If the file beside the session, or the session, cannot be read.
+    pub fn fit_clocks(&mut self, progress: impl FnMut(u64, u64)) -> Result<(), ReadError> {
+        self.find_clocks(progress).map(drop)
+    }
+
+    fn find_clocks(&mut self, progress: impl FnMut(u64, u64)) -> Result<Arc<Clocks>, ReadError> {
         if let Some(clocks) = &self.clocks {
             return Ok(clocks.clone());
         }
         let found = match &mut self.recording {
             Recording::EventFile(file) => Clocks::OfFile(file.clock()),
             Recording::Session(session) => {
-                Clocks::Fitted(of_session(session, &mut |note| self.notes.push(note), |_, _| {})?)
+                Clocks::Fitted(of_session(session, &mut |note| self.notes.push(note), progress)?)
             }
         };
         Ok(self.clocks.insert(Arc::new(found)).clone())
+    }
+
+    /// Follows the clock of an event camera's stream from its beginning.
+    ///
+    /// # Errors
+    /// If the file beside the session, or the session, cannot be read.
+    pub fn dater(&mut self, id: &str) -> Result<Dater, ReadError> {
+        Ok(self.clocks()?.dater(id))
+    }
+
+    /// The exposures of a camera's frames, by the numbers of their packets.
+    ///
+    /// # Errors
+    /// If the file beside the session, or the session, cannot be read.
+    pub fn exposures(&mut self, id: &str) -> Result<HashMap<u64, Exposure>, ReadError> {
+        Ok(self.clocks()?.exposures(id))
+    }
+
+    /// A decoder for the packets of a stream from a session time on, `None` for the beginning, that knows then what one knows that
+    /// began at the beginning. `None` if the stream has no events, or events that erfgs does not decode.
+    ///
+    /// # Errors
+    /// If the recording cannot be read.
+    pub fn decoder(&mut self, stream: usize, from_ns: Option<i64>) -> Result<Option<BegunDecoder>, ReadError> {
+        let start_ns = self.recording.summary().start.host_ns;
+        Ok(match &mut self.recording {
+            Recording::Session(session) => {
+                session.decoder_from(stream, from_ns.map(|from_ns| from_ns.saturating_add(start_ns)))?
+            }
+            Recording::EventFile(file) => Some(file.decoder()),
+        })
+    }
+
+    /// How many bits of the samples of a stream's frames count, where they have 16 (AEDAT 4): as said, or all.
+    ///
+    /// # Errors
+    /// If the recording cannot be read, or leaves that open.
+    pub fn bits(&mut self, stream: usize, said: Option<u8>) -> Result<u8, ReadError> {
+        Ok(sample_bits(&mut self.recording, stream, said)?)
     }
 
     /// The events of a stream within `span_ns` of session time, its end excluded.
@@ -222,18 +306,11 @@ impl TimedRecording {
         let id = self.recording.summary().streams[stream].description.id.clone();
         let dater = self.clocks()?.dater(&id);
         let frames = match frames {
-            Some(look) => Some(FrameLook { bits: Some(sample_bits(&mut self.recording, stream, look.bits)?), ..look }),
+            Some(look) => Some(FrameLook { bits: Some(self.bits(stream, look.bits)?), ..look }),
             None => None,
         };
-        let start_ns = self.recording.summary().start.host_ns;
-        let begun = match &mut self.recording {
-            Recording::Session(session) => {
-                let from =
-                    (span_ns[0] != i64::MIN).then(|| span_ns[0].saturating_add(start_ns).saturating_sub(SLACK_NS));
-                session.decoder_from(stream, from)?
-            }
-            Recording::EventFile(file) => Some(file.decoder()),
-        };
+        let from_ns = (span_ns[0] != i64::MIN).then(|| span_ns[0].saturating_sub(SLACK_NS));
+        let begun = self.decoder(stream, from_ns)?;
         let begun = begun.ok_or_else(|| self.lacks(&id, "events", "erfgs does not decode them"))?;
         Ok(Feed::of_events(stream, id, begun, dater, (span_ns, clock, frames)))
     }
@@ -248,7 +325,7 @@ impl TimedRecording {
         }
         let Some(format) = description.frame_format() else { return Ok(None) };
         let exposures = self.clocks()?.exposures(id);
-        Ok(Some(Feed::of_camera(stream, &description, format, exposures, (span_ns, look.deep))))
+        Ok(Some(Feed::of_camera(stream, &description, format, exposures, (span_ns, look.depth.is_deep(format.pixels)))))
     }
 
     fn described(&self, id: &str) -> Result<(usize, Description), ReadError> {

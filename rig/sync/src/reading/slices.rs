@@ -71,9 +71,7 @@ impl Slices {
             let [from_us, to_us] = span_ns.map(|t_ns| t_ns.saturating_add(999).div_euclid(1000));
             late += feed.rows.take_before(from_us).len() as u64;
             let events = feed.rows.take_before(to_us);
-            let (mut frames, rest): (Vec<_>, Vec<_>) =
-                feed.frames.drain(..).partition(|frame| frame.mid_ns < span_ns[1]);
-            feed.frames = rest.into();
+            let mut frames: Vec<_> = std::iter::from_fn(|| feed.next_frame(span_ns[1])).collect();
             let met = frames.len();
             frames.retain(|frame| frame.mid_ns >= span_ns[0]);
             late += (met - frames.len()) as u64;

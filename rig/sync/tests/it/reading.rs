@@ -8,7 +8,7 @@ use erfgs_session::{
     container::{SessionStart, SessionWriter, Settings},
     source::{Encoding, Packet},
 };
-use erfgs_sync::reading::{ALWAYS_NS, EventClock, FrameLook, Samples, SliceOptions, TimedFrame, TimedRecording};
+use erfgs_sync::reading::{ALWAYS_NS, Depth, EventClock, FrameLook, Samples, SliceOptions, TimedFrame, TimedRecording};
 
 use crate::breaks::support::{MS, START_NS, board, camera, description, part};
 
@@ -147,10 +147,13 @@ fn frames_come_with_their_exposures_and_those_that_are_cut_are_told() {
     assert_eq!(found, all[20..25]);
     assert_eq!(slices(&mut recording, 10 * MS, span).1, all[20..25]);
     assert_eq!(slices(&mut recording, 10 * MS, [0, 8_000 * MS]).1, all, "whatever arrives when");
-    let deep = FrameLook { deep: true, bits: None };
+    let deep = FrameLook { depth: Depth::Bits16, bits: None };
     let deep = recording.frames("rgb", span, deep).unwrap().next().unwrap().unwrap();
     let level = 257 * all[20].sequence as u16;
     assert_eq!(deep.picture.samples, Samples::Bits16(vec![level; 32]));
+    let of_camera = FrameLook { depth: Depth::OfCamera, bits: None };
+    let shallow = recording.frames("rgb", span, of_camera).unwrap().next().unwrap().unwrap();
+    assert!(matches!(shallow.picture.samples, Samples::Bits8(_)) && shallow.jpeg.is_none());
 }
 
 #[test]
