@@ -1,11 +1,11 @@
 //! The colours of a ball at an instant in all directions.
 
 use glam::{DMat3, DQuat, DVec3};
-use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
 use super::{
     film::{Film, MOST_APART},
+    light::Light,
     shades::{Compared, Shades},
     turn::directions,
 };
@@ -123,23 +123,16 @@ impl Compared for Globes<'_> {
     }
 }
 
-/// Takes away what light does: it comes from one side all the time, which the colours of what turns do not. How bright a ball is may
-/// differ evenly from one side to the other.
+/// Takes away what light from one side does.
 pub fn without_light(globes: &mut [(f64, Globe)]) {
-    let seen =
-        || globes.iter().flat_map(|(_, globe)| globe.seen.iter().enumerate().filter(|(_, seen)| seen.weight > 0.0));
-    let (mut normal, mut sums) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
-    for (index, seen) in seen() {
-        let row = Vector4::from_iterator([1.0].into_iter().chain(along(index).to_array()));
-        normal += f64::from(seen.weight) * row * row.transpose();
-        sums += f64::from(seen.weight * seen.brightness()) * row;
-    }
-    let Some(light) = normal.cholesky().map(|normal| normal.solve(&sums)) else { return };
+    let seen = globes.iter().flat_map(|(_, globe)| globe.seen.iter().enumerate());
+    let lit = seen.filter(|(_, seen)| seen.weight > 0.0);
+    let lit = lit.map(|(index, seen)| (along(index), f64::from(seen.brightness()), f64::from(seen.weight)));
+    let Some(light) = Light::new(lit) else { return };
     for (_, globe) in globes {
         for (index, seen) in globe.seen.iter_mut().enumerate() {
-            let row = Vector4::from_iterator([1.0].into_iter().chain(along(index).to_array()));
-            let share = (light[0] / row.dot(&light).max(f64::MIN_POSITIVE)).clamp(0.5, 2.0);
-            seen.colour = seen.colour.map(|value| value * share as f32);
+            let share = light.away(along(index)) as f32;
+            seen.colour = seen.colour.map(|value| value * share);
         }
     }
 }

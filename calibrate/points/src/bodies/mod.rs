@@ -23,6 +23,7 @@ mod film;
 mod flight;
 mod globe;
 mod grow;
+mod light;
 mod mixture;
 mod near_events;
 mod normals;
