@@ -237,6 +237,8 @@ fn filmed(film: &FilmOptions) -> Vec<Cause> {
         let film = FilmOptions { exposure_ns: (1e6 * ms) as i64, ..film.clone() };
         step("exposure", *ms, film)
     };
+    // No shutter is open for longer than a frame takes.
+    let fits = |ms: &&f64| 1e-3 * **ms * film.rgb_fps <= 1.0;
     let threshold = |size: &f64| {
         let events = erfgs_stage::EventOptions { threshold_on: *size, threshold_off: *size, ..film.events.clone() };
         step("threshold", *size, FilmOptions { events, ..film.clone() })
@@ -250,7 +252,7 @@ fn filmed(film: &FilmOptions) -> Vec<Cause> {
                 kind: Kind::Sensors,
                 usual: 1e-6 * film.exposure_ns as f64,
             },
-            steps: [1.0, 5.0, 40.0, 60.0].iter().map(exposure).collect(),
+            steps: [1.0, 5.0, 40.0, 60.0].iter().filter(fits).map(exposure).collect(),
         },
         Cause {
             about: About {

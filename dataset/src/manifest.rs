@@ -139,6 +139,9 @@ impl VariantStep {
     /// Name of the step that keeps each n-th frame of the training cameras, and that of its parameter n.
     const SUBSAMPLE: [&str; 2] = ["subsample", "every"];
 
+    /// Name of the step that averages frames of the training cameras: exposures that it makes may overlap.
+    pub const BLUR: &str = "blur";
+
     /// The step that kept each `every`-th frame of the training cameras.
     #[must_use]
     pub fn subsample(every: u32) -> Self {
@@ -254,6 +257,12 @@ impl Manifest {
         let steps = self.variant.iter().filter(|made| made.step == step);
         let kept = steps.filter_map(|made| made.parameters.get(parameter)?.as_u64());
         kept.fold(1, |all, every| all.saturating_mul(every.max(1)))
+    }
+
+    /// Whether frames are means of others, so that one of these may lie in the exposures of several frames.
+    #[must_use]
+    pub(crate) fn is_blurred(&self) -> bool {
+        self.variant.iter().any(|made| made.step == VariantStep::BLUR)
     }
 }
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{Camera, CameraEvents, Dataset, DatasetError, Frame, Problem, files::check_size};
 use erfgs_base::plausible::{
-    EXPOSURE, INSTANT, Implausible, LIN_LOG, OVERHANG, SIGMA_PLACE, SIGMA_TIME, SIGMA_TURN, SPAN, THRESHOLD,
+    EXPOSURE, INSTANT, Implausible, LIN_LOG, OVERHANG, OVERLAP, SIGMA_PLACE, SIGMA_TIME, SIGMA_TURN, SPAN, THRESHOLD,
     check_sensor,
 };
 use erfgs_scene::{Modality, image};
@@ -34,6 +34,7 @@ impl Dataset {
             check_name(&camera.name)
                 .and_then(new_name)
                 .and_then(|()| check_camera(camera, manifest.span_ns))
+                .and_then(|()| if manifest.is_blurred() { Ok(()) } else { check_overlaps(&camera.frames) })
                 .and_then(|()| check_unique(camera, &mut files))
                 .map_err(|problem| self.in_camera(camera, problem))?;
         }
@@ -135,6 +136,19 @@ fn check_frame(index: usize, frame: &Frame, before: Option<i64>, span_ns: [i64; 
         .and_then(|()| OVERHANG.check_between_ns([start, span_ns[0].max(start)]))
         .and_then(|()| OVERHANG.check_between_ns([span_ns[1].min(end), end]));
     checked.map_err(|wrong| Problem::Frame { index, file, wrong })
+}
+
+/// One sensor takes one picture after the other.
+fn check_overlaps(frames: &[Frame]) -> Result<(), Problem> {
+    for (index, pair) in frames.windows(2).enumerate() {
+        let [before, frame] = [&pair[0], &pair[1]];
+        let between = |from: i64, to: i64| (i128::from(to) - i128::from(from)) as f64;
+        let shared_ns = between(frame.exposure_ns[0], before.exposure_ns[1]).max(0.0);
+        let wrong = |wrong| Problem::Frame { index: index + 1, file: frame.file.clone(), wrong };
+        let intervals = shared_ns / between(before.t_ns, frame.t_ns);
+        OVERLAP.check((1e3 * intervals).round() * 1e-3).map_err(wrong)?;
+    }
+    Ok(())
 }
 
 fn check_events(events: &CameraEvents) -> Result<(), Problem> {

@@ -29,7 +29,18 @@ pub fn alone(folder: &RunFolder, terminal: &Terminal) -> anyhow::Result<FolderLo
 pub fn checkpoint(folder: &RunFolder, resume: bool) -> anyhow::Result<Option<Checkpoint>> {
     match (resume, folder.checkpoint_file().is_file()) {
         (true, true) => Ok(Some(Checkpoint::load(&folder.checkpoint_file())?)),
-        (_, false) => Ok(None),
+        (_, false) => {
+            // What is finished is not trained again unless somebody decides to.
+            let finished = folder.info_file().is_file() && folder.read_info()?.finished;
+            let gone = || {
+                Usage(format!(
+                    "{} is of a finished training, but {} is gone: put it back to go on with the run, or give another --out to train again",
+                    folder.info_file().display(),
+                    folder.checkpoint_file().display()
+                ))
+            };
+            if finished { Err(gone().into()) } else { Ok(None) }
+        }
         (false, true) => Err(Usage(format!(
             "{} holds a run already; add --resume to go on with it, or give another --out",
             folder.root().display()

@@ -149,6 +149,71 @@ fn a_sweep_here_is_stopped_and_gone_on_with_and_a_failure_costs_its_own_run() {
     assert!(told["notes"].to_string().contains("1 of 2 runs are done"), "{told}");
 }
 
+/// Files of a sweep are written whole or not at all; a disk, an editor or another version damages them all the same.
+#[test]
+fn a_damaged_file_is_named_and_nothing_is_trained_over_it() {
+    let folder = Folder::with_stage("ds");
+    plan(&folder, "plan.toml", &PLAN.replace("[1, 2, 3]", "[1]").replace("20+100", "5+10"));
+    let sweep = "sweep plan.toml --local";
+    let [record, run] = ["plan/jobs/ds-s1.json", "plan/runs/ds-s1"].map(|name| folder.path(name));
+    let damages = |whole: &str| {
+        let newer = whole
+            .replace("\"format_version\": 1", "\"format_version\": 999")
+            .replace("\"attempts\": ", "\"attempts\": -");
+        [String::new(), whole[..whole.len() / 2].to_owned(), "attempts = 1".to_owned(), "[]".to_owned(), newer]
+    };
+    // Before it was begun.
+    fs::create_dir_all(folder.path("plan/jobs")).expect("a folder");
+    for damaged in damages("{\"attempts\": 1, \"node\": \"\"}") {
+        fs::write(&record, damaged).expect("written");
+        let said = folder.fail(1, sweep);
+        assert!(said.contains("1 of 1 runs failed"), "{said}");
+        let told = folder.figures("sweep plan --local --status");
+        let why = told["jobs"][0]["failed"].as_str().expect("a reason");
+        assert!(why.contains("jobs/ds-s1.json") && why.contains("remove it"), "{why}");
+        assert!(!run.exists(), "nothing was trained");
+    }
+    fs::remove_file(&record).expect("removed");
+    folder.figures(sweep);
+    let trained = fs::read(run.join("checkpoint.bin")).expect("a checkpoint");
+
+    // What is done stays done, and its record is told of.
+    fs::write(&record, "{").expect("written");
+    let told = folder.figures(sweep);
+    assert_eq!(states(&told)["ds-s1"], "done", "{told}");
+    assert!(told["jobs"][0]["failed"].to_string().contains("jobs/ds-s1.json"), "{told}");
+    fs::remove_file(&record).expect("removed");
+    let info = fs::read_to_string(run.join("run.json")).expect("a description");
+    for damaged in damages(&info) {
+        fs::write(run.join("run.json"), &damaged).expect("written");
+        let said = folder.fail(1, sweep);
+        assert!(said.contains("1 of 1 runs failed"), "{said}");
+        let told = folder.figures("sweep plan --local --status");
+        let why = told["jobs"][0]["failed"].as_str().expect("a reason");
+        assert!(why.contains("ds-s1/run.json") && why.contains("remove"), "{why}");
+        assert_eq!(fs::read_to_string(run.join("run.json")).expect("the same"), damaged);
+    }
+    // As the message says: nothing is trained again.
+    fs::remove_file(run.join("run.json")).expect("removed");
+    assert_eq!(states(&folder.figures(sweep))["ds-s1"], "done");
+    assert!(fs::read(run.join("checkpoint.bin")).expect("a checkpoint") == trained);
+
+    // A finished training whose checkpoint is gone is not begun again, and neither is a sweep of a newer program.
+    fs::remove_file(run.join("checkpoint.bin")).expect("removed");
+    for resume in ["", " --resume"] {
+        let said = folder.fail(2, &format!("train ds --out plan/runs/ds-s1 --method 4dgs --iterations 5+10{resume}"));
+        assert!(said.contains("finished training") && said.contains("checkpoint.bin"), "{said}");
+    }
+    let manifest = folder.path("plan/sweep.json");
+    let newer = fs::read_to_string(&manifest).expect("a manifest").replace("\"version\": 1", "\"version\": 2");
+    fs::write(&manifest, &newer).expect("written");
+    for words in [sweep, "sweep plan --local --status"] {
+        let said = folder.fail(1, words);
+        assert!(said.contains("sweep.json") && said.contains("version 2"), "{said}");
+    }
+    assert_eq!(fs::read_to_string(&manifest).expect("the same"), newer);
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn a_dead_node_and_a_preempted_job_lose_nothing() {

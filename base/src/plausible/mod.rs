@@ -107,6 +107,15 @@ pub const OVERHANG: Quantity = Quantity::new(
     60.0,
     "correct `exposure_ns`, or `span_ns` if the recording is longer",
 );
+/// How long the exposures of two consecutive frames of one camera overlap, in times between the two frames. A sensor ends one exposure
+/// before it begins the next; rounded stamps and fitted clocks make a little of it.
+pub const OVERLAP: Quantity = Quantity::new(
+    "the overlap with the exposure before it",
+    "frame intervals",
+    0.0,
+    0.1,
+    "correct `exposure_ns`; blur that was simulated from more frames is told by a step `blur` in `variant`",
+);
 /// What the times of a camera are off by.
 pub const OFFSET: Quantity = Quantity::new("a time offset", "s", -86_400.0, 86_400.0, CLOCK);
 /// Frames, pulses or events of a periodic kind a second.

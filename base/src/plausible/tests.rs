@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-const ALL: [Quantity; 18] = [
+const ALL: [Quantity; 19] = [
     SIDE,
     PIXELS,
     SENSOR,
@@ -13,6 +13,7 @@ const ALL: [Quantity; 18] = [
     SPAN,
     EXPOSURE,
     OVERHANG,
+    OVERLAP,
     OFFSET,
     RATE,
     TICK,

@@ -20,6 +20,13 @@ const SIDES: [f64; 2] = [2.0, 12.0];
 /// Half the distance of its opposite sides, pixels at least: a window that is narrower holds no edge.
 const LEAST_HEIGHT: f64 = 1.5;
 
+/// Sides that meet at a smaller angle than this, by its sine, are those of a board that leans away along its diagonal.
+const SHEARED: f64 = 0.75;
+/// How often the window follows the corner there, how far, and when it has come to it, pixels.
+const SHEARED_ROUNDS: usize = 8;
+const SHEARED_PX: f64 = 2.0;
+const SETTLED_PX: f64 = 0.02;
+
 /// What is looked at around a corner: a parallelogram with the sides of the board's squares, so that a board that leans away is
 /// looked at in a window that is as narrow as its squares are, and as long.
 pub(super) struct Window {
@@ -43,6 +50,11 @@ impl Window {
             }
         }
         Some(Self { half })
+    }
+
+    /// Whether its sides meet at an acute angle.
+    fn is_sheared(&self) -> bool {
+        self.half[0].normalize().perp_dot(self.half[1].normalize()).abs() < SHEARED
     }
 
     fn longest(&self) -> f64 {
@@ -83,9 +95,32 @@ impl Frame {
 /// The corner near `start` (pixels, centres at half-integers). `None` where there is no corner within half a window.
 pub(super) fn refine(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
     let met = meeting(image, start, &window.within(MOST_RADIUS))?;
+    if window.longest() < LEAST_RADIUS {
+        return Some(met);
+    }
+    if window.is_sheared() {
+        // Between edges that meet at an acute angle gradients of what is beside them say least where the corner is.
+        return sheared(image, start, window).or_else(|| sheared(image, met, window));
+    }
     // A picture that does not fit leaves the corner where the gradients say.
-    let fitted = if window.longest() >= LEAST_RADIUS { crossing(image, met, window) } else { None };
+    let fitted = crossing(image, met, window, None);
     Some(fitted.filter(|fitted| fitted.distance(met) < 1.0).unwrap_or(met))
+}
+
+/// Where edges in the directions of the window cross: it follows the corner, so that it holds it in its middle.
+fn sheared(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
+    let mut at = start;
+    for _ in 0..SHEARED_ROUNDS {
+        let directions = window.half.map(|side| side.y.atan2(side.x));
+        let next = crossing(image, at, window, Some(directions))?;
+        if next.distance(start) > SHEARED_PX {
+            return None;
+        }
+        if next.distance(std::mem::replace(&mut at, next)) < SETTLED_PX {
+            return Some(at);
+        }
+    }
+    None
 }
 
 /// Where the gradients around meet.
@@ -130,9 +165,13 @@ fn meeting(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
 const PARAMETERS: usize = 9;
 
 /// Where two blurred edges cross, of which a picture is fitted to the pixels around `start` (Gauss and Newton, damped).
-fn crossing(image: &Grey, start: DVec2, window: &Window) -> Option<DVec2> {
+/// Edges have the `directions` at first, or those that the pixels say.
+fn crossing(image: &Grey, start: DVec2, window: &Window, directions: Option<[f64; 2]>) -> Option<DVec2> {
     let pixels = pixels(image, start, window)?;
-    let mut state = first_guess(&pixels)?;
+    let mut state = match directions {
+        Some(directions) => Some(guess_along(&pixels, directions)),
+        None => first_guess(&pixels),
+    }?;
     let (mut around, mut damping) = (Linear::at(&pixels, &state), 1e-3);
     for _ in 0..20 {
         let mut normal = around.normal();
@@ -197,11 +236,28 @@ fn first_guess(pixels: &[Weighed]) -> Option<SVector<f64, PARAMETERS>> {
     // a cos² + 2 b cos sin + c sin² = 0: the mean of both directions is that of the greatest slope, turned by 45 degrees and more.
     let (mean, swing) = (0.5 * (a + c), (0.5 * (a - c)).hypot(b));
     let (turned, half) = (b.atan2(0.5 * (a - c)), (-mean / swing).clamp(-1.0, 1.0).acos());
-    let (one, other) = (0.5 * (turned + half), 0.5 * (turned - half));
-    let lit: f64 =
-        pixels.iter().map(|(at, brightness, weight)| weight * brightness * side(*at, one) * side(*at, other)).sum();
+    let directions = [0.5 * (turned + half), 0.5 * (turned - half)];
     let weights: f64 = pixels.iter().map(|pixel| pixel.2).sum();
-    Some(SVector::from([0.0, 0.0, one, other, 1.0, fitted[0], lit / weights, 0.0, 0.0]))
+    Some(guess(directions, fitted[0], lit(pixels, directions) / weights))
+}
+
+/// Edges in these directions through the middle of the window.
+fn guess_along(pixels: &[Weighed], directions: [f64; 2]) -> SVector<f64, PARAMETERS> {
+    let weights: f64 = pixels.iter().map(|pixel| pixel.2).sum();
+    let mean = pixels.iter().map(|(_, brightness, weight)| weight * brightness).sum::<f64>() / weights;
+    let lit = pixels.iter().map(|(at, brightness, weight)| {
+        weight * (brightness - mean) * side(*at, directions[0]) * side(*at, directions[1])
+    });
+    guess(directions, mean, lit.sum::<f64>() / weights)
+}
+
+fn guess([one, other]: [f64; 2], brightness: f64, contrast: f64) -> SVector<f64, PARAMETERS> {
+    SVector::from([0.0, 0.0, one, other, 1.0, brightness, contrast, 0.0, 0.0])
+}
+
+/// How much brighter one pair of opposite quarters is than the other, weighed.
+fn lit(pixels: &[Weighed], [one, other]: [f64; 2]) -> f64 {
+    pixels.iter().map(|(at, brightness, weight)| weight * brightness * side(*at, one) * side(*at, other)).sum()
 }
 
 /// On which side of the line through the origin in this direction a place lies: -1 or 1.

@@ -3,17 +3,21 @@
 use calib_targets_charuco::{CharucoDetector, CharucoParams};
 use calib_targets_chessboard::{ChessboardDetector, ChessboardParams, GrayImageView};
 use erfgs_scene::ImageRgb8;
-use glam::DVec2;
+use glam::{DMat3, DVec2};
 
 use super::{
     Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
+    codes::numbered,
     corner::{Window, refine},
     facing,
     features::features,
     fill::filled,
 };
-use crate::statistics::median;
+use crate::{
+    geometry::homography::{apply, homography},
+    statistics::median,
+};
 
 /// Corners that are nearer than this to where their neighbours say are kept.
 const STRAY_PX: f64 = 0.3;
@@ -24,6 +28,11 @@ const MANY: usize = 12;
 const SAME_PX: f64 = 2.5;
 /// Half of the window around a corner without neighbours, pixels.
 const LONE_PX: f64 = 3.0;
+/// How often corners are refined again, and by how much they must move, pixels.
+const ROUNDS: usize = 4;
+const MOVED_PX: f64 = 0.03;
+/// So many corners, the nearest, say how the board lies at a place.
+const NEAREST: usize = 10;
 /// Fewer corners do not say how a board lies.
 const FEW: usize = 6;
 
@@ -154,9 +163,11 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     if corners.len() < FEW {
         corners = leaning(&grey, target, &look).unwrap_or(corners);
     } else if corners.len() < all {
-        corners = confirmed(&grey, corners.clone(), target, &look).unwrap_or(corners);
+        let by_codes = || numbered(&grey, &corners, target);
+        corners = confirmed(&grey, corners.clone(), target, &look).or_else(by_codes).unwrap_or(corners);
     }
     exact(&grey, &mut corners, target);
+    settle(&grey, &mut corners, target);
     // What hides a corner in part pulls it aside, and so do edges that are too near to it.
     corners = without_strays(corners, target, STRAY_PX);
     if (FEW..all).contains(&corners.len()) && !matches!(target, Target::AprilGrid { .. }) {
@@ -203,7 +214,8 @@ fn leaning(grey: &Grey, target: &Target, look: &dyn Fn(&Grey) -> Vec<Corner>) ->
         facing::stretched(part).find_map(|warped| {
             let corners = warped.in_original(look(&warped.grey)).into_iter();
             let corners = corners.map(|corner| Corner { pixel: corner.pixel * scale, ..corner }).collect();
-            confirmed(grey, corners, target, look)
+            let corners: Vec<Corner> = corners;
+            confirmed(grey, corners.clone(), target, look).or_else(|| numbered(grey, &corners, target))
         })
     };
     if grey.width.min(grey.height) < LARGE {
@@ -351,6 +363,33 @@ fn exact(grey: &Grey, corners: &mut Vec<Corner>, target: &Target) {
     *corners = refined;
 }
 
+/// Refines corners again from where the others say that they are, as long as that brings them nearer to it: what was found in a picture that is
+/// narrow, or stretched, may have been too far from the corner to come to it.
+fn settle(grey: &Grey, corners: &mut [Corner], target: &Target) {
+    if corners.len() < FEW {
+        return;
+    }
+    for _ in 0..ROUNDS {
+        let before = corners.to_vec();
+        let nearer = |corner: &Corner| {
+            let place = target.point(corner.id)?.truncate();
+            let others: Vec<Corner> = before.iter().filter(|other| other.id != corner.id).copied().collect();
+            let map = local_map(&others, place, target)?;
+            let at = apply(&map, place)?;
+            let window = Window::of(sides_at(&map, place, target)?.map(|side| side * share(target)))?;
+            let again = refine(grey, at, &window)?;
+            (again.distance(at) + MOVED_PX < corner.pixel.distance(at)).then_some(again)
+        };
+        let moves: Vec<Option<DVec2>> = corners.iter().map(nearer).collect();
+        if moves.iter().all(Option::is_none) {
+            return;
+        }
+        for (corner, moved) in corners.iter_mut().zip(moves) {
+            corner.pixel = moved.unwrap_or(corner.pixel);
+        }
+    }
+}
+
 /// The sides of a square (or a tag) at a corner in the picture, along the board's rows and columns, from the corners next to it;
 /// where there are none in a direction, as long as in the other one and at right angles to it.
 fn around(corners: &[Corner], corner: &Corner, target: &Target) -> Option<[DVec2; 2]> {
@@ -370,11 +409,38 @@ fn around(corners: &[Corner], corner: &Corner, target: &Target) -> Option<[DVec2
         // The shorter one of two: nothing else may enter the window.
         sides[axis] = sides[axis].filter(|known| known.length() <= side.length()).or(Some(side));
     }
+    // A board that leans away has squares of other sides along the other direction.
+    let map = || local_map(corners, here, target);
     match sides {
         [Some(along), Some(across)] => Some([along, across]),
-        [Some(one), None] | [None, Some(one)] => Some([one, one.perp()]),
-        [None, None] => None,
+        [Some(one), None] | [None, Some(one)] => Some([one, one.perp()]).map(|turned| {
+            let [along, across] = map().and_then(|map| sides_at(&map, here, target)).unwrap_or(turned);
+            [sides[0].unwrap_or(along), sides[1].unwrap_or(across)]
+        }),
+        [None, None] => map().and_then(|map| sides_at(&map, here, target)),
     }
+}
+
+/// From the board's plane to the picture around a place, by the corners that are nearest to it; a lens bends what is farther away.
+pub(super) fn local_map(corners: &[Corner], place: DVec2, target: &Target) -> Option<DMat3> {
+    let mut nearest: Vec<(f64, DVec2, DVec2)> = corners
+        .iter()
+        .filter_map(|corner| {
+            let of = target.point(corner.id)?.truncate();
+            Some((of.distance(place), of, corner.pixel))
+        })
+        .collect();
+    nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.truncate(NEAREST);
+    let (plane, pixels): (Vec<DVec2>, Vec<DVec2>) = nearest.iter().map(|&(_, plane, pixel)| (plane, pixel)).unzip();
+    homography(&plane, &pixels)
+}
+
+/// The sides of a square (or a tag) in the picture at a place of the board.
+pub(super) fn sides_at(map: &DMat3, place: DVec2, target: &Target) -> Option<[DVec2; 2]> {
+    let unit = target.square_m();
+    let side = |way: DVec2| Some(apply(map, place + 0.5 * unit * way)? - apply(map, place - 0.5 * unit * way)?);
+    Some([side(DVec2::X)?, side(DVec2::Y)?])
 }
 
 #[cfg(test)]

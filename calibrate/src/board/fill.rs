@@ -9,12 +9,10 @@ use glam::DVec2;
 use super::{
     Corner, Target,
     corner::{Window, refine},
-    detect::Grey,
+    detect::{Grey, local_map, sides_at},
 };
-use crate::geometry::homography::{apply, homography};
+use crate::geometry::homography::apply;
 
-/// So many corners, the nearest, say where another one is: a lens bends what is farther away.
-const NEAREST: usize = 10;
 /// A corner is no farther from where the others say than this share of a square's shorter side...
 const NEAR: f64 = 0.1;
 /// ...or this many pixels, where that is more.
@@ -50,21 +48,9 @@ pub(super) fn filled(grey: &Grey, known: &[Corner], target: &Target, share: f64)
 /// The corner of this number, if it is where the others say.
 fn found(grey: &Grey, corners: &[Corner], id: u32, target: &Target, share: f64, parity: bool) -> Option<Corner> {
     let place = target.point(id)?.truncate();
-    let mut nearest: Vec<(f64, DVec2, DVec2)> = corners
-        .iter()
-        .filter_map(|corner| {
-            let of = target.point(corner.id)?.truncate();
-            Some((of.distance(place), of, corner.pixel))
-        })
-        .collect();
-    nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-    nearest.truncate(NEAREST);
-    let (plane, pixels): (Vec<DVec2>, Vec<DVec2>) = nearest.iter().map(|&(_, plane, pixel)| (plane, pixel)).unzip();
-    let map = homography(&plane, &pixels)?;
+    let map = local_map(corners, place, target)?;
     let at = apply(&map, place)?;
-    let unit = target.square_m();
-    let side = |way: DVec2| Some(apply(&map, place + 0.5 * unit * way)? - apply(&map, place - 0.5 * unit * way)?);
-    let sides = [side(DVec2::X)?, side(DVec2::Y)?];
+    let sides = sides_at(&map, place, target)?;
     let pixel = refine(grey, at, &Window::of(sides.map(|side| side * share))?)?;
     let near = (NEAR * sides[0].length().min(sides[1].length())).max(NEAR_PX);
     (pixel.distance(at) <= near && first_is_bright(grey, pixel, sides)? == (parity == is_even(id, target)))

@@ -13,6 +13,7 @@ mod aprilgrid;
 mod back;
 mod blink;
 mod chain;
+mod codes;
 mod corner;
 mod detect;
 mod doubt;

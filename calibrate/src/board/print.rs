@@ -21,16 +21,16 @@ pub enum Paper {
 }
 
 /// White around the target, in squares, or in spaces between tags: detectors need it.
-const MARGIN: f64 = 1.0;
+pub(super) const MARGIN: f64 = 1.0;
 
 /// A filled rectangle, millimetres: x, y, width, height.
 type Rectangle = [f64; 4];
 
 /// Size with margin, and the black rectangles. On an inverted target they are the white ones.
-struct Drawing {
-    width: f64,
-    height: f64,
-    filled: Vec<Rectangle>,
+pub(super) struct Drawing {
+    pub width: f64,
+    pub height: f64,
+    pub filled: Vec<Rectangle>,
     inverted: bool,
 }
 
@@ -45,7 +45,7 @@ pub fn print(target: &Target, paper: Paper, blink_hz: f64) -> Vec<u8> {
     }
 }
 
-fn draw(target: &Target) -> Drawing {
+pub(super) fn draw(target: &Target) -> Drawing {
     if let &Target::AprilGrid { columns, rows, tag_m, spacing, first } = target {
         return draw_tags([columns, rows], first, 1e3 * tag_m, 1e3 * tag_m * spacing);
     }

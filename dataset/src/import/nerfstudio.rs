@@ -16,7 +16,10 @@ use super::{
 };
 use crate::Split;
 use erfgs_base::{names, order, progress::Progress};
-use erfgs_scene::{Distortion, Intrinsics, Pose, exchange::nerfstudio::Transforms};
+use erfgs_scene::{
+    Intrinsics, Pose,
+    exchange::nerfstudio::{CameraKey, Transforms, camera_path, moving_frames},
+};
 
 const FPS: f64 = 30.0;
 
@@ -109,6 +112,14 @@ fn by_name(shots: Vec<Shot>, list: &Path) -> Result<Vec<Shot>, ImportError> {
     Ok(order.into_iter().filter_map(|at| shots[at].take()).collect())
 }
 
+fn moving_note(frames: usize) -> String {
+    format!(
+        "{frames} frames have a pose and a time of their own, as those of a camera that moves. The cameras of a dataset stand still: each of \
+         these frames becomes a camera. No view is seen twice then, so moving points, bodies and masks of motion are not found, and a \
+         training learns what moves as a deformation field"
+    )
+}
+
 /// Frames of equal pose and intrinsics made into views with times.
 fn gather(
     shots: Vec<Shot>,
@@ -117,30 +128,23 @@ fn gather(
     fps: f64,
     notes: &mut Vec<String>,
 ) -> Result<Vec<SourceView>, ImportError> {
-    let bits = |shot: &Shot| {
-        let (i, p) = (shot.intrinsics, shot.pose);
-        let numbers = [i.fx, i.fy, i.cx, i.cy].into_iter().chain(p.rotation.to_array()).chain(p.translation.to_array());
-        let lens = match i.distortion {
-            Distortion::None => Vec::new(),
-            Distortion::BrownConrady(k) => k.to_vec(),
-            Distortion::KannalaBrandt(k) => k.to_vec(),
-        };
-        numbers.chain(lens).map(f64::to_bits).collect::<Vec<_>>()
-    };
     let timed = shots.iter().filter(|shot| shot.time.is_some()).count();
     if timed != 0 && timed != shots.len() {
         let what = format!("{timed} of {} frames have a `time`; give all of them one, or none", shots.len());
         return Err(ImportError::Malformed { path: path.to_owned(), what });
     }
     let mut order = Vec::new();
-    let mut cameras: BTreeMap<Vec<u64>, Vec<Shot>> = BTreeMap::new();
+    let mut cameras: BTreeMap<CameraKey, Vec<Shot>> = BTreeMap::new();
     for shot in shots {
-        let key = bits(&shot);
+        let key = CameraKey::new(&shot.intrinsics, &shot.pose);
         if !cameras.contains_key(&key) {
             order.push(key.clone());
         }
         cameras.entry(key).or_default().push(shot);
     }
+    let each: Vec<Vec<Option<f64>>> =
+        cameras.values().map(|shots| shots.iter().map(|shot| shot.time).collect()).collect();
+    notes.extend(moving_frames(each.iter().map(Vec::as_slice)).map(moving_note));
     // Distinct times in order; without times, frames follow each other by their names: a list may have any order.
     let mut times: Vec<f64> = cameras.values().flatten().filter_map(|shot| shot.time).collect();
     times.sort_by(f64::total_cmp);
@@ -180,11 +184,7 @@ fn gather(
             frames.push(FileFrame { image: shot.path.clone(), mask: None, t_ns });
         }
         let Some(shot) = shots.first() else { continue };
-        let own = if shots.len() > 1 {
-            shot.path.parent().unwrap_or(Path::new("")).to_owned()
-        } else {
-            shot.path.with_extension("")
-        };
+        let own = camera_path(&shot.path, shots.len());
         let name = names::file_name(&own.file_name().unwrap_or_default().to_string_lossy());
         if frames.is_empty() {
             notes.push(format!("{name}: left out, it has no frame among those asked for"));

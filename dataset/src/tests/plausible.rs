@@ -130,7 +130,7 @@ proptest! {
     #[test]
     fn exposures_of_minutes_and_spans_of_days_pass_and_others_do_not(
         exposure_s in (-6.0..1.7_f64).prop_map(|power| 10.0_f64.powf(power)),
-        hours in 0.001..700.0_f64,
+        hours in 0.05..700.0_f64,
         since_s in -1e9..3e9_f64,
         nonsense in prop::sample::select(vec![i64::MIN, -9_007_199_254_740_992, -700_000_000_000, i64::MIN + 1]),
     ) {
@@ -141,7 +141,7 @@ proptest! {
             m.span_ns = [start, end];
             for camera in &mut m.cameras {
                 for (at, frame) in camera.frames.iter_mut().enumerate() {
-                    frame.t_ns = start + at as i64 * 1_000_000;
+                    frame.t_ns = start + at as i64 * (exposure_s * 1e9) as i64;
                     frame.exposure_ns = [frame.t_ns - (exposure_s * 1e9) as i64, frame.t_ns];
                 }
                 if let Some(events) = &mut camera.events {
@@ -162,6 +162,40 @@ proptest! {
         prop_assert_eq!(long.quantity.name, "the length of the recording");
         let covers = trial.refused(|m| { set(m); events(m).covers_ns[0] = i64::MIN; });
         prop_assert_eq!(covers.quantity.name, "a time");
+    }
+}
+
+proptest! {
+    #[test]
+    fn exposures_that_overlap_are_named_but_where_blur_was_simulated(
+        interval_ns in 50_000..1_000_000_000_i64,
+        share in 0.0..5.0_f64,
+        label in 0.0..=1.0_f64,
+        camera in prop::sample::select(vec![0, 2_usize]),
+    ) {
+        let trial = Trial::new();
+        // An exposure that is longer than the interval by a share of it.
+        let length_ns = ((1.0 + share) * interval_ns as f64) as i64;
+        let set = |m: &mut Manifest| {
+            m.span_ns = [0, 4 * interval_ns];
+            for (at, frame) in m.cameras[camera].frames.iter_mut().enumerate() {
+                let open = at as i64 * interval_ns;
+                frame.t_ns = open + (label * interval_ns as f64) as i64;
+                frame.exposure_ns = [open, open + length_ns];
+            }
+            let other = &mut m.cameras[2 - camera].frames;
+            *other = other.iter().map(|frame| Frame { t_ns: 0, exposure_ns: [0, 10], ..frame.clone() }).take(1).collect();
+            m.cameras[1].events.as_mut().unwrap().covers_ns = m.span_ns;
+        };
+        if share < 0.099 {
+            prop_assert!(trial.after(set).is_ok());
+        } else if share > 0.101 {
+            let wrong = trial.refused(set);
+            prop_assert!(wrong.quantity.name.contains("overlap") && (wrong.value - share).abs() < 2e-3, "{}", wrong);
+            let step = VariantStep { step: VariantStep::BLUR.into(), parameters: std::collections::BTreeMap::new() };
+            let blurred = trial.after(|m| { set(m); m.variant.push(step); });
+            prop_assert!(blurred.is_ok(), "{:?}", blurred);
+        }
     }
 }
 

@@ -175,6 +175,36 @@ fn what_is_not_taken_is_said() {
 }
 
 #[test]
+fn what_becomes_of_a_camera_that_moves_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |frames: &[(u64, Option<f64>)]| {
+        let frames = frames.iter().enumerate().map(|(at, (camera, time))| {
+            write(folder.path().join(format!("train/r_{at:03}.png")), &halves(16, 8, 1, 2));
+            let extra = time.map_or(json!({}), |time| json!({ "time": time }));
+            // As D-NeRF has it: without the extension.
+            frame(&format!("./train/r_{at:03}"), *camera, extra)
+        });
+        let file = json!({ "camera_angle_x": 0.7, "frames": frames.collect::<Vec<_>>() });
+        std::fs::write(folder.path().join("transforms.json"), file.to_string()).unwrap();
+        let out = folder.path().join("ds");
+        let dataset = run(Layout::Nerfstudio, folder.path(), &ImportOptions::default(), &out).unwrap();
+        std::fs::remove_dir_all(out).unwrap();
+        (notes(Layout::Nerfstudio, folder.path(), &ImportOptions::default()), dataset.manifest.cameras.len())
+    };
+    let (moving, cameras) = said(&[(0, Some(0.0)), (1, Some(0.5)), (2, Some(1.0))]);
+    assert!(moving.contains("3 frames have a pose and a time of their own") && cameras == 3, "{moving}");
+    // Cameras that stand still, and images of one instant or of none that is told, of which a scene is made as well.
+    for still in [
+        vec![(0, Some(0.0)), (0, Some(1.0)), (1, Some(0.0)), (1, Some(1.0))],
+        vec![(0, Some(0.5)), (1, Some(0.5)), (2, Some(0.5))],
+        vec![(0, None), (1, None), (2, None)],
+    ] {
+        let (said, _) = said(&still);
+        assert!(!said.contains("of their own"), "{said}");
+    }
+}
+
+#[test]
 fn cameras_are_called_by_whatever_part_of_their_paths_tells_them_apart() {
     for (paths, names) in [
         (["images/left", "images/right", "images/top"], ["left", "right", "top"]),

@@ -110,6 +110,12 @@ impl FilmOptions {
                 "above 0, and at most 100000 frames a camera",
             )?;
         }
+        check(
+            "the exposure in frame intervals (exposure times RGB frame rate)",
+            exposure * self.rgb_fps,
+            exposure * self.rgb_fps <= 1.0 + 1e-6,
+            "at most 1: one sensor exposes one frame after the other",
+        )?;
         Ok(())
     }
 

@@ -168,7 +168,7 @@ impl Plan {
                 "frames": blur.frames, "window": blur.window, "edge": blur.edge, "rounding": blur.rounding,
                 "linear_light": blur.linear_light, "label": blur.label,
             });
-            self.steps.push(step("blur", parameters));
+            self.steps.push(step(VariantStep::BLUR, parameters));
         }
         if !blinded.is_empty() {
             let parameters = json!({ "cameras": blinded, "asked_for": options.event_only, "seed": options.seed });

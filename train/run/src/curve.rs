@@ -144,7 +144,7 @@ impl Curve {
             path: path.to_owned(),
             what: "training curve",
             message,
-            remedy: "erfgs train",
+            remedy: "correct the line, or train the run again",
         };
         let complete = text.ends_with('\n');
         let mut lines = text.lines().enumerate().peekable();

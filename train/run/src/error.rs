@@ -28,7 +28,7 @@ pub enum RunError {
     #[error(transparent)]
     File(#[from] FileError),
     /// A file does not hold what it should.
-    #[error("'{}' is not a valid {what}: {message}; write it again with `{remedy}`", path.display())]
+    #[error("'{}' is not a valid {what}: {message}; {remedy}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
@@ -36,7 +36,7 @@ pub enum RunError {
         what: &'static str,
         /// What is wrong with it.
         message: String,
-        /// The command that makes it anew.
+        /// What to do next.
         remedy: &'static str,
     },
     /// The folder was written by a newer erfgs.

@@ -6,6 +6,9 @@ use erfgs_dataset::Manifest;
 
 use super::{Curve, CurveWriter, Metrics, PerView, RunError, RunInfo, json};
 
+/// What to do about a damaged `run.json`.
+const ANEW: &str = "remove it, and `erfgs train --resume` writes it anew from checkpoint.bin";
+
 /// A run folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunFolder {
@@ -169,13 +172,13 @@ impl RunFolder {
     pub fn read_info(&self) -> Result<RunInfo, RunError> {
         let path = self.info_file();
         let info: RunInfo =
-            json::read_json(&path, "run description", "give a folder that `erfgs train --out` wrote", "erfgs train")?;
+            json::read_json(&path, "run description", "give a folder that `erfgs train --out` wrote", ANEW)?;
         if info.format != RunInfo::FORMAT {
             return Err(RunError::Malformed {
                 path,
                 what: "run description",
                 message: format!("its format is '{}', not '{}'", info.format, RunInfo::FORMAT),
-                remedy: "erfgs train",
+                remedy: ANEW,
             });
         }
         if info.format_version > RunInfo::FORMAT_VERSION {
@@ -203,7 +206,7 @@ impl RunFolder {
             path,
             what: "configuration",
             message: error.to_string(),
-            remedy: "erfgs train",
+            remedy: "`erfgs train --resume` writes it anew",
         })
     }
 
@@ -224,7 +227,7 @@ impl RunFolder {
             &self.dataset_file(),
             "dataset manifest",
             "copy dataset.json of the dataset here",
-            "erfgs train",
+            "copy dataset.json of the dataset here",
         )
     }
 
@@ -265,7 +268,12 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_metrics(&self) -> Result<Metrics, RunError> {
-        json::read_json(&self.metrics_file(), "evaluation", "evaluate the run with `erfgs eval`", "erfgs eval")
+        json::read_json(
+            &self.metrics_file(),
+            "evaluation",
+            "evaluate the run with `erfgs eval`",
+            "`erfgs eval` writes it anew",
+        )
     }
 
     /// Writes `per_view.json`.
@@ -281,7 +289,12 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Missing`], [`RunError::File`], [`RunError::Malformed`].
     pub fn read_per_view(&self) -> Result<Vec<PerView>, RunError> {
-        json::read_json(&self.per_view_file(), "list of views", "evaluate the run with `erfgs eval`", "erfgs eval")
+        json::read_json(
+            &self.per_view_file(),
+            "list of views",
+            "evaluate the run with `erfgs eval`",
+            "`erfgs eval` writes it anew",
+        )
     }
 }
 

@@ -23,13 +23,13 @@ pub(super) fn write_json<T: Serialize>(path: &Path, what: &'static str, value: &
         path: path.to_owned(),
         what,
         message: error.to_string(),
-        remedy: "erfgs train",
+        remedy: "train the run again",
     })?;
     text.push('\n');
     write_atomically(path, text.as_bytes())
 }
 
-/// Reads a JSON file. `hint` says what to do when it is not there, `remedy` is the command that makes it anew.
+/// Reads a JSON file. `hint` says what to do when it is not there, `remedy` when it is damaged.
 pub(super) fn read_json<T: DeserializeOwned>(
     path: &Path,
     what: &'static str,

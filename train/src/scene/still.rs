@@ -28,6 +28,9 @@ const BUSY_HZ: f64 = 10.0;
 /// [`DatasetError`] where a file of the dataset cannot be read.
 pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result<bool, DatasetError> {
     let cameras: Vec<&Camera> = dataset.cameras(Split::Train).collect();
+    if is_untold(&cameras) {
+        return Ok(false);
+    }
     let moves = |camera: &Camera| -> Result<bool, DatasetError> {
         if frames_change(dataset, camera, options.motion_threshold)? {
             return Ok(true);
@@ -45,6 +48,14 @@ pub(crate) fn stands_still(dataset: &Dataset, options: &DynamicConfig) -> Result
     };
     let told = cameras.into_par_iter().map(moves).find_any(|moves| !matches!(moves, Ok(false)));
     told.map_or(Ok(true), |told| told.map(|moves| !moves))
+}
+
+/// Whether nothing can tell: each camera was there at one instant only, and not all at the same one, as the images of a camera that moves.
+fn is_untold(cameras: &[&Camera]) -> bool {
+    let told = |camera: &&Camera| camera.frames.len() > 1 || camera.events.is_some();
+    let mut times = cameras.iter().flat_map(|camera| &camera.frames).map(|frame| frame.t_ns);
+    let first = times.next();
+    !cameras.iter().any(told) && times.any(|time| Some(time) != first)
 }
 
 /// Whether pixels beside each other differ by more than `threshold` (of 1) among the frames.
@@ -229,6 +240,30 @@ mod tests {
             events.extend((0..144).map(pixel));
         }
         assert!(tells(events));
+    }
+
+    #[test]
+    fn images_of_several_instants_without_a_second_of_any_view_tell_nothing() {
+        let camera = |times: &[i64]| {
+            let frames = times
+                .iter()
+                .enumerate()
+                .map(|(n, t)| serde_json::json!({ "file": n.to_string(), "t_ns": t, "exposure_ns": [t, t] }));
+            let intrinsics = serde_json::json!({ "width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0, "distortion": "none" });
+            let pose = serde_json::json!({ "rotation_wxyz": [1.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0] });
+            let camera = serde_json::json!({
+                "name": "a", "modality": "rgb", "split": "train", "intrinsics": intrinsics, "world_to_camera": pose,
+                "frames": frames.collect::<Vec<_>>(),
+            });
+            serde_json::from_value::<Camera>(camera).unwrap()
+        };
+        let untold = |cameras: &[&[i64]]| {
+            let cameras: Vec<Camera> = cameras.iter().map(|times| camera(times)).collect();
+            is_untold(&cameras.iter().collect::<Vec<_>>())
+        };
+        assert!(untold(&[&[0], &[1], &[2]]));
+        // Images of one instant are of a scene that stands still, and a camera that was there twice tells.
+        assert!(!untold(&[&[0], &[0], &[0]]) && !untold(&[&[0], &[1], &[2, 3]]) && !untold(&[&[5]]) && !untold(&[]));
     }
 
     #[test]

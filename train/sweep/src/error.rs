@@ -94,6 +94,32 @@ pub enum SweepError {
         /// What is wrong.
         what: String,
     },
+    /// What is noted of a job cannot be read.
+    #[error(
+        "{path}, which says how often the run was started and why it failed, is damaged ({what}); remove it: the same command then goes on \
+         with the run where its checkpoint is",
+        path = path.display()
+    )]
+    JobRecord {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// A newer program wrote the manifest.
+    #[error(
+        "'{}' is of version {found}, and this erfgs reads versions up to {known}; go on with the erfgs that wrote it, or give the plan \
+         another `out`",
+        path.display()
+    )]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+        /// The newest version that is understood.
+        known: u32,
+    },
     /// Slurm answered what is not understood.
     #[error("`{command}` answered '{answer}', which is not the id of a job")]
     Answer {

@@ -12,6 +12,7 @@
 //! A job is steps that are commands of the program itself: a window is imported and gets its points, the run is trained, and
 //! measured. Each can be killed anywhere and is started again by the same words. `docs/guide/sweeps.md` is the user's view.
 
+mod damage;
 mod error;
 mod jobs;
 mod local;

@@ -112,9 +112,14 @@ impl Manifest {
     /// Writes it.
     ///
     /// # Errors
-    /// [`SweepError::File`].
+    /// [`SweepError::File`], and [`SweepError::Newer`] where a newer program wrote the one that is there, whose runs might have other names.
     pub fn save(&self) -> Result<(), SweepError> {
-        write_json(&self.folder.join("sweep.json"), self)
+        let path = self.folder.join("sweep.json");
+        // One that is damaged holds nothing that the plan does not.
+        if let Some(before) = erfgs_base::text::read(&path).ok().and_then(|text| serde_json::from_str(&text).ok()) {
+            version(&path, &before)?;
+        }
+        write_json(&path, self)
     }
 
     /// Whether there is a sweep in a folder.
@@ -134,9 +139,11 @@ impl Manifest {
         let path = folder.join("sweep.json");
         let text = erfgs_base::text::read(&path).map_err(FileError::when("read", &path))?;
         let wrong = |message: String| SweepError::Manifest { path: path.clone(), message };
-        let mut found: Self = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
-        if found.format != FORMAT || found.version > VERSION {
-            return Err(wrong(format!("it is '{}' of version {}", found.format, found.version)));
+        let head: serde_json::Value = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        version(&path, &head)?;
+        let mut found: Self = serde_json::from_value(head).map_err(|error| wrong(error.to_string()))?;
+        if found.format != FORMAT {
+            return Err(wrong(format!("it is '{}'", found.format)));
         }
         found.check().map_err(wrong)?;
         found.folder = std::path::absolute(folder).map_err(FileError::when("read", folder))?;
@@ -214,6 +221,13 @@ impl Manifest {
         let run = self.run(job);
         run.read_info().is_ok_and(|info| info.finished) && (!self.evaluate || is_measured(&run))
     }
+}
+
+/// Refuses a manifest of a version that is not known, whatever it holds besides.
+fn version(path: &Path, manifest: &serde_json::Value) -> Result<(), SweepError> {
+    let found = manifest["version"].as_u64().unwrap_or(0).try_into().unwrap_or(u32::MAX);
+    let is_known = manifest["format"] != FORMAT || found <= VERSION;
+    if is_known { Ok(()) } else { Err(SweepError::Newer { path: path.into(), found, known: VERSION }) }
 }
 
 /// Whether the evaluation is of the training as it ended, by what they say of it: files tell nothing by their times where clocks are

@@ -231,7 +231,7 @@ fn record(manifest: &Manifest) -> PathBuf {
 /// What was submitted. What cannot be read is no reason to submit it again.
 fn submissions(manifest: &Manifest) -> Result<Vec<Submission>, SweepError> {
     let path = record(manifest);
-    let text = match std::fs::read_to_string(&path) {
+    let text = match erfgs_base::text::read(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(FileError::when("read", &path)(error).into()),

@@ -6,6 +6,7 @@ use erfgs_run::{FolderLock, RunFolder};
 use serde::Serialize;
 
 use super::{
+    damage,
     manifest::{Job, Manifest},
     work::Record,
 };
@@ -70,7 +71,7 @@ pub struct JobStatus {
     pub attempts: u32,
     /// The machine of the last attempt.
     pub node: String,
-    /// Why the last attempt failed, if it did.
+    /// Why the last attempt failed, if it did, or which of its files is damaged.
     pub failed: Option<String>,
 }
 
@@ -153,14 +154,15 @@ fn spread(values: Vec<f64>) -> Option<[f64; 2]> {
 
 fn status(manifest: &Manifest, job: &Job, queue: &Queue) -> JobStatus {
     let run = manifest.run(job);
-    let record = Record::of(manifest, job);
+    let damage = damage::of(manifest, job);
+    let record = Record::of(manifest, job).unwrap_or_default();
     let done = manifest.is_done(job);
     let trained = Trained::of(&run);
     let state = match queue.get(&job.name) {
         _ if done => JobState::Done,
         Some(state) => *state,
         None if FolderLock::is_taken(&manifest.lock_of(job)) => JobState::Running,
-        None if record.failed.is_some() => JobState::Failed,
+        None if damage.is_some() || record.failed.is_some() => JobState::Failed,
         None if record.attempts > 0 => JobState::Stopped,
         None => JobState::Waiting,
     };
@@ -175,7 +177,7 @@ fn status(manifest: &Manifest, job: &Job, queue: &Queue) -> JobStatus {
         dpsnr: metrics.as_ref().map_or(trained.dpsnr, |metrics| metrics.dpsnr),
         attempts: record.attempts,
         node: record.node,
-        failed: record.failed.filter(|_| state == JobState::Failed),
+        failed: damage.or(record.failed.filter(|_| state == JobState::Failed)),
     }
 }
 

@@ -14,7 +14,7 @@ use erfgs_run::FolderLock;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    SweepError,
+    SweepError, damage,
     manifest::{Job, Manifest, Preparation, is_measured, write_json},
     shell,
 };
@@ -56,9 +56,17 @@ impl Record {
     }
 
     /// That of a job; an empty one where it was never started.
-    pub(super) fn of(manifest: &Manifest, job: &Job) -> Self {
-        let text = std::fs::read_to_string(Self::path(manifest, job)).unwrap_or_default();
-        serde_json::from_str(&text).unwrap_or_default()
+    ///
+    /// # Errors
+    /// [`SweepError::JobRecord`] if it cannot be read.
+    pub(super) fn of(manifest: &Manifest, job: &Job) -> Result<Self, SweepError> {
+        let path = Self::path(manifest, job);
+        let read = match erfgs_base::text::read(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Self::default()),
+            Err(error) => Err(error.to_string()),
+            Ok(text) => serde_json::from_str(&text).map_err(|error| error.to_string()),
+        };
+        read.map_err(|what| SweepError::JobRecord { path, what })
     }
 }
 
@@ -74,7 +82,10 @@ pub fn work(manifest: &Manifest, job: &Job, program: &Path, stop: &AtomicBool) -
             false => Ended::Failed { message: "another process works on it".into() },
         });
     };
-    let attempts = Record::of(manifest, job).attempts.saturating_add(1);
+    if let Some(message) = damage::of(manifest, job) {
+        return Ok(Ended::Failed { message });
+    }
+    let attempts = Record::of(manifest, job)?.attempts.saturating_add(1);
     let mut record = Record { attempts, node: node(), failed: None };
     write_json(&Record::path(manifest, job), &record)?;
     let log = manifest.log(job);

@@ -5,7 +5,11 @@ use std::{
     path::Path,
 };
 
-use super::{ImportError, SessionOptions, Timing, Viewpoint, Written, scaled};
+use super::{
+    ImportError, SessionOptions, Timing, Viewpoint, Written,
+    exposures::{self, Overlaps, Shot},
+    scaled,
+};
 use crate::{Frame, layout};
 use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_scene::{ImageRgb8, image::Resample};
@@ -13,52 +17,49 @@ use erfgs_session::{
     container::{ContainerError, Entry, Session},
     source::{LATE_NS, Packet},
 };
+use erfgs_sync::Exposure;
 
 /// Frames that are decoded and written together.
 const BATCH: usize = 64;
 /// The frames of a view that are wanted.
 pub(super) struct Planned {
     view: usize,
-    /// The middles of the exposures on the session's clock, in order.
-    pub mids_ns: Vec<i64>,
-    /// Half the length of each exposure; 0 where it is not known.
-    halves_ns: Vec<i64>,
+    /// The exposures on the session's clock, in order.
+    shots: Vec<Shot>,
     /// The place among them of each packet.
     places: HashMap<u64, usize>,
+    /// What was taken off the exposures.
+    pub overlaps: Option<Overlaps>,
 }
 
 impl Planned {
     /// Each `every`-th frame of a view whose exposure has its middle within the window.
     pub fn new(view: usize, timing: &Timing, [from, to]: [i64; 2], every: usize) -> Self {
-        let mut frames: Vec<(i64, u64, i64)> = timing
-            .frames
-            .iter()
-            .map(|(&sequence, exposure)| {
-                let half = exposure.length_ns.unwrap_or(0).max(0) / 2;
-                (exposure.mid_ns.saturating_add(timing.offset_ns), sequence, half)
-            })
-            .collect();
+        let shot = |(&sequence, exposure): (&u64, &Exposure)| {
+            let half_ns = exposure.length_ns.unwrap_or(0).max(0) / 2;
+            (Shot { mid_ns: exposure.mid_ns.saturating_add(timing.offset_ns), half_ns }, sequence)
+        };
+        let mut frames: Vec<(Shot, u64)> = timing.frames.iter().map(shot).collect();
         frames.sort_unstable();
+        let (mut shots, sequences): (Vec<Shot>, Vec<u64>) = frames.into_iter().unzip();
+        // Of all frames: those that are not imported were exposed, too.
+        let overlaps = exposures::part(&mut shots);
         // Counted from the start of the recording, so that the same frames are taken in any window.
-        let chosen = frames.into_iter().step_by(every).filter(|(mid, ..)| (from..=to).contains(mid));
-        let chosen: Vec<(i64, u64, i64)> = chosen.collect();
-        Self {
-            view,
-            places: chosen.iter().enumerate().map(|(place, &(_, sequence, _))| (sequence, place)).collect(),
-            halves_ns: chosen.iter().map(|&(.., half)| half).collect(),
-            mids_ns: chosen.into_iter().map(|(mid, ..)| mid).collect(),
-        }
+        let every = shots.into_iter().zip(sequences).step_by(every);
+        let (shots, sequences): (Vec<Shot>, Vec<u64>) =
+            every.filter(|(shot, _)| (from..=to).contains(&shot.mid_ns)).unzip();
+        let places = sequences.into_iter().enumerate().map(|(place, sequence)| (sequence, place)).collect();
+        Self { view, shots, places, overlaps }
     }
 
     /// When the shutter opened and closed for the frame at a place; equal where that is not known.
     fn exposure_ns(&self, place: usize) -> [i64; 2] {
-        let (mid, half) = (self.mids_ns[place], self.halves_ns[place]);
-        [mid.saturating_sub(half), mid.saturating_add(half)]
+        self.shots[place].exposure_ns()
     }
 
     /// When the first exposure begins.
     pub fn first_ns(&self) -> Option<i64> {
-        (0..self.mids_ns.len()).map(|place| self.exposure_ns(place)[0]).min()
+        self.shots.iter().map(|shot| shot.exposure_ns()[0]).min()
     }
 }
 
@@ -84,18 +85,18 @@ pub(super) fn write(
         plans.iter().enumerate().map(|(plan, planned)| (streams[planned.view], plan)).collect();
     let descriptions: Vec<_> =
         plans.iter().map(|planned| session.summary().streams[streams[planned.view]].description.clone()).collect();
-    let total: usize = plans.iter().map(|planned| planned.mids_ns.len()).sum();
-    let ends = |mids: &[i64]| Some((*mids.first()?, *mids.last()?));
+    let total: usize = plans.iter().map(|planned| planned.shots.len()).sum();
+    let ends = |shots: &[Shot]| Some((shots.first()?.mid_ns, shots.last()?.mid_ns));
     let (first, last) = plans
         .iter()
-        .filter_map(|planned| ends(&planned.mids_ns))
+        .filter_map(|planned| ends(&planned.shots))
         .fold((i64::MAX, i64::MIN), |(first, last), (from, to)| (first.min(from), last.max(to)));
     if total == 0 {
         return Ok(Vec::new());
     }
     let last_arrival = last.saturating_add(start_ns).saturating_add(LATE_NS);
 
-    let mut good: Vec<Vec<bool>> = plans.iter().map(|planned| vec![false; planned.mids_ns.len()]).collect();
+    let mut good: Vec<Vec<bool>> = plans.iter().map(|planned| vec![false; planned.shots.len()]).collect();
     let mut batch: Vec<Task> = Vec::new();
     let mut done = 0;
     let mut flush = |batch: &mut Vec<Task>| -> Result<(), ImportError> {
@@ -238,6 +239,17 @@ mod tests {
             mask: None,
         };
         Written { view: 0, frames: times_ms.iter().map(frame).collect(), lost: 0 }
+    }
+
+    #[test]
+    fn exposures_are_parted_before_frames_are_chosen() {
+        let exposures = (0..6).map(|n| (n, Exposure { mid_ns: 33_000_000 * n as i64, length_ns: Some(50_000_000) }));
+        let timing = Timing { frames: exposures.collect(), ..Timing::default() };
+        let planned = Planned::new(0, &timing, [i64::MIN, i64::MAX], 2);
+        let told = planned.overlaps.unwrap();
+        assert_eq!((told.frames, told.longest_ns, told.apart_ns), (6, 50_000_000, 33_000_000));
+        let length = |place| planned.exposure_ns(place)[1] - planned.exposure_ns(place)[0];
+        assert_eq!([0, 1, 2].map(length), [33_000_000; 3], "every second frame, exposed no longer than they were");
     }
 
     #[test]

@@ -20,6 +20,7 @@ use erfgs_session::{clock::Epochs, container::Session, source::Incident};
 use erfgs_sync::Exposure;
 
 mod events;
+mod exposures;
 mod frames;
 mod join;
 mod notes;
@@ -29,6 +30,7 @@ pub use join::{import_recording, window_ns};
 pub use notes::SessionNote;
 
 use events::Gathered;
+use exposures::Overlaps;
 use frames::Planned;
 
 /// A camera of the rig and the stream that it recorded.
@@ -177,7 +179,9 @@ pub fn import(
             note(SessionNote::NoColours { stream: viewpoint.stream.clone() });
             continue;
         }
-        plans.push(Planned::new(view, &viewpoint.timing, window, options.every.max(1)));
+        let planned = Planned::new(view, &viewpoint.timing, window, options.every.max(1));
+        tell_overlaps(&viewpoint.stream, planned.overlaps, note);
+        plans.push(planned);
     }
     let first_ns = plans.iter().filter_map(Planned::first_ns).min();
     let mut gathered: Vec<(usize, Gathered)> = Vec::new();
@@ -210,8 +214,9 @@ pub fn import(
 
     let mut written = frames::write(session, &streams, views, &plans, options, building.path(), progress)?;
     for (view, found) in &mut gathered {
-        let pictures = std::mem::take(&mut found.pictures);
+        let mut pictures = std::mem::take(&mut found.pictures);
         if !pictures.is_empty() {
+            tell_overlaps(&views[*view].stream, exposures::part_pictures(&mut pictures), note);
             let merged = options.merged(&views[*view]);
             written.push(frames::write_pictures(*view, &views[*view], pictures, merged, building.path())?);
         }
@@ -312,6 +317,11 @@ pub fn import(
     }
     let dataset = Dataset::new(building.path(), manifest(session, cameras, [zero_ns, zero_ns + span_ns[1]], options));
     Ok(dataset.complete(building, out)?)
+}
+
+fn tell_overlaps(stream: &str, overlaps: Option<Overlaps>, note: &mut dyn FnMut(SessionNote)) {
+    let Some(Overlaps { frames, longest_ns, apart_ns }) = overlaps else { return };
+    note(SessionNote::Overlaps { stream: stream.to_owned(), frames, longest_ns, apart_ns });
 }
 
 /// Events that lack no more than this at an end of a dataset are not worth words, nanoseconds.

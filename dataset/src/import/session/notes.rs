@@ -46,6 +46,17 @@ pub enum SessionNote {
         /// What the recording says of it.
         why: Option<String>,
     },
+    /// Exposures overlapped, which those of one sensor do not, and were shortened.
+    Overlaps {
+        /// The stream.
+        stream: String,
+        /// How many, also beyond what is imported.
+        frames: u64,
+        /// The longest of them, nanoseconds.
+        longest_ns: i64,
+        /// The shortest time between two of them, nanoseconds.
+        apart_ns: i64,
+    },
     /// An event camera was there, or its time is known, for a part only.
     EventsOfPart {
         /// The stream.
@@ -89,6 +100,15 @@ impl fmt::Display for SessionNote {
                 let frames = if *frames == 1 { "a frame is".to_owned() } else { format!("{frames} frames are") };
                 write!(f, "{stream}: {frames} missing between {from:.3} s and {to:.3} s of the recording")?;
                 because(f, why.as_deref())
+            }
+            Self::Overlaps { stream, frames, longest_ns, apart_ns } => {
+                let [longest_ms, apart_ms] = [longest_ns, apart_ns].map(|ns| 1e3 * seconds(*ns));
+                write!(
+                    f,
+                    "{stream}: the recording has exposures of up to {longest_ms:.3} ms where frames are {apart_ms:.3} ms apart, which one \
+                     sensor cannot do: {frames} are taken to end where the next one begins. The camera did not expose as long as it was \
+                     set to, or its frames were stamped unevenly"
+                )
             }
             Self::EventsOfPart { stream, part, of, why } => {
                 let ([from, to], [first, last]) = (part.map(seconds), of.map(seconds));

@@ -4,15 +4,20 @@
 //! of which the frame's come first (a value in two forms, as a focal length in pixels or by an angle, is one); principal points as COLMAP gives them, which is our convention. Units and world are
 //! those of the file: `applied_transform` and `applied_scale` tell what was done to another world, and are not undone.
 
+mod cameras;
 mod keys;
 mod lens;
 mod write;
 
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
 
 use erfgs_base::names;
 use glam::{DMat3, DVec3};
 
+pub use cameras::{CameraKey, camera_path, moving_frames};
 pub use lens::Lens;
 pub(super) use write::write;
 pub use write::{Shot, write_shots};
@@ -24,7 +29,7 @@ use super::{
     notes,
 };
 use crate::{
-    Modality, Pose,
+    Intrinsics, Modality, Pose,
     rig_file::{RigCamera, RigFile},
 };
 
@@ -115,38 +120,62 @@ fn left_out(mut keys: BTreeSet<String>) -> Vec<String> {
     notes
 }
 
-/// The file as a rig: each frame is a camera, named as its image.
+/// The file as a rig: frames of one pose and lens are of one camera, named by the folder of its images, or by its only image.
 pub(super) fn read(path: &Path) -> Result<RigFile, ExchangeError> {
     let file = Transforms::read(path)?;
-    let camera = |frame: &Frame| -> Result<RigCamera, ExchangeError> {
+    let mut order: BTreeMap<CameraKey, usize> = BTreeMap::new();
+    let mut groups: Vec<(Intrinsics, Vec<&Frame>)> = Vec::new();
+    for frame in &file.frames {
         let wrong =
             |what: &str| ExchangeError::Camera { camera: frame.file.clone(), path: path.into(), what: what.into() };
         let size = frame.lens.size().ok_or_else(|| wrong("there are no w and h; add the size of the images"))?;
-        let name = Path::new(&frame.file).file_stem().ok_or_else(|| wrong("file_path names no file"))?;
+        Path::new(&frame.file).file_stem().ok_or_else(|| wrong("file_path names no file"))?;
         let intrinsics = frame.lens.intrinsics(size);
-        Ok(RigCamera::new(&name.to_string_lossy(), Modality::Rgb, intrinsics, Some(frame.pose)))
-    };
-    let mut cameras: Vec<RigCamera> = file.frames.iter().map(camera).collect::<Result<_, _>>()?;
-    let distinct: BTreeSet<&str> = cameras.iter().map(|camera| camera.name.as_str()).collect();
-    if distinct.len() < cameras.len() {
-        let paths: Vec<String> = file
-            .frames
-            .iter()
-            .map(|frame| Path::new(&frame.file).with_extension("").to_string_lossy().into_owned())
-            .collect();
-        let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
-        cameras.iter_mut().zip(names::apart(&paths)).for_each(|(camera, name)| camera.name = name);
+        let at = *order.entry(CameraKey::new(&intrinsics, &frame.pose)).or_insert(groups.len());
+        if at == groups.len() {
+            groups.push((intrinsics, Vec::new()));
+        }
+        groups[at].1.push(frame);
     }
-    let mut rig = RigFile::new("nerfstudio", false, cameras);
+    let names = camera_names(&groups);
+    let cameras = names.into_iter().zip(&groups);
+    let cameras = cameras
+        .map(|(name, (intrinsics, frames))| RigCamera::new(&name, Modality::Rgb, *intrinsics, Some(frames[0].pose)));
+    let mut rig = RigFile::new("nerfstudio", false, cameras.collect());
     rig.warnings.push("a transforms.json does not say whether its unit is the metre".into());
     rig.warnings.extend(file.notes);
     if file.frames.iter().any(|frame| frame.time.is_some()) {
         rig.warnings.push("the times of frames are not kept: a rig stands still".into());
     }
+    let times: Vec<Vec<Option<f64>>> =
+        groups.iter().map(|(_, frames)| frames.iter().map(|frame| frame.time).collect()).collect();
+    if let Some(moving) = moving_frames(times.iter().map(Vec::as_slice)) {
+        rig.warnings.push(format!(
+            "{moving} frames have a pose and a time of their own, as those of a camera that moves: each becomes a camera of the rig, as if \
+             it had been there all the time"
+        ));
+    }
     if file.train.is_some() || !file.held_out.is_empty() {
         rig.warnings.push("which frames are to train and to test with is not kept".into());
     }
     Ok(rig)
+}
+
+/// Names by the last part of a camera's path, by more of it where that is alike, and by a number where all of it is.
+fn camera_names(groups: &[(Intrinsics, Vec<&Frame>)]) -> Vec<String> {
+    let path = |frames: &[&Frame]| camera_path(Path::new(&frames[0].file), frames.len());
+    let paths: Vec<PathBuf> = groups.iter().map(|(_, frames)| path(frames)).collect();
+    let last = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut names: Vec<String> = paths.iter().map(last).collect();
+    let are_alike = |names: &[String]| names.iter().collect::<BTreeSet<_>>().len() < names.len();
+    if are_alike(&names) {
+        let paths: Vec<String> = paths.iter().map(|path| path.to_string_lossy().into_owned()).collect();
+        names = names::apart(&paths.iter().map(String::as_str).collect::<Vec<_>>());
+    }
+    if are_alike(&names) {
+        names.iter_mut().enumerate().for_each(|(number, name)| *name = format!("{name}_{number:03}"));
+    }
+    names
 }
 
 #[cfg(test)]

@@ -124,6 +124,36 @@ fn what_is_left_out_is_said() {
     assert_eq!(read_rig(&one(SIZE)).unwrap().warnings.len(), 1, "the unit alone");
 }
 
+/// A file of frames `(file, place, time)`, and the rig that it is.
+fn rig_of(frames: &[(&str, f64, Option<f64>)]) -> RigFile {
+    let frames = frames.iter().map(|(file, place, time)| {
+        let time = time.map_or(String::new(), |time| format!(", \"time\": {time}"));
+        let matrix = format!("[[1, 0, 0, {place:?}], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]");
+        format!("{{\"file_path\": \"{file}\", \"transform_matrix\": {matrix}{time}}}")
+    });
+    let frames = frames.collect::<Vec<_>>().join(", ");
+    read_rig(&format!("{{{SIZE}, \"frames\": [{frames}]}}")).unwrap()
+}
+
+#[test]
+fn frames_of_one_pose_are_one_camera_of_the_rig_and_a_camera_that_moves_is_told() {
+    let names = |rig: &RigFile| rig.cameras.iter().map(|camera| camera.name.clone()).collect::<Vec<_>>();
+    let [t0, t1] = [Some(0.0), Some(1.0)];
+    let still = rig_of(&[("a/0.png", 0.0, t0), ("b/0.png", 1.0, t0), ("a/1.png", 0.0, t1), ("b/1.png", 1.0, t1)]);
+    assert_eq!(names(&still), ["a", "b"]);
+    // All in one folder: nothing but a number tells them apart.
+    let mixed = rig_of(&[("0.png", 0.0, t0), ("1.png", 1.0, t0), ("2.png", 0.0, t1), ("3.png", 1.0, t1)]);
+    assert_eq!(names(&mixed).iter().collect::<BTreeSet<_>>().len(), 2, "{:?}", names(&mixed));
+    let alone = rig_of(&[("images/a.png", 0.0, None), ("images/b.png", 1.0, None)]);
+    assert_eq!(names(&alone), ["a", "b"]);
+    let moving = rig_of(&[("r/0.png", 0.0, t0), ("r/1.png", 0.5, Some(0.5)), ("r/2.png", 1.0, t1)]);
+    assert_eq!(names(&moving), ["0", "1", "2"]);
+    for (rig, moves) in [(still, false), (mixed, false), (alone, false), (moving, true)] {
+        let said = rig.warnings.join("; ");
+        assert_eq!(said.contains("a camera that moves"), moves, "{said}");
+    }
+}
+
 #[test]
 fn what_is_written_is_read_with_every_coefficient() {
     let folder = tempfile::tempdir().unwrap();
