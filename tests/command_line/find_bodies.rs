@@ -32,7 +32,8 @@ fn bodies_are_found_shown_and_corrected() {
     for (text, why) in [
         ("forget = [\"body99\"]", "there are body0"),
         ("forget = [\"body0\"", "edits.toml"),
-        ("forgot = []", "forget, merge, [[split]] and [[turn]]"),
+        ("forgot = []", "forget, merge, carve, [[split]] and [[turn]]"),
+        ("carve = [\"body99\"]", "there are body0"),
     ] {
         edit(text);
         let refused = folder.fail(1, "dataset bodies ds --edit edits.toml");

@@ -125,7 +125,7 @@ pub enum CloudError {
     },
     /// A file of corrections that is none.
     #[error(
-        "{}: {}\nforget, merge, [[split]] and [[turn]] can be corrected; `erfgs dataset bodies --help` has an example",
+        "{}: {}\nforget, merge, carve, [[split]] and [[turn]] can be said; `erfgs dataset bodies --help` has an example",
         path.display(),
         why.trim_end()
     )]

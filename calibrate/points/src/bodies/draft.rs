@@ -205,6 +205,10 @@ impl<'a> Draft<'a> {
         ];
         let mut found_by = self.found_by;
         found_by.extend(self.thing.ball.as_ref().map(|ball| ("discs_off".into(), json!(rounded(ball.off, 3)))));
+        if self.thing.flies() {
+            // Its rates are right to some tenths of a radian per second, which add up.
+            found_by.insert("followed_by_looks".into(), json!(false));
+        }
         let bounces: Vec<i64> = self.motion.path.bounces_s().map(|t_s| film.ns(t_s)).collect();
         if !bounces.is_empty() {
             found_by.insert("bounces_ns".into(), json!(bounces));

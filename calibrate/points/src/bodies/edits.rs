@@ -359,6 +359,14 @@ mod tests {
     }
 
     #[test]
+    fn what_is_to_be_carved_may_be_no_ball() {
+        let (things, _) = edited(&[0.0, 1.0], "carve = ['body1']").unwrap();
+        assert_eq!([things[0].may_be_round, things[1].may_be_round], [true, false]);
+        let (things, _) = edited(&[0.0], "carve = ['body0.1']\n[[split]]\nbody = 'body0'\nat_s = 0.25").unwrap();
+        assert_eq!([things[0].may_be_round, things[1].may_be_round], [true, false]);
+    }
+
+    #[test]
     fn merged_things_are_one_and_split_they_are_two_again() {
         let (things, owners) = edited(&[0.0, 1.0, 5.0], "merge = [['body2', 'body0']]").unwrap();
         assert_eq!(names(&things), ["body1", "body2"]);
@@ -398,6 +406,7 @@ mod tests {
             assert!(why.contains(part), "{text}: {why}");
         };
         refused("forget = ['body7']", "there are body0, body1");
+        refused("carve = ['body7']", "there are body0, body1");
         refused("forget = ['body0', 'body1']", "--motion free-time");
         refused("forget = ['body0', 'body0']", "\"body0\"");
         refused("merge = [['body0']]", "two or more");

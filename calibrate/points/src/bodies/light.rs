@@ -5,6 +5,8 @@ use nalgebra::{Matrix4, Vector4};
 
 /// A place is at most so many times darker or brighter than usual by it.
 const MOST: f64 = 2.0;
+/// Fewer places do not tell it.
+const FEWEST: usize = 30;
 
 /// How bright a thing is by the direction of its surface: evenly more from one side to the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,11 +15,15 @@ pub struct Light(Vector4<f64>);
 impl Light {
     /// By outward normals, brightnesses, and how much each counts; none if these do not tell it.
     pub fn new(seen: impl IntoIterator<Item = (DVec3, f64, f64)>) -> Option<Self> {
-        let (mut normal, mut sums) = (Matrix4::zeros(), Vector4::zeros());
+        let (mut normal, mut sums, mut count) = (Matrix4::zeros(), Vector4::zeros(), 0);
         for (along, brightness, weight) in seen {
             let row = row(along);
             normal += weight * row * row.transpose();
             sums += weight * brightness * row;
+            count += 1;
+        }
+        if count < FEWEST {
+            return None;
         }
         let light = normal.cholesky()?.solve(&sums);
         light.iter().all(|value| value.is_finite()).then_some(Self(light))
