@@ -5,7 +5,7 @@ use erfgs_dataset::SurfacePoint;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::{film::Film, smooth::smooth_volume, turn::directions};
+use super::{film::Film, smooth::smooth_volume, turn::directions_apart};
 use crate::photo::median_colour;
 
 /// A cell is of the thing if at least this share of the views that see it at some instant see something that moves there; less, down
@@ -24,8 +24,7 @@ const GROWN_PX: f64 = 1.0;
 /// A shape has at least so many points.
 const FEWEST_POINTS: usize = 10;
 /// A ball has at least and at most so many.
-const FEWEST_OF_BALL: f64 = 100.0;
-const MOST_OF_BALL: f64 = 20_000.0;
+const POINTS_OF_BALL: [f64; 2] = [100.0, 20_000.0];
 
 /// Where a thing is at an instant.
 #[derive(Clone, Copy, Debug)]
@@ -196,8 +195,7 @@ pub fn carve(film: &Film, hull: &[DVec3], places: &[Place], cell_m: f64) -> Opti
 
 /// A ball of a radius, with the colours that views see, and how surely it is one.
 pub fn ball(film: &Film, places: &[Place], [radius_m, cell_m]: [f64; 2], agree: f64) -> Carved {
-    let count = (4.0 * std::f64::consts::PI * (radius_m / cell_m).powi(2)).clamp(FEWEST_OF_BALL, MOST_OF_BALL);
-    let points = directions(count as usize).into_par_iter().map(|normal| {
+    let points = directions_apart(radius_m, cell_m, POINTS_OF_BALL).into_par_iter().map(|normal| {
         let position = radius_m * normal;
         (position, normal, colour(film, places, position, normal))
     });

@@ -16,7 +16,6 @@ use super::{
     near_events::{Subject, Windows},
     path::Path,
     refine::{self, Refined},
-    round::Ball,
     shades::Shape,
     spin::{Spin, rounded, vector},
     stretches::Stretch,
@@ -98,7 +97,7 @@ impl<'a> Draft<'a> {
             Some(rates) => Turn::changing(upright_s, rates),
             None => Turn::steady(upright_s, spin.rate),
         };
-        let ball = thing.ball.as_ref().map(Ball::agree);
+        let ball = thing.ball.as_ref();
         let grower = Grower { film, shapes, path, turn: &turn, best, radius_m: track.radius_m, ball };
         // A ball that flies is where its discs are, and its colours took part in how it turns.
         let (carved, grown) = (grower.carved()?, if thing.flies() { None } else { grower.grow() });
@@ -122,8 +121,7 @@ impl<'a> Draft<'a> {
 
     fn grower<'b>(&'b self, film: &'b Film, path: &'b Path, turn: &'b Turn) -> Grower<'b> {
         let Thing { shapes, track, ball, .. } = self.thing;
-        let ball = ball.as_ref().map(Ball::agree);
-        Grower { film, shapes, path, turn, best: self.best, radius_m: track.radius_m, ball }
+        Grower { film, shapes, path, turn, best: self.best, radius_m: track.radius_m, ball: ball.as_ref() }
     }
 
     /// Improves the motion by windows of its own shape: those by its motion, and those by its looks.

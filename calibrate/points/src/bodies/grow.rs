@@ -12,6 +12,7 @@ use super::{
     carve::{self, Carved, Place},
     film::{Film, MOST_APART},
     path::{Path, fitted},
+    round::Ball,
     shades::Shape,
     turn::{Turn, rates},
 };
@@ -55,8 +56,8 @@ pub struct Grower<'a> {
     pub best: usize,
     /// How large it is, metres.
     pub radius_m: f64,
-    /// How surely it is a ball of that size, if it is one.
-    pub ball: Option<f64>,
+    /// What it is as a ball, if it is round.
+    pub ball: Option<&'a Ball>,
 }
 
 /// How a thing moves by its looks.
@@ -228,8 +229,8 @@ impl Grower<'_> {
             shape.places.iter().map(|&about| rotation.conjugate() * (shape.centre + about - centre)).collect();
         // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
         let cell_m = (0.36 * self.film.cell_m).max(0.045 * self.radius_m);
-        if let Some(agree) = self.ball {
-            return Some(carve::ball(self.film, &places, [self.radius_m, cell_m], agree));
+        if let Some(ball) = self.ball {
+            return Some(carve::ball(self.film, &places, [ball.radius_m, cell_m], ball.agree()));
         }
         carve::carve(self.film, &hull, &places, cell_m)
     }

@@ -58,15 +58,16 @@ impl<'a> Subject<'a> {
     pub fn of_hull(film: &Film, thing: usize, shape: &Shape, path: &'a Path) -> Self {
         let thin =
             std::iter::zip(&shape.places, &shape.normals).map(|(place, normal)| place - FAT * film.cell_m * normal);
-        let (moment, rate) = (shape.moment, DVec3::ZERO);
-        Self { thing, moment, places: thin.collect(), normals: None, path, rate, around_us: SHORT_US }
+        Self::still(thing, shape.moment, (thin.collect(), None), path)
     }
 
     /// A ball, in the same way.
     pub fn of_ball(thing: usize, shape: &Shape, path: &'a Path) -> Self {
-        let (moment, rate) = (shape.moment, DVec3::ZERO);
-        let (places, normals) = (shape.places.clone(), Some(shape.normals.clone()));
-        Self { thing, moment, places, normals, path, rate, around_us: SHORT_US }
+        Self::still(thing, shape.moment, (shape.places.clone(), Some(shape.normals.clone())), path)
+    }
+
+    fn still(thing: usize, moment: usize, (places, normals): (Vec<DVec3>, Option<Vec<DVec3>>), path: &'a Path) -> Self {
+        Self { thing, moment, places, normals, path, rate: DVec3::ZERO, around_us: SHORT_US }
     }
 }
 

@@ -15,7 +15,7 @@ use super::{
     path::Path,
     shades::Shape,
     things::Thing,
-    turn::directions,
+    turn::directions_apart,
 };
 
 /// Places of a disc and around it that are looked at, and how far they reach, radii.
@@ -87,19 +87,16 @@ impl Ball {
         if off > ROUND || pixels < SMALLEST_PX {
             return None;
         }
-        let fitted = |shape: &Shape| fitted(film, path, shape, radius_m);
-        let mut aside: Vec<f64> =
-            telling.par_iter().map(|shape| aside(film, shape, fitted(shape).0, radius_m)).collect();
+        let found: Vec<(DVec3, f64)> = shapes.par_iter().map(|shape| fitted(film, path, shape, radius_m)).collect();
+        let found = || std::iter::zip(shapes, &found);
+        let sure = found().filter(|(shape, _)| track.sure[shape.moment]).step_by(step);
+        let mut aside: Vec<f64> = sure.map(|(shape, (middle, _))| aside(film, shape, *middle, radius_m)).collect();
         aside.sort_unstable_by(f64::total_cmp);
         if aside[aside.len() / 4] > ASIDE {
             return None;
         }
-        let found: Vec<(usize, (DVec3, f64))> = shapes.par_iter().map(|shape| (shape.moment, fitted(shape))).collect();
-        let places: Vec<(usize, DVec3)> = found
-            .into_iter()
-            .filter(|(_, (_, misfit))| *misfit <= CLEAR.max(CLEARER * off))
-            .map(|(moment, (middle, _))| (moment, middle))
-            .collect();
+        let clear = found().filter(|(_, (_, misfit))| *misfit <= CLEAR.max(CLEARER * off));
+        let places: Vec<(usize, DVec3)> = clear.map(|(shape, (middle, _))| (shape.moment, *middle)).collect();
         (places.len() >= FEWEST_INSTANTS).then_some(Self { radius_m, places, off })
     }
 
@@ -126,8 +123,7 @@ impl Ball {
     }
 
     fn normals(&self, film: &Film) -> Vec<DVec3> {
-        let sphere = 4.0 * std::f64::consts::PI * (self.radius_m / film.cell_m).powi(2);
-        directions(sphere.clamp(POINTS[0], POINTS[1]) as usize)
+        directions_apart(self.radius_m, film.cell_m, POINTS)
     }
 }
 
@@ -238,6 +234,7 @@ mod tests {
         carve::{Place, tests::film},
         centres::Track,
         detections::Histogram,
+        turn::directions,
     };
 
     const RADIUS: f64 = 0.2;

@@ -154,17 +154,17 @@ fn by_frames(all: &[&dyn Compared], step_s: f64) -> Vec<(f64, DVec3)> {
     }
     let mut best: Vec<(f64, DVec3)> =
         kept.into_iter().map(|index| climbed(all, (apart[index], tried[index]), step_s)).collect();
+    let still = all.last().map_or(1.0, |last| last.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE));
+    best.iter_mut().for_each(|best| best.0 /= still);
     best.sort_by(|a, b| a.0.total_cmp(&b.0));
     best
 }
 
-/// A rate improved by colours of neighbouring instants, and then by those of farther and farther ones: how far they are apart compared
-/// with no turn, and the rate.
+/// A rate improved by colours of neighbouring instants, and then by those of farther and farther ones: how far they are apart, and the
+/// rate.
 fn climbed(all: &[&dyn Compared], (mut apart, mut rate): (f64, DVec3), step_s: f64) -> (f64, DVec3) {
-    let mut still = 1.0;
     for (longer, shades) in all.iter().enumerate() {
         let nearer = |rates: &[DVec3]| shades.apart(rates).into_iter().map(|apart| -apart).collect::<Vec<_>>();
-        still = shades.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE);
         if longer > 0 {
             apart = shades.apart(&[rate])[0];
         }
@@ -172,7 +172,7 @@ fn climbed(all: &[&dyn Compared], (mut apart, mut rate): (f64, DVec3), step_s: f
         let best = climb((-apart, rate), first, 2 + longer as u32, nearer);
         (apart, rate) = (-best.0, best.1);
     }
-    (apart / still, rate)
+    (apart, rate)
 }
 
 pub(super) fn rounded(value: f64, digits: i32) -> f64 {

@@ -8,6 +8,7 @@ use super::{
     detections::detections,
     edits::{self, BodyEdits, Named},
     film::Film,
+    flight::Flights,
     globe::{self, Globe},
     near_events::Subject,
     path::Path,
@@ -76,7 +77,7 @@ impl Things {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
         let thing = |(index, Named { name, track, rate, may_be_round }): (usize, Named)| {
-            let path = path(&track, &times, [cell_m, exposure_s]);
+            let path = path(&track, &times, &track.flights(&times, exposure_s, cell_m), exposure_s);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
             let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, rate };
@@ -109,9 +110,8 @@ fn followed(clouds: &[Cloud<'_>], times_s: &[f64], [cell_m, exposure_s]: [f64; 2
 }
 
 /// The way of a track, with the bounces of its flight.
-fn path(track: &Track, times: &[f64], [cell_m, exposure_s]: [f64; 2]) -> Path {
+fn path(track: &Track, times: &[f64], flights: &Flights, exposure_s: f64) -> Path {
     let (times_s, places) = track.places(times);
-    let flights = track.flights(times, exposure_s, cell_m);
     let bounces = flights.bounces();
     let places: Vec<DVec3> =
         std::iter::zip(&times_s, places).map(|(&t_s, place)| flights.at(t_s).unwrap_or(place)).collect();
@@ -121,26 +121,27 @@ fn path(track: &Track, times: &[f64], [cell_m, exposure_s]: [f64; 2]) -> Path {
 /// A thing that is round, where and as large as its discs are.
 fn round(film: &Film, mut thing: Thing, ball: Ball) -> Thing {
     let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
-    let flown = [RIGHT_TO * ball.radius_m, film.exposure_s()];
+    let exposure_s = film.exposure_s();
     let mut clear = Track { centres: vec![None; times.len()], radius_m: ball.radius_m, ..thing.track.clone() };
     for &(instant, middle) in &ball.places {
         clear.centres[instant] = Some(middle);
         clear.sure[instant] = true;
     }
     // Where it is not seen clearly it is where it flies.
-    let path = path(&clear, &times, flown);
+    let flights = clear.flights(&times, exposure_s, RIGHT_TO * ball.radius_m);
+    let path = |track: &Track| path(track, &times, &flights, exposure_s);
+    let flown = path(&clear);
     let followed: Vec<usize> = thing.track.instants().collect();
     for instant in followed {
         if clear.centres[instant].is_none() {
-            clear.centres[instant] = Some(path.at(times[instant]));
+            clear.centres[instant] = Some(flown.at(times[instant]));
             clear.sure[instant] = false;
         }
     }
-    thing.path = self::path(&clear, &times, flown);
+    thing.path = path(&clear);
     let places: Vec<(usize, DVec3)> =
         clear.instants().filter_map(|instant| Some((instant, clear.centres[instant]?))).collect();
     thing.shapes = places.iter().map(|&(moment, centre)| ball.shape(film, moment, centre)).collect();
-    let flights = clear.flights(&times, flown[1], flown[0]);
     if places.iter().all(|(moment, _)| flights.at(times[*moment]).is_some()) {
         let globe =
             |&(moment, centre): &(usize, DVec3)| (times[moment], Globe::new(film, moment, centre, ball.radius_m));

@@ -133,6 +133,11 @@ pub fn directions(count: usize) -> Vec<DVec3> {
     (0..count).map(direction).collect()
 }
 
+/// Directions in which points of a ball are about `apart_m` from one another, as many as are within the bounds.
+pub fn directions_apart(radius_m: f64, apart_m: f64, [least, most]: [f64; 2]) -> Vec<DVec3> {
+    directions((4.0 * std::f64::consts::PI * (radius_m / apart_m).powi(2)).clamp(least, most) as usize)
+}
+
 /// No turn first, and then each direction with each rate.
 pub fn rates(directions_count: usize, rates: &[f64]) -> Vec<DVec3> {
     let all = directions(directions_count).into_iter().flat_map(|along| rates.iter().map(move |&rate| along * rate));
