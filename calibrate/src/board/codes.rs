@@ -6,8 +6,11 @@
 
 use glam::{DMat3, DVec2};
 
-use super::{Corner, Target, detect::Grey};
-use crate::geometry::homography::{apply, homography};
+use super::{
+    Corner, Target,
+    detect::{Grey, map_by_nearest},
+};
+use crate::geometry::homography::apply;
 
 /// So many corners, the nearest, say where a marker is: a lens bends what is farther away.
 const NEAREST: usize = 8;
@@ -136,15 +139,8 @@ impl Board {
 
 /// The map around a place by the corners next to it; `None` where there are none.
 fn near(corners: &[(DVec2, DVec2)], place: DVec2) -> Option<DMat3> {
-    let mut nearest: Vec<(f64, DVec2, DVec2)> =
-        corners.iter().map(|&(plane, pixel)| (plane.distance(place), plane, pixel)).collect();
-    nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-    nearest.truncate(NEAREST);
-    if nearest.first()?.0 > NEAR {
-        return None;
-    }
-    let (plane, pixels): (Vec<DVec2>, Vec<DVec2>) = nearest.iter().map(|&(_, plane, pixel)| (plane, pixel)).unzip();
-    homography(&plane, &pixels)
+    let is_near = corners.iter().any(|(plane, _)| plane.distance(place) <= NEAR);
+    if is_near { map_by_nearest(corners.iter().copied(), place, NEAREST) } else { None }
 }
 
 /// The correlation of levels with what they must be; 0 where either does not vary.

@@ -423,16 +423,16 @@ fn around(corners: &[Corner], corner: &Corner, target: &Target) -> Option<[DVec2
 
 /// From the board's plane to the picture around a place, by the corners that are nearest to it; a lens bends what is farther away.
 pub(super) fn local_map(corners: &[Corner], place: DVec2, target: &Target) -> Option<DMat3> {
-    let mut nearest: Vec<(f64, DVec2, DVec2)> = corners
-        .iter()
-        .filter_map(|corner| {
-            let of = target.point(corner.id)?.truncate();
-            Some((of.distance(place), of, corner.pixel))
-        })
-        .collect();
+    let seen = corners.iter().filter_map(|corner| Some((target.point(corner.id)?.truncate(), corner.pixel)));
+    map_by_nearest(seen, place, NEAREST)
+}
+
+/// From a plane to the picture around a place, by the `most` places of the plane that are nearest to it and where they are seen.
+pub(super) fn map_by_nearest(seen: impl Iterator<Item = (DVec2, DVec2)>, place: DVec2, most: usize) -> Option<DMat3> {
+    let mut nearest: Vec<(f64, (DVec2, DVec2))> =
+        seen.map(|(plane, pixel)| (plane.distance(place), (plane, pixel))).collect();
     nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-    nearest.truncate(NEAREST);
-    let (plane, pixels): (Vec<DVec2>, Vec<DVec2>) = nearest.iter().map(|&(_, plane, pixel)| (plane, pixel)).unzip();
+    let (plane, pixels): (Vec<DVec2>, Vec<DVec2>) = nearest.into_iter().take(most).map(|(_, seen)| seen).unzip();
     homography(&plane, &pixels)
 }
 
