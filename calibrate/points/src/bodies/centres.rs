@@ -14,6 +14,8 @@ use super::{
 const NEAR: f64 = 1.25;
 /// A thing is found at an instant if it has so large a share of its usual points.
 const FOUND: f64 = 0.35;
+/// What flies is not there where it seems to be so many spacings from its flight: other things or parts of it are.
+const STRAYS: f64 = 4.0;
 /// Beyond the ends of its chain a thing must be more surely there: in points and in colours.
 const FOUND_BEYOND: f64 = 0.4;
 const SAME_BEYOND: f64 = 0.55;
@@ -29,6 +31,8 @@ pub struct Track {
     pub met: Vec<usize>,
     /// Nine tenths of its points are nearer to its centre, metres.
     pub radius_m: f64,
+    /// How what flies freely accelerates, where that is known, metres per second squared.
+    pub fall: Option<DVec3>,
     /// Its colours.
     pub colours: Histogram,
     /// How many points it usually has.
@@ -46,7 +50,8 @@ impl Track {
         let sure = self.instants().filter(|&instant| self.sure[instant]);
         let (seen_s, places): (Vec<f64>, Vec<DVec3>) =
             sure.filter_map(|instant| Some((times_s[instant], self.centres[instant]?))).unzip();
-        Flights::new(Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &self.jumps_s(times_s) })
+        let jumps_s = &self.jumps_s(times_s);
+        Flights::new(Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s, fall: self.fall })
     }
 
     /// The spans of time in which it bounces off another thing, seconds.
@@ -72,15 +77,17 @@ pub struct Cloud<'a> {
     pub colours: &'a [[u8; 3]],
 }
 
-/// Follows the things of `chains` at all instants.
+/// Follows the things of `chains` at all instants; what flies freely is known to accelerate by `fall`, where that is known.
 pub fn follow(
     chains: &[Chain],
     detections: &[Vec<Detection>],
     clouds: &[Cloud<'_>],
     times_s: &[f64],
     [cell_m, exposure_s]: [f64; 2],
+    fall: Option<DVec3>,
 ) -> (Vec<Track>, Owners) {
-    let tracks = chains.iter().map(|chain| begin(chain, detections, clouds, times_s)).collect();
+    let begin = |chain| Track { fall, ..begin(chain, detections, clouds, times_s) };
+    let tracks = chains.iter().map(begin).collect();
     let owners = clouds.iter().map(|cloud| vec![None; cloud.points.len()]).collect();
     let mut followed = Followed { tracks, owners, clouds, times_s, cell_m };
     followed.assign(6);
@@ -124,6 +131,7 @@ fn begin(chain: &Chain, detections: &[Vec<Detection>], clouds: &[Cloud<'_>], tim
         sure,
         met: chain.met.clone(),
         radius_m: radii[radii.len() / 2],
+        fall: None,
         colours: Histogram::mean(certain.iter().map(|(_, found)| &found.colours)),
         usual_points,
     }
@@ -208,8 +216,11 @@ impl Followed<'_> {
     fn fly(&mut self, exposure_s: f64) {
         for track in &mut self.tracks {
             let flights = track.flights(self.times_s, exposure_s, self.cell_m);
-            for (instant, centre) in track.centres.iter_mut().enumerate().filter(|(instant, _)| !track.sure[*instant]) {
-                if let (Some(centre), Some(flown)) = (centre, flights.at(self.times_s[instant])) {
+            let all = std::iter::zip(&mut track.centres, &mut track.sure);
+            for ((centre, sure), &t_s) in std::iter::zip(all, self.times_s) {
+                let (Some(centre), Some(flown)) = (centre, flights.at(t_s)) else { continue };
+                *sure &= centre.distance(flown) < STRAYS * self.cell_m;
+                if !*sure {
                     *centre = flown;
                 }
             }
@@ -311,7 +322,7 @@ mod tests {
         let found: Vec<Vec<Detection>> =
             clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell)).collect();
         assert!(found.iter().any(|pieces| pieces.len() == 1), "they are one piece somewhere");
-        let (tracks, owners) = follow(&chains(&found, &times), &found, &clouds, &times, [cell, 0.0]);
+        let (tracks, owners) = follow(&chains(&found, &times), &found, &clouds, &times, [cell, 0.0], None);
         assert_eq!(tracks.len(), 2);
         for (index, track) in tracks.iter().enumerate() {
             assert_eq!(track.instants().count(), times.len());
@@ -343,7 +354,7 @@ mod tests {
             instants.iter().map(|points| Cloud { points, colours: &colours[..points.len()] }).collect();
         let found: Vec<Vec<Detection>> =
             clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, 0.02)).collect();
-        let (tracks, _) = follow(&chains(&found, &times), &found, &clouds, &times, [0.02, 0.0]);
+        let (tracks, _) = follow(&chains(&found, &times), &found, &clouds, &times, [0.02, 0.0], None);
         assert_eq!(tracks.len(), 1);
         for (instant, &t) in times.iter().enumerate() {
             let off = tracks[0].centres[instant].unwrap().distance(way(t));

@@ -213,7 +213,7 @@ impl Thing {
         let (seen_s, places): (Vec<f64>, Vec<DVec3>) =
             seen.filter_map(|(&time, piece)| Some((time, piece.as_ref()?.centre))).unzip();
         let jumps_s: Vec<[f64; 2]> = self.met.iter().map(|&at| [times_s[at - 1], times_s[at]]).collect();
-        let places = Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &jumps_s };
+        let places = Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &jumps_s, fall: None };
         let often = seen_s.len() as f64 >= SEEN * times_s.len() as f64;
         often && flight::apart_m(places).is_some_and(|apart_m| apart_m < FLIES * cell_m)
     }
@@ -270,7 +270,7 @@ mod tests {
         let clouds: Vec<Cloud<'_>> = instants.iter().map(|(points, colours)| Cloud { points, colours }).collect();
         let found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, CELL_M)).collect();
         let times_s = times();
-        let (tracks, owners) = follow(&chains(&found, &times_s), &found, &clouds, &times_s, [CELL_M, 0.0]);
+        let (tracks, owners) = follow(&chains(&found, &times_s), &found, &clouds, &times_s, [CELL_M, 0.0], None);
         let followed = Followed {
             tracks: &tracks,
             owners: &owners,

@@ -314,6 +314,7 @@ mod tests {
             (points, colours)
         };
         let track = |height: &f64| Track {
+            fall: None,
             centres: TIMES.iter().map(|t_s| Some(at(*height, *t_s))).collect(),
             sure: vec![true; TIMES.len()],
             met: Vec::new(),

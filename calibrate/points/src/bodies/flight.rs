@@ -23,6 +23,9 @@ const MOST_ACCELERATION: f64 = 15.0;
 /// Places are right to so many spacings of their points at best, and of what flies they are not farther than so many from its flight.
 const RIGHT: f64 = 0.5;
 const FLIES: f64 = 1.5;
+/// So large a share of the places, and so many, must agree on the flight of what falls as other things do.
+const AGREE: f64 = 0.6;
+const FALLING: usize = 4;
 /// A flight with bounces must be so much nearer to the places than a smooth curve with more numbers.
 const SHARP: f64 = 0.7;
 /// A bounce is moved by so many steps of each size at most.
@@ -49,6 +52,8 @@ pub struct Places<'a> {
     pub cell_m: f64,
     /// Spans of time, seconds, within each of which its velocity is known to jump.
     pub jumps_s: &'a [[f64; 2]],
+    /// How what flies freely accelerates, where that is known, metres per second squared.
+    pub fall: Option<DVec3>,
 }
 
 impl<'a> Places<'a> {
@@ -74,7 +79,8 @@ impl Flights {
             let to = (from + PIECE).min(count);
             // Of two pieces that overlap each tells half of it.
             let since = if from == 0 { f64::NEG_INFINITY } else { seen.times_s[from + OVERLAP / 2] };
-            flights.pieces.push((since, Flight::of(seen.piece(from, to))));
+            let piece = seen.piece(from, to);
+            flights.pieces.push((since, Flight::of(piece).or_else(|| Flight::falling(piece))));
             if to == count {
                 break;
             }
@@ -87,6 +93,13 @@ impl Flights {
     pub fn at(&self, t_s: f64) -> Option<DVec3> {
         let next = self.pieces.partition_point(|piece| piece.0 <= t_s);
         self.pieces.get(next.checked_sub(1)?)?.1.as_ref().map(|flight| flight.at(t_s))
+    }
+
+    /// Its acceleration, metres per second squared; none of what does not fly for a piece of the time.
+    pub fn fall(&self) -> Option<DVec3> {
+        let falls: Option<Vec<DVec3>> = self.pieces.iter().map(|piece| Some(piece.1.as_ref()?.terms[2])).collect();
+        let falls = falls?;
+        (!falls.is_empty()).then(|| falls.iter().sum::<DVec3>() / falls.len() as f64)
     }
 
     /// Its bounces, in order.
@@ -131,6 +144,35 @@ impl Flight {
         let falls = best.terms[2].length() < MOST_ACCELERATION;
         let smooth_m = if best.breaks_s.len() == known { f64::INFINITY } else { smooth_m(seen, best.terms.len() + 1) };
         (jumps && falls && best.apart_m < (FLIES * seen.cell_m).min(SHARP * smooth_m)).then_some(best)
+    }
+
+    /// The flight without bounces of what accelerates as is known, by most of the places; none where they do not agree on one, or lie
+    /// nearer to a straight way.
+    fn falling(seen: Places<'_>) -> Option<Self> {
+        let fall = seen.fall.filter(|_| seen.jumps_s.is_empty())?;
+        let from_s = *seen.times_s.first()?;
+        let all = std::iter::zip(seen.times_s, seen.places).map(|(&t_s, &place)| (t_s - from_s, place));
+        let mut kept: Vec<(f64, DVec3)> = all.collect();
+        let fewest = FALLING.max((AGREE * kept.len() as f64).ceil() as usize);
+        while kept.len() >= fewest {
+            let nearest = |fall: DVec3| {
+                let rows: Vec<Vec<f64>> = kept.iter().map(|&(after_s, _)| vec![1.0, after_s]).collect();
+                let bare: Vec<DVec3> =
+                    kept.iter().map(|&(after_s, place)| place - 0.5 * after_s * after_s * fall).collect();
+                fitted(&rows, &bare)
+            };
+            let (terms, apart_m) = nearest(fall)?;
+            if apart_m < FLIES * seen.cell_m {
+                let straight_m = nearest(DVec3::ZERO)?.1;
+                let terms = vec![terms[0], terms[1], fall];
+                return (apart_m < straight_m).then_some(Self { from_s, breaks_s: Vec::new(), terms, apart_m });
+            }
+            let flown = |after_s: f64| terms[0] + after_s * terms[1] + 0.5 * after_s * after_s * fall;
+            let away = |&(after_s, place): &(f64, DVec3)| flown(after_s).distance(place);
+            let worst = (0..kept.len()).max_by(|&a, &b| away(&kept[a]).total_cmp(&away(&kept[b])))?;
+            kept.remove(worst);
+        }
+        None
     }
 
     /// The flight with jumps at given times that is nearest to the places; none where they do not tell it.
@@ -287,7 +329,8 @@ mod tests {
     fn found(times_s: &[f64], place: impl Fn(f64) -> DVec3) -> Vec<Bounce> {
         let places: Vec<DVec3> =
             times_s.iter().enumerate().map(|(at, &time)| place(time) + noise(at as u64, 0.006)).collect();
-        Flights::new(Places { times_s, places: &places, exposure_s: 0.0, cell_m: CELL_M, jumps_s: &[] }).bounces()
+        Flights::new(Places { times_s, places: &places, exposure_s: 0.0, cell_m: CELL_M, jumps_s: &[], fall: None })
+            .bounces()
     }
 
     fn fifteen_hertz(count: usize) -> Vec<f64> {
@@ -345,5 +388,31 @@ mod tests {
         for (bounce, truth) in std::iter::zip(found, truth) {
             assert!((bounce.t_s - truth).abs() < 0.01, "{} instead of {truth} s", bounce.t_s);
         }
+    }
+
+    #[test]
+    fn what_falls_as_other_things_do_is_told_by_few_places_of_which_some_are_wrong() {
+        let times_s = fifteen_hertz(7);
+        let way = |time: f64| DVec3::new(0.4 * time, -3.0 * time, 0.1) + 0.5 * time * time * GRAVITY;
+        let mut places: Vec<DVec3> =
+            times_s.iter().enumerate().map(|(at, &time)| way(time) + noise(at as u64, 0.006)).collect();
+        // A neighbour's hull is taken for a part of it at both ends.
+        places[0].x += 0.3;
+        places[6].y -= 0.2;
+        let of = |places: &[DVec3], fall| {
+            Flights::new(Places { times_s: &times_s, places, exposure_s: 0.0, cell_m: CELL_M, jumps_s: &[], fall })
+        };
+        assert_eq!(of(&places, None).at(0.5), None);
+        let falls = of(&places, Some(GRAVITY));
+        for time in [0.01, 0.2, 0.5] {
+            let there = falls.at(time).expect("a flight");
+            assert!(there.distance(way(time)) < 0.03, "{there} at {time}");
+        }
+        assert_eq!(falls.fall(), Some(GRAVITY));
+        // What goes straight on, or on its own curve, does not fall.
+        let straight: Vec<DVec3> = times_s[..4].iter().map(|&time| DVec3::X * time).collect();
+        assert_eq!(of(&straight, Some(GRAVITY)).at(0.1), None);
+        let swings: Vec<DVec3> = times_s.iter().map(|&time| DVec3::X * 0.4 * (9.0 * time).sin()).collect();
+        assert_eq!(of(&swings, Some(GRAVITY)).at(0.1), None);
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! The moving points of the initial cloud are hulls of all that moves, one for each instant. Connected pieces of them are chained into
 //! tracks through the instants (`detections`, `chains`), points go to the nearest track and centres follow them (`centres`); what flies
-//! freely bounces at times that its places tell (`flight`), and a path goes through the centres that is smooth between bounces (`path`).
+//! freely bounces at times that its places tell (`flight`); what falls as other things do is told by few places, and pieces of its hull that are
+//! followed by themselves are left out (`crumbs`). A path goes through the centres that is smooth between bounces (`path`).
 //! Hulls are deeper than what they are of where views are from one side (`slim`); what is round is a ball, where its silhouettes are
 //! discs (`round`). How a thing turns is told by the colours of frames (`shades`; of a ball, in all directions, `globe`) and by its events, which are sharp if they are moved back rightly (`contrast`, `near_events`); `spin` weighs both for one
 //! rate, `stretches` for one between two bounces, and `varying` for rates that change. What the user corrects comes between tracks and
@@ -15,6 +16,7 @@ mod centres;
 mod chains;
 mod close;
 mod contrast;
+mod crumbs;
 mod curve;
 mod detections;
 mod draft;

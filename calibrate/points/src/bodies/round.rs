@@ -261,6 +261,7 @@ mod tests {
         };
         let shapes = times.iter().enumerate().map(shape).collect();
         let track = Track {
+            fall: None,
             centres: times.iter().map(|&t_s| Some(seen(t_s))).collect(),
             sure: vec![true; times.len()],
             met: vec![],

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{
     centres::{self, Cloud, Owners, Track},
-    chains, close,
+    chains, close, crumbs,
     detections::detections,
     edits::{self, BodyEdits, Named},
     film::Film,
@@ -77,7 +77,8 @@ impl Things {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
         let thing = |(index, Named { name, track, rate, may_be_round }): (usize, Named)| {
-            let path = path(&track, &times, &track.flights(&times, exposure_s, cell_m), exposure_s);
+            let flights = track.flights(&times, exposure_s, cell_m);
+            let path = path(&track, &times, &flights, exposure_s);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
             let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, rate };
@@ -100,13 +101,20 @@ impl Things {
 fn followed(clouds: &[Cloud<'_>], times_s: &[f64], [cell_m, exposure_s]: [f64; 2]) -> (Vec<Track>, Owners) {
     let mut found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell_m)).collect();
     let mut chains = chains::chains(&found, times_s);
-    let (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, [cell_m, exposure_s]);
+    let sizes = [cell_m, exposure_s];
+    let (mut tracks, mut owners) = centres::follow(&chains, &found, clouds, times_s, sizes, None);
+    let fall = crumbs::fall(&tracks, times_s, sizes);
+    if fall.is_some() {
+        tracks.iter_mut().for_each(|track| track.fall = fall);
+        crumbs::forget(&mut chains, &tracks, times_s, sizes);
+        (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, sizes, fall);
+    }
     let apart = close::Followed { tracks: &tracks, owners: &owners, clouds, times_s, cell_m, exposure_s }.told_apart();
     if apart.tracks.is_empty() {
         return (tracks, owners);
     }
     apart.chained(&mut chains, &mut found);
-    centres::follow(&chains, &found, clouds, times_s, [cell_m, exposure_s])
+    centres::follow(&chains, &found, clouds, times_s, sizes, fall)
 }
 
 /// The way of a track, with the bounces of its flight.
