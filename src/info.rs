@@ -1,5 +1,6 @@
 //! `erfgs info`: what a session, a dataset, a run, a point cloud or an event file holds.
 
+mod bodies;
 mod events;
 mod session;
 mod settings;
@@ -106,6 +107,7 @@ struct DatasetSummary<'a> {
     events: u64,
     masks: usize,
     points: Option<u64>,
+    bodies: Option<Vec<bodies::BodySummary>>,
     steps: Vec<String>,
 }
 
@@ -137,6 +139,7 @@ pub fn dataset(dataset: &Dataset, terminal: &Terminal) -> anyhow::Result<()> {
         events: manifest.cameras.iter().filter_map(|camera| camera.events.as_ref()).map(|events| events.count).sum(),
         masks: frames().filter(|frame| frame.mask.is_some()).count(),
         points: manifest.points.as_ref().map(|points| points.count),
+        bodies: bodies::of(dataset)?,
         steps: manifest.variant.iter().map(|step| step.step.clone()).collect(),
     };
     terminal.result(&summary, || describe_dataset(&summary))
@@ -160,6 +163,9 @@ fn describe_dataset(summary: &DatasetSummary<'_>) -> String {
         ("steps", steps),
         ("points", summary.points.map_or("none; `erfgs dataset points` makes them".into(), thousands)),
     ];
+    for (number, body) in summary.bodies.iter().flatten().enumerate() {
+        rows.push((if number == 0 { "bodies" } else { "" }, body.line()));
+    }
     if summary.distorted_cameras > 0 {
         let text =
             format!("{} cameras; `erfgs dataset undistort` removes it before training", summary.distorted_cameras);

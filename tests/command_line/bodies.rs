@@ -93,6 +93,12 @@ fn a_run_with_bodies_is_shown_exported_and_described() {
     let said = folder.fail(1, "train ds --out none --motion bodies --iterations 2+2 -q");
     assert!(said.contains("erfgs dataset bodies"), "{said}");
     give_bodies(&folder.path("ds"));
+    let described = folder.succeed("info ds");
+    assert!(described.contains("disc: in view from 0.000 to 0.300 s, 120 points"), "{described}");
+    let ball = &folder.figures("info ds")["bodies"][1];
+    assert_eq!((&ball["name"], &ball["in_view_s"]), (&"<b>ball".into(), &serde_json::json!([0.08, 0.22])));
+    // It flies at 3 m/s.
+    assert!((ball["speed_m_s"].as_f64().expect("a speed") - 3.0).abs() < 1e-6, "{ball}");
     // Events add Gaussians that no body carries.
     let free = "--set eds.from=5 --set eds.every=1 --set eds.until=1.0 --set eds.min_events=1 --set eds.tolerance_px=8 \
                 --set eds.depths=64 --set free_time.knots=2 --set bodies.trial=0 --set bodies.spacing_px=0";
