@@ -69,15 +69,15 @@ mod tests {
         put("a_0.db3.zstd");
         assert_eq!(recording_file(path).unwrap(), path.join("a_0.db3"), "unpacked already");
         std::fs::remove_file(path.join("a_0.db3")).unwrap();
-        let said = recording_file(path).unwrap_err().to_string();
-        assert!(said.contains("zstd -d") && said.contains("a_0.db3.zstd"), "{said}");
+        let message = recording_file(path).unwrap_err().to_string();
+        assert!(message.contains("zstd -d") && message.contains("a_0.db3.zstd"), "{message}");
         for name in ["a_2.mcap", "a_10.mcap", "a_1.mcap"] {
             put(name);
         }
         std::fs::remove_file(path.join("a_0.db3.zstd")).unwrap();
-        let said = recording_file(path).unwrap_err().to_string();
-        assert!(said.contains("3 files") && said.contains("ros2 bag convert"), "{said}");
-        assert!(said.find("a_1.mcap") < said.find("a_10.mcap"), "{said}");
+        let message = recording_file(path).unwrap_err().to_string();
+        assert!(message.contains("3 files") && message.contains("ros2 bag convert"), "{message}");
+        assert!(message.find("a_1.mcap") < message.find("a_10.mcap"), "{message}");
         for name in ["a_2.mcap", "a_10.mcap", "a_1.mcap"] {
             std::fs::remove_file(path.join(name)).unwrap();
         }

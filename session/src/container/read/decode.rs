@@ -36,7 +36,7 @@ impl<R: Read + Seek> Session<R> {
         mut progress: impl FnMut(u64),
     ) -> Result<Option<DecodedStream>, ContainerError> {
         let Some(recorded) = self.summary().streams.get(stream) else { return Ok(None) };
-        let (id, said) = (recorded.description.id.clone(), recorded.totals.packets);
+        let (id, expected) = (recorded.description.id.clone(), recorded.totals.packets);
         let window_host_ns = window_host_ns.or(self.window());
         let [from, to] = window_host_ns.unwrap_or([i64::MIN, i64::MAX]);
         let Some(begun) = self.decoder_from(stream, window_host_ns.map(|[from, _]| from))? else { return Ok(None) };
@@ -70,7 +70,7 @@ impl<R: Read + Seek> Session<R> {
         decoder.finish(sink);
         decoded.anomalies = decoder.anomalies();
         if window_host_ns.is_none() {
-            decoded.damage.extend(lacking(&id, decoded.packets, said));
+            decoded.damage.extend(lacking(&id, decoded.packets, expected));
         }
         Ok(Some(decoded))
     }
@@ -127,8 +127,8 @@ impl<R: Read + Seek> Session<R> {
 }
 
 /// What to say of a stream that has fewer packets than were recorded.
-pub(crate) fn lacking(id: &str, found: u64, said: u64) -> Option<String> {
-    (found < said).then(|| format!("stream '{id}' has {found} packets of the {said} that were recorded"))
+pub(crate) fn lacking(id: &str, found: u64, expected: u64) -> Option<String> {
+    (found < expected).then(|| format!("stream '{id}' has {found} packets of the {expected} that were recorded"))
 }
 
 /// Tells a decoder what is known of a packet before its bytes. Where data was lost before any came, nothing was cut.

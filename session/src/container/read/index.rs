@@ -87,37 +87,38 @@ impl<R> Walk<R> {
     ) -> Vec<String> {
         let layout: &Layout = &self.layout;
         if let Some(totals) = totals {
-            let wrong = |(id, said): (&String, &StreamTotals)| {
+            let wrong = |(id, counted): (&String, &StreamTotals)| {
                 let stream = layout.streams.iter().position(|stream| stream.description.id == *id);
                 if stream.is_none() && plain_id(id) != *id {
                     return None; // It has another name here.
                 }
-                let found = stream.and_then(|stream| self.seen.get(stream)).map_or(0, |seen| seen.count());
-                let said = said.packets;
-                match found.cmp(&said) {
-                    Ordering::Less => lacking(id, found, said),
+                let found = stream.and_then(|stream| self.logs.get(stream)).map_or(0, |log| log.count());
+                let counted = counted.packets;
+                match found.cmp(&counted) {
+                    Ordering::Less => lacking(id, found, counted),
                     Ordering::Equal => None,
                     Ordering::Greater => {
-                        Some(format!("stream '{id}' has {found} packets, but its end record counts {said}"))
+                        Some(format!("stream '{id}' has {found} packets, but its end record counts {counted}"))
                     }
                 }
             };
             return totals.streams.iter().filter_map(wrong).collect();
         }
         if is_session {
-            let streams = layout.streams.iter().zip(&self.seen);
-            let wrong = streams.filter(|(_, seen)| seen.unmarked() > 0).map(|(stream, seen)| {
-                let (id, count) = (&stream.description.id, seen.unmarked());
+            let streams = layout.streams.iter().zip(&self.logs);
+            let wrong = streams.filter(|(_, log)| log.unmarked() > 0).map(|(stream, log)| {
+                let (id, count) = (&stream.description.id, log.unmarked());
                 format!(
                     "{count} packets of stream '{id}' are missing by their sequence numbers and were not reported as lost"
                 )
             });
             return wrong.collect();
         }
-        let wrong = |(channel, &said): (&u16, &u64)| {
+        let wrong = |(channel, &counted): (&u16, &u64)| {
             let found = self.counts.get(channel).copied().unwrap_or(0);
             let topic = layout.topic(*channel)?;
-            (found != said).then(|| format!("{topic} has {found} messages, but the end of the file counts {said}"))
+            (found != counted)
+                .then(|| format!("{topic} has {found} messages, but the end of the file counts {counted}"))
         };
         counts.into_iter().flatten().filter_map(wrong).collect()
     }

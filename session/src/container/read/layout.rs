@@ -9,7 +9,7 @@ use mcap::records::op;
 use super::{chunk::RawMessage, parse::parse_record, unpack};
 use crate::{
     container::{
-        Entry, Stream, StreamTotals,
+        Entry, Stream, StreamTotals, Totals,
         foreign::ros::{self, EventPacket},
         packet,
         record::{CLOCK_PREFIX, DESCRIPTION_KEY, INCIDENT_TOPIC, STATE_SUFFIX, STATUS_TOPIC, plain_id},
@@ -178,6 +178,17 @@ impl Layout {
                 json(&message.data, |fit| Entry::Clock { stream, fit })
             }
             Role::Other => Meaning::Foreign,
+        }
+    }
+
+    /// Counts an entry: a packet among those of its stream, all else in `totals`.
+    pub fn count(&mut self, entry: Entry, totals: &mut Totals) {
+        match entry {
+            Entry::Packet { stream, packet } => self.streams[stream].totals.count(&packet),
+            Entry::Status(status) => totals.status = Some(status),
+            Entry::Incident(incident) => totals.note(incident),
+            Entry::Clock { stream, fit } => drop(totals.clocks.insert(stream, fit)),
+            Entry::DecoderState(_) => {}
         }
     }
 

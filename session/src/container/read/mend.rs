@@ -67,11 +67,11 @@ mod tests {
     #[test]
     fn any_bit_that_flipped_is_found_by_the_checksum() {
         let content: Vec<u8> = (0..5000_u32).map(|i| ((i * i) >> 3) as u8).collect();
-        let said = crc32fast::hash(&content);
+        let checksum = crc32fast::hash(&content);
         for place in (0..8 * content.len()).step_by(37).chain([8 * content.len() - 1]) {
             let mut damaged = content.clone();
             damaged[place / 8] ^= 1 << (place % 8);
-            let found = flipped_bit(damaged.len(), crc32fast::hash(&damaged) ^ said);
+            let found = flipped_bit(damaged.len(), crc32fast::hash(&damaged) ^ checksum);
             assert_eq!(found, Some((place / 8, (place % 8) as u32)));
         }
     }
@@ -79,11 +79,11 @@ mod tests {
     #[test]
     fn damage_of_more_bits_is_not_explained_by_one() {
         let content: Vec<u8> = (0..5000_u32).map(|i| (i * 31) as u8).collect();
-        let said = crc32fast::hash(&content);
+        let checksum = crc32fast::hash(&content);
         for at in 0..content.len() {
             let mut damaged = content.clone();
             damaged[at] ^= 0x55;
-            assert_eq!(flipped_bit(damaged.len(), crc32fast::hash(&damaged) ^ said), None, "{at}");
+            assert_eq!(flipped_bit(damaged.len(), crc32fast::hash(&damaged) ^ checksum), None, "{at}");
         }
         assert_eq!(flipped_bit(100, 0), None);
     }

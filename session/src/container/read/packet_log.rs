@@ -94,8 +94,8 @@ mod tests {
     #[test]
     fn numbers_that_are_passed_over_are_missing_unless_it_is_said() {
         let mut log = PacketLog::default();
-        for (sequence, said) in [(100, false), (101, false), (105, true), (106, false), (109, false)] {
-            assert!(log.take(&packet(sequence, sequence as i64, said)));
+        for (sequence, marked) in [(100, false), (101, false), (105, true), (106, false), (109, false)] {
+            assert!(log.take(&packet(sequence, sequence as i64, marked)));
         }
         assert_eq!(log.unmarked(), 2);
     }

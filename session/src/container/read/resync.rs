@@ -84,8 +84,8 @@ impl<R: Read + Seek> Framing<R> {
         self.room_to_mend = room_left;
         let start = offset + FIELDS as u64;
         let mut content = self.piece(start, length as usize)?;
-        let said = u32::from_le_bytes(std::array::from_fn(|i| fields[33 + i]));
-        let difference = crc32fast::hash(&content) ^ said;
+        let stated = u32::from_le_bytes(std::array::from_fn(|i| fields[33 + i]));
+        let difference = crc32fast::hash(&content) ^ stated;
         let whole = fields_of(*fields, &content);
         // The checksum itself is a field; where there is none, none is made up.
         let fields_damaged = whole[..33] != fields[..33] || whole[37..] != fields[37..];
@@ -97,7 +97,7 @@ impl<R: Read + Seek> Framing<R> {
                 }
             }
         };
-        let what = if said == 0 {
+        let what = if stated == 0 {
             if !fields_damaged || !self.may_be_record(start + length)? {
                 return Ok(None);
             }
@@ -121,7 +121,7 @@ impl<R: Read + Seek> Framing<R> {
             message_start_time: u64_at(9),
             message_end_time: u64_at(17),
             uncompressed_size: length,
-            uncompressed_crc: if said == 0 { 0 } else { crc32fast::hash(&content) },
+            uncompressed_crc: if stated == 0 { 0 } else { crc32fast::hash(&content) },
             compression: String::new(),
             compressed_size: length,
         };

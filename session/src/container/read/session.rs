@@ -42,7 +42,7 @@ pub struct Session<R = File> {
     indexed: bool,
     /// What the end of the file says, if it was closed; of a session also the totals.
     index: Index,
-    said: Option<Totals>,
+    end_totals: Option<Totals>,
     /// Host times that readers are restricted to.
     window: Option<[i64; 2]>,
 }
@@ -86,10 +86,10 @@ impl<R: Read + Seek> Session<R> {
         let summary = Summary { file_bytes: walk.framing.length(), ..Summary::default() };
         let (chunks, index) = (Vec::new(), Index::default());
         let path = path.to_owned();
-        let mut session = Self { path, walk, summary, chunks, indexed: false, index, said: None, window: None };
+        let mut session = Self { path, walk, summary, chunks, indexed: false, index, end_totals: None, window: None };
         session.indexed = session.read_index()?;
         if session.indexed {
-            session.said = Some(session.summary.totals.clone());
+            session.end_totals = Some(session.summary.totals.clone());
         } else {
             session.scan()?;
             if session.summary.complete {
@@ -205,7 +205,7 @@ impl<R: Read + Seek> Session<R> {
 
     /// What lacks in the file, all of which was just read.
     fn lacking(&self) -> Vec<String> {
-        let totals = self.said.as_ref().filter(|said| self.summary.is_session && self.know(said));
+        let totals = self.end_totals.as_ref().filter(|totals| self.summary.is_session && self.know(totals));
         self.walk.lacking(self.summary.is_session, totals, self.index.counts.as_ref())
     }
 
@@ -269,7 +269,7 @@ impl<R: Read + Seek> Session<R> {
     /// Reads the file through.
     fn scan(&mut self) -> Result<(), ContainerError> {
         self.chunks.clear();
-        self.said = None;
+        self.end_totals = None;
         self.summary = Summary { file_bytes: self.walk.framing.length(), ..Summary::default() };
         self.walk.layout = Layout::default();
         self.walk.layout.spare = self.index.declared.clone();
@@ -281,7 +281,7 @@ impl<R: Read + Seek> Session<R> {
                 }
                 Ok(Item::BadChunk(_, error @ ContainerError::Compression { .. })) => return Err(error),
                 Ok(Item::BadChunk(_, error) | Item::Mended(error, _)) => self.summary.damage.push(error.to_string()),
-                Ok(Item::Entry(entry)) => self.count(entry),
+                Ok(Item::Entry(entry)) => self.walk.layout.count(entry, &mut self.summary.totals),
                 Ok(Item::Raw(_) | Item::ChunkEnd(_)) => {}
                 Ok(Item::Record(head)) => self.note(&head)?,
                 Ok(Item::End { at, closed }) => {
@@ -295,17 +295,6 @@ impl<R: Read + Seek> Session<R> {
         }
         self.summary.chunks = self.chunks.len();
         Ok(())
-    }
-
-    fn count(&mut self, entry: Entry) {
-        let totals = &mut self.summary.totals;
-        match entry {
-            Entry::Packet { stream, packet } => self.walk.layout.streams[stream].totals.count(&packet),
-            Entry::Status(status) => totals.status = Some(status),
-            Entry::Incident(incident) => totals.note(incident),
-            Entry::Clock { stream, fit } => drop(totals.clocks.insert(stream, fit)),
-            Entry::DecoderState(_) => {}
-        }
     }
 
     /// Takes note of metadata and attachments.
@@ -334,7 +323,7 @@ impl<R: Read + Seek> Session<R> {
                         if summary.totals == Totals::default() {
                             summary.totals.clone_from(&totals);
                         }
-                        self.said = Some(totals);
+                        self.end_totals = Some(totals);
                     }
                     Err(error) => summary.damage.push(damaged(error.to_string()).to_string()),
                 }

@@ -81,8 +81,8 @@ fn zstd(mut packed: &[u8], limit: u64, out: &mut Vec<u8>) -> io::Result<()> {
     while !packed.is_empty() && (out.len() as u64) < limit {
         let frame = ruzstd::decoding::StreamingDecoder::new_with_decoder(&mut packed, &mut decoder);
         frame.map_err(io::Error::other)?.take(limit - out.len() as u64).read_to_end(out)?;
-        let said = decoder.get_checksum_from_data().filter(|_| decoder.can_collect() == 0);
-        if said.is_some_and(|said| decoder.get_calculated_checksum() != Some(said)) {
+        let stated = decoder.get_checksum_from_data().filter(|_| decoder.can_collect() == 0);
+        if stated.is_some_and(|stated| decoder.get_calculated_checksum() != Some(stated)) {
             return Err(io::Error::other("it does not match its checksum"));
         }
     }

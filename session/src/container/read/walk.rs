@@ -61,7 +61,7 @@ pub(in crate::container) struct Walk<R> {
     /// How many messages each channel had so far.
     pub counts: BTreeMap<u16, u64>,
     /// The packets of each stream so far.
-    pub seen: Vec<PacketLog>,
+    pub logs: Vec<PacketLog>,
     /// The chunks so far, by what tells one from another: where each lies.
     chunks: HashMap<([u64; 2], usize, u32), u64>,
     /// The packets of the chunk that came before: how many, and what they are.
@@ -88,7 +88,7 @@ impl<R: Read + Seek> Walk<R> {
             raw: false,
             kept: None,
             counts: BTreeMap::new(),
-            seen: Vec::new(),
+            logs: Vec::new(),
             chunks: HashMap::new(),
             again: None,
             content: Bytes::new(),
@@ -107,7 +107,7 @@ impl<R: Read + Seek> Walk<R> {
         (self.next, self.over, self.pending, self.again) = (offset, false, None, None);
         (self.content, self.kept) = (Bytes::new(), None);
         self.framing.begin_pass();
-        self.seen.clear();
+        self.logs.clear();
         self.chunks.clear();
         self.counts.clear();
     }
@@ -323,10 +323,10 @@ impl<R: Read + Seek> Walk<R> {
         *self.counts.entry(message.channel).or_default() += 1;
         let entry = match self.layout.read(&message) {
             Meaning::Entry(Entry::Packet { stream, packet }) => {
-                if self.seen.len() <= stream {
-                    self.seen.resize_with(stream + 1, PacketLog::default);
+                if self.logs.len() <= stream {
+                    self.logs.resize_with(stream + 1, PacketLog::default);
                 }
-                if !self.seen[stream].take(&packet) {
+                if !self.logs[stream].take(&packet) {
                     let id = &self.layout.streams[stream].description.id;
                     let first = || format!("packet {} of stream '{id}'", packet.sequence);
                     self.again.get_or_insert_with(|| (0, first())).0 += 1;

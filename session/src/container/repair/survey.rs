@@ -1,12 +1,6 @@
 //! What is whole in a file that may be cut off or damaged.
 
-use std::{
-    collections::BTreeMap,
-    fs::File,
-    io::{Read, Seek},
-    ops::Range,
-    path::Path,
-};
+use std::{collections::BTreeMap, fs::File, ops::Range, path::Path};
 
 use mcap::records::{Record, op};
 
@@ -15,7 +9,7 @@ use super::{
     tail::{self, ChunkEntry, Tail, chunk_of},
 };
 use crate::container::{
-    ContainerError, Entry,
+    ContainerError,
     read::{Declarations, Item, Layout, Walk, parse_record},
     record::{SESSION_METADATA, TOTALS_METADATA, Totals},
 };
@@ -172,16 +166,16 @@ fn survey_with(file: &File, path: &Path, declared: Option<&Declarations>) -> Res
                 survey.recovered.messages += 1;
                 survey.tail.count(&message);
             }
-            Ok(Item::Entry(entry)) => count(&mut walk, &mut totals, entry),
+            Ok(Item::Entry(entry)) => walk.layout.count(entry, &mut totals),
             Ok(Item::Record(head)) if head.opcode == op::MESSAGE_INDEX && skipping_indexes => {
                 survey.leave_out([head.offset, head.end()]);
             }
             Ok(Item::Record(head)) => {
                 let body = walk.framing.body(&head)?;
                 if let Some(texts) = is_totals(head.opcode, &body) {
-                    let said = Totals::from_metadata(&texts).ok();
+                    let stated = Totals::from_metadata(&texts).ok();
                     if survey.recovered.damaged.is_empty() {
-                        survey.recovered.damaged = walk.lacking(true, said.as_ref(), None);
+                        survey.recovered.damaged = walk.lacking(true, stated.as_ref(), None);
                     }
                     if !survey.recovered.damaged.is_empty() {
                         // They count what is left out; the copy's are counted anew.
@@ -227,14 +221,4 @@ fn survey_with(file: &File, path: &Path, declared: Option<&Declarations>) -> Res
         survey.tail.totals = Some(totals.to_metadata());
     }
     Ok(survey)
-}
-
-fn count<R: Read + Seek>(walk: &mut Walk<R>, totals: &mut Totals, entry: Entry) {
-    match entry {
-        Entry::Packet { stream, packet } => walk.layout.streams[stream].totals.count(&packet),
-        Entry::Status(status) => totals.status = Some(status),
-        Entry::Incident(incident) => totals.note(incident),
-        Entry::Clock { stream, fit } => drop(totals.clocks.insert(stream, fit)),
-        Entry::DecoderState(_) => {}
-    }
 }

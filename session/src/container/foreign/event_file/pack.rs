@@ -233,8 +233,11 @@ mod tests {
         std::fs::write(&path, "t,x,y,on\n20000000000,1,2,1\n").unwrap();
         let source = EventSource::open(&path, &EventFileHints::default()).unwrap();
         let first = |encoding| Packets::start(source.clone(), encoding, 20_000_000_000).next().unwrap();
-        let said = first(EventEncoding::Evt2).unwrap_err().to_string();
-        assert!(said.contains("e.csv") && said.contains("20000000000") && said.contains("4 h 46 min"), "{said}");
+        let message = first(EventEncoding::Evt2).unwrap_err().to_string();
+        assert!(
+            message.contains("e.csv") && message.contains("20000000000") && message.contains("4 h 46 min"),
+            "{message}"
+        );
         assert_eq!(first(EventEncoding::Aedat4).unwrap().host_ns, 0);
     }
 }
