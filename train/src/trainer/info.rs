@@ -66,13 +66,13 @@ impl Trainer<'_> {
     /// Where the cameras were found to stand, beside their calibration; nothing where that is not learned.
     #[must_use]
     pub fn camera_poses(&self) -> Vec<CameraPose> {
-        self.poses.as_ref().map_or(Vec::new(), |poses| poses.told(&self.scene))
+        self.poses.as_ref().map_or(Vec::new(), |poses| poses.found(&self.scene))
     }
 
     /// How much later the cameras are found to have taken their frames than these say; nothing where that is not learned.
     #[must_use]
     pub fn camera_times(&self) -> Vec<CameraTime> {
-        self.clocks.as_ref().map_or(Vec::new(), |clocks| clocks.told(&self.scene))
+        self.clocks.as_ref().map_or(Vec::new(), |clocks| clocks.found(&self.scene))
     }
 
     /// The gains and offsets of the cameras that have learned any.

@@ -68,8 +68,8 @@ impl Trainer<'_> {
     /// born with it.
     fn sees_nothing(&mut self) -> Result<bool, TrainError> {
         let count = self.model.drawn.gaussians.count as usize;
-        let seen: Vec<[f32; 4]> = self.gpu.download(&self.model.gradients.screen, count)?;
-        if self.clock.stage == Stage::Coarse || seen.iter().any(|row| row[3] > 0.0) {
+        let shown: Vec<[f32; 4]> = self.gpu.download(&self.model.gradients.screen, count)?;
+        if self.clock.stage == Stage::Coarse || shown.iter().any(|row| row[3] > 0.0) {
             return Ok(false);
         }
         let looks: Vec<(View, f64)> =

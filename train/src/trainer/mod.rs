@@ -18,6 +18,7 @@ mod saved;
 mod stages;
 mod static_set;
 mod step;
+mod summed;
 mod sums;
 mod training;
 
@@ -30,7 +31,7 @@ pub use self::{
     stages::StageTimes,
 };
 use crate::{
-    camera_colour::{CameraColourState, CameraColours},
+    cameras::colour::{CameraColourState, CameraColours},
     config::{Config, MotionModel},
     density::{Moments, Population, Statistics},
     evaluate::HeldOutMasks,
@@ -146,7 +147,7 @@ impl<'a> Trainer<'a> {
             event_near: Vec::new(),
             colours,
             colours_differ,
-            poses: Poses::new(gpu, &scene, &config.camera_pose)?,
+            poses: Poses::find(gpu, &scene, &config.camera_pose)?,
             clocks: Clocks::new(gpu, &scene, &config)?,
             follow: None,
             left_out: Vec::new(),

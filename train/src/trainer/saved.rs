@@ -41,7 +41,7 @@ impl<'a> Trainer<'a> {
         if let Some(state) = camera_colours.as_ref().filter(|_| trainer.colours_differ) {
             let (saved, views) = (state.steps.len(), trainer.scene.views.len());
             if saved != views {
-                return Err(TrainError::Cameras { saved, views });
+                return Err(TrainError::Cameras { what: "colours", saved, views });
             }
             trainer.colours.restore(gpu, state);
         }
@@ -75,8 +75,8 @@ impl<'a> Trainer<'a> {
                 true => Some(self.colour_state()?),
                 false => None,
             },
-            camera_poses: self.poses.as_ref().map(|poses| poses.state(self.gpu)).transpose()?,
-            camera_times: self.clocks.as_ref().map(|clocks| clocks.state(self.gpu)).transpose()?,
+            camera_poses: self.poses.as_ref().map(|poses| poses.saved(self.gpu)).transpose()?,
+            camera_times: self.clocks.as_ref().map(|clocks| clocks.saved(self.gpu)).transpose()?,
             levels: self.levels.iter().map(|levels| levels.read(self.gpu)).collect::<Result<_, _>>()?,
             loss_sums: self.work.sums.state(self.gpu)?,
             left_out: self.left_out.clone(),

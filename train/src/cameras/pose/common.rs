@@ -33,12 +33,12 @@ impl Common {
         for learner in learners {
             let ([turned, shifted], from) = (moved(learner), learner.pose.centre() - middle);
             let rotation = DMat3::from_quat(learner.pose.rotation);
-            for seen in places(learner) {
-                let away = rotation.transpose() * seen;
+            for place in places(learner) {
+                let away = rotation.transpose() * place;
                 // How far its place in the picture moves if the camera goes by so much in the world.
                 let picture = |by: DVec3| {
                     let by = rotation * by;
-                    learner.focal / seen.z * (by.truncate() - by.z / seen.z * seen.truncate())
+                    learner.focal / place.z * (by.truncate() - by.z / place.z * place.truncate())
                 };
                 let axes = DVec3::AXES;
                 let columns: [DVec2; 7] = std::array::from_fn(|column| match column {
@@ -55,7 +55,7 @@ impl Common {
             }
         }
         let ridge = RIDGE * normal.trace();
-        let solved = (normal + SMatrix::identity() * ridge).cholesky().map(|told| told.solve(&right));
+        let solved = (normal + SMatrix::identity() * ridge).cholesky().map(|normal| normal.solve(&right));
         let found = solved.filter(|found| found.iter().all(|value| value.is_finite())).unwrap_or_default();
         let vector = |at: usize| DVec3::new(found[at], found[at + 1], found[at + 2]);
         Self { middle, turn: vector(0), shift: vector(3), scale: found[6] }

@@ -7,8 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{camera_pose::within, cautious::cautious_step};
-use erfgs_splat::{motion::ClockRow, optimiser::decayed};
+use super::{CameraState, Quantity, Rule, Summed, pose::within};
+use erfgs_splat::motion::ClockRow;
 
 /// A step is no longer than this share of a camera's standard deviation.
 const STEP: f64 = 0.2;
@@ -43,6 +43,10 @@ impl CameraTimeOptions {
     pub(crate) fn due(&self, share: f64) -> bool {
         share >= f64::from(self.from)
     }
+
+    pub(crate) fn rule(&self) -> Rule {
+        Rule { rate: self.rate, within: self.within }
+    }
 }
 
 /// A camera whose clock is learned.
@@ -54,60 +58,57 @@ pub(crate) struct Learner {
     pub sigma: Option<f64>,
 }
 
-/// What the clocks of all cameras have learned, with the state of their optimiser.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraTimeState {
-    /// Steps that each camera took.
-    pub steps: Vec<u32>,
-    /// How much later each camera exposed its frames than they say, RGB intervals.
-    pub values: Vec<f32>,
-    /// First and second moments of the gradients, like `values`.
-    pub moments: [Vec<f32>; 2],
-    /// Gradients of renderings since the last step: [`ClockRow::FLOATS`] a camera.
-    pub sums: Vec<f32>,
+/// How much later a camera exposed its frames than they say, RGB intervals.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OfClock;
+
+impl Quantity for OfClock {
+    const NAME: &'static str = "camera-times";
+    const FLOATS: usize = 1;
+    const SUMS: usize = ClockRow::FLOATS;
 }
+
+impl Summed for OfClock {
+    const GRADIENTS: &'static [usize] = &[0];
+    const RENDERINGS: usize = 1;
+    type Learner = Learner;
+
+    fn camera(learner: &Learner) -> usize {
+        learner.camera
+    }
+
+    fn units(learner: &Learner, _: usize, rate: f64) -> [f64; 2] {
+        // What is known well goes by smaller steps.
+        [1.0, learner.sigma.map_or(rate, |sigma| rate.min(STEP * sigma))]
+    }
+
+    fn sigma(learner: &Learner, _: usize) -> Option<f64> {
+        learner.sigma
+    }
+
+    fn take_common(state: &mut CameraTimeState, learners: &[Learner]) {
+        let common = state.common(learners) as f32;
+        learners.iter().for_each(|learner| state.values[learner.camera] -= common);
+    }
+}
+
+/// What the clocks of all cameras have learned.
+pub type CameraTimeState = CameraState<OfClock>;
 
 impl CameraTimeState {
     /// Of so many cameras, as their frames say.
     #[must_use]
     pub fn labelled(cameras: usize) -> Self {
-        let zeros = || vec![0.0; cameras];
-        let sums = vec![0.0; cameras * ClockRow::FLOATS];
-        Self { steps: vec![0; cameras], values: zeros(), moments: [zeros(), zeros()], sums }
-    }
-
-    /// A step of the cameras `learners` that `sums` (rows of [`ClockRow::FLOATS`]) tell of, then what all of them have in common is taken
-    /// away.
-    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], options: &CameraTimeOptions, share: f64) {
-        let rate = f64::from(decayed(options.rate, share));
-        for &Learner { camera, sigma } in learners {
-            let row = &sums[camera * ClockRow::FLOATS..][..ClockRow::FLOATS];
-            let gradient = f64::from(row[0]) / f64::from(row[1]);
-            if row[1] < 1.0 || !gradient.is_finite() {
-                continue;
-            }
-            self.steps[camera] += 1;
-            let [first, second] = &mut self.moments;
-            let sure = cautious_step(self.steps[camera], [&mut first[camera], &mut second[camera]], gradient);
-            // What is known well goes by smaller steps.
-            let step = sigma.map_or(rate, |sigma| rate.min(STEP * sigma));
-            self.values[camera] -= (step * sure) as f32;
-        }
-        let common = self.common(learners);
-        for learner in learners {
-            let most = learner.sigma.map_or(f32::INFINITY, |sigma| options.within * sigma as f32);
-            let value = &mut self.values[learner.camera];
-            *value = (*value - common as f32).clamp(-most, most);
-        }
+        Self::zero(cameras)
     }
 
     /// What all cameras have in common: the mean, in which a camera counts by how sure its clock is; where that is told of some
     /// alone, these decide.
     fn common(&self, learners: &[Learner]) -> f64 {
-        let told = learners.iter().any(|learner| learner.sigma.is_some());
+        let stated = learners.iter().any(|learner| learner.sigma.is_some());
         let weight = |learner: &Learner| match learner.sigma {
             Some(sigma) => sigma.max(CERTAIN).powi(-2),
-            None if told => 0.0,
+            None if stated => 0.0,
             None => 1.0,
         };
         let [sum, weights] = learners.iter().fold([0.0; 2], |[sum, weights], learner| {
@@ -122,7 +123,7 @@ impl CameraTimeState {
 mod tests {
     use erfgs_base::random;
 
-    use super::*;
+    use super::{super::take_step, *};
 
     fn learners(cameras: usize, sigma: Option<f64>) -> Vec<Learner> {
         (0..cameras).map(|camera| Learner { camera, sigma }).collect()
@@ -145,7 +146,7 @@ mod tests {
                 [(slope * (apart(camera) - common) + chance) as f32 * 2.0, 2.0]
             };
             let sums: Vec<f32> = learners.iter().flat_map(row).collect();
-            state.step(learners, &sums, &options, step as f64 / steps as f64);
+            take_step(&mut state, learners, &sums, options.rule(), step as f64 / steps as f64);
         }
         state
     }
@@ -199,8 +200,14 @@ mod tests {
     #[test]
     fn a_camera_of_which_nothing_is_said_stays_as_it_was() {
         let mut state = CameraTimeState::labelled(2);
-        for said in [[0.0, 0.0], [f32::NAN, 1.0], [f32::INFINITY, 3.0]] {
-            state.step(&learners(2, None), &[said[0], said[1], 0.0, 0.0], &CameraTimeOptions::default(), 0.5);
+        for row in [[0.0, 0.0], [f32::NAN, 1.0], [f32::INFINITY, 3.0]] {
+            take_step(
+                &mut state,
+                &learners(2, None),
+                &[row[0], row[1], 0.0, 0.0],
+                CameraTimeOptions::default().rule(),
+                0.5,
+            );
         }
         assert_eq!(state, CameraTimeState::labelled(2));
     }

@@ -12,11 +12,11 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use self::common::Common;
-use crate::cautious::cautious_step;
-use erfgs_splat::{optimiser::decayed, raster::PoseRow};
+use super::{CameraState, Quantity, Rule, Summed};
+use erfgs_splat::raster::PoseRow;
 
-/// Floats that a camera has: a turn (radians, about its axes) and a shift (metres, along them).
-pub(crate) const FLOATS: usize = 6;
+/// Numbers that a camera has.
+const FLOATS: usize = 6;
 
 /// How the poses of the cameras are learned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,39 +51,42 @@ impl CameraPoseOptions {
     pub(crate) fn due(&self, share: f64) -> bool {
         share >= f64::from(self.from)
     }
+
+    pub(crate) fn rule(&self) -> Rule {
+        Rule { rate: self.rate, within: self.within }
+    }
 }
 
-/// What the poses of all cameras have learned, with the state of their optimiser.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraPoseState {
-    /// Steps that each camera took.
-    pub steps: Vec<u32>,
-    /// Six a camera: turn and shift. A camera at (R, t) that turns by w and shifts by s is at (exp(w) R, exp(w) t + s).
-    pub values: Vec<f32>,
-    /// First and second moments of the gradients, like `values`.
-    pub moments: [Vec<f32>; 2],
-    /// Gradients of renderings since the last step: [`PoseRow::FLOATS`] a camera.
-    pub sums: Vec<f32>,
+/// A turn (radians, about a camera's axes) and a shift (metres, along them): a camera at (R, t) that turns by w and shifts by s is at
+/// (exp(w) R, exp(w) t + s).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OfPose;
+
+impl Quantity for OfPose {
+    const NAME: &'static str = "camera-poses";
+    const FLOATS: usize = FLOATS;
+    const SUMS: usize = PoseRow::FLOATS;
 }
+
+/// What the poses of all cameras have learned.
+pub type CameraPoseState = CameraState<OfPose>;
 
 impl CameraPoseState {
     /// Of so many cameras, as they were calibrated.
     #[must_use]
     pub fn calibrated(cameras: usize) -> Self {
-        let zeros = || vec![0.0; cameras * FLOATS];
-        let sums = vec![0.0; cameras * PoseRow::FLOATS];
-        Self { steps: vec![0; cameras], values: zeros(), moments: [zeros(), zeros()], sums }
+        Self::zero(cameras)
     }
 
     /// The turn and the shift of a camera.
     #[must_use]
     pub fn of(&self, camera: usize) -> [DVec3; 2] {
-        let row = &self.values[camera * FLOATS..][..FLOATS];
+        let row = self.row(camera);
         [0, 3].map(|at| DVec3::new(row[at].into(), row[at + 1].into(), row[at + 2].into()))
     }
 
     fn set(&mut self, camera: usize, moved: [DVec3; 2]) {
-        let row = &mut self.values[camera * FLOATS..][..FLOATS];
+        let row = self.row_mut(camera);
         for (value, new) in row.iter_mut().zip(moved.iter().flat_map(DVec3::to_array)) {
             *value = new as f32;
         }
@@ -123,40 +126,32 @@ pub(crate) fn learner_sigma(sigma: &PoseSigma, pose: &Pose) -> [f64; FLOATS] {
     [turns.x, turns.y, turns.z, along(rows.x_axis), along(rows.y_axis), along(rows.z_axis)]
 }
 
-impl CameraPoseState {
-    /// A step of the cameras that `sums` (rows of [`PoseRow::FLOATS`]) tell of, then what all `learners` have in common is taken away.
-    pub(crate) fn step(&mut self, learners: &[Learner], sums: &[f32], options: &CameraPoseOptions, share: f64) {
-        let rate = f64::from(decayed(options.rate, share));
-        for learner in learners {
-            let row = &sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS];
-            let renderings = f64::from(row[3]);
-            let gradient = [0, 1, 2, 4, 5, 6].map(|at| f64::from(row[at]) / renderings);
-            if renderings < 1.0 || !gradient.iter().all(|gradient| gradient.is_finite()) {
-                continue;
-            }
-            self.steps[learner.camera] += 1;
-            let at = learner.camera * FLOATS;
-            for (axis, gradient) in gradient.into_iter().enumerate() {
-                // A pixel is so many radians, or metres.
-                let pixel = if axis < 3 { 1.0 / learner.focal } else { learner.depth / learner.focal };
-                // What is known better than that goes by smaller steps.
-                let unit = learner.sigma.map_or(pixel, |sigma| pixel.min(sigma[axis]));
-                let [first, second] = &mut self.moments;
-                let moments = [&mut first[at + axis], &mut second[at + axis]];
-                let sure = cautious_step(self.steps[learner.camera], moments, gradient * pixel);
-                self.values[at + axis] -= (rate * unit * sure) as f32;
-            }
-        }
-        self.take_common(learners);
-        for learner in learners {
-            let Some(sigma) = learner.sigma else { continue };
-            for (value, sigma) in self.values[learner.camera * FLOATS..][..FLOATS].iter_mut().zip(sigma) {
-                let most = options.within * sigma as f32;
-                *value = value.clamp(-most, most);
-            }
-        }
+impl Summed for OfPose {
+    const GRADIENTS: &'static [usize] = &[0, 1, 2, 4, 5, 6];
+    const RENDERINGS: usize = 3;
+    type Learner = Learner;
+
+    fn camera(learner: &Learner) -> usize {
+        learner.camera
     }
 
+    fn units(learner: &Learner, axis: usize, rate: f64) -> [f64; 2] {
+        // A pixel is so many radians, or metres.
+        let pixel = if axis < 3 { 1.0 / learner.focal } else { learner.depth / learner.focal };
+        // What is known better than that goes by smaller steps.
+        [pixel, rate * learner.sigma.map_or(pixel, |sigma| pixel.min(sigma[axis]))]
+    }
+
+    fn sigma(learner: &Learner, axis: usize) -> Option<f64> {
+        learner.sigma.map(|sigma| sigma[axis])
+    }
+
+    fn take_common(state: &mut CameraPoseState, learners: &[Learner]) {
+        state.take_common(learners);
+    }
+}
+
+impl CameraPoseState {
     /// How far a camera's picture has moved, pixels: root mean square over its middle and the middles of its quarters, at the scene's
     /// depth.
     pub(crate) fn pixels(&self, learner: &Learner) -> f64 {
@@ -186,7 +181,7 @@ impl CameraPoseState {
 mod tests {
     use erfgs_base::random;
 
-    use super::*;
+    use super::{super::take_step, *};
 
     /// Cameras on an arc, three metres from the origin, which they look at.
     fn learners(count: usize) -> Vec<Learner> {
@@ -260,7 +255,7 @@ mod tests {
                 row
             };
             let sums: Vec<f32> = (0..4).flat_map(row).collect();
-            state.step(&learners, &sums, &options, step as f64 / 200.0);
+            take_step(&mut state, &learners, &sums, options.rule(), step as f64 / 200.0);
         }
         assert_eq!(state.of(0), [DVec3::ZERO; 2]);
         for (camera, learner) in learners.iter().enumerate().take(3) {
@@ -351,13 +346,13 @@ mod tests {
                 let row = [turn.x, turn.y, turn.z, 2.0, shift.x, shift.y, shift.z, 2.0].map(|value| value as f32);
                 sums[learner.camera * PoseRow::FLOATS..][..PoseRow::FLOATS].copy_from_slice(&row);
             }
-            state.step(&learners, &sums, &options, step as f64 / 300.0);
+            take_step(&mut state, &learners, &sums, options.rule(), step as f64 / 300.0);
         }
         let after = off(&state);
         assert!(before > 0.3 && after < 0.1 * before, "{before} px before, {after} px after");
         assert_eq!(state.steps, [150; 6]);
         let still = state.clone();
-        state.step(&learners, &[f32::NAN; 48], &options, 0.5);
+        take_step(&mut state, &learners, &[f32::NAN; 48], options.rule(), 0.5);
         assert_eq!(state.steps, still.steps, "what is no number is left out");
     }
 }

@@ -9,7 +9,7 @@ const CHANCE: f64 = 0.3;
 
 /// By how many learning rates a number falls in step `step` (the first is 1), given its gradient; `moments` are those of its gradients, and
 /// take this one in.
-pub(crate) fn cautious_step(step: u32, moments: [&mut f32; 2], gradient: f64) -> f64 {
+pub(super) fn cautious_step(step: u32, moments: [&mut f32; 2], gradient: f64) -> f64 {
     let corrections = ADAM.bias_corrections(step);
     let (first, second) = (f64::from(corrections.0), f64::from(corrections.1));
     let (beta1, beta2) = (f64::from(ADAM.beta1), f64::from(ADAM.beta2));

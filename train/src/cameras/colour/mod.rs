@@ -9,15 +9,14 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use crate::{kernels::kernel, losses::threads_for};
+use super::{CameraState, Quantity};
+use crate::kernels::{kernel, threads_for};
 use erfgs_splat::{
     gpu::{Commands, Gpu, GpuError, Kernel},
     optimiser::{AdamConfig, decayed},
 };
 
 const STEP: &str = include_str!("step.wgsl");
-/// Floats that a camera has; see [`CameraColourState::values`].
-pub(crate) const FLOATS: usize = 8;
 /// A camera takes some hundred steps, so that the second moment forgets sooner than that of the scene.
 const ADAM: AdamConfig = AdamConfig { beta1: 0.9, beta2: 0.99, epsilon: 1e-15 };
 
@@ -41,37 +40,34 @@ impl Default for CameraColourOptions {
     }
 }
 
-/// Gains and offsets of all cameras with the state of their optimiser, on the host.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraColourState {
-    /// Steps that each camera took.
-    pub steps: Vec<u32>,
-    /// Eight a camera: gain and offset; red, green, blue and 1 where the camera takes part, else 0.
-    pub values: Vec<f32>,
-    /// First and second moments, like `values`.
-    pub moments: [Vec<f32>; 2],
+/// Eight numbers: gain and offset; red, green, blue and 1 where the camera takes part, else 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OfColour;
+
+impl Quantity for OfColour {
+    const NAME: &'static str = "camera-colours";
+    const FLOATS: usize = 8;
+    const SUMS: usize = 0;
 }
+
+/// Gains and offsets of all cameras, on the host.
+pub type CameraColourState = CameraState<OfColour>;
 
 impl CameraColourState {
     /// Of cameras that agree; those that take frames take part.
     #[must_use]
     pub fn neutral(takes_frames: &[bool]) -> Self {
-        let floats = takes_frames.len() * FLOATS;
         let row = |takes: &bool| {
             let takes = f32::from(u8::from(*takes));
             [1.0, 1.0, 1.0, takes, 0.0, 0.0, 0.0, takes]
         };
-        Self {
-            steps: vec![0; takes_frames.len()],
-            values: takes_frames.iter().flat_map(row).collect(),
-            moments: [vec![0.0; floats], vec![0.0; floats]],
-        }
+        Self::new(takes_frames.len(), takes_frames.iter().flat_map(row).collect())
     }
 
     /// Gain and offset of a camera, red, green, blue, as shares of full scale.
     #[must_use]
     pub fn of(&self, camera: usize) -> [[f32; 3]; 2] {
-        let row = &self.values[camera * FLOATS..][..FLOATS];
+        let row = self.row(camera);
         [[row[0], row[1], row[2]], [row[4], row[5], row[6]]]
     }
 }
@@ -132,7 +128,7 @@ impl CameraColours {
 
     /// How many floats `values` holds.
     pub(crate) fn floats(&self) -> u32 {
-        (self.steps.len() * FLOATS) as u32
+        (self.steps.len() * OfColour::FLOATS) as u32
     }
 
     /// Copies them to the host.
@@ -140,13 +136,11 @@ impl CameraColours {
     /// # Errors
     /// [`GpuError::Failed`].
     pub fn state(&self, gpu: &Gpu) -> Result<CameraColourState, GpuError> {
-        let read = |buffer: &Buffer| gpu.download(buffer, self.steps.len() * FLOATS);
+        let read = |buffer: &Buffer| gpu.download(buffer, self.floats() as usize);
         let [first, second] = &self.moments;
-        Ok(CameraColourState {
-            steps: self.steps.clone(),
-            values: read(&self.values)?,
-            moments: [read(first)?, read(second)?],
-        })
+        let mut state = CameraColourState::new(self.steps.len(), read(&self.values)?);
+        (state.steps, state.moments) = (self.steps.clone(), [read(first)?, read(second)?]);
+        Ok(state)
     }
 
     /// One step for the camera whose frame was just compared, `share` of the run being over. The comparison looked at
