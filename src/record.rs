@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     options.before = arguments.before.map(|seconds| before(&rig.record, seconds));
     options.after = arguments.after.map(Duration::from_secs_f64);
     options.rig_file = Some(path.clone());
-    let told = Arc::new(OnceLock::new());
+    let started = Arc::new(OnceLock::new());
     if !arguments.on.is_empty() {
         if let Some(id) = unknown(&arguments.on, &streams) {
             return Err(Usage(format!("--on edge:{id}: the rig has no event camera of that name")).into());
@@ -90,15 +90,15 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             &streams,
             arguments.on.clone(),
             options.subscriber.take(),
-            keep_on_alarm(&told),
+            keep_on_alarm(&started),
         )?));
     }
     let recorder = Arc::new(Recorder::new(inputs, options)?);
-    let _ = told.set(Arc::downgrade(&recorder));
+    let _ = started.set(Arc::downgrade(&recorder));
     if let Some(hosts) = &hosts {
         hosts.lead(&recorder);
     }
-    record_until_told(arguments, terminal, &recorder, monitor, listener, hosts, out)
+    record_until_stopped(arguments, terminal, &recorder, monitor, listener, hosts, out)
 }
 
 /// Refuses a name that would surprise: a folder that looks like a session, or a session that no command would take for one.
@@ -189,7 +189,7 @@ fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-fn record_until_told(
+fn record_until_stopped(
     arguments: &Arguments,
     terminal: &Terminal,
     recorder: &Arc<Recorder>,

@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         }
     }
     let scene = Scene::load_within(dataset, &config, without_points, memory, folder.root())?;
-    tell_of(&scene, terminal);
+    note_deviations(&scene, terminal);
     let mut trainer = match (checkpoint, &static_set) {
         (Some(checkpoint), _) => Trainer::resume(&gpu, scene, Checkpoint { config, ..checkpoint }, &options)?,
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
@@ -119,7 +119,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
 }
 
 /// Says what of the dataset is not taken as it lies there.
-fn tell_of(scene: &Scene, terminal: &Terminal) {
+fn note_deviations(scene: &Scene, terminal: &Terminal) {
     if !scene.pictures.all_are_kept() {
         let [kept, all] = scene.pictures.bytes().map(bytes);
         terminal.note(format!(
@@ -141,9 +141,9 @@ fn tell_of(scene: &Scene, terminal: &Terminal) {
         let camera = &scene.dataset.manifest.cameras[events.view];
         let (file, camera) = (&camera.events, &camera.name);
         let stated = file.as_ref().map(|file| file.threshold_on / file.threshold_off);
-        if let Some((told, stated)) = events.told_ratio.zip(stated) {
+        if let Some((measured, stated)) = events.told_ratio.zip(stated) {
             terminal.note(format!(
-                "camera {camera}: measured ON/OFF threshold ratio {told:.2}; the stated {stated:.2} is ignored (earl.balance)"
+                "camera {camera}: measured ON/OFF threshold ratio {measured:.2}; the stated {stated:.2} is ignored (earl.balance)"
             ));
         }
         if events.drift != 0.0 {
