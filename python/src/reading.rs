@@ -72,8 +72,8 @@ impl From<Slices> for SliceIterator {
 fn frame(py: Python<'_>, frame: TimedFrame) -> PyResult<Bound<'_, PyAny>> {
     static FRAME: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let image = arrays::frame(py, frame.picture)?;
-    let exposure = frame.exposure_ns.map(times::both_us);
-    arrays::of_package(py, &FRAME, "Frame")?.call1((image, times::us(frame.mid_ns), exposure, frame.sequence))
+    let exposure = frame.exposure.length_ns.map(|_| times::both_us(frame.exposure.span_ns()));
+    arrays::of_package(py, &FRAME, "Frame")?.call1((image, times::us(frame.exposure.mid_ns), exposure, frame.sequence))
 }
 
 /// A slice: events of streams that have them, frames of streams that have them.

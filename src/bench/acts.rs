@@ -14,15 +14,14 @@ use erfgs_base::Progress;
 use erfgs_dataset::Dataset;
 use erfgs_points::{CloudError, CloudOptions, Method as CloudMethod};
 use erfgs_run::RunFolder;
-use erfgs_sweep::{Job, JobState, Manifest, Overview, Plan, run_here};
 
+use super::trainings::{dataset_of, plan, train_here};
 use crate::{
     dataset::{bodies::find, points},
     device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
     parse::Iterations,
-    sweep,
     terminal::{Terminal, table},
 };
 
@@ -227,34 +226,10 @@ impl Work<'_> {
         if datasets.is_empty() {
             return Ok(Vec::new());
         }
-        let plan = Plan {
-            name: method.name.to_owned(),
-            out: self.folder.join(method.name),
-            datasets,
-            takes: Vec::new(),
-            seeds: vec![1],
-            evaluate: true,
-            train: options.into_iter().map(|(key, value)| (key.to_owned(), value.into())).collect(),
-            set: BTreeMap::new(),
-            slurm: Default::default(),
-        };
-        let manifest = Manifest::of_plan(&plan, &plan.out, sweep::check)?;
-        manifest.save()?;
-        let bar = self.terminal.progress(&format!("training, {}", method.name));
-        let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
-        let overview = run_here(&manifest, &sweep::program()?, self.arguments.at_once, self.stop, told)?;
-        drop(bar);
-        let left = overview.jobs.len() - overview.count(JobState::Done);
-        if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
-        }
-        if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
-            let why = job.failed.as_deref().unwrap_or("it was not trained");
-            let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
-        }
-        let name = |job: &Job| job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        Ok(manifest.jobs.iter().map(|job| (name(job), manifest.run(job))).collect())
+        let (terminal, at_once) = (self.terminal, self.arguments.at_once);
+        let plan = plan(method.name, self.folder, datasets, &[1], options);
+        let manifest = train_here(&plan, terminal, at_once, self.stop)?;
+        Ok(manifest.jobs.iter().map(|job| (dataset_of(job), manifest.run(job))).collect())
     }
 
     /// What it came to, with a picture of each training.

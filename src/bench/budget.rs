@@ -12,15 +12,15 @@ use erfgs_budget::{Base, Budget, Cause, Costs, Quality, Size, Step, causes, move
 use erfgs_dataset::{Dataset, Split};
 use erfgs_points::{CloudOptions, Method};
 use erfgs_scene::PointCloud;
-use erfgs_sweep::{JobState, Manifest, Overview, Plan, run_here};
+use erfgs_sweep::Job;
 
+use super::trainings::{dataset_of, plan, train_here};
 use crate::{
     dataset::points,
     device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
     parse::Iterations,
-    sweep,
     terminal::{Terminal, table},
 };
 
@@ -216,37 +216,9 @@ impl Work<'_> {
         }
         let mut options = vec![("method", method.to_owned()), ("iterations", self.arguments.iterations.to_string())];
         options.extend(self.arguments.adapter.adapter.clone().map(|adapter| ("adapter", adapter)));
-        let plan = Plan {
-            name: name.to_owned(),
-            out: self.folder.join(name),
-            datasets,
-            takes: Vec::new(),
-            seeds: seeds.into(),
-            evaluate: true,
-            train: options.into_iter().map(|(key, value)| (key.to_owned(), value.into())).collect(),
-            set: BTreeMap::new(),
-            slurm: Default::default(),
-        };
-        let manifest = Manifest::of_plan(&plan, &plan.out, sweep::check)?;
-        manifest.save()?;
-        let bar = self.terminal.progress(&format!("training, {name}"));
-        let told = |overview: &Overview| bar.share(overview.share(), || overview.words());
-        let overview = run_here(&manifest, &sweep::program()?, self.arguments.at_once, self.stop, told)?;
-        drop(bar);
-        let left = overview.jobs.len() - overview.count(JobState::Done);
-        if left > 0 && self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped(format!("stopped with {left} trainings left; the same command continues")).into());
-        }
-        if let Some(job) = overview.jobs.iter().find(|job| job.state != JobState::Done) {
-            let why = job.failed.as_deref().unwrap_or("it was not trained");
-            let log = manifest.log(manifest.job(&job.name)?);
-            anyhow::bail!("{}: {why}; see {}; the same command retries it", job.name, log.display());
-        }
-        let quality = |job: &erfgs_sweep::Job| {
-            let metrics = manifest.run(job).read_metrics()?;
-            let name = job.dataset.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            Ok((name, Quality::from(&metrics)))
-        };
+        let plan = plan(name, self.folder, datasets, seeds, options);
+        let manifest = train_here(&plan, self.terminal, self.arguments.at_once, self.stop)?;
+        let quality = |job: &Job| Ok((dataset_of(job), Quality::from(&manifest.run(job).read_metrics()?)));
         manifest.jobs.iter().map(quality).collect()
     }
 }

@@ -8,6 +8,7 @@ mod raster;
 mod simulate;
 mod stability;
 mod train;
+mod trainings;
 
 use clap::Subcommand;
 

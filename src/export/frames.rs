@@ -41,7 +41,7 @@ pub fn export(
         let progress = terminal.progress(&task.id);
         let update = |done: u64| progress.update(done, total, unit);
         let stream = sync.as_ref().and_then(|sync| sync.stream(&task.id));
-        let exposures = stream.map(|sync| Exposures { mids: sync.exposure_mids(), epochs: &sync.epochs });
+        let exposures = stream.map(|sync| Exposures { frames: sync.frames(), epochs: &sync.epochs });
         let choice = FramesChoice { format, exposures: exposures.as_ref(), bits };
         let written = write_frames(recording, &task.id, choice, &task.out, lost, update)?;
         let damaged = if written.damaged > 0 { format!("; {} did not decode", written.damaged) } else { String::new() };

@@ -13,9 +13,9 @@ use crate::{errors::Usage, terminal::Terminal};
 /// Takes the run folder for this process.
 pub fn alone(folder: &RunFolder, terminal: &Terminal) -> anyhow::Result<FolderLock> {
     let shown = folder.root().display();
-    let mut said = false;
+    let mut noted = false;
     let lock = FolderLock::wait(folder.root(), || {
-        if !std::mem::replace(&mut said, true) {
+        if !std::mem::replace(&mut noted, true) {
             let patience = FolderLock::PATIENCE.as_secs();
             terminal.note(format!("another process trains into {shown}: waiting for its end, {patience} s at most"));
         }

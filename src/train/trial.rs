@@ -37,8 +37,8 @@ pub fn known(dataset: &Dataset, config: &Config, budget: Budget, folder: &RunFol
     }
     let identity = Trainer::identity(dataset, config, budget)?.sha256();
     let text = std::fs::read_to_string(folder.root().join(FILE)).ok();
-    let told = text.and_then(|text| serde_json::from_str::<TrialFile>(&text).ok());
-    Ok(told.filter(|told| told.identity == identity).map(|told| told.trial))
+    let kept = text.and_then(|text| serde_json::from_str::<TrialFile>(&text).ok());
+    Ok(kept.filter(|kept| kept.identity == identity).map(|kept| kept.trial))
 }
 
 /// Makes a trial where one is due, and keeps what it found.
@@ -64,10 +64,10 @@ pub fn make(
         return Err(Stopped("stopped during the trial of bodies; the same command starts it again".into()).into());
     };
     terminal.note(describe(&trial));
-    let told = TrialFile { identity, trial };
+    let kept = TrialFile { identity, trial };
     std::fs::create_dir_all(folder.root())?;
-    write_atomically(&folder.root().join(FILE), serde_json::to_string_pretty(&told)?.as_bytes())?;
-    Ok(Some(told.trial))
+    write_atomically(&folder.root().join(FILE), serde_json::to_string_pretty(&kept)?.as_bytes())?;
+    Ok(Some(kept.trial))
 }
 
 /// Takes over what a trial found.

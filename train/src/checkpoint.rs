@@ -8,9 +8,7 @@ use std::{io, path::Path, path::PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    camera_colour::{self, CameraColourState},
-    camera_pose::{self, CameraPoseState},
-    camera_time::CameraTimeState,
+    cameras::{CameraState, Quantity, clock::CameraTimeState, colour::CameraColourState, pose::CameraPoseState},
     config::Config,
     density::{Moments, Population, Seen},
     schedule::Clock,
@@ -20,8 +18,6 @@ use erfgs_splat::{
     container::{self, Container},
     field::FieldState,
     gaussians::{CORE, Gaussians, sh_stride},
-    motion::ClockRow,
-    raster::PoseRow,
     trained::Record,
 };
 
@@ -40,9 +36,6 @@ const ROWS: u32 = 2;
 const PLAIN: u32 = 1;
 
 /// Names of vectors.
-const COLOURS_OF_CAMERAS: &str = "camera-colours";
-const POSES_OF_CAMERAS: &str = "camera-poses";
-const TIMES_OF_CAMERAS: &str = "camera-times";
 const LOSSES: &str = "losses";
 const POINTS: &str = "points";
 
@@ -164,15 +157,12 @@ struct Header {
     vectors: Vec<(String, usize)>,
 }
 
-/// What is learned of all cameras, and what gradients of it were summed.
-fn of_cameras<'a>(
-    name: &'a str,
-    values: &'a [f32],
-    [first, second]: &'a [Vec<f32>; 2],
-    sums: Option<&'a Vec<f32>>,
-) -> impl Iterator<Item = (String, &'a [f32])> {
-    let parts = [("", values), (".m", first), (".v", second)].into_iter();
-    parts.chain(sums.map(|sums| (".sums", &sums[..]))).map(move |(part, values)| (format!("{name}{part}"), values))
+/// What is learned of all cameras, where they took steps.
+fn of_cameras<Q: Quantity>(
+    steps: Option<Vec<u32>>,
+    next: impl FnMut(&str) -> Result<Vec<f32>, String>,
+) -> Result<Option<CameraState<Q>>, String> {
+    steps.map(|steps| CameraState::from_vectors(steps, next)).transpose()
 }
 
 fn is_none(count: &usize) -> bool {
@@ -237,15 +227,9 @@ impl Checkpoint {
                 ("motion.v".into(), &moments.motion_second),
             ]);
         }
-        if let Some(colours) = &self.camera_colours {
-            vectors.extend(of_cameras(COLOURS_OF_CAMERAS, &colours.values, &colours.moments, None));
-        }
-        if let Some(poses) = &self.camera_poses {
-            vectors.extend(of_cameras(POSES_OF_CAMERAS, &poses.values, &poses.moments, Some(&poses.sums)));
-        }
-        if let Some(times) = &self.camera_times {
-            vectors.extend(of_cameras(TIMES_OF_CAMERAS, &times.values, &times.moments, Some(&times.sums)));
-        }
+        vectors.extend(self.camera_colours.iter().flat_map(|colours| colours.vectors()));
+        vectors.extend(self.camera_poses.iter().flat_map(|poses| poses.vectors()));
+        vectors.extend(self.camera_times.iter().flat_map(|times| times.vectors()));
         vectors.extend(self.levels.iter().map(|levels| ("levels".into(), &levels[..])));
         if let Some(sums) = &self.loss_sums {
             vectors.extend(sums.partial.iter().map(|partial| (LOSSES.into(), &partial[..])));
@@ -343,40 +327,9 @@ impl Checkpoint {
             gaussians.motion = next("motion")?;
             (moments.motion_first, moments.motion_second) = (next("motion.m")?, next("motion.v")?);
         }
-        // Values and moments of so many floats a camera, and sums of so many.
-        let mut of_cameras = |name: &str, cameras: usize, floats: usize, sums: usize| {
-            let all = [("", floats), (".m", floats), (".v", floats), (".sums", sums)];
-            let mut vectors = all.map(|_| Vec::new());
-            for (vector, (part, floats)) in vectors.iter_mut().zip(all).filter(|(_, (_, floats))| *floats > 0) {
-                *vector = next(&format!("{name}{part}"))?;
-                if Some(vector.len()) != cameras.checked_mul(floats) {
-                    return Err(format!("its vectors of '{name}' are of different lengths"));
-                }
-            }
-            Ok(vectors)
-        };
-        let camera_colours = match header.camera_colour_steps {
-            None => None,
-            Some(steps) => {
-                let [values, first, second, _] = of_cameras(COLOURS_OF_CAMERAS, steps.len(), camera_colour::FLOATS, 0)?;
-                Some(CameraColourState { steps, values, moments: [first, second] })
-            }
-        };
-        let camera_poses = match header.camera_pose_steps {
-            None => None,
-            Some(steps) => {
-                let [values, first, second, sums] =
-                    of_cameras(POSES_OF_CAMERAS, steps.len(), camera_pose::FLOATS, PoseRow::FLOATS)?;
-                Some(CameraPoseState { steps, values, moments: [first, second], sums })
-            }
-        };
-        let camera_times = match header.camera_time_steps {
-            None => None,
-            Some(steps) => {
-                let [values, first, second, sums] = of_cameras(TIMES_OF_CAMERAS, steps.len(), 1, ClockRow::FLOATS)?;
-                Some(CameraTimeState { steps, values, moments: [first, second], sums })
-            }
-        };
+        let camera_colours = of_cameras(header.camera_colour_steps, &mut next)?;
+        let camera_poses = of_cameras(header.camera_pose_steps, &mut next)?;
+        let camera_times = of_cameras(header.camera_time_steps, &mut next)?;
         let mut levels = Vec::new();
         for _ in 0..header.event_cameras {
             levels.push(next("levels")?);

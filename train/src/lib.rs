@@ -1,9 +1,6 @@
 //! The ERF-GS trainer on wgpu.
 
-pub mod camera_colour;
-pub mod camera_pose;
-pub mod camera_time;
-mod cautious;
+pub mod cameras;
 pub mod checkpoint;
 pub mod config;
 pub mod density;

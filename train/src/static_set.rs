@@ -11,8 +11,7 @@ use erfgs_run::{RunError, RunFolder};
 use sha2::{Digest, Sha256};
 
 use crate::{
-    camera_colour::{self, CameraColourState},
-    camera_pose::{self, CameraPoseState},
+    cameras::{CameraState, Quantity, colour::CameraColourState, pose::CameraPoseState},
     checkpoint::{Checkpoint, CheckpointError},
     schedule::Stage,
 };
@@ -93,7 +92,7 @@ impl StaticSet {
     pub(crate) fn colours(&self, cameras: &[&str], takes_frames: &[bool]) -> Option<CameraColourState> {
         let found = self.colours.as_ref()?;
         let mut state = CameraColourState::neutral(takes_frames);
-        self.copy(cameras, camera_colour::FLOATS, &found.values, &mut state.values);
+        self.copy(cameras, found, &mut state);
         Some(state)
     }
 
@@ -101,15 +100,15 @@ impl StaticSet {
     pub(crate) fn poses(&self, cameras: &[&str]) -> Option<CameraPoseState> {
         let found = self.poses.as_ref()?;
         let mut state = CameraPoseState::calibrated(cameras.len());
-        self.copy(cameras, camera_pose::FLOATS, &found.values, &mut state.values);
+        self.copy(cameras, found, &mut state);
         Some(state)
     }
 
-    /// Copies what is known of those of `cameras` that this knows, so many floats each.
-    fn copy(&self, cameras: &[&str], floats: usize, found: &[f32], to: &mut [f32]) {
-        for (name, row) in cameras.iter().zip(to.chunks_exact_mut(floats)) {
+    /// Copies what is known of those of `cameras` that this knows.
+    fn copy<Q: Quantity>(&self, cameras: &[&str], found: &CameraState<Q>, to: &mut CameraState<Q>) {
+        for (camera, name) in cameras.iter().enumerate() {
             if let Some(own) = self.cameras.iter().position(|own| own == name) {
-                row.copy_from_slice(&found[own * floats..][..floats]);
+                to.row_mut(camera).copy_from_slice(found.row(own));
             }
         }
     }

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use erfgs_events::{CdEvent, Sink};
 use erfgs_scene::ImageRgb8;
 use erfgs_session::{
-    clock::Dated,
+    clock::{Dated, Exposure},
     container::{ContainerError, Entry, Session},
 };
 use erfgs_sync::{StreamSync, Synchronisation};
@@ -56,9 +56,9 @@ pub fn look_session(
     if seen.iter().all(Option::is_none) {
         return Err(BoardError::NoFrames { path: path.into() });
     }
-    let mids: Vec<HashMap<u64, i64>> = streams
+    let exposures: Vec<HashMap<u64, Exposure>> = streams
         .iter()
-        .map(|stream| of_stream(&stream.description.id).map(StreamSync::exposure_mids).unwrap_or_default())
+        .map(|stream| of_stream(&stream.description.id).map(StreamSync::frames).unwrap_or_default())
         .collect();
     let is_frames = |stream: usize| streams[stream].description.encoding.is_frames();
     let total =
@@ -95,7 +95,7 @@ pub fn look_session(
         progress(done, Some(total));
         // A frame that was cut or damaged shows nothing.
         let Some(Ok(image)) = d.frame_format().map(|format| format.picture(&packet.payload)) else { continue };
-        let mid_ns = mids[stream].get(&packet.sequence).copied();
+        let mid_ns = exposures[stream].get(&packet.sequence).map(|exposure| exposure.mid_ns);
         let t_ns = mid_ns.unwrap_or_else(|| start.session_ns(packet.host_ns));
         batch.push((stream, packet.sequence, t_ns, image));
         if batch.len() == BATCH {

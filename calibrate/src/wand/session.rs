@@ -125,7 +125,7 @@ fn bright(
 ) -> Result<Vec<Lights>, WandError> {
     let total = session.summary().streams[stream].totals.packets;
     let start = session.summary().start.clone();
-    let mids = sync.map(StreamSync::exposure_mids).unwrap_or_default();
+    let exposures = sync.map(StreamSync::frames).unwrap_or_default();
     let (mut found, mut done) = (Vec::new(), 0);
     for entry in session.messages(None) {
         let packet = match entry {
@@ -140,7 +140,10 @@ fn bright(
         };
         let lights = bright_lights(&image.grey(), &BrightOptions::default());
         if !lights.is_empty() {
-            let t = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));
+            let t = exposures
+                .get(&packet.sequence)
+                .map(|exposure| exposure.mid_ns)
+                .unwrap_or_else(|| start.session_ns(packet.host_ns));
             found.push(Lights { t, by_frequency: vec![lights] });
         }
     }

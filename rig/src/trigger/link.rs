@@ -12,7 +12,7 @@ use serialport::SerialPort;
 
 use super::TriggerError;
 use crate::host_time::host_ns;
-use erfgs_session::trigger::protocol::{BAUD, Command, Identity, LINE_MAX, Message, NAME, Reader, Reply, VERSION};
+use erfgs_session::trigger::protocol::{BAUD, Command, Identity, Message, NAME, Reader, Reply, VERSION};
 
 /// How long a read waits for bytes.
 const READ_WAIT: Duration = Duration::from_millis(20);
@@ -36,8 +36,6 @@ pub struct Link {
     name: String,
     port: Box<dyn SerialPort>,
     reader: Reader,
-    /// The line under way, as received.
-    line: Vec<u8>,
     /// Where whole lines go as packets, once the source has started.
     outlet: Option<Arc<dyn Outlet>>,
     sequence: u64,
@@ -89,7 +87,6 @@ impl Link {
             name: name.to_owned(),
             port,
             reader: Reader::new(),
-            line: Vec::new(),
             outlet: None,
             sequence: 0,
             bytes: 0,
@@ -220,21 +217,19 @@ impl Link {
         self.drained = count < buffer.len();
         let received = &buffer[..count];
         let mut messages = Vec::new();
-        self.reader.push(received, |message| messages.push(message));
-        for piece in received.split_inclusive(|&byte| byte == b'\n') {
-            self.line.extend_from_slice(piece);
-            // Garbage without line feeds goes on its way as well.
-            if piece.ends_with(b"\n") || self.line.len() > LINE_MAX {
-                self.deliver(now);
-            }
-        }
+        let mut reader = std::mem::take(&mut self.reader);
+        // Garbage goes on its way as well.
+        reader.parts(received, |line, message| {
+            self.deliver(line, now);
+            messages.extend(message);
+        });
+        self.reader = reader;
         Ok(messages)
     }
 
     /// Sends the line as a packet.
-    fn deliver(&mut self, host_ns: i64) {
-        let payload = Bytes::copy_from_slice(&self.line);
-        self.line.clear();
+    fn deliver(&mut self, line: &[u8], host_ns: i64) {
+        let payload = Bytes::copy_from_slice(line);
         let Some(outlet) = &self.outlet else { return };
         let packet = Packet {
             sequence: self.sequence,

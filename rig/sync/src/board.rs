@@ -12,7 +12,7 @@ use erfgs_session::{
     source::Packet,
 };
 
-use erfgs_session::trigger::protocol::{self, BAUD, Message, Pulse, Reply, TICK_HZ};
+use erfgs_session::trigger::protocol::{self, BAUD, Message, Pulse, Reader, Reply, TICK_HZ};
 
 /// Nanoseconds of a tick.
 pub const NS_PER_TICK: f64 = 1e9 / TICK_HZ as f64;
@@ -35,7 +35,7 @@ struct Epoch {
 /// Reads the lines of a board as they come in packets.
 #[derive(Clone, Debug, Default)]
 pub struct BoardLines {
-    partial: Vec<u8>,
+    reader: Reader,
     epochs: Vec<Epoch>,
     /// Lines that do not parse, the first and cut ones included.
     pub damaged_lines: u64,
@@ -45,51 +45,14 @@ impl BoardLines {
     /// Takes a packet. `start_ns` is the host time of the session's zero.
     pub fn take(&mut self, packet: &Packet, start_ns: i64) {
         if packet.discontinuity {
-            self.partial.clear();
+            self.reader.restart();
         }
         let arrival = packet.host_ns.saturating_sub(start_ns);
-        for &byte in &packet.payload {
-            if byte != b'\n' {
-                // A line without end is no line of the board.
-                if self.partial.len() <= protocol::LINE_MAX {
-                    self.partial.push(byte);
-                }
-                continue;
-            }
-            let line = std::mem::take(&mut self.partial);
-            match protocol::parse(line.strip_suffix(b"\r").unwrap_or(&line)) {
-                Ok(message) => self.message(message, arrival, line.len() as i64 + 1, start_ns),
-                Err(_) => self.damaged_lines += 1,
-            }
-        }
-    }
-
-    fn message(&mut self, message: Message, arrival: i64, bytes: i64, start_ns: i64) {
-        if matches!(message, Message::Boot { .. }) || self.epochs.is_empty() {
-            self.epochs.push(Epoch::default());
-        }
-        let Some(epoch) = self.epochs.last_mut() else { return };
-        let mut arrived = |tick: u64| {
-            let ticks = i64::try_from(tick).unwrap_or(i64::MAX);
-            epoch.arrivals.push(Sample { ticks, session_ns: arrival.saturating_sub(bytes * NS_PER_BYTE) });
-            ticks
-        };
-        match message {
-            Message::Pulse(pulse) => {
-                arrived(pulse.tick);
-                epoch.pulses.insert(pulse.index.into(), pulse);
-            }
-            Message::Done(Reply::Clock { token, tick }) => {
-                let ticks = arrived(tick);
-                let sent = token.cast_signed().saturating_sub(start_ns);
-                if (0..MAX_ROUND_TRIP_NS).contains(&arrival.saturating_sub(sent)) {
-                    let command = protocol::Command::Clock(token).encode().len() as i64;
-                    let session_ns = sent.saturating_add(command * NS_PER_BYTE);
-                    epoch.commands.push(Sample { ticks, session_ns });
-                }
-            }
-            _ => {}
-        }
+        let Self { reader, epochs, damaged_lines } = self;
+        reader.parts(&packet.payload, |line, message| match message {
+            Some(message) => note(epochs, message, arrival, line.len() as i64, start_ns),
+            None => *damaged_lines += u64::from(line.ends_with(b"\n")),
+        });
     }
 
     /// The pulses and the board's clock. Of several runs between resets the one with the most pulses counts.
@@ -118,6 +81,35 @@ impl BoardLines {
             Board { pulses: epoch.pulses, clock, bounds, resets, damaged_lines: self.damaged_lines, restored: 0 };
         board.restore();
         Ok(board)
+    }
+}
+
+/// Takes note of a message, of a line of so many bytes.
+fn note(epochs: &mut Vec<Epoch>, message: Message, arrival: i64, bytes: i64, start_ns: i64) {
+    if matches!(message, Message::Boot { .. }) || epochs.is_empty() {
+        epochs.push(Epoch::default());
+    }
+    let Some(epoch) = epochs.last_mut() else { return };
+    let mut arrived = |tick: u64| {
+        let ticks = i64::try_from(tick).unwrap_or(i64::MAX);
+        epoch.arrivals.push(Sample { ticks, session_ns: arrival.saturating_sub(bytes * NS_PER_BYTE) });
+        ticks
+    };
+    match message {
+        Message::Pulse(pulse) => {
+            arrived(pulse.tick);
+            epoch.pulses.insert(pulse.index.into(), pulse);
+        }
+        Message::Done(Reply::Clock { token, tick }) => {
+            let ticks = arrived(tick);
+            let sent = token.cast_signed().saturating_sub(start_ns);
+            if (0..MAX_ROUND_TRIP_NS).contains(&arrival.saturating_sub(sent)) {
+                let command = protocol::Command::Clock(token).encode().len() as i64;
+                let session_ns = sent.saturating_add(command * NS_PER_BYTE);
+                epoch.commands.push(Sample { ticks, session_ns });
+            }
+        }
+        _ => {}
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use erfgs_session::clock::Residuals;
+use erfgs_session::clock::{Exposure, Residuals};
 use serde::{Deserialize, Serialize};
 
 /// The frames of a stream in session time. Columns are parallel: one entry for each frame.
@@ -30,15 +30,6 @@ pub struct Exposures {
     pub missed_pulses: u64,
     /// Frames that belong to no pulse of the board.
     pub unmatched: u64,
-}
-
-/// The exposure of one frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Exposure {
-    /// Its middle, nanoseconds of session time.
-    pub mid_ns: i64,
-    /// Its length, nanoseconds; `None` where nothing tells.
-    pub length_ns: Option<i64>,
 }
 
 impl Exposures {

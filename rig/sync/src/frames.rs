@@ -1,6 +1,6 @@
 //! Frames matched with the pulses that triggered them, and the middles of their exposures.
 
-use erfgs_session::clock::Residuals;
+use erfgs_session::clock::{Exposure, Residuals};
 
 use super::{
     board::Board,
@@ -33,7 +33,7 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
         .iter()
         .map(|(&pulse, line)| {
             let length_ns = exposure_ns.unwrap_or_else(|| Board::width_ns(line));
-            Shot { pulse, open_ns: board.rise_ns(line), length_ns }
+            Shot { pulse, exposure: Exposure::beginning(board.rise_ns(line), length_ns) }
         })
         .collect();
     let Some(period_ns) = board.period_ns() else {
@@ -44,7 +44,7 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
         let shot = shots.get(at.checked_sub(1)?)?;
         // Frames of before and after the train would say nothing.
         let behind = |at_ns: i64| frame.stamp_ns.saturating_sub(at_ns);
-        (behind(shot.mid_ns()) < 2 * period_ns).then(|| behind(shot.close_ns()))
+        (behind(shot.exposure.mid_ns) < 2 * period_ns).then(|| behind(shot.close_ns()))
     });
     let Some(lag_ns) = median(lags.collect()) else {
         return Exposures { unmatched: frames.len() as u64, ..Exposures::default() };
@@ -67,8 +67,8 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
             Some(shot) => {
                 exposures.sequence.push(frame.sequence);
                 exposures.pulse.push(shot.pulse);
-                exposures.mid_ns.push(shot.mid_ns());
-                exposures.exposure_ns.push(shot.length_ns);
+                exposures.mid_ns.push(shot.exposure.mid_ns);
+                exposures.exposure_ns.extend(shot.exposure.length_ns);
                 distances.push(shot.close_ns().abs_diff(wanted) as f64);
             }
             None => exposures.unmatched += 1,
@@ -84,20 +84,15 @@ pub fn match_pulses(frames: &[Arrived], board: &Board, exposure_ns: Option<i64>)
     exposures
 }
 
-/// A pulse, and the exposure of a camera that it triggers; session time, nanoseconds.
+/// A pulse, and the exposure of a camera that it triggers.
 struct Shot {
     pulse: u64,
-    open_ns: i64,
-    length_ns: i64,
+    exposure: Exposure,
 }
 
 impl Shot {
-    fn mid_ns(&self) -> i64 {
-        self.open_ns.saturating_add(self.length_ns / 2)
-    }
-
     fn close_ns(&self) -> i64 {
-        self.open_ns.saturating_add(self.length_ns)
+        self.exposure.span_ns()[1]
     }
 }
 

@@ -34,7 +34,7 @@ pub use board::{Board, BoardLines, Bounds, NS_PER_TICK as BOARD_NS_PER_TICK};
 pub use collect::{SyncOptions, synchronise};
 pub use edges::{Matched, WINDOW_NS as EDGES_WINDOW_NS, fit as fit_edges, fit_arrivals, pulses};
 pub use even::{Even, even};
-pub use exposures::{Exposure, Exposures};
+pub use exposures::Exposures;
 pub use flash::{FlashLag, find_lag, lit_intervals};
 pub use frames::{Arrived, free_running, lagging, match_pulses};
 pub use kept::{SyncError, SyncNote, kept, of_session};

@@ -7,13 +7,10 @@ use std::{
 };
 
 use erfgs_base::plausible::{EXPOSURE, INSTANT, Implausible, OFFSET, TICK};
-use erfgs_session::clock::{Clock, Epochs, Evidence};
+use erfgs_session::clock::{Clock, Epochs, Evidence, Exposure};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    edges::Matched,
-    exposures::{Exposure, Exposures},
-};
+use super::{edges::Matched, exposures::Exposures};
 
 /// Version of the file.
 pub const VERSION: u32 = 2;
@@ -125,12 +122,6 @@ pub enum SyncFileError {
 }
 
 impl StreamSync {
-    /// The middle of each exposure, session nanoseconds, by the frame's number; none where the stream has no frames.
-    #[must_use]
-    pub fn exposure_mids(&self) -> HashMap<u64, i64> {
-        self.frames().into_iter().map(|(sequence, exposure)| (sequence, exposure.mid_ns)).collect()
-    }
-
     /// The exposure of each frame, by the frame's number; none where the stream has no frames.
     #[must_use]
     pub fn frames(&self) -> HashMap<u64, Exposure> {
@@ -259,9 +250,9 @@ mod tests {
                 (with(at, tick, [at, -1, 0]), "an exposure"),
                 (with(at, tick, [at, length, beyond]), "a time offset"),
             ] {
-                let said = through(&wrong).unwrap_err();
-                let named = said.contains("a.sync.json") && said.contains("stream left") && said.contains(quantity);
-                prop_assert!(named && said.contains("plausible"), "{}", said);
+                let message = through(&wrong).unwrap_err();
+                let named = message.contains("a.sync.json") && message.contains("stream left") && message.contains(quantity);
+                prop_assert!(named && message.contains("plausible"), "{}", message);
             }
         }
     }

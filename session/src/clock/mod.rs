@@ -7,6 +7,7 @@
 
 mod dated;
 mod epochs;
+mod exposure;
 mod fit;
 mod line;
 mod pieces;
@@ -15,6 +16,7 @@ mod tests;
 
 pub use dated::Dated;
 pub use epochs::{Epoch, EpochCursor, Epochs};
+pub use exposure::Exposure;
 pub use fit::{ClockFit, Evidence, FitError, Residuals, Sample};
 pub use line::Robust;
 pub use pieces::{Clock, Errors};

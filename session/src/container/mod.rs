@@ -1,47 +1,29 @@
 //! The session file: one MCAP file with everything that a rig delivered, byte for byte.
 //!
 //! `docs/reference/session.md` describes the format for readers that are not this program.
+//!
+//! The files here are the forms that all of it shares. `foreign` stands on these, `read` on `foreign`, `write` and `repair` on
+//! `read`; no arrow goes back.
 
-mod bag;
-mod chunk;
-mod decode;
+mod decoded;
+mod entry;
 mod error;
-mod event_file;
-mod excerpt;
-mod framing;
-mod layout;
-mod mend;
-mod merge;
-mod messages;
+mod foreign;
 pub mod packet;
-mod packet_log;
-mod parse;
+mod read;
 mod record;
-mod recording;
 mod repair;
-mod resync;
-mod ros;
-#[cfg(feature = "rosbag2")]
-mod rosbag2;
-mod said;
-mod session;
-mod states;
-mod survey;
-mod tail;
-mod unpack;
-mod walk;
-mod writer;
+mod summary;
+mod write;
 
-pub use bag::recording_file;
-pub use decode::{BegunDecoder, DecodedStream, hand_over, sensor_size};
+pub use decoded::{BegunDecoder, DecodedStream};
+pub use entry::{DecoderState, Entry, Stream};
 pub use error::ContainerError;
-pub use event_file::{EventFileRecording, HostClock, import_events};
-pub use excerpt::write_excerpt;
-pub use layout::{DecoderState, Entry, Stream};
-pub use merge::{Merged, MergedStream, Part, merge};
-pub use messages::{IntoMessages, Messages};
+pub use foreign::{EventFileRecording, HostClock, bag::recording_file};
+pub use read::{IntoMessages, Messages, Recording, Session, hand_over, sensor_size};
 pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};
-pub use recording::Recording;
 pub use repair::{Recovered, recover, recover_in_place};
-pub use session::{Session, Summary};
-pub use writer::{Finished, SessionWriter, Settings, StreamId};
+pub use summary::Summary;
+pub use write::{
+    Finished, Merged, MergedStream, Part, SessionWriter, Settings, StreamId, import_events, merge, write_excerpt,
+};

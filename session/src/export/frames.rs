@@ -13,7 +13,7 @@ use erfgs_scene::{pixel, video::VideoWriter};
 
 use super::{ExportError, depth, is_passed_over, sensor_frames};
 use crate::{
-    clock::{EpochCursor, Epochs},
+    clock::{EpochCursor, Epochs, Exposure},
     container::{Entry, Recording, SessionStart},
     source::{Description, Encoding, Packet},
 };
@@ -55,8 +55,8 @@ impl FramesFormat {
 /// When the frames of a stream were exposed, as far as clocks that were fitted tell.
 #[derive(Clone, Debug)]
 pub struct Exposures<'a> {
-    /// The middle of each exposure of a camera, session nanoseconds, by the number of its packet.
-    pub mids: HashMap<u64, i64>,
+    /// The exposure of each frame of a camera, by the number of its packet.
+    pub frames: HashMap<u64, Exposure>,
     /// The clocks of the device, which date the frames of an event sensor.
     pub epochs: &'a Epochs,
 }
@@ -182,8 +182,8 @@ impl<'a> Writing<'a> {
 
     /// Writes a frame of a camera.
     fn push_packet(&mut self, packet: &Packet) -> Result<(), ExportError> {
-        let mid = self.exposures.and_then(|exposures| exposures.mids.get(&packet.sequence));
-        let mid = mid.map_or(String::new(), |mid| mid.to_string());
+        let mid = self.exposures.and_then(|exposures| exposures.frames.get(&packet.sequence));
+        let mid = mid.map_or(String::new(), |exposure| exposure.mid_ns.to_string());
         let times = format!("{},{},{mid}", packet.sequence, self.start.session_ns(packet.host_ns));
         self.push(&times, &packet.payload)
     }

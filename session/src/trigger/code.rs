@@ -68,25 +68,25 @@ pub struct Decoded {
 /// follow at the same interval and have the symbol that they should; a lost or doubled pulse ends that. Where what is
 /// carried from the left and from the right differs, the pulse stays without an index: nothing is guessed.
 #[must_use]
-pub fn decode(seen: &[SensedPulse]) -> Decoded {
-    let symbols: Vec<Option<u8>> = seen.iter().map(|pulse| pulse.width_ns.and_then(read_width)).collect();
-    let mut whole = vec![None; seen.len()];
+pub fn decode(pulses: &[SensedPulse]) -> Decoded {
+    let symbols: Vec<Option<u8>> = pulses.iter().map(|pulse| pulse.width_ns.and_then(read_width)).collect();
+    let mut whole = vec![None; pulses.len()];
     for (start, group) in symbols.windows(GROUP as usize).enumerate() {
-        if let Some(group) = whole_group(group).filter(|_| evenly_spaced(&seen[start..start + GROUP as usize])) {
+        if let Some(group) = whole_group(group).filter(|_| evenly_spaced(&pulses[start..start + GROUP as usize])) {
             for (offset, index) in whole[start..start + GROUP as usize].iter_mut().enumerate() {
                 *index = Some(group * GROUP + offset as u64);
             }
         }
     }
-    let forwards = carry(seen, &symbols, &whole, 0..seen.len(), 1);
-    let backwards = carry(seen, &symbols, &whole, (0..seen.len()).rev(), PERIOD - 1);
+    let forwards = carry(pulses, &symbols, &whole, 0..pulses.len(), 1);
+    let backwards = carry(pulses, &symbols, &whole, (0..pulses.len()).rev(), PERIOD - 1);
     let indices: Vec<_> = std::iter::zip(forwards, backwards)
         .map(|pair| match pair {
             (Some(left), Some(right)) => (left == right).then_some(left),
             (left, right) => left.or(right),
         })
         .collect();
-    let cut_off = usize::from(seen.last().is_some_and(|last| last.width_ns.is_none()));
+    let cut_off = usize::from(pulses.last().is_some_and(|last| last.width_ns.is_none()));
     let unreadable = symbols.iter().filter(|symbol| symbol.is_none()).count() - cut_off;
     Decoded { unreadable, breaks: breaks(&indices), indices }
 }
@@ -117,7 +117,7 @@ fn whole_group(symbols: &[Option<u8>]) -> Option<u64> {
 
 /// Carries the indices of whole groups on to neighbours in the given order, adding `step` for each.
 fn carry(
-    seen: &[SensedPulse],
+    pulses: &[SensedPulse],
     symbols: &[Option<u8>],
     whole: &[Option<u64>],
     order: impl Iterator<Item = usize>,
@@ -127,11 +127,11 @@ fn carry(
     // The pulse before in this order with its index, and the last interval.
     let (mut before, mut interval): (Option<(usize, u64)>, Option<i64>) = (None, None);
     for at in order {
-        let now = before.map(|(before, _)| seen[at].rise.abs_diff(seen[before].rise) as i64);
+        let now = before.map(|(before, _)| pulses[at].rise.abs_diff(pulses[before].rise) as i64);
         if indices[at].is_none() {
             indices[at] = before.map(|(_, index)| (index + step) % PERIOD).filter(|&index| {
                 let steady = std::iter::zip(now, interval).all(|(now, last)| (now - last).abs() <= last / 4);
-                steady && symbols[at].is_none_or(|seen| seen == symbol(index))
+                steady && symbols[at].is_none_or(|symbol_read| symbol_read == symbol(index))
             });
         }
         interval = indices[at].and(now);

@@ -1,6 +1,10 @@
 //! The lines of the trigger board (`rig/firmware/PROTOCOL.md`): commands to bytes, bytes to messages, no input or output.
 
+mod lines;
+
 use std::fmt;
+
+pub use lines::Reader;
 
 /// The protocol's version that this module speaks.
 pub const VERSION: u32 = 1;
@@ -359,53 +363,6 @@ fn message(body: &str) -> Option<Message> {
         }
     };
     fields.0.next().is_none().then_some(message)
-}
-
-/// Cuts a stream of bytes into lines and reads them; takes the bytes in pieces of any size.
-#[derive(Clone, Debug, Default)]
-pub struct Reader {
-    line: Vec<u8>,
-    /// The line outgrew [`LINE_MAX`]: the rest of it is passed over.
-    overlong: bool,
-    /// A line feed was seen: what follows are whole lines.
-    synchronised: bool,
-    damaged: u64,
-}
-
-impl Reader {
-    /// A reader that may be in the middle of a line.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// Takes bytes as they came, and gives every message in them to `found`. Damaged lines are counted.
-    pub fn push(&mut self, bytes: &[u8], mut found: impl FnMut(Message)) {
-        for &byte in bytes {
-            if byte != b'\n' {
-                self.overlong |= self.line.len() >= LINE_MAX;
-                if !self.overlong {
-                    self.line.push(byte);
-                }
-                continue;
-            }
-            let line = self.line.strip_suffix(b"\r").unwrap_or(&self.line);
-            let empty = line.is_empty() && !self.overlong;
-            match parse(line) {
-                Ok(message) if !self.overlong => found(message),
-                _ => self.damaged += u64::from(self.synchronised && !empty),
-            }
-            self.synchronised = true;
-            self.overlong = false;
-            self.line.clear();
-        }
-    }
-
-    /// Lines that were damaged, the first half line after opening not counted.
-    #[must_use]
-    pub fn damaged(&self) -> u64 {
-        self.damaged
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::{camera_colour::CameraColourOptions, camera_pose::CameraPoseOptions, camera_time::CameraTimeOptions};
+pub use crate::cameras::{clock::CameraTimeOptions, colour::CameraColourOptions, pose::CameraPoseOptions};
 pub use erfgs_splat::motion::{BodiesOptions, FreeTimeOptions, Guide};
 pub use overrides::ConfigError;
 

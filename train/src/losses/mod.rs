@@ -12,9 +12,9 @@ use wgpu::Buffer;
 
 pub use self::{colour::ColourChange, level::Levels};
 use crate::{
-    camera_colour::CameraColours,
+    cameras::colour::CameraColours,
     config::{EarlConfig, Norm, Quantise},
-    kernels::kernel,
+    kernels::{kernel, threads_for},
 };
 use erfgs_splat::{
     gpu::{Commands, Gpu, GpuError, Kernel},
@@ -27,14 +27,6 @@ const LIN_LOG: &str = include_str!("lin_log.wgsl");
 const PHOTOMETRIC: &str = include_str!("photometric.wgsl");
 const SPREAD: &str = include_str!("spread.wgsl");
 const TRANSFER: &str = include_str!("transfer.wgsl");
-
-/// Pixels that a thread of a summing kernel looks at.
-const PIXELS_A_THREAD: u32 = 16;
-
-/// Threads of a kernel that sums over `pixels` pixels.
-pub(crate) fn threads_for(pixels: u32) -> u32 {
-    pixels.div_ceil(PIXELS_A_THREAD).max(1)
-}
 
 /// A frame that an exposure is compared with.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{camera_colour::CameraColourState, config::Config, reference::losses as twin};
+use crate::{cameras::colour::CameraColourState, config::Config, reference::losses as twin};
 use erfgs_splat::gpu::{AdapterChoice, Shape};
 
 mod colour;

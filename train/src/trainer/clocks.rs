@@ -2,11 +2,10 @@
 
 use erfgs_dataset::Camera;
 use erfgs_run::CameraTime;
-use wgpu::Buffer;
 
-use super::{TrainError, Trainer};
+use super::{TrainError, Trainer, summed::Learning};
 use crate::{
-    camera_time::{CameraTimeState, Learner},
+    cameras::clock::{CameraTimeState, Learner, OfClock},
     config::{Config, MotionModel},
     scene::{Scene, TrainFrame},
 };
@@ -15,14 +14,11 @@ use erfgs_splat::{gpu::Gpu, motion::ClockRow};
 /// The clocks that are learned.
 #[derive(Debug)]
 pub(super) struct Clocks {
-    state: CameraTimeState,
-    learners: Vec<Learner>,
+    learning: Learning<OfClock>,
     /// The frames as the dataset has them.
     labelled: Vec<TrainFrame>,
     /// RGB intervals of the recording.
     intervals: f64,
-    /// Gradients of the renderings since the last step, a row a camera.
-    sums: Buffer,
 }
 
 impl Clocks {
@@ -36,41 +32,39 @@ impl Clocks {
             |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| s / interval_s) };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
         let options = &config.camera_time;
-        let told = options.enabled
+        let determined = options.enabled
             && matches!(config.motion, MotionModel::FreeTime | MotionModel::Bodies)
             && scene.frame_times.len() > 1;
-        if !told || learners.len() < options.fewest as usize {
+        if !determined || learners.len() < options.fewest as usize {
             return Ok(None);
         }
-        let state = CameraTimeState::labelled(scene.views.len());
-        let sums = gpu.storage_from("gradients of clocks", &state.sums)?;
-        let labelled = scene.frames.clone();
-        Ok(Some(Self { state, learners, labelled, intervals, sums }))
+        let learning = Learning::new(gpu, "gradients of clocks", scene.views.len(), learners)?;
+        Ok(Some(Self { learning, labelled: scene.frames.clone(), intervals }))
     }
 
     /// Where the gradient of a camera's time is added.
     pub fn row(&self, camera: usize) -> ClockRow<'_> {
-        ClockRow { sums: &self.sums, row: camera as u32 }
+        ClockRow { sums: &self.learning.sums, row: camera as u32 }
     }
 
     /// What a checkpoint keeps.
-    pub fn state(&self, gpu: &Gpu) -> Result<CameraTimeState, TrainError> {
-        Ok(CameraTimeState { sums: gpu.download(&self.sums, self.state.sums.len())?, ..self.state.clone() })
+    pub fn saved(&self, gpu: &Gpu) -> Result<CameraTimeState, TrainError> {
+        self.learning.saved(gpu)
     }
 
     /// How much later the cameras took their frames than these say.
-    pub fn told(&self, scene: &Scene) -> Vec<CameraTime> {
+    pub fn found(&self, scene: &Scene) -> Vec<CameraTime> {
         let interval_ms = 1e3 * interval_s(scene, self.intervals);
         let one = |&Learner { camera, .. }: &Learner| CameraTime {
             camera: scene.views[camera].name.clone(),
-            late_ms: interval_ms * f64::from(self.state.values[camera]),
+            late_ms: interval_ms * f64::from(self.learning.state.values[camera]),
         };
-        self.learners.iter().map(one).collect()
+        self.learning.learners.iter().map(one).collect()
     }
 
     fn place(&self, frames: &mut [TrainFrame]) {
         for (frame, labelled) in frames.iter_mut().zip(&self.labelled) {
-            let late = f64::from(self.state.values[frame.view]) / self.intervals;
+            let late = f64::from(self.learning.state.values[frame.view]) / self.intervals;
             frame.t01 = labelled.t01 + late;
             frame.exposure = labelled.exposure.map(|at| at + late);
         }
@@ -87,33 +81,23 @@ impl Trainer<'_> {
     /// Takes up what clocks have learned.
     ///
     /// # Errors
-    /// [`TrainError::Clocks`] where the checkpoint is of other cameras.
+    /// [`TrainError::Cameras`] where the checkpoint is of other cameras.
     pub(super) fn restore_clocks(&mut self, saved: Option<CameraTimeState>) -> Result<(), TrainError> {
         let (Some(clocks), Some(saved)) = (&mut self.clocks, saved) else { return Ok(()) };
-        let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
-        if saved_cameras != views {
-            return Err(TrainError::Clocks { saved: saved_cameras, views });
-        }
-        self.gpu.upload(&clocks.sums, 0, &saved.sums);
-        clocks.state = saved;
+        clocks.learning.restore(self.gpu, saved, "time offsets")?;
         clocks.place(&mut self.scene.frames);
         Ok(())
     }
 
-    /// A step of the clocks, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
+    /// A step of the clocks, where one is due.
     pub(super) fn learn_clocks(&mut self) -> Result<(), TrainError> {
         let (share, done) = (self.share(), self.schedule.done(&self.clock));
         if !self.config.camera_time.due(share) {
             return Ok(());
         }
-        let due = |clocks: &&mut Clocks| done.is_multiple_of(clocks.learners.len() as u64);
-        let Some(clocks) = self.clocks.as_mut().filter(due) else { return Ok(()) };
-        let sums: Vec<f32> = self.gpu.download(&clocks.sums, clocks.state.sums.len())?;
-        clocks.state.step(&clocks.learners, &sums, &self.config.camera_time, share);
+        let Some(clocks) = self.clocks.as_mut().filter(|clocks| clocks.learning.is_due(done)) else { return Ok(()) };
+        clocks.learning.step(self.gpu, self.config.camera_time.rule(), share)?;
         clocks.place(&mut self.scene.frames);
-        let mut commands = self.gpu.commands();
-        commands.clear(&clocks.sums);
-        commands.submit();
         Ok(())
     }
 }

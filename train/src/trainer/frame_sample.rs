@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use erfgs_base::random;
 
-use super::{TrainError, Trainer, model::Said};
+use super::{TrainError, Trainer, model::ImageGradient};
 use crate::{
     config::{Config, MotionModel, Switch},
     losses::{Exposure, Part, Target},
@@ -149,8 +149,8 @@ impl Trainer<'_> {
             };
             let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
             let pose = self.poses.as_ref().filter(|_| learns_pose).map(|poses| poses.row(frame.view));
-            let said = Said { d_image, witness, wanted: Wanted { statistics: true, pose } };
-            self.model.backward_raster(gpu, &view, &options, rendering, said)?;
+            let gradient = ImageGradient { d_image, witness, wanted: Wanted { statistics: true, pose } };
+            self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
             self.times.lap(gpu, "raster backward")?;
             let tells = !coarse && self.config.camera_time.due(run_share);
             let clock = self.clocks.as_ref().filter(|_| tells).map(|clocks| clocks.row(frame.view));

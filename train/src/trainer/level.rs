@@ -1,6 +1,6 @@
 //! Learning from an event camera at one time, against the levels of its pixels.
 
-use super::{TrainError, Trainer, model::Said};
+use super::{TrainError, Trainer, model::ImageGradient};
 use crate::{config::Pairing, losses::Levels, scene::Scene};
 use erfgs_splat::{gpu::Gpu, motion::Witness, raster::Wanted};
 
@@ -58,8 +58,8 @@ impl Trainer<'_> {
         work.sums.event_values += f64::from(pixels);
         let rendering = &self.work.renderings[sample][0];
         let wanted = Wanted { statistics: true, pose: None };
-        let said = Said { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
-        self.model.backward_raster(gpu, &view, &options, rendering, said)?;
+        let gradient = ImageGradient { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
+        self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
         self.times.lap(gpu, "raster backward")?;
         self.model.backward_motion(gpu, rendering, Witness::Events, None)?;
         self.times.lap(gpu, "motion backward")?;

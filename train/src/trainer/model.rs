@@ -18,9 +18,9 @@ use erfgs_splat::{
     raster::{Deltas, Gradients, RenderOptions, View, Wanted},
 };
 
-/// What was said of the pixels of a rendering.
+/// The gradient of a rendering by its image, and what it is for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Said<'a> {
+pub(super) struct ImageGradient<'a> {
     /// The gradient of the image.
     pub d_image: &'a Buffer,
     /// By whom.
@@ -256,9 +256,9 @@ impl Model {
         view: &View,
         options: &RenderOptions,
         rendering: &Rendering,
-        said: Said<'_>,
+        gradient: ImageGradient<'_>,
     ) -> Result<(), TrainError> {
-        let gradients = self.gradients_of(said.witness);
+        let gradients = self.gradients_of(gradient.witness);
         let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
         self.drawn.rasteriser().backward(
             gpu,
@@ -267,10 +267,10 @@ impl Model {
             view,
             options,
             &rendering.frame,
-            said.d_image,
+            gradient.d_image,
             gradients,
             self.d_deltas.as_ref(),
-            said.wanted,
+            gradient.wanted,
         )?;
         Ok(())
     }

@@ -2,11 +2,10 @@
 
 use erfgs_dataset::Camera;
 use erfgs_run::CameraPose;
-use wgpu::Buffer;
 
-use super::{TrainError, Trainer};
+use super::{TrainError, Trainer, summed::Learning};
 use crate::{
-    camera_pose::{CameraPoseOptions, CameraPoseState, Learner, learner_sigma},
+    cameras::pose::{CameraPoseOptions, CameraPoseState, Learner, OfPose, learner_sigma},
     scene::{Scene, SceneView, median},
 };
 use erfgs_splat::{
@@ -15,17 +14,11 @@ use erfgs_splat::{
 };
 
 /// The poses that are learned.
-#[derive(Debug)]
-pub(super) struct Poses {
-    state: CameraPoseState,
-    learners: Vec<Learner>,
-    /// Gradients of the renderings since the last step, a row a camera.
-    sums: Buffer,
-}
+pub(super) type Poses = Learning<OfPose>;
 
 impl Poses {
     /// As the cameras were calibrated; nothing where the poses are not to be learned, or too few cameras take frames.
-    pub fn new(gpu: &Gpu, scene: &Scene, options: &CameraPoseOptions) -> Result<Option<Self>, TrainError> {
+    pub fn find(gpu: &Gpu, scene: &Scene, options: &CameraPoseOptions) -> Result<Option<Self>, TrainError> {
         let calibrated = Self::calibrated(gpu, scene)?;
         Ok(Some(calibrated).filter(|poses| options.enabled && poses.learners.len() >= options.fewest as usize))
     }
@@ -42,9 +35,7 @@ impl Poses {
             Learner { camera, pose, focal, depth, reach: 0.25 * f64::from(view.width) / focal, sigma }
         };
         let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
-        let state = CameraPoseState::calibrated(scene.views.len());
-        let sums = gpu.storage_from("gradients of poses", &state.sums)?;
-        Ok(Self { state, learners, sums })
+        Self::new(gpu, "gradients of poses", scene.views.len(), learners)
     }
 
     /// Where the gradient of a camera's pose is added.
@@ -52,13 +43,8 @@ impl Poses {
         PoseRow { sums: &self.sums, row: camera as u32 }
     }
 
-    /// What a checkpoint keeps.
-    pub fn state(&self, gpu: &Gpu) -> Result<CameraPoseState, TrainError> {
-        Ok(CameraPoseState { sums: gpu.download(&self.sums, self.state.sums.len())?, ..self.state.clone() })
-    }
-
     /// How the cameras were moved.
-    pub fn told(&self, scene: &Scene) -> Vec<CameraPose> {
+    pub fn found(&self, scene: &Scene) -> Vec<CameraPose> {
         let one = |learner: &Learner| CameraPose {
             camera: scene.views[learner.camera].name.clone(),
             turn_degrees: self.state.of(learner.camera)[0].to_array().map(f64::to_degrees),
@@ -80,18 +66,13 @@ impl Trainer<'_> {
     /// Takes up what poses have learned; those of a static set are what they are, whatever is asked for.
     ///
     /// # Errors
-    /// [`TrainError::Poses`] where the checkpoint is of other cameras.
+    /// [`TrainError::Cameras`] where the checkpoint is of other cameras.
     pub(super) fn restore_poses(&mut self, saved: Option<CameraPoseState>) -> Result<(), TrainError> {
         if self.config.static_set.is_some() {
             self.poses = saved.is_some().then(|| Poses::calibrated(self.gpu, &self.scene)).transpose()?;
         }
         let (Some(poses), Some(saved)) = (&mut self.poses, saved) else { return Ok(()) };
-        let [saved_cameras, views] = [saved.steps.len(), self.scene.views.len()];
-        if saved_cameras != views {
-            return Err(TrainError::Poses { saved: saved_cameras, views });
-        }
-        self.gpu.upload(&poses.sums, 0, &saved.sums);
-        poses.state = saved;
+        poses.restore(self.gpu, saved, "poses")?;
         poses.place(&mut self.scene.views);
         Ok(())
     }
@@ -101,20 +82,15 @@ impl Trainer<'_> {
         self.config.static_set.is_none() && self.config.camera_pose.due(share)
     }
 
-    /// A step of the poses, where one is due: after as many iterations as there are cameras, so that on a device little is read back.
+    /// A step of the poses, where one is due.
     pub(super) fn learn_poses(&mut self) -> Result<(), TrainError> {
         let (share, done) = (self.share(), self.schedule.done(&self.clock));
         if !self.learns_poses(share) {
             return Ok(());
         }
-        let due = |poses: &&mut Poses| done.is_multiple_of(poses.learners.len() as u64);
-        let Some(poses) = self.poses.as_mut().filter(due) else { return Ok(()) };
-        let sums: Vec<f32> = self.gpu.download(&poses.sums, poses.state.sums.len())?;
-        poses.state.step(&poses.learners, &sums, &self.config.camera_pose, share);
+        let Some(poses) = self.poses.as_mut().filter(|poses| poses.is_due(done)) else { return Ok(()) };
+        poses.step(self.gpu, self.config.camera_pose.rule(), share)?;
         poses.place(&mut self.scene.views);
-        let mut commands = self.gpu.commands();
-        commands.clear(&poses.sums);
-        commands.submit();
         Ok(())
     }
 }

@@ -100,31 +100,13 @@ impl<F: FnMut(&Progress)> Watch for F {
 /// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// The run was trained with other cameras.
-    #[error(
-        "the checkpoint has poses of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
-    )]
-    Poses {
-        /// Cameras in the checkpoint.
-        saved: usize,
-        /// Cameras of the dataset.
-        views: usize,
-    },
-    /// The run was trained with other cameras.
-    #[error(
-        "the checkpoint has time offsets of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
-    )]
-    Clocks {
-        /// Cameras in the checkpoint.
-        saved: usize,
-        /// Cameras of the dataset.
-        views: usize,
-    },
     /// The checkpoint is of other cameras.
     #[error(
-        "the checkpoint has colours of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
+        "the checkpoint has {what} of {saved} cameras, but the dataset has {views} cameras; resume with the dataset that the run began with"
     )]
     Cameras {
+        /// What is learned of them.
+        what: &'static str,
         /// Cameras of the checkpoint.
         saved: usize,
         /// Cameras of the dataset.

@@ -1,6 +1,6 @@
 //! A training of which nothing is written.
 
-use super::{Lap, TrainError, Trainer};
+use super::{TrainError, Trainer, training::Lap};
 use crate::{scene::Scene, schedule::Stage};
 
 /// The device is waited for after so many iterations, so that whoever asks hears where it stands.

@@ -111,14 +111,14 @@ impl<'a> Trainer<'a> {
             };
             let (view, time) = (self.scene.views[camera].view, self.scene.frames[middle].t01);
             let [gain, offset] = colours.of(camera);
-            let mut seen = self.render(&view, time)?.rgb;
-            for pixel in seen.chunks_exact_mut(3) {
+            let mut rendered = self.render(&view, time)?.rgb;
+            for pixel in rendered.chunks_exact_mut(3) {
                 pixel.iter_mut().zip(gain.iter().zip(offset)).for_each(|(value, (gain, offset))| {
                     *value = (gain * *value + offset).clamp(0.0, 1.0);
                 });
             }
             for (masks, frame) in masks.iter_mut().zip([first, middle, last]) {
-                masks.push((camera, differ(&seen, &self.scene.pictures.get(frame)?, view.width as usize)));
+                masks.push((camera, differ(&rendered, &self.scene.pictures.get(frame)?, view.width as usize)));
             }
         }
         Ok(masks.map(|masks| MotionMasks { masks }))
@@ -126,13 +126,13 @@ impl<'a> Trainer<'a> {
 }
 
 /// Where a frame (RGBA, of which nothing is compared where A is 0) differs from a rendering (RGB of 1) in the mean of squares.
-fn differ(seen: &[f32], frame: &[u32], width: usize) -> Vec<bool> {
+fn differ(rendered: &[f32], frame: &[u32], width: usize) -> Vec<bool> {
     let reach = (REACH * width as f32).ceil() as usize;
     let mut other = vec![false; frame.len()];
     for channel in 0..3 {
         let difference = |(pixel, recorded): (usize, &u32)| {
             let recorded = recorded.to_le_bytes();
-            if recorded[3] == 0 { 0.0 } else { f32::from(recorded[channel]) / 255.0 - seen[3 * pixel + channel] }
+            if recorded[3] == 0 { 0.0 } else { f32::from(recorded[channel]) / 255.0 - rendered[3 * pixel + channel] }
         };
         let differences: Vec<f32> = frame.iter().enumerate().map(difference).collect();
         let means = means_around(&differences, width, reach);
@@ -173,22 +173,22 @@ mod tests {
     #[test]
     fn a_frame_differs_where_a_square_or_a_pixel_much_and_where_it_is_known() {
         let width = 40;
-        let seen = vec![0.5; 3 * width * width];
+        let rendered = vec![0.5; 3 * width * width];
         let grey = u32::from_le_bytes([128, 128, 128, 255]);
         let mut frame = vec![grey; width * width];
-        assert!(differ(&seen, &frame, width).iter().all(|differs| !differs));
+        assert!(differ(&rendered, &frame, width).iter().all(|differs| !differs));
         // A pixel that differs a little may be noise, or an edge that lies a little beside.
         frame[5 * width + 5] = u32::from_le_bytes([190, 128, 128, 255]);
-        assert!(differ(&seen, &frame, width).iter().all(|differs| !differs));
+        assert!(differ(&rendered, &frame, width).iter().all(|differs| !differs));
         frame[5 * width + 5] = u32::from_le_bytes([200, 128, 128, 255]);
-        assert_eq!(differ(&seen, &frame, width).iter().filter(|differs| **differs).count(), 1, "a rod is as thin");
+        assert_eq!(differ(&rendered, &frame, width).iter().filter(|differs| **differs).count(), 1, "a rod is as thin");
         for y in 20..26 {
             for x in 20..26 {
                 frame[y * width + x] = u32::from_le_bytes([128, 128, 180, 255]);
                 frame[y * width + x - 15] = u32::from_le_bytes([0, 0, 0, 0]);
             }
         }
-        let differs = differ(&seen, &frame, width);
+        let differs = differ(&rendered, &frame, width);
         assert!(differs[23 * width + 23] && !differs[23 * width + 8] && !differs[30 * width + 30]);
     }
 

@@ -4,7 +4,7 @@ use wgpu::Buffer;
 
 use super::{
     TrainError, Trainer,
-    model::{Said, plane_weights},
+    model::{ImageGradient, plane_weights},
     samples::{self, Sample},
     sums::Sums,
 };
@@ -251,8 +251,8 @@ impl Trainer<'_> {
             let rendering = &self.work.renderings[sample][slot];
             let d_image = &self.work.gradients[slot];
             let wanted = Wanted { statistics, pose: None };
-            let said = Said { d_image, witness: Witness::Events, wanted };
-            self.model.backward_raster(gpu, &view, &options, rendering, said)?;
+            let gradient = ImageGradient { d_image, witness: Witness::Events, wanted };
+            self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
                 self.regularise_trajectory(times, sample)?;

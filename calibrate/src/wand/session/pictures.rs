@@ -38,8 +38,8 @@ pub fn pictures(
         let t_ns = t_ns - (1e9 * known.time_offset_s).round() as i64;
         let (description, clock) = (&streams[stream].description, sync.stream(&known.name));
         if description.encoding.is_frames() {
-            let mids = clock.map(StreamSync::exposure_mids).unwrap_or_default();
-            frames.insert(stream, (camera, placement, t_ns, mids, None::<(i64, Packet)>));
+            let exposures = clock.map(StreamSync::frames).unwrap_or_default();
+            frames.insert(stream, (camera, placement, t_ns, exposures, None::<(i64, Packet)>));
         } else if let Some(sync) = clock {
             let picture = EventHistogram::new(description.width, description.height);
             let mut sink = Around { clock: sync.epochs.follow(), t_ns, picture };
@@ -55,8 +55,11 @@ pub fn pictures(
             Err(error @ ContainerError::Read { .. }) => return Err(error.into()),
             _ => continue,
         };
-        let Some((_, _, t_ns, mids, nearest)) = frames.get_mut(&stream) else { continue };
-        let mid = mids.get(&packet.sequence).copied().unwrap_or_else(|| start.session_ns(packet.host_ns));
+        let Some((_, _, t_ns, exposures, nearest)) = frames.get_mut(&stream) else { continue };
+        let mid = exposures
+            .get(&packet.sequence)
+            .map(|exposure| exposure.mid_ns)
+            .unwrap_or_else(|| start.session_ns(packet.host_ns));
         let away = mid.saturating_sub(*t_ns).saturating_abs();
         if nearest.as_ref().is_none_or(|(least, _)| away < *least) {
             *nearest = Some((away, packet));

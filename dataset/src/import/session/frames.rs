@@ -7,25 +7,25 @@ use std::{
 
 use super::{
     ImportError, SessionOptions, Timing, Viewpoint, Written,
-    exposures::{self, Overlaps, Shot},
+    exposures::{self, Overlaps},
     scaled,
 };
 use crate::{Frame, layout};
 use erfgs_base::progress::{Progress, in_parallel};
 use erfgs_scene::{ImageRgb8, image::Resample};
 use erfgs_session::{
+    clock::Exposure,
     container::{ContainerError, Entry, Session},
     source::{LATE_NS, Packet},
 };
-use erfgs_sync::Exposure;
 
 /// Frames that are decoded and written together.
 const BATCH: usize = 64;
 /// The frames of a view that are wanted.
 pub(super) struct Planned {
     view: usize,
-    /// The exposures on the session's clock, in order.
-    shots: Vec<Shot>,
+    /// The exposures on the session's clock, in order; their lengths are known, or 0.
+    exposures: Vec<Exposure>,
     /// The place among them of each packet.
     places: HashMap<u64, usize>,
     /// What was taken off the exposures.
@@ -35,31 +35,33 @@ pub(super) struct Planned {
 impl Planned {
     /// Each `every`-th frame of a view whose exposure has its middle within the window.
     pub fn new(view: usize, timing: &Timing, [from, to]: [i64; 2], every: usize) -> Self {
-        let shot = |(&sequence, exposure): (&u64, &Exposure)| {
-            let half_ns = exposure.length_ns.unwrap_or(0).max(0) / 2;
-            (Shot { mid_ns: exposure.mid_ns.saturating_add(timing.offset_ns), half_ns }, sequence)
+        let on_clock = |(&sequence, exposure): (&u64, &Exposure)| {
+            let mid_ns = exposure.mid_ns.saturating_add(timing.offset_ns);
+            // As long on both sides of the middle.
+            let length_ns = exposure.length_ns.unwrap_or(0).max(0) / 2 * 2;
+            (Exposure { mid_ns, length_ns: Some(length_ns) }, sequence)
         };
-        let mut frames: Vec<(Shot, u64)> = timing.frames.iter().map(shot).collect();
+        let mut frames: Vec<(Exposure, u64)> = timing.frames.iter().map(on_clock).collect();
         frames.sort_unstable();
-        let (mut shots, sequences): (Vec<Shot>, Vec<u64>) = frames.into_iter().unzip();
+        let (mut exposures, sequences): (Vec<Exposure>, Vec<u64>) = frames.into_iter().unzip();
         // Of all frames: those that are not imported were exposed, too.
-        let overlaps = exposures::part(&mut shots);
+        let overlaps = exposures::part(&mut exposures);
         // Counted from the start of the recording, so that the same frames are taken in any window.
-        let every = shots.into_iter().zip(sequences).step_by(every);
-        let (shots, sequences): (Vec<Shot>, Vec<u64>) =
-            every.filter(|(shot, _)| (from..=to).contains(&shot.mid_ns)).unzip();
+        let every = exposures.into_iter().zip(sequences).step_by(every);
+        let (exposures, sequences): (Vec<Exposure>, Vec<u64>) =
+            every.filter(|(exposure, _)| (from..=to).contains(&exposure.mid_ns)).unzip();
         let places = sequences.into_iter().enumerate().map(|(place, sequence)| (sequence, place)).collect();
-        Self { view, shots, places, overlaps }
+        Self { view, exposures, places, overlaps }
     }
 
     /// When the shutter opened and closed for the frame at a place; equal where that is not known.
     fn exposure_ns(&self, place: usize) -> [i64; 2] {
-        self.shots[place].exposure_ns()
+        self.exposures[place].span_ns()
     }
 
     /// When the first exposure begins.
     pub fn first_ns(&self) -> Option<i64> {
-        self.shots.iter().map(|shot| shot.exposure_ns()[0]).min()
+        self.exposures.iter().map(|exposure| exposure.span_ns()[0]).min()
     }
 }
 
@@ -85,18 +87,18 @@ pub(super) fn write(
         plans.iter().enumerate().map(|(plan, planned)| (streams[planned.view], plan)).collect();
     let descriptions: Vec<_> =
         plans.iter().map(|planned| session.summary().streams[streams[planned.view]].description.clone()).collect();
-    let total: usize = plans.iter().map(|planned| planned.shots.len()).sum();
-    let ends = |shots: &[Shot]| Some((shots.first()?.mid_ns, shots.last()?.mid_ns));
+    let total: usize = plans.iter().map(|planned| planned.exposures.len()).sum();
+    let ends = |exposures: &[Exposure]| Some((exposures.first()?.mid_ns, exposures.last()?.mid_ns));
     let (first, last) = plans
         .iter()
-        .filter_map(|planned| ends(&planned.shots))
+        .filter_map(|planned| ends(&planned.exposures))
         .fold((i64::MAX, i64::MIN), |(first, last), (from, to)| (first.min(from), last.max(to)));
     if total == 0 {
         return Ok(Vec::new());
     }
     let last_arrival = last.saturating_add(start_ns).saturating_add(LATE_NS);
 
-    let mut good: Vec<Vec<bool>> = plans.iter().map(|planned| vec![false; planned.shots.len()]).collect();
+    let mut good: Vec<Vec<bool>> = plans.iter().map(|planned| vec![false; planned.exposures.len()]).collect();
     let mut batch: Vec<Task> = Vec::new();
     let mut done = 0;
     let mut flush = |batch: &mut Vec<Task>| -> Result<(), ImportError> {

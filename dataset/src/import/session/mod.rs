@@ -16,8 +16,11 @@ use crate::{Camera, CameraEvents, Dataset, DatasetError, Frame, Manifest, PoseSi
 use erfgs_base::{names::FileNames, progress::Progress};
 use erfgs_events::npz;
 use erfgs_scene::{Intrinsics, Modality, Pose, image::Resample};
-use erfgs_session::{clock::Epochs, container::Session, source::Incident};
-use erfgs_sync::Exposure;
+use erfgs_session::{
+    clock::{Epochs, Exposure},
+    container::Session,
+    source::Incident,
+};
 
 mod events;
 mod exposures;

@@ -8,6 +8,7 @@ use std::{
 use erfgs_events::{ApsFrame, CdEvent, Decoder, Event, EventRows, Sink, StreamDecoder};
 use erfgs_scene::pixel::FrameFormat;
 use erfgs_session::{
+    clock::Exposure,
     container::{BegunDecoder, StreamTotals, hand_over},
     export::sensor_samples,
     source::{Description, Packet},
@@ -18,7 +19,6 @@ use super::{
     frame::{TimedFrame, WaitingFrame},
     times::Dater,
 };
-use crate::Exposure;
 
 /// A frame of an event sensor comes after the events of its exposure by its readout, and its middle lies half an exposure earlier.
 const SENSOR_FRAME_NS: i64 = 2_000_000_000;
@@ -124,7 +124,7 @@ impl Feed {
     /// The next of the frames before a session time that can be decoded, in the order of the recording.
     pub fn next_frame(&mut self, before_ns: i64) -> Option<TimedFrame> {
         loop {
-            let at = self.frames.iter().position(|frame| frame.mid_ns < before_ns)?;
+            let at = self.frames.iter().position(|frame| frame.exposure.mid_ns < before_ns)?;
             match self.frames.remove(at)?.decoded() {
                 Some(frame) => return Some(frame),
                 None => self.damaged += 1,
@@ -169,14 +169,9 @@ impl Feed {
                     self.damaged += 1;
                     return;
                 }
-                let around = |length: i64| {
-                    let start = exposure.mid_ns.saturating_sub(length / 2);
-                    [start, start.saturating_add(length)]
-                };
                 self.frames.push_back(WaitingFrame {
                     sequence: packet.sequence,
-                    mid_ns: exposure.mid_ns,
-                    exposure_ns: exposure.length_ns.map(around),
+                    exposure: *exposure,
                     format: *format,
                     deep: *deep,
                     payload: packet.payload.clone(),
@@ -321,8 +316,8 @@ impl Sink for Taking<'_> {
         }
         let exposure = [frame.exposure_start_us, frame.exposure_end_us].map(|t_us| self.session_ns(t_us));
         let [Some(start), Some(end)] = exposure else { return };
-        let mid_ns = start.midpoint(end);
-        if !self.holds(mid_ns) {
+        let exposure = Exposure::between([start, end]);
+        if !self.holds(exposure.mid_ns) {
             return;
         }
         let Some((look, frames)) = &mut self.frames else { return };
@@ -334,8 +329,8 @@ impl Sink for Taking<'_> {
             self.damaged += 1;
             return;
         };
-        let (sequence, exposure_ns) = (self.sequence, Some([start, end]));
+        let sequence = self.sequence;
         let (deep, payload) = (look.depth.is_deep(format.pixels), payload.into());
-        frames.push_back(WaitingFrame { sequence, mid_ns, exposure_ns, format, deep, payload });
+        frames.push_back(WaitingFrame { sequence, exposure, format, deep, payload });
     }
 }

@@ -2,6 +2,7 @@
 
 use bytes::Bytes;
 use erfgs_scene::pixel::{FrameFormat, PixelFormat, with_huffman_tables};
+use erfgs_session::clock::Exposure;
 
 use super::Picture;
 
@@ -10,10 +11,8 @@ use super::Picture;
 pub struct TimedFrame {
     /// The number of the packet that it came in.
     pub sequence: u64,
-    /// The middle of its exposure, nanoseconds of session time.
-    pub mid_ns: i64,
-    /// When its exposure began and ended, nanoseconds of session time; `None` where nothing tells its length.
-    pub exposure_ns: Option<[i64; 2]>,
+    /// When it was exposed.
+    pub exposure: Exposure,
     /// What it shows.
     pub picture: Picture,
     /// The picture as the camera sent it, where that was a JPEG image: a whole file, with its Huffman tables.
@@ -23,8 +22,7 @@ pub struct TimedFrame {
 /// A frame that waits until it is wanted.
 pub(super) struct WaitingFrame {
     pub sequence: u64,
-    pub mid_ns: i64,
-    pub exposure_ns: Option<[i64; 2]>,
+    pub exposure: Exposure,
     pub format: FrameFormat,
     /// Whether it is given 16 bits.
     pub deep: bool,
@@ -34,10 +32,10 @@ pub(super) struct WaitingFrame {
 impl WaitingFrame {
     /// Decodes it; `None` if it is cut or damaged.
     pub fn decoded(self) -> Option<TimedFrame> {
-        let Self { sequence, mid_ns, exposure_ns, format, deep, payload } = self;
+        let Self { sequence, exposure, format, deep, payload } = self;
         let picture = Picture::decode(&format, deep, &payload).ok()?;
         let sent = format.pixels == PixelFormat::Mjpeg;
         let jpeg = sent.then(|| with_huffman_tables(&payload).into_owned());
-        Some(TimedFrame { sequence, mid_ns, exposure_ns, picture, jpeg })
+        Some(TimedFrame { sequence, exposure, picture, jpeg })
     }
 }

@@ -19,6 +19,7 @@ use erfgs_events::{EventFileHints, EventRows};
 use erfgs_scene::pixel::{self, PixelFormat};
 use erfgs_session::{
     Recording,
+    clock::Exposure,
     container::{BegunDecoder, Stream},
     export::sample_bits,
     source::{Description, LATE_NS},
@@ -37,7 +38,7 @@ use self::{
     follow::Follow,
     times::Clocks,
 };
-use crate::{Exposure, SyncNote, Synchronisation, of_session};
+use crate::{SyncNote, Synchronisation, of_session};
 
 /// A span of session time without bounds.
 pub const ALWAYS_NS: [i64; 2] = [i64::MIN, i64::MAX];

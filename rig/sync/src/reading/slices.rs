@@ -73,9 +73,9 @@ impl Slices {
             let events = feed.rows.take_before(to_us);
             let mut frames: Vec<_> = std::iter::from_fn(|| feed.next_frame(span_ns[1])).collect();
             let met = frames.len();
-            frames.retain(|frame| frame.mid_ns >= span_ns[0]);
+            frames.retain(|frame| frame.exposure.mid_ns >= span_ns[0]);
             late += (met - frames.len()) as u64;
-            frames.sort_by_key(|frame| frame.mid_ns);
+            frames.sort_by_key(|frame| frame.exposure.mid_ns);
             let (has_events, has_frames) = (feed.has_events(), feed.has_frames());
             Part { id: feed.id.clone(), events, frames, has_events, has_frames }
         });

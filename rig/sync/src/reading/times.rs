@@ -2,9 +2,12 @@
 
 use std::collections::HashMap;
 
-use erfgs_session::{clock::EpochCursor, container::HostClock};
+use erfgs_session::{
+    clock::{EpochCursor, Exposure},
+    container::HostClock,
+};
 
-use crate::{Exposure, Synchronisation};
+use crate::Synchronisation;
 
 /// The clocks of a recording.
 pub(super) enum Clocks {

@@ -75,7 +75,9 @@ fn slices(recording: &mut TimedRecording, length_ns: i64, span_ns: [i64; 2]) -> 
         for part in slice.parts {
             let within_us = slice.span_ns[0].div_euclid(1000)..(slice.span_ns[1] + 999) / 1000;
             assert!(part.events.iter().all(|event| within_us.contains(&event.t_us)), "{}", part.id);
-            assert!(part.frames.iter().all(|frame| (slice.span_ns[0]..slice.span_ns[1]).contains(&frame.mid_ns)));
+            assert!(
+                part.frames.iter().all(|frame| (slice.span_ns[0]..slice.span_ns[1]).contains(&frame.exposure.mid_ns))
+            );
             events.extend(part.events.iter());
             frames.extend(part.frames);
         }
@@ -134,14 +136,14 @@ fn frames_come_with_their_exposures_and_those_that_are_cut_are_told() {
     assert_eq!(all.len(), 199);
     for frame in &all {
         let truth = 500 * MS + frame.sequence as i64 * PERIOD_NS + 2 * MS;
-        assert!((frame.mid_ns - truth).abs() < 60_000, "{} ns off", frame.mid_ns - truth);
-        let [start, end] = frame.exposure_ns.unwrap();
-        assert_eq!((start.midpoint(end), end - start), (frame.mid_ns, 4 * MS));
+        assert!((frame.exposure.mid_ns - truth).abs() < 60_000, "{} ns off", frame.exposure.mid_ns - truth);
+        let [start, end] = frame.exposure.span_ns();
+        assert_eq!((start.midpoint(end), end - start), (frame.exposure.mid_ns, 4 * MS));
         let picture = &frame.picture;
         assert_eq!(([picture.width, picture.height], picture.channels), (SIZE, 1));
         assert_eq!(picture.samples, Samples::Bits8(vec![frame.sequence as u8; 32]));
     }
-    let span = [all[20].mid_ns, all[25].mid_ns];
+    let span = [all[20].exposure.mid_ns, all[25].exposure.mid_ns];
     let found: Vec<TimedFrame> =
         recording.frames("rgb", span, FrameLook::default()).unwrap().map(Result::unwrap).collect();
     assert_eq!(found, all[20..25]);

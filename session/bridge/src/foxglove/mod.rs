@@ -211,7 +211,7 @@ impl<'a, W: std::io::Write> Writing<'a, W> {
         let stream = &mut self.streams[at];
         let offset_ns = stream.offset_ns;
         for frame in part.frames {
-            let (t_ns, sequence) = (frame.mid_ns.saturating_add(offset_ns), frame.sequence as u32);
+            let (t_ns, sequence) = (frame.exposure.mid_ns.saturating_add(offset_ns), frame.sequence as u32);
             let shown = frame.jpeg.map_or(Shown::Frame(frame.picture), Shown::Jpeg);
             self.waiting.push(Waiting { stream: at, t_ns, sequence, of_events: false, shown });
         }

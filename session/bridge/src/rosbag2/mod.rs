@@ -22,11 +22,12 @@ use erfgs_scene::{
     rig_file::RigFile,
 };
 use erfgs_session::{
+    clock::Exposure,
     container::{ContainerError, Entry, SessionStart},
     export::sensor_samples,
     source::{Description, LATE_NS, Packet},
 };
-use erfgs_sync::{Exposure, reading::TimedRecording};
+use erfgs_sync::reading::TimedRecording;
 
 use self::{
     events::{Held, Reading},

@@ -90,7 +90,7 @@ fn others_read_every_picture_lens_and_pose_with_its_time() {
         assert_eq!((messages.len(), expected.len()), (FRAMES as usize - 1, FRAMES as usize - 1), "{id}");
         for (message, frame) in messages.iter().zip(&expected) {
             let offset_ns = if id == "grey-12" { -2_500_000 } else { 0 };
-            assert_time(message, frame.mid_ns + offset_ns, id);
+            assert_time(message, frame.exposure.mid_ns + offset_ns, id);
             assert_eq!((&message["frame"], &message["sequence"]), (&json!(id), &json!(frame.sequence)));
             assert_picture(&found, message, frame, id);
         }
@@ -100,7 +100,7 @@ fn others_read_every_picture_lens_and_pose_with_its_time() {
     let messages = list(&topics["/davis/image"]);
     assert_eq!((messages.len(), expected.len()), (3, 3));
     for (message, frame) in messages.iter().zip(&expected) {
-        assert_time(message, frame.mid_ns, "davis");
+        assert_time(message, frame.exposure.mid_ns, "davis");
         assert_picture(&found, message, frame, "davis");
     }
     for id in ["ev3", "ev2"] {
@@ -174,7 +174,7 @@ fn a_stream_a_span_and_small_files_can_be_asked_for() {
     recorded::write(&session);
     let mut recording = open(&session);
     let all = frames(&mut recording, "grey-12");
-    let span = [all[8].mid_ns, all[11].mid_ns];
+    let span = [all[8].exposure.mid_ns, all[11].exposure.mid_ns];
     let streams = Some(vec!["grey-12".to_owned()]);
     let choice = FoxgloveChoice { streams, span_ns: Some(span), jpeg: Some(95), ..FoxgloveChoice::default() };
     foxglove::write(&mut recording, &choice, &out, |_, _| {}).unwrap();
@@ -182,7 +182,7 @@ fn a_stream_a_span_and_small_files_can_be_asked_for() {
     let messages = list(&found.all["/grey-12/image"]);
     assert_eq!((found.all.as_object().unwrap().len(), messages.len()), (1, 3));
     for (message, frame) in messages.iter().zip(&all[8..11]) {
-        assert_time(message, frame.mid_ns, "grey-12");
+        assert_time(message, frame.exposure.mid_ns, "grey-12");
         assert_eq!((&message["format"], &message["depth"]), (&json!("jpeg"), &json!(1)));
         let Samples::Bits16(levels) = &frame.picture.samples else { panic!() };
         let near =

@@ -119,7 +119,7 @@ fn others_read_every_message_and_our_importer_every_event() {
     for ((message, frame), sent) in of_davis.iter().zip(&frames).zip(recorded::davis_frames()) {
         assert_eq!((&message["encoding"], &message["step"]), (&json!("mono16"), &json!(692)));
         // The clock is asked for the middle in whole microseconds.
-        assert!((message["stamp"].as_i64().unwrap() - EPOCH_NS - frame.mid_ns).abs() <= 1000);
+        assert!((message["stamp"].as_i64().unwrap() - EPOCH_NS - frame.exposure.mid_ns).abs() <= 1000);
         let words: Vec<u8> = sent.pixels.iter().flat_map(|pixel| (pixel << 6).to_le_bytes()).collect();
         assert!(found.bytes(message, "bytes") == words);
     }

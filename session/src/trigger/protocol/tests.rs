@@ -110,6 +110,24 @@ fn an_endless_line_takes_no_memory_and_the_next_is_read() {
     assert_eq!(count, 1);
 }
 
+#[test]
+fn parts_are_the_bytes_as_they_came_each_line_with_its_message() {
+    let good = line("p 1 2 3");
+    let bytes = [&b"half\n"[..], &good, &[b'x'; 200], b"\r\n", &good, b"rest"].concat();
+    for size in [1, 7, 50, 1000] {
+        let (mut reader, mut parts, mut messages) = (Reader::new(), Vec::new(), Vec::new());
+        for piece in bytes.chunks(size) {
+            reader.parts(piece, |part, message| {
+                assert!(message.is_none() || part == good);
+                parts.extend_from_slice(part);
+                messages.extend(message);
+            });
+        }
+        assert_eq!(parts, bytes[..bytes.len() - 4], "all but the line under way, cut at {size}");
+        assert_eq!((messages.len(), reader.damaged()), (2, 1), "cut at {size}");
+    }
+}
+
 proptest! {
     #[test]
     fn pulses_are_read_however_the_bytes_are_cut(

@@ -1,0 +1,33 @@
+//! Reading: a file walked over record by record, a session by its index or from one end to the other, its events decoded, and
+//! a recording of whatever format.
+
+mod chunk;
+mod decode;
+mod framing;
+mod index;
+mod layout;
+mod mend;
+mod messages;
+mod packet_log;
+mod parse;
+mod recording;
+mod resync;
+mod session;
+mod unpack;
+mod walk;
+
+pub use self::{
+    decode::{hand_over, sensor_size},
+    messages::{IntoMessages, Messages},
+    recording::Recording,
+    session::Session,
+};
+
+pub(super) use self::{
+    chunk::RawMessage,
+    decode::Nowhere,
+    framing::Head,
+    layout::{Declarations, Layout},
+    parse::parse_record,
+    walk::{Item, Walk},
+};

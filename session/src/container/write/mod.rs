@@ -1,0 +1,14 @@
+//! Writing: a session while it is recorded, from an event file, of a range of a recording, and of several hosts as one.
+
+mod excerpt;
+mod import_events;
+mod merge;
+mod states;
+mod writer;
+
+pub use self::{
+    excerpt::write_excerpt,
+    import_events::import_events,
+    merge::{Merged, MergedStream, Part, merge},
+    writer::{Finished, SessionWriter, Settings, StreamId},
+};

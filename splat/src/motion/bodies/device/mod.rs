@@ -1,0 +1,243 @@
+//! Bodies on the device.
+
+mod learned;
+mod passes;
+
+use wgpu::Buffer;
+
+pub use self::passes::SOFTNESS;
+
+use self::learned::Learned;
+use super::{
+    BodiesOptions, NEIGHBOURS, Start,
+    carry_on::{Paths, gate_within},
+    index::Index,
+};
+use crate::{
+    gpu::{Gpu, GpuError, Kernel, Shape},
+    motion::{
+        FreeTime,
+        free_time::{FreeTimeOptions, GONE},
+    },
+    optimiser::Adam,
+};
+
+/// Which rows hang on which body and node, on the device.
+#[derive(Debug)]
+struct Hung {
+    items: Buffer,
+    chunks: Buffer,
+    chunk_count: u32,
+    runs: Buffer,
+    partial: Buffer,
+    shares: Buffer,
+    some_are_free: bool,
+}
+
+#[derive(Debug)]
+struct Kernels {
+    poses: Kernel,
+    carry: Kernel,
+    carry_backward: Kernel,
+    chunks: Kernel,
+    settle: Kernel,
+    smooth: Kernel,
+    unit: Kernel,
+    clock: Kernel,
+}
+
+/// Bodies, their nodes and their paths.
+#[derive(Debug)]
+pub struct Bodies {
+    /// Of the Gaussians that no body carries.
+    free: FreeTime,
+    options: BodiesOptions,
+    names: Vec<String>,
+    /// When each is in view, in [0, 1].
+    spans: Vec<[f64; 2]>,
+    /// Whether how each turns at the start is a guess.
+    guessed: Vec<bool>,
+    /// Their gates at the start.
+    gates: Vec<[f32; 4]>,
+    /// The control points at the start.
+    started: Vec<f32>,
+    counts: [u32; 3],
+    /// Stretches of splines, seconds and RGB intervals in the recording.
+    stretches: f64,
+    seconds: f64,
+    intervals: f32,
+    /// The scene's extent, metres.
+    extent: f32,
+    control: Learned,
+    other: Learned,
+    neighbours: Buffer,
+    poses: Buffer,
+    d_poses: Buffer,
+    hung: Hung,
+    kernels: Kernels,
+    adam: Adam,
+    steps: u32,
+    threads: u32,
+    rows_a_group: u32,
+    row: [usize; 2],
+}
+
+impl Bodies {
+    /// Bodies that start as `start` has them, in a recording of so many seconds and RGB `intervals` and a scene of this `extent`, metres.
+    ///
+    /// # Errors
+    /// [`GpuError`] where the device has no room.
+    pub fn new(
+        gpu: &Gpu,
+        start: &Start,
+        options: &BodiesOptions,
+        free: &FreeTimeOptions,
+        [seconds, intervals]: [f64; 2],
+        extent: f32,
+    ) -> Result<Self, GpuError> {
+        let (threads, per_thread) = match gpu.shape {
+            Shape::Gpu => (256, 1),
+            Shape::Cpu => (8, 32),
+        };
+        let extra = super::EXTRA_FLOATS;
+        let row = [free.floats() + extra, free.floats()];
+        // A body or node is work for a thread by itself.
+        let few = match gpu.shape {
+            Shape::Gpu => 64,
+            Shape::Cpu => 8,
+        };
+        let constants = |threads: u32| {
+            format!(
+                "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst NEIGHBOURS = {NEIGHBOURS}u;\nconst GONE = {GONE:?};\nconst VECTORS = {}u;\nconst BODY = {}u;\n",
+                row[0] / 4,
+                row[1] / 4
+            )
+        };
+        let shared = include_str!("../shared.wgsl");
+        let of_rows = |label: &str, own: &str| {
+            gpu.kernel(label, &[&constants(threads), shared, include_str!("../row.wgsl"), own])
+        };
+        let of_each = |label: &str, own: &str| gpu.kernel(label, &[&constants(few), shared, own]);
+        let kernels = Kernels {
+            poses: of_each("poses of bodies", include_str!("../poses.wgsl")),
+            carry: of_rows("motion forward", include_str!("../carry.wgsl")),
+            carry_backward: of_rows("motion backward", include_str!("../carry_backward.wgsl")),
+            chunks: gpu.kernel("shares of bodies", &[&constants(few), include_str!("../chunks.wgsl")]),
+            settle: of_each("gradients of bodies", include_str!("../settle.wgsl")),
+            smooth: gpu.kernel("smooth paths", &[&constants(few), include_str!("../smooth.wgsl")]),
+            unit: gpu.kernel("turns of length 1", &[&constants(few), include_str!("../unit.wgsl")]),
+            clock: of_each("clock of a camera", include_str!("../clock.wgsl")),
+        };
+        let entities = (start.bodies + start.nodes) as u64;
+        let in_view = |at_s: f32| f64::from(at_s) / seconds;
+        let free = FreeTime::with_rows(gpu, free, extra, intervals as f32, extent)?;
+        Ok(Self {
+            free,
+            options: options.clone(),
+            names: start.names.clone(),
+            spans: start.other.chunks_exact(4).take(start.bodies).map(|gate| [gate[0], gate[1]].map(in_view)).collect(),
+            guessed: start.guessed.clone(),
+            gates: start.other.as_chunks().0.iter().take(start.bodies).copied().collect(),
+            started: start.control.clone(),
+            counts: [start.bodies, start.nodes, start.knots].map(|count| count as u32),
+            stretches: (start.knots - 3) as f64,
+            seconds,
+            intervals: intervals as f32,
+            extent,
+            control: Learned::new(gpu, "paths of bodies", &start.control)?,
+            other: Learned::new(gpu, "gates and nodes", &start.other)?,
+            neighbours: gpu.storage_from("neighbours of nodes", &start.neighbours)?,
+            poses: gpu.storage("poses of bodies", entities * 32)?,
+            d_poses: gpu.storage("gradients of poses", entities * 32)?,
+            hung: Hung::new(gpu, &Index::new(&[], row[0], row[1], start.bodies, start.nodes), 0)?,
+            kernels,
+            adam: Adam::new(gpu),
+            steps: 0,
+            threads: few,
+            rows_a_group: threads * per_thread,
+            row,
+        })
+    }
+
+    /// Says which rows there are now.
+    ///
+    /// # Errors
+    /// [`GpuError`] where the device has no room.
+    pub fn hang(&mut self, gpu: &Gpu, rows: &[f32]) -> Result<(), GpuError> {
+        let [bodies, nodes, _] = self.counts.map(|count| count as usize);
+        let index = Index::new(rows, self.row[0], self.row[1], bodies, nodes);
+        self.hung = Hung::new(gpu, &index, rows.len() / self.row[0])?;
+        Ok(())
+    }
+
+    /// Bodies, nodes, and control points of each.
+    #[must_use]
+    pub fn counts(&self) -> [u32; 3] {
+        self.counts
+    }
+
+    /// What the bodies are called.
+    #[must_use]
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// When each was found to be in view, in [0, 1].
+    #[must_use]
+    pub fn spans(&self) -> &[[f64; 2]] {
+        &self.spans
+    }
+
+    /// Whether how any of them turns at the start is a guess.
+    #[must_use]
+    pub fn some_are_guessed(&self) -> bool {
+        self.guessed.contains(&true)
+    }
+
+    /// Shows the bodies that are followed in a part of the recording (in [0, 1]) alone, or again whenever they are in view.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn show_followed(&mut self, gpu: &Gpu, part: Option<[f64; 2]>) -> Result<(), GpuError> {
+        let mut other: Vec<f32> = gpu.download(&self.other.values, self.other.floats)?;
+        let part = part.map(|part| part.map(|at| (at * self.seconds) as f32));
+        let gates = std::iter::zip(other.as_chunks_mut().0, std::iter::zip(&self.gates, &self.guessed));
+        for (gate, (started, _)) in gates.filter(|(_, (_, guessed))| **guessed) {
+            *gate = part.map_or(*started, |part| gate_within(*started, part));
+        }
+        gpu.upload(&self.other.values, 0, &other);
+        Ok(())
+    }
+
+    /// Lays the paths of bodies that are followed anew beyond a part of the recording (in [0, 1]), from what was learned in it.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn carry_on(&mut self, gpu: &Gpu, part: [f64; 2]) -> Result<(), GpuError> {
+        let [entities, knots] = [self.entities(), self.counts[2]].map(|count| count as usize);
+        let paths = Paths { started: &self.started, guessed: &self.guessed, entities, knots };
+        let mut control = gpu.download(&self.control.values, self.control.floats)?;
+        paths.carry_on(&mut control, part.map(|at| at * self.stretches));
+        gpu.upload(&self.control.values, 0, &control);
+        Ok(())
+    }
+
+    fn entities(&self) -> u32 {
+        self.counts[0] + self.counts[1]
+    }
+}
+
+impl Hung {
+    fn new(gpu: &Gpu, index: &Index, rows: usize) -> Result<Self, GpuError> {
+        let chunks = index.chunks.len();
+        Ok(Self {
+            items: gpu.storage_from("shares of each body", &index.items)?,
+            chunks: gpu.storage_from("chunks of shares", &index.chunks)?,
+            chunk_count: chunks as u32,
+            runs: gpu.storage_from("runs of chunks", &index.runs)?,
+            partial: gpu.storage("sums of chunks", chunks as u64 * 32)?,
+            shares: gpu.storage("shares of rows", rows as u64 * 160)?,
+            some_are_free: index.some_are_free,
+        })
+    }
+}
