@@ -9,6 +9,7 @@ use super::{
     Charuco, Target,
     aprilgrid::{aprilgrid, without_strays},
     codes::numbered,
+    consistent::consistent,
     corner::{Window, refine},
     facing,
     features::features,
@@ -173,6 +174,7 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     if (FEW..all).contains(&corners.len()) && !matches!(target, Target::AprilGrid { .. }) {
         corners = without_strays(filled(&grey, &corners, target, share(target)), target, STRAY_PX);
     }
+    let mut corners = consistent(corners, target, DVec2::new(f64::from(image.width), f64::from(image.height)));
     corners.sort_by_key(|corner| corner.id);
     corners
 }

@@ -14,6 +14,7 @@ mod back;
 mod blink;
 mod chain;
 mod codes;
+mod consistent;
 mod corner;
 mod detect;
 mod doubt;

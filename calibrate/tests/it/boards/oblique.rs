@@ -53,7 +53,10 @@ fn corners_are_found_and_exact_and_none_is_another() {
         ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 30.0, 0.7, 138, 0.07, 0.4),
         ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 45.0, 0.7, 138, 0.07, 0.4),
         ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 55.0, 0.7, 138, 0.07, 0.4),
-        ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 65.0, 0.7, 100, 0.1, 0.65),
+        ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 65.0, 0.7, 115, 0.08, 0.25),
+        // Points spread over more than the white between a corner and the marker beside it, which pulls the corner; OpenCV finds 67 corners,
+        // 0.13 px off, 0.36 at worst.
+        ("charuco:7x5:0.04:0.03:DICT_4X4_50", 0.005, 45.0, 1.5, 140, 0.23, 1.0),
         ("charuco:4x5:0.054:0.0405:DICT_4X4_50", 0.00675, 65.0, 0.7, 58, 0.08, 0.3),
         ("charuco:4x5:0.054:0.0405:DICT_4X4_50", 0.00675, 72.0, 0.7, 34, 0.09, 0.4),
         ("chessboard:8x5:0.04", 0.04, 65.0, 0.7, 196, 0.05, 0.2),
