@@ -37,8 +37,10 @@ pub(super) fn of(dataset: &Dataset) -> anyhow::Result<Option<Vec<BodySummary>>> 
 impl BodySummary {
     fn new(body: &Body, start_ns: i64) -> Self {
         let found = |what: &str| body.found_by.get(what);
-        let vector = |value: &Value| -> Option<DVec3> { serde_json::from_value(value.clone()).ok().map(DVec3::from_array) };
-        let way: f64 = body.poses.windows(2).map(|pair| pair[0].place(DVec3::ZERO).distance(pair[1].place(DVec3::ZERO))).sum();
+        let vector =
+            |value: &Value| -> Option<DVec3> { serde_json::from_value(value.clone()).ok().map(DVec3::from_array) };
+        let way: f64 =
+            body.poses.windows(2).map(|pair| pair[0].place(DVec3::ZERO).distance(pair[1].place(DVec3::ZERO))).sum();
         let seconds = match (body.poses.first(), body.poses.last()) {
             (Some(first), Some(last)) => 1e-9 * last.t_ns.saturating_sub(first.t_ns) as f64,
             _ => 0.0,

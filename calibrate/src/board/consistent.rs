@@ -122,10 +122,9 @@ mod tests {
 
     #[test]
     fn corners_that_were_pulled_aside_are_left_out_and_no_others() {
-        for (key, text) in
-            ["charuco:7x5:0.04:0.03:DICT_4X4_50", "chessboard:8x5:0.04", "aprilgrid:3x3:0.03:0.3"]
-                .into_iter()
-                .enumerate()
+        for (key, text) in ["charuco:7x5:0.04:0.03:DICT_4X4_50", "chessboard:8x5:0.04", "aprilgrid:3x3:0.03:0.3"]
+            .into_iter()
+            .enumerate()
         {
             let target: Target = text.parse().unwrap();
             for (round, bend) in [0.0, -0.25, -0.1, 0.2].into_iter().enumerate() {

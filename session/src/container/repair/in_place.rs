@@ -18,7 +18,7 @@ use crate::container::ContainerError;
 ///
 /// # Errors
 /// If the file cannot be read or written or is no MCAP file, or if something in its middle is lost: that is left to
-/// [`recover`]. Then it is as it was before.
+/// [`recover`](super::recover). Then it is as it was before.
 pub fn recover_in_place(path: &Path) -> Result<Recovered, ContainerError> {
     let file = File::options().read(true).write(true).open(path);
     let file = file.map_err(|source| open_error("open", path, source))?;
