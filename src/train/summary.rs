@@ -73,8 +73,10 @@ pub(super) fn describe(summary: &Summary<'_>) -> String {
         summary.camera_times.iter().max_by(|a, b| a.late_ms.abs().total_cmp(&b.late_ms.abs()))
     {
         let late = if *late_ms < 0.0 { "earlier" } else { "later" };
-        let text =
-            format!("{camera} took its frames {:.1} ms {late} than they say, the others came nearer", late_ms.abs());
+        let text = format!(
+            "{camera} recorded {:.1} ms {late} than its stamps say, the others are nearer to theirs",
+            late_ms.abs()
+        );
         rows.push(("clocks", text));
     }
     rows.extend(summary.left_out.iter().map(|left_out| ("left out", left_out.to_string())));

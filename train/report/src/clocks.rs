@@ -17,6 +17,7 @@ pub(super) fn section(scene: &Scene) -> String {
     });
     let text = "<p>Time offset of each camera that training learned from what moves: positive if its frames were taken later than \
     their stamps. An offset common to all cameras cannot be learned. Triggered cameras agree to about a millisecond; a camera that \
-    stands out runs on its own clock.</p>\n";
+    stands out runs on its own clock. An event camera's offset is relative to the frames: negative if its events are stamped later than \
+    what they saw, as pixels answer late in dim light.</p>\n";
     html::section(&scene.prefix, "camera-times", "When the cameras looked", &(text.to_owned() + &table))
 }

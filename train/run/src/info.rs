@@ -45,7 +45,7 @@ pub struct CameraPose {
     pub moved_px: f64,
 }
 
-/// When a camera was found to have taken its frames.
+/// When a camera was found to have taken its frames, or an event camera to have seen its events.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraTime {
     /// The camera's name in the dataset.

@@ -3,7 +3,8 @@
 //! A camera without a trigger tells when it exposed its frames to some milliseconds, in which what is fast goes some pixels: what cameras do
 //! not agree on is smeared. Each camera that takes frames gets a time of its own that its frames were exposed later than they say, by the
 //! gradients of what moves. No frame tells a scene that is later from cameras that are, and events too weakly: what all cameras have in
-//! common is taken from them after each step.
+//! common is taken from them after each step. An event camera without frames gets such a time, too: its pixels answer late in dim light, and
+//! its clock may be another. The frames say when the scene is, so that its time is its own.
 
 use serde::{Deserialize, Serialize};
 
@@ -25,8 +26,12 @@ pub struct CameraTimeOptions {
     pub from: f32,
     /// Learning rate, RGB intervals: first, last.
     pub rate: [f32; 2],
-    /// Minimum number of frame cameras. With fewer, a wrong scene absorbs clock errors.
+    /// Minimum number of frame cameras for theirs to be learned. With fewer, a wrong scene absorbs clock errors.
     pub fewest: u32,
+    /// Whether those of event cameras without frames are learned, beside any number of frame cameras. They include the lag of counts of whole
+    /// thresholds.
+    #[serde(default)]
+    pub events: bool,
     /// Maximum time offset, in standard deviations of the camera's clock, where the dataset states these.
     #[serde(default = "within")]
     pub within: f32,
@@ -34,7 +39,7 @@ pub struct CameraTimeOptions {
 
 impl Default for CameraTimeOptions {
     fn default() -> Self {
-        Self { enabled: false, from: 0.25, rate: [0.02, 0.001], fewest: 8, within: within() }
+        Self { enabled: false, from: 0.25, rate: [0.02, 0.001], fewest: 8, events: false, within: within() }
     }
 }
 
@@ -54,11 +59,13 @@ impl CameraTimeOptions {
 pub(crate) struct Learner {
     /// Its number among all cameras.
     pub camera: usize,
-    /// How sure its frames' times are as a whole, RGB intervals, where its calibration tells.
+    /// How sure its times are as a whole, RGB intervals, where its calibration tells.
     pub sigma: Option<f64>,
+    /// Whether it takes frames, which date the scene.
+    pub dates: bool,
 }
 
-/// How much later a camera exposed its frames than they say, RGB intervals.
+/// How much later a camera recorded than its frames or events say, RGB intervals.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OfClock;
 
@@ -87,8 +94,12 @@ impl Summed for OfClock {
     }
 
     fn take_common(state: &mut CameraTimeState, learners: &[Learner]) {
-        let common = state.common(learners) as f32;
-        learners.iter().for_each(|learner| state.values[learner.camera] -= common);
+        let dating: Vec<Learner> = learners.iter().copied().filter(|learner| learner.dates).collect();
+        if dating.is_empty() {
+            return;
+        }
+        let common = state.common(&dating) as f32;
+        dating.iter().for_each(|learner| state.values[learner.camera] -= common);
     }
 }
 
@@ -126,7 +137,7 @@ mod tests {
     use super::{super::take_step, *};
 
     fn learners(cameras: usize, sigma: Option<f64>) -> Vec<Learner> {
-        (0..cameras).map(|camera| Learner { camera, sigma }).collect()
+        (0..cameras).map(|camera| Learner { camera, sigma, dates: true }).collect()
     }
 
     /// What `steps` come to where each camera's gradient is `slope` times how far its clock is from `truth`, and noise of size `noise`.
@@ -189,6 +200,30 @@ mod tests {
                 assert!((found - truth).abs() < 0.04, "{found} of {truth}");
             }
         }
+    }
+
+    #[test]
+    fn event_cameras_are_late_together_and_frames_stay() {
+        let (truth, mut learners) = ([0.1_f32, -0.1, -0.05, -0.04], learners(4, None));
+        learners[2..].iter_mut().for_each(|learner| learner.dates = false);
+        let mut state = CameraTimeState::labelled(4);
+        for step in 0..300 {
+            let sums: Vec<f32> = (0..4).flat_map(|camera| [state.values[camera] - truth[camera], 1.0]).collect();
+            take_step(&mut state, &learners, &sums, CameraTimeOptions::default().rule(), f64::from(step) / 300.0);
+        }
+        for (found, truth) in state.values.iter().zip(truth) {
+            assert!((found - truth).abs() < 4e-3, "{found} of {truth}");
+        }
+        // Without frames that are learned, too.
+        let mut alone = CameraTimeState::labelled(4);
+        take_step(
+            &mut alone,
+            &learners[2..],
+            &[0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0],
+            CameraTimeOptions::default().rule(),
+            0.0,
+        );
+        assert!(alone.values.iter().all(|late| late.is_finite()), "{:?}", alone.values);
     }
 
     #[test]

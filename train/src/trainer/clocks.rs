@@ -1,4 +1,4 @@
-//! Learning when the training cameras took their frames.
+//! Learning when the training cameras took their frames, and when event cameras saw what they recorded.
 
 use erfgs_dataset::Camera;
 use erfgs_run::CameraTime;
@@ -19,6 +19,8 @@ pub(super) struct Clocks {
     labelled: Vec<TrainFrame>,
     /// RGB intervals of the recording.
     intervals: f64,
+    /// Whether the times of frames are learned.
+    pub of_frames: bool,
 }
 
 impl Clocks {
@@ -28,23 +30,40 @@ impl Clocks {
         let intervals = scene.intervals();
         let interval_s = interval_s(scene, intervals);
         let cameras = scene.dataset.manifest.cameras.iter().enumerate();
-        let learner =
-            |(camera, of): (usize, &Camera)| Learner { camera, sigma: of.clock_sigma_s.map(|s| s / interval_s) };
-        let learners: Vec<Learner> = cameras.filter(|(camera, _)| scene.has_frames(*camera)).map(learner).collect();
+        let learner = |(camera, of): (usize, &Camera)| Learner {
+            camera,
+            sigma: of.clock_sigma_s.map(|s| s / interval_s),
+            dates: scene.has_frames(camera),
+        };
         let options = &config.camera_time;
+        let all: Vec<Learner> = cameras.map(learner).collect();
+        let of_frames = all.iter().filter(|learner| learner.dates).count() >= options.fewest as usize;
+        // A device with both has one clock, which its frames tell.
+        let of_events = |learner: &Learner| {
+            let has_events = scene.events.iter().any(|events| events.view == learner.camera);
+            options.events && config.earl.enabled && !learner.dates && has_events
+        };
+        let learns = |learner: &Learner| if learner.dates { of_frames } else { of_events(learner) };
+        let learners: Vec<Learner> = all.into_iter().filter(learns).collect();
         let determined = options.enabled
             && matches!(config.motion, MotionModel::FreeTime | MotionModel::Bodies)
             && scene.frame_times.len() > 1;
-        if !determined || learners.len() < options.fewest as usize {
+        if !determined || learners.is_empty() {
             return Ok(None);
         }
         let learning = Learning::new(gpu, "gradients of clocks", scene.views.len(), learners)?;
-        Ok(Some(Self { learning, labelled: scene.frames.clone(), intervals }))
+        Ok(Some(Self { learning, labelled: scene.frames.clone(), intervals, of_frames }))
     }
 
-    /// Where the gradient of a camera's time is added.
-    pub fn row(&self, camera: usize) -> ClockRow<'_> {
-        ClockRow { sums: &self.learning.sums, row: camera as u32 }
+    /// Where the gradient of a camera's time is added, where that is learned.
+    pub fn row(&self, camera: usize) -> Option<ClockRow<'_>> {
+        let learns = self.learning.learners.iter().any(|learner| learner.camera == camera);
+        learns.then_some(ClockRow { sums: &self.learning.sums, row: camera as u32 })
+    }
+
+    /// By how much later a camera recorded than its frames or events say, of the recording.
+    fn late(&self, camera: usize) -> f64 {
+        f64::from(self.learning.state.values[camera]) / self.intervals
     }
 
     /// What a checkpoint keeps.
@@ -52,7 +71,7 @@ impl Clocks {
         self.learning.saved(gpu)
     }
 
-    /// How much later the cameras took their frames than these say.
+    /// How much later the cameras recorded than their frames or events say.
     pub fn found(&self, scene: &Scene) -> Vec<CameraTime> {
         let interval_ms = 1e3 * interval_s(scene, self.intervals);
         let one = |&Learner { camera, .. }: &Learner| CameraTime {
@@ -64,7 +83,7 @@ impl Clocks {
 
     fn place(&self, frames: &mut [TrainFrame]) {
         for (frame, labelled) in frames.iter_mut().zip(&self.labelled) {
-            let late = f64::from(self.learning.state.values[frame.view]) / self.intervals;
+            let late = self.late(frame.view);
             frame.t01 = labelled.t01 + late;
             frame.exposure = labelled.exposure.map(|at| at + late);
         }
@@ -87,6 +106,18 @@ impl Trainer<'_> {
         clocks.learning.restore(self.gpu, saved, "time offsets")?;
         clocks.place(&mut self.scene.frames);
         Ok(())
+    }
+
+    /// When the scene was as the events of a camera say that it is at a time, both in [0, 1] of the recording.
+    pub(super) fn seen_at(&self, camera: usize, time: f64) -> f64 {
+        // The events of a camera with frames are as they are labelled.
+        let learned = self.clocks.as_ref().filter(|_| !self.scene.has_frames(camera));
+        time + learned.map_or(0.0, |clocks| clocks.late(camera))
+    }
+
+    /// Whether the events of a camera tell its clock by now; those of a camera with frames do not.
+    pub(super) fn events_tell_clock(&self, camera: usize) -> bool {
+        !self.scene.has_frames(camera) && self.config.camera_time.due(self.share())
     }
 
     /// A step of the clocks, where one is due.

@@ -153,7 +153,7 @@ impl Trainer<'_> {
             self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
             self.times.lap(gpu, "raster backward")?;
             let tells = !coarse && self.config.camera_time.due(run_share);
-            let clock = self.clocks.as_ref().filter(|_| tells).map(|clocks| clocks.row(frame.view));
+            let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(frame.view));
             self.model.backward_motion(gpu, rendering, witness, clock)?;
             self.times.lap(gpu, "motion backward")?;
         }

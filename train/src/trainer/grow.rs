@@ -320,7 +320,7 @@ impl Trainer<'_> {
                 "a rotation and a translation for each camera".into(),
             );
         }
-        if self.clocks.is_none() {
+        if !self.clocks.as_ref().is_some_and(|clocks| clocks.of_frames) {
             let options = &self.config.camera_time;
             let why = if !options.enabled {
                 "switched off in the configuration".into()

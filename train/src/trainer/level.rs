@@ -37,10 +37,11 @@ impl Trainer<'_> {
         let events = &self.scene.events[index];
         let view = self.scene.views[events.view].view;
         let region = self.regions.get(events.view).cloned().flatten();
+        let camera = events.view;
+        let time = self.seen_at(camera, self.scene.bins.edges[to]);
         let sample = self.work.room(gpu, number, 1)?;
         let rendering = &mut self.work.renderings[sample][0];
         rendering.frame.region = region;
-        let time = self.scene.bins.edges[to];
         self.model.forward(gpu, &view, time, &options, rendering, &mut self.times)?;
         // As for frames.
         gpu.flush();
@@ -61,7 +62,9 @@ impl Trainer<'_> {
         let gradient = ImageGradient { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
         self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
         self.times.lap(gpu, "raster backward")?;
-        self.model.backward_motion(gpu, rendering, Witness::Events, None)?;
+        let tells = self.events_tell_clock(camera);
+        let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(camera));
+        self.model.backward_motion(gpu, rendering, Witness::Events, clock)?;
         self.times.lap(gpu, "motion backward")?;
         Ok(())
     }

@@ -206,7 +206,9 @@ impl Trainer<'_> {
         let view: View = self.scene.views[events.view].view;
         let options = self.event_options(index);
         let pixels = view.width * view.height;
-        let times = [self.scene.bins.edges[from], self.scene.bins.edges[to]];
+        let camera = events.view;
+        let times = [from, to].map(|edge| self.seen_at(camera, self.scene.bins.edges[edge]));
+        let tells = self.events_tell_clock(camera);
         let region = self.regions.get(events.view).cloned().flatten();
         let sample = self.work.room(gpu, number, 2)?;
         for (slot, &time) in times.iter().enumerate() {
@@ -260,7 +262,8 @@ impl Trainer<'_> {
                 self.regularise_colour(&view, options.sh_degree, sample);
                 self.times.lap(gpu, "colour regulariser")?;
             }
-            self.model.backward_motion(gpu, &self.work.renderings[sample][slot], Witness::Events, None)?;
+            let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(camera));
+            self.model.backward_motion(gpu, &self.work.renderings[sample][slot], Witness::Events, clock)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())
