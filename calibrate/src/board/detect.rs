@@ -174,7 +174,9 @@ pub fn detect(image: &ImageRgb8, target: &Target) -> Vec<Corner> {
     if (FEW..all).contains(&corners.len()) && !matches!(target, Target::AprilGrid { .. }) {
         corners = without_strays(filled(&grey, &corners, target, share(target)), target, STRAY_PX);
     }
-    let mut corners = consistent(corners, target, DVec2::new(f64::from(image.width), f64::from(image.height)));
+    if matches!(target, Target::Charuco { .. }) {
+        corners = consistent(corners, target, DVec2::new(f64::from(image.width), f64::from(image.height)));
+    }
     corners.sort_by_key(|corner| corner.id);
     corners
 }
