@@ -52,7 +52,8 @@ impl BodySummary {
             speed_m_s: if seconds > 0.0 { way / seconds } else { 0.0 },
             rotation: found("rotation").and_then(Value::as_str).map(str::to_owned),
             rate_rad_s: found("rate_rad_s").and_then(vector).map(DVec3::length),
-            radius_m: found("radius_m").and_then(Value::as_f64),
+            // Of others it says how far they reach.
+            radius_m: found("discs_off").and_then(|_| found("radius_m")).and_then(Value::as_f64),
             bounces: found("bounces_ns").and_then(Value::as_array).map_or(0, Vec::len),
         }
     }
@@ -81,5 +82,36 @@ impl BodySummary {
             line += &format!(" (rotation: {rotation})");
         }
         line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_dataset::BodyPose;
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn balls_have_a_radius_and_others_do_not() {
+        let pose = |t_ns: i64| {
+            let translation_m = [2e-9 * t_ns as f64, 0.0, 0.0];
+            BodyPose { t_ns, translation_m, rotation_wxyz: [1.0, 0.0, 0.0, 0.0] }
+        };
+        let body = |found_by: &[(&str, Value)]| Body {
+            name: "body0".into(),
+            span_ns: [100_000_000, 600_000_000],
+            poses: vec![pose(100_000_000), pose(300_000_000), pose(600_000_000)],
+            points: Vec::new(),
+            found_by: found_by.iter().map(|(key, value)| ((*key).into(), value.clone())).collect(),
+        };
+        let facts = [("radius_m", json!(0.123)), ("rate_rad_s", json!([3.0, 0.0, 4.0])), ("bounces_ns", json!([5, 6]))];
+        let carved = BodySummary::new(&body(&facts), 100_000_000).line();
+        assert_eq!(
+            carved,
+            "body0: in view from 0.000 to 0.500 s, 0 points, 2.0 m/s in the mean, bounces 2 times, turns at 5.0 rad/s"
+        );
+        let ball = BodySummary::new(&body(&[facts[0].clone(), ("discs_off", json!(0.05))]), 0).line();
+        assert!(ball.contains("a ball with a radius of 12.3 cm") && !ball.contains("turns"), "{ball}");
     }
 }
