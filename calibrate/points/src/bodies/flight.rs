@@ -12,6 +12,9 @@ const OVERLAP: usize = 8;
 /// So many bounces of a piece at most, and at least so many instants before, between and after.
 const MOST: usize = 3;
 const INSTANTS_EACH: usize = 3;
+/// The same where it is known how things fall: two places tell a flight then, but each two that follow one another nearly tell one.
+const MOST_FALLING: usize = 1;
+const INSTANTS_EACH_FALLING: usize = 2;
 /// So many instants more than numbers for each axis.
 const SPARE: usize = 3;
 /// Times between two instants that are tried.
@@ -23,9 +26,11 @@ const MOST_ACCELERATION: f64 = 15.0;
 /// Places are right to so many spacings of their points at best, and of what flies they are not farther than so many from its flight.
 const RIGHT: f64 = 0.5;
 const FLIES: f64 = 1.5;
-/// So large a share of the places, and so many, must agree on the flight of what falls as other things do.
+/// So large a share of the places, and so many, must agree on the flight of what falls as other things do; and so many of those that do
+/// not may follow one another, as more of them go another way.
 const AGREE: f64 = 0.6;
 const FALLING: usize = 4;
+const ASTRAY: usize = 1;
 /// A flight with bounces must be so much nearer to the places than a smooth curve with more numbers.
 const SHARP: f64 = 0.7;
 /// A bounce is moved by so many steps of each size at most.
@@ -57,6 +62,10 @@ pub struct Places<'a> {
 }
 
 impl<'a> Places<'a> {
+    fn instants_each(self) -> usize {
+        if self.fall.is_some() { INSTANTS_EACH_FALLING } else { INSTANTS_EACH }
+    }
+
     fn piece(self, from: usize, to: usize) -> Self {
         Self { times_s: &self.times_s[from..to], places: &self.places[from..to], ..self }
     }
@@ -79,8 +88,7 @@ impl Flights {
             let to = (from + PIECE).min(count);
             // Of two pieces that overlap each tells half of it.
             let since = if from == 0 { f64::NEG_INFINITY } else { seen.times_s[from + OVERLAP / 2] };
-            let piece = seen.piece(from, to);
-            flights.pieces.push((since, Flight::of(piece).or_else(|| Flight::falling(piece))));
+            flights.pieces.push((since, Flight::told_by(seen.piece(from, to))));
             if to == count {
                 break;
             }
@@ -128,9 +136,16 @@ struct Flight {
 }
 
 impl Flight {
+    /// By its own acceleration, or else by the one that is known.
+    fn told_by(seen: Places<'_>) -> Option<Self> {
+        let bouncing = || seen.fall.and_then(|_| Self::of(seen)).filter(|flight| !flight.breaks_s.is_empty());
+        Self::of(Places { fall: None, ..seen }).or_else(bouncing).or_else(|| Self::falling(seen))
+    }
+
     /// The flight of a thing, with as many bounces as its places tell; none of what does not fly.
     fn of(seen: Places<'_>) -> Option<Self> {
-        let most = (seen.times_s.len() / INSTANTS_EACH).saturating_sub(1).min(MOST);
+        let most = (seen.times_s.len() / seen.instants_each()).saturating_sub(1);
+        let most = most.min(if seen.fall.is_some() { MOST_FALLING } else { MOST });
         let mut flight = Self::with_jumps(seen)?;
         let (mut best, known) = (flight.clone(), flight.breaks_s.len());
         for _ in known..most {
@@ -151,14 +166,20 @@ impl Flight {
     fn falling(seen: Places<'_>) -> Option<Self> {
         let fall = seen.fall.filter(|_| seen.jumps_s.is_empty())?;
         let from_s = *seen.times_s.first()?;
-        let all = std::iter::zip(seen.times_s, seen.places).map(|(&t_s, &place)| (t_s - from_s, place));
-        let mut kept: Vec<(f64, DVec3)> = all.collect();
-        let fewest = FALLING.max((AGREE * kept.len() as f64).ceil() as usize);
-        while kept.len() >= fewest {
+        let count = seen.times_s.len().min(seen.places.len());
+        let fewest = FALLING.max((AGREE * count as f64).ceil() as usize);
+        let after_s = |at: usize| seen.times_s[at] - from_s;
+        let mut kept = vec![true; count];
+        let agree = |kept: &[bool]| {
+            let astray = kept.split(|kept| *kept).map(<[bool]>::len).max();
+            kept.iter().filter(|kept| **kept).count() >= fewest && astray <= Some(ASTRAY)
+        };
+        while agree(&kept) {
+            let those: Vec<usize> = (0..count).filter(|&at| kept[at]).collect();
+            let rows: Vec<Vec<f64>> = those.iter().map(|&at| vec![1.0, after_s(at)]).collect();
             let nearest = |fall: DVec3| {
-                let rows: Vec<Vec<f64>> = kept.iter().map(|&(after_s, _)| vec![1.0, after_s]).collect();
                 let bare: Vec<DVec3> =
-                    kept.iter().map(|&(after_s, place)| place - 0.5 * after_s * after_s * fall).collect();
+                    those.iter().map(|&at| seen.places[at] - 0.5 * after_s(at).powi(2) * fall).collect();
                 fitted(&rows, &bare)
             };
             let (terms, apart_m) = nearest(fall)?;
@@ -167,10 +188,9 @@ impl Flight {
                 let terms = vec![terms[0], terms[1], fall];
                 return (apart_m < straight_m).then_some(Self { from_s, breaks_s: Vec::new(), terms, apart_m });
             }
-            let flown = |after_s: f64| terms[0] + after_s * terms[1] + 0.5 * after_s * after_s * fall;
-            let away = |&(after_s, place): &(f64, DVec3)| flown(after_s).distance(place);
-            let worst = (0..kept.len()).max_by(|&a, &b| away(&kept[a]).total_cmp(&away(&kept[b])))?;
-            kept.remove(worst);
+            let flown = |at: usize| terms[0] + after_s(at) * terms[1] + 0.5 * after_s(at).powi(2) * fall;
+            let away = |at: usize| flown(at).distance(seen.places[at]);
+            kept[those.into_iter().max_by(|&a, &b| away(a).total_cmp(&away(b)))?] = false;
         }
         None
     }
@@ -179,16 +199,26 @@ impl Flight {
     fn with(seen: Places<'_>, mut breaks_s: Vec<f64>) -> Option<Self> {
         breaks_s.sort_by(f64::total_cmp);
         let from_s = *seen.times_s.first()?;
-        let (count, terms) = (seen.times_s.len(), 3 + breaks_s.len());
+        let count = seen.times_s.len();
+        let free = if seen.fall.is_some() { 2 } else { 3 } + breaks_s.len();
         // Each stretch needs places of its own.
         let ends: Vec<usize> = breaks_s.iter().map(|at| seen.times_s.partition_point(|time| time < at)).collect();
         let ends: Vec<usize> = [0].into_iter().chain(ends).chain([count]).collect();
-        if count < terms + SPARE || ends.windows(2).any(|pair| pair[1] - pair[0] < INSTANTS_EACH) {
+        if count < free + SPARE || ends.windows(2).any(|pair| pair[1] - pair[0] < seen.instants_each()) {
             return None;
         }
         let mut flight = Self { from_s, breaks_s, terms: Vec::new(), apart_m: 0.0 };
-        let rows: Vec<Vec<f64>> = seen.times_s.iter().map(|&time| flight.basis(time, seen.exposure_s)).collect();
-        (flight.terms, flight.apart_m) = fitted(&rows, seen.places)?;
+        let mut rows: Vec<Vec<f64>> = seen.times_s.iter().map(|&time| flight.basis(time, seen.exposure_s)).collect();
+        (flight.terms, flight.apart_m) = match seen.fall {
+            Some(fall) => {
+                let fallen: Vec<f64> = rows.iter_mut().map(|row| row.remove(2)).collect();
+                let bare = std::iter::zip(seen.places, fallen).map(|(&place, fallen)| place - fallen * fall);
+                let (mut terms, apart_m) = fitted(&rows, &bare.collect::<Vec<_>>())?;
+                terms.insert(2, fall);
+                (terms, apart_m)
+            }
+            None => fitted(&rows, seen.places)?,
+        };
         flight.apart_m.is_finite().then_some(flight)
     }
 
@@ -264,7 +294,8 @@ impl Flight {
     /// What it costs to tell the places by it: the Bayesian information criterion.
     fn price(&self, seen: Places<'_>) -> f64 {
         let values = 3.0 * seen.times_s.len() as f64;
-        let numbers = (3 * self.terms.len() + self.breaks_s.len()) as f64;
+        let told = self.terms.len() - usize::from(seen.fall.is_some());
+        let numbers = (3 * told + self.breaks_s.len()) as f64;
         values * self.apart_m.max(RIGHT * seen.cell_m).powi(2).ln() + numbers * values.ln()
     }
 }
@@ -414,5 +445,51 @@ mod tests {
         assert_eq!(of(&straight, Some(GRAVITY)).at(0.1), None);
         let swings: Vec<DVec3> = times_s.iter().map(|&time| DVec3::X * 0.4 * (9.0 * time).sin()).collect();
         assert_eq!(of(&swings, Some(GRAVITY)).at(0.1), None);
+    }
+
+    #[test]
+    fn what_falls_as_other_things_do_bounces_two_instants_before_the_end() {
+        let times_s = fifteen_hertz(9);
+        for t_s in [0.43, 0.45, 0.47] {
+            let way = bouncing(t_s, [DVec3::new(1.2, 3.5, 0.3), DVec3::new(1.0, -3.0, 0.3)]);
+            let places: Vec<DVec3> =
+                times_s.iter().enumerate().map(|(at, &time)| way(time) + noise(at as u64, 0.003)).collect();
+            let seen = Places {
+                times_s: &times_s,
+                places: &places,
+                exposure_s: 0.0,
+                cell_m: CELL_M,
+                jumps_s: &[],
+                fall: None,
+            };
+            assert_eq!(Flights::new(seen).bounces(), [], "its own places do not tell it");
+            let falls = Flights::new(Places { fall: Some(GRAVITY), ..seen });
+            let bounces = falls.bounces();
+            assert_eq!(bounces.len(), 1, "{t_s} s: {bounces:?}");
+            assert!((bounces[0].t_s - t_s).abs() < 0.008, "{} at {t_s} s", bounces[0].t_s);
+            for &time in &times_s {
+                let off = falls.at(time).expect("a flight").distance(way(time));
+                assert!(off < 0.02, "{off} m at {time} s");
+            }
+        }
+    }
+
+    #[test]
+    fn places_that_follow_one_another_and_lie_beside_a_fall_are_no_mistakes() {
+        // Something else carries it on from the fifth instant.
+        let times_s = fifteen_hertz(8);
+        let way = |time: f64| DVec3::new(0.4 * time, -3.0 * time, 0.1) + 0.5 * time * time * GRAVITY;
+        let mut places: Vec<DVec3> = times_s.iter().map(|&time| way(time)).collect();
+        places[6].x += 0.3;
+        let flies = |places: &[DVec3]| {
+            let fall = Some(GRAVITY);
+            Flights::new(Places { times_s: &times_s, places, exposure_s: 0.0, cell_m: CELL_M, jumps_s: &[], fall })
+                .at(0.1)
+                .is_some()
+        };
+        assert!(flies(&places));
+        places[5].x += 0.2;
+        places[7].x -= 0.4;
+        assert!(!flies(&places));
     }
 }
