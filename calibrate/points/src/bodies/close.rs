@@ -23,8 +23,10 @@ const CHANGES: f64 = 2.0;
 const BOUNCE: f64 = 0.01;
 /// A thing is seen at so large a share of the instants.
 const SEEN: f64 = 0.6;
-/// What flies is not farther than so many spacings from its flight.
+/// What flies is not farther from its flight than so many spacings, or, as the middle of what is large moves more when a part of it is
+/// hidden, than so large a share of how far its points are from their middle.
 const FLIES: f64 = 1.5;
+const FLIES_SPREAD: f64 = 0.45;
 
 /// What was followed, and by what.
 #[derive(Clone, Copy, Debug)]
@@ -215,7 +217,8 @@ impl Thing {
         let jumps_s: Vec<[f64; 2]> = self.met.iter().map(|&at| [times_s[at - 1], times_s[at]]).collect();
         let places = Places { times_s: &seen_s, places: &places, exposure_s, cell_m, jumps_s: &jumps_s, fall: None };
         let often = seen_s.len() as f64 >= SEEN * times_s.len() as f64;
-        often && flight::apart_m(places).is_some_and(|apart_m| apart_m < FLIES * cell_m)
+        let most_m = (FLIES * cell_m).max(FLIES_SPREAD * self.spread_m);
+        often && flight::apart_m(places).is_some_and(|apart_m| apart_m < most_m)
     }
 }
 
