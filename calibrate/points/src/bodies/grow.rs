@@ -43,6 +43,7 @@ const SMOOTH: usize = 2;
 pub type Pose = (DVec3, DQuat);
 
 /// A thing, with its motion as it is known.
+#[derive(Clone, Copy)]
 pub struct Grower<'a> {
     /// The frames.
     pub film: &'a Film,
@@ -167,7 +168,8 @@ impl Grower<'_> {
         (0..self.shapes.len()).collect()
     }
 
-    fn all_assumed(&self) -> Vec<Pose> {
+    /// Its poses by its motion alone.
+    pub(super) fn all_assumed(&self) -> Vec<Pose> {
         (0..self.shapes.len()).map(|at| self.assumed(at)).collect()
     }
 
@@ -208,7 +210,7 @@ impl Grower<'_> {
     }
 
     /// The poses soon after the exposure of an instant begins and soon before it ends, if a pose is that in its middle.
-    fn exposed(&self, at: usize, (place, rotation): Pose) -> [Pose; 2] {
+    pub(super) fn exposed(&self, at: usize, (place, rotation): Pose) -> [Pose; 2] {
         let (t_s, exposure_s) = (self.time(at), self.film.moments[self.shapes[at].moment].exposure_s);
         let (path, turn) = (self.path.at(t_s), self.turn.at(t_s).conjugate());
         [-0.5, 0.5].map(|side| {
@@ -218,6 +220,12 @@ impl Grower<'_> {
     }
 
     fn carve(&self, poses: &[Pose], known: &[usize]) -> Option<Carved> {
+        // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
+        self.carve_cells(poses, known, (0.36 * self.film.cell_m).max(0.045 * self.radius_m))
+    }
+
+    /// Its shape by poses at some of its shapes, in cells of a size.
+    pub(super) fn carve_cells(&self, poses: &[Pose], known: &[usize], cell_m: f64) -> Option<Carved> {
         let place = |&at: &usize| {
             let exposed = self.exposed(at, poses[at]);
             Place { moment: self.shapes[at].moment, centre: poses[at].0, rotation: poses[at].1, exposed }
@@ -227,8 +235,6 @@ impl Grower<'_> {
         let shape = &self.shapes[self.best];
         let hull: Vec<DVec3> =
             shape.places.iter().map(|&about| rotation.conjugate() * (shape.centre + about - centre)).collect();
-        // A cell of the hulls is two or three pixels wide: cells of about one, but of a thing no more than some thousand.
-        let cell_m = (0.36 * self.film.cell_m).max(0.045 * self.radius_m);
         if let Some(ball) = self.ball {
             return Some(carve::ball(self.film, &places, [ball.radius_m, cell_m], ball.agree()));
         }
@@ -271,7 +277,7 @@ impl Grower<'_> {
     }
 
     /// How far the colours of a shape at a pose are apart from the frames of an instant, in the mean over what faces each camera.
-    fn apart(&self, points: &[SurfacePoint], at: usize, (centre, rotation): Pose) -> f64 {
+    pub(super) fn apart(&self, points: &[SurfacePoint], at: usize, (centre, rotation): Pose) -> f64 {
         let (mut sum, mut weights) = (0.0, 0.0);
         let step = points.len().div_ceil(MOST_POINTS).max(1);
         let exposed = self.exposed(at, (centre, rotation));

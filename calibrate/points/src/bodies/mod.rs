@@ -26,6 +26,7 @@ mod flight;
 mod globe;
 mod grow;
 mod light;
+mod looks;
 mod mixture;
 mod near_events;
 mod normals;
@@ -40,6 +41,7 @@ mod smooth;
 mod spin;
 mod stretches;
 mod things;
+mod tops;
 mod turn;
 mod varying;
 

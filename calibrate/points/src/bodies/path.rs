@@ -100,6 +100,14 @@ impl Path {
         all
     }
 
+    /// The same, moved by a shift at a time, and away from there by a velocity, metres and metres per second.
+    pub fn moved(&self, [shift, velocity]: [DVec3; 2], from_s: f64) -> Self {
+        let places = std::iter::zip(&self.times_s, &self.places);
+        let places = places.map(|(t_s, place)| *place + shift + (t_s - from_s) * velocity).collect();
+        let tangents = self.tangents.iter().map(|sides| sides.map(|side| side + velocity)).collect();
+        Self { places, tangents, ..self.clone() }
+    }
+
     /// With velocities at some of its times, metres per second, instead of those that its places tell.
     pub fn with_velocities(mut self, velocities: &[(f64, DVec3)]) -> Self {
         for &(t_s, velocity) in velocities {

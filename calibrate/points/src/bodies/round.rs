@@ -271,7 +271,20 @@ mod tests {
         };
         let path = Path::new(times.clone(), times.iter().map(|&t_s| seen(t_s)).collect());
         let slim = Vec::new();
-        (film, Thing { name: "it".into(), track, ball: None, shapes, slim, globes: vec![], path, rate: None })
+        (
+            film,
+            Thing {
+                name: "it".into(),
+                track,
+                ball: None,
+                shapes,
+                slim,
+                globes: vec![],
+                path,
+                falls: false,
+                rate: None,
+            },
+        )
     }
 
     #[test]

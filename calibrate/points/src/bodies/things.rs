@@ -38,6 +38,8 @@ pub struct Thing {
     pub globes: Vec<(f64, Globe)>,
     /// Where it is at any time.
     pub path: Path,
+    /// Whether it falls freely all the time, as far as its places tell, and does not bounce.
+    pub falls: bool,
     /// How it turns by what the user says, radians per second about axes.
     pub rate: Option<DVec3>,
 }
@@ -81,7 +83,9 @@ impl Things {
             let path = path(&track, &times, &flights, exposure_s);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
-            let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, rate };
+            let flown = track.instants().all(|instant| flights.at(times[instant]).is_some());
+            let falls = flown && path.bounces_s().next().is_none();
+            let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, falls, rate };
             match may_be_round.then(|| Ball::new(film, &thing)).flatten() {
                 Some(ball) => round(film, thing, ball),
                 None => thing,

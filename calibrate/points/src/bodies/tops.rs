@@ -1,0 +1,271 @@
+//! Free tops: what falls and is not round turns about an axis of its own at one rate, while that axis turns about the angular momentum
+//! at another.
+//!
+//! Both rates are constant where two moments of inertia are equal, and nearly so for a while where they are not, so that six numbers
+//! determine all rotations. A candidate is judged by the shape that silhouettes of all instants leave if the thing turns so (`looks`).
+//! The candidates that agree best for the few instants around the best one are improved with more and more of them.
+
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::{
+    grow::Grower,
+    turn::{Turn, directions, rates},
+};
+
+/// Rates that are tried with the fewest instants: directions, and radians per second.
+const DIRECTIONS: usize = 60;
+const RATES: [f64; 6] = [2.5, 5.0, 8.0, 11.5, 15.0, 20.0];
+/// Parts of a rate that are about the thing's own axis, which are tried once there are more instants: likewise.
+const OWN_DIRECTIONS: usize = 16;
+const OWN_RATES: [f64; 2] = [4.0, 9.0];
+/// So many instants before and after the best at first, and how many times more each time, one at least.
+const FIRST_REACH: usize = 1;
+const REACHES_MORE: f64 = 1.35;
+/// So many candidates are kept each time; one in the end. They differ by so much at least, radians per second.
+const KEPT: [usize; 4] = [16, 8, 4, 3];
+const ALIKE: f64 = 1.0;
+/// First steps by which numbers are improved: of rates, radians per second, and of the path, radii; how often they are halved, and steps
+/// of each size.
+const RATE_STEP: f64 = 1.6;
+const PLACE_STEP: f64 = 0.1;
+const HALVINGS: i32 = 3;
+const STEPS: usize = 4;
+/// Numbers of a top: a steady rate, both rates, and its path besides.
+const STEADY: usize = 3;
+const RATES_ALONE: usize = 6;
+const ALL: usize = 12;
+/// Rotations are told by rates so far apart in time, seconds.
+const APART_S: f64 = 0.005;
+
+/// How a free top turns, and how its path differs from the one that is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Top {
+    /// About the angular momentum, radians per second about axes of the world.
+    pub about: DVec3,
+    /// About its own axis, radians per second about axes of the world when it is upright.
+    pub own: DVec3,
+    /// How far its path is moved when it is upright, metres, and by which velocity, metres per second.
+    pub moved: [DVec3; 2],
+}
+
+impl Top {
+    /// When it is upright, and within a time, seconds.
+    pub fn turn(&self, upright_s: f64, [first_s, last_s]: [f64; 2]) -> Turn {
+        if self.own == DVec3::ZERO {
+            return Turn::steady(upright_s, self.about);
+        }
+        let rate = |t_s: f64| self.about + DQuat::from_scaled_axis(self.about * (t_s - upright_s)) * self.own;
+        let steps = ((last_s - first_s) / APART_S).ceil().clamp(1.0, 1e4) as usize;
+        let at = |step: usize| first_s + (last_s - first_s) * step as f64 / steps as f64;
+        Turn::changing(upright_s, (0..=steps).map(at).map(|t_s| (t_s, rate(t_s))).collect())
+    }
+
+    /// With one of its numbers changed: a rate, a place or a velocity.
+    fn changed(&self, number: usize, [rate, place, velocity]: [f64; 3]) -> Self {
+        let mut changed = *self;
+        match (number / 3, number % 3) {
+            (0, axis) => changed.about[axis] += rate,
+            (1, axis) => changed.own[axis] += rate,
+            (2, axis) => changed.moved[0][axis] += place,
+            (_, axis) => changed.moved[1][axis] += velocity,
+        }
+        changed
+    }
+
+    /// Tops that have its rate when upright, of which parts are about axes of their own.
+    fn with_own_axes(&self) -> impl Iterator<Item = Self> {
+        let own = directions(OWN_DIRECTIONS).into_iter().flat_map(|along| OWN_RATES.map(|rate| rate * along));
+        let of = *self;
+        std::iter::once(DVec3::ZERO).chain(own).map(move |own| Self { about: of.about - own, own, ..of })
+    }
+
+    fn apart(&self, other: &Self) -> f64 {
+        self.about.distance(other.about).max(self.own.distance(other.own))
+    }
+}
+
+/// A top, and how badly its shape agrees with what is seen.
+type Judged = (Top, f64);
+
+/// Looks for the top that a thing is.
+pub struct Search<'a> {
+    /// The thing with its path; its turn is not used.
+    pub grower: Grower<'a>,
+    /// When its axes are those of the world, seconds.
+    pub upright_s: f64,
+    /// The time for which it is seen, seconds.
+    pub span_s: [f64; 2],
+}
+
+impl Search<'_> {
+    /// The top whose shape agrees best with what is seen at all instants.
+    pub fn best(&self) -> Judged {
+        let steady = rates(DIRECTIONS, &RATES).into_iter().map(|about| Top { about, ..Top::default() });
+        let mut known = self.grower.around(FIRST_REACH);
+        let mut tops = self.better(steady.collect(), &known, KEPT[0], STEADY);
+        let mut reach = FIRST_REACH;
+        for stage in 1.. {
+            reach = ((reach as f64 * REACHES_MORE) as usize).max(reach + 1);
+            let more = self.grower.around(reach);
+            if more == known {
+                break;
+            }
+            known = more;
+            let next: Vec<Top> = match stage {
+                1 => tops.iter().flat_map(|judged| judged.0.with_own_axes()).collect(),
+                _ => tops.into_iter().map(|judged| judged.0).collect(),
+            };
+            tops = self.better(next, &known, KEPT.get(stage).copied().unwrap_or(1), RATES_ALONE);
+        }
+        let first = tops.first().copied().unwrap_or((Top::default(), f64::INFINITY));
+        self.improved(first, &known, ALL)
+    }
+
+    /// So many of the best tops, each improved by its first `numbers`.
+    fn better(&self, tops: Vec<Top>, known: &[usize], kept: usize, numbers: usize) -> Vec<Judged> {
+        let judged = tops.into_par_iter().map(|top| (top, self.judged(&top, known))).collect();
+        let improved = best_of(judged, kept).into_par_iter().map(|judged| self.improved(judged, known, numbers));
+        best_of(improved.collect(), kept)
+    }
+
+    fn judged(&self, top: &Top, known: &[usize]) -> f64 {
+        let path = self.grower.path.moved(top.moved, self.upright_s);
+        let turn = top.turn(self.upright_s, self.span_s);
+        Grower { turn: &turn, path: &path, ..self.grower }.disagreement(known)
+    }
+
+    /// The top near one whose shape agrees best, by changes of its first `numbers`.
+    fn improved(&self, (mut top, mut best): Judged, known: &[usize], numbers: usize) -> Judged {
+        let half_s = 0.5 * (self.span_s[1] - self.span_s[0]).max(1e-9);
+        for halving in 0..=HALVINGS {
+            let smaller = 0.5_f64.powi(halving);
+            let place = PLACE_STEP * smaller * self.grower.radius_m;
+            let steps = [RATE_STEP * smaller, place, place / half_s];
+            for _ in 0..STEPS {
+                let tries = (0..2 * numbers).into_par_iter().map(|at| {
+                    let side = if at % 2 == 0 { 1.0 } else { -1.0 };
+                    let top = top.changed(at / 2, steps.map(|step| side * step));
+                    (top, self.judged(&top, known))
+                });
+                let tries: Vec<Judged> = tries.collect();
+                match tries.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+                    Some(next) if next.1 < best => (top, best) = next,
+                    _ => break,
+                }
+            }
+        }
+        (top, best)
+    }
+}
+
+/// So many of the best that differ.
+fn best_of(mut tops: Vec<Judged>, kept: usize) -> Vec<Judged> {
+    tops.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut best: Vec<Judged> = Vec::with_capacity(kept);
+    for top in tops {
+        if best.len() < kept && best.iter().all(|other| other.0.apart(&top.0) > ALIKE) {
+            best.push(top);
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use erfgs_scene::image::ImageRgb8;
+    use glam::DVec2;
+
+    use super::*;
+    use crate::bodies::{
+        film::{Film, Moment, View, test_eye},
+        path::Path,
+        shades::Shape,
+    };
+
+    const HALF: DVec3 = DVec3::new(0.22, 0.12, 0.06);
+
+    /// An ellipsoid with a colour in each octant, where it is at some times, before eight cameras.
+    fn film(poses: &[(f64, DVec3, DQuat)]) -> Film {
+        let around = |index: usize| {
+            let angle = 0.785 * index as f64;
+            test_eye(DVec3::new(2.0 * angle.sin(), 0.5 * (index % 3) as f64 - 0.8, 2.0 * angle.cos()), DVec3::ZERO)
+        };
+        let eyes: Vec<_> = (0..8).map(around).collect();
+        let view = |eye: usize, centre: DVec3, rotation: DQuat| {
+            let (mut image, mut moving) = (ImageRgb8::new(320, 180), Vec::new());
+            let from = rotation.conjugate() * (eyes[eye].centre - centre) / HALF;
+            for pixel in 0..320 * 180_u32 {
+                let at = DVec2::new(f64::from(pixel % 320) + 0.5, f64::from(pixel / 320) + 0.5);
+                let along = eyes[eye].rotation.transpose() * eyes[eye].intrinsics.unproject_pinhole(at, 1.0);
+                let along = (rotation.conjugate() * along / HALF).normalize();
+                let under = from.dot(along).powi(2) - from.length_squared() + 1.0;
+                moving.push(under > 0.0);
+                if under > 0.0 {
+                    let hit = from + along * (-from.dot(along) - under.sqrt());
+                    let colour = hit.to_array().map(|at| if at > 0.0 { 220 } else { 60 });
+                    image.data[3 * pixel as usize..][..3].copy_from_slice(&colour);
+                }
+            }
+            View { eye, soft: image.clone(), image, moving }
+        };
+        let moment = |&(t_s, centre, rotation): &(f64, DVec3, DQuat)| Moment {
+            t_ns: (1e9 * t_s) as i64,
+            t_s,
+            exposure_s: 0.0,
+            points: Vec::new(),
+            colours: Vec::new(),
+            views: (0..8).map(|eye| view(eye, centre, rotation)).collect(),
+        };
+        Film { span_ns: [0, 1_000_000_000], moments: poses.iter().map(moment).collect(), eyes, cell_m: 0.045 }
+    }
+
+    #[test]
+    fn a_top_that_tumbles_is_found_though_its_path_is_a_little_wrong() {
+        let upright_s = 0.2;
+        let truth = Top { about: DVec3::new(5.0, 7.0, -2.0), own: DVec3::new(3.0, -2.5, 2.0), moved: [DVec3::ZERO; 2] };
+        let times: Vec<f64> = (0..7).map(|at| f64::from(at) / 15.0).collect();
+        let span_s = [times[0], times[6]];
+        let turn = truth.turn(upright_s, span_s);
+        let upright = DQuat::from_scaled_axis(DVec3::new(0.4, -0.8, 0.3));
+        let pose = |&t_s: &f64| {
+            let after = t_s - upright_s;
+            (t_s, DVec3::new(1.2 * after, 4.9 * after * after - 0.1, 0.2 * after), turn.at(t_s) * upright)
+        };
+        let poses: Vec<_> = times.iter().map(pose).collect();
+        let film = film(&poses);
+        let hull = |(moment, &(_, centre, rotation)): (usize, &(f64, DVec3, DQuat))| {
+            let points = directions(500).into_iter().map(|along| centre + rotation * (1.15 * HALF * along));
+            Shape::new(moment, centre, points.map(|place| (place, [128; 3])))
+        };
+        let shapes: Vec<Shape> = poses.iter().enumerate().map(hull).collect();
+        let wrong = DVec3::new(0.02, 0.0, -0.02);
+        let path = Path::new(times.clone(), poses.iter().map(|pose| pose.1 + wrong).collect());
+        let still = Turn::steady(upright_s, DVec3::ZERO);
+        let grower =
+            Grower { film: &film, shapes: &shapes, path: &path, turn: &still, best: 3, radius_m: 0.2, ball: None };
+        let search = Search { grower, upright_s, span_s };
+        let (top, disagreement) = search.best();
+        let all = grower.around(shapes.len());
+        assert_eq!(all, (0..7).collect::<Vec<_>>());
+        assert!(disagreement < 0.7 * grower.disagreement(&all), "{disagreement}");
+        assert!(disagreement < 1.05 * search.judged(&truth, &all), "{disagreement}");
+        let found = top.turn(upright_s, span_s);
+        for &t_s in &times {
+            let off = found.at(t_s).angle_between(turn.at(t_s));
+            assert!(off < 0.2, "{off} rad at {t_s} s: {top:?}");
+        }
+    }
+
+    #[test]
+    fn a_top_turns_about_two_axes_at_steady_rates() {
+        let top = Top { about: DVec3::Y * 5.0, own: DVec3::X * 8.0, moved: [DVec3::ZERO; 2] };
+        let turn = top.turn(0.1, [0.0, 1.0]);
+        for t_s in [0.0, 0.1, 0.37, 0.9] {
+            let after = t_s - 0.1;
+            let expected = DQuat::from_rotation_y(5.0 * after) * DQuat::from_rotation_x(8.0 * after);
+            assert!(turn.at(t_s).angle_between(expected) < 2e-3, "{t_s} s");
+        }
+        assert_eq!(Top { own: DVec3::ZERO, ..top }.turn(0.1, [0.0, 1.0]), Turn::steady(0.1, DVec3::Y * 5.0));
+    }
+}
