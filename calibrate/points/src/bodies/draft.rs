@@ -31,8 +31,8 @@ const POSE_TURN: f64 = 0.5;
 const MOST_POSES: f64 = 50_000.0;
 /// So many places of a shape are held against events, at most.
 const MOST_SURFACE: usize = 2400;
-/// What falls turns as a free top if its shape disagrees with what is seen by so much less then.
-const TOP_IF: f64 = 0.98;
+/// What falls turns as a free top if it disagrees with what is seen by so much less then.
+const TOP_IF: f64 = 3.0;
 /// A thing is followed by its looks if events are so sharp by them at least, compared with how sharp they are by its motion alone: these
 /// know its rates, but not how they add up, and of a thing that is not round its silhouettes know that better.
 const LOOKS_IF: f64 = 0.975;
@@ -79,18 +79,20 @@ impl Motion {
     }
 }
 
-/// Path and turn of a thing as a free top, if its shape agrees better with what is seen than by the motion that is assumed.
-fn top(assumed: Grower<'_>, upright_s: f64, found_by: &mut BTreeMap<String, Value>) -> Option<(Path, Turn)> {
-    let time = |shape: &Shape| assumed.film.moments[shape.moment].t_s;
-    let [first, .., last] = assumed.shapes else { return None };
-    let span_s = [time(first), time(last)];
-    let (top, after) = Search { grower: assumed, upright_s, span_s }.best();
-    let before = assumed.disagreement(&assumed.around(assumed.shapes.len()));
+/// Path and turn of a thing as a free top, if that agrees better with what is seen than the motion that is assumed.
+fn top(
+    assumed: Grower<'_>,
+    windows: &Windows,
+    upright_s: f64,
+    found_by: &mut BTreeMap<String, Value>,
+) -> Option<(Path, Turn)> {
+    let search = Search::new(assumed, windows, upright_s);
+    let (top, after) = search.best();
+    let before = search.disagreement(assumed.path, assumed.turn);
     found_by.insert("disagreement".into(), json!([before, after].map(|of| rounded(of, 1))));
-    let better = after < TOP_IF * before;
-    better.then(|| {
-        found_by.insert("rotation".into(), json!("as a free top, by its shape"));
-        (assumed.path.moved(top.moved, upright_s), top.turn(upright_s, span_s))
+    (after < before - TOP_IF).then(|| {
+        found_by.insert("rotation".into(), json!("as a free top, by its shape and events"));
+        search.motion(&top)
     })
 }
 
@@ -106,8 +108,15 @@ pub struct Draft<'a> {
 }
 
 impl<'a> Draft<'a> {
-    /// With a shape of its own; none where none is left. `rates` are those that change, if they do.
-    pub fn new(film: &Film, thing: &'a Thing, mut spin: Spin, rates: Option<Vec<(f64, DVec3)>>) -> Option<Self> {
+    /// With a shape of its own; none where none is left. `rates` are those that change, if they do, `windows` the events around its
+    /// instants.
+    pub fn new(
+        film: &Film,
+        thing: &'a Thing,
+        windows: &Windows,
+        mut spin: Spin,
+        rates: Option<Vec<(f64, DVec3)>>,
+    ) -> Option<Self> {
         let Thing { track, shapes, path, .. } = thing;
         let best = best_seen(film, thing)?;
         let upright_s = film.moments[shapes[best].moment].t_s;
@@ -118,7 +127,7 @@ impl<'a> Draft<'a> {
         let ball = thing.ball.as_ref();
         let assumed = Grower { film, shapes, path, turn: &turn, best, radius_m: track.radius_m, ball };
         let top = if thing.falls && thing.ball.is_none() && thing.rate.is_none() {
-            top(assumed, upright_s, &mut spin.found_by)
+            top(assumed, windows, upright_s, &mut spin.found_by)
         } else {
             None
         };

@@ -201,7 +201,7 @@ impl<'a> Finder<'a> {
                 varying::varying(&Evidence { shades: shades.as_ref(), windows, instants }, spin.rate)
             };
             (self.progress)(BodyStep::Shapes, index, things.all.len());
-            drafts.extend(Draft::new(film, thing, spin, rates));
+            drafts.extend(Draft::new(film, thing, windows, spin, rates));
         }
         Ok((drafts, curves))
     }

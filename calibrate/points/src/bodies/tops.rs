@@ -2,14 +2,19 @@
 //! at another.
 //!
 //! Both rates are constant where two moments of inertia are equal, and nearly so for a while where they are not, so that six numbers
-//! determine all rotations. A candidate is judged by the shape that silhouettes of all instants leave if the thing turns so (`looks`).
-//! The candidates that agree best for the few instants around the best one are improved with more and more of them.
+//! determine all rotations. A candidate is judged by the shape that silhouettes of all instants leave if the thing turns so (`looks`),
+//! and by how sharp events are by its rates: the shape hardly tells how fast what is nearly symmetric turns about its own axis. The
+//! candidates that agree best for the few instants around the best one are improved with more and more of them.
 
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::{
+    contrast::{Change, Window, mean_contrast},
     grow::Grower,
+    near_events::Windows,
+    path::Path,
+    refine::best_velocity,
     turn::{Turn, directions, rates},
 };
 
@@ -31,6 +36,8 @@ const RATE_STEP: f64 = 1.6;
 const PLACE_STEP: f64 = 0.1;
 const HALVINGS: i32 = 3;
 const STEPS: usize = 4;
+/// What it is worth that events are twice as sharp as without a turn, beside what the shape says.
+const SHARP_IS_WORTH: f64 = 130.0;
 /// Numbers of a top: a steady rate, both rates, and its path besides.
 const STEADY: usize = 3;
 const RATES_ALONE: usize = 6;
@@ -85,21 +92,64 @@ impl Top {
     }
 }
 
-/// A top, and how badly its shape agrees with what is seen.
+/// A top, and how badly it agrees with what is seen.
 type Judged = (Top, f64);
+
+/// The events around an instant.
+struct Around<'a> {
+    /// Which of the thing's shapes is of that instant.
+    shape: usize,
+    t_s: f64,
+    windows: &'a [Window],
+    /// How sharp they are without a turn.
+    usual: f64,
+}
+
+impl Around<'_> {
+    fn sharp(&self, change: Change) -> f64 {
+        mean_contrast(self.windows, change) / self.usual
+    }
+}
 
 /// Looks for the top that a thing is.
 pub struct Search<'a> {
     /// The thing with its path; its turn is not used.
-    pub grower: Grower<'a>,
+    grower: Grower<'a>,
+    events: Vec<Around<'a>>,
     /// When its axes are those of the world, seconds.
-    pub upright_s: f64,
+    upright_s: f64,
     /// The time for which it is seen, seconds.
-    pub span_s: [f64; 2],
+    span_s: [f64; 2],
 }
 
-impl Search<'_> {
-    /// The top whose shape agrees best with what is seen at all instants.
+impl<'a> Search<'a> {
+    /// For a thing with its path, events around its instants, and when its axes are those of the world, seconds.
+    pub fn new(grower: Grower<'a>, windows: &'a Windows, upright_s: f64) -> Self {
+        let time = |moment: usize| grower.film.moments[moment].t_s;
+        let around = |(shape, moment): (usize, usize)| {
+            let windows = windows.get(&moment)?;
+            let usual = mean_contrast(windows, Change::default());
+            (usual > 0.0).then_some(Around { shape, t_s: time(moment), windows, usual })
+        };
+        let moments = grower.shapes.iter().map(|shape| shape.moment);
+        let events = moments.clone().enumerate().filter_map(around).collect();
+        let first = moments.clone().next().map_or(upright_s, time);
+        let last = moments.last().map_or(upright_s, time);
+        Self { grower, events, upright_s, span_s: [first, last] }
+    }
+
+    /// How a top turns while the thing is seen, and how its path is then.
+    pub fn motion(&self, top: &Top) -> (Path, Turn) {
+        (self.grower.path.moved(top.moved, self.upright_s), top.turn(self.upright_s, self.span_s))
+    }
+
+    /// How badly a motion agrees with what is seen at all instants.
+    pub fn disagreement(&self, path: &Path, turn: &Turn) -> f64 {
+        let velocities = self.velocities(turn);
+        self.of_motion(path, turn, &self.grower.around(self.grower.shapes.len()), &velocities)
+    }
+
+    /// The top that agrees best with what is seen at all instants.
     pub fn best(&self) -> Judged {
         let steady = rates(DIRECTIONS, &RATES).into_iter().map(|about| Top { about, ..Top::default() });
         let mut known = self.grower.around(FIRST_REACH);
@@ -118,25 +168,48 @@ impl Search<'_> {
             };
             tops = self.better(next, &known, KEPT.get(stage).copied().unwrap_or(1), RATES_ALONE);
         }
-        let first = tops.first().copied().unwrap_or((Top::default(), f64::INFINITY));
-        self.improved(first, &known, ALL)
+        self.improved(tops.first().map_or(Top::default(), |judged| judged.0), &known, ALL)
     }
 
     /// So many of the best tops, each improved by its first `numbers`.
     fn better(&self, tops: Vec<Top>, known: &[usize], kept: usize, numbers: usize) -> Vec<Judged> {
-        let judged = tops.into_par_iter().map(|top| (top, self.judged(&top, known))).collect();
-        let improved = best_of(judged, kept).into_par_iter().map(|judged| self.improved(judged, known, numbers));
+        let none = vec![DVec3::ZERO; self.events.len()];
+        let judged = tops.into_par_iter().map(|top| (top, self.judged(&top, known, &none))).collect();
+        let improved = best_of(judged, kept).into_par_iter().map(|judged| self.improved(judged.0, known, numbers));
         best_of(improved.collect(), kept)
     }
 
-    fn judged(&self, top: &Top, known: &[usize]) -> f64 {
-        let path = self.grower.path.moved(top.moved, self.upright_s);
-        let turn = top.turn(self.upright_s, self.span_s);
-        Grower { turn: &turn, path: &path, ..self.grower }.disagreement(known)
+    /// Velocities more than those of the path with which events are sharpest if the thing turns so, metres per second: the path is
+    /// right to some decimetres per second, and events are blurred by that, too.
+    fn velocities(&self, turn: &Turn) -> Vec<DVec3> {
+        let best = |around: &Around<'_>| {
+            let start = Change { rate: turn.rate(around.t_s), velocity: DVec3::ZERO };
+            best_velocity(around.windows, around.usual, start)
+        };
+        self.events.par_iter().map(best).collect()
     }
 
-    /// The top near one whose shape agrees best, by changes of its first `numbers`.
-    fn improved(&self, (mut top, mut best): Judged, known: &[usize], numbers: usize) -> Judged {
+    fn judged(&self, top: &Top, known: &[usize], velocities: &[DVec3]) -> f64 {
+        let (path, turn) = self.motion(top);
+        self.of_motion(&path, &turn, known, velocities)
+    }
+
+    fn of_motion(&self, path: &Path, turn: &Turn, known: &[usize], velocities: &[DVec3]) -> f64 {
+        let (mut sharp, mut count) = (0.0, 0.0);
+        for (around, &velocity) in std::iter::zip(&self.events, velocities) {
+            if known.contains(&around.shape) {
+                sharp += around.sharp(Change { rate: turn.rate(around.t_s), velocity }) - 1.0;
+                count += 1.0;
+            }
+        }
+        let worth = SHARP_IS_WORTH * sharp / f64::max(count, 1.0);
+        Grower { turn, path, ..self.grower }.disagreement(known) - worth
+    }
+
+    /// The top near one that agrees best, by changes of its first `numbers`.
+    fn improved(&self, mut top: Top, known: &[usize], numbers: usize) -> Judged {
+        let velocities = self.velocities(&self.motion(&top).1);
+        let mut best = self.judged(&top, known, &velocities);
         let half_s = 0.5 * (self.span_s[1] - self.span_s[0]).max(1e-9);
         for halving in 0..=HALVINGS {
             let smaller = 0.5_f64.powi(halving);
@@ -146,7 +219,7 @@ impl Search<'_> {
                 let tries = (0..2 * numbers).into_par_iter().map(|at| {
                     let side = if at % 2 == 0 { 1.0 } else { -1.0 };
                     let top = top.changed(at / 2, steps.map(|step| side * step));
-                    (top, self.judged(&top, known))
+                    (top, self.judged(&top, known, &velocities))
                 });
                 let tries: Vec<Judged> = tries.collect();
                 match tries.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -244,12 +317,12 @@ mod tests {
         let still = Turn::steady(upright_s, DVec3::ZERO);
         let grower =
             Grower { film: &film, shapes: &shapes, path: &path, turn: &still, best: 3, radius_m: 0.2, ball: None };
-        let search = Search { grower, upright_s, span_s };
+        let windows = Windows::new();
+        let search = Search::new(grower, &windows, upright_s);
         let (top, disagreement) = search.best();
-        let all = grower.around(shapes.len());
-        assert_eq!(all, (0..7).collect::<Vec<_>>());
-        assert!(disagreement < 0.7 * grower.disagreement(&all), "{disagreement}");
-        assert!(disagreement < 1.05 * search.judged(&truth, &all), "{disagreement}");
+        assert_eq!(grower.around(shapes.len()), (0..7).collect::<Vec<_>>());
+        assert!(disagreement < 0.7 * search.disagreement(&path, &still), "{disagreement}");
+        assert!(disagreement < 1.05 * search.disagreement(&path, &turn), "{disagreement}");
         let found = top.turn(upright_s, span_s);
         for &t_s in &times {
             let off = found.at(t_s).angle_between(turn.at(t_s));
