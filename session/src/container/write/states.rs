@@ -89,17 +89,10 @@ impl StateKeeper {
 
     /// Keeps as many of the last packets as a state needs.
     fn leave_out_old(&mut self) {
-        let mut old = 0;
-        let mut left = self.recent_bytes;
-        for packet in &self.recent {
-            left -= packet.payload.len();
-            if left < SAMPLE_BYTES {
-                break;
-            }
-            old += 1;
-        }
-        if old > 0 {
-            self.forget(old);
+        while let Some(first) = self.recent.front()
+            && self.recent_bytes - first.payload.len() >= SAMPLE_BYTES
+        {
+            self.forget(1);
             self.joined = false;
         }
     }
