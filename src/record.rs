@@ -21,7 +21,10 @@ use erfgs_recorder::{
     live::{LivePage, Monitor, MonitorOptions, PageOptions},
     preflight::{self, Finding, Plan, Verdict},
 };
-use erfgs_session::{container::Settings, source::Description};
+use erfgs_session::{
+    container::{Settings, Split, parts_beside},
+    source::Description,
+};
 
 pub use self::arguments::Arguments;
 
@@ -55,7 +58,13 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     named_as_it_will_be(out, waits)?;
     let folder = if waits { out.clone() } else { folder_of(out) };
     if !waits && out.exists() {
-        return Err(Usage(format!("'{}' exists already: recordings are never overwritten", out.display())).into());
+        return Err(exists(out).into());
+    }
+    if !waits && arguments.split.is_some() {
+        // A folder that is not there yet holds none.
+        if let Some((_, part)) = parts_beside(out).ok().and_then(|parts| parts.into_iter().next()) {
+            return Err(exists(&part).into());
+        }
     }
     let path = rig;
     let rig = RigConfig::load(path)?;
@@ -77,7 +86,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let share = if arguments.live.is_some() { 0.25 } else { 0.05 };
     let monitor = Monitor::new(&streams, MonitorOptions { share, ..MonitorOptions::default() })?;
     arguments.quick.start(&streams, &monitor)?;
-    let mut options = options(&rig.record, info(&rig, &findings), folder, &monitor);
+    let mut options = options(&rig.record, info(&rig, &findings), folder, &monitor, arguments.split);
     options.before = arguments.before.map(|seconds| before(&rig.record, seconds));
     options.after = arguments.after.map(Duration::from_secs_f64);
     options.rig_file = Some(path.clone());
@@ -99,6 +108,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         hosts.lead(&recorder);
     }
     record_until_stopped(arguments, terminal, &recorder, monitor, listener, hosts, out)
+}
+
+fn exists(file: &Path) -> Usage {
+    Usage(format!("'{}' exists already: recordings are never overwritten", file.display()))
 }
 
 /// Refuses a name that would surprise: a folder that looks like a session, or a session that no command would take for one.
@@ -134,15 +147,21 @@ fn info(rig: &RigConfig, findings: &[Finding]) -> SessionInfo {
     }
 }
 
-/// How `record` has it: into session files in `folder`, watched by `monitor`.
-pub fn options(record: &RecordConfig, info: SessionInfo, folder: PathBuf, monitor: &Arc<Monitor>) -> Options {
+/// How `record` has it: into session files in `folder`, watched by `monitor`, in parts by `split`.
+pub fn options(
+    record: &RecordConfig,
+    info: SessionInfo,
+    folder: PathBuf,
+    monitor: &Arc<Monitor>,
+    split: Option<Split>,
+) -> Options {
     let settings = Settings { chunk_bytes: record.chunk_mib << 20, crc: record.checksums, ..Settings::default() };
     Options {
         info,
         flush_every: Duration::from_millis(record.flush_ms),
         reserve_bytes: record.reserve_mib << 20,
         folder,
-        opener: Box::new(SessionFiles { settings }),
+        opener: Box::new(SessionFiles { settings, split }),
         subscriber: Some(Arc::clone(monitor) as _),
         before: None,
         after: None,

@@ -1,10 +1,14 @@
 //! `erfgs recover`: repair a session whose recording was cut off.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use erfgs_session::container::{self, Recovered};
+use erfgs_session::{
+    Session,
+    container::{self, ContainerError, Recovered},
+};
 use serde::Serialize;
 
+use crate::errors::Usage;
 use crate::terminal::{Terminal, bytes, thousands};
 
 /// Repair a session whose recording was cut off.
@@ -17,6 +21,8 @@ exported, too. A whole session is not copied. Damage inside the session (`erfgs 
 reported: unreadable messages, duplicate chunks, and whole chunks whose checksum fails without showing which message is \
 wrong. A single flipped bit in an uncompressed chunk is corrected.
 
+Of a session in several files (`erfgs record --split`), --in-place repairs all; name one of the later files to repair it alone.
+
 Exit codes: 0 repaired, or whole already; 1 nothing could be saved, or the copy could not be written.
 
 Examples:
@@ -24,7 +30,7 @@ Examples:
   erfgs recover S.mcap --out whole.mcap
   erfgs recover S.mcap --in-place")]
 pub struct Arguments {
-    /// The session.
+    /// The session; of one in several files the first.
     session: PathBuf,
     /// The file to write, if there is something to repair. Default: beside the session, named *.recovered.mcap.
     #[arg(long, value_name = "FILE", conflicts_with = "in_place")]
@@ -48,13 +54,27 @@ struct Report {
 
 /// Repairs the session and says what was lost.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
+    let files = files(&arguments.session)?;
+    if files.len() > 1 && !arguments.in_place && arguments.out.is_none() {
+        let path = arguments.session.display();
+        let what = format!(
+            "{path} is a session in {} files: `erfgs recover {path} --in-place` repairs them where they lie; --out FILE copies this \
+             one alone",
+            files.len()
+        );
+        return Err(Usage(what).into());
+    }
     let out = match &arguments.out {
         Some(out) => out.clone(),
         None if arguments.in_place => arguments.session.clone(),
         None => arguments.session.with_extension("recovered.mcap"),
     };
     let Recovered { was_whole, messages, chunks, cut_bytes, damaged, mended } = if arguments.in_place {
-        container::recover_in_place(&arguments.session)?
+        let mut all = Recovered { was_whole: true, ..Recovered::default() };
+        for file in &files {
+            add(&mut all, container::recover_in_place(file)?);
+        }
+        all
     } else {
         container::recover(&arguments.session, &out)?
     };
@@ -84,4 +104,32 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             text
         }
     })
+}
+
+/// The files that a session is in, those with anything in them.
+fn files(first: &Path) -> Result<Vec<PathBuf>, ContainerError> {
+    if container::parts_beside(first).is_ok_and(|parts| !parts.is_empty()) {
+        // What cannot be opened may be repaired, but for parts that do not belong together.
+        match Session::open(first) {
+            Ok(session) if session.summary().files.len() > 1 => {
+                let files = session.summary().files.iter().filter(|file| file.complete || file.whole_bytes > 0);
+                return Ok(files.map(|file| file.path.clone()).collect());
+            }
+            Err(error @ (ContainerError::MissingPart { .. } | ContainerError::ForeignPart { .. })) => {
+                return Err(error);
+            }
+            Ok(_) | Err(_) => {}
+        }
+    }
+    Ok(vec![first.to_owned()])
+}
+
+fn add(all: &mut Recovered, of_file: Recovered) {
+    let Recovered { was_whole, messages, chunks, cut_bytes, damaged, mended } = of_file;
+    all.was_whole &= was_whole;
+    all.messages += messages;
+    all.chunks += chunks;
+    all.cut_bytes += cut_bytes;
+    all.damaged.extend(damaged);
+    all.mended.extend(mended);
 }

@@ -300,6 +300,21 @@ pub enum KnobKind {
     },
 }
 
+/// Takes settings that were changed later over earlier ones.
+pub fn merge_settings(
+    into: &mut serde_json::Map<String, serde_json::Value>,
+    changed: &serde_json::Map<String, serde_json::Value>,
+) {
+    for (name, value) in changed {
+        match (into.get_mut(name), value) {
+            (Some(serde_json::Value::Object(into)), serde_json::Value::Object(changed)) => {
+                merge_settings(into, changed)
+            }
+            (_, value) => drop(into.insert(name.clone(), value.clone())),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@ use erfgs_events::{Anomalies, Digests};
 use erfgs_recorder::RigConfig;
 use erfgs_session::{
     clock::{ClockFit, Residuals},
-    container::{IncidentEntry, Session, Status, Stream, Summary},
+    container::{FileSummary, IncidentEntry, Session, Status, Stream, Summary},
     source::{Description, Incident},
 };
 use erfgs_sync::Synchronisation;
@@ -26,6 +26,12 @@ struct SessionSummary<'a> {
     bytes: u64,
     complete: bool,
     whole_bytes: u64,
+    /// The files of a session in parts.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    files: Vec<FileOf<'a>>,
+    /// Of a part that is read by itself: its number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    part: Option<u32>,
     chunks: usize,
     recorded_with: &'a str,
     machine: &'a BTreeMap<String, String>,
@@ -66,6 +72,15 @@ struct StreamSummary<'a> {
     /// What decoding the stream gives; only if it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     decoded: Option<DecodedSummary>,
+}
+
+/// A file of a session in parts.
+#[derive(Serialize)]
+struct FileOf<'a> {
+    file: &'a Path,
+    bytes: u64,
+    whole_bytes: u64,
+    complete: bool,
 }
 
 #[derive(Serialize)]
@@ -145,6 +160,8 @@ fn describe<'a>(path: &'a Path, summary: &'a Summary) -> SessionSummary<'a> {
         bytes: summary.file_bytes,
         complete: summary.complete,
         whole_bytes: summary.whole_bytes,
+        files: summary.files.iter().map(describe_file).collect(),
+        part: summary.part.as_ref().map(|part| part.number).filter(|&number| number > 0),
         chunks: summary.chunks,
         recorded_with: &summary.start.program,
         machine: &summary.start.machine,
@@ -163,6 +180,11 @@ fn describe<'a>(path: &'a Path, summary: &'a Summary) -> SessionSummary<'a> {
         rig: &summary.rig,
         start_ns: Some(summary.start.host_ns),
     }
+}
+
+fn describe_file(file: &FileSummary) -> FileOf<'_> {
+    let FileSummary { path, bytes, whole_bytes, complete } = file;
+    FileOf { file: path, bytes: *bytes, whole_bytes: *whole_bytes, complete: *complete }
 }
 
 fn describe_stream<'a>(summary: &Summary, stream: &'a Stream) -> StreamSummary<'a> {
@@ -246,9 +268,25 @@ fn text(session: &SessionSummary<'_>) -> String {
     if !machine.is_empty() {
         rows.push(vec!["machine".to_owned(), machine.join(", ")]);
     }
+    if let Some(number) = session.part {
+        let alone = format!("number {number} of a session, read by itself; the first file gives all of them");
+        rows.push(vec!["part".to_owned(), alone]);
+    }
+    for part in session.files.iter().filter(|_| session.files.len() > 1) {
+        let size = match (part.complete, part.whole_bytes) {
+            (true, _) => bytes(part.bytes),
+            (false, 0) if part.bytes == 0 => "MISSING or empty".to_owned(),
+            (false, 0) => format!("{}: cut off before its first packet", bytes(part.bytes)),
+            (false, whole) => format!("{}: was not ended, intact up to byte {whole}", bytes(part.bytes)),
+        };
+        rows.push(vec!["file".to_owned(), format!("{}, {size}", part.file.display())]);
+    }
     if !session.complete {
-        let whole =
-            format!("was not ended: intact up to byte {}; `erfgs recover {file}` repairs it", session.whole_bytes);
+        let whole = if session.files.len() > 1 {
+            format!("was not ended; `erfgs recover {file} --in-place` repairs its files")
+        } else {
+            format!("was not ended: intact up to byte {}; `erfgs recover {file}` repairs it", session.whole_bytes)
+        };
         rows.push(vec!["recording".to_owned(), whole]);
     }
     let contents = match (session.checked, session.damage.len()) {

@@ -3,6 +3,7 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use erfgs_recorder::{self as record, AlarmKind};
+use erfgs_session::container::Split;
 
 use super::hosts;
 use crate::quick;
@@ -14,6 +15,7 @@ Examples:
   erfgs record --example > RIG.toml              start from the annotated example
   erfgs record RIG.toml --out take1.mcap         until Ctrl-C
   erfgs record RIG.toml --out take1.mcap --seconds 30 --live
+  erfgs record RIG.toml --out long.mcap --split 10GB             long.mcap, long.001.mcap, ..., read as one session
   erfgs record RIG.toml --out takes/ --wait --live 0.0.0.0:8100
   erfgs record RIG.toml --out takes/ --before 5 --after 2 --live       Enter or the page keeps the last 5 s and 2 s more
   erfgs record RIG.toml --out takes/ --before 1 --after 1 --on rate:4  as does a rise of an event camera's rate
@@ -39,6 +41,11 @@ pub struct Arguments {
     /// Stop after this many seconds.
     #[arg(long, value_name = "N", conflicts_with = "wait")]
     pub(super) seconds: Option<f64>,
+    /// Go on in another file before one is longer than this size, or after this time: 10GB, 500MB, 5min, 90s. The files are
+    /// named S.mcap, S.001.mcap, S.002.mcap and so on. Commands that are given S.mcap read them all as one session; each of them
+    /// is a whole MCAP file by itself, too.
+    #[arg(long, value_name = "SIZE|TIME")]
+    pub(super) split: Option<Split>,
     /// Serve the live page.
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8100")]
     pub(super) live: Option<SocketAddr>,

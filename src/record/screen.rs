@@ -78,7 +78,12 @@ fn line(status: &Status) -> String {
     let mut parts = match &status.recording {
         Some(recording) => vec![
             format!("recording {}", duration(recording.seconds)),
-            format!("{} at {:.1} MB/s", bytes(recording.bytes), recording.bytes_per_s / 1e6),
+            format!(
+                "{}{} at {:.1} MB/s",
+                bytes(recording.bytes),
+                in_files(recording.files),
+                recording.bytes_per_s / 1e6
+            ),
         ],
         None if status.finishing.is_some() => vec!["writing what waits".to_owned()],
         None => {
@@ -103,6 +108,11 @@ fn line(status: &Status) -> String {
         parts.push(format!("disk {} left", duration(seconds)));
     }
     parts.join(" | ")
+}
+
+/// ` in 3 files`, where there are several.
+fn in_files(files: u32) -> String {
+    if files > 1 { format!(" in {files} files") } else { String::new() }
 }
 
 /// What is told with `--json`.
@@ -130,11 +140,12 @@ pub(super) fn report(summary: &Summary) -> String {
         ]);
     }
     format!(
-        "{}\n{}: {}, {}; {}\n",
+        "{}\n{}: {}, {}{}; {}\n",
         table(&rows),
         summary.path.display(),
         duration(summary.seconds),
         bytes(summary.bytes),
+        in_files(summary.files),
         summary.reason
     )
 }

@@ -74,7 +74,7 @@ impl Audience {
             warnings: Vec::new(),
             begin_host_ns: None,
         };
-        let options = options(&RecordConfig::default(), info, folder_of(session), &monitor);
+        let options = options(&RecordConfig::default(), info, folder_of(session), &monitor, None);
         let recorder = Arc::new(Recorder::new(sources.into_iter().map(input).collect(), options)?);
         let page = LivePage::serve(
             Arc::clone(&recorder),

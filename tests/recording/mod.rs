@@ -24,6 +24,7 @@ mod names;
 mod raw;
 mod rig;
 mod session;
+mod split;
 mod told;
 mod tools;
 #[cfg(target_os = "linux")]

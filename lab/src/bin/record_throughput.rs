@@ -130,7 +130,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         flush_every: Duration::from_millis(500),
         reserve_bytes: 0,
         folder: folder_of(&out),
-        opener: Box::new(SessionFiles { settings: Settings { crc, ..Settings::default() } }),
+        opener: Box::new(SessionFiles { settings: Settings { crc, ..Settings::default() }, split: None }),
         subscriber: None,
         before: None,
         after: None,

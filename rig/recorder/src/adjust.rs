@@ -1,6 +1,6 @@
 //! Settings of devices, changed while they run.
 
-use erfgs_session::source::{Incident, Knob, Outlet as _, SourceError};
+use erfgs_session::source::{Incident, Knob, Outlet as _, SourceError, merge_settings};
 use serde_json::{Map, Value};
 
 use super::{
@@ -56,7 +56,7 @@ impl Recorder {
         let knobs = source.knobs();
         let missed = source.description().settings.get("not_applied").cloned();
         drop(source);
-        merge(&mut lock(&slot.adjusted), changed);
+        merge_settings(&mut lock(&slot.adjusted), changed);
         slot.outlet.report(Incident::Adjusted { changed: changed.clone() });
         if let Some(missed) = missed {
             self.say(Level::Warning, id, format!("not all was taken: {missed}"));
@@ -78,15 +78,5 @@ impl Recorder {
         rig_file::keep_settings(path, id, &changed)?;
         self.say(Level::Info, id, format!("its settings are in '{}'", path.display()));
         Ok(())
-    }
-}
-
-/// Later changes over earlier ones.
-fn merge(into: &mut Map<String, Value>, changed: &Map<String, Value>) {
-    for (name, value) in changed {
-        match (into.get_mut(name), value) {
-            (Some(Value::Object(into)), Value::Object(changed)) => merge(into, changed),
-            (_, value) => drop(into.insert(name.clone(), value.clone())),
-        }
     }
 }

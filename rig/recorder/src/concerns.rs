@@ -65,7 +65,7 @@ mod tests {
     use erfgs_session::source::{Description, Encoding};
 
     use super::*;
-    use crate::{ClockStatus, DiskStatus, StreamStatus, recorder::blank};
+    use crate::{ClockStatus, DiskStatus, StreamStatus, status::blank};
 
     fn status(seconds_left: Option<f64>, rate_ppm: f64, residual_p95_us: f64) -> Status {
         let description = Description {

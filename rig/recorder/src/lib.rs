@@ -1,4 +1,4 @@
-//! The recorder: from sources through bounded queues into one session file.
+//! The recorder: from sources through bounded queues into one session, in one file or several.
 //!
 //! ```text
 //! source ─► outlet ─► queue (bounded bytes a stream) ─► writer thread ─► session file
@@ -13,6 +13,7 @@ mod alarm;
 mod concerns;
 mod config;
 mod error;
+mod files;
 mod gate;
 mod host;
 pub mod hosts;

@@ -24,7 +24,7 @@ use super::{
     names,
     queue::{Item, Queue},
     sink::{OpenSession, SessionInfo, SinkError},
-    status::{Level, Message, RecordingStatus, Status, StreamState, StreamStatus, Summary},
+    status::{Level, Message, RecordingStatus, Status, StreamState, Summary},
     stream_outlet::StreamOutlet,
     stream_queue::StreamQueue,
     subscriber::Subscriber,
@@ -433,8 +433,10 @@ impl Shared {
             Ok(Err(error)) => Some(error.to_string()),
             Err(_) => Some(format!("the writer of '{}' panicked: this is a bug of erfgs", recording.path.display())),
         };
+        recording.progress.tell_news(&self.log);
         let mut summary = Summary {
             seconds,
+            files: recording.progress.files.load(Relaxed).max(1),
             bytes: recording.progress.bytes.load(Relaxed),
             reason: reason.to_owned(),
             failure,
@@ -463,6 +465,7 @@ impl RunningRecording {
             path: self.path.clone(),
             seconds: self.past_s + self.started.elapsed().as_secs_f64(),
             bytes,
+            files: self.progress.files.load(Relaxed).max(1),
             bytes_per_s: self.meter.rates(Instant::now(), [bytes, 0])[0],
             slowest_write_ms: self.progress.slowest_us.load(Relaxed) as f64 / 1e3,
         }
@@ -473,30 +476,4 @@ impl RunningRecording {
 #[must_use]
 pub fn is_id(id: &str) -> bool {
     (1..=64).contains(&id.len()) && id.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_')
-}
-
-/// The status of a stream that nothing is known of yet.
-pub(super) fn blank(description: &Description) -> StreamStatus {
-    StreamStatus {
-        id: description.id.clone(),
-        model: description.model.clone(),
-        serial: description.serial.clone(),
-        encoding: description.encoding,
-        width: description.width,
-        height: description.height,
-        state: StreamState::Stopped,
-        packets_per_s: 0.0,
-        bytes_per_s: 0.0,
-        events_per_s: None,
-        decoded_share: None,
-        drops: super::stream_queue::Drops::default(),
-        counters: Counters::default(),
-        waiting_bytes: 0,
-        peak_waiting_bytes: 0,
-        queue_bytes: 0,
-        written: 0,
-        written_bytes: 0,
-        readings: std::collections::BTreeMap::new(),
-        clock: None,
-    }
 }

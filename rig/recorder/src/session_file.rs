@@ -1,4 +1,4 @@
-//! The sink of a recording: session files in the MCAP container.
+//! The sink of a recording: a session in the MCAP container, in one file or several.
 
 use std::{
     collections::BTreeMap,
@@ -10,15 +10,16 @@ use std::{
 
 use erfgs_session::{
     clock::ClockFit,
-    container::{self, ContainerError, SessionStart, SessionWriter, Settings, StreamId},
+    container::{self, ContainerError, SessionId, SessionStart, SessionWriter, Settings, Split, StreamId},
     source::{Description, Incident, Packet},
 };
 
 use erfgs_rig::host_time::host_ns;
 
 use super::{
+    files::Files,
     sink::{OpenSession, SessionInfo, SessionSink, SinkError},
-    status::Status,
+    status::{Level, Status},
 };
 
 /// Opens session files.
@@ -26,10 +27,12 @@ use super::{
 pub struct SessionFiles {
     /// How they are written.
     pub settings: Settings,
+    /// When a session goes on in another file; `None`: never.
+    pub split: Option<Split>,
 }
 
 impl SessionFiles {
-    /// A session into any writer; `path` names it in errors.
+    /// A session into any writer, in one piece; `path` names it in errors.
     ///
     /// # Errors
     /// If the writer fails.
@@ -40,26 +43,8 @@ impl SessionFiles {
         info: &SessionInfo,
         streams: &[Description],
     ) -> Result<Box<dyn SessionSink>, SinkError> {
-        let failed = |error| sort(path, error);
-        let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let now_ns = host_ns();
-        let begin = info.begin_host_ns.unwrap_or(now_ns).min(now_ns);
-        let start = SessionStart {
-            host_ns: begin,
-            epoch_ns: i64::try_from(epoch.as_nanos()).unwrap_or(i64::MAX).saturating_sub(now_ns.saturating_sub(begin)),
-            program: info.program.clone(),
-            machine: info.machine.clone(),
-        };
-        let mut writer = SessionWriter::new(writer, path, start, &info.configuration, self.settings).map_err(failed)?;
-        let ids: Result<Vec<StreamId>, _> = streams.iter().map(|stream| writer.add_stream(stream)).collect();
-        let ids = ids.map_err(failed)?;
-        for message in &info.warnings {
-            let warning = Incident::Warning { message: message.clone() };
-            writer.incident(None, begin, &warning).map_err(failed)?;
-        }
-        // The streams are in the file before anything can go wrong.
-        writer.flush().map_err(failed)?;
-        Ok(Box::new(SessionFileSink { path: path.to_path_buf(), writer, ids, begin }))
+        let begin = |start| SessionWriter::new(writer, path, start, &info.configuration, self.settings);
+        Ok(Box::new(SessionFileSink::begin(path, info, streams, None, begin)?))
     }
 }
 
@@ -70,8 +55,21 @@ impl OpenSession for SessionFiles {
         info: &SessionInfo,
         streams: &[Description],
     ) -> Result<Box<dyn SessionSink>, SinkError> {
+        let Some(split) = self.split else {
+            let file = File::create_new(path).map_err(|error| SinkError::io(path, error))?;
+            return self.write_to(file, path, info, streams);
+        };
+        // Files of this name are parts of another session, and are never overwritten.
+        let taken = container::parts_beside(path).map_err(|error| SinkError::io(path, error))?;
+        if let Some((_, taken)) = taken.into_iter().next() {
+            return Err(SinkError::Exists(taken));
+        }
+        let mut id = [0; 16];
+        getrandom::fill(&mut id).map_err(SinkError::Random)?;
         let file = File::create_new(path).map_err(|error| SinkError::io(path, error))?;
-        self.write_to(file, path, info, streams)
+        let begin =
+            |start| SessionWriter::in_parts(file, path, start, &info.configuration, self.settings, SessionId(id));
+        Ok(Box::new(SessionFileSink::begin(path, info, streams, Some(Files::new(path, split)), begin)?))
     }
 }
 
@@ -81,6 +79,39 @@ struct SessionFileSink<W: Write> {
     ids: Vec<StreamId>,
     /// Host time of the session's zero, nanoseconds.
     begin: i64,
+    /// Of a session in several files: how it goes on.
+    files: Option<Files<W>>,
+}
+
+impl<W: Write> SessionFileSink<W> {
+    fn begin(
+        path: &Path,
+        info: &SessionInfo,
+        streams: &[Description],
+        files: Option<Files<W>>,
+        writer: impl FnOnce(SessionStart) -> Result<SessionWriter<W>, ContainerError>,
+    ) -> Result<Self, SinkError> {
+        let failed = |error| sort(path, error);
+        let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let now_ns = host_ns();
+        let begin = info.begin_host_ns.unwrap_or(now_ns).min(now_ns);
+        let start = SessionStart {
+            host_ns: begin,
+            epoch_ns: i64::try_from(epoch.as_nanos()).unwrap_or(i64::MAX).saturating_sub(now_ns.saturating_sub(begin)),
+            program: info.program.clone(),
+            machine: info.machine.clone(),
+        };
+        let mut writer = writer(start).map_err(failed)?;
+        let ids: Result<Vec<StreamId>, _> = streams.iter().map(|stream| writer.add_stream(stream)).collect();
+        let ids = ids.map_err(failed)?;
+        for message in &info.warnings {
+            let warning = Incident::Warning { message: message.clone() };
+            writer.incident(None, begin, &warning).map_err(failed)?;
+        }
+        // The streams are in the file before anything can go wrong.
+        writer.flush().map_err(failed)?;
+        Ok(Self { path: path.to_path_buf(), writer, ids, begin, files })
+    }
 }
 
 /// What is known while recording, of an event camera's ticks, which are microseconds, on the session's clock.
@@ -96,6 +127,9 @@ fn of_session(fit: &ClockFit, begin: i64) -> ClockFit {
 
 impl<W: Write + Send> SessionSink for SessionFileSink<W> {
     fn packet(&mut self, stream: usize, packet: &Packet) -> Result<(), SinkError> {
+        if let Some(files) = &mut self.files {
+            files.change_if_full(&mut self.writer, packet)?;
+        }
         self.writer.packet(self.ids[stream], packet).map_err(|error| sort(&self.path, error))
     }
 
@@ -138,16 +172,25 @@ impl<W: Write + Send> SessionSink for SessionFileSink<W> {
         self.writer.written_bytes()
     }
 
+    fn files(&self) -> u32 {
+        self.writer.part_number() + 1
+    }
+
+    fn news(&mut self) -> Vec<(Level, String)> {
+        self.files.as_mut().map(|files| std::mem::take(&mut files.news)).unwrap_or_default()
+    }
+
     fn finish(self: Box<Self>) -> Result<u64, SinkError> {
         let Self { path, writer, .. } = *self;
+        let before = writer.before_bytes();
         let finished = writer.finish().map_err(|error| sort(&path, error))?;
         let mut sink = finished.sink;
         sink.flush().map_err(|error| SinkError::io(&path, error))?;
-        Ok(finished.bytes)
+        Ok(before + finished.bytes)
     }
 }
 
-fn sort(path: &Path, error: ContainerError) -> SinkError {
+pub(super) fn sort(path: &Path, error: ContainerError) -> SinkError {
     match error {
         ContainerError::Write { source, .. } => SinkError::io(path, source),
         other => SinkError::Container { path: path.to_path_buf(), message: other.to_string() },
@@ -201,7 +244,7 @@ mod tests {
     };
 
     use super::*;
-    use crate::{ClockStatus, StreamStatus, recorder::blank};
+    use crate::{ClockStatus, StreamStatus, status::blank};
 
     #[derive(Clone, Default)]
     struct Held(Arc<Mutex<Vec<u8>>>);

@@ -9,7 +9,7 @@ use std::{
 use erfgs_session::source::{Description, Incident, Packet};
 use serde::{Deserialize, Serialize};
 
-use super::status::Status;
+use super::status::{Level, Status};
 
 /// What a session is told about itself before its streams.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -57,10 +57,20 @@ pub trait SessionSink: Send {
     /// As [`SessionSink::packet`].
     fn flush(&mut self) -> Result<(), SinkError>;
 
-    /// Bytes that the session file has by now.
+    /// Bytes that the session has by now.
     fn bytes_written(&self) -> u64;
 
-    /// Completes the file: index, totals. Gives its length in bytes. After an error this is not called.
+    /// Files that the session is in.
+    fn files(&self) -> u32 {
+        1
+    }
+
+    /// What the user should know of the files since this was called last.
+    fn news(&mut self) -> Vec<(Level, String)> {
+        Vec::new()
+    }
+
+    /// Completes the file: index, totals. Gives the length of the session in bytes. After an error this is not called.
     ///
     /// # Errors
     /// As [`SessionSink::packet`].
@@ -80,6 +90,11 @@ pub trait OpenSession: Send + Sync {
 /// Why a session cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum SinkError {
+    /// No random numbers to tell the session from others.
+    #[error(
+        "the system gives no random numbers, by which the files of one session are told from those of another: {0}"
+    )]
+    Random(getrandom::Error),
     /// The file exists; recordings are never overwritten.
     #[error("'{}' exists already, and recordings are never overwritten: choose another name or move it away", .0.display())]
     Exists(PathBuf),

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 use erfgs_session::{
     Session,
     clock::ClockFit,
-    source::{Counters, Encoding},
+    source::{Counters, Description, Encoding},
 };
 use serde::{Deserialize, Serialize};
 
@@ -110,12 +110,15 @@ pub struct StreamStatus {
 /// The recording that runs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RecordingStatus {
-    /// The session file.
+    /// The session file, or the first of several.
     pub path: PathBuf,
     /// Since it started.
     pub seconds: f64,
-    /// Bytes of the file by now.
+    /// Bytes of all files by now.
     pub bytes: u64,
+    /// Files that it is in.
+    #[serde(default)]
+    pub files: u32,
     /// Bytes a second, over the last second.
     pub bytes_per_s: f64,
     /// Longest that one write took, milliseconds.
@@ -176,12 +179,15 @@ pub struct Message {
 /// How a recording ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// The session file.
+    /// The session file, or the first of several.
     pub path: PathBuf,
     /// Its length, seconds.
     pub seconds: f64,
-    /// Its size, bytes.
+    /// Its size in all files, bytes.
     pub bytes: u64,
+    /// Files that it is in.
+    #[serde(default)]
+    pub files: u32,
     /// Why it ended.
     pub reason: String,
     /// What went wrong at its end, if anything: the file can be read, and `erfgs recover` completes it.
@@ -194,8 +200,8 @@ impl Summary {
     /// Counts the packets that the file holds, where writing it failed: what was handed over last may never have come there.
     pub(crate) fn count_what_is_there(&mut self) {
         let Ok(file) = std::fs::metadata(&self.path) else { return };
-        self.bytes = file.len();
         let session = Session::open(&self.path).ok();
+        self.bytes = session.as_ref().map_or(file.len(), |session| session.summary().file_bytes);
         for stream in &mut self.streams {
             let found = session.as_ref().and_then(|session| session.summary().stream(&stream.id));
             let totals = found.map(|(_, found)| found.totals).unwrap_or_default();
@@ -249,5 +255,31 @@ impl Status {
     #[must_use]
     pub fn drops(&self) -> u64 {
         self.streams.iter().map(|stream| stream.drops.total()).sum()
+    }
+}
+
+/// The status of a stream that nothing is known of yet.
+pub(super) fn blank(description: &Description) -> StreamStatus {
+    StreamStatus {
+        id: description.id.clone(),
+        model: description.model.clone(),
+        serial: description.serial.clone(),
+        encoding: description.encoding,
+        width: description.width,
+        height: description.height,
+        state: StreamState::Stopped,
+        packets_per_s: 0.0,
+        bytes_per_s: 0.0,
+        events_per_s: None,
+        decoded_share: None,
+        drops: Drops::default(),
+        counters: Counters::default(),
+        waiting_bytes: 0,
+        peak_waiting_bytes: 0,
+        queue_bytes: 0,
+        written: 0,
+        written_bytes: 0,
+        readings: BTreeMap::new(),
+        clock: None,
     }
 }

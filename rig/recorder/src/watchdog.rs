@@ -14,8 +14,8 @@ use erfgs_rig::host_time::host_ns;
 use super::{
     host,
     queue::{Item, Queue},
-    recorder::{Shared, Slot, blank, lock},
-    status::{DiskStatus, HeldStatus, Level, Status, StreamState, StreamStatus},
+    recorder::{Shared, Slot, lock},
+    status::{DiskStatus, HeldStatus, Level, Status, StreamState, StreamStatus, blank},
 };
 
 /// Between two looks.
@@ -35,6 +35,7 @@ pub(super) fn watch(shared: &Shared) {
         let status = Arc::clone(&lock(&shared.status));
         let (mut end, mut ended) = (None, false);
         if let Some(recording) = lock(&shared.recording).as_ref() {
+            recording.progress.tell_news(&shared.log);
             if Instant::now() >= next_status {
                 next_status = Instant::now() + STATUS;
                 recording.queue.note(Item::Status(Arc::clone(&status)));

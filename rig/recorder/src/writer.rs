@@ -5,25 +5,41 @@ use std::{
     collections::VecDeque,
     sync::{
         Mutex, PoisonError,
-        atomic::{AtomicU64, Ordering::Relaxed},
+        atomic::{AtomicU32, AtomicU64, Ordering::Relaxed},
     },
     time::{Duration, Instant},
 };
 
 use super::{
+    log::Log,
     queue::{Item, Queue},
     sink::{SessionSink, SinkError},
+    status::Level,
 };
 
 /// What the writer tells while it works.
 #[derive(Default)]
 pub(super) struct Progress {
-    /// Bytes of the session file.
+    /// Bytes of the session.
     pub bytes: AtomicU64,
+    /// Files that it is in.
+    pub files: AtomicU32,
+    /// What the user should know of them.
+    pub news: Mutex<Vec<(Level, String)>>,
     /// Longest that a write or flush took, microseconds.
     pub slowest_us: AtomicU64,
     /// Why it writes no more.
     pub failure: Mutex<Option<String>>,
+}
+
+impl Progress {
+    /// Tells the user the news.
+    pub fn tell_news(&self, log: &Mutex<Log>) {
+        let news = std::mem::take(&mut *self.news.lock().unwrap_or_else(PoisonError::into_inner));
+        for (level, text) in news {
+            log.lock().unwrap_or_else(PoisonError::into_inner).say(level, "", text);
+        }
+    }
 }
 
 /// Writes until the queue is closed and empty, then completes the file. After the first error nothing is written, and
@@ -67,6 +83,8 @@ pub(super) fn write(
                 dirty = false;
             }
             progress.bytes.store(sink.bytes_written(), Relaxed);
+            progress.files.store(sink.files(), Relaxed);
+            progress.news.lock().unwrap_or_else(PoisonError::into_inner).append(&mut sink.news());
             progress.slowest_us.fetch_max(begun.elapsed().as_micros() as u64, Relaxed);
         }
         if Instant::now() >= next_flush {

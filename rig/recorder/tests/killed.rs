@@ -8,7 +8,7 @@ use std::{
     collections::BTreeMap,
     env, fs,
     io::{BufRead, BufReader, Read, Write},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, ExitCode, Stdio},
     sync::{
         Arc, Mutex,
@@ -25,7 +25,7 @@ use erfgs_recorder::{
 };
 use erfgs_rig::host_time::host_ns;
 use erfgs_session::{
-    container::{Entry, Session, recover},
+    container::{Entry, Session, Split, part_path, parts_beside, recover, recover_in_place},
     source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError},
 };
 
@@ -39,7 +39,9 @@ const LOSS_NS: i64 = 1_000_000_000;
 fn main() -> ExitCode {
     let arguments: Vec<String> = env::args().collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
-        [_, "record", folder, take_ms] => record(Path::new(folder), take_ms.parse().unwrap()),
+        [_, "record", folder, take_ms, part_ms] => {
+            record(Path::new(folder), take_ms.parse().unwrap(), part_ms.parse().unwrap());
+        }
         // Test runners ask for the list of tests.
         [_, rest @ ..] if rest.contains(&"--list") => println!("sessions_survive_200_kills: test"),
         _ => sessions_survive_200_kills(),
@@ -49,8 +51,8 @@ fn main() -> ExitCode {
 
 // The process that is killed -----------------------------------------------------------------------------------------
 
-/// Records one take after another, each `take_ms` long, until killed.
-fn record(folder: &Path, take_ms: u64) {
+/// Records one take after another, each `take_ms` long, in parts of `part_ms` (0: whole), until killed.
+fn record(folder: &Path, take_ms: u64, part_ms: i64) {
     let inputs = (0..STREAMS).map(|stream| Input {
         source: Box::new(Ticker::new(stream)),
         queue_bytes: 64 << 20,
@@ -61,7 +63,7 @@ fn record(folder: &Path, take_ms: u64) {
         flush_every: FLUSH,
         reserve_bytes: 0,
         folder: folder.into(),
-        opener: Box::new(Telling),
+        opener: Box::new(Telling((part_ms > 0).then_some(Split::Time(part_ms * 1_000_000)))),
         subscriber: None,
         before: None,
         after: None,
@@ -135,7 +137,7 @@ impl Source for Ticker {
 }
 
 /// Session files whose writer tells what it has written, and what it has flushed.
-struct Telling;
+struct Telling(Option<Split>);
 
 impl OpenSession for Telling {
     fn open(
@@ -146,7 +148,7 @@ impl OpenSession for Telling {
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let take = path.file_stem().unwrap().to_str().unwrap().to_owned();
         tell(&format!("begun {take}\n"));
-        let sink = SessionFiles::default().open(path, info, streams)?;
+        let sink = SessionFiles { split: self.0, ..SessionFiles::default() }.open(path, info, streams)?;
         Ok(Box::new(Teller { take, sink, last: [None; STREAMS] }))
     }
 }
@@ -210,6 +212,7 @@ struct Found {
     recovered: u64,
     whole: u64,
     empty: u64,
+    parts: usize,
 }
 
 fn sessions_survive_200_kills() {
@@ -228,11 +231,12 @@ fn sessions_survive_200_kills() {
             });
         }
     });
-    let Found { worst_ns, recovered, whole, empty } = found.into_inner().unwrap();
+    let Found { worst_ns, recovered, whole, empty, parts } = found.into_inner().unwrap();
     println!(
-        "{KILLS} kills: {recovered} takes recovered, {whole} completed ones whole, {empty} files without a byte; at most {:.0} ms lost",
+        "{KILLS} kills: {recovered} takes recovered, {whole} completed ones whole, {empty} files without a byte, {parts} further parts; at most {:.0} ms lost",
         worst_ns as f64 / 1e6
     );
+    assert!(parts as u64 > KILLS, "too few files were changed to mean anything");
     assert!(recovered >= KILLS * 2 / 3, "too few kills hit a recording to mean anything");
 }
 
@@ -243,8 +247,12 @@ fn kill_and_look(kill: u64, found: &Mutex<Found>) {
     let random = kill.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
     let after_ms = if kill % 16 == 7 { 1100 + random % 500 } else { random % 100 };
     let take_ms = if kill.is_multiple_of(2) { "25" } else { "60000" };
-    let said = record_and_kill(folder.path(), take_ms, Duration::from_millis(after_ms));
-    let files = fs::read_dir(folder.path()).unwrap().count();
+    // A third of them change files every few milliseconds.
+    let part_ms = if kill % 3 == 2 { 3 } else { 0 };
+    let said = record_and_kill(folder.path(), take_ms, part_ms, Duration::from_millis(after_ms));
+    let is_first = |name: String| name.matches('.').count() == 1;
+    let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let files = names.filter(|name| is_first(name.clone())).count();
     let last = said.keys().next_back().unwrap();
     assert!(files as u64 == last + 1 || files as u64 == *last, "kill {kill}: {files} files, {last} was begun last");
     for (take, said) in &said {
@@ -255,16 +263,18 @@ fn kill_and_look(kill: u64, found: &Mutex<Found>) {
             found.lock().unwrap().empty += 1;
             continue;
         }
-        let loss = check(&path, said).unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{said:?}"));
+        let loss = if part_ms > 0 { check_parts(&path, said) } else { check(&path, said) };
+        let loss = loss.unwrap_or_else(|wrong| panic!("kill {kill}, take {take}: {wrong}\n{said:?}"));
         let mut found = found.lock().unwrap();
+        found.parts += parts_beside(&path).unwrap().len();
         found.worst_ns = found.worst_ns.max(loss);
         *if said.ended.is_some() { &mut found.whole } else { &mut found.recovered } += 1;
     }
 }
 
-fn record_and_kill(folder: &Path, take_ms: &str, after: Duration) -> BTreeMap<u64, Said> {
+fn record_and_kill(folder: &Path, take_ms: &str, part_ms: i64, after: Duration) -> BTreeMap<u64, Said> {
     let mut child = Command::new(env::current_exe().unwrap())
-        .args(["record", folder.to_str().unwrap(), take_ms])
+        .args(["record", folder.to_str().unwrap(), take_ms, &part_ms.to_string()])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
@@ -300,17 +310,41 @@ fn record_and_kill(folder: &Path, take_ms: &str, after: Duration) -> BTreeMap<u6
     said
 }
 
-/// Repairs and reads a take. Gives the time between the last packet that the writer took and the last one in the file.
-fn check(path: &PathBuf, said: &Said) -> Result<i64, String> {
+/// Repairs and reads a take.
+fn check(path: &Path, said: &Said) -> Result<i64, String> {
     let repaired = path.with_extension("repaired.mcap");
     let done = recover(path, &repaired).map_err(|error| error.to_string())?;
     if said.ended.is_some() && !done.was_whole {
         return Err("a completed take needed repair".into());
     }
-    let path = if done.was_whole { path } else { &repaired };
+    let loss = read(if done.was_whole { path } else { &repaired }, said, true);
+    fs::remove_file(&repaired).ok();
+    loss
+}
+
+/// Reads a take in parts as it was left, repairs its files, and reads it again.
+fn check_parts(first: &Path, said: &Said) -> Result<i64, String> {
+    let loss = read(first, said, said.ended.is_some())?;
+    let files = parts_beside(first).map_err(|error| error.to_string())?.len() as u32;
+    for part in 0..=files {
+        let path = part_path(first, part);
+        match recover_in_place(&path) {
+            Ok(done) if said.ended.is_some() && !done.was_whole => return Err("a completed take needed repair".into()),
+            Ok(_) => {}
+            // Killed before anything was in it.
+            Err(_) if part == files && part > 0 => fs::remove_file(&path).map_err(|error| error.to_string())?,
+            Err(error) => return Err(error.to_string()),
+        }
+    }
+    let again = read(first, said, false)?;
+    if again == loss { Ok(loss) } else { Err(format!("{again} ns are lost after the repair, {loss} before")) }
+}
+
+/// Reads a take. Gives the time between the last packet that the writer took and the last one in the file.
+fn read(path: &Path, said: &Said, complete: bool) -> Result<i64, String> {
     let mut session = Session::open(path).map_err(|error| error.to_string())?;
-    if !session.summary().complete {
-        return Err("the repaired take is not complete".into());
+    if complete && !session.summary().complete {
+        return Err(format!("the take is not complete: {:?}", session.summary().faults()));
     }
     let (mut next, mut count, mut last_ns) = ([None; STREAMS], 0, i64::MIN);
     for entry in session.messages(None) {
@@ -334,7 +368,6 @@ fn check(path: &PathBuf, said: &Said) -> Result<i64, String> {
         return Err(format!("{count} packets are in a completed take"));
     }
     let Some(taken_ns) = said.taken_ns else { return Ok(0) };
-    fs::remove_file(&repaired).ok();
     let loss = taken_ns - if count > 0 { last_ns } else { said.first_ns.unwrap_or(taken_ns) };
     if loss > LOSS_NS { Err(format!("{loss} ns are lost")) } else { Ok(loss) }
 }

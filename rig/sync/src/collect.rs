@@ -4,7 +4,7 @@ use std::io::{Read, Seek};
 
 use erfgs_events::{Decoder, StreamDecoder};
 use erfgs_session::{
-    container::{ContainerError, Entry, Session, hand_over, sensor_size},
+    container::{ContainerError, Entry, Session, hand_over},
     source::{Description, Encoding, FrameStamp, Packet, StampClock},
 };
 
@@ -99,7 +99,11 @@ pub(super) fn gather_all<R: Read + Seek>(
 ) -> Result<Vec<Gathered>, ContainerError> {
     let streams = session.summary().streams.clone();
     let start_ns = session.summary().start.host_ns;
-    let mut gathered: Vec<Gathered> = streams.iter().map(|stream| gather(&stream.description, options)).collect();
+    let mut gathered = Vec::new();
+    for (index, stream) in streams.iter().enumerate() {
+        let decoder = session.decoder_from(index, None)?.map(|begun| begun.decoder);
+        gathered.push(gather(&stream.description, decoder, options));
+    }
     let mut bytes = 0;
     for entry in session.messages(None) {
         let (stream, packet) = match entry {
@@ -121,14 +125,12 @@ pub(super) fn gather_all<R: Read + Seek>(
     Ok(gathered)
 }
 
-fn gather(description: &Description, options: SyncOptions) -> Gathered {
+fn gather(description: &Description, decoder: Option<StreamDecoder>, options: SyncOptions) -> Gathered {
     match description.encoding {
         Encoding::TriggerLines => Gathered::Board(BoardLines::default()),
-        encoding if encoding.is_events() => Gathered::Events(Box::new(Events {
-            decoder: encoding.events().map(|encoding| StreamDecoder::new(encoding, sensor_size(description))),
-            stretches: Stretches::new(options.flash),
-            packets: 0,
-        })),
+        encoding if encoding.is_events() => {
+            Gathered::Events(Box::new(Events { decoder, stretches: Stretches::new(options.flash), packets: 0 }))
+        }
         _ => {
             let looks = options.flash && !description.is_triggered();
             Gathered::Frames(Frames { brightness: looks.then(Vec::new), ..Frames::default() })

@@ -5,6 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::MAX_PART;
+
 /// An error of reading, writing or repairing a session.
 #[derive(Debug, thiserror::Error)]
 pub enum ContainerError {
@@ -87,6 +89,37 @@ pub enum ContainerError {
         version: String,
         /// The version known.
         known: u32,
+    },
+    /// A file that is not the last of a session in parts is not there.
+    #[error(
+        "{path} is missing: the session goes on in {later}; move it beside the others. If it is lost, move the files behind it into \
+         another folder: what lies before it can be read then, and each of the others by itself",
+        path = path.display(), later = later.display()
+    )]
+    MissingPart {
+        /// The file.
+        path: PathBuf,
+        /// The file behind it, which is there.
+        later: PathBuf,
+    },
+    /// A file is named as a part of a session, and is none.
+    #[error(
+        "{path} is named as a part of the session that begins in {first}, but {what}; give it another name, or move it away",
+        path = path.display(), first = first.display()
+    )]
+    ForeignPart {
+        /// The file.
+        path: PathBuf,
+        /// The first file of the session.
+        first: PathBuf,
+        /// What it is instead.
+        what: String,
+    },
+    /// A session that is written cannot go on in another file.
+    #[error("the session in {path} cannot go on in another file: it was not begun in parts, or has {MAX_PART} of them", path = path.display())]
+    NotInParts {
+        /// The file.
+        path: PathBuf,
     },
     /// A record is broken where the file is not merely cut off.
     #[error("{path} is damaged at byte {offset}: {what}; `erfgs recover` saves the intact part", path = path.display())]

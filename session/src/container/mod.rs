@@ -10,6 +10,7 @@ mod entry;
 mod error;
 mod foreign;
 pub mod packet;
+mod parts;
 mod read;
 mod record;
 mod repair;
@@ -20,10 +21,12 @@ pub use decoded::{BegunDecoder, DecodedStream};
 pub use entry::{DecoderState, Entry, Stream};
 pub use error::ContainerError;
 pub use foreign::{EventFileRecording, HostClock, bag::recording_file};
+pub use parts::{MAX_PART, PartOf, SessionId, part_path, parts_beside};
 pub use read::{IntoMessages, Messages, Recording, Session, hand_over, sensor_size};
 pub use record::{IncidentEntry, SessionStart, Status, StreamStatus, StreamTotals, Totals};
 pub use repair::{Recovered, recover, recover_in_place};
-pub use summary::Summary;
+pub use summary::{FileSummary, Summary};
 pub use write::{
-    Finished, Merged, MergedStream, Part, SessionWriter, Settings, StreamId, import_events, merge, write_excerpt,
+    Finished, Merged, MergedStream, NextPart, Part, SessionWriter, Settings, Split, SplitError, StreamId,
+    import_events, merge, write_excerpt,
 };

@@ -86,6 +86,9 @@ pub struct StreamTotals {
     pub damaged: u64,
     /// The sequence number that should come next.
     pub next_sequence: u64,
+    /// The sequence number of the first packet; absent where an earlier program counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_sequence: Option<u64>,
 }
 
 impl StreamTotals {
@@ -101,6 +104,7 @@ impl StreamTotals {
         self.packets += 1;
         self.bytes += packet.payload.len() as u64;
         self.first_host_ns.get_or_insert(packet.host_ns);
+        self.first_sequence.get_or_insert(packet.sequence);
         self.last_host_ns = Some(packet.host_ns);
         // A take of a rig that runs begins with any number.
         let next = if self.packets == 1 { packet.sequence } else { self.next_sequence };
@@ -109,6 +113,25 @@ impl StreamTotals {
         self.discontinuities += u64::from(packet.discontinuity);
         self.damaged += u64::from(packet.damaged);
         self.next_sequence = packet.sequence.saturating_add(1);
+    }
+
+    /// Counts what follows in the session's next file.
+    pub(super) fn go_on(&mut self, next: &Self) {
+        if next.packets == 0 {
+            return;
+        }
+        if let (true, Some(first)) = (self.packets > 0, next.first_sequence) {
+            self.missing = self.missing.saturating_add(first.saturating_sub(self.next_sequence));
+        }
+        self.packets = self.packets.saturating_add(next.packets);
+        self.bytes = self.bytes.saturating_add(next.bytes);
+        self.first_host_ns = self.first_host_ns.or(next.first_host_ns);
+        self.last_host_ns = next.last_host_ns.or(self.last_host_ns);
+        self.missing = self.missing.saturating_add(next.missing);
+        self.discontinuities = self.discontinuities.saturating_add(next.discontinuities);
+        self.damaged = self.damaged.saturating_add(next.damaged);
+        self.next_sequence = next.next_sequence;
+        self.first_sequence = self.first_sequence.or(next.first_sequence);
     }
 }
 
@@ -162,6 +185,8 @@ pub struct Totals {
     pub incident_count: u64,
     /// The last clock fit of every stream that has one, by its id.
     pub clocks: BTreeMap<String, ClockFit>,
+    /// Whether the session goes on in another file.
+    pub continues: bool,
 }
 
 impl Totals {
@@ -188,7 +213,22 @@ impl Totals {
         }
         metadata.extend(self.streams.iter().map(|(id, totals)| (format!("stream.{id}"), json_text(totals))));
         metadata.extend(self.clocks.iter().map(|(id, fit)| (format!("clock.{id}"), json_text(fit))));
+        if self.continues {
+            metadata.insert("continues".to_owned(), "true".to_owned());
+        }
         metadata
+    }
+
+    /// Takes note of what the session's next file says beside its streams.
+    pub(super) fn go_on(&mut self, next: &Self) {
+        if next.status.is_some() {
+            self.status.clone_from(&next.status);
+        }
+        let room = Self::MAX_INCIDENTS.saturating_sub(self.incidents.len());
+        self.incidents.extend(next.incidents.iter().take(room).cloned());
+        self.incident_count = self.incident_count.saturating_add(next.incident_count);
+        self.clocks.extend(next.clocks.iter().map(|(id, fit)| (id.clone(), fit.clone())));
+        self.continues = next.continues;
     }
 
     /// From the entries of a metadata record.
@@ -205,6 +245,7 @@ impl Totals {
                 None => match key.as_str() {
                     "status" => totals.status = Some(serde_json::from_str(value)?),
                     "incidents" => totals.incidents = serde_json::from_str(value)?,
+                    "continues" => totals.continues = serde_json::from_str(value)?,
                     "incident_count" => totals.incident_count = serde_json::from_str(value)?,
                     _ => {}
                 },

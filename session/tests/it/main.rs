@@ -7,6 +7,7 @@ mod excerpt;
 mod faults;
 #[cfg(feature = "hdf5")]
 mod hdf5;
+mod parts;
 mod read;
 mod recover;
 mod ros;

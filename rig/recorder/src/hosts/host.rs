@@ -79,6 +79,15 @@ pub struct HostTake {
 }
 
 impl HostTake {
+    /// Files that the session is in, as far as the host said.
+    #[must_use]
+    pub fn files(&self) -> u32 {
+        match &self.end {
+            HostEnd::Stopped(summary) | HostEnd::Early(summary) => summary.files,
+            HostEnd::Unknown { .. } => 1,
+        }
+    }
+
     /// What there is to know about its end, in words; with what to do where something is wrong.
     #[must_use]
     pub fn says(&self) -> (Level, String) {

@@ -17,7 +17,9 @@ pub fn merge_commands(own: &Path, takes: &[HostTake]) -> Vec<String> {
         }
         // The near end of a tunnel does not tell what lies behind it.
         let host = if is_here(&take.address) { "HOST" } else { &take.address };
-        let from = format!("{host}:{}", take.path.display());
+        // The shell of the other host lists the files of a session in several.
+        let path = if take.files() > 1 { take.path.with_extension("*mcap") } else { take.path.clone() };
+        let from = format!("{host}:{}", path.display());
         commands.push(format!("scp {} {}", word(Path::new(&from)), word(folder)));
         sessions.push(word(&own.with_file_name(take.path.file_name().unwrap_or_default())));
     }
@@ -58,6 +60,23 @@ mod tests {
             commands,
             ["scp right:/data/t-right.mcap takes", r"scp '[fe80::2]:/da ta/it'\''s.mcap' takes", merge]
         );
+    }
+
+    #[test]
+    fn all_files_of_a_session_in_several_are_fetched() {
+        let summary = crate::Summary {
+            path: "/data/t-right.mcap".into(),
+            seconds: 1.0,
+            bytes: 1,
+            files: 3,
+            reason: String::new(),
+            failure: None,
+            streams: Vec::new(),
+        };
+        let take = HostTake { end: HostEnd::Stopped(Box::new(summary)), ..take("right", "/data/t-right.mcap") };
+        let commands = merge_commands(Path::new("t.mcap"), &[take]);
+        assert_eq!(commands[0], "scp 'right:/data/t-right.*mcap' .");
+        assert_eq!(commands[1], "erfgs merge t.mcap t-right.mcap --out t-merged.mcap");
     }
 
     #[test]

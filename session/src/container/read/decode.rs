@@ -96,6 +96,13 @@ impl<R: Read + Seek> Session<R> {
             Some(from) if breaks == 0 => self.state_before(&id, from)?,
             _ => None,
         };
+        // A part that is read by itself begins with the state behind those before.
+        let state = match state {
+            None if self.summary().part.as_ref().is_some_and(|part| part.number > 0) => {
+                self.first_state(stream, &id)?
+            }
+            state => state,
+        };
         // Packets of AEDAT 4 remember nothing of each other.
         let anywhere = from_host_ns.filter(|_| encoding == EventEncoding::Aedat4);
         Ok(match state {
@@ -109,6 +116,19 @@ impl<R: Read + Seek> Session<R> {
                 Some(BegunDecoder { decoder, first_sequence: 0, host_ns: anywhere })
             }
         })
+    }
+
+    /// The state of a stream's decoder before its first packet, if there is one.
+    fn first_state(&mut self, stream: usize, id: &str) -> Result<Option<DecoderState>, ContainerError> {
+        for entry in self.messages_within(None, i64::MAX) {
+            match entry {
+                Ok(Entry::DecoderState(state)) if state.stream == id => return Ok(Some(state)),
+                Ok(Entry::Packet { stream: of, .. }) if of == stream => break,
+                Err(error @ ContainerError::Read { .. }) => return Err(error),
+                _ => {}
+            }
+        }
+        Ok(None)
     }
 
     /// The last state of a stream's decoder at or before a host time.

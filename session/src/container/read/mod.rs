@@ -1,8 +1,9 @@
-//! Reading: a file walked over record by record, a session by its index or from one end to the other, its events decoded, and
-//! a recording of whatever format.
+//! Reading: a file walked over record by record, a session by its index or from one end to the other, the files of a session as one,
+//! its events decoded, and a recording of whatever format.
 
 mod chunk;
 mod decode;
+mod file;
 mod framing;
 mod index;
 mod layout;
@@ -10,6 +11,7 @@ mod mend;
 mod messages;
 mod packet_log;
 mod parse;
+mod parts;
 mod recording;
 mod resync;
 mod session;

@@ -1,8 +1,10 @@
-//! Writing: a session while it is recorded, from an event file, of a range of a recording, and of several hosts as one.
+//! Writing: a session while it is recorded, in one file or several, from an event file, of a range of a recording, and of several hosts as one.
 
 mod excerpt;
 mod import_events;
 mod merge;
+mod output;
+mod split;
 mod states;
 mod writer;
 
@@ -10,5 +12,6 @@ pub use self::{
     excerpt::write_excerpt,
     import_events::import_events,
     merge::{Merged, MergedStream, Part, merge},
-    writer::{Finished, SessionWriter, Settings, StreamId},
+    split::{Split, SplitError},
+    writer::{Finished, NextPart, SessionWriter, Settings, StreamId},
 };

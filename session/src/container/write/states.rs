@@ -2,8 +2,10 @@
 //!
 //! What a decoder of Prophesee's formats remembers is all said again within a few rows of events: the row, the base of
 //! vectors, the low time; and of the high time it counts the rounds, which last 16.8 s and more. So it is enough to decode
-//! some kilobytes before each state, once a second. The DAVIS counts its time in wraps of 33 ms, and is slow enough to be
-//! decoded whole.
+//! the last kilobytes where a state is wanted, once a second and where a file ends. The DAVIS counts its time in wraps of 33 ms,
+//! and is slow enough to be decoded whole.
+
+use std::collections::VecDeque;
 
 use crate::{
     container::read::{Nowhere, hand_over, sensor_size},
@@ -21,14 +23,17 @@ pub(super) struct StateKeeper {
     decoder: StreamDecoder,
     /// Bytes of a word of the format.
     word: u64,
-    /// Whether all packets are decoded.
+    /// Whether all packets are decoded as they come.
     whole: bool,
-    /// Host time from which on the next state is due.
+    /// Host time from which on the next state is due; `None` before the first packet.
     due_ns: Option<i64>,
-    /// Bytes decoded without a gap up to here.
-    sampled: usize,
-    /// Bytes since the last cut, by which words lie.
+    /// The last packets since the last cut, [`SAMPLE_BYTES`] of them and the rest of a packet: which are not decoded.
+    recent: VecDeque<Packet>,
+    recent_bytes: usize,
+    /// Bytes from the last cut to the first of these packets, by which words lie.
     position: u64,
+    /// Whether the decoder knows what lies before them.
+    joined: bool,
     begun: bool,
 }
 
@@ -45,43 +50,82 @@ impl StateKeeper {
             _ => 2,
         };
         let whole = encoding == EventEncoding::Davis;
-        Some(Self { decoder, word, whole, due_ns: None, sampled: 0, position: 0, begun: false })
+        let (recent, recent_bytes) = (VecDeque::new(), 0);
+        Some(Self { decoder, word, whole, due_ns: None, recent, recent_bytes, position: 0, joined: true, begun: false })
+    }
+
+    /// Lets the next packet have a state before it.
+    pub fn want_state(&mut self) {
+        if let Some(due_ns) = &mut self.due_ns {
+            *due_ns = i64::MIN;
+        }
     }
 
     /// Takes a packet. Gives the state of the decoder before it, if one is due.
     pub fn take(&mut self, packet: &Packet) -> Option<[u8; 16]> {
         let due_ns = *self.due_ns.get_or_insert(packet.host_ns.saturating_add(EVERY_NS));
-        let due = packet.host_ns >= due_ns;
-        let state = (due && !packet.discontinuity && (self.whole || self.sampled >= SAMPLE_BYTES))
-            .then(|| self.decoder.state())
-            .flatten();
+        let due = packet.host_ns >= due_ns && !packet.discontinuity;
+        let state = if due { self.state() } else { None };
         if state.is_some() {
             self.due_ns = Some(packet.host_ns.saturating_add(EVERY_NS));
-            self.sampled = 0;
         }
         if packet.discontinuity {
-            (self.sampled, self.position) = (0, 0);
+            // What lies before a cut is forgotten with it.
+            self.forget(self.recent.len());
+            (self.position, self.joined) = (0, true);
         }
-        if self.whole || (due && state.is_none()) || !self.begun {
-            hand_over(&mut self.decoder, packet, self.begun);
-            self.decode(&packet.payload);
-        } else {
-            self.sampled = 0;
+        // Packets without a byte say nothing, and must not gather.
+        if packet.discontinuity || !packet.payload.is_empty() {
+            self.recent_bytes += packet.payload.len();
+            self.recent.push_back(packet.clone());
         }
-        self.position = self.position.wrapping_add(packet.payload.len() as u64);
+        // Rounds are counted from the first packet on.
+        if self.whole || !self.begun {
+            self.decode();
+        }
+        self.leave_out_old();
         state
     }
 
-    fn decode(&mut self, payload: &[u8]) {
-        // After a gap, decoding goes on with the first whole word.
-        let after_gap = self.sampled == 0 && self.begun && !self.whole;
-        let cut = if after_gap { ((self.word - self.position % self.word) % self.word) as usize } else { 0 };
-        if after_gap {
-            self.decoder.restart();
+    /// Keeps as many of the last packets as a state needs.
+    fn leave_out_old(&mut self) {
+        while let Some(first) = self.recent.front()
+            && self.recent_bytes - first.payload.len() >= SAMPLE_BYTES
+        {
+            self.forget(1);
+            self.joined = false;
         }
-        let rest = payload.get(cut..).unwrap_or_default();
-        self.decoder.decode(rest, &mut Nowhere);
-        self.sampled += rest.len();
-        self.begun = true;
+    }
+
+    /// The state behind the last packet.
+    fn state(&mut self) -> Option<[u8; 16]> {
+        self.decode();
+        self.decoder.state()
+    }
+
+    /// Leaves the first packets out.
+    fn forget(&mut self, count: usize) {
+        for packet in self.recent.drain(..count) {
+            self.recent_bytes -= packet.payload.len();
+            self.position = self.position.wrapping_add(packet.payload.len() as u64);
+        }
+    }
+
+    /// Decodes what was not decoded.
+    fn decode(&mut self) {
+        // After a gap, decoding goes on with the first whole word.
+        let mut cut = 0;
+        if !self.joined {
+            self.decoder.restart();
+            cut = ((self.word - self.position % self.word) % self.word) as usize;
+        }
+        for packet in &self.recent {
+            hand_over(&mut self.decoder, packet, self.begun);
+            let skipped = cut.min(packet.payload.len());
+            self.decoder.decode(&packet.payload[skipped..], &mut Nowhere);
+            (cut, self.begun) = (cut - skipped, true);
+        }
+        self.forget(self.recent.len());
+        self.joined = true;
     }
 }

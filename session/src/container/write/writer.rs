@@ -1,37 +1,25 @@
-//! Writing a session.
-//!
-//! The sink sees whole chunks: they are put together in memory and handed over in one write, so that a program killed
-//! at any moment leaves a file whose last chunk alone may be cut. A chunk closes when it is [`Settings::chunk_bytes`]
-//! long or [`Settings::chunk_ns`] old, whichever comes first.
+//! Writing a session, into one file or several.
 
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{self, BufWriter, Write},
-    path::{Path, PathBuf},
-    sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    },
+    io::{self, Write},
+    path::Path,
 };
 
-use super::states::StateKeeper;
+use super::{
+    Split,
+    output::{About, Channels, Numbers, Output},
+    states::StateKeeper,
+};
 use crate::{
     clock::ClockFit,
     container::{
-        ContainerError, DecoderState,
+        ContainerError, DecoderState, MAX_PART, PartOf, SessionId,
         packet::{self, HEADER_BYTES},
-        record::{
-            DESCRIPTION_KEY, INCIDENT_TOPIC, IncidentEntry, RIG_ATTACHMENT, SESSION_METADATA, STATUS_TOPIC,
-            SessionStart, Status, StreamTotals, TOTALS_METADATA, Totals, clock_topic, json_text, plain_id, state_topic,
-            topic,
-        },
+        record::{IncidentEntry, SessionStart, Status, StreamTotals, Totals, json_text, plain_id},
     },
-    source::{Description, Incident, Packet, StampClock},
-};
-use mcap::{
-    records::{MessageHeader, Metadata},
-    write::NoSeek,
+    source::{Description, Incident, Packet, StampClock, merge_settings},
 };
 
 /// How a session is written.
@@ -57,18 +45,16 @@ pub struct StreamId(usize);
 
 /// A stream of the file that is being written.
 struct WrittenStream {
-    id: String,
-    channel: u16,
-    clock: u16,
-    state: u16,
+    description: Description,
+    channels: Channels,
     keeper: Option<StateKeeper>,
     totals: StreamTotals,
 }
 
-/// What [`SessionWriter::finish`] hands back.
+/// What [`SessionWriter::finish`] and [`SessionWriter::change_to`] hand back.
 #[derive(Debug)]
 pub struct Finished<W> {
-    /// What was recorded.
+    /// What the file holds; of a session in several files those before are not counted.
     pub totals: Totals,
     /// Length of the file, bytes.
     pub bytes: u64,
@@ -76,21 +62,31 @@ pub struct Finished<W> {
     pub sink: W,
 }
 
+/// The next file of a session, begun by [`SessionWriter::next_part`]: all streams are declared in it.
+pub struct NextPart<W: Write> {
+    part: PartOf,
+    output: Output<W>,
+    channels: Vec<Channels>,
+}
+
 /// Writes one session.
 pub struct SessionWriter<W: Write> {
-    path: PathBuf,
     start: SessionStart,
+    rig: String,
     settings: Settings,
-    writer: mcap::Writer<NoSeek<Counted<W>>>,
-    written: Arc<AtomicU64>,
+    output: Output<W>,
+    /// Of a session in several files: which this is.
+    part: Option<PartOf>,
+    /// What was changed so far, by the stream's id.
+    adjusted: BTreeMap<String, serde_json::Map<String, serde_json::Value>>,
+    /// Bytes of the files before.
+    before_bytes: u64,
     streams: Vec<WrittenStream>,
-    packet_schema: u16,
-    clock_schema: u16,
-    state_schema: u16,
-    status: u16,
-    incidents: u16,
-    chunk_since_ns: Option<i64>,
     totals: Totals,
+    /// Bytes that incidents take in the totals, at most.
+    noted_bytes: u64,
+    /// The same of the last status.
+    status_bytes: u64,
     scratch: Vec<u8>,
 }
 
@@ -121,62 +117,47 @@ impl<W: Write> SessionWriter<W> {
         rig: &str,
         settings: Settings,
     ) -> Result<Self, ContainerError> {
-        let path = path.to_owned();
-        let written = Arc::new(AtomicU64::new(0));
-        // Whole chunks pass the buffer by; it gathers the small records between them.
-        let sink = Counted { inner: BufWriter::with_capacity(1 << 16, sink), written: written.clone() };
-        let failed = |error| ContainerError::writing(&path, written.load(Ordering::Relaxed), error);
-        let mut writer = mcap::WriteOptions::new()
-            .compression(None)
-            .profile("erfgs")
-            .library(concat!("erfgs ", env!("CARGO_PKG_VERSION")))
-            .chunk_size(Some(settings.chunk_bytes))
-            .disable_seeking(true)
-            .calculate_chunk_crcs(settings.crc)
-            // The CRC of all chunks together says nothing that theirs do not.
-            .calculate_data_section_crc(false)
-            .create(NoSeek::new(sink))
-            .map_err(failed)?;
-        let mut begin = || {
-            let metadata = start.to_metadata();
-            writer.write_metadata(&Metadata { name: SESSION_METADATA.to_owned(), metadata })?;
-            if !rig.is_empty() {
-                let time = start.log_time(start.host_ns);
-                writer.attach(&mcap::Attachment {
-                    log_time: time,
-                    create_time: time,
-                    name: RIG_ATTACHMENT.to_owned(),
-                    media_type: "application/toml".to_owned(),
-                    data: rig.as_bytes().into(),
-                })?;
-            }
-            let packets = writer.add_schema(packet::SCHEMA_NAME, "ros2msg", packet::SCHEMA.as_bytes())?;
-            let mut json = |name: &str, schema: &str| writer.add_schema(name, "jsonschema", schema.as_bytes());
-            let clock = json("erfgs.ClockFit", include_str!("schema/clock_fit.json"))?;
-            let state = json("erfgs.DecoderState", include_str!("schema/decoder_state.json"))?;
-            let status = json("erfgs.Status", include_str!("schema/status.json"))?;
-            let incident = json("erfgs.Incident", include_str!("schema/incident.json"))?;
-            let status = writer.add_channel(status, STATUS_TOPIC, "json", &BTreeMap::new())?;
-            let incidents = writer.add_channel(incident, INCIDENT_TOPIC, "json", &BTreeMap::new())?;
-            // What was written so far is on its way to the disk before the first packet arrives.
-            writer.flush()?;
-            Ok((packets, clock, state, status, incidents))
-        };
-        let (packet_schema, clock_schema, state_schema, status, incidents) = begin().map_err(failed)?;
+        Self::begin(sink, path, start, rig, settings, None)
+    }
+
+    /// As [`SessionWriter::new`], of a session that may go on in further files ([`SessionWriter::next_part`]) and is told from all
+    /// others by `session`.
+    ///
+    /// # Errors
+    /// If the sink fails.
+    pub fn in_parts(
+        sink: W,
+        path: &Path,
+        start: SessionStart,
+        rig: &str,
+        settings: Settings,
+        session: SessionId,
+    ) -> Result<Self, ContainerError> {
+        let part = PartOf { session, number: 0, adjusted: BTreeMap::new() };
+        Self::begin(sink, path, start, rig, settings, Some(part))
+    }
+
+    fn begin(
+        sink: W,
+        path: &Path,
+        start: SessionStart,
+        rig: &str,
+        settings: Settings,
+        part: Option<PartOf>,
+    ) -> Result<Self, ContainerError> {
+        let output = Output::begin(sink, path, &About { start: &start, part: part.as_ref(), rig }, settings)?;
         Ok(Self {
-            path,
             start,
+            rig: rig.to_owned(),
             settings,
-            writer,
-            written,
+            output,
+            part,
+            adjusted: BTreeMap::new(),
+            before_bytes: 0,
             streams: Vec::new(),
-            packet_schema,
-            clock_schema,
-            state_schema,
-            status,
-            incidents,
-            chunk_since_ns: None,
             totals: Totals::default(),
+            noted_bytes: 0,
+            status_bytes: 0,
             scratch: Vec::new(),
         })
     }
@@ -187,10 +168,16 @@ impl<W: Write> SessionWriter<W> {
         &self.start
     }
 
-    /// Bytes of the file so far, without the chunk that is being put together.
+    /// Bytes of all files so far, without the chunk that is being put together.
     #[must_use]
     pub fn written_bytes(&self) -> u64 {
-        self.written.load(Ordering::Relaxed)
+        self.before_bytes + self.output.written_bytes()
+    }
+
+    /// Bytes of the files before the present one.
+    #[must_use]
+    pub fn before_bytes(&self) -> u64 {
+        self.before_bytes
     }
 
     /// Adds a stream. May be called at any time before [`SessionWriter::finish`]. What declares the stream goes to the
@@ -200,28 +187,85 @@ impl<W: Write> SessionWriter<W> {
     /// If the id is taken or cannot be part of a topic, or writing fails.
     pub fn add_stream(&mut self, description: &Description) -> Result<StreamId, ContainerError> {
         let id = &description.id;
-        let path = || self.path.clone();
+        let path = || self.output.path().to_owned();
         if plain_id(id) != *id {
             return Err(ContainerError::StreamName { path: path(), id: id.clone() });
         }
-        if self.streams.iter().any(|stream| stream.id == *id) {
+        if self.streams.iter().any(|stream| stream.description.id == *id) {
             return Err(ContainerError::DuplicateStream { path: path(), id: id.clone() });
         }
-        let metadata = BTreeMap::from([(DESCRIPTION_KEY.to_owned(), json_text(description))]);
-        let plain = BTreeMap::new();
-        let mut add =
-            |schema, topic: &str, encoding, metadata| self.writer.add_channel(schema, topic, encoding, metadata);
-        let channels =
-            add(self.packet_schema, &topic(id, description.encoding), "cdr", &metadata).and_then(|channel| {
-                let clock = add(self.clock_schema, &clock_topic(id), "json", &plain)?;
-                Ok((channel, clock, add(self.state_schema, &state_topic(id), "json", &plain)?))
-            });
-        let (channel, clock, state) = channels.map_err(|error| self.failed(error))?;
+        let channels = self.output.add_stream(description)?;
         let keeper = StateKeeper::new(description);
-        let totals = StreamTotals::default();
-        self.streams.push(WrittenStream { id: id.clone(), channel, clock, state, keeper, totals });
-        self.flush()?;
+        let (description, totals) = (description.clone(), StreamTotals::default());
+        self.streams.push(WrittenStream { description, channels, keeper, totals });
         Ok(StreamId(self.streams.len() - 1))
+    }
+
+    /// Whether `packet` belongs into the next file.
+    #[must_use]
+    pub fn is_full(&self, split: Split, packet: &Packet) -> bool {
+        let totals = || self.streams.iter().map(|stream| &stream.totals);
+        let first_ns = totals().filter_map(|totals| totals.first_host_ns).min();
+        let (Some(first_ns), Some(part)) = (first_ns, &self.part) else { return false };
+        let full = match split {
+            Split::Time(ns) => packet.host_ns.saturating_sub(first_ns) >= ns,
+            Split::Bytes(bytes) => {
+                // A state of the decoder may go before it.
+                let message = HEADER_BYTES + packet.payload.len() + STATE_BYTES;
+                self.output.length_with(message as u64, self.totals_bytes()) > bytes
+            }
+        };
+        full && part.number < MAX_PART
+    }
+
+    /// Bytes of what is said in sum at the end of the file, at most.
+    fn totals_bytes(&self) -> u64 {
+        self.noted_bytes + self.status_bytes + (self.streams.len() * STREAM_TOTALS_BYTES) as u64
+    }
+
+    /// Begins the next file of a session in parts. Nothing changes yet: [`SessionWriter::change_to`] ends the present one.
+    ///
+    /// # Errors
+    /// If the sink fails, or the session is none in parts; the present file can be written on then.
+    pub fn next_part(&self, sink: W, path: &Path) -> Result<NextPart<W>, ContainerError> {
+        let Some(PartOf { session, number, .. }) = self.part.as_ref().filter(|part| part.number < MAX_PART) else {
+            return Err(ContainerError::NotInParts { path: self.output.path().to_owned() });
+        };
+        let part = PartOf { session: *session, number: number + 1, adjusted: self.adjusted.clone() };
+        let about = About { start: &self.start, part: Some(&part), rig: &self.rig };
+        let mut output = Output::begin(sink, path, &about, self.settings)?;
+        let streams = self.streams.iter();
+        let channels = streams.map(|stream| output.add_stream(&stream.description)).collect::<Result<_, _>>()?;
+        Ok(NextPart { part, output, channels })
+    }
+
+    /// Ends the present file and goes on in the next one. Each stream of events begins there with the state of its decoder.
+    ///
+    /// # Errors
+    /// If the end of the present file cannot be written; what is written from then on lies in the next one all the same.
+    pub fn change_to(&mut self, next: NextPart<W>) -> Result<Finished<W>, ContainerError> {
+        let NextPart { part, output, channels } = next;
+        let before = std::mem::replace(&mut self.output, output);
+        let mut totals = self.take_totals();
+        totals.continues = true;
+        self.part = Some(part);
+        for (stream, channels) in self.streams.iter_mut().zip(channels) {
+            stream.channels = channels;
+            if let Some(keeper) = &mut stream.keeper {
+                keeper.want_state();
+            }
+        }
+        self.before_bytes += before.written_bytes();
+        let written = before.written_bytes();
+        let finished = before.finish(totals)?;
+        self.before_bytes += finished.bytes - written;
+        Ok(finished)
+    }
+
+    /// Which part the present file is, counted from 0.
+    #[must_use]
+    pub fn part_number(&self) -> u32 {
+        self.part.as_ref().map_or(0, |part| part.number)
     }
 
     /// Writes a packet of a stream. Packets of one stream come in the order of their sequence numbers.
@@ -231,10 +275,10 @@ impl<W: Write> SessionWriter<W> {
     pub fn packet(&mut self, stream: StreamId, packet: &Packet) -> Result<(), ContainerError> {
         let entry = &mut self.streams[stream.0];
         if u32::try_from(packet.payload.len()).is_err() {
-            return Err(ContainerError::TooLong { id: entry.id.clone(), bytes: packet.payload.len() });
+            return Err(ContainerError::TooLong { id: entry.description.id.clone(), bytes: packet.payload.len() });
         }
         entry.totals.count(packet);
-        let channel = entry.channel;
+        let channel = entry.channels.packets;
         if let Some(state) = entry.keeper.as_mut().and_then(|keeper| keeper.take(packet)) {
             self.decoder_state(stream, packet.host_ns, packet.sequence, state)?;
         }
@@ -248,7 +292,8 @@ impl<W: Write> SessionWriter<W> {
             Some(stamp) if stamp.clock == StampClock::Monotonic => stamp.kernel_ns,
             _ => packet.host_ns,
         };
-        let written = self.message(channel, packet.sequence as u32, packet.host_ns, publish_ns, &data);
+        let numbers = Numbers { channel, sequence: packet.sequence as u32, host_ns: packet.host_ns, publish_ns };
+        let written = self.output.message(&self.start, &numbers, &data);
         self.scratch = data;
         written
     }
@@ -263,9 +308,18 @@ impl<W: Write> SessionWriter<W> {
         host_ns: i64,
         incident: &Incident,
     ) -> Result<(), ContainerError> {
-        let stream = stream.map_or(String::new(), |stream| self.streams[stream.0].id.clone());
+        let stream = stream.map_or(String::new(), |stream| self.streams[stream.0].description.id.clone());
+        if let Incident::Adjusted { changed } = incident
+            && self.part.is_some()
+        {
+            merge_settings(self.adjusted.entry(stream.clone()).or_default(), changed);
+        }
         let entry = IncidentEntry { stream, host_ns, incident: incident.clone() };
-        let written = self.message(self.incidents, 0, host_ns, host_ns, json_text(&entry).as_bytes());
+        let text = json_text(&entry);
+        let written = self.note(self.output.incidents, 0, host_ns, &text);
+        if self.totals.incidents.len() < Totals::MAX_INCIDENTS {
+            self.noted_bytes += text.len() as u64 + 1;
+        }
         self.totals.note(entry);
         written
     }
@@ -275,8 +329,10 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn status(&mut self, status: &Status) -> Result<(), ContainerError> {
+        let text = json_text(status);
+        self.status_bytes = text.len() as u64;
         self.totals.status = Some(status.clone());
-        self.message(self.status, 0, status.host_ns, status.host_ns, json_text(status).as_bytes())
+        self.note(self.output.status, 0, status.host_ns, &text)
     }
 
     /// Notes how a stream's ticks map to session time, as known at `host_ns`.
@@ -285,9 +341,8 @@ impl<W: Write> SessionWriter<W> {
     /// If writing fails.
     pub fn clock(&mut self, stream: StreamId, host_ns: i64, fit: &ClockFit) -> Result<(), ContainerError> {
         let entry = &self.streams[stream.0];
-        self.totals.clocks.insert(entry.id.clone(), fit.clone());
-        let channel = entry.clock;
-        self.message(channel, 0, host_ns, host_ns, json_text(fit).as_bytes())
+        self.totals.clocks.insert(entry.description.id.clone(), fit.clone());
+        self.note(entry.channels.clock, 0, host_ns, &json_text(fit))
     }
 
     /// Notes the state of a stream's decoder before the packet `sequence`, so that decoding can start there.
@@ -299,9 +354,9 @@ impl<W: Write> SessionWriter<W> {
         state: [u8; 16],
     ) -> Result<(), ContainerError> {
         let entry = &self.streams[stream.0];
-        let channel = entry.state;
-        let state = DecoderState { stream: entry.id.clone(), host_ns, sequence, state };
-        self.message(channel, sequence as u32, host_ns, host_ns, json_text(&state).as_bytes())
+        let channel = entry.channels.state;
+        let state = DecoderState { stream: entry.description.id.clone(), host_ns, sequence, state };
+        self.note(channel, sequence as u32, host_ns, &json_text(&state))
     }
 
     /// Closes the chunk if it is old enough. To be called at least a few times a second, also when nothing arrives.
@@ -309,10 +364,7 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn flush_if_due(&mut self, host_ns: i64) -> Result<(), ContainerError> {
-        match self.chunk_since_ns {
-            Some(since) if host_ns.saturating_sub(since) >= self.settings.chunk_ns => self.flush(),
-            _ => Ok(()),
-        }
+        self.output.flush_if_due(host_ns)
     }
 
     /// Closes the chunk and hands everything to the system.
@@ -320,8 +372,7 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails.
     pub fn flush(&mut self) -> Result<(), ContainerError> {
-        self.chunk_since_ns = None;
-        self.writer.flush().map_err(|error| self.failed(error))
+        self.output.flush()
     }
 
     /// Writes the totals and the index, and hands back the sink.
@@ -329,64 +380,28 @@ impl<W: Write> SessionWriter<W> {
     /// # Errors
     /// If writing fails; the chunks written before stay readable.
     pub fn finish(mut self) -> Result<Finished<W>, ContainerError> {
+        let totals = self.take_totals();
+        self.output.finish(totals)
+    }
+
+    /// What the present file holds; what follows is counted from nothing.
+    fn take_totals(&mut self) -> Totals {
         let mut totals = std::mem::take(&mut self.totals);
-        totals.streams = self.streams.iter().map(|stream| (stream.id.clone(), stream.totals)).collect();
-        let metadata = totals.to_metadata();
-        self.writer
-            .write_metadata(&Metadata { name: TOTALS_METADATA.to_owned(), metadata })
-            .and_then(|()| self.writer.finish().map(drop))
-            .map_err(|error| self.failed(error))?;
-        let Self { path, writer, written, .. } = self;
-        let bytes = written.load(Ordering::Relaxed);
-        let sink = writer.into_inner().into_inner().inner.into_inner();
-        let sink = sink.map_err(|error| ContainerError::Write { path, offset: bytes, source: error.into_error() })?;
-        Ok(Finished { totals, bytes, sink })
+        (self.noted_bytes, self.status_bytes) = (0, 0);
+        let streams = self.streams.iter_mut();
+        totals.streams =
+            streams.map(|stream| (stream.description.id.clone(), std::mem::take(&mut stream.totals))).collect();
+        totals
     }
 
-    fn message(
-        &mut self,
-        channel_id: u16,
-        sequence: u32,
-        host_ns: i64,
-        publish_ns: i64,
-        data: &[u8],
-    ) -> Result<(), ContainerError> {
-        self.flush_if_due(host_ns)?;
-        let before = self.written_bytes();
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time: self.start.log_time(host_ns),
-            publish_time: self.start.log_time(publish_ns),
-        };
-        self.writer.write_to_known_channel(&header, data).map_err(|error| self.failed(error))?;
-        // The writer closes a chunk that is long enough before it takes the next message.
-        if self.written_bytes() != before {
-            self.chunk_since_ns = None;
-        }
-        self.chunk_since_ns.get_or_insert(host_ns);
-        Ok(())
-    }
-
-    fn failed(&self, error: mcap::McapError) -> ContainerError {
-        ContainerError::writing(&self.path, self.written_bytes(), error)
+    /// Writes a message of text.
+    fn note(&mut self, channel: u16, sequence: u32, host_ns: i64, text: &str) -> Result<(), ContainerError> {
+        let numbers = Numbers { channel, sequence, host_ns, publish_ns: host_ns };
+        self.output.message(&self.start, &numbers, text.as_bytes())
     }
 }
 
-/// Counts the bytes on their way to the sink.
-struct Counted<W: Write> {
-    inner: BufWriter<W>,
-    written: Arc<AtomicU64>,
-}
-
-impl<W: Write> Write for Counted<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let count = self.inner.write(bytes)?;
-        self.written.fetch_add(count as u64, Ordering::Relaxed);
-        Ok(count)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
-    }
-}
+/// A state of a decoder as a message, with its place in the indexes, at most.
+const STATE_BYTES: usize = 512;
+/// What is said of a stream in sum, and of its clock, at most.
+const STREAM_TOTALS_BYTES: usize = 1536;

@@ -279,6 +279,11 @@ function placeOf(host, index) {
   return place;
 }
 
+function taken(recording) {
+  const files = recording.files > 1 ? ` in ${recording.files} files` : '';
+  return `${span(recording.seconds)} · ${scaled(recording.bytes, 'B')}${files}`;
+}
+
 function showHost(host, index) {
   const place = placeOf(host, index);
   const { status } = host;
@@ -287,7 +292,7 @@ function showHost(host, index) {
   const left = status?.disk.seconds_left;
   const disk = status ? ` · disk ${scaled(status.disk.free, 'B')}${left == null ? '' : `, ${longSpan(left)}`}` : '';
   const doing = !status ? 'not heard of yet'
-    : status.recording ? `${span(status.recording.seconds)} · ${scaled(status.recording.bytes, 'B')}`
+    : status.recording ? taken(status.recording)
       : status.finishing ? 'writing what waits' : 'not recording';
   text(place.node.querySelector('.rig'), status ? status.rig : '');
   text(place.node.querySelector('.doing'), host.lost !== null ? 'lost' : doing + disk);
@@ -330,7 +335,7 @@ function update({ status, looks, guidance, folder, span_us: pastUs, playback: pl
   document.body.classList.toggle('recording', recording);
   $('take').classList.toggle('stops', recording);
   text($('state'), recording
-    ? `${span(status.recording.seconds)} · ${scaled(status.recording.bytes, 'B')}`
+    ? taken(status.recording)
     : finishing ? 'writing what waits'
       : status.held ? `holding ${status.held.seconds.toFixed(1)} of ${status.held.of_seconds} s · ${scaled(status.held.bytes, 'B')}` : 'not recording');
   $('keep').hidden = !status.held;

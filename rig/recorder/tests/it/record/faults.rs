@@ -107,7 +107,7 @@ impl OpenSession for OpenTiny {
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let file = Tiny { bytes: Arc::clone(&self.0), room: self.1 };
         let settings = Settings { chunk_bytes: 20_000, ..Settings::default() };
-        SessionFiles { settings }.write_to(file, path, info, streams)
+        SessionFiles { settings, split: None }.write_to(file, path, info, streams)
     }
 }
 

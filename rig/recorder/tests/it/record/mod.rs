@@ -8,4 +8,5 @@ mod clock;
 mod faults;
 mod order;
 mod past;
+mod split;
 mod support;
