@@ -131,10 +131,10 @@ impl<'a> Search<'a> {
             let usual = mean_contrast(windows, Change::default());
             (usual > 0.0).then_some(Around { shape, t_s: time(moment), windows, usual })
         };
-        let moments = grower.shapes.iter().map(|shape| shape.moment);
+        let mut moments = grower.shapes.iter().map(|shape| shape.moment);
         let events = moments.clone().enumerate().filter_map(around).collect();
         let first = moments.clone().next().map_or(upright_s, time);
-        let last = moments.last().map_or(upright_s, time);
+        let last = moments.next_back().map_or(upright_s, time);
         Self { grower, events, upright_s, span_s: [first, last] }
     }
 
