@@ -264,6 +264,11 @@ pub(super) mod tests {
 
     /// A ball that is red above and blue below its own middle, which flies and turns, before eight cameras.
     pub fn film(radius: f64, places: &[Place]) -> Film {
+        ellipsoid(DVec3::splat(radius), places, |at| if at.y < 0.0 { [220, 30, 30] } else { [30, 30, 220] })
+    }
+
+    /// An ellipsoid of half axes and colours of its own, which flies and turns, before eight cameras.
+    pub fn ellipsoid(half: DVec3, places: &[Place], colour: impl Fn(DVec3) -> [u8; 3]) -> Film {
         let eyes: Vec<Eye> = (0..8)
             .map(|index| {
                 let angle = 0.785 * f64::from(index);
@@ -275,16 +280,17 @@ pub(super) mod tests {
             .collect();
         let view = |eye: usize, place: &Place| {
             let (k, mut image, mut moving) = (eyes[eye].intrinsics, ImageRgb8::new(320, 180), Vec::new());
+            // In its frame, where it is a ball of radius 1.
+            let own = |way: DVec3| place.rotation.conjugate() * way / half;
+            let from = own(eyes[eye].centre - place.centre);
             for pixel in 0..320 * 180_u32 {
                 let at = glam::DVec2::new(f64::from(pixel % 320) + 0.5, f64::from(pixel / 320) + 0.5);
-                let along = (eyes[eye].rotation.transpose() * k.unproject_pinhole(at, 1.0)).normalize();
-                let from = eyes[eye].centre - place.centre;
-                let under = from.dot(along).powi(2) - from.length_squared() + radius * radius;
+                let along = own(eyes[eye].rotation.transpose() * k.unproject_pinhole(at, 1.0)).normalize();
+                let under = from.dot(along).powi(2) - from.length_squared() + 1.0;
                 moving.push(under > 0.0);
                 if under > 0.0 {
-                    let hit = place.rotation.conjugate() * (from + along * (-from.dot(along) - under.sqrt()));
-                    let colour = if hit.y < 0.0 { [220, 30, 30] } else { [30, 30, 220] };
-                    image.data[3 * pixel as usize..][..3].copy_from_slice(&colour);
+                    let hit = from + along * (-from.dot(along) - under.sqrt());
+                    image.data[3 * pixel as usize..][..3].copy_from_slice(&colour(hit));
                 }
             }
             View { eye, soft: image.clone(), image, moving }

@@ -168,7 +168,6 @@ impl Flight {
         let from_s = *seen.times_s.first()?;
         let count = seen.times_s.len().min(seen.places.len());
         let fewest = FALLING.max((AGREE * count as f64).ceil() as usize);
-        let after_s = |at: usize| seen.times_s[at] - from_s;
         let mut kept = vec![true; count];
         let agree = |kept: &[bool]| {
             let astray = kept.split(|kept| *kept).map(<[bool]>::len).max();
@@ -176,20 +175,18 @@ impl Flight {
         };
         while agree(&kept) {
             let those: Vec<usize> = (0..count).filter(|&at| kept[at]).collect();
-            let rows: Vec<Vec<f64>> = those.iter().map(|&at| vec![1.0, after_s(at)]).collect();
+            let (times_s, places): (Vec<f64>, Vec<DVec3>) =
+                those.iter().map(|&at| (seen.times_s[at], seen.places[at])).unzip();
             let nearest = |fall: DVec3| {
-                let bare: Vec<DVec3> =
-                    those.iter().map(|&at| seen.places[at] - 0.5 * after_s(at).powi(2) * fall).collect();
-                fitted(&rows, &bare)
+                let seen = Places { times_s: &times_s, places: &places, fall: Some(fall), ..seen };
+                Self::nearest(seen, from_s, Vec::new())
             };
-            let (terms, apart_m) = nearest(fall)?;
-            if apart_m < FLIES * seen.cell_m {
-                let straight_m = nearest(DVec3::ZERO)?.1;
-                let terms = vec![terms[0], terms[1], fall];
-                return (apart_m < straight_m).then_some(Self { from_s, breaks_s: Vec::new(), terms, apart_m });
+            let flight = nearest(fall)?;
+            if flight.apart_m < FLIES * seen.cell_m {
+                let straight_m = nearest(DVec3::ZERO)?.apart_m;
+                return (flight.apart_m < straight_m).then_some(flight);
             }
-            let flown = |at: usize| terms[0] + after_s(at) * terms[1] + 0.5 * after_s(at).powi(2) * fall;
-            let away = |at: usize| flown(at).distance(seen.places[at]);
+            let away = |at: usize| flight.at(seen.times_s[at]).distance(seen.places[at]);
             kept[those.into_iter().max_by(|&a, &b| away(a).total_cmp(&away(b)))?] = false;
         }
         None
@@ -207,6 +204,11 @@ impl Flight {
         if count < free + SPARE || ends.windows(2).any(|pair| pair[1] - pair[0] < seen.instants_each()) {
             return None;
         }
+        Self::nearest(seen, from_s, breaks_s)
+    }
+
+    /// The flight with jumps at given times that is nearest to the places, however few they are; none where they do not determine it.
+    fn nearest(seen: Places<'_>, from_s: f64, breaks_s: Vec<f64>) -> Option<Self> {
         let mut flight = Self { from_s, breaks_s, terms: Vec::new(), apart_m: 0.0 };
         let mut rows: Vec<Vec<f64>> = seen.times_s.iter().map(|&time| flight.basis(time, seen.exposure_s)).collect();
         (flight.terms, flight.apart_m) = match seen.fall {

@@ -10,6 +10,7 @@ use erfgs_dataset::SurfacePoint;
 
 use super::{
     carve::{self, Carved, Place},
+    descend::Steps,
     film::{Film, MOST_APART},
     path::{Path, fitted},
     round::Ball,
@@ -21,11 +22,10 @@ use super::{
 const EXPOSED: f64 = 0.4;
 /// Points of a shape that are laid onto frames, at most.
 const MOST_POINTS: usize = 400;
-/// The first steps: of turns, radians, and of places, radii of the thing; and how often they are halved.
+/// The first steps: of turns, radians, and of places, radii of the thing.
 const TURN_STEP: f64 = 0.2;
 const PLACE_STEP: f64 = 0.1;
-const HALVINGS: i32 = 4;
-const MOST_STEPS: usize = 8;
+const STEPS: Steps = Steps { halvings: 4, most: 8 };
 /// What being away by a step from where its motion takes a thing costs.
 const AWAY_COSTS: f64 = 5.0;
 /// It is carved again with so many times more instants than the last time, so that long takes are not carved for each.
@@ -254,25 +254,12 @@ impl Grower<'_> {
             (start.0 + self.radius_m * DVec3::new(x, y, z), turn * start.1)
         };
         let cost = |moved: &[f64; 6]| self.apart(points, at, pose(moved)) + away(moved);
-        let (mut best, mut moved) = (cost(&[0.0; 6]), [0.0; 6]);
-        for halving in 0..=HALVINGS {
-            let smaller = 0.5_f64.powi(halving);
-            for _ in 0..MOST_STEPS {
-                let tries: Vec<[f64; 6]> = (0..12)
-                    .map(|side| {
-                        let mut next = moved;
-                        let step = if side < 6 { TURN_STEP } else { PLACE_STEP };
-                        next[side / 2] += if side % 2 == 0 { step } else { -step } * smaller;
-                        next
-                    })
-                    .collect();
-                let costs: Vec<f64> = tries.par_iter().map(&cost).collect();
-                match std::iter::zip(costs, tries).min_by(|a, b| a.0.total_cmp(&b.0)) {
-                    Some((cost, next)) if cost < best => (best, moved) = (cost, next),
-                    _ => break,
-                }
-            }
-        }
+        let changed = |moved: &[f64; 6], number: usize, step: f64| {
+            let mut next = *moved;
+            next[number] += step * if number < 3 { TURN_STEP } else { PLACE_STEP };
+            next
+        };
+        let (moved, best) = STEPS.descend([0.0; 6], 6, changed, cost);
         (pose(&moved), best)
     }
 

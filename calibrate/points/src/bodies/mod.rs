@@ -18,6 +18,7 @@ mod close;
 mod contrast;
 mod crumbs;
 mod curve;
+mod descend;
 mod detections;
 mod draft;
 mod edits;

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::{
     contrast::{Change, Window, mean_contrast},
+    descend::Steps,
     grow::Grower,
     near_events::Windows,
     path::Path,
@@ -30,12 +31,10 @@ const REACHES_MORE: f64 = 1.35;
 /// So many candidates are kept each time; one in the end. They differ by so much at least, radians per second.
 const KEPT: [usize; 4] = [16, 8, 4, 3];
 const ALIKE: f64 = 1.0;
-/// First steps by which numbers are improved: of rates, radians per second, and of the path, radii; how often they are halved, and steps
-/// of each size.
+/// First steps by which numbers are improved: of rates, radians per second, and of the path, radii.
 const RATE_STEP: f64 = 1.6;
 const PLACE_STEP: f64 = 0.1;
-const HALVINGS: i32 = 3;
-const STEPS: usize = 4;
+const STEPS: Steps = Steps { halvings: 3, most: 4 };
 /// What it is worth that events are twice as sharp as without a turn, beside what the shape says.
 const SHARP_IS_WORTH: f64 = 130.0;
 /// Numbers of a top: a steady rate, both rates, and its path besides.
@@ -207,28 +206,13 @@ impl<'a> Search<'a> {
     }
 
     /// The top near one that agrees best, by changes of its first `numbers`.
-    fn improved(&self, mut top: Top, known: &[usize], numbers: usize) -> Judged {
+    fn improved(&self, top: Top, known: &[usize], numbers: usize) -> Judged {
         let velocities = self.velocities(&self.motion(&top).1);
-        let mut best = self.judged(&top, known, &velocities);
         let half_s = 0.5 * (self.span_s[1] - self.span_s[0]).max(1e-9);
-        for halving in 0..=HALVINGS {
-            let smaller = 0.5_f64.powi(halving);
-            let place = PLACE_STEP * smaller * self.grower.radius_m;
-            let steps = [RATE_STEP * smaller, place, place / half_s];
-            for _ in 0..STEPS {
-                let tries = (0..2 * numbers).into_par_iter().map(|at| {
-                    let side = if at % 2 == 0 { 1.0 } else { -1.0 };
-                    let top = top.changed(at / 2, steps.map(|step| side * step));
-                    (top, self.judged(&top, known, &velocities))
-                });
-                let tries: Vec<Judged> = tries.collect();
-                match tries.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-                    Some(next) if next.1 < best => (top, best) = next,
-                    _ => break,
-                }
-            }
-        }
-        (top, best)
+        let place = PLACE_STEP * self.grower.radius_m;
+        let first = [RATE_STEP, place, place / half_s];
+        let changed = |top: &Top, number: usize, step: f64| top.changed(number, first.map(|first| step * first));
+        STEPS.descend(top, numbers, changed, |top| self.judged(top, known, &velocities))
     }
 }
 
@@ -246,52 +230,14 @@ fn best_of(mut tops: Vec<Judged>, kept: usize) -> Vec<Judged> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_scene::image::ImageRgb8;
-    use glam::DVec2;
-
     use super::*;
     use crate::bodies::{
-        film::{Film, Moment, View, test_eye},
+        carve::{Place, tests::ellipsoid},
         path::Path,
         shades::Shape,
     };
 
     const HALF: DVec3 = DVec3::new(0.22, 0.12, 0.06);
-
-    /// An ellipsoid with a colour in each octant, where it is at some times, before eight cameras.
-    fn film(poses: &[(f64, DVec3, DQuat)]) -> Film {
-        let around = |index: usize| {
-            let angle = 0.785 * index as f64;
-            test_eye(DVec3::new(2.0 * angle.sin(), 0.5 * (index % 3) as f64 - 0.8, 2.0 * angle.cos()), DVec3::ZERO)
-        };
-        let eyes: Vec<_> = (0..8).map(around).collect();
-        let view = |eye: usize, centre: DVec3, rotation: DQuat| {
-            let (mut image, mut moving) = (ImageRgb8::new(320, 180), Vec::new());
-            let from = rotation.conjugate() * (eyes[eye].centre - centre) / HALF;
-            for pixel in 0..320 * 180_u32 {
-                let at = DVec2::new(f64::from(pixel % 320) + 0.5, f64::from(pixel / 320) + 0.5);
-                let along = eyes[eye].rotation.transpose() * eyes[eye].intrinsics.unproject_pinhole(at, 1.0);
-                let along = (rotation.conjugate() * along / HALF).normalize();
-                let under = from.dot(along).powi(2) - from.length_squared() + 1.0;
-                moving.push(under > 0.0);
-                if under > 0.0 {
-                    let hit = from + along * (-from.dot(along) - under.sqrt());
-                    let colour = hit.to_array().map(|at| if at > 0.0 { 220 } else { 60 });
-                    image.data[3 * pixel as usize..][..3].copy_from_slice(&colour);
-                }
-            }
-            View { eye, soft: image.clone(), image, moving }
-        };
-        let moment = |&(t_s, centre, rotation): &(f64, DVec3, DQuat)| Moment {
-            t_ns: (1e9 * t_s) as i64,
-            t_s,
-            exposure_s: 0.0,
-            points: Vec::new(),
-            colours: Vec::new(),
-            views: (0..8).map(|eye| view(eye, centre, rotation)).collect(),
-        };
-        Film { span_ns: [0, 1_000_000_000], moments: poses.iter().map(moment).collect(), eyes, cell_m: 0.045 }
-    }
 
     #[test]
     fn a_top_that_tumbles_is_found_though_its_path_is_a_little_wrong() {
@@ -306,7 +252,19 @@ mod tests {
             (t_s, DVec3::new(1.2 * after, 4.9 * after * after - 0.1, 0.2 * after), turn.at(t_s) * upright)
         };
         let poses: Vec<_> = times.iter().map(pose).collect();
-        let film = film(&poses);
+        let place = |(moment, &(_, centre, rotation)): (usize, &(f64, DVec3, DQuat))| Place {
+            moment,
+            centre,
+            rotation,
+            exposed: [(centre, rotation); 2],
+        };
+        let places: Vec<Place> = poses.iter().enumerate().map(place).collect();
+        // A colour in each octant.
+        let mut film = ellipsoid(HALF, &places, |at| at.to_array().map(|at| if at > 0.0 { 220 } else { 60 }));
+        film.cell_m = 0.045;
+        for (moment, &t_s) in std::iter::zip(&mut film.moments, &times) {
+            moment.t_s = t_s;
+        }
         let hull = |(moment, &(_, centre, rotation)): (usize, &(f64, DVec3, DQuat))| {
             let points = directions(500).into_iter().map(|along| centre + rotation * (1.15 * HALF * along));
             Shape::new(moment, centre, points.map(|place| (place, [128; 3])))
