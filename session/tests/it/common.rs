@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, io::Cursor, path::Path};
 
-use erfgs_events::EventEncoding;
+use erfgs_events::{CdEvent, EventEncoding, Evt3Encoder};
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
     clock::{ClockFit, Evidence, Residuals},
@@ -52,6 +52,27 @@ pub fn packet(sequence: u64, bytes: usize) -> Packet {
         }),
         payload: (0..bytes).map(|i| (i as u64 * 31 + sequence * 17) as u8).collect(),
     }
+}
+
+/// Forty seconds of events, in which the sensor's clock rolls over twice, in packets that cut words.
+pub fn event_packets() -> impl Iterator<Item = Packet> {
+    let (mut words, mut encoder, mut sequence) = (Vec::new(), Evt3Encoder::default(), 0);
+    (0..200_000_u64).filter_map(move |n| {
+        let event =
+            CdEvent { t_us: 16_000_000 + n * 200, x: (n * 7 % 1280) as u16, y: (n / 3 % 720) as u16, on: n % 2 == 0 };
+        encoder.event(event, &mut words).unwrap();
+        if words.len() < 1001 {
+            return None;
+        }
+        let packet = plain(sequence, START_NS + n as i64 * 200_000, words.drain(..1001).collect());
+        sequence += 1;
+        Some(packet)
+    })
+}
+
+/// A packet without a stamp, of which nothing else is to be told.
+pub fn plain(sequence: u64, host_ns: i64, payload: Vec<u8>) -> Packet {
+    Packet { sequence, host_ns, discontinuity: false, damaged: false, stamp: None, payload: payload.into() }
 }
 
 /// A writer into memory with two streams.

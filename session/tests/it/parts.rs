@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_events::{CdEvent, Columns, EventEncoding, Evt3Encoder};
+use erfgs_events::{CdEvent, Columns, EventEncoding};
 use erfgs_scene::pixel::PixelFormat;
 use erfgs_session::{
     Session, SessionWriter,
@@ -17,7 +17,7 @@ use erfgs_session::{
 };
 use proptest::prelude::*;
 
-use crate::common::{self, START_NS};
+use crate::common::{self, START_NS, plain};
 
 const ID: SessionId = SessionId([7; 16]);
 
@@ -65,24 +65,11 @@ impl Take {
     }
 }
 
-fn plain(sequence: u64, host_ns: i64, payload: Vec<u8>) -> Packet {
-    Packet { sequence, host_ns, discontinuity: false, damaged: false, stamp: None, payload: payload.into() }
-}
-
-/// Forty seconds of events, in which the sensor's clock rolls over twice, in packets that cut words, with frames and all else beside.
+/// Events, with frames and all else beside.
 fn fill(take: &mut Take) {
-    let mut words = Vec::new();
-    let mut encoder = Evt3Encoder::default();
-    let mut sequence = 0;
-    for n in 0..200_000_u64 {
-        let event =
-            CdEvent { t_us: 16_000_000 + n * 200, x: (n * 7 % 1280) as u16, y: (n / 3 % 720) as u16, on: n % 2 == 0 };
-        encoder.event(event, &mut words).unwrap();
-        if words.len() < 1001 {
-            continue;
-        }
-        let host_ns = START_NS + n as i64 * 200_000;
-        take.packet(0, &plain(sequence, host_ns, words.drain(..1001).collect()));
+    for packet in common::event_packets() {
+        let Packet { sequence, host_ns, .. } = packet;
+        take.packet(0, &packet);
         if sequence.is_multiple_of(10) {
             take.packet(1, &plain(sequence / 10, host_ns + 5, vec![sequence as u8; 700]));
         }
@@ -93,7 +80,6 @@ fn fill(take: &mut Take) {
             let changed = serde_json::json!({ "bias_fo": sequence, "region": { "x": 3 } }).as_object().unwrap().clone();
             take.writer.incident(Some(frames), host_ns, &Incident::Adjusted { changed }).unwrap();
         }
-        sequence += 1;
     }
 }
 

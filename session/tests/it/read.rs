@@ -166,34 +166,20 @@ fn a_session_of_a_newer_program_is_refused_with_its_version() {
     assert!(matches!(&error, ContainerError::Version { version, known: 1, .. } if version == "9"), "{error}");
 }
 
-/// A minute of events and more, so that the sensor's 24-bit clock rolls over, in packets that cut words.
 #[test]
 fn decoding_from_a_time_on_gives_the_same_events_as_from_the_beginning() {
-    use erfgs_events::{CdEvent, Columns, Decoder, Evt3Encoder, StreamDecoder};
-    use erfgs_session::{container::Settings, source::Packet};
+    use erfgs_events::{Columns, Decoder, StreamDecoder};
+    use erfgs_session::container::Settings;
 
     let settings = Settings { chunk_bytes: 30_000, ..Settings::default() };
     let (mut writer, stream, _) = common::writer(settings);
-    let mut words = Vec::new();
-    let mut encoder = Evt3Encoder::default();
     let mut decoder = StreamDecoder::new(EventEncoding::Evt3, None);
     let mut before = Columns::default();
     let mut events_before = Vec::new();
-    let mut sequence = 0;
-    for n in 0..200_000_u64 {
-        let event =
-            CdEvent { t_us: 16_000_000 + n * 200, x: (n * 7 % 1280) as u16, y: (n / 3 % 720) as u16, on: n % 2 == 0 };
-        encoder.event(event, &mut words).unwrap();
-        if words.len() < 1001 {
-            continue;
-        }
-        let payload: Vec<u8> = words.drain(..1001).collect();
-        let host_ns = START_NS + n as i64 * 200_000;
-        events_before.push((host_ns, before.len()));
-        decoder.decode(&payload, &mut before);
-        let plain = Packet { discontinuity: false, damaged: false, stamp: None, ..common::packet(sequence, 0) };
-        writer.packet(stream, &Packet { host_ns, payload: payload.into(), ..plain }).unwrap();
-        sequence += 1;
+    for packet in common::event_packets() {
+        events_before.push((packet.host_ns, before.len()));
+        decoder.decode(&packet.payload, &mut before);
+        writer.packet(stream, &packet).unwrap();
     }
     decoder.finish(&mut before);
     let bytes = writer.finish().unwrap().sink;

@@ -1,21 +1,12 @@
 //! Settings that are changed while a rig records: in the session, in the rig's file, on the camera.
 
-use std::{
-    fs,
-    path::Path,
-    sync::{Arc, Mutex},
-};
+use std::{fs, path::Path};
 
-use erfgs_hardware_mocks::usb::{
-    Davis346, Davis346Options, Evk4, Evk4Options, evk4::Stimulus, scene::Pattern, scene::PatternFrames,
-};
 use erfgs_recorder::{AdjustError, Options, Recorder, RigConfig, SessionFiles, open_on};
-use erfgs_rig::usb::Bus;
 use erfgs_session::{Session, source::Incident};
 use serde_json::json;
 
-use super::bus::EmulatedBus;
-use crate::record::support::{options, wait_until};
+use crate::record::support::{evk4_and_davis346, options, wait_until};
 
 const RIG: &str = "[rig]\nname = \"lab\"\n\n# The left one.\n[[evk4]]\nid = \"left\"\n\n[[davis346]]\nid = \"davis\"\n";
 
@@ -24,16 +15,7 @@ fn a_change_is_noted_with_its_time_and_kept_in_the_rigs_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("RIG.toml");
     fs::write(&file, RIG).unwrap();
-    let bus = EmulatedBus::default();
-    let evk4 = Evk4::new(Evk4Options::default(), Stimulus::Scene(Box::new(Pattern::new(1280, 720, 100_000))));
-    bus.add(Arc::new(Mutex::new(evk4)));
-    let davis = Davis346::new(
-        Davis346Options::default(),
-        Box::new(Pattern::new(346, 260, 50_000)),
-        Box::new(PatternFrames::new()),
-    );
-    bus.add(Arc::new(Mutex::new(davis)));
-    let bus: Arc<dyn Bus> = Arc::new(bus);
+    let bus = evk4_and_davis346();
     let rig = RigConfig::load(&file).unwrap();
     let options =
         Options { folder: folder.path().into(), rig_file: Some(file.clone()), ..options(SessionFiles::default()) };

@@ -3,18 +3,14 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex},
 };
 
 use erfgs_events::Columns;
-use erfgs_hardware_mocks::usb::{
-    Davis346, Davis346Options, Evk4, Evk4Options, evk4::Stimulus, scene::Pattern, scene::PatternFrames,
-};
 use erfgs_recorder::{
     Level, OpenSession, Options, RecordError, Recorder, RigConfig, SessionFiles, SessionInfo, SessionSink, SinkError,
     Status, open_on,
 };
-use erfgs_rig::{host_time::host_ns, usb::Bus};
+use erfgs_rig::host_time::host_ns;
 use erfgs_session::{
     Session,
     container::{Entry, Settings, Split, part_path},
@@ -22,8 +18,7 @@ use erfgs_session::{
 };
 use serde_json::json;
 
-use super::bus::EmulatedBus;
-use crate::record::support::{Puppet, options, packet, wait_until};
+use crate::record::support::{Puppet, evk4_and_davis346, options, packet, wait_until};
 
 const RIG: &str = "[rig]\nname = \"lab\"\n\n[[evk4]]\nid = \"left\"\n\n[[davis346]]\nid = \"davis\"\n";
 
@@ -109,16 +104,7 @@ fn an_emulated_rig_recorded_whole_and_in_parts_is_the_same_session() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("RIG.toml");
     fs::write(&file, RIG).unwrap();
-    let bus = EmulatedBus::default();
-    let evk4 = Evk4::new(Evk4Options::default(), Stimulus::Scene(Box::new(Pattern::new(1280, 720, 100_000))));
-    bus.add(Arc::new(Mutex::new(evk4)));
-    let davis = Davis346::new(
-        Davis346Options::default(),
-        Box::new(Pattern::new(346, 260, 50_000)),
-        Box::new(PatternFrames::new()),
-    );
-    bus.add(Arc::new(Mutex::new(davis)));
-    let bus: Arc<dyn Bus> = Arc::new(bus);
+    let bus = evk4_and_davis346();
     let rig = RigConfig::load(&file).unwrap();
     let [whole, parts] = ["whole.mcap", "take.mcap"].map(|name| folder.path().join(name));
     let options = Options { folder: folder.path().into(), ..options(Twice { parts: parts.clone() }) };

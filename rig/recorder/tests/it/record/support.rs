@@ -13,9 +13,14 @@ use std::{
 
 use bytes::Bytes;
 use erfgs_events::EventEncoding;
+use erfgs_hardware_mocks::usb::{
+    Davis346, Davis346Options, Evk4, Evk4Options, evk4::Stimulus, scene::Pattern, scene::PatternFrames,
+};
 use erfgs_recorder::{Input, OpenSession, Options, Recorder, SessionInfo, SessionSink, SinkError, Status};
-use erfgs_rig::host_time::host_ns;
+use erfgs_rig::{host_time::host_ns, usb::Bus};
 use erfgs_session::source::{Counters, Description, Encoding, Incident, Outlet, Packet, Source, SourceError};
+
+use super::bus::EmulatedBus;
 
 /// Waits until `holds`; a test that waits longer than this fails.
 pub fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
@@ -199,6 +204,20 @@ impl SessionSink for DiskSink {
         self.disk.shelf.lock().unwrap().finished = true;
         Ok(0)
     }
+}
+
+/// A bus with an EVK4 and a DAVIS346, which see patterns.
+pub fn evk4_and_davis346() -> Arc<dyn Bus> {
+    let bus = EmulatedBus::default();
+    let evk4 = Evk4::new(Evk4Options::default(), Stimulus::Scene(Box::new(Pattern::new(1280, 720, 100_000))));
+    bus.add(Arc::new(Mutex::new(evk4)));
+    let davis = Davis346::new(
+        Davis346Options::default(),
+        Box::new(Pattern::new(346, 260, 50_000)),
+        Box::new(PatternFrames::new()),
+    );
+    bus.add(Arc::new(Mutex::new(davis)));
+    Arc::new(bus)
 }
 
 pub fn options(opener: impl OpenSession + 'static) -> Options {
