@@ -12,12 +12,12 @@ use anyhow::Context;
 use erfgs_acts::{Act, Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
 use erfgs_base::Progress;
 use erfgs_dataset::Dataset;
-use erfgs_points::{CloudError, CloudOptions, Method as CloudMethod};
+use erfgs_points::{CloudOptions, Method as CloudMethod};
 use erfgs_run::RunFolder;
 
 use super::trainings::{dataset_of, plan, train_here};
 use crate::{
-    dataset::{bodies::find, points},
+    dataset::{bodies::find_if_any, points},
     device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
@@ -190,16 +190,10 @@ impl Work<'_> {
             }
             points::make_trusting(&mut dataset, &options, self.terminal)?;
         }
-        if bodies && dataset.manifest.bodies.is_none() {
+        if bodies {
             self.go_on()?;
-            match find(&mut dataset, &erfgs_points::BodyOptions::default(), self.terminal) {
-                Ok(_) => {}
-                // An act without bodies has no row of the methods that start from them.
-                Err(none @ (CloudError::NoBodies { .. } | CloudError::NoMovingPoints { .. })) => {
-                    self.terminal.note(format!("{}: {none}", take.name(ideal)));
-                }
-                Err(other) => return Err(other.into()),
-            }
+            // An act without bodies has no row of the methods that start from them.
+            find_if_any(&mut dataset, self.terminal)?;
         }
         Ok(())
     }

@@ -16,7 +16,7 @@ use erfgs_sweep::Job;
 
 use super::trainings::{dataset_of, plan, train_here};
 use crate::{
-    dataset::points,
+    dataset::{bodies::find_if_any, points},
     device::Adapter,
     errors::{Stopped, Usage},
     interrupt::stop_flag,
@@ -31,8 +31,8 @@ const SEEDS: u64 = 3;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Errors of poses, lenses, clocks, thresholds, noise and lost packets are put into the training cameras of a dataset in steps, \
-one kind at a time. Each dataset is trained with events and measured on the held-out cameras. Without a dataset the stage is \
-filmed, and exposures, thresholds and numbers of cameras are varied, too.
+one kind at a time. Each dataset gets bodies of its own, as far as it shows any, is trained with events and measured on the \
+held-out cameras. Without a dataset the stage is filmed, and exposures, thresholds and numbers of cameras are varied, too.
 
 The folder holds the datasets, the trainings as sweeps (base, wrong, without-events), and budget.html, budget.md and budget.csv. The \
 same command continues later with what is not done, and with more --seeds. A hundred and fifty trainings take a night on two \
@@ -61,6 +61,9 @@ pub struct Arguments {
     /// Trainings at a time.
     #[arg(long, value_name = "N", default_value_t = 1)]
     at_once: usize,
+    /// Look for no bodies: what moves is free in time.
+    #[arg(long)]
+    no_bodies: bool,
     /// A tiny stage and the least step of each error, to see that everything works.
     #[arg(long, conflicts_with = "dataset")]
     small: bool,
@@ -170,30 +173,39 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// The base and its initial points.
+    /// The base with what a training starts from, and its initial points.
     fn with_points(&self, mut base: Base) -> anyhow::Result<(Base, PointCloud)> {
-        self.points(&mut base.dataset)?;
+        self.start(&mut base.dataset)?;
         let points = base.dataset.read_points()?.unwrap_or_default();
         Ok((base, points))
     }
 
-    /// The dataset of a step, with its points.
+    /// The dataset of a step, with what a training starts from.
     fn step(&self, base: &Base, step: &Step) -> anyhow::Result<Dataset> {
         let bar = self.terminal.progress(&step.name);
         let mut dataset =
             step.make(base, self.datasets, &|step: Progress| bar.update(step.done, step.total, step.what))?;
         drop(bar);
-        self.points(&mut dataset)?;
+        self.start(&mut dataset)?;
         Ok(dataset)
     }
 
-    fn points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
+    /// What a training starts from: points, and bodies where events tell of them.
+    fn start(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
         }
-        if dataset.manifest.points.is_some() {
-            return Ok(());
+        if dataset.manifest.points.is_none() {
+            self.make_points(dataset)?;
         }
+        let events = dataset.cameras(Split::Train).any(|camera| camera.events.is_some());
+        if events && !self.arguments.no_bodies && !self.stop.load(Ordering::Relaxed) {
+            find_if_any(dataset, self.terminal)?;
+        }
+        Ok(())
+    }
+
+    fn make_points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
         let mut options = CloudOptions::default();
         if self.arguments.small {
             // Features need larger pictures.
@@ -231,11 +243,15 @@ fn what(arguments: &Arguments, base: &Base, method: &str) -> String {
     let frames = training().filter(|camera| camera.modality.has_frames()).count();
     let events = training().filter(|camera| camera.modality.has_events()).count();
     format!(
-        "The scene is {}: {:.1} s, {frames} training cameras with frames and {events} with events; {} iterations of {}.",
+        "The scene is {}: {:.1} s, {frames} training cameras with frames and {events} with events; {} iterations of {}{}.",
         manifest.name,
         1e-9 * (manifest.span_ns[1] - manifest.span_ns[0]) as f64,
         coarse.unwrap_or(0) + fine,
-        method.to_uppercase()
+        method.to_uppercase(),
+        match &manifest.bodies {
+            Some(bodies) => format!(" with {} bodies, found anew for each dataset", bodies.count),
+            None => String::new(),
+        }
     )
 }
 
@@ -247,6 +263,9 @@ fn command(arguments: &Arguments) -> String {
     }
     for only in &arguments.only {
         words.push_str(&format!(" --only '{only}'"));
+    }
+    if arguments.no_bodies {
+        words.push_str(" --no-bodies");
     }
     if arguments.small {
         words.push_str(" --small");
