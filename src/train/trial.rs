@@ -77,7 +77,7 @@ pub fn take(config: &mut Config, dataset: &Dataset, trial: &Trial) {
     if free.len() as u64 == all {
         config.motion = MotionModel::FreeTime;
     } else {
-        config.bodies.free = free;
+        (config.bodies.free, config.bodies.bend) = (free, trial.bend());
     }
 }
 
@@ -95,7 +95,12 @@ fn describe(trial: &Trial) -> String {
             both(tried.events, 2),
             tried.ratio().map_or("-".into(), |ratio| format!("{ratio:.2}")),
             format!("{:.2}", tried.below),
-            if tried.carries { "a body" } else { "free in time" }.into(),
+            match (tried.carries, tried.bends) {
+                (_, true) => "a body that bends",
+                (true, false) => "a body",
+                (false, _) => "free in time",
+            }
+            .into(),
         ]
     };
     let rows: Vec<Vec<String>> = std::iter::once(heading.to_vec()).chain(trial.bodies.iter().map(row)).collect();

@@ -3,7 +3,7 @@ use erfgs_splat::{
     gpu::Gpu,
     motion::{
         Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Witness,
-        bodies::{EXTRA_FLOATS, NEIGHBOURS, NEVER, SOFTNESS, Start},
+        bodies::{CODES, EXTRA_FLOATS, NEIGHBOURS, NEVER, NO_NODE, SOFTNESS, Start},
     },
     raster::Deltas,
 };
@@ -55,7 +55,7 @@ fn case(name: &'static str, seed: u64, t01: f32, [bodies, each, knots]: [usize; 
         other.extend(list(0.3, 3));
         other.push(-1.8 + list(0.7, 1)[0]);
     }
-    let mut neighbours = vec![u32::MAX; nodes * NEIGHBOURS];
+    let mut neighbours = vec![NO_NODE; nodes * NEIGHBOURS];
     let mut pairs = Vec::new();
     for node in 0..nodes {
         let next = node / each * each + (node % each + 1) % each;
@@ -69,7 +69,7 @@ fn case(name: &'static str, seed: u64, t01: f32, [bodies, each, knots]: [usize; 
         for other in 0..nodes {
             let flags = u32::from(pairs.contains(&[node, other])) + 2 * u32::from(pairs.contains(&[other, node]));
             if flags > 0 {
-                codes[filled] = 4 * other as u32 + flags;
+                codes[filled] = CODES * other as u32 + flags;
                 filled += 1;
             }
         }
@@ -86,7 +86,8 @@ fn case(name: &'static str, seed: u64, t01: f32, [bodies, each, knots]: [usize; 
     let start = Start {
         bodies,
         names: vec![String::new(); bodies],
-        guessed: vec![false; bodies],
+        followed: vec![false; bodies],
+        seen_best: None,
         nodes,
         knots,
         per_second: (knots - 3) as f64 / SECONDS,

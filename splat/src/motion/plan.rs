@@ -110,13 +110,14 @@ impl MotionPlan {
         fits.then(|| bodies::Start {
             bodies: names.len(),
             names: names.clone(),
-            guessed: vec![false; names.len()],
+            followed: vec![false; names.len()],
+            seen_best: None,
             nodes: *nodes,
             knots: *knots,
             per_second: 0.0,
             control,
             other,
-            neighbours: vec![u32::MAX; nodes * bodies::NEIGHBOURS],
+            neighbours: vec![bodies::NO_NODE; nodes * bodies::NEIGHBOURS],
             gaussians: Default::default(),
         })
     }

@@ -35,7 +35,7 @@ pub(crate) use still::stands_still;
 
 use crate::{
     config::Config,
-    start::{Recording, from_bodies, thin},
+    start::{Recording, from_bodies, seen_at_once, thin},
 };
 use erfgs_splat::{
     motion::bodies::Start,
@@ -87,8 +87,10 @@ pub enum SceneError {
         path: PathBuf,
     },
     /// A body is named that is none of the dataset's.
-    #[error("`bodies.free` names '{name}', and no body of dataset '{path}' is called that; they are called {known}")]
+    #[error("`{setting}` names '{name}', and no body of dataset '{path}' is called that; they are called {known}")]
     UnknownBody {
+        /// The setting.
+        setting: &'static str,
         /// The name.
         name: String,
         /// The dataset.
@@ -303,9 +305,12 @@ impl Scene {
             return Err(SceneError::NoBodies { path: self.dataset.root.clone() });
         }
         let free = &config.bodies.free;
-        if let Some(name) = free.iter().find(|name| bodies.iter().all(|body| body.name != **name)) {
-            let known = bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>().join(", ");
-            return Err(SceneError::UnknownBody { name: name.clone(), path: self.dataset.root.clone(), known });
+        for (setting, names) in [("bodies.free", free), ("bodies.bend", &config.bodies.bend)] {
+            if let Some(name) = names.iter().find(|name| bodies.iter().all(|body| body.name != **name)) {
+                let (name, path) = (name.clone(), self.dataset.root.clone());
+                let known = bodies.iter().map(|body| body.name.as_str()).collect::<Vec<_>>().join(", ");
+                return Err(SceneError::UnknownBody { setting, name, path, known });
+            }
         }
         let carrying: Vec<Body> = bodies.into_iter().filter(|body| !free.contains(&body.name)).collect();
         if carrying.is_empty() {
@@ -324,7 +329,9 @@ impl Scene {
             let apart_m = self.pixels_a_metre(&body).map_or(0.0, |pixels| apart_px / pixels);
             thin(body, apart_m)
         };
-        let bodies: Vec<Body> = self.carrying(config)?.into_iter().map(thinned).collect();
+        let carrying =
+            seen_at_once(self.carrying(config)?, &config.bodies.bend, &self.moving_points(), self.recording());
+        let bodies: Vec<Body> = carrying.into_iter().map(thinned).collect();
         Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 

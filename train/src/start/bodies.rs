@@ -8,7 +8,7 @@ use erfgs_splat::{
     gaussians::{Gaussians, Neighbours},
     motion::{
         BodiesOptions, FreeTimeOptions,
-        bodies::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Start, spline},
+        bodies::{CODES, EXTRA_FLOATS, LOOSE, NEIGHBOURS, NEVER, NO_NODE, Start, spline},
     },
 };
 
@@ -55,6 +55,7 @@ pub fn from_bodies(
     options: &BodiesOptions,
     free: &FreeTimeOptions,
 ) -> Start {
+    let bends = |body: &Body| options.bend.contains(&body.name);
     let length = recording.length();
     let interval = length / recording.intervals.max(1e-6);
     let fastest = bodies.iter().map(fastest_turn).fold(0.0, f64::max);
@@ -98,15 +99,23 @@ pub fn from_bodies(
     Start {
         bodies: bodies.len(),
         names: bodies.iter().map(|body| body.name.clone()).collect(),
-        guessed: bodies.iter().map(guessed).collect(),
+        followed: bodies.iter().map(|body| guessed(body) || bends(body)).collect(),
+        seen_best: bodies.iter().find(|body| bends(body)).map(|body| seen_best(body, recording)),
         nodes: nodes.len(),
         knots,
         per_second,
         control,
         other: bodies.iter().map(gate).chain(nodes.iter().map(node)).flatten().collect(),
-        neighbours: neighbours(&nodes),
+        neighbours: neighbours(&nodes, &bodies.iter().map(bends).collect::<Vec<_>>()),
         gaussians,
     }
+}
+
+/// When a body was seen best, in [0, 1]: as whoever found it says, or in the middle of the time in which it is in view.
+pub(super) fn seen_best(body: &Body, recording: Recording) -> f64 {
+    let told = body.found_by.get("best_seen_ns").and_then(serde_json::Value::as_i64);
+    let middle = i64::midpoint(body.span_ns[0], body.span_ns[1]);
+    (recording.seconds(told.unwrap_or(middle)) / recording.length()).clamp(0.0, 1.0)
 }
 
 /// Whether whoever found a body says that it could not be followed by its looks. Poses that come from elsewhere are taken for right.
@@ -177,8 +186,7 @@ fn reach_of(rests: &[DVec3]) -> f64 {
 }
 
 /// For each node those of the same body that are nearest, and those that it is one of the nearest of.
-fn neighbours(nodes: &[(usize, DVec3, f64)]) -> Vec<u32> {
-    const NONE: u32 = u32::MAX;
+fn neighbours(nodes: &[(usize, DVec3, f64)], bends: &[bool]) -> Vec<u32> {
     let mut codes: Vec<Vec<(u32, u32)>> = vec![Vec::new(); nodes.len()];
     for (index, (body, rest, _)) in nodes.iter().enumerate() {
         let mut others: Vec<(f64, usize)> = (0..nodes.len())
@@ -197,8 +205,9 @@ fn neighbours(nodes: &[(usize, DVec3, f64)]) -> Vec<u32> {
         }
     }
     let filled = |codes: Vec<(u32, u32)>| {
-        let mut row = [NONE; NEIGHBOURS];
-        row.iter_mut().zip(codes).for_each(|(to, (other, flags))| *to = 4 * other + flags);
+        let mut row = [NO_NODE; NEIGHBOURS];
+        let loose = |other: u32| if bends[nodes[other as usize].0] { LOOSE } else { 0 };
+        row.iter_mut().zip(codes).for_each(|(to, (other, flags))| *to = CODES * other + loose(other) + flags);
         row
     };
     codes.into_iter().flat_map(filled).collect()
@@ -337,8 +346,11 @@ mod tests {
     fn every_gaussian_hangs_on_nodes_of_its_body() {
         let gone = [SPAN_NS[0] + 100_000_000, SPAN_NS[1]];
         let bodies = [ball("a", 1.0, SPAN_NS, 300), ball("b", 1.0, gone, 900), ball("dot", 0.0, SPAN_NS, 1)];
-        let options = BodiesOptions { nodes: 40, ..BodiesOptions::default() };
+        let options = BodiesOptions { nodes: 40, bend: vec!["b".into()], ..BodiesOptions::default() };
         let start = start(&bodies, &options);
+        assert_eq!(start.followed, [false, true, false]);
+        let seen_best = start.seen_best.unwrap();
+        assert!((seen_best - 3.5 / 6.0).abs() < 1e-9, "in the middle of its time: {seen_best}");
         assert_eq!((start.bodies, start.gaussians.len(), start.gaussians.dynamic), (3, 1201, 1201));
         assert!((30..=45).contains(&start.nodes), "{}", start.nodes);
         let floats = start.gaussians.motion_floats;
@@ -359,12 +371,13 @@ mod tests {
         assert_eq!((gates[0][2], gates[1], gates[2][2]), (0.0, &[0.1, 0.6, 1.0, 0.0][..], 0.0));
         // An edge is held at both of its ends.
         for (node, codes) in start.neighbours.chunks_exact(NEIGHBOURS).enumerate() {
-            for code in codes.iter().filter(|code| **code != u32::MAX) {
-                let (other, flags) = ((code / 4) as usize, code % 4);
+            for code in codes.iter().filter(|code| **code != NO_NODE) {
+                let (other, flags) = ((code / CODES) as usize, code % LOOSE);
+                assert_eq!(code & LOOSE != 0, body_of[node] == 2.0, "the second bends");
                 let back = start.neighbours[other * NEIGHBOURS..][..NEIGHBOURS]
                     .iter()
-                    .find(|code| **code != u32::MAX && (**code / 4) as usize == node)
-                    .map(|code| code % 4);
+                    .find(|code| **code != NO_NODE && (**code / CODES) as usize == node)
+                    .map(|code| code % LOOSE);
                 assert_eq!(back, Some((flags & 1) << 1 | flags >> 1), "{node} and {other}");
                 assert_eq!(body_of[node], body_of[other]);
             }

@@ -3,9 +3,11 @@
 pub mod birth;
 mod bodies;
 mod rest;
+mod seen;
 mod shutter;
 mod thin;
 
 pub use bodies::{Recording, from_bodies};
 pub use rest::unexplained;
+pub use seen::seen_at_once;
 pub use thin::thin;

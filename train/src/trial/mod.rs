@@ -39,6 +39,9 @@ const DOUBT: f64 = 0.6;
 /// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
 /// (`bodies/carve.rs` of `erfgs-points`).
 const SURE: f64 = 0.86;
+/// Where no more than this share agrees, and the body explains what is seen of it better than what is free in time all the same, it bends.
+/// Only what is in view for the whole recording: what bends is followed from one instant to both ends.
+const BENDS: f64 = 0.785;
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,6 +56,9 @@ pub struct Tried {
     pub below: f64,
     /// Whether it carries Gaussians from now on.
     pub carries: bool,
+    /// Whether it bends: it is followed, and its nodes may go where they are seen to go.
+    #[serde(default)]
+    pub bends: bool,
 }
 
 impl Tried {
@@ -90,12 +96,20 @@ impl Trial {
     pub fn free(&self) -> Vec<String> {
         self.bodies.iter().filter(|tried| !tried.carries).map(|tried| tried.body.clone()).collect()
     }
+
+    /// The bodies that bend.
+    #[must_use]
+    pub fn bend(&self) -> Vec<String> {
+        self.bodies.iter().filter(|tried| tried.bends).map(|tried| tried.body.clone()).collect()
+    }
 }
 
 /// Whether a training that begins with such settings has a trial: its motion is by bodies, and nobody said which are to carry.
 #[must_use]
 pub fn is_due(config: &Config) -> bool {
-    config.motion == MotionModel::Bodies && short(config).fine_iterations >= FEWEST && config.bodies.free.is_empty()
+    let bodies = &config.bodies;
+    let decided = !bodies.free.is_empty() || !bodies.bend.is_empty();
+    config.motion == MotionModel::Bodies && short(config).fine_iterations >= FEWEST && !decided
 }
 
 /// What a trial is made with.
@@ -170,8 +184,9 @@ pub fn trial(
         return Ok(None);
     }
     let carried = seen.errors(&mut trainer)?;
+    let span = setting.dataset.manifest.span_ns;
     let tried = |(body, (carried, free)): (&Body, (&Errors, &Errors))| {
-        let tried = judged(body, carried, free);
+        let tried = judged(body, span, carried, free);
         Tried { carries: tried.carries || iterations < FEWEST, ..tried }
     };
     let bodies = std::iter::zip(&bodies, std::iter::zip(&carried, &free)).map(tried).collect();
@@ -185,17 +200,20 @@ fn short(config: &Config) -> Config {
     let fine = config.bodies.trial.min(config.fine_iterations / MOST_SHARE).max(1);
     short.fine_iterations = fine;
     short.coarse_iterations = config.coarse_iterations.min(fine);
-    short.bodies.free = Vec::new();
+    (short.bodies.free, short.bodies.bend) = (Vec::new(), Vec::new());
     short
 }
 
-fn judged(body: &Body, carried: &Errors, free: &Errors) -> Tried {
+fn judged(body: &Body, span_ns: [i64; 2], carried: &Errors, free: &Errors) -> Tried {
     let both = |of: fn(&Errors) -> Option<f64>| Some([of(carried)?, of(free)?]);
     let agree = body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64);
     let below = WORSE - DOUBT * (SURE - agree.unwrap_or(SURE).clamp(0.0, SURE));
     let (frames, events) = (both(Errors::frames), both(Errors::events));
-    let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true };
-    tried.carries = tried.ratio().is_none_or(|ratio| ratio < below);
+    let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true, bends: false };
+    let stays = body.span_ns[0] <= span_ns[0] && body.span_ns[1] >= span_ns[1];
+    let loose = agree.is_some_and(|agree| agree < BENDS);
+    tried.bends = stays && loose && tried.ratio().is_some_and(|ratio| ratio < 1.0);
+    tried.carries = tried.bends || tried.ratio().is_none_or(|ratio| ratio < below);
     tried
 }
 
@@ -203,10 +221,12 @@ fn judged(body: &Body, carried: &Errors, free: &Errors) -> Tried {
 mod tests {
     use super::*;
 
+    const SPAN: [i64; 2] = [0, 1];
+
     /// A ball, on whose shape such a share of silhouettes agrees.
     fn ball(agree: Option<f64>) -> Body {
         let found_by = agree.map(|agree| ("carving_agreement".into(), agree.into())).into_iter().collect();
-        Body { name: "ball".into(), span_ns: [0, 1], poses: Vec::new(), points: Vec::new(), found_by }
+        Body { name: "ball".into(), span_ns: SPAN, poses: Vec::new(), points: Vec::new(), found_by }
     }
 
     #[test]
@@ -214,7 +234,7 @@ mod tests {
         let carries = |frames: Option<[f64; 2]>, events: Option<[f64; 2]>| {
             let [carried, free] =
                 [0, 1].map(|which| Errors::of(frames.map(|of| of[which]), events.map(|of| of[which])));
-            judged(&ball(None), &carried, &free).carries
+            judged(&ball(None), SPAN, &carried, &free).carries
         };
         assert!(carries(Some([0.1, 0.11]), Some([0.5, 0.5])));
         assert!(!carries(Some([0.12, 0.11]), Some([0.5, 0.5])));
@@ -227,10 +247,27 @@ mod tests {
     fn a_body_on_whose_shape_silhouettes_do_not_agree_must_explain_more() {
         let carries = |agree: Option<f64>, carried: f64| {
             let [carried, free] = [carried, 0.1].map(|error| Errors::of(Some(error), None));
-            judged(&ball(agree), &carried, &free).carries
+            judged(&ball(agree), SPAN, &carried, &free).carries
         };
         assert!(carries(None, 0.1005) && carries(Some(0.86), 0.1005));
-        assert!(!carries(Some(0.74), 0.097) && carries(Some(0.74), 0.092));
+        assert!(!carries(Some(0.82), 0.0995) && carries(Some(0.82), 0.098));
+    }
+
+    #[test]
+    fn a_body_whose_silhouettes_do_not_agree_bends_where_it_explains_more_than_what_is_free() {
+        let within = |span: [i64; 2], agree: Option<f64>, carried: f64| {
+            let [carried, free] = [carried, 0.1].map(|error| Errors::of(Some(error), None));
+            let tried = judged(&ball(agree), span, &carried, &free);
+            (tried.carries, tried.bends)
+        };
+        let tried = |agree: Option<f64>, carried: f64| within(SPAN, agree, carried);
+        assert_eq!(within([-5, 1], Some(0.78), 0.099), (false, false), "it comes within the recording");
+        assert_eq!(tried(Some(0.78), 0.099), (true, true));
+        assert_eq!(tried(Some(0.78), 0.1005), (false, false));
+        assert_eq!(tried(Some(0.82), 0.09), (true, false), "it is rigid");
+        assert_eq!(tried(None, 0.05), (true, false), "nobody carved it");
+        let nothing = Errors::of(None, None);
+        assert!(!judged(&ball(Some(0.7)), SPAN, &nothing, &nothing).bends, "nothing was seen");
     }
 
     #[test]
@@ -245,6 +282,8 @@ mod tests {
         assert_eq!(short(&config).fine_iterations, config.bodies.trial);
         config.bodies.free = vec!["ball".into()];
         assert!(!is_due(&config) && short(&config).bodies.free.is_empty());
+        (config.bodies.free, config.bodies.bend) = (Vec::new(), vec!["ball".into()]);
+        assert!(!is_due(&config) && short(&config).bodies.bend.is_empty());
         assert!(!is_due(&Config { motion: MotionModel::FreeTime, ..Config::default() }));
     }
 }

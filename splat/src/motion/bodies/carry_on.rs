@@ -6,23 +6,29 @@ use glam::{DQuat, DVec3};
 /// next.
 const TOLD: usize = 2;
 const KEPT: f64 = 0.75;
+/// A node of a body that bends goes on as it went, by so much less from one control point to the next.
+const ON: f64 = 0.97;
 
 /// Splines of poses: control points of `bodies` of `entities` bodies and nodes, knot after knot, as in `shared.wgsl`.
 #[derive(Clone, Copy, Debug)]
 pub struct Paths<'a> {
     /// The control points as they were at the start.
     pub started: &'a [f32],
-    /// Of each body whether it is followed: how it turns at the start is a guess.
-    pub guessed: &'a [bool],
-    /// Bodies and nodes together.
-    pub entities: usize,
+    /// Of each body whether it is followed.
+    pub followed: &'a [bool],
+    /// Of each node whether its body bends.
+    pub loose: &'a [bool],
     /// Control points of each.
     pub knots: usize,
 }
 
 impl Paths<'_> {
-    fn pose(&self, control: &[f32], knot: usize, body: usize) -> (DVec3, DQuat) {
-        let row = &control[8 * (knot * self.entities + body)..][..8];
+    fn row(&self, knot: usize, entity: usize) -> usize {
+        8 * (knot * (self.followed.len() + self.loose.len()) + entity)
+    }
+
+    fn pose(&self, control: &[f32], knot: usize, entity: usize) -> (DVec3, DQuat) {
+        let row = &control[self.row(knot, entity)..][..8];
         let at = |index: usize| f64::from(row[index]);
         let turn = DQuat::from_xyzw(at(5), at(6), at(7), at(4));
         let turn = if turn.length_squared() > 1e-18 { turn.normalize() } else { DQuat::IDENTITY };
@@ -36,7 +42,7 @@ impl Paths<'_> {
         // Of the four control points that decide at an instant the outermost hardly does.
         let low = (known[0].max(0.0).floor() as usize + 1).min(last);
         let high = (known[1].max(0.0).floor() as usize + 2).clamp(low, last);
-        for body in (0..self.guessed.len()).filter(|&body| self.guessed[body]) {
+        for body in (0..self.followed.len()).filter(|&body| self.followed[body]) {
             let on = self.turn_between(control, body, [high.max(low + TOLD) - TOLD, high]);
             for knot in high + 1..=last {
                 self.lay_beside(control, body, [knot - 1, knot], on);
@@ -45,6 +51,23 @@ impl Paths<'_> {
             for knot in (0..low).rev() {
                 self.lay_beside(control, body, [knot + 1, knot], back);
             }
+        }
+        for node in (0..self.loose.len()).filter(|&node| self.loose[node]).map(|node| self.followed.len() + node) {
+            self.let_go(control, node, [high.max(low + TOLD) - TOLD, high], high + 1..=last);
+            self.let_go(control, node, [low + TOLD.min(high - low), low], (0..low).rev());
+        }
+    }
+
+    /// Lets a node go on as it went `from` one control point `to` another.
+    fn let_go(&self, control: &mut [f32], node: usize, [from, to]: [usize; 2], knots: impl Iterator<Item = usize>) {
+        let step = self.turn_between(control, node, [from, to]);
+        let ((before, _), (mut place, mut turn)) = (self.pose(control, from, node), self.pose(control, to, node));
+        let mut way = (place - before) / from.abs_diff(to).max(1) as f64;
+        for knot in knots {
+            way *= ON;
+            place += way;
+            turn = on_its_side(step * turn, turn);
+            self.lay(control, knot, node, place, turn);
         }
     }
 
@@ -58,13 +81,19 @@ impl Paths<'_> {
     fn lay_beside(&self, control: &mut [f32], body: usize, [beside, knot]: [usize; 2], step: DQuat) {
         let (place, turn) = self.pose(control, beside, body);
         let [then, here] = [beside, knot].map(|at| self.pose(self.started, at, body).0);
-        let turned = (step * turn).normalize();
-        // Control points of turns are on one side of the sphere.
-        let turned = if turned.dot(turn) < 0.0 { -turned } else { turned };
-        let place = here + KEPT * (place - then);
-        let row = [place.x, place.y, place.z, 0.0, turned.w, turned.x, turned.y, turned.z];
-        control[8 * (knot * self.entities + body)..][..8].copy_from_slice(&row.map(|value| value as f32));
+        self.lay(control, knot, body, here + KEPT * (place - then), on_its_side(step * turn, turn));
     }
+
+    fn lay(&self, control: &mut [f32], knot: usize, entity: usize, place: DVec3, turn: DQuat) {
+        let row = [place.x, place.y, place.z, 0.0, turn.w, turn.x, turn.y, turn.z];
+        control[self.row(knot, entity)..][..8].copy_from_slice(&row.map(|value| value as f32));
+    }
+}
+
+/// A turn as its neighbour has it: control points of turns are on one side of the sphere.
+fn on_its_side(turn: DQuat, beside: DQuat) -> DQuat {
+    let turn = turn.normalize();
+    if turn.dot(beside) < 0.0 { -turn } else { turn }
 }
 
 /// The gate of a body that starts with `gate`, as in `poses.wgsl`, while only a part of the recording (from when to when, seconds) is known
@@ -95,7 +124,7 @@ mod tests {
     }
 
     fn paths(started: &[f32]) -> Paths<'_> {
-        Paths { started, guessed: &[true], entities: 2, knots: KNOTS }
+        Paths { started, followed: &[true], loose: &[false], knots: KNOTS }
     }
 
     /// Whether poses are the same, by either sign of a turn.
@@ -146,9 +175,36 @@ mod tests {
         }
         // What is no guess is left as it is.
         let before = learned.clone();
-        Paths { guessed: &[false], ..of }.carry_on(&mut learned, [3.5, 5.5]);
+        Paths { followed: &[false], ..of }.carry_on(&mut learned, [3.5, 5.5]);
         assert_eq!(learned, before);
         assert!(learned.chunks_exact(8).skip(1).step_by(2).all(|node| node == [0.5; 8]));
+    }
+
+    #[test]
+    fn nodes_of_what_bends_go_on_as_they_went_and_slow_down() {
+        // A node that goes and turns evenly within the part, and was nowhere yet beyond it.
+        let (way, rate) = (DVec3::new(0.02, -0.01, 0.03), DVec3::new(0.0, 0.2, 0.1));
+        let mut control = control(|_| (DVec3::ZERO, DQuat::IDENTITY));
+        let started = control.clone();
+        for knot in 4..=7 {
+            let (place, turn) = (way * knot as f64, DQuat::from_scaled_axis(rate * knot as f64));
+            let row = [place.x, place.y, place.z, 0.0, turn.w, turn.x, turn.y, turn.z].map(|value| value as f32);
+            control[8 * (2 * knot + 1)..][..8].copy_from_slice(&row);
+        }
+        let of = Paths { loose: &[true], ..paths(&started) };
+        of.carry_on(&mut control, [3.5, 5.5]);
+        let node = |knot: usize| of.pose(&control, knot, 1);
+        for (knot, beyond) in [(8, 1), (9, 2), (11, 4), (3, -1), (0, -4)] {
+            let gone: f64 = (1..=i32::abs(beyond)).map(|step| ON.powi(step)).sum();
+            let end = if beyond > 0 { 7.0 } else { 4.0 };
+            let (place, turn) = node(knot);
+            assert!(place.abs_diff_eq(way * (end + gone * f64::from(beyond.signum())), 1e-6), "{knot}: {place}");
+            assert!(turn.dot(DQuat::from_scaled_axis(rate * knot as f64)).abs() > 1.0 - 1e-9, "{knot}: {turn}");
+        }
+        // Nodes of others stay.
+        let mut stays = started.clone();
+        Paths { loose: &[false], ..of }.carry_on(&mut stays, [3.5, 5.5]);
+        assert!(stays.chunks_exact(8).skip(1).step_by(2).all(|node| node == [0.5; 8]));
     }
 
     #[test]
@@ -159,7 +215,7 @@ mod tests {
         paths(&started).carry_on(&mut carried, [-9.0, 99.0]);
         assert_alike(&carried[16..], &learned[16..]);
         // Not even of splines of four control points.
-        let few = Paths { started: &started[..64], guessed: &[true], entities: 2, knots: 4 };
+        let few = Paths { started: &started[..64], followed: &[true], loose: &[false], knots: 4 };
         let mut carried = learned[..64].to_vec();
         few.carry_on(&mut carried, [0.0, 1.0]);
         assert_alike(&carried[16..], &learned[16..64]);

@@ -24,4 +24,4 @@ mod tests;
 
 pub use device::{Bodies, SOFTNESS};
 pub use options::{BodiesOptions, MOST_NODES};
-pub use start::{EXTRA_FLOATS, NEIGHBOURS, NEVER, Start};
+pub use start::{CODES, EXTRA_FLOATS, LOOSE, NEIGHBOURS, NEVER, NO_NODE, Start};

@@ -48,8 +48,16 @@ pub struct BodiesOptions {
     /// Iterations of each of the two short trainings that tell which bodies carry Gaussians, a quarter of the fine stage at most; 0: all
     /// bodies do.
     pub trial: u32,
-    /// Bodies that carry none: what lies on them is free in time. A trial is made where none is named.
+    /// Bodies that carry none: what lies on them is free in time. A trial is made where none is named, here or as one that bends.
     pub free: Vec<String>,
+    /// Bodies that bend: they are followed from the instant at which they were seen best, and their nodes may go where they are seen to go.
+    pub bend: Vec<String>,
+    /// What `rigid` and `away` are multiplied by for the nodes of these.
+    pub loose: f32,
+    /// Learning rate of the places of their nodes, extents of the scene: first, last.
+    pub bend_path: [f32; 2],
+    /// Learning rate of the turns of their nodes: first, last.
+    pub bend_turn: [f32; 2],
 }
 
 impl Default for BodiesOptions {
@@ -75,6 +83,10 @@ impl Default for BodiesOptions {
             smooth_turn: [0.005, 0.02],
             trial: 120,
             free: Vec::new(),
+            bend: Vec::new(),
+            loose: 0.02,
+            bend_path: [2e-3, 5e-4],
+            bend_turn: [5e-3, 2e-3],
         }
     }
 }

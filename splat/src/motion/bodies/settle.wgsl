@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read> partial: array<vec4f>;
 @group(0) @binding(3) var<storage, read> poses: array<Pose>;
 @group(0) @binding(4) var<storage, read> other: array<vec4f>;
-// NEIGHBOURS a node: 4 * other + 1 where it is a neighbour of this, + 2 where this is one of it; NO_NODE: none.
+// NEIGHBOURS a node: 8 * other + 1 where it is a neighbour of this, + 2 where this is one of it, + 4 where the body bends; NO_NODE: none.
 @group(0) @binding(5) var<storage, read> neighbours: array<u32>;
 @group(0) @binding(6) var<storage, read> control: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> d_control: array<vec4f>;
@@ -24,25 +24,28 @@ struct Said {
 fn together(node: u32) -> Said {
     var d = Said(vec3f(0.0), vec4f(0.0));
     let own = poses[moment.bodies + node];
-    d.shift = 2.0 * moment.away * own.shift;
+    let first = neighbours[NEIGHBOURS * node];
+    let holds = select(1.0, moment.loose, first != NO_NODE && (first & 4u) != 0u);
+    let rigid = holds * moment.rigid;
+    d.shift = 2.0 * holds * moment.away * own.shift;
     for (var k = 0u; k < NEIGHBOURS; k++) {
         let code = neighbours[NEIGHBOURS * node + k];
         if code == NO_NODE {
             break;
         }
-        let beside = code / 4u;
+        let beside = code / 8u;
         let there = poses[moment.bodies + beside];
         let way = other[moment.bodies + beside].xyz - other[moment.bodies + node].xyz;
         var times = 0.0;
         if (code & 1u) != 0u {
             let error = way + there.shift - own.shift - turned(own.turn, way);
-            d.shift -= 2.0 * moment.rigid * error;
-            d.turn -= turned_backward(own.turn, way, 2.0 * moment.rigid * error);
+            d.shift -= 2.0 * rigid * error;
+            d.turn -= turned_backward(own.turn, way, 2.0 * rigid * error);
             times += 1.0;
         }
         if (code & 2u) != 0u {
             let error = own.shift - way - there.shift + turned(there.turn, way);
-            d.shift += 2.0 * moment.rigid * error;
+            d.shift += 2.0 * rigid * error;
             times += 1.0;
         }
         d.turn -= 2.0 * times * moment.alike * dot(own.turn, there.turn) * there.turn;

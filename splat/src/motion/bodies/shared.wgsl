@@ -13,7 +13,7 @@ struct Moment {
     rigid: f32,       // weights of what holds nodes together, of so many nodes
     away: f32,
     alike: f32,
-    padding: u32,
+    loose: f32,       // what these are multiplied by, but the last, for bodies that bend
 }
 
 struct Pose {

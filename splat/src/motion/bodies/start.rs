@@ -16,8 +16,10 @@ pub struct Start {
     pub bodies: usize,
     /// What they are called.
     pub names: Vec<String>,
-    /// Whether how each turns between instants is a guess: frames did not tell.
-    pub guessed: Vec<bool>,
+    /// Whether each is followed: how it turns between instants is a guess, since frames did not tell, or it bends.
+    pub followed: Vec<bool>,
+    /// When those that bend were seen best, in [0, 1].
+    pub seen_best: Option<f64>,
     /// How many nodes they have in all.
     pub nodes: usize,
     /// Control points of each.
@@ -28,8 +30,24 @@ pub struct Start {
     pub control: Vec<f32>,
     /// Gates and nodes: see `poses.wgsl`.
     pub other: Vec<f32>,
-    /// Neighbours of nodes: see `settle.wgsl`.
+    /// Neighbours of nodes, [`NEIGHBOURS`] each: see `settle.wgsl`.
     pub neighbours: Vec<u32>,
     /// The Gaussians of all bodies, with their rows.
     pub gaussians: Gaussians,
+}
+
+/// A node that is not there, in a list of neighbours.
+pub const NO_NODE: u32 = u32::MAX;
+/// What a node says of a neighbour is in so many bits beside its number.
+pub const CODES: u32 = 8;
+/// The bit of nodes of bodies that bend.
+pub const LOOSE: u32 = 4;
+
+impl Start {
+    /// Of each node whether its body bends.
+    #[must_use]
+    pub fn loose(&self) -> Vec<bool> {
+        let bends = |codes: &[u32]| codes[0] != NO_NODE && codes[0] & LOOSE != 0;
+        self.neighbours.chunks_exact(NEIGHBOURS).map(bends).collect()
+    }
 }

@@ -75,18 +75,20 @@ impl Case {
             (body, hangs, row)
         };
         // Each node has the next two of its body for neighbours.
-        let mut neighbours = vec![u32::MAX; all.len() * NEIGHBOURS];
+        let mut neighbours = vec![NO_NODE; all.len() * NEIGHBOURS];
         let mut mark = |node: usize, other: usize, flag: u32| {
             let slots = &mut neighbours[node * NEIGHBOURS..(node + 1) * NEIGHBOURS];
-            let known = slots.iter().position(|code| *code != u32::MAX && code / 4 == other as u32);
-            let at = known.or_else(|| slots.iter().position(|code| *code == u32::MAX)).expect("room");
-            slots[at] = if known.is_some() { slots[at] | flag } else { 4 * other as u32 + flag };
+            let known = slots.iter().position(|code| *code != NO_NODE && code / CODES == other as u32);
+            let at = known.or_else(|| slots.iter().position(|code| *code == NO_NODE)).expect("room");
+            slots[at] = if known.is_some() { slots[at] | flag } else { CODES * other as u32 + flag };
         };
         for node in 0..all.len() {
+            // The third body bends.
+            let bends = if node / nodes == 2 { LOOSE } else { 0 };
             for step in 1..nodes.min(3) {
                 let other = node / nodes * nodes + (node % nodes + step) % nodes;
-                mark(node, other, 1);
-                mark(other, node, 2);
+                mark(node, other, bends | 1);
+                mark(other, node, bends | 2);
             }
         }
         Self {
@@ -103,8 +105,8 @@ impl Case {
     }
 
     fn pairs(&self) -> Vec<(usize, usize)> {
-        let codes = self.neighbours.iter().enumerate().filter(|(_, code)| **code != u32::MAX && *code & 1 == 1);
-        codes.map(|(at, code)| (at / NEIGHBOURS, (code / 4) as usize)).collect()
+        let codes = self.neighbours.iter().enumerate().filter(|(_, code)| **code != NO_NODE && *code & 1 == 1);
+        codes.map(|(at, code)| (at / NEIGHBOURS, (code / CODES) as usize)).collect()
     }
 
     fn poses(&self, t01: f64) -> Vec<Pose> {
@@ -137,7 +139,20 @@ impl Case {
         });
         let bodies = self.gates.len();
         let nodes: Vec<_> = self.nodes.iter().zip(&poses[bodies..]).map(|((_, node), pose)| (*node, *pose)).collect();
-        said.sum::<f64>() + twin::together(&nodes, &self.pairs(), weights)
+        said.sum::<f64>() + self.together(&nodes, weights)
+    }
+
+    /// What holds nodes together, and those of the third body less.
+    fn together(&self, nodes: &[(Node, Pose)], [rigid, away, alike]: [f64; 3]) -> f64 {
+        let bends = |node: usize| self.nodes[node].0 == 2;
+        let of = |loose: bool| {
+            let times = if loose { f64::from(BodiesOptions::default().loose) } else { 1.0 };
+            let pairs: Vec<_> = self.pairs().into_iter().filter(|(node, _)| bends(*node) == loose).collect();
+            let own: Vec<_> = (0..nodes.len()).filter(|&node| bends(node) == loose).map(|node| nodes[node]).collect();
+            twin::together(nodes, &pairs, [times * rigid, 0.0, alike])
+                + twin::together(&own, &[], [0.0, times * away, 0.0])
+        };
+        of(false) + of(true)
     }
 
     fn start(&self) -> Start {
@@ -157,7 +172,8 @@ impl Case {
         Start {
             bodies,
             names: (0..bodies).map(|body| body.to_string()).collect(),
-            guessed: vec![false; bodies],
+            followed: vec![false; bodies],
+            seen_best: None,
             nodes,
             knots,
             per_second: (knots - 3) as f64 / SECONDS,

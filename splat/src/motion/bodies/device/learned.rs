@@ -66,7 +66,10 @@ impl Bodies {
         let speed = if follows { early * FASTER } else { early };
         let of_body = pose(rate(options.path, speed * self.extent), rate(options.turn, speed));
         let of_node = pose(rate(options.node_path, late * self.extent), rate(options.node_turn, late));
-        let control_rates = [of_body.repeat(bodies as usize), of_node.repeat(nodes as usize)].concat();
+        // What bends has nowhere to be but where its nodes are.
+        let of_loose = pose(rate(options.bend_path, early * self.extent), rate(options.bend_turn, early));
+        let of_nodes = self.loose.iter().flat_map(|loose| if *loose { of_loose } else { of_node });
+        let control_rates: Vec<f32> = of_body.repeat(bodies as usize).into_iter().chain(of_nodes).collect();
         let [gate, reach] = [early * options.gate, late * options.reach];
         let other_rates =
             [[gate, gate, 0.0, 0.0].repeat(bodies as usize), [0.0, 0.0, 0.0, reach].repeat(nodes as usize)].concat();

@@ -55,8 +55,12 @@ pub struct Bodies {
     names: Vec<String>,
     /// When each is in view, in [0, 1].
     spans: Vec<[f64; 2]>,
-    /// Whether how each turns at the start is a guess.
-    guessed: Vec<bool>,
+    /// Whether each is followed.
+    followed: Vec<bool>,
+    /// When those that bend were seen best, in [0, 1].
+    seen_best: Option<f64>,
+    /// Of each node whether its body bends.
+    loose: Vec<bool>,
     /// Their gates at the start.
     gates: Vec<[f32; 4]>,
     /// The control points at the start.
@@ -136,7 +140,9 @@ impl Bodies {
             options: options.clone(),
             names: start.names.clone(),
             spans: start.other.chunks_exact(4).take(start.bodies).map(|gate| [gate[0], gate[1]].map(in_view)).collect(),
-            guessed: start.guessed.clone(),
+            followed: start.followed.clone(),
+            seen_best: start.seen_best,
+            loose: start.loose(),
             gates: start.other.as_chunks().0.iter().take(start.bodies).copied().collect(),
             started: start.control.clone(),
             counts: [start.bodies, start.nodes, start.knots].map(|count| count as u32),
@@ -188,10 +194,16 @@ impl Bodies {
         &self.spans
     }
 
-    /// Whether how any of them turns at the start is a guess.
+    /// Whether any of them is followed.
     #[must_use]
-    pub fn some_are_guessed(&self) -> bool {
-        self.guessed.contains(&true)
+    pub fn some_are_followed(&self) -> bool {
+        self.followed.contains(&true)
+    }
+
+    /// When those that bend were seen best, in [0, 1]; none where none bends.
+    #[must_use]
+    pub fn seen_best(&self) -> Option<f64> {
+        self.seen_best
     }
 
     /// Shows the bodies that are followed in a part of the recording (in [0, 1]) alone, or again whenever they are in view.
@@ -201,8 +213,8 @@ impl Bodies {
     pub fn show_followed(&mut self, gpu: &Gpu, part: Option<[f64; 2]>) -> Result<(), GpuError> {
         let mut other: Vec<f32> = gpu.download(&self.other.values, self.other.floats)?;
         let part = part.map(|part| part.map(|at| (at * self.seconds) as f32));
-        let gates = std::iter::zip(other.as_chunks_mut().0, std::iter::zip(&self.gates, &self.guessed));
-        for (gate, (started, _)) in gates.filter(|(_, (_, guessed))| **guessed) {
+        let gates = std::iter::zip(other.as_chunks_mut().0, std::iter::zip(&self.gates, &self.followed));
+        for (gate, (started, _)) in gates.filter(|(_, (_, followed))| **followed) {
             *gate = part.map_or(*started, |part| gate_within(*started, part));
         }
         gpu.upload(&self.other.values, 0, &other);
@@ -214,8 +226,8 @@ impl Bodies {
     /// # Errors
     /// [`GpuError`].
     pub fn carry_on(&mut self, gpu: &Gpu, part: [f64; 2]) -> Result<(), GpuError> {
-        let [entities, knots] = [self.entities(), self.counts[2]].map(|count| count as usize);
-        let paths = Paths { started: &self.started, guessed: &self.guessed, entities, knots };
+        let knots = self.counts[2] as usize;
+        let paths = Paths { started: &self.started, followed: &self.followed, loose: &self.loose, knots };
         let mut control = gpu.download(&self.control.values, self.control.floats)?;
         paths.carry_on(&mut control, part.map(|at| at * self.stretches));
         gpu.upload(&self.control.values, 0, &control);

@@ -29,7 +29,7 @@ struct Moment {
     rigid: f32,
     away: f32,
     alike: f32,
-    padding: u32,
+    loose: f32,
 }
 
 impl Bodies {
@@ -49,7 +49,7 @@ impl Bodies {
             rigid: squared * self.options.rigid,
             away: squared * self.options.away,
             alike: each * self.options.alike,
-            padding: 0,
+            loose: self.options.loose,
         }
     }
 
