@@ -4,7 +4,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::command_line::Folder;
+use super::bodies::give_bodies;
+use crate::command_line::{Folder, page::film_small};
 
 const TRAIN: &str = "train ds --method erf-gs --iterations 20+60 --seed 3 --deterministic --no-evaluation \
                      --set evaluation.log_every=5 --set eds.from=10 --set eds.every=10 --set density.from=5 \
@@ -53,6 +54,32 @@ fn a_run_that_was_stopped_and_resumed_ends_like_one_that_was_not() {
         text.lines().map(|line| same(line).join(",")).collect()
     };
     assert_eq!(rows("whole"), rows("stopped"), "rows of the curve");
+}
+
+#[cfg(unix)]
+#[test]
+fn bodies_that_bend_are_followed_to_the_same_end_after_a_stop() {
+    let folder = Folder::new();
+    film_small(&folder);
+    give_bodies(&folder.path("ds"));
+    let train = "train ds --method erf-gs --motion bodies --iterations 20+100 --seed 3 --deterministic --no-evaluation \
+                 --set evaluation.log_every=5";
+    let refused = folder.fail(1, &format!("{train} --out none --set bodies.bend=[\"rope\"]"));
+    assert!(refused.contains("`bodies.bend` names 'rope'") && refused.contains("disc"), "{refused}");
+    // Who names what bends has decided: there is no trial.
+    let bends = format!("{train} --set bodies.bend=[\"disc\"]");
+    folder.succeed(&format!("{bends} --out whole"));
+    assert!(!folder.path("whole/trial.json").exists());
+    let curve = folder.path("stopped/curve.csv");
+    let training = Killed::when(&folder, &format!("{bends} --out stopped"), || last_row(&curve) >= 60);
+    training.send("-INT");
+    let (code, said) = training.end();
+    assert_eq!(code, Some(130), "{said}");
+    folder.succeed(&format!("{bends} --out stopped --resume"));
+    folder.succeed(&format!("{train} --set bodies.trial=0 --out rigid"));
+    let read = |run: &str| fs::read(folder.path(run).join("checkpoint.bin")).expect("a checkpoint");
+    assert!(read("whole") == read("stopped"), "the resumed run ended elsewhere");
+    assert!(read("whole") != read("rigid"), "that it bends has no influence");
 }
 
 /// Starts a training, and kills it once it has come so far.
