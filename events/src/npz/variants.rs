@@ -5,8 +5,11 @@ use proptest::prelude::*;
 use super::*;
 use crate::Event;
 
+/// How a number is written.
+type Write = fn(f64) -> Vec<u8>;
+
 /// Numbers as NumPy has them: the type's name, and how one is written.
-const TYPES: [(&str, fn(f64) -> Vec<u8>); 6] = [
+const TYPES: [(&str, Write); 6] = [
     ("<i8", |value| (value as i64).to_le_bytes().to_vec()),
     ("<u4", |value| (value as u32).to_le_bytes().to_vec()),
     (">i4", |value| (value as i32).to_be_bytes().to_vec()),
@@ -96,8 +99,9 @@ proptest! {
             fields.push(format!("('{more}', '<i8')"));
         }
         let mut values = Vec::new();
-        for row in 0..events.len() {
-            order.iter().for_each(|&at| values.extend(TYPES[types[at]].1(columns[at][row])));
+        let rows: Vec<[f64; 4]> = (0..events.len()).map(|row| columns.each_ref().map(|column| column[row])).collect();
+        for row in rows {
+            order.iter().for_each(|&at| values.extend(TYPES[types[at]].1(row[at])));
             values.resize(values.len() + if more.is_empty() { 0 } else { 8 }, 0);
         }
         let bytes = array(&format!("[{}]", fields.join(", ")), events.len(), values);
