@@ -20,7 +20,7 @@ const ALLOWED: u32 = 2000;
 
 /// What was foretold for a training, what it took, and how many Gaussians it had at most.
 fn trained(folder: &Folder, ds: &str, mut config: Config, shape: Shape) -> (DeviceMemory, u64, u32) {
-    (config.coarse_iterations, config.fine_iterations) = (16, 32);
+    (config.coarse_iterations, config.fine_iterations) = (8, 16);
     (config.density.from, config.density.every, config.density.until) = (2, 2, 1.0);
     (config.density.gradient_threshold, config.density.prune_above) = (0.0, u32::MAX);
     (config.density.max_gaussians, config.eds.max_gaussians) = (ALLOWED, ALLOWED);
@@ -58,6 +58,7 @@ fn what_a_training_takes_of_a_device_is_foretold() {
     let mut bodies = moving(MotionModel::Bodies);
     bodies.bodies.exposure = 3;
     let mut wrong = Vec::new();
+    // The kernels of a graphics processor take minutes for the field and for large pictures here.
     for shape in [Shape::Cpu, Shape::Gpu] {
         for (what, config) in [
             ("4DGS", Config::preset(Method::FourDgs, Preset::Default)),
@@ -66,6 +67,9 @@ fn what_a_training_takes_of_a_device_is_foretold() {
             ("the paper", Config::preset(Method::ErfGs, Preset::Paper)),
         ] {
             for (ds, _) in sizes {
+                if ds == "large" && (shape == Shape::Gpu || what == "the paper") {
+                    continue;
+                }
                 let (foretold, taken, gaussians) = trained(&folder, ds, config.clone(), shape);
                 let [begun, allowed] = foretold.gaussians;
                 let ratio = foretold.most as f64 / taken as f64;
