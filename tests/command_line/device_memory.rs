@@ -14,7 +14,7 @@ use erfgs_train::{
 use super::{Folder, bodies::give_bodies, page::film_of};
 
 /// What is foretold is no more than this many times what was taken. In pictures of 96 x 72 pixels what is rounded up weighs most.
-const FACTOR: f64 = 2.5;
+const FACTOR: f64 = 2.0;
 /// Gaussians that the settings allow: trainings here come to have nearly all of them.
 const ALLOWED: u32 = 2000;
 
