@@ -4,6 +4,7 @@ mod arguments;
 mod begin;
 mod follow;
 mod live;
+mod memory;
 mod names;
 mod summary;
 mod trial;
@@ -104,6 +105,9 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
         (None, None) => Trainer::new(&gpu, scene, config, &options)?,
     };
+    for line in memory::describe(&trainer.device_memory(), &gpu.info.name, gpu.shares_memory()) {
+        terminal.note(line);
+    }
     let [most, all] = trainer.device_room();
     if all > most {
         let [most, all] = [most, all].map(bytes);

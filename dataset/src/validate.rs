@@ -161,5 +161,5 @@ fn check_events(events: &CameraEvents) -> Result<(), Problem> {
             what: "the time covered ends before it starts",
         });
     }
-    INSTANT.check_all_ns(events.covers_ns).map_err(sensor)
+    check_span(events.covers_ns).map_err(sensor)
 }

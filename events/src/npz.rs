@@ -19,6 +19,8 @@ use erfgs_base::{
 
 mod pieces;
 mod times;
+#[cfg(test)]
+mod variants;
 
 pub use pieces::read_pieces;
 
@@ -336,6 +338,9 @@ pub fn structured(bytes: &[u8], path: &Path, size: Option<[u32; 2]>) -> Result<E
         move |source| NpzError::Array { path, array, source }
     };
     let fields = npy::decode_records(bytes).map_err(wrong("events"))?;
+    if let Some(what) = times::not_understood(fields.iter().flat_map(|(names, _)| names).map(String::as_str)) {
+        return Err(NpzError::Content { path: path.to_owned(), what });
+    }
     let find = |wanted: &'static str, names: &[&str]| {
         let is_it = |name: &String| names.contains(&name.to_ascii_lowercase().as_str());
         let found = fields.iter().find(|(given, _)| given.iter().any(is_it)).map(|(_, column)| column);

@@ -51,6 +51,10 @@ On the device frames and events stay, as far as --device-memory has room: events
 least recently used of which make way for others. If all fit, an iteration transfers nothing of the size of an image. The result is \
 the same.
 
+Before it begins, a training states the memory that it will take of the device: with the Gaussians of the start, and at most, with as \
+many as density.max_gaussians and eds.max_gaussians allow. Where the device may have too little, a warning names what takes most and \
+the settings that fit.
+
 A long take is trained in windows. Static Gaussians are learned once: train one window, and the others with --static and that \
 run. They reuse its static Gaussians, camera poses and camera colours, skip the coarse stage, and train only what moves and \
 what looks different in their frames. `erfgs sweep` does this for all windows of a take.

@@ -7,6 +7,7 @@ mod budget;
 mod calibrate;
 mod clocks;
 mod colours;
+mod device_memory;
 mod events;
 mod find_bodies;
 mod inputs;

@@ -17,6 +17,7 @@ use std::{
 use super::{
     ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView},
+    stamps,
     write::{self, SourceRecording},
 };
 use crate::Split;
@@ -79,7 +80,8 @@ pub fn import(
     common::every_eighth(&mut views);
     common::override_split(&mut views, options)?;
     let mut notes = left_out(&model, &images, &views)?;
-    notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &common::told_rate(options, fps)));
+    let (fps, told) = stamps::place(&mut views, options.fps, FPS)?;
+    notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &told));
     let recording =
         SourceRecording { importer: "colmap", source, views, any_size: false, fps, points: points(&model), notes };
     write::write(recording, options, out, progress)

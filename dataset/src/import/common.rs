@@ -187,14 +187,6 @@ pub(super) fn order_notes<'a>(views: impl Iterator<Item = (&'a str, &'a [FileFra
     alike.into_iter().map(note).collect()
 }
 
-/// Where the rate of frames comes from, for the user.
-pub(super) fn told_rate(options: &ImportOptions, fps: f64) -> String {
-    match options.fps {
-        Some(_) => format!("{fps} frames a second, as --fps says"),
-        None => format!("{fps} frames a second are assumed, --fps says another rate"),
-    }
-}
-
 /// A file's name without its extension.
 pub(super) fn stem(path: &Path) -> String {
     path.file_stem().unwrap_or_default().to_string_lossy().into_owned()

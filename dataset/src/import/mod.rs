@@ -21,6 +21,7 @@ pub mod neu3d;
 pub mod nvidia;
 pub mod panoptic;
 pub mod session;
+mod stamps;
 mod write;
 
 pub use error::ImportError;

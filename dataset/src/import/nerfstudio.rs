@@ -12,6 +12,7 @@ use std::{
 use super::{
     ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView},
+    stamps,
     write::{self, SourceRecording},
 };
 use crate::Split;
@@ -70,15 +71,18 @@ pub fn import(
     }
     let is_timed = shots.iter().any(|shot| shot.time.is_some());
     let mut views = gather(shots, options, &path, fps, &mut notes)?;
+    let mut rate = fps;
     if !is_timed {
-        notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &common::told_rate(options, fps)));
+        let told;
+        (rate, told) = stamps::place(&mut views, options.fps, FPS)?;
+        notes.extend(common::order_notes(views.iter().filter_map(SourceView::files), &told));
     }
     if !split_given {
         common::every_eighth(&mut views);
     }
     common::override_split(&mut views, options)?;
     let recording =
-        SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps, points: None, notes };
+        SourceRecording { importer: "nerfstudio", source: root, views, any_size: true, fps: rate, points: None, notes };
     write::write(recording, options, out, progress)
 }
 

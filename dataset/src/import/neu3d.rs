@@ -17,6 +17,7 @@ use std::{
 use super::{
     ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView, poses_bounds},
+    stamps,
     write::{self, SourceRecording},
 };
 use crate::Split;
@@ -83,8 +84,11 @@ pub fn import(
         views.push(SourceView { name, split, intrinsics, pose, frames });
     }
     common::override_split(&mut views, options)?;
-    let fps = clock.common.as_ref().map_or(FPS, |(_, times, _)| times.rate());
-    let told = clock.told();
+    let (fps, told) = match &clock.common {
+        Some((_, times, true)) => (times.rate(), clock.told()),
+        _ if views.iter().all(|view| view.files().is_some()) => stamps::place(&mut views, given, FPS)?,
+        common => (common.as_ref().map_or(FPS, |(_, times, _)| times.rate()), clock.told()),
+    };
     let mut notes = common::order_notes(views.iter().filter_map(SourceView::files), &told);
     if views.iter().any(|view| matches!(view.frames, Frames::Video { .. })) {
         notes.push(format!("videos: {told}"));

@@ -17,6 +17,7 @@ use std::{
 use super::{
     ImportError, ImportOptions, Imported,
     common::{self, FileFrame, Frames, SourceView, poses_bounds},
+    stamps,
     write::{self, SourceRecording},
 };
 use crate::Split;
@@ -86,7 +87,8 @@ pub fn import(
     common::override_split(&mut views, options)?;
     let of = |path: &PathBuf| FileFrame { image: path.clone(), mask: None, t_ns: 0 };
     let folders: Vec<FileFrame> = times.iter().map(of).collect();
-    let mut notes = common::order_notes(std::iter::once(("mv_images", &folders[..])), &common::told_rate(options, fps));
+    let (fps, told) = stamps::place(&mut views, options.fps, FPS)?;
+    let mut notes = common::order_notes(std::iter::once(("mv_images", &folders[..])), &told);
     notes.push(BOUNDS_LEFT_OUT.to_owned());
     let recording = SourceRecording { importer: "nvidia", source, views, any_size: true, fps, points: None, notes };
     write::write(recording, options, out, progress)

@@ -162,6 +162,8 @@ proptest! {
         prop_assert_eq!(long.quantity.name, "the length of the recording");
         let covers = trial.refused(|m| { set(m); events(m).covers_ns[0] = i64::MIN; });
         prop_assert_eq!(covers.quantity.name, "a time");
+        let covers = trial.refused(|m| { set(m); events(m).covers_ns[0] = start - 3_000_000_000_000_000; });
+        prop_assert_eq!(covers.quantity.name, "the length of the recording");
     }
 }
 

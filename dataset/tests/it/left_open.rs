@@ -116,12 +116,58 @@ fn frames_are_in_the_order_of_all_numbers_in_their_names_in_every_layout() {
                 let found: Vec<u8> = (0..12).map(|frame| grey(&dataset, camera, frame)[0]).collect();
                 assert_eq!(found, (0..12).map(|t| 10 * t).collect::<Vec<u8>>(), "{layout:?} {}", name(1));
             }
+            if name(1).starts_with("130") || name(1).starts_with("img_2024") {
+                let quarters: Vec<i64> = (0..12).map(|t| 250_000 * t).collect();
+                assert_eq!(times(&dataset, 1), quarters, "{layout:?} {}", name(1));
+            }
             std::fs::remove_dir_all(out).unwrap();
             let said = notes(layout, source, &ImportOptions::default());
             let last = format!("... {}", name(11));
             assert!(said.contains(&name(0)) && said.contains(&last) && said.contains("frames a second"), "{said}");
         }
     }
+}
+
+#[test]
+fn frames_that_lack_by_their_numbers_are_not_closed_up_and_cameras_that_tell_other_times_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path();
+    std::fs::write(source.join("poses_bounds.npy"), poses_bounds(&[0, 1])).unwrap();
+    let both = |names: [&[&str]; 2]| {
+        for (camera, names) in ["cam00", "cam01"].into_iter().zip(names) {
+            let _ = std::fs::remove_dir_all(source.join(camera));
+            for name in names {
+                write(source.join(format!("{camera}/{name}.png")), &halves(16, 8, 1, 2));
+            }
+        }
+    };
+    let without_4 = ["f_1", "f_2", "f_3", "f_5", "f_6"].as_slice();
+    both([without_4, without_4]);
+    let plain = ImportOptions::default();
+    let given = ImportOptions { fps: Some(20.0), ..Default::default() };
+    let import = |options: &ImportOptions| {
+        let out = tempfile::tempdir().unwrap();
+        run(Layout::Neu3d, source, options, &out.path().join("ds"))
+    };
+    assert_eq!(times(&import(&plain).unwrap(), 1), [0, 33_333, 66_667, 133_333, 166_667]);
+    assert_eq!(times(&import(&given).unwrap(), 1), [0, 50_000, 100_000, 200_000, 250_000]);
+    assert!(notes(Layout::Neu3d, source, &plain).contains("1 are missing by the numbers in their names"));
+    both([without_4, &["f_1", "f_2", "f_4", "f_5", "f_6"]]);
+    let said = refused(Layout::Neu3d, source, &plain);
+    assert!(said.contains("camera cam01") && said.contains("not those of camera cam00"), "{said}");
+    // A camera that began a frame later, and one of another rate.
+    let at_10 = ["1305031102.1", "1305031102.2", "1305031102.3"].as_slice();
+    for other in [&["1305031102.2", "1305031102.3", "1305031102.4"], &["1305031102.1", "1305031102.3", "1305031102.5"]]
+    {
+        both([at_10, other]);
+        let said = refused(Layout::Neu3d, source, &plain);
+        assert!(said.contains("tell other times than those of camera cam00") && said.contains("--fps"), "{said}");
+        assert_eq!(times(&import(&given).unwrap(), 1), [0, 50_000, 100_000]);
+    }
+    // A jitter of a tenth of a frame is none.
+    both([at_10, &["1305031102.11", "1305031102.20", "1305031102.29"]]);
+    let dataset = import(&plain).unwrap();
+    assert_eq!([0, 1].map(|camera| times(&dataset, camera)), [0, 1].map(|_| vec![0, 100_000, 200_000]));
 }
 
 #[test]

@@ -114,7 +114,7 @@ impl TextLayout {
             preamble.check_unit(unit)?;
             layout.unit = Some(unit);
         }
-        sample.check_times(&layout)?;
+        sample.check_times(&layout, preamble.source)?;
         Ok(layout)
     }
 

@@ -50,6 +50,14 @@ impl Time {
         (real.is_finite() && real >= 0.0).then_some(Self::Real(real))
     }
 
+    /// As it is written.
+    pub fn value(self) -> f64 {
+        match self {
+            Self::Whole(whole) => whole as f64,
+            Self::Real(real) => real,
+        }
+    }
+
     /// Whether it is written with a part of a unit.
     pub fn has_fraction(self) -> bool {
         matches!(self, Self::Real(real) if real.fract() != 0.0)

@@ -41,10 +41,7 @@ impl<'a> Sample<'a> {
         for (_, row) in self.rows(layout) {
             match row {
                 Ok(row) => {
-                    let now = match row.t {
-                        Time::Whole(whole) => whole as f64,
-                        Time::Real(real) => real,
-                    };
+                    let now = row.t.value();
                     back += usize::from(now < last);
                     last = now;
                 }
@@ -59,9 +56,9 @@ impl<'a> Sample<'a> {
         let is_named = source != Source::None;
         let [wrong, back] = self.faults(layout);
         let is_wrong = wrong * 2 > self.lines.len();
-        // Rows or columns taken for times go back all the time, or stand still.
-        let goes_back =
-            !is_named && self.lines.len() >= 4 && (back * 4 >= self.lines.len() || self.stands_still(layout));
+        // Rows or columns taken for times go back, or stand still; times taken for pixels are too large. Where another order fits every
+        // line, a single fault is enough.
+        let goes_back = !is_named && self.lines.len() >= 4 && (wrong + back > 0 || self.stands_still(layout));
         let Some((number, _)) = self.lines.first().filter(|_| is_wrong || goes_back) else { return Ok(()) };
         let others: [(&str, [usize; 4]); 4] = [
             ("x,y,p,t", [3, 0, 1, 2]),
@@ -143,7 +140,7 @@ impl<'a> Sample<'a> {
     }
 
     /// Refuses times that no clock has, or of which the unit leaves nothing.
-    pub fn check_times(&self, layout: &TextLayout) -> Result<(), Wrong> {
+    pub fn check_times(&self, layout: &TextLayout, source: Source) -> Result<(), Wrong> {
         let Some(unit) = layout.unit else { return Ok(()) };
         let times = || self.rows(layout).filter_map(|(number, row)| Some((number, row.ok()?.t)));
         let us = |t: Time| t.microseconds(unit).map_or(f64::INFINITY, |us| us as f64);
@@ -156,12 +153,23 @@ impl<'a> Sample<'a> {
                 format!("taken for {unit} its time is {:.1e} s, which no clock has; {remedy}", us(first) * 1e-6),
             ));
         }
-        // Seconds that are called microseconds are all 0.
-        let is_lost = self.lines.len() >= 4 && times().all(|(_, t)| us(t) == 0.0) && !self.stands_still(layout);
-        if is_lost {
+        // Seconds that are called microseconds are all the same one, or lie in two that follow each other. Who says so twice is believed.
+        let [mut least, mut most] = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut written: Vec<f64> = Vec::new();
+        for (_, t) in times() {
+            [least, most] = [least.min(us(t)), most.max(us(t))];
+            let value = t.value();
+            if written.len() < 4 && !written.contains(&value) {
+                written.push(value);
+            }
+        }
+        let is_lost = most <= 0.0 && written.len() >= 2 && self.lines.len() >= 4;
+        if is_lost || (most - least <= 1.0 && written.len() >= 4 && source != Source::User) {
             return Err((
                 number,
-                format!("taken for {unit} all times are zero, and as they are written they differ; {remedy}"),
+                format!(
+                    "taken for {unit} all times are within a microsecond, and as they are written they differ; {remedy}"
+                ),
             ));
         }
         Ok(())

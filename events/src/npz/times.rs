@@ -16,19 +16,23 @@ impl<R: Read + Seek> Archive<'_, R> {
         if names().any(|name| name == "t") && names().any(|name| name == "t_us") {
             return Err(self.content("it holds both `t` and `t_us`; remove the one that is not to be taken".into()));
         }
-        let is_of_times = |name: &&str| {
-            let name = name.to_lowercase();
-            name != "t_us" && (name.starts_with("t_") || name.contains("unit") || name.contains("offset"))
-        };
-        match names().find(is_of_times) {
-            Some(name) => Err(self.content(format!(
-                "its array `{}` says something of times that is not understood; write `t` as integers in microseconds with that taken \
-                 in, and remove it",
-                name.escape_debug()
-            ))),
-            None => Ok(()),
-        }
+        not_understood(names()).map_or(Ok(()), |what| Err(self.content(what)))
     }
+}
+
+/// What is wrong where a name says something of times that is not understood.
+pub(super) fn not_understood<'a>(mut names: impl Iterator<Item = &'a str>) -> Option<String> {
+    let is_of_times = |name: &&str| {
+        let name = name.to_lowercase();
+        name != "t_us" && (name.starts_with("t_") || name.contains("unit") || name.contains("offset"))
+    };
+    names.find(is_of_times).map(|name| {
+        format!(
+            "its array `{}` says something of times that is not understood; write `t` as integers in microseconds with that taken \
+             in, and remove it",
+            name.escape_debug()
+        )
+    })
 }
 
 /// Microseconds of floating-point times: seconds where one has a fraction.
@@ -47,7 +51,15 @@ pub(super) fn microseconds(times: &[f64], are_named: bool) -> Result<Vec<i64>, S
     }
     let unit = if has_fraction && !are_named { 1e6 } else { 1.0 };
     let to_us = |&time: &f64| INSTANT.check(time * unit * 1e-6).map(|_| (time * unit).round() as i64);
-    times.iter().map(to_us).collect::<Result<_, _>>().map_err(Into::into)
+    let all = times.iter().map(to_us).collect::<Result<Vec<i64>, _>>().map_err(String::from)?;
+    let range = all.iter().min().zip(all.iter().max()).map_or(0, |(first, last)| last - first);
+    let differ = times.windows(2).filter(|pair| pair[0] != pair[1]).count() >= 3;
+    if are_named && has_fraction && differ && range <= 1 {
+        return Err("its field t_us holds times within a microsecond, which differ as they are written: if they are seconds, write integers in \
+                    microseconds"
+            .into());
+    }
+    Ok(all)
 }
 
 #[cfg(test)]
@@ -61,6 +73,7 @@ mod tests {
         assert_eq!(microseconds(&[1.0, 2.0], true), Ok(vec![1, 2]));
         assert_eq!(microseconds(&[1.25, 2.0], true), Ok(vec![1, 2]));
         assert_eq!(microseconds(&[0.0, 0.0], false), Ok(vec![0, 0]));
+        assert!(microseconds(&[0.25, 0.5, 0.5625, 0.875], true).unwrap_err().contains("within a microsecond"));
         assert!(microseconds(&[1.0, 2.0], false).unwrap_err().contains("t_us"));
         for wrong in [f64::NAN, f64::INFINITY, 1e300, -1e17] {
             assert!(microseconds(&[wrong, 0.5], false).unwrap_err().contains("plausible"), "{wrong}");

@@ -223,8 +223,10 @@ proptest! {
         prop_assert!(said.contains("no clock has") && said.contains("--columns"), "{}", said);
         prop_assert!(with("t_ns", &since_1970).is_ok());
         prop_assert!(with("t_s", &|t_us| (1_700_000_000_000_000 + t_us).to_string()).is_err());
-        let said = with("t_us", &|t_us| format!("{:.7}", t_us as f64 * 1e-8)).unwrap_err();
-        prop_assert!(said.contains("are zero"), "{}", said);
+        for begin in [0.0, 3.0, 1_305_031_102.25] {
+            let said = with("t_us", &|t_us| format!("{:.7}", begin + t_us as f64 * 1e-8)).unwrap_err();
+            prop_assert!(said.contains("within a microsecond"), "{}", said);
+        }
     }
 
     #[test]
@@ -299,6 +301,28 @@ proptest! {
             let said = read(folder.path(), "a.csv", text.as_bytes()).unwrap_err().to_string();
             prop_assert!(said.contains("put a line `x,y,p,t` before"), "{}", said);
         }
+    }
+
+    #[test]
+    fn one_column_that_goes_back_or_is_too_large_tells_the_order_where_another_fits(mut events in events(), late: bool) {
+        // Row by row: what is taken for times goes back once, or never, and what is taken for pixels is too large at the end.
+        events.sort_by_key(|event| event.x);
+        for (at, event) in events.iter_mut().enumerate() {
+            event.t_us = 1000 * at as u64 + 1;
+        }
+        let last = events.last_mut().unwrap();
+        match late {
+            true => last.t_us = 1_000_000,
+            false => last.x = 0,
+        }
+        events[0].x = 1;
+        (events[1].y, events[2].y) = (700, 3);
+        let folder = tempfile::tempdir().unwrap();
+        let text = lines(&events, &[1, 2, 0, 3], " ", 1);
+        let said = read(folder.path(), "a.txt", text.as_bytes()).unwrap_err().to_string();
+        prop_assert!(said.contains("put a line `x,y,t,p` before"), "{}", said);
+        let (found, ..) = read_as(folder.path(), "a.txt", text.as_bytes(), Some("x,y,t,p")).unwrap();
+        prop_assert_eq!(found, events);
     }
 
     #[test]

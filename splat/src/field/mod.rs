@@ -17,7 +17,7 @@ pub use config::{FieldConfig, FieldError, HeadInit, Heads, TimeAxis};
 pub use layout::{Layout, Linear};
 
 use backend::{Backend, Domain, Pass, PassGradients};
-use device::Device;
+use device::{Device, DeviceTape};
 use host::Host;
 
 use crate::{
@@ -131,6 +131,17 @@ impl Field {
             backend,
             trajectory: gpu.kernel("trajectory regulariser", &[include_str!("trajectory.wgsl")]),
         })
+    }
+
+    /// Bytes of the device's memory that a field takes where passes have `rows` rows: of itself, and of the tape of each pass.
+    #[must_use]
+    pub fn bytes(gpu: &Gpu, layout: &Layout, rows: u32) -> [u64; 2] {
+        let with_sh = layout.config.heads.sh.then_some(layout.config.sh_stride);
+        let deltas = Deltas::bytes(rows, with_sh);
+        match gpu.shape {
+            Shape::Cpu => [Host::bytes(rows), deltas],
+            Shape::Gpu => [Device::bytes(layout, rows), deltas + DeviceTape::bytes(layout, rows)],
+        }
     }
 
     /// Where every parameter lies.

@@ -7,7 +7,7 @@ use erfgs_base::memory::{self, Shortage};
 use wgpu::util::DeviceExt;
 
 use super::{
-    memory as device_memory,
+    memory::{self as device_memory, Watched, stored},
     reuse::Reused,
     submissions::{Held, Submission},
     timing::{self, Times},
@@ -138,6 +138,7 @@ pub struct Gpu {
     pub(super) times: Times,
     pub(super) held: Held,
     pub(super) reused: Reused,
+    pub(super) watched: Watched,
     failure: Arc<Mutex<Option<Failure>>>,
 }
 
@@ -235,6 +236,7 @@ impl Gpu {
             times: Times::default(),
             held: Held::default(),
             reused: Reused::default(),
+            watched: Watched::default(),
             failure,
         })
     }
@@ -244,7 +246,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::TooLarge`] where the adapter cannot bind it, [`GpuError::NoMemory`] where it has not so much memory.
     pub fn storage(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
-        let size = bytes.max(16).next_multiple_of(16);
+        let size = stored(bytes);
         let limit = self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size);
         if size > limit {
             return Err(GpuError::TooLarge {
@@ -255,20 +257,21 @@ impl Gpu {
             });
         }
         self.reused.makes(size);
-        let shared = matches!(self.info.device_type, wgpu::DeviceType::Cpu | wgpu::DeviceType::IntegratedGpu);
-        if shared && size >= WORTH_ASKING {
+        if self.shares_memory() && size >= WORTH_ASKING {
             memory::afford(size).map_err(|shortage| GpuError::NoMemory {
                 label: label.into(),
                 adapter: self.info.name.clone(),
                 shortage,
             })?;
         }
-        Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size,
             usage: self.storage_usage(),
             mapped_at_creation: false,
-        }))
+        });
+        self.look_at_memory();
+        Ok(buffer)
     }
 
     /// A storage buffer that holds `data`.
@@ -305,6 +308,7 @@ impl Gpu {
         if !bytes.is_empty() {
             self.counters.written(bytes.len() as u64);
             self.queue.write_buffer(buffer, offset, bytes);
+            self.look_at_memory();
         }
     }
 
@@ -337,6 +341,7 @@ impl Gpu {
                     copy
                 })
                 .collect();
+            self.look_at_memory();
             self.hand_over(encoder.finish());
             copies
         };
@@ -378,9 +383,20 @@ impl Gpu {
         self.read(&[(buffer, count)], |slices| slices[0].to_vec())
     }
 
+    /// Lets go of the bind groups of what was dispatched so far, which keep their buffers in memory: for whoever is about to replace most of
+    /// those.
+    pub fn forget_groups(&self) {
+        self.reused.forget();
+    }
+
     /// Bytes of the memory that the device has of its own; `None` where it shares the processor's, or nobody says.
     pub fn memory(&self) -> Option<u64> {
         self.memory
+    }
+
+    /// Whether the device's memory is the processor's.
+    pub fn shares_memory(&self) -> bool {
+        matches!(self.info.device_type, wgpu::DeviceType::Cpu | wgpu::DeviceType::IntegratedGpu)
     }
 
     /// What has passed between the host and the device so far.

@@ -18,6 +18,7 @@ pub use canary::{Canary, run_canary};
 pub use commands::Commands;
 pub use context::{AdapterChoice, Gpu, GpuError, Shape, adapters};
 pub use kernel::{Binding, Bound, Kernel};
+pub use memory::stored;
 pub use submissions::{HeldBack, Submission};
 pub use timing::KernelTime;
 pub use traffic::Traffic;

@@ -43,6 +43,12 @@ impl Reused {
         self.lock().uniforms.get((label.to_owned(), bytes.to_vec()), make)
     }
 
+    /// Lets go of all groups.
+    pub(super) fn forget(&self) {
+        let mut kept = self.lock();
+        (kept.made, kept.groups) = (0, Recent::default());
+    }
+
     /// Told before a buffer of `bytes` bytes is made.
     pub(super) fn makes(&self, bytes: u64) {
         let mut kept = self.lock();

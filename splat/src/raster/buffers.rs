@@ -1,6 +1,6 @@
 //! Device buffers that the rasteriser shares with its neighbours.
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, stored};
 
 /// What the deformation field adds to the raw parameters of the dynamic Gaussians, or the gradient of that.
 #[derive(Clone, Debug)]
@@ -19,10 +19,21 @@ impl Deltas {
     /// # Errors
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, label: &str, rows: u32, sh_stride: Option<u32>) -> Result<Self, GpuError> {
-        let core = gpu.storage(&format!("{label} core"), u64::from(rows) * 48)?;
-        let sh = sh_stride
-            .map(|stride| gpu.storage(&format!("{label} sh"), u64::from(rows) * u64::from(stride) * 4))
-            .transpose()?;
+        let (core, sh) = Self::sizes(rows, sh_stride);
+        let core = gpu.storage(&format!("{label} core"), core)?;
+        let sh = sh.map(|bytes| gpu.storage(&format!("{label} sh"), bytes)).transpose()?;
         Ok(Self { rows, core, sh })
+    }
+
+    fn sizes(rows: u32, sh_stride: Option<u32>) -> (u64, Option<u64>) {
+        let rows = u64::from(rows);
+        (rows * 48, sh_stride.map(|stride| rows * u64::from(stride) * 4))
+    }
+
+    /// Bytes of the device's memory that so many rows take.
+    #[must_use]
+    pub fn bytes(rows: u32, sh_stride: Option<u32>) -> u64 {
+        let (core, sh) = Self::sizes(rows, sh_stride);
+        stored(core) + sh.map_or(0, stored)
     }
 }

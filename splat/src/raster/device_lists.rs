@@ -6,12 +6,12 @@ use wgpu::Buffer;
 
 use super::{
     Frame, RasterError,
-    frame::grow,
+    frame::{Sizes, grow},
     kernels::{THREADS, stage},
     rasteriser::{Render, Sums},
 };
 use crate::{
-    gpu::{Commands, Gpu, Kernel},
+    gpu::{Commands, Gpu, Kernel, Shape, stored},
     sort::{Plan, RadixSort, ScanBuffers, SortBuffers},
 };
 
@@ -55,14 +55,28 @@ impl Scratch {
     fn new(gpu: &Gpu, sort: &RadixSort, gaussians: u32, intersections: u32) -> Result<Self, RasterError> {
         Ok(Self {
             planned: None,
-            counts: gpu.storage("tile counts", 4 * u64::from(gaussians))?,
-            offsets: gpu.storage("offsets", 4 * u64::from(gaussians))?,
+            counts: gpu.storage("tile counts", Self::each(gaussians))?,
+            offsets: gpu.storage("offsets", Self::each(gaussians))?,
             offset_plan: gpu.storage("plan of the offsets", size_of::<Plan>() as u64)?,
             by_depth: sort.buffers(gpu, "by depth", gaussians)?,
             by_tile: sort.buffers(gpu, "by tile", intersections)?,
             offset_scan: ScanBuffers::new(gpu, gaussians)?,
         })
     }
+
+    /// Bytes of a number for each Gaussian.
+    fn each(gaussians: u32) -> u64 {
+        4 * u64::from(gaussians)
+    }
+}
+
+/// Bytes of what renders share, with room for so many Gaussians and intersections.
+pub(super) fn bytes(gaussians: u32, intersections: u32) -> u64 {
+    2 * stored(Scratch::each(gaussians))
+        + stored(size_of::<Plan>() as u64)
+        + SortBuffers::bytes(gaussians)
+        + SortBuffers::bytes(intersections)
+        + ScanBuffers::bytes(gaussians)
 }
 
 /// The form that the device's subgroups allow.
@@ -112,8 +126,9 @@ impl DeviceLists {
                 [gaussians.max(scratch.by_depth.capacity), frame.room.max(scratch.by_tile.capacity)];
             *scratch = Scratch::new(gpu, &self.sort, gaussians, room)?;
         }
-        grow(gpu, &mut frame.entries, "frame.entries", 4 * u64::from(frame.room))?;
-        grow(gpu, &mut frame.owners, "frame.owners", 4 * u64::from(frame.room))?;
+        let [entries, owners] = Sizes::entries(Shape::Gpu, frame.room);
+        grow(gpu, &mut frame.entries, "frame.entries", entries)?;
+        grow(gpu, &mut frame.owners, "frame.owners", owners)?;
         // No kernel changes how many there are.
         if scratch.planned.replace(gaussians) != Some(gaussians) {
             gpu.upload(&scratch.by_depth.plan, 0, &[Plan::sort(gaussians)]);

@@ -6,7 +6,7 @@ use wgpu::Buffer;
 
 use super::{RasterError, Region};
 use crate::{
-    gpu::{Gpu, GpuError, Shape, Submission},
+    gpu::{Gpu, GpuError, Shape, Submission, stored},
     sort::Plan,
 };
 
@@ -105,11 +105,59 @@ impl Frame {
     }
 }
 
+/// Bytes of the buffers of a frame that shows so many pixels in so many tiles, and so many Gaussians.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sizes {
+    pub image: u64,
+    pub stops: u64,
+    pub lists: u64,
+    pub splats: u64,
+    pub ranges: u64,
+}
+
+impl Sizes {
+    pub fn new(pixels: u64, tiles: u32, gaussians: u32) -> Self {
+        let gaussians = u64::from(gaussians);
+        Self {
+            image: 16 * pixels,
+            stops: 4 * pixels,
+            lists: 16 * u64::from(tiles),
+            splats: 64 * gaussians.max(1),
+            ranges: 16 * gaussians,
+        }
+    }
+
+    pub fn depth(pixels: u64) -> u64 {
+        4 * pixels
+    }
+
+    /// Of the entries and of their owners where there is room for so many tile intersections.
+    pub fn entries(shape: Shape, room: u32) -> [u64; 2] {
+        let room = u64::from(room);
+        match shape {
+            Shape::Cpu => [8 * room, 0],
+            Shape::Gpu => [4 * room; 2],
+        }
+    }
+
+    /// All of them, each as large as [`grow`] makes it, and the depth.
+    pub fn all(self, pixels: u64, entries: [u64; 2]) -> u64 {
+        let [entries, owners] = entries;
+        let growing = [self.image, self.stops, self.lists, self.splats, self.ranges, entries, owners];
+        growing.into_iter().map(|bytes| stored(grown(bytes))).sum::<u64>() + stored(Self::depth(pixels))
+    }
+}
+
+/// Bytes that a buffer gets which has less than it needs.
+pub(super) fn grown(bytes: u64) -> u64 {
+    bytes + bytes / 4
+}
+
 /// Replaces `buffer` by a larger one where it has less than `bytes` bytes.
 pub(super) fn grow(gpu: &Gpu, buffer: &mut Buffer, label: &str, bytes: u64) -> Result<(), GpuError> {
     if buffer.size() < bytes {
         let limit = gpu.limits.max_storage_buffer_binding_size.min(gpu.limits.max_buffer_size);
-        *buffer = gpu.storage(label, (bytes + bytes / 4).min(limit).max(bytes))?;
+        *buffer = gpu.storage(label, grown(bytes).min(limit).max(bytes))?;
     }
     Ok(())
 }

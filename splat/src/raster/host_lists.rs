@@ -5,11 +5,11 @@ use wgpu::Buffer;
 use super::{
     Frame, RasterError,
     bins::{Bins, Splat, bin},
-    frame::grow,
+    frame::{Sizes, grow},
     kernels::stage,
     rasteriser::{Render, Sums},
 };
-use crate::gpu::{Commands, Gpu, Kernel};
+use crate::gpu::{Commands, Gpu, Kernel, Shape};
 
 /// Side of a tile, pixels.
 pub(super) const TILE: u32 = 16;
@@ -50,7 +50,8 @@ impl HostLists {
         let bins: Bins =
             gpu.read::<Splat, _>(&[(&frame.splats, count)], |slices| bin(slices[0], grid, needed.as_deref()))?;
         let entries = bins.entries.len();
-        grow(gpu, &mut frame.entries, "frame.entries", 8 * entries as u64)?;
+        let [bytes, _] = Sizes::entries(Shape::Cpu, entries as u32);
+        grow(gpu, &mut frame.entries, "frame.entries", bytes)?;
         gpu.upload(&frame.entries, 0, &bins.entries);
         gpu.upload(&frame.lists, 0, &bins.lists);
         gpu.upload(&frame.ranges, 0, &bins.ranges);

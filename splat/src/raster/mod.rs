@@ -7,6 +7,7 @@ mod device_lists;
 mod frame;
 mod host_lists;
 mod kernels;
+mod load;
 mod rasteriser;
 mod region;
 mod types;
@@ -16,6 +17,7 @@ pub use bench::{BenchResult, BenchScene, bench};
 pub use buffers::Deltas;
 pub use frame::Frame;
 pub use kernels::HARMONICS;
+pub use load::Load;
 pub use rasteriser::Rasteriser;
 pub use region::Region;
 pub use types::{

@@ -11,12 +11,12 @@ use super::{
     Deltas, Frame, GaussianBuffers, Gradients, PoseRow, RasterError, RenderOptions, Thresholds, View, Wanted,
     bins::Grid,
     device_lists::{self, DeviceLists},
-    frame::grow,
+    frame::{Sizes, grow, grown},
     host_lists::{self, HostLists},
     kernels::{GaussianStages, THREADS},
     uniform::ViewUniform,
 };
-use crate::gpu::{Commands, Gpu, Shape};
+use crate::gpu::{Commands, Gpu, Shape, stored};
 
 /// The compiled kernels of the rasteriser and the buffers that its passes share.
 #[derive(Debug)]
@@ -47,13 +47,23 @@ pub(super) struct Sums {
 
 /// Threads that sum what Gaussians say of a pose.
 const POSE_THREADS: u32 = 16 * THREADS;
+const POSE_BYTES: u64 = POSE_THREADS as u64 * 32;
 
 impl Sums {
     fn make_room(&mut self, gpu: &Gpu, entries: u32, gaussians: u32) -> Result<(), RasterError> {
-        let entries = u64::from(entries);
-        grow(gpu, &mut self.sums, "sums", 36 * entries)?;
-        grow(gpu, &mut self.d_splats, "d_splats", 40 * u64::from(gaussians.max(1)))?;
+        let [sums, d_splats] = Self::sizes(entries, gaussians);
+        grow(gpu, &mut self.sums, "sums", sums)?;
+        grow(gpu, &mut self.d_splats, "d_splats", d_splats)?;
         Ok(())
+    }
+
+    fn sizes(entries: u32, gaussians: u32) -> [u64; 2] {
+        [36 * u64::from(entries), 40 * u64::from(gaussians.max(1))]
+    }
+
+    /// Bytes of them all where there is room for so many entries and Gaussians.
+    pub(super) fn bytes(entries: u32, gaussians: u32) -> u64 {
+        Self::sizes(entries, gaussians).into_iter().map(|bytes| stored(grown(bytes))).sum::<u64>() + POSE_BYTES
     }
 }
 
@@ -83,8 +93,14 @@ impl Render {
     }
 }
 
+/// Tile intersections that a frame on the GPU shape has room for at first, until a rendering needed more.
+pub(super) fn first_room(gpu: &Gpu, gaussians: u32, tiles: u32) -> u32 {
+    let most = (gpu.limits.max_storage_buffer_binding_size / 36).min(u64::from(u32::MAX)) as u32;
+    gaussians.saturating_mul(4).saturating_add(tiles.saturating_mul(64)).min(most)
+}
+
 /// Side of a tile, pixels.
-fn tile_side(shape: Shape) -> u32 {
+pub(super) fn tile_side(shape: Shape) -> u32 {
     match shape {
         Shape::Cpu => host_lists::TILE,
         Shape::Gpu => device_lists::TILE,
@@ -127,7 +143,7 @@ impl Rasteriser {
             sums: Mutex::new(Sums {
                 sums: small("sums")?,
                 d_splats: small("d_splats")?,
-                pose: gpu.storage("pose", u64::from(POSE_THREADS) * 32)?,
+                pose: gpu.storage("pose", POSE_BYTES)?,
             }),
         })
     }
@@ -218,21 +234,20 @@ impl Rasteriser {
         let tiles = values.size[2] * values.size[3];
         frame.settle(gpu)?;
         (frame.width, frame.height) = (view.width, view.height);
-        grow(gpu, &mut frame.image, "frame.image", 16 * pixels)?;
-        grow(gpu, &mut frame.stops, "frame.stops", 4 * pixels)?;
-        grow(gpu, &mut frame.lists, "frame.lists", 16 * u64::from(tiles))?;
-        grow(gpu, &mut frame.splats, "frame.splats", 64 * u64::from(gaussians.count.max(1)))?;
-        grow(gpu, &mut frame.ranges, "frame.ranges", 16 * u64::from(gaussians.count))?;
+        let sizes = Sizes::new(pixels, tiles, gaussians.count);
+        grow(gpu, &mut frame.image, "frame.image", sizes.image)?;
+        grow(gpu, &mut frame.stops, "frame.stops", sizes.stops)?;
+        grow(gpu, &mut frame.lists, "frame.lists", sizes.lists)?;
+        grow(gpu, &mut frame.splats, "frame.splats", sizes.splats)?;
+        grow(gpu, &mut frame.ranges, "frame.ranges", sizes.ranges)?;
         if gpu.shape == Shape::Gpu {
-            let most = (gpu.limits.max_storage_buffer_binding_size / 36).min(u64::from(u32::MAX)) as u32;
-            let guess = gaussians.count.saturating_mul(4).saturating_add(64 * tiles).min(most);
-            frame.room = frame.room.max(options.first_room.unwrap_or(guess));
+            frame.room = frame.room.max(options.first_room.unwrap_or(first_room(gpu, gaussians.count, tiles)));
             values.switches[3] = frame.room;
         }
         if !options.depth {
             frame.depth = None;
-        } else if frame.depth.as_ref().is_none_or(|depth| depth.size() < 4 * pixels) {
-            frame.depth = Some(gpu.storage("frame.depth", 4 * pixels)?);
+        } else if frame.depth.as_ref().is_none_or(|depth| depth.size() < Sizes::depth(pixels)) {
+            frame.depth = Some(gpu.storage("frame.depth", Sizes::depth(pixels))?);
         }
         Ok(Render::new(gpu, values, options, &self.thresholds))
     }

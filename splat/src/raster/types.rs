@@ -4,7 +4,7 @@ use erfgs_scene::{Distortion, Intrinsics, Pose};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Gpu, GpuError, stored};
 
 /// Floats in a row of a `core` buffer: mean x, y, z | log-scale x, y, z | quaternion w, x, y, z | opacity logit | 0.
 pub const CORE_STRIDE: u32 = 12;
@@ -90,6 +90,14 @@ impl GaussianBuffers {
     }
 }
 
+impl GaussianBuffers {
+    /// Bytes of a buffer of core rows, and of one of SH rows, of so many Gaussians.
+    #[must_use]
+    pub fn sizes(count: u32, sh_degree: u32) -> [u64; 2] {
+        [CORE_STRIDE, sh_stride(sh_degree)].map(|stride| stored(u64::from(count) * u64::from(stride) * 4))
+    }
+}
+
 /// Where the gradients of all Gaussians are summed.
 #[derive(Clone, Debug)]
 pub struct Gradients {
@@ -108,12 +116,19 @@ impl Gradients {
     /// # Errors
     /// [`RasterError::Gpu`].
     pub fn new(gpu: &Gpu, gaussians: &GaussianBuffers) -> Result<Self, RasterError> {
-        let rows = u64::from(gaussians.count);
+        let [core, sh, screen] = Self::sizes(gaussians.count, gaussians.sh_degree);
         Ok(Self {
-            core: gpu.storage("gradients.core", rows * u64::from(CORE_STRIDE) * 4)?,
-            sh: gpu.storage("gradients.sh", rows * u64::from(sh_stride(gaussians.sh_degree)) * 4)?,
-            screen: gpu.storage("gradients.screen", rows * 16)?,
+            core: gpu.storage("gradients.core", core)?,
+            sh: gpu.storage("gradients.sh", sh)?,
+            screen: gpu.storage("gradients.screen", screen)?,
         })
+    }
+
+    /// Bytes of the three buffers for so many Gaussians.
+    #[must_use]
+    pub fn sizes(count: u32, sh_degree: u32) -> [u64; 3] {
+        let [core, sh] = GaussianBuffers::sizes(count, sh_degree);
+        [core, sh, stored(u64::from(count) * 16)]
     }
 }
 

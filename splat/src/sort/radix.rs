@@ -3,7 +3,7 @@
 use wgpu::Buffer;
 
 use super::{BLOCK, DIGITS, Plan, PrefixSum, SHARED, ScanBuffers, scan::BoundScan};
-use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel};
+use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel, stored};
 
 /// The kernels of the sort.
 #[derive(Debug)]
@@ -53,8 +53,8 @@ impl RadixSort {
     /// # Errors
     /// [`GpuError::TooLarge`].
     pub fn buffers(&self, gpu: &Gpu, label: &str, capacity: u32) -> Result<SortBuffers, GpuError> {
-        let pairs = |what: &str| gpu.storage(&format!("{label} {what}"), 4 * u64::from(capacity));
-        let most = DIGITS * capacity.div_ceil(BLOCK);
+        let (each, most) = SortBuffers::sizes(capacity);
+        let pairs = |what: &str| gpu.storage(&format!("{label} {what}"), each);
         let near = [pairs("keys")?, pairs("values")?];
         let far = [pairs("other keys")?, pairs("other values")?];
         let plan = gpu.storage(&format!("{label} plan"), size_of::<Plan>() as u64)?;
@@ -75,6 +75,18 @@ impl RadixSort {
 }
 
 impl SortBuffers {
+    /// Bytes of the keys or values of so many pairs, and how many counts there are.
+    fn sizes(capacity: u32) -> (u64, u32) {
+        (4 * u64::from(capacity), DIGITS * capacity.div_ceil(BLOCK))
+    }
+
+    /// Bytes of all buffers with room for so many pairs.
+    #[must_use]
+    pub fn bytes(capacity: u32) -> u64 {
+        let (each, most) = Self::sizes(capacity);
+        4 * stored(each) + stored(size_of::<Plan>() as u64) + stored(4 * u64::from(most)) + ScanBuffers::bytes(most)
+    }
+
     /// Sorts the first `plan.count` pairs by the lowest `bits` bits of their keys, in place; equal keys keep their
     /// order. `known` is their count where the host knows it.
     pub fn sort(&self, commands: &mut Commands<'_>, bits: u32, known: Option<u32>) {

@@ -3,7 +3,7 @@
 use wgpu::Buffer;
 
 use super::{BLOCK, Plan, SHARED};
-use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel};
+use crate::gpu::{Bound, Commands, Gpu, GpuError, Kernel, stored};
 
 const SCAN_SHARED: &str = include_str!("scan_shared.wgsl");
 
@@ -31,7 +31,13 @@ impl ScanBuffers {
     /// # Errors
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
-        Ok(Self { sums: gpu.storage("prefix sum", 4 * u64::from(count.div_ceil(BLOCK)))? })
+        Ok(Self { sums: gpu.storage("prefix sum", Self::bytes(count))? })
+    }
+
+    /// Bytes of it.
+    #[must_use]
+    pub fn bytes(count: u32) -> u64 {
+        stored(4 * u64::from(count.div_ceil(BLOCK)))
     }
 }
 

@@ -4,7 +4,7 @@ use wgpu::Buffer;
 
 use super::Seen;
 use crate::kernels::kernel;
-use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel};
+use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel, stored};
 
 /// Running statistics of every Gaussian.
 #[derive(Debug)]
@@ -21,7 +21,13 @@ impl Statistics {
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, rows: u32) -> Result<Self, GpuError> {
         let kernel = kernel(gpu, "statistics", &[include_str!("statistics.wgsl")]);
-        Ok(Self { kernel, seen: gpu.storage("statistics", u64::from(rows) * 16)?, rows })
+        Ok(Self { kernel, seen: gpu.storage("statistics", Self::bytes(rows))?, rows })
+    }
+
+    /// Bytes of the device's memory that they take.
+    #[must_use]
+    pub fn bytes(rows: u32) -> u64 {
+        stored(u64::from(rows) * 16)
     }
 
     /// Adds the screen statistics of an iteration (rows of vec4; see [`erfgs_splat::raster::Gradients`]). Where a picture was looked at in

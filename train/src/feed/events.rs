@@ -15,7 +15,7 @@ use crate::{
     losses::LEFT_OUT,
     scene::{EventView, Numbers, Way},
 };
-use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel, Shape};
+use erfgs_splat::gpu::{Commands, Gpu, GpuError, Kernel, Shape, stored};
 
 /// Numbers of a buffer of events or of images of counts: 64 MiB. Every adapter binds so many.
 const NUMBERS: usize = 16 << 20;
@@ -150,13 +150,24 @@ impl Events {
             add: kernel(gpu, "count add", &[include_str!("count_add.wgsl")]),
             signed: kernel(gpu, "count signed", &[&left_out, include_str!("count_signed.wgsl")]),
             cameras: cameras.iter().map(camera).collect::<Result<_, GpuError>>()?,
-            sums: gpu.storage("events of pixels", 8 * most as u64)?,
+            sums: gpu.storage("events of pixels", Self::size_of_sums(most))?,
             nothing: gpu.storage("nothing", 16)?,
             a_thread: match gpu.shape {
                 Shape::Gpu => 1,
                 Shape::Cpu => 64,
             },
         })
+    }
+
+    /// Bytes of the device's memory that counting the events of these cameras takes, wherever they lie.
+    pub fn bytes_to_count(cameras: &[EventView]) -> u64 {
+        let most = cameras.iter().map(EventView::pixels).max().unwrap_or(0);
+        let steps = cameras.iter().map(|events| events.steps().1).filter(|own| !own.is_empty());
+        stored(Self::size_of_sums(most)) + steps.map(|own| stored(size_of_val(own) as u64)).sum::<u64>()
+    }
+
+    fn size_of_sums(pixels: usize) -> u64 {
+        8 * pixels as u64
     }
 
     /// Bytes that the events of a camera take.

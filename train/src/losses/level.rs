@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use wgpu::Buffer;
 
 use super::{LossSum, Losses, Sensor, threads_for, unit};
-use erfgs_splat::gpu::{Commands, Gpu, GpuError};
+use erfgs_splat::gpu::{Commands, Gpu, GpuError, stored};
 
 pub(super) const EVENT_LEVEL: &str = include_str!("event_level.wgsl");
 
@@ -68,6 +68,12 @@ impl Levels {
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, pixels: usize) -> Result<Self, GpuError> {
         Self::restore(gpu, &vec![0.0; 2 * pixels])
+    }
+
+    /// Bytes of the device's memory that they take.
+    #[must_use]
+    pub fn bytes(pixels: usize) -> u64 {
+        stored(8 * pixels as u64)
     }
 
     /// Levels as [`Levels::read`] gave them.

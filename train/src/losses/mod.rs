@@ -17,7 +17,7 @@ use crate::{
     kernels::{kernel, threads_for},
 };
 use erfgs_splat::{
-    gpu::{Commands, Gpu, GpuError, Kernel},
+    gpu::{Commands, Gpu, GpuError, Kernel, stored},
     raster::HARMONICS,
 };
 
@@ -188,7 +188,13 @@ impl LossSum {
     /// [`GpuError::TooLarge`].
     pub fn new(gpu: &Gpu, pixels: u32) -> Result<Self, GpuError> {
         let threads = threads_for(pixels);
-        Ok(Self { partial: gpu.storage("loss", u64::from(threads) * 4)?, threads })
+        Ok(Self { partial: gpu.storage("loss", Self::bytes(pixels))?, threads })
+    }
+
+    /// Bytes of the device's memory that it takes.
+    #[must_use]
+    pub fn bytes(pixels: u32) -> u64 {
+        stored(u64::from(threads_for(pixels)) * 4)
     }
 
     /// The sum so far, which starts again at zero.

@@ -9,7 +9,7 @@ use crate::{
     config::{Guide, MotionModel, Switch},
     density::{Measures, Moments, Population, densify},
     eds,
-    scene::{MotionMasks, Point, classify},
+    scene::{MotionMasks, Point, Scene, classify},
     schedule::Stage,
     start::{birth, unexplained},
 };
@@ -180,10 +180,8 @@ impl Trainer<'_> {
         Ok(())
     }
 
-    /// The greatest number of Gaussians that a setting stands for: more than the images have pixels cost time and add
-    /// nothing that can be seen.
     fn most(&self, setting: u32) -> u32 {
-        if setting > 0 { setting } else { self.scene.max_pixels().max(FEWEST_ALLOWED) }
+        most(&self.scene, setting)
     }
 
     fn guided(&mut self, gaussians: &Gaussians) -> Result<Gaussians, TrainError> {
@@ -352,6 +350,12 @@ impl Trainer<'_> {
             );
         }
     }
+}
+
+/// The greatest number of Gaussians that a setting stands for: more than the images have pixels cost time and add
+/// nothing that can be seen.
+pub(super) fn most(scene: &Scene, setting: u32) -> u32 {
+    if setting > 0 { setting } else { scene.max_pixels().max(FEWEST_ALLOWED) }
 }
 
 /// The box around `points` without the share `outside` of them at either end of each axis, grown by `margin` of its size.

@@ -7,6 +7,7 @@ mod grow;
 mod info;
 mod level;
 mod log;
+mod memory;
 mod model;
 mod poses;
 mod progress;
@@ -26,6 +27,7 @@ use std::sync::{Arc, OnceLock};
 
 use self::{clocks::Clocks, follow::Follow, poses::Poses, step::Workspace};
 pub use self::{
+    memory::{DeviceMemory, Part},
     model::Model,
     progress::{Outcome, Progress, TrainError, TrainOptions, Watch},
     stages::StageTimes,
@@ -38,7 +40,7 @@ use crate::{
     feed::Feed,
     losses::Levels,
     scene::{Scene, SceneError},
-    schedule::{Clock, Schedule},
+    schedule::{Clock, Schedule, Stage},
 };
 use erfgs_run::LeftOut;
 use erfgs_splat::{
@@ -82,6 +84,8 @@ pub struct Trainer<'a> {
     follow: Option<Follow>,
     left_out: Vec<LeftOut>,
     deterministic: bool,
+    /// What it will take of the device's memory.
+    memory: DeviceMemory,
     viewer: Option<Rendering>,
     /// Where things move in every view, in the fine stage.
     regions: Vec<Option<Arc<Region>>>,
@@ -128,6 +132,10 @@ impl<'a> Trainer<'a> {
         clock: Clock,
         levels: &[Vec<f32>],
     ) -> Result<Self, TrainError> {
+        let gaussians = population.gaussians.len();
+        // Those of them that learn beside a static set are found later.
+        let fixed = if config.static_set.is_some() { gaussians } else { 0 };
+        let memory = memory::estimate(gpu, &scene, &config, options, [gaussians, fixed], clock.stage == Stage::Fine)?;
         let work = Workspace::new(gpu, scene.max_pixels())?;
         let takes_frames: Vec<bool> = (0..scene.views.len()).map(|view| scene.has_frames(view)).collect();
         // With one camera there is nobody to differ from.
@@ -152,6 +160,7 @@ impl<'a> Trainer<'a> {
             follow: None,
             left_out: Vec::new(),
             deterministic: options.deterministic,
+            memory,
             times: StageTimes::default(),
             viewer: None,
             regions: Vec::new(),

@@ -96,6 +96,8 @@ impl Model {
 
     /// Replaces the population; what is shared by all in the motion model stays.
     pub(super) fn replace(&mut self, gpu: &Gpu, population: &Population) -> Result<(), TrainError> {
+        // Each buffer can then go as soon as there is another in its place.
+        gpu.forget_groups();
         self.drawn.replace(gpu, &population.gaussians)?;
         self.gradients = Gradients::new(gpu, &self.drawn.gaussians)?;
         self.aside = self.aside.take().map(|_| self.beside(gpu)).transpose()?;
@@ -415,7 +417,7 @@ pub(super) fn plane_weights(options: &FieldOptions, times: f32) -> PlaneWeights 
     }
 }
 
-fn field_config(options: &FieldOptions, sh_degree: u32, frame_times: usize) -> FieldConfig {
+pub(super) fn field_config(options: &FieldOptions, sh_degree: u32, frame_times: usize) -> FieldConfig {
     let rows = match options.time_resolution {
         0 => (2 * frame_times as u32).clamp(8, 300),
         rows => rows,

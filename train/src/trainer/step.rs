@@ -14,7 +14,7 @@ use crate::{
 };
 use erfgs_splat::{
     field::{Blend, Outputs, Tape},
-    gpu::{Gpu, Shape},
+    gpu::{Gpu, Shape, stored},
     model::Rendering,
     motion::{Motion, Witness},
     raster::{RenderOptions, View, Wanted},
@@ -42,12 +42,13 @@ pub(super) struct Workspace {
 
 impl Workspace {
     pub fn new(gpu: &Gpu, pixels: u32) -> Result<Self, TrainError> {
-        let image = |label: &str| gpu.storage(label, u64::from(pixels) * 16);
+        let [image, count] = Self::sizes(pixels);
+        let image = |label: &str| gpu.storage(label, image);
         Ok(Self {
             losses: Losses::new(gpu),
             renderings: Vec::new(),
             mean: image("mean of an exposure")?,
-            count: gpu.storage("event counts", u64::from(pixels) * 4)?,
+            count: gpu.storage("event counts", count)?,
             gradients: [image("gradient of an image")?, image("gradient of a later image")?],
             before: Tape::new(gpu)?,
             after: Tape::new(gpu)?,
@@ -65,6 +66,17 @@ impl Workspace {
                 plane_samples: 0.0,
             },
         })
+    }
+
+    /// Bytes of an image, and of the counts of its pixels.
+    fn sizes(pixels: u32) -> [u64; 2] {
+        [16, 4].map(|each| u64::from(pixels) * each)
+    }
+
+    /// Bytes of the device's memory that it takes for images of so many pixels, beside its renderings.
+    pub fn bytes(pixels: u32) -> u64 {
+        let [image, count] = Self::sizes(pixels).map(stored);
+        3 * image + count + 3 * LossSum::bytes(pixels)
     }
 
     /// Makes room for so many renderings of the iteration's sample `number`; says where they are. A graphics processor has room for those

@@ -12,7 +12,7 @@ use crate::{
         backend::PassGradients,
         layout::{Head, Target},
     },
-    gpu::{Commands, Gpu, GpuError},
+    gpu::{Commands, Gpu, GpuError, stored},
     raster::Deltas,
 };
 
@@ -44,10 +44,28 @@ pub struct Mlp {
 impl Mlp {
     /// Compiles the kernels.
     pub fn new(gpu: &Gpu, layout: &Layout) -> Result<Self, GpuError> {
+        let [largest, most] = Self::largest(layout);
+        Ok(Self { products: Products::new(gpu, largest)?, scratch: None, most })
+    }
+
+    /// Weights and biases of the largest layer, and rows of a chunk at most.
+    fn largest(layout: &Layout) -> [usize; 2] {
         let hidden = layout.config.width as usize * layout.heads.len();
         let largest = layout.config.width as usize * hidden.max(layout.point_features()) + hidden;
-        let most = (SCRATCH / 4 / hidden / 128 * 128).max(128);
-        Ok(Self { products: Products::new(gpu, largest)?, scratch: None, most })
+        [largest, (SCRATCH / 4 / hidden / 128 * 128).max(128)]
+    }
+
+    /// Rows that a pass of `rows` rows has scratch for.
+    pub fn rows_at_once(layout: &Layout, rows: usize) -> usize {
+        rows.min(Self::largest(layout)[1])
+    }
+
+    /// Bytes of products and scratch for passes of `rows` rows.
+    pub fn bytes(layout: &Layout, rows: usize) -> u64 {
+        let at_once = Self::rows_at_once(layout, rows);
+        let [trunk, hidden, features] = across(layout).map(|across| stored(scratch_bytes(at_once, across)));
+        let layers = layout.trunk.len() as u64;
+        stored(Products::bytes(Self::largest(layout)[0])) + (layers + 2) * trunk + 2 * hidden + features
     }
 
     /// Evaluates the heads of `what` into zeroed deltas.
@@ -173,20 +191,27 @@ impl Mlp {
         if self.scratch.as_ref().is_some_and(|scratch| scratch.rows >= rows) {
             return Ok(());
         }
-        let width = layout.config.width as usize;
-        let buffer = |label: &str, across: usize| gpu.storage(label, (rows * across * 4) as u64);
+        let [width, hidden, features] = across(layout);
+        let buffer = |label: &str, across: usize| gpu.storage(label, scratch_bytes(rows, across));
         self.scratch = Some(Scratch {
             rows,
             trunk: layout.trunk.iter().map(|_| buffer("trunk of the field", width)).collect::<Result<_, _>>()?,
-            hidden: [
-                buffer("hidden layers of the field", width * layout.heads.len())?,
-                buffer("gradient of the hidden layers", width * layout.heads.len())?,
-            ],
+            hidden: [buffer("hidden layers of the field", hidden)?, buffer("gradient of the hidden layers", hidden)?],
             d_trunk: [buffer("gradient of the trunk", width)?, buffer("gradient of the trunk", width)?],
-            d_features: buffer("gradient of the features", layout.point_features())?,
+            d_features: buffer("gradient of the features", features)?,
         });
         Ok(())
     }
+}
+
+/// Floats of a row of the trunk, of the hidden layers and of the features.
+fn across(layout: &Layout) -> [usize; 3] {
+    let width = layout.config.width as usize;
+    [width, width * layout.heads.len(), layout.point_features()]
+}
+
+fn scratch_bytes(rows: usize, across: usize) -> u64 {
+    (rows * across * 4) as u64
 }
 
 /// A layer within the buffers of the MLP.

@@ -15,7 +15,7 @@ use super::{
     backend::{Backend, Domain, PassGradients, Vectors},
 };
 use crate::{
-    gpu::{Commands, Gpu, GpuError},
+    gpu::{Commands, Gpu, GpuError, stored},
     optimiser::{Adam, AdamBuffers, AdamConfig, FiniteCheck},
 };
 use mlp::Mlp;
@@ -52,9 +52,20 @@ pub struct DeviceTape {
     features: Buffer,
 }
 
+impl DeviceTape {
+    fn sizes(layout: &Layout, rows: u32) -> [u64; 2] {
+        [16, 4 * layout.point_features() as u64].map(|each| u64::from(rows) * each)
+    }
+
+    /// Bytes that passes of so many rows leave.
+    pub fn bytes(layout: &Layout, rows: u32) -> u64 {
+        Self::sizes(layout, rows).into_iter().map(stored).sum()
+    }
+}
+
 impl Part {
     fn new(gpu: &Gpu, label: &str, parameters: &[f32]) -> Result<Self, GpuError> {
-        let empty = |what: &str| gpu.storage(&format!("{what} of the {label}"), parameters.len() as u64 * 4);
+        let empty = |what: &str| gpu.storage(&format!("{what} of the {label}"), size_of_val(parameters) as u64);
         Ok(Self {
             floats: parameters.len(),
             parameters: gpu.storage_from(label, parameters)?,
@@ -103,6 +114,14 @@ impl Device {
         })
     }
 
+    /// Bytes of the device's memory that it takes where passes have `rows` rows.
+    pub fn bytes(layout: &Layout, rows: u32) -> u64 {
+        let parts = [layout.grid, layout.total - layout.grid];
+        let parameters: u64 = parts.into_iter().map(|floats| 4 * stored(floats as u64 * 4)).sum();
+        let at_once = Mlp::rows_at_once(layout, rows as usize);
+        parameters + Planes::bytes(layout, at_once) + Mlp::bytes(layout, rows as usize)
+    }
+
     /// Makes chunks of at most this many rows.
     #[cfg(test)]
     pub fn chunks_of(&mut self, rows: usize) {
@@ -115,11 +134,11 @@ impl Backend for Device {
         let Some(pass) = tape.pass else { return Ok(()) };
         let rows = tape.deltas.rows;
         if tape.device.as_ref().is_none_or(|held| held.rows != rows) {
+            let [points, features] = DeviceTape::sizes(&domain.layout, rows);
             tape.device = Some(DeviceTape {
                 rows,
-                points: gpu.storage("points of a pass", u64::from(rows) * 16)?,
-                features: gpu
-                    .storage("features of a pass", u64::from(rows) * domain.layout.point_features() as u64 * 4)?,
+                points: gpu.storage("points of a pass", points)?,
+                features: gpu.storage("features of a pass", features)?,
             });
         }
         let Some(held) = &tape.device else { return Ok(()) };

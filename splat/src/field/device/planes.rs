@@ -9,7 +9,7 @@ use crate::{
         Layout, PlaneLosses, PlaneWeights, SpatialSmoothness,
         backend::{Domain, Pass},
     },
-    gpu::{Commands, Gpu, GpuError, Kernel},
+    gpu::{Commands, Gpu, GpuError, Kernel, stored},
 };
 
 /// The spatial planes xy, xz, yz and the time planes xt, yt, zt among the six of a level.
@@ -109,33 +109,12 @@ impl Planes {
     /// Compiles the kernels.
     pub fn new(gpu: &Gpu, layout: &Layout) -> Result<Self, GpuError> {
         let features = layout.config.features as usize;
-        let mut lines = 0;
-        let mut sums = 0;
-        let mut levels: Vec<Level> = Vec::new();
-        for planes in layout.planes.chunks_exact(6) {
-            let four = |values: [usize; 3]| [values[0] as u32, values[1] as u32, values[2] as u32, 0];
-            let take = |from: &mut usize, length: usize| {
-                *from += length;
-                *from - length
-            };
-            levels.push(Level {
-                cells: four(TEMPORAL.map(|plane| planes[plane].cols)),
-                planes: four(SPATIAL.map(|plane| planes[plane].offset / 4)),
-                times: four(TEMPORAL.map(|plane| planes[plane].offset / 4)),
-                lines: four(TEMPORAL.map(|plane| take(&mut lines, planes[plane].cols * features / 4))),
-                sums: four(SPATIAL.map(|plane| take(&mut sums, planes[plane].cols * planes[plane].rows * features))),
-                line_sums: [0; 4],
-            });
-        }
-        for level in &mut levels {
-            level.line_sums = level.lines.map(|line| sums as u32 + 4 * line);
-        }
-        let words = (sums + 4 * lines) as u64 * 4;
+        let (levels, [lines, words]) = levels(layout);
         let constants = format!("const LEVELS = {}u;\nconst F4 = {}u;", levels.len(), features / 4);
         let kernel = |label, source| gpu.kernel(label, &[&constants, include_str!("planes.wgsl"), source]);
         Ok(Self {
             level_buffer: gpu.storage_from("levels of the field", &levels)?,
-            lines: gpu.storage("blended time planes", lines as u64 * 16)?,
+            lines: gpu.storage("blended time planes", lines)?,
             words: [gpu.storage("low words of the sums", words)?, gpu.storage("high words of the sums", words)?],
             d_points: None,
             blend: kernel("blend time planes", include_str!("lines.wgsl")),
@@ -146,6 +125,13 @@ impl Planes {
             regular: gpu.kernel("regularise a plane", &[include_str!("regular.wgsl")]),
             levels,
         })
+    }
+
+    /// Bytes of all buffers where chunks have `rows` rows.
+    pub fn bytes(layout: &Layout, rows: usize) -> u64 {
+        let (levels, [lines, words]) = levels(layout);
+        let of_levels = size_of_val(&levels[..]) as u64;
+        stored(of_levels) + stored(lines) + 2 * stored(words) + stored(size_of_coordinates(layout, rows))
     }
 
     /// Blends the time planes for a pass.
@@ -192,7 +178,7 @@ impl Planes {
     ) -> Result<(), GpuError> {
         let gpu = commands.gpu();
         let groups = rows * domain.layout.point_features() / 4;
-        let bytes = groups as u64 * 16;
+        let bytes = size_of_coordinates(&domain.layout, rows);
         let d_points = match self.d_points.take() {
             Some(buffer) if buffer.size() >= bytes => buffer,
             _ => gpu.storage("gradient of the coordinates", bytes)?,
@@ -282,6 +268,38 @@ impl Planes {
         }
         Ok(losses)
     }
+}
+
+/// Bytes of the gradient of the coordinates of so many rows, by row and group of features.
+fn size_of_coordinates(layout: &Layout, rows: usize) -> u64 {
+    (rows * layout.point_features() / 4) as u64 * 16
+}
+
+/// Where the parts of each level lie, and the bytes of the lines and of the words of the sums of all.
+fn levels(layout: &Layout) -> (Vec<Level>, [u64; 2]) {
+    let features = layout.config.features as usize;
+    let mut lines = 0;
+    let mut sums = 0;
+    let mut levels: Vec<Level> = Vec::new();
+    for planes in layout.planes.chunks_exact(6) {
+        let four = |values: [usize; 3]| [values[0] as u32, values[1] as u32, values[2] as u32, 0];
+        let take = |from: &mut usize, length: usize| {
+            *from += length;
+            *from - length
+        };
+        levels.push(Level {
+            cells: four(TEMPORAL.map(|plane| planes[plane].cols)),
+            planes: four(SPATIAL.map(|plane| planes[plane].offset / 4)),
+            times: four(TEMPORAL.map(|plane| planes[plane].offset / 4)),
+            lines: four(TEMPORAL.map(|plane| take(&mut lines, planes[plane].cols * features / 4))),
+            sums: four(SPATIAL.map(|plane| take(&mut sums, planes[plane].cols * planes[plane].rows * features))),
+            line_sums: [0; 4],
+        });
+    }
+    for level in &mut levels {
+        level.line_sums = level.lines.map(|line| sums as u32 + 4 * line);
+    }
+    (levels, [lines as u64 * 16, (sums + 4 * lines) as u64 * 4])
 }
 
 /// Which loss a job belongs to.

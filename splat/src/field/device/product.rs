@@ -117,8 +117,13 @@ impl Products {
             half: tiles(64, [2, 1], 256),
             tall: tiles(16, [1, 1], 128),
             reduce: gpu.kernel("sum of slabs", &[include_str!("reduce.wgsl")]),
-            slabs: gpu.storage("slabs of gradients", 4 * largest.max(SLAB_FLOATS) as u64)?,
+            slabs: gpu.storage("slabs of gradients", Self::bytes(largest))?,
         })
+    }
+
+    /// Bytes of their buffers.
+    pub fn bytes(largest: usize) -> u64 {
+        4 * largest.max(SLAB_FLOATS) as u64
     }
 
     fn tiles(&self, columns: usize) -> &Tiles {

@@ -14,7 +14,7 @@ use super::{
     backend::{Backend, Domain, PassGradients, Vectors},
 };
 use crate::{
-    gpu::{Gpu, Kernel},
+    gpu::{Gpu, Kernel, stored},
     optimiser::AdamConfig,
 };
 use compute::Compute;
@@ -26,6 +26,8 @@ use mlp::Rows;
 pub struct Host {
     compute: Compute,
     add_means: Kernel,
+    /// Gradients of the means of a pass, as many as there were at most.
+    d_means: Option<Buffer>,
 }
 
 impl Host {
@@ -34,7 +36,17 @@ impl Host {
         Self {
             compute: Compute::new(layout, parameters),
             add_means: gpu.kernel("add the gradient of the means", &[include_str!("add_means.wgsl")]),
+            d_means: None,
         }
+    }
+
+    fn size_of_means(rows: u32) -> u64 {
+        u64::from(rows) * 12
+    }
+
+    /// Bytes of the device's memory that passes of so many rows take.
+    pub fn bytes(rows: u32) -> u64 {
+        stored(Self::size_of_means(rows))
     }
 
     /// Makes tapes keep at most this many floats of activations.
@@ -80,9 +92,15 @@ impl Backend for Host {
             }
         }
         let count = gpu.uniform("rows", &[rows, 0, 0, 0]);
-        let d_means = gpu.storage_from("gradient of the means", &d_points)?;
+        let bytes = Self::size_of_means(rows);
+        let d_means = match self.d_means.take() {
+            Some(buffer) if buffer.size() >= bytes => buffer,
+            _ => gpu.storage("gradient of the means", bytes)?,
+        };
+        let d_means = &*self.d_means.insert(d_means);
+        gpu.upload(d_means, 0, &d_points);
         let mut commands = gpu.commands();
-        commands.dispatch(&self.add_means, &[&count, &d_means, d.d_core], rows.div_ceil(256));
+        commands.dispatch(&self.add_means, &[&count, d_means, d.d_core], rows.div_ceil(256));
         commands.submit();
         Ok(())
     }

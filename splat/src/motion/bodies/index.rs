@@ -19,6 +19,14 @@ pub struct Index {
 }
 
 impl Index {
+    /// The most shares, and the most chunks of them, that so many rows have on so many bodies and nodes.
+    #[must_use]
+    pub fn most(entities: usize, rows: usize) -> [usize; 2] {
+        let items = rows * SHARES as usize;
+        // The last chunk of each may be short.
+        [items, items / CHUNK + entities]
+    }
+
     /// The index of rows of `floats` floats, of which those from `first` on name body and nodes (`row.wgsl`).
     #[must_use]
     pub fn new(rows: &[f32], floats: usize, first: usize, bodies: usize, nodes: usize) -> Self {

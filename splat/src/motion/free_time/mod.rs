@@ -321,11 +321,14 @@ impl FreeTime {
             backward: stage("motion backward", &[path_backward, include_str!("backward.wgsl")]),
             clock_partial: stage("clock", &[include_str!("clock_partial.wgsl")]),
             clock_sum: gpu.kernel("clock of a camera", &[include_str!("clock_sum.wgsl")]),
-            partial: gpu.storage("clock", u64::from(CLOCK_THREADS) * 4)?,
+            partial: gpu.storage("clock", Self::BYTES)?,
             threads,
             rows_a_group: threads * per_thread,
         })
     }
+
+    /// Bytes of the device's memory that it takes itself.
+    pub const BYTES: u64 = CLOCK_THREADS as u64 * 4;
 
     /// Fills `tape.deltas` for the dynamic rows at `t01`.
     pub(in crate::motion) fn forward(

@@ -12,7 +12,7 @@ use wgpu::Buffer;
 use super::{CameraState, Quantity};
 use crate::kernels::{kernel, threads_for};
 use erfgs_splat::{
-    gpu::{Commands, Gpu, GpuError, Kernel},
+    gpu::{Commands, Gpu, GpuError, Kernel, stored},
     optimiser::{AdamConfig, decayed},
 };
 
@@ -98,6 +98,10 @@ pub struct CameraColours {
     kernel: Kernel,
 }
 
+fn size_of_partial(pixels: u32) -> u64 {
+    u64::from(threads_for(pixels)) * 32
+}
+
 impl CameraColours {
     /// Puts `state` on the device, for images of up to `pixels` pixels.
     ///
@@ -106,7 +110,7 @@ impl CameraColours {
     pub fn new(gpu: &Gpu, state: &CameraColourState, pixels: u32) -> Result<Self, GpuError> {
         Ok(Self {
             values: gpu.storage_from("colours of cameras", &state.values)?,
-            partial: gpu.storage("gradient of a camera's colour", u64::from(threads_for(pixels)) * 32)?,
+            partial: gpu.storage("gradient of a camera's colour", size_of_partial(pixels))?,
             moments: [
                 gpu.storage_from("first moment of colours", &state.moments[0])?,
                 gpu.storage_from("second moment of colours", &state.moments[1])?,
@@ -114,6 +118,12 @@ impl CameraColours {
             steps: state.steps.clone(),
             kernel: kernel(gpu, "colour of a camera", &[STEP]),
         })
+    }
+
+    /// Bytes of the device's memory that they take.
+    #[must_use]
+    pub fn bytes(cameras: usize, pixels: u32) -> u64 {
+        3 * stored((4 * OfColour::FLOATS * cameras) as u64) + stored(size_of_partial(pixels))
     }
 
     /// Takes up a state of as many cameras.

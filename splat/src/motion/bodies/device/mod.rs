@@ -14,7 +14,7 @@ use super::{
     index::Index,
 };
 use crate::{
-    gpu::{Gpu, GpuError, Kernel, Shape},
+    gpu::{Gpu, GpuError, Kernel, Shape, stored},
     motion::{
         FreeTime,
         free_time::{FreeTimeOptions, GONE},
@@ -132,7 +132,7 @@ impl Bodies {
             unit: gpu.kernel("turns of length 1", &[&constants(few), include_str!("../unit.wgsl")]),
             clock: of_each("clock of a camera", include_str!("../clock.wgsl")),
         };
-        let entities = (start.bodies + start.nodes) as u64;
+        let poses = Self::size_of_poses(start.bodies + start.nodes);
         let in_view = |at_s: f32| f64::from(at_s) / seconds;
         let free = FreeTime::with_rows(gpu, free, extra, intervals as f32, extent)?;
         Ok(Self {
@@ -153,8 +153,8 @@ impl Bodies {
             control: Learned::new(gpu, "paths of bodies", &start.control)?,
             other: Learned::new(gpu, "gates and nodes", &start.other)?,
             neighbours: gpu.storage_from("neighbours of nodes", &start.neighbours)?,
-            poses: gpu.storage("poses of bodies", entities * 32)?,
-            d_poses: gpu.storage("gradients of poses", entities * 32)?,
+            poses: gpu.storage("poses of bodies", poses)?,
+            d_poses: gpu.storage("gradients of poses", poses)?,
             hung: Hung::new(gpu, &Index::new(&[], row[0], row[1], start.bodies, start.nodes), 0)?,
             kernels,
             adam: Adam::new(gpu),
@@ -163,6 +163,22 @@ impl Bodies {
             rows_a_group: threads * per_thread,
             row,
         })
+    }
+
+    /// Bytes of the device's memory that bodies take which start so and carry `rows` rows at most: parameters with their gradients and
+    /// moments, poses, and which row hangs on what.
+    #[must_use]
+    pub fn bytes(start: &Start, rows: u32) -> u64 {
+        let learned: u64 =
+            [&start.control, &start.other].map(|values| 4 * stored(size_of_val(&values[..]) as u64)).iter().sum();
+        let entities = start.bodies + start.nodes;
+        let poses = 2 * stored(Self::size_of_poses(entities));
+        let neighbours = stored(size_of_val(&start.neighbours[..]) as u64);
+        learned + poses + neighbours + Hung::bytes(entities, rows) + FreeTime::BYTES
+    }
+
+    fn size_of_poses(entities: usize) -> u64 {
+        entities as u64 * 32
     }
 
     /// Says which rows there are now.
@@ -240,15 +256,30 @@ impl Bodies {
 }
 
 impl Hung {
+    /// Bytes of the sums of so many chunks, and of the shares of so many rows.
+    fn sizes(chunks: usize, rows: usize) -> [u64; 2] {
+        [chunks as u64 * 32, rows as u64 * 160]
+    }
+
+    /// Bytes at most where each row hangs on a body and as many nodes as it can.
+    fn bytes(entities: usize, rows: u32) -> u64 {
+        let [items, chunks] = Index::most(entities, rows as usize);
+        let [partial, shares] = Self::sizes(chunks, rows as usize);
+        let [each, pair] = [size_of::<u32>() as u64, size_of::<[u32; 2]>() as u64];
+        let lists = [items as u64 * each, chunks as u64 * pair, entities as u64 * pair, partial, shares];
+        lists.into_iter().map(stored).sum()
+    }
+
     fn new(gpu: &Gpu, index: &Index, rows: usize) -> Result<Self, GpuError> {
         let chunks = index.chunks.len();
+        let [partial, shares] = Self::sizes(chunks, rows);
         Ok(Self {
             items: gpu.storage_from("shares of each body", &index.items)?,
             chunks: gpu.storage_from("chunks of shares", &index.chunks)?,
             chunk_count: chunks as u32,
             runs: gpu.storage_from("runs of chunks", &index.runs)?,
-            partial: gpu.storage("sums of chunks", chunks as u64 * 32)?,
-            shares: gpu.storage("shares of rows", rows as u64 * 160)?,
+            partial: gpu.storage("sums of chunks", partial)?,
+            shares: gpu.storage("shares of rows", shares)?,
             some_are_free: index.some_are_free,
         })
     }
