@@ -10,7 +10,7 @@ use erfgs_splat::{
 };
 
 /// A point is of a body where the body's surface is nearer than so many distances between points of its instant.
-const NEAR: f32 = 3.0;
+pub(super) const NEAR: f32 = 3.0;
 /// So long before a body appears, and after it vanishes, there is nothing of it, seconds.
 const THERE: f64 = 0.05;
 
@@ -63,7 +63,7 @@ pub fn unexplained(start: &Start, points: &[(Point, f64)], length: f64) -> Vec<(
 }
 
 /// How far points are apart, metres: the median distance to the nearest other.
-fn spacing(places: &[[f32; 3]]) -> f32 {
+pub(super) fn spacing(places: &[[f32; 3]]) -> f32 {
     let around = Neighbours::new(places);
     let mut apart: Vec<f32> =
         places.iter().filter_map(|place| around.nearest(place, 2).get(1).map(|(_, squared)| squared.sqrt())).collect();

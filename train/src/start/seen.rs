@@ -1,9 +1,12 @@
-//! The shape of what bends: what was seen of it at one instant. Silhouettes of all instants agree on what does not bend alone.
+//! The shape of what bends: what was seen of it at one instant, where silhouettes of all instants agree on a part of it alone.
 
 use erfgs_dataset::{Body, BodyPose, SurfacePoint};
 use glam::DVec3;
 
-use super::bodies::{Recording, seen_best};
+use super::{
+    bodies::{Recording, seen_best},
+    rest::{NEAR, spacing},
+};
 use crate::scene::Point;
 use erfgs_splat::gaussians::Neighbours;
 
@@ -14,10 +17,12 @@ const FEWEST: usize = 48;
 /// A surface faces away from the middle of so many of its points.
 const AROUND: usize = 24;
 /// The instant is no farther from that at which a body was seen best, RGB intervals.
-const NEAR: f64 = 0.5;
+const SOON: f64 = 0.5;
+/// Where this share of what was seen lies on the shape of all instants, that is the better one.
+const ENOUGH: f64 = 0.65;
 
 /// `bodies`, those of which that `bend` with the `points` that move (instants in [0, 1]) at the instant at which they were seen best, as
-/// far as they are of no other body; with their own where these are few.
+/// far as they are of no other body; with their own where these are few, or lie on it.
 #[must_use]
 pub fn seen_at_once(
     mut bodies: Vec<Body>,
@@ -40,7 +45,7 @@ fn shape(body: &Body, all: &[Body], points: &[(Point, f64)], recording: Recordin
     let best = seen_best(body, recording);
     let away = |t01: f64| (t01 - best).abs();
     let instant = points.iter().map(|(_, t01)| *t01).min_by(|a, b| away(*a).total_cmp(&away(*b)))?;
-    if away(instant) * recording.intervals > NEAR {
+    if away(instant) * recording.intervals > SOON {
         return None;
     }
     let t_ns = recording.span_ns[0] + (1e9 * instant * recording.length()) as i64;
@@ -70,6 +75,11 @@ fn shape(body: &Body, all: &[Body], points: &[(Point, f64)], recording: Recordin
         return None;
     }
     let places: Vec<[f32; 3]> = here.iter().map(|(place, _)| *place).collect();
+    let near = NEAR * spacing(&places);
+    let on_it = places.iter().filter(|place| nearest(&mine, place) <= near * near).count();
+    if on_it as f64 >= ENOUGH * here.len() as f64 {
+        return None;
+    }
     let around = Neighbours::new(&places);
     let turn = own.rotation().inverse();
     let of = |(place, colour): &Point| {
@@ -147,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn where_little_was_seen_it_keeps_its_own_shape() {
+    fn where_little_was_seen_or_lies_on_its_own_shape_it_keeps_that() {
         let bodies = vec![body("bends", 0.0)];
         let bend = ["bends".to_owned()];
         for points in
@@ -155,6 +165,15 @@ mod tests {
         {
             assert_eq!(seen_at_once(bodies.clone(), &bend, &points, RECORDING), bodies);
         }
+        // Of its own shape, which lies at x = 0.4 by then, and of more that is farther on.
+        let along =
+            |count: u32| (0..count).map(|k| (([0.4, 0.01 * k as f32, 0.0], [9, 8, 7]), 0.4)).collect::<Vec<_>>();
+        let mut wide = bodies.clone();
+        wide[0].points.extend(
+            (10..50).map(|k| SurfacePoint { position_m: [0.01 * f64::from(k), 0.0, 0.0], ..bodies[0].points[0] }),
+        );
+        assert_eq!(seen_at_once(wide.clone(), &bend, &along(75), RECORDING), wide, "50 of 75 lie on it");
+        assert_eq!(seen_at_once(wide, &bend, &along(90), RECORDING)[0].points.len(), 90);
         let seen: Vec<_> = limb(0.4, 0.4).collect();
         assert_eq!(seen_at_once(bodies.clone(), &[], &seen, RECORDING), bodies, "it does not bend");
     }
