@@ -5,21 +5,22 @@ use std::{
     fmt,
     path::{Path, PathBuf},
     str::FromStr,
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::AtomicBool,
 };
 
 use anyhow::Context;
 use erfgs_acts::{Act, Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
 use erfgs_base::Progress;
 use erfgs_dataset::Dataset;
-use erfgs_points::{CloudOptions, Method as CloudMethod};
 use erfgs_run::RunFolder;
 
-use super::trainings::{dataset_of, plan, train_here};
+use super::{
+    starts,
+    trainings::{dataset_of, plan, train_here},
+};
 use crate::{
-    dataset::{bodies::find_if_any, points},
     device::Adapter,
-    errors::{Stopped, Usage},
+    errors::Usage,
     interrupt::stop_flag,
     parse::Iterations,
     terminal::{Terminal, table},
@@ -167,35 +168,15 @@ impl Work<'_> {
         Ok(METHODS.into_iter().filter(wanted).collect())
     }
 
-    fn go_on(&self) -> anyhow::Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
-        }
-        Ok(())
-    }
-
     /// The dataset of a take, with its points, and its bodies where a method needs them.
     fn film(&self, take: &Take, ideal: bool, bodies: bool) -> anyhow::Result<()> {
-        self.go_on()?;
+        starts::go_on(self.stop)?;
         let bar = self.terminal.progress(&format!("filming {}", take.name(ideal)));
         let told = |step: Progress| bar.update(step.done, step.total, step.what);
         let mut dataset = take.film(self.datasets, self.size(), ideal, &told)?;
         drop(bar);
-        self.go_on()?;
-        if dataset.manifest.points.is_none() {
-            let mut options = CloudOptions::default();
-            if self.arguments.small {
-                // Features need larger pictures.
-                options.method = CloudMethod::Sweep;
-            }
-            points::make_trusting(&mut dataset, &options, self.terminal)?;
-        }
-        if bodies {
-            self.go_on()?;
-            // An act without bodies has no row of the methods that start from them.
-            find_if_any(&mut dataset, self.terminal)?;
-        }
-        Ok(())
+        // An act without bodies has no row of the methods that start from them.
+        starts::give(&mut dataset, self.arguments.small, bodies, self.stop, self.terminal)
     }
 
     fn size(&self) -> Size {

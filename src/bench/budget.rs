@@ -3,22 +3,23 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::AtomicBool,
 };
 
 use anyhow::Context;
 use erfgs_base::Progress;
 use erfgs_budget::{Base, Budget, Cause, Costs, Quality, Size, Step, causes, moved_px, report};
 use erfgs_dataset::{Dataset, Split};
-use erfgs_points::{CloudOptions, Method};
 use erfgs_scene::PointCloud;
 use erfgs_sweep::Job;
 
-use super::trainings::{dataset_of, plan, train_here};
+use super::{
+    starts,
+    trainings::{dataset_of, plan, train_here},
+};
 use crate::{
-    dataset::{bodies::find_if_any, points},
     device::Adapter,
-    errors::{Stopped, Usage},
+    errors::Usage,
     interrupt::stop_flag,
     parse::Iterations,
     terminal::{Terminal, table},
@@ -175,7 +176,8 @@ struct Work<'a> {
 impl Work<'_> {
     /// The base with what a training starts from, and its initial points.
     fn with_points(&self, mut base: Base) -> anyhow::Result<(Base, PointCloud)> {
-        self.start(&mut base.dataset)?;
+        let has_events = base.has_events();
+        self.start(&mut base.dataset, has_events)?;
         let points = base.dataset.read_points()?.unwrap_or_default();
         Ok((base, points))
     }
@@ -186,33 +188,14 @@ impl Work<'_> {
         let mut dataset =
             step.make(base, self.datasets, &|step: Progress| bar.update(step.done, step.total, step.what))?;
         drop(bar);
-        self.start(&mut dataset)?;
+        self.start(&mut dataset, step.events && base.has_events())?;
         Ok(dataset)
     }
 
-    /// What a training starts from: points, and bodies where events tell of them.
-    fn start(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped("stopped while making datasets; the same command continues".into()).into());
-        }
-        if dataset.manifest.points.is_none() {
-            self.make_points(dataset)?;
-        }
-        let events = dataset.cameras(Split::Train).any(|camera| camera.events.is_some());
-        if events && !self.arguments.no_bodies && !self.stop.load(Ordering::Relaxed) {
-            find_if_any(dataset, self.terminal)?;
-        }
-        Ok(())
-    }
-
-    fn make_points(&self, dataset: &mut Dataset) -> anyhow::Result<()> {
-        let mut options = CloudOptions::default();
-        if self.arguments.small {
-            // Features need larger pictures.
-            options.method = Method::Sweep;
-        }
-        // They are wrong on purpose.
-        points::make_trusting(dataset, &options, self.terminal).map(drop)
+    /// Gives a dataset what a training starts from: bodies where events tell of them.
+    fn start(&self, dataset: &mut Dataset, has_events: bool) -> anyhow::Result<()> {
+        let Arguments { small, no_bodies, .. } = *self.arguments;
+        starts::give(dataset, small, has_events && !no_bodies, self.stop, self.terminal)
     }
 
     /// Trains datasets as a sweep, and gives the quality of each run by the name of its dataset.

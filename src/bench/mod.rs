@@ -7,6 +7,7 @@ mod precision;
 mod raster;
 mod simulate;
 mod stability;
+mod starts;
 mod train;
 mod trainings;
 

@@ -68,21 +68,6 @@ pub fn find(
     Ok((found, file))
 }
 
-/// Gives a dataset of a measurement its bodies, unless it has them or has none.
-pub fn find_if_any(dataset: &mut Dataset, terminal: &Terminal) -> Result<(), CloudError> {
-    if dataset.manifest.bodies.is_some() {
-        return Ok(());
-    }
-    match find(dataset, &BodyOptions::default(), terminal) {
-        Ok(_) => Ok(()),
-        Err(none @ (CloudError::NoBodies { .. } | CloudError::NoMovingPoints { .. })) => {
-            terminal.note(format!("{}: {none}", dataset.root.display()));
-            Ok(())
-        }
-        Err(other) => Err(other),
-    }
-}
-
 /// Finds bodies and tells of each.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let mut dataset = Dataset::load(&arguments.dataset)?;
