@@ -105,7 +105,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         (None, Some(set)) => Trainer::within(&gpu, scene, config, &options, set)?,
         (None, None) => Trainer::new(&gpu, scene, config, &options)?,
     };
-    for line in memory::describe(&trainer.device_memory(), &gpu.info.name, gpu.shares_memory()) {
+    for line in memory::describe(&trainer.device_memory()?, &gpu.info.name, gpu.shares_memory()) {
         terminal.note(line);
     }
     let [most, all] = trainer.device_room();

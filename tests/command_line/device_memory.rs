@@ -36,7 +36,7 @@ fn trained(folder: &Folder, ds: &str, mut config: Config, shape: Shape) -> (Devi
     gpu.watch_memory();
     let options = TrainOptions { evaluate: true, ..TrainOptions::default() };
     let mut trainer = Trainer::new(&gpu, scene, config, &options).expect("a trainer");
-    let foretold = trainer.device_memory();
+    let foretold = trainer.device_memory().expect("an estimate");
     let scratch = Folder::new();
     let mut most = 0;
     let mut watch = |now: &Progress| most = most.max(now.gaussians);

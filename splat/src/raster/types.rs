@@ -88,9 +88,7 @@ impl GaussianBuffers {
             sh: gpu.storage_from("gaussians.sh", sh)?,
         })
     }
-}
 
-impl GaussianBuffers {
     /// Bytes of a buffer of core rows, and of one of SH rows, of so many Gaussians.
     #[must_use]
     pub fn sizes(count: u32, sh_degree: u32) -> [u64; 2] {

@@ -56,30 +56,22 @@ impl Feed {
     /// # Errors
     /// [`GpuError`] where the device has no room.
     pub fn new(gpu: &Gpu, scene: &Scene, most: Option<u64>) -> Result<Self, GpuError> {
-        let most = Self::most(gpu, most);
+        let most = most.unwrap_or_else(|| {
+            let memory = gpu.memory().or_else(memory::available).unwrap_or(UNKNOWN);
+            memory / SHARE
+        });
         let events = Events::new(gpu, &scene.events)?;
         Ok(Self { frames: Frames::new(most), events, regions: Vec::new(), most, filled: false })
     }
 
-    /// The most bytes that it may take where nobody said how many, or what they said.
-    fn most(gpu: &Gpu, said: Option<u64>) -> u64 {
-        said.unwrap_or_else(|| gpu.memory().or_else(memory::available).unwrap_or(UNKNOWN) / SHARE)
-    }
-
     /// Bytes of the device's memory that it will take at most, and bytes that are on the way to it at a time.
-    pub fn bytes(gpu: &Gpu, scene: &Scene, most: Option<u64>, with_events: bool) -> [u64; 2] {
-        let most = Self::most(gpu, most);
-        let all = Self::of_all(scene, with_events);
+    pub fn bytes(&self, scene: &Scene, with_events: bool) -> [u64; 2] {
+        let [most, all] = self.room(scene, with_events);
         let pixels = scene.views.iter().map(|view| u64::from(view.view.width) * u64::from(view.view.height));
         // The frame that is looked at is there whatever is said. Each is rounded up.
         let held = all.min(most).max(3 * u64::from(scene.max_pixels())) + 16 * scene.frames.len() as u64;
         let regions = pixels.map(|pixels| stored(pixels.div_ceil(32) * 4)).sum::<u64>();
         [held + regions + Events::bytes_to_count(&scene.events), held.min(AT_ONCE) + 3 * u64::from(scene.max_pixels())]
-    }
-
-    fn of_all(scene: &Scene, with_events: bool) -> u64 {
-        let events = scene.events.iter().filter(|_| with_events).map(Events::bytes);
-        events.fold(Frames::bytes(&scene.pictures, scene.frames.len()), u64::saturating_add)
     }
 
     /// Uploads what there is room for, once. `with_events` is whether events are learned from.
@@ -99,7 +91,9 @@ impl Feed {
 
     /// Bytes that frames and events may take, and what all of them take. `with_events` is whether events are learned from.
     pub fn room(&self, scene: &Scene, with_events: bool) -> [u64; 2] {
-        [self.most, Self::of_all(scene, with_events)]
+        let events = scene.events.iter().filter(|_| with_events).map(Events::bytes);
+        let frames = Frames::bytes(&scene.pictures, scene.frames.len());
+        [self.most, events.fold(frames, u64::saturating_add)]
     }
 
     /// Takes up where something moves in the views.

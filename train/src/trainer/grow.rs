@@ -130,7 +130,7 @@ impl Trainer<'_> {
         let iteration = self.clock.iteration;
         let progress = self.schedule.progress(&self.clock);
         let mut density = self.config.density.clone();
-        density.max_gaussians = self.most(density.max_gaussians);
+        density.max_gaussians = most(&self.scene, density.max_gaussians);
         let due = |from: u32, every: u32, until: f32| {
             iteration >= from && iteration.is_multiple_of(every) && progress <= f64::from(until)
         };
@@ -142,7 +142,7 @@ impl Trainer<'_> {
         let guided = eds.enabled
             && self.clock.stage == Stage::Fine
             && due(eds.from, eds.every, eds.until)
-            && self.model.learning() <= self.most(eds.max_gaussians)
+            && self.model.learning() <= most(&self.scene, eds.max_gaussians)
             && !self.scene.events.is_empty();
         if !(densifies || resets || guided) {
             return Ok(());
@@ -178,10 +178,6 @@ impl Trainer<'_> {
         self.model.replace(gpu, &population.followed_by(&fixed))?;
         self.statistics.replace(gpu, &seen)?;
         Ok(())
-    }
-
-    fn most(&self, setting: u32) -> u32 {
-        most(&self.scene, setting)
     }
 
     fn guided(&mut self, gaussians: &Gaussians) -> Result<Gaussians, TrainError> {

@@ -12,14 +12,15 @@ use erfgs_splat::{
 };
 use serde::Serialize;
 
-use super::{TrainError, TrainOptions, Trainer, model::field_config, step::Workspace};
+use super::{TrainError, Trainer, model::field_config, step::Workspace};
 use crate::{
     cameras::colour::CameraColours,
     config::{Config, MotionModel, Pairing, Switch},
     density::Statistics,
-    feed::Feed,
     losses::Levels,
     scene::Scene,
+    schedule::Stage,
+    start::unexplained,
 };
 
 /// A part of what a training takes of its device's memory.
@@ -53,7 +54,8 @@ pub struct DeviceMemory {
     pub gaussians: [u32; 2],
     /// What takes most, with as many as are allowed, and how much that is.
     pub largest: (Part, u64),
-    /// What the device has; of memory that it shares with the processor, what is free. `None` where nobody says.
+    /// What the device has; of memory that it shares with the processor, what is free and what buffers have of it already. `None` where
+    /// nobody says.
     pub has: Option<u64>,
     /// Where it has less than the most: the largest value of both settings for which it has enough, if there is one.
     pub setting: Option<u32>,
@@ -225,59 +227,52 @@ impl Plan<'_> {
     }
 }
 
-/// What the device has; of memory that it shares with the processor, what is free.
+/// What the device has; of memory that it shares with the processor, what is free and what buffers have of it already.
 fn has(gpu: &Gpu) -> Option<u64> {
-    if gpu.shares_memory() { memory::available() } else { gpu.memory() }
-}
-
-/// What a run will take that has `begun` Gaussians, of which `fixed` do not learn; `fine`, whether it is in its fine stage already.
-pub(super) fn estimate(
-    gpu: &Gpu,
-    scene: &Scene,
-    config: &Config,
-    options: &TrainOptions,
-    [begun, fixed]: [usize; 2],
-    fine: bool,
-) -> Result<DeviceMemory, TrainError> {
-    let births = |points: usize| match config.free_time.knots {
-        0 => points,
-        _ => points.saturating_mul(1 + config.free_time.between as usize),
-    };
-    let (motion, born) = match config.motion {
-        MotionModel::Still => (Motion::Still, 0),
-        MotionModel::HexPlane | MotionModel::Auto => {
-            let field = field_config(&config.field, config.sh.max_degree, scene.frame_times.len());
-            (Motion::Field(Layout::new(&field)?), 0)
-        }
-        MotionModel::FreeTime => (Motion::FreeTime, births(scene.moving_points().len())),
-        MotionModel::Bodies => {
-            let start = scene.bodies(config)?;
-            let rest = crate::start::unexplained(&start, &scene.moving_points(), scene.recording().length());
-            let born = start.gaussians.len() + births(rest.len());
-            (Motion::Bodies(Box::new(start)), born)
-        }
-    };
-    // Beside a static set some of its own points are learned.
-    let own = if fixed > 0 { scene.still_points().len().min(config.init.max_points as usize) } else { 0 };
-    let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-    let plan = Plan {
-        gpu,
-        scene,
-        config,
-        sh_degree: config.sh.max_degree,
-        begun: count(begun),
-        fixed: count(fixed),
-        born: if fine { 0 } else { count(born.saturating_add(own)) },
-        motion,
-        feed: Feed::bytes(gpu, scene, options.device_memory, config.earl.enabled),
-    };
-    Ok(plan.estimate(has(gpu)))
+    if !gpu.shares_memory() {
+        return gpu.memory();
+    }
+    memory::available().map(|free| free.saturating_add(gpu.memory_taken().unwrap_or(0)))
 }
 
 impl Trainer<'_> {
-    /// What the run takes of its device's memory.
-    #[must_use]
-    pub fn device_memory(&self) -> DeviceMemory {
-        self.memory
+    /// What the run takes of its device's memory from where it stands.
+    ///
+    /// # Errors
+    /// [`TrainError`] where what it starts from cannot be read.
+    pub fn device_memory(&self) -> Result<DeviceMemory, TrainError> {
+        let (scene, config) = (&self.scene, &self.config);
+        let births = |points: usize| match config.free_time.knots {
+            0 => points,
+            _ => points.saturating_mul(1 + config.free_time.between as usize),
+        };
+        let (motion, born) = match config.motion {
+            MotionModel::Still => (Motion::Still, 0),
+            MotionModel::HexPlane | MotionModel::Auto => {
+                let field = field_config(&config.field, config.sh.max_degree, scene.frame_times.len());
+                (Motion::Field(Layout::new(&field)?), 0)
+            }
+            MotionModel::FreeTime => (Motion::FreeTime, births(scene.moving_points().len())),
+            MotionModel::Bodies => {
+                let start = scene.bodies(config)?;
+                let rest = unexplained(&start, &scene.moving_points(), scene.recording().length());
+                let born = start.gaussians.len() + births(rest.len());
+                (Motion::Bodies(Box::new(start)), born)
+            }
+        };
+        let begun = self.model.drawn.gaussians.count;
+        // Which of them learn beside a static set is found later; some of its own points do.
+        let (fixed, own) = match config.static_set {
+            Some(_) => (begun, scene.still_points().len().min(config.init.max_points as usize)),
+            None => (0, 0),
+        };
+        let born = match self.clock.stage {
+            Stage::Fine => 0,
+            Stage::Coarse => u32::try_from(born.saturating_add(own)).unwrap_or(u32::MAX),
+        };
+        let feed = self.feed.bytes(scene, config.earl.enabled);
+        let sh_degree = config.sh.max_degree;
+        let plan = Plan { gpu: self.gpu, scene, config, sh_degree, begun, fixed, born, motion, feed };
+        Ok(plan.estimate(has(self.gpu)))
     }
 }

@@ -40,7 +40,7 @@ use crate::{
     feed::Feed,
     losses::Levels,
     scene::{Scene, SceneError},
-    schedule::{Clock, Schedule, Stage},
+    schedule::{Clock, Schedule},
 };
 use erfgs_run::LeftOut;
 use erfgs_splat::{
@@ -84,8 +84,6 @@ pub struct Trainer<'a> {
     follow: Option<Follow>,
     left_out: Vec<LeftOut>,
     deterministic: bool,
-    /// What it will take of the device's memory.
-    memory: DeviceMemory,
     viewer: Option<Rendering>,
     /// Where things move in every view, in the fine stage.
     regions: Vec<Option<Arc<Region>>>,
@@ -132,10 +130,6 @@ impl<'a> Trainer<'a> {
         clock: Clock,
         levels: &[Vec<f32>],
     ) -> Result<Self, TrainError> {
-        let gaussians = population.gaussians.len();
-        // Those of them that learn beside a static set are found later.
-        let fixed = if config.static_set.is_some() { gaussians } else { 0 };
-        let memory = memory::estimate(gpu, &scene, &config, options, [gaussians, fixed], clock.stage == Stage::Fine)?;
         let work = Workspace::new(gpu, scene.max_pixels())?;
         let takes_frames: Vec<bool> = (0..scene.views.len()).map(|view| scene.has_frames(view)).collect();
         // With one camera there is nobody to differ from.
@@ -160,7 +154,6 @@ impl<'a> Trainer<'a> {
             follow: None,
             left_out: Vec::new(),
             deterministic: options.deterministic,
-            memory,
             times: StageTimes::default(),
             viewer: None,
             regions: Vec::new(),
