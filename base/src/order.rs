@@ -83,13 +83,23 @@ fn is_fraction(parts: &[Part<'_>], at: usize) -> bool {
     is_point(at.checked_sub(1)) && at >= 2 && !is_point(at.checked_sub(3)) && !is_point(Some(at + 1))
 }
 
+/// The numbers of a name as they are written, each with the text before it.
+#[must_use]
+pub fn numbers(name: &str) -> Vec<(&str, &str)> {
+    let mut before = "";
+    let mut numbers = Vec::new();
+    for part in parts(name) {
+        match part {
+            Part::Text(text) => before = text,
+            Part::Number(digits) => numbers.push((std::mem::take(&mut before), digits)),
+        }
+    }
+    numbers
+}
+
 /// The numbers of a name, without zeros before them.
-fn numbers(name: &str) -> Vec<&str> {
-    let numbers = parts(name).into_iter().filter_map(|part| match part {
-        Part::Number(digits) => Some(digits.trim_start_matches('0')),
-        Part::Text(_) => None,
-    });
-    numbers.collect()
+fn values(name: &str) -> Vec<&str> {
+    numbers(name).into_iter().map(|(_, digits)| digits.trim_start_matches('0')).collect()
 }
 
 /// The texts of a name.
@@ -128,7 +138,7 @@ pub fn order<T: AsRef<str>>(names: &[T]) -> Result<Vec<usize>, Doubt> {
     let doubt = |[a, b]: [usize; 2], why| Err(Doubt { first: name(a).to_owned(), second: name(b).to_owned(), why });
     let mut by_numbers: HashMap<Vec<&str>, usize> = HashMap::new();
     for at in 0..names.len() {
-        let own = numbers(name(at));
+        let own = values(name(at));
         if let Some(other) = by_numbers.insert(own.clone(), at).filter(|_| !own.is_empty()) {
             return doubt([other, at], "their numbers are the same");
         }
@@ -152,7 +162,7 @@ pub fn order<T: AsRef<str>>(names: &[T]) -> Result<Vec<usize>, Doubt> {
     if order.iter().any(|&at| Some(texts(name(at))) != first) {
         // Names that are made in different ways: their last numbers may count, or their texts.
         let by_last = sorted(&|a, b| {
-            let last = |name| numbers(name).pop();
+            let last = |name| values(name).pop();
             match (last(a), last(b)) {
                 (Some(x), Some(y)) => number(x, y),
                 (x, y) => x.is_some().cmp(&y.is_some()),

@@ -4,9 +4,10 @@ mod clock;
 
 use std::path::Path;
 
+use erfgs_base::order::numbers;
 use erfgs_scene::video::FrameTimes;
 
-use self::clock::{clock, numbers};
+use self::clock::clock;
 use super::{
     ImportError,
     common::{FileFrame, Frames, SourceView, frame_time, stem},

@@ -1,24 +1,10 @@
 //! The time that a name tells.
 
-use erfgs_base::calendar::DateTime;
+use erfgs_base::{calendar::DateTime, order::numbers};
 
 /// Seconds since 1970 that recorders write: 2001 to 2039.
 const SINCE_1970: std::ops::Range<i64> = 1_000_000_000..2_200_000_000;
 pub(super) const SECOND_NS: i64 = 1_000_000_000;
-
-/// Digits, with the text before them.
-pub(super) fn numbers(name: &str) -> Vec<(&str, &str)> {
-    let mut found = Vec::new();
-    let mut rest = name;
-    while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
-        let (before, from) = rest.split_at(start);
-        let end = from.find(|c: char| !c.is_ascii_digit()).unwrap_or(from.len());
-        let (digits, after) = from.split_at(end);
-        found.push((before, digits));
-        rest = after;
-    }
-    found
-}
 
 /// Digits behind a whole second as nanoseconds, and the least step that so many tell.
 fn fraction(number: Option<&(&str, &str)>) -> Option<[i64; 2]> {
