@@ -153,6 +153,14 @@ impl Bodies {
 }
 
 impl Body {
+    /// The pose nearest to an instant; poses are a few milliseconds apart at most where a thing is fast.
+    #[must_use]
+    pub fn pose_at(&self, t_ns: i64) -> Option<&BodyPose> {
+        let after = self.poses.partition_point(|pose| pose.t_ns < t_ns);
+        let near = after.checked_sub(1).into_iter().chain([after]).filter_map(|index| self.poses.get(index));
+        near.min_by_key(|pose| pose.t_ns.abs_diff(t_ns))
+    }
+
     fn check(&self) -> Result<(), String> {
         let unit = |length_squared: f64| (length_squared - 1.0).abs() < 1e-3;
         if self.span_ns[0] > self.span_ns[1] {

@@ -329,8 +329,10 @@ impl Scene {
             let apart_m = self.pixels_a_metre(&body).map_or(0.0, |pixels| apart_px / pixels);
             thin(body, apart_m)
         };
-        let carrying =
-            seen_at_once(self.carrying(config)?, &config.bodies.bend, &self.moving_points(), self.recording());
+        let mut carrying = self.carrying(config)?;
+        if !config.bodies.bend.is_empty() {
+            carrying = seen_at_once(carrying, &config.bodies.bend, &self.moving_points(), self.recording());
+        }
         let bodies: Vec<Body> = carrying.into_iter().map(thinned).collect();
         Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }

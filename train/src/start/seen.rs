@@ -49,56 +49,58 @@ fn shape(body: &Body, all: &[Body], points: &[(Point, f64)], recording: Recordin
         return None;
     }
     let t_ns = recording.span_ns[0] + (1e9 * instant * recording.length()) as i64;
-    let own = pose(body, t_ns)?;
-    let surface = |body: &Body| {
-        let pose = pose(body, t_ns)?;
-        let places = body.points.iter().map(|point| pose.place(DVec3::from(point.position_m)).as_vec3().to_array());
-        Some(places.collect::<Vec<_>>())
+    let here = points.iter().filter(|(_, t01)| *t01 == instant).map(|(point, _)| *point);
+    let seen = seen_beside(body, all, here, t_ns)?;
+    Some(surface(&seen, body.pose_at(t_ns)?))
+}
+
+fn exact(place: &[f32; 3]) -> DVec3 {
+    DVec3::from(place.map(f64::from))
+}
+
+/// Those of the points of an instant that are of a body and of no other; none where these are few, or lie on its own shape.
+fn seen_beside(body: &Body, all: &[Body], here: impl Iterator<Item = Point>, t_ns: i64) -> Option<Vec<Point>> {
+    let places = |body: &Body| -> Option<Vec<[f32; 3]>> {
+        let pose = body.pose_at(t_ns)?;
+        let place = |point: &SurfacePoint| pose.place(DVec3::from(point.position_m)).as_vec3().to_array();
+        Some(body.points.iter().map(place).collect())
     };
-    let there = |body: &Body| body.span_ns[0] <= t_ns && t_ns <= body.span_ns[1];
+    let there = |body: &&Body| body.span_ns[0] <= t_ns && t_ns <= body.span_ns[1];
     let others: Vec<[f32; 3]> =
-        all.iter().filter(|other| other.name != body.name && there(other)).filter_map(surface).flatten().collect();
-    let mine = surface(body)?;
-    let middle = mine.iter().map(|place| DVec3::from(place.map(f64::from))).sum::<DVec3>() / mine.len().max(1) as f64;
-    let widest = mine.iter().map(|place| DVec3::from(place.map(f64::from)).distance(middle)).fold(0.0, f64::max);
+        all.iter().filter(|other| other.name != body.name).filter(there).filter_map(places).flatten().collect();
+    let own = places(body)?;
+    let middle = own.iter().map(exact).sum::<DVec3>() / own.len().max(1) as f64;
+    let widest = own.iter().map(|place| exact(place).distance(middle)).fold(0.0, f64::max);
     let told = body.found_by.get("radius_m").and_then(serde_json::Value::as_f64).unwrap_or(0.0);
     let reach = REACH * widest.max(told);
-    let [mine, others] = [mine, others].map(|places| Neighbours::new(&places));
+    let [own, others] = [own, others].map(|places| Neighbours::new(&places));
     let nearest =
         |all: &Neighbours, place: &[f32; 3]| all.nearest(place, 1).first().map_or(f32::INFINITY, |near| near.1);
-    let is_mine = |place: &[f32; 3]| {
-        DVec3::from(place.map(f64::from)).distance(middle) <= reach && nearest(&mine, place) <= nearest(&others, place)
-    };
-    let here: Vec<Point> =
-        points.iter().filter(|((place, _), at)| *at == instant && is_mine(place)).map(|(point, _)| *point).collect();
-    if here.len() < FEWEST {
-        return None;
-    }
-    let places: Vec<[f32; 3]> = here.iter().map(|(place, _)| *place).collect();
-    let near = NEAR * spacing(&places);
-    let on_it = places.iter().filter(|place| nearest(&mine, place) <= near * near).count();
-    if on_it as f64 >= ENOUGH * here.len() as f64 {
-        return None;
-    }
+    let is_own =
+        |(place, _): &Point| exact(place).distance(middle) <= reach && nearest(&own, place) <= nearest(&others, place);
+    let seen: Vec<Point> = here.filter(is_own).collect();
+    let near = NEAR * spacing(&seen.iter().map(|(place, _)| *place).collect::<Vec<_>>());
+    let on_it = seen.iter().filter(|(place, _)| nearest(&own, place) <= near * near).count();
+    let is_more = seen.len() >= FEWEST && (on_it as f64) < ENOUGH * seen.len() as f64;
+    is_more.then_some(seen)
+}
+
+/// Points in the frame of a body at a pose, facing away from those around them.
+fn surface(seen: &[Point], pose: &BodyPose) -> Vec<SurfacePoint> {
+    let places: Vec<[f32; 3]> = seen.iter().map(|(place, _)| *place).collect();
     let around = Neighbours::new(&places);
-    let turn = own.rotation().inverse();
+    let turn = pose.rotation().inverse();
     let of = |(place, colour): &Point| {
         let near = around.nearest(place, AROUND);
-        let sum: DVec3 = near.iter().map(|(index, _)| DVec3::from(places[*index].map(f64::from))).sum();
-        let place = DVec3::from(place.map(f64::from));
-        let normal = (place - sum / near.len().max(1) as f64).normalize_or(DVec3::Z);
+        let middle = near.iter().map(|(index, _)| exact(&places[*index])).sum::<DVec3>() / near.len().max(1) as f64;
+        let normal = (exact(place) - middle).normalize_or(DVec3::Z);
         SurfacePoint {
-            position_m: (turn * (place - DVec3::from(own.translation_m))).to_array(),
+            position_m: (turn * (exact(place) - DVec3::from(pose.translation_m))).to_array(),
             normal: (turn * normal).to_array(),
             colour: *colour,
         }
     };
-    Some(here.iter().map(of).collect())
-}
-
-/// The pose of a body nearest to an instant.
-fn pose(body: &Body, t_ns: i64) -> Option<&BodyPose> {
-    body.poses.iter().min_by_key(|pose| pose.t_ns.abs_diff(t_ns))
+    seen.iter().map(of).collect()
 }
 
 #[cfg(test)]

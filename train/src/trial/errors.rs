@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use erfgs_dataset::{Body, BodyPose};
+use erfgs_dataset::Body;
 use erfgs_scene::srgb;
 use glam::DVec3;
 
@@ -258,7 +258,7 @@ fn where_seen(bodies: &[Body], view: &View, times_ns: &[i64]) -> Vec<Vec<usize>>
     let of = |body: &Body| {
         let mut mask = vec![false; size];
         for &t_ns in times_ns.iter().filter(|t_ns| (body.span_ns[0]..=body.span_ns[1]).contains(t_ns)) {
-            let Some(pose) = pose_at(body, t_ns) else { continue };
+            let Some(pose) = body.pose_at(t_ns) else { continue };
             for point in &body.points {
                 let place = pose.place(DVec3::from(point.position_m)).as_vec3().to_array();
                 if let Some(pixel) = project(view, &place) {
@@ -280,13 +280,6 @@ fn alone(bodies: &[Vec<usize>]) -> Vec<Vec<usize>> {
     bodies.iter().map(of).collect()
 }
 
-/// The pose of a body nearest to an instant; poses are a few milliseconds apart at most where a thing is fast.
-fn pose_at(body: &Body, t_ns: i64) -> Option<&BodyPose> {
-    let after = body.poses.partition_point(|pose| pose.t_ns < t_ns);
-    let near = after.checked_sub(1).into_iter().chain([after]).filter_map(|index| body.poses.get(index));
-    near.min_by_key(|pose| pose.t_ns.abs_diff(t_ns))
-}
-
 /// Indices of at most `most` of `count`, evenly.
 fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let taken = count.min(most);
@@ -295,7 +288,7 @@ fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
 
 #[cfg(test)]
 mod tests {
-    use erfgs_dataset::SurfacePoint;
+    use erfgs_dataset::{BodyPose, SurfacePoint};
     use erfgs_scene::{Intrinsics, Pose};
 
     use super::*;
@@ -319,8 +312,8 @@ mod tests {
             points: vec![point],
             found_by: Default::default(),
         };
-        assert_eq!(pose_at(&body, 34).map(|pose| pose.t_ns), Some(30));
-        assert_eq!(pose_at(&body, 9_999).map(|pose| pose.t_ns), Some(100));
+        assert_eq!(body.pose_at(34).map(|pose| pose.t_ns), Some(30));
+        assert_eq!(body.pose_at(9_999).map(|pose| pose.t_ns), Some(100));
         let bodies = [body];
         // At 0.5 m aside in 2 m depth the pixel is 8 beside the middle.
         let seen = where_seen(&bodies, &view, &[50]);

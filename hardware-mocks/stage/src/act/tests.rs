@@ -137,7 +137,7 @@ fn true_surfaces_lie_on_what_the_labels_show() {
         let (labels, depth) = (view.labels(t_ns), view.depth(t_ns));
         let (mut seen, mut on) = (0, 0);
         for (number, body) in truth.bodies.iter().enumerate() {
-            let pose = body.poses.iter().min_by_key(|pose| (pose.t_ns - t_ns).abs()).unwrap();
+            let pose = body.pose_at(t_ns).unwrap();
             assert!((pose.t_ns - t_ns).abs() < 1_000_000, "{}", body.name);
             for point in &body.points {
                 let world = pose.place(DVec3::from(point.position_m));
