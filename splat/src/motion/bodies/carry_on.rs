@@ -9,7 +9,7 @@ const KEPT: f64 = 0.75;
 /// A node of a body that bends goes on as it went, by so much less from one control point to the next.
 const ON: f64 = 0.97;
 
-/// Splines of poses: control points of `bodies` of `entities` bodies and nodes, knot after knot, as in `shared.wgsl`.
+/// Splines of poses: control points of bodies and nodes, knot after knot, as in `shared.wgsl`.
 #[derive(Clone, Copy, Debug)]
 pub struct Paths<'a> {
     /// The control points as they were at the start.
@@ -42,19 +42,20 @@ impl Paths<'_> {
         // Of the four control points that decide at an instant the outermost hardly does.
         let low = (known[0].max(0.0).floor() as usize + 1).min(last);
         let high = (known[1].max(0.0).floor() as usize + 2).clamp(low, last);
+        let [begin, end] = [[low + TOLD.min(high - low), low], [high.max(low + TOLD) - TOLD, high]];
         for body in (0..self.followed.len()).filter(|&body| self.followed[body]) {
-            let on = self.turn_between(control, body, [high.max(low + TOLD) - TOLD, high]);
+            let on = self.turn_between(control, body, end);
             for knot in high + 1..=last {
                 self.lay_beside(control, body, [knot - 1, knot], on);
             }
-            let back = self.turn_between(control, body, [low + TOLD.min(high - low), low]);
+            let back = self.turn_between(control, body, begin);
             for knot in (0..low).rev() {
                 self.lay_beside(control, body, [knot + 1, knot], back);
             }
         }
         for node in (0..self.loose.len()).filter(|&node| self.loose[node]).map(|node| self.followed.len() + node) {
-            self.let_go(control, node, [high.max(low + TOLD) - TOLD, high], high + 1..=last);
-            self.let_go(control, node, [low + TOLD.min(high - low), low], (0..low).rev());
+            self.let_go(control, node, end, high + 1..=last);
+            self.let_go(control, node, begin, (0..low).rev());
         }
     }
 

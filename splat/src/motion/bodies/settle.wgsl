@@ -6,7 +6,8 @@
 @group(0) @binding(2) var<storage, read> partial: array<vec4f>;
 @group(0) @binding(3) var<storage, read> poses: array<Pose>;
 @group(0) @binding(4) var<storage, read> other: array<vec4f>;
-// NEIGHBOURS a node: 8 * other + 1 where it is a neighbour of this, + 2 where this is one of it, + 4 where the body bends; NO_NODE: none.
+// NEIGHBOURS a node: CODES * other + 1 where it is a neighbour of this, + 2 where this is one of it, + LOOSE where the body bends; NO_NODE:
+// none.
 @group(0) @binding(5) var<storage, read> neighbours: array<u32>;
 @group(0) @binding(6) var<storage, read> control: array<vec4f>;
 @group(0) @binding(7) var<storage, read_write> d_control: array<vec4f>;
@@ -25,7 +26,7 @@ fn together(node: u32) -> Said {
     var d = Said(vec3f(0.0), vec4f(0.0));
     let own = poses[moment.bodies + node];
     let first = neighbours[NEIGHBOURS * node];
-    let holds = select(1.0, moment.loose, first != NO_NODE && (first & 4u) != 0u);
+    let holds = select(1.0, moment.loose, first != NO_NODE && (first & LOOSE) != 0u);
     let rigid = holds * moment.rigid;
     d.shift = 2.0 * holds * moment.away * own.shift;
     for (var k = 0u; k < NEIGHBOURS; k++) {
@@ -33,7 +34,7 @@ fn together(node: u32) -> Said {
         if code == NO_NODE {
             break;
         }
-        let beside = code / 8u;
+        let beside = code / CODES;
         let there = poses[moment.bodies + beside];
         let way = other[moment.bodies + beside].xyz - other[moment.bodies + node].xyz;
         var times = 0.0;

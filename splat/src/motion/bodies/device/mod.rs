@@ -9,7 +9,7 @@ pub use self::passes::SOFTNESS;
 
 use self::learned::Learned;
 use super::{
-    BodiesOptions, NEIGHBOURS, Start,
+    BodiesOptions, CODES, LOOSE, NEIGHBOURS, Start,
     carry_on::{Paths, gate_within},
     index::Index,
 };
@@ -112,7 +112,7 @@ impl Bodies {
         };
         let constants = |threads: u32| {
             format!(
-                "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst NEIGHBOURS = {NEIGHBOURS}u;\nconst GONE = {GONE:?};\nconst VECTORS = {}u;\nconst BODY = {}u;\n",
+                "const THREADS = {threads}u;\nconst PER_THREAD = {per_thread}u;\nconst NEIGHBOURS = {NEIGHBOURS}u;\nconst CODES = {CODES}u;\nconst LOOSE = {LOOSE}u;\nconst GONE = {GONE:?};\nconst VECTORS = {}u;\nconst BODY = {}u;\n",
                 row[0] / 4,
                 row[1] / 4
             )
