@@ -19,7 +19,7 @@ const WEIGHTIEST: f64 = 1e9;
 /// Iterations, Gaussians and points beyond this many no machine gets through.
 const MANY: f64 = 1e8;
 
-const RANGES: [Range; 42] = [
+const RANGES: [Range; 41] = [
     Range(&["seed", "learning_rate.decay_steps", "density.from", "earl.from", "eds.from"], 0.0, ANY),
     Range(&["density.prune_above", "density.opacity_reset_every"], 0.0, ANY),
     Range(&["evaluation.every", "evaluation.frames", "evaluation.checkpoint_every"], 0.0, ANY),
@@ -43,8 +43,11 @@ const RANGES: [Range; 42] = [
         0.0,
         HIGHEST,
     ),
-    Range(&["bodies.path", "bodies.turn", "bodies.node_path", "bodies.node_turn"], TINY, HIGHEST),
-    Range(&["bodies.bend_path", "bodies.bend_turn"], TINY, HIGHEST),
+    Range(
+        &["bodies.path", "bodies.turn", "bodies.node_path", "bodies.node_turn", "bodies.bend_path", "bodies.bend_turn"],
+        TINY,
+        HIGHEST,
+    ),
     Range(&["learning_rate.adam_epsilon"], TINY, 1.0),
     Range(&["field.levels", "blur.samples"], 1.0, 16.0),
     Range(&["field.spatial_resolution"], 2.0, 4096.0),
