@@ -32,8 +32,8 @@ Motion:
   free-time  each Gaussian is born at an instant with a velocity and fades (after FreeTimeGS); starts from the moving points \
   of `erfgs dataset points`
   still      nothing moves: no motion is learned, and events are not used
-  bodies     a few rigid bodies move, and the Gaussians of each share one path for the whole recording; starts from `erfgs \
-  dataset bodies`
+  bodies     a few bodies move, rigid ones and some that bend, and the Gaussians of each share paths for the whole recording; \
+  starts from `erfgs dataset bodies`
   auto       the choice of the default preset: bodies if the dataset has some and the method is erf-gs, free-time if it has \
   moving points, still if neither frames nor events show motion, else hexplane
 
