@@ -145,7 +145,7 @@ fn note_deviations(scene: &Scene, terminal: &Terminal) {
         let camera = &scene.dataset.manifest.cameras[events.view];
         let (file, camera) = (&camera.events, &camera.name);
         let stated = file.as_ref().map(|file| file.threshold_on / file.threshold_off);
-        if let Some((measured, stated)) = events.told_ratio.zip(stated) {
+        if let Some((measured, stated)) = events.measured_ratio.zip(stated) {
             terminal.note(format!(
                 "camera {camera}: measured ON/OFF threshold ratio {measured:.2}; the stated {stated:.2} is ignored (earl.balance)"
             ));

@@ -10,7 +10,7 @@ use erfgs_splat::{
     gaussians::CORE,
     gpu::Gpu,
     motion::{
-        Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Witness,
+        Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Supervision,
         bodies::{EXTRA_FLOATS, SOFTNESS, Start},
         free_time::GONE,
     },
@@ -199,7 +199,7 @@ fn device(gpu: &Gpu, start: &Start, t01: f32) -> Result<(Vec<f32>, u64), Refusal
     motion.forward(gpu, rows, t01, &mut tape, Outputs::All)?;
     let d_deltas = Deltas::new(gpu, "gradients of the changes", count as u32, None)?;
     gpu.upload(&d_deltas.core, 0, &vec![0.5_f32; count * CORE]);
-    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0))?;
+    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Supervision::Frame(1.0))?;
     let clock = gpu.storage("clock", 4 * ClockRow::FLOATS as u64)?;
     motion.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &clock, row: 0 });
     let odd = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count() as u64;

@@ -4,7 +4,7 @@ use erfgs_base::random::{key, range};
 use erfgs_splat::{
     field::{Outputs, Tape},
     gpu::Gpu,
-    motion::{ClockRow, FreeTime, FreeTimeOptions, Motion, MotionRows, Witness, free_time::ROW},
+    motion::{ClockRow, FreeTime, FreeTimeOptions, Motion, MotionRows, Supervision, free_time::ROW},
     raster::Deltas,
     reference::free_time as twin,
 };
@@ -78,7 +78,7 @@ impl Draw {
         motion.forward(gpu, rows, T01, &mut tape, Outputs::All)?;
         let d_deltas = Deltas::new(gpu, "gradients of the changes", count as u32, None)?;
         gpu.upload(&d_deltas.core, 0, &vec![0.5_f32; count * CORE]);
-        motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0))?;
+        motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Supervision::Frame(1.0))?;
         let clock = gpu.storage("clock", 4 * ClockRow::FLOATS as u64)?;
         motion.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &clock, row: 0 });
         let mut not_finite = 0;

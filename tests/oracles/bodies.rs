@@ -2,7 +2,7 @@ use erfgs_splat::{
     field::{Outputs, Tape},
     gpu::Gpu,
     motion::{
-        Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Witness,
+        Bodies, BodiesOptions, ClockRow, FreeTimeOptions, Motion, MotionRows, Supervision,
         bodies::{CODES, EXTRA_FLOATS, NEIGHBOURS, NEVER, NO_NODE, SOFTNESS, Start},
     },
     raster::Deltas,
@@ -192,7 +192,7 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
     let d_deltas = Deltas::new(gpu, "d deltas", ROWS as u32, None).expect("buffers");
     let d_cores = Case::cores(&case.d_rows);
     gpu.upload(&d_deltas.core, 0, &d_cores);
-    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0)).expect("gradients");
+    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Supervision::Frame(1.0)).expect("gradients");
     // The rasteriser has the gradient of the changed parameter in that of the stored one already.
     let d_rows: Vec<f64> = columns(&read(&d_core, ROWS * CORE))
         .iter()

@@ -1,7 +1,7 @@
 use erfgs_splat::{
     field::{Outputs, Tape},
     gpu::Gpu,
-    motion::{FreeTime, FreeTimeOptions, Motion, MotionRows, Witness},
+    motion::{FreeTime, FreeTimeOptions, Motion, MotionRows, Supervision},
     raster::Deltas,
 };
 use serde_json::{Value, json};
@@ -100,7 +100,7 @@ fn check(gpu: &Gpu, case: &Case, answer: &Value) {
 
     let d_deltas = Deltas::new(gpu, "d deltas", ROWS as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, &case.d_deltas);
-    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Witness::Frame(1.0)).expect("gradients");
+    motion.backward(gpu, rows, &tape, &d_deltas, &d_core, Supervision::Frame(1.0)).expect("gradients");
     // The rasteriser has the gradient of the changed logit in that of the stored one already.
     let d_changed = wide(&case.d_deltas);
     let d_logits: Vec<f64> =

@@ -24,7 +24,7 @@ use crate::{
 
 /// What a rendering was compared with.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Witness {
+pub enum Supervision {
     /// A frame: it knows what is there. Several renderings may share its exposure, of which this is such a share.
     Frame(f32),
     /// Events: they know what changed.
@@ -102,12 +102,12 @@ impl Motion {
         tape: &Tape,
         d_deltas: &Deltas,
         d_core: &Buffer,
-        witness: Witness,
+        supervision: Supervision,
     ) -> Result<(), FieldError> {
         match self {
             Self::HexPlane(field) => field.backward(gpu, tape, d_deltas, d_core),
-            Self::FreeTime(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
-            Self::Bodies(model) => model.backward(gpu, rows, tape, d_deltas, d_core, witness),
+            Self::FreeTime(model) => model.backward(gpu, rows, tape, d_deltas, d_core, supervision),
+            Self::Bodies(model) => model.backward(gpu, rows, tape, d_deltas, d_core, supervision),
         }
     }
 

@@ -40,7 +40,7 @@ pub struct EventView {
     pub covers: [usize; 2],
     width: usize,
     /// An ON event's change of light beside an OFF event's, where its events tell another than was stated.
-    pub told_ratio: Option<f64>,
+    pub measured_ratio: Option<f64>,
     /// What an ON and an OFF event change, units of the sensor's threshold.
     step: [f32; 2],
     /// The same of each pixel, where a lamp that flickers tells; empty where none does.
@@ -184,7 +184,7 @@ impl<'a> EventCounter<'a> {
         let (counts, returns) = self.end().map_err(scratch(&folder))?;
         let told = |pixel: usize| returns.as_ref().and_then(|returns| returns.told(pixel));
         let stated_ratio = file.threshold_on / file.threshold_off;
-        let (told_ratio, noise) = if earl.balance {
+        let (measured_ratio, noise) = if earl.balance {
             let totals = counts.between(covers[0], covers[1]).map_err(scratch(&folder))?;
             let totals = totals.into_iter().enumerate().filter(|(pixel, _)| told(*pixel).is_none());
             let totals: Vec<[u32; 2]> = totals.map(|(_, counts)| counts).collect();
@@ -194,14 +194,14 @@ impl<'a> EventCounter<'a> {
             (None, [0.0; 2])
         };
         // What both change together stays as stated.
-        let more = told_ratio.map_or(1.0, |told| (told / stated_ratio).sqrt());
+        let more = measured_ratio.map_or(1.0, |told| (told / stated_ratio).sqrt());
         let step = [file.threshold_on * more, file.threshold_off / more].map(|one| (one / threshold) as f32);
         let drift = noise[0] * f64::from(step[0]) - noise[1] * f64::from(step[1]);
         let drift = if drift.abs() < LEAST_DRIFT { 0.0 } else { drift };
         let own = |pixel: usize| told(pixel).map_or(step, |counts| balance::own_steps(counts, step));
         let pixels = if returns.is_some() { width * height } else { 0 };
         let steps = (0..pixels).map(own).collect();
-        Ok(EventView { view, sensor, count, covers, width, told_ratio, step, steps, drift, edges, counts, folder })
+        Ok(EventView { view, sensor, count, covers, width, measured_ratio, step, steps, drift, edges, counts, folder })
     }
 }
 
@@ -433,7 +433,7 @@ mod tests {
         }
         let change = |earl: &EarlConfig| {
             let view = seen(&camera, &events, earl).expect("an event camera");
-            (view.told_ratio, view.between(0, 1).expect("memory")[6])
+            (view.measured_ratio, view.between(0, 1).expect("memory")[6])
         };
         let (told, left) = change(&earl(false));
         assert!((told.expect("another ratio") - 4.0 / 6.0).abs() < 1e-6 && left.abs() < 1e-5, "{told:?} {left}");
@@ -506,7 +506,12 @@ mod tests {
             }
         }
         let view = seen(&camera, &events, &earl(false)).expect("an event camera");
-        assert!((view.drift - 50.0).abs() < 1e-6 && view.told_ratio.is_none(), "{} {:?}", view.drift, view.told_ratio);
+        assert!(
+            (view.drift - 50.0).abs() < 1e-6 && view.measured_ratio.is_none(),
+            "{} {:?}",
+            view.drift,
+            view.measured_ratio
+        );
         for (to, seen) in [(1, 0.0), (2, 5.0), (3, 5.0), (4, 0.0), (5, 0.0)] {
             let counts = view.between(0, to).expect("memory");
             assert!(counts[0].abs() < 0.01 && (counts[3] - seen).abs() < 0.01, "{to}: {} {}", counts[0], counts[3]);

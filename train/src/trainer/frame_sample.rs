@@ -12,7 +12,7 @@ use crate::{
     schedule::Stage,
 };
 use erfgs_splat::{
-    motion::Witness,
+    motion::Supervision,
     raster::{Region, View, Wanted},
 };
 
@@ -147,14 +147,14 @@ impl Trainer<'_> {
             } else {
                 d_mean
             };
-            let witness = Witness::Frame(if only.is_some() { 1.0 } else { weight });
+            let supervision = Supervision::Frame(if only.is_some() { 1.0 } else { weight });
             let pose = self.poses.as_ref().filter(|_| learns_pose).map(|poses| poses.row(frame.view));
-            let gradient = ImageGradient { d_image, witness, wanted: Wanted { statistics: true, pose } };
+            let gradient = ImageGradient { d_image, supervision, wanted: Wanted { statistics: true, pose } };
             self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
             self.times.lap(gpu, "raster backward")?;
             let tells = !coarse && self.config.camera_time.due(run_share);
             let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(frame.view));
-            self.model.backward_motion(gpu, rendering, witness, clock)?;
+            self.model.backward_motion(gpu, rendering, supervision, clock)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())

@@ -2,7 +2,7 @@
 
 use super::{TrainError, Trainer, model::ImageGradient};
 use crate::{config::Pairing, losses::Levels, scene::Scene};
-use erfgs_splat::{gpu::Gpu, motion::Witness, raster::Wanted};
+use erfgs_splat::{gpu::Gpu, motion::Supervision, raster::Wanted};
 
 /// The levels of the pixels of the event cameras, where `earl.pairing` asks for them: from what a checkpoint `saved`, or unknown where it
 /// saved none.
@@ -59,12 +59,12 @@ impl Trainer<'_> {
         work.sums.event_values += f64::from(pixels);
         let rendering = &self.work.renderings[sample][0];
         let wanted = Wanted { statistics: true, pose: None };
-        let gradient = ImageGradient { d_image: &self.work.gradients[0], witness: Witness::Events, wanted };
+        let gradient = ImageGradient { d_image: &self.work.gradients[0], supervision: Supervision::Events, wanted };
         self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
         self.times.lap(gpu, "raster backward")?;
         let tells = self.events_tell_clock(camera);
         let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(camera));
-        self.model.backward_motion(gpu, rendering, Witness::Events, clock)?;
+        self.model.backward_motion(gpu, rendering, Supervision::Events, clock)?;
         self.times.lap(gpu, "motion backward")?;
         Ok(())
     }

@@ -13,7 +13,7 @@ use erfgs_splat::{
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
     model::{Model as Drawn, Rendering},
-    motion::{Bodies, ClockRow, FreeTime, Motion, MotionPlan, MotionRows, Witness, bodies::Start},
+    motion::{Bodies, ClockRow, FreeTime, Motion, MotionPlan, MotionRows, Supervision, bodies::Start},
     optimiser::{Adam, AdamBuffers, AdamConfig, decayed},
     raster::{Deltas, Gradients, RenderOptions, View, Wanted},
 };
@@ -24,7 +24,7 @@ pub(super) struct ImageGradient<'a> {
     /// The gradient of the image.
     pub d_image: &'a Buffer,
     /// By whom.
-    pub witness: Witness,
+    pub supervision: Supervision,
     /// What else is kept.
     pub wanted: Wanted<'a>,
 }
@@ -260,7 +260,7 @@ impl Model {
         rendering: &Rendering,
         gradient: ImageGradient<'_>,
     ) -> Result<(), TrainError> {
-        let gradients = self.gradients_of(gradient.witness);
+        let gradients = self.gradients_of(gradient.supervision);
         let deltas = self.d_deltas.as_ref().map(|_| &rendering.tape.deltas);
         self.drawn.rasteriser().backward(
             gpu,
@@ -278,9 +278,9 @@ impl Model {
     }
 
     /// Where the gradients of a rendering go.
-    fn gradients_of(&self, witness: Witness) -> &Gradients {
-        match (witness, &self.aside) {
-            (Witness::Events, Some(aside)) => aside,
+    fn gradients_of(&self, supervision: Supervision) -> &Gradients {
+        match (supervision, &self.aside) {
+            (Supervision::Events, Some(aside)) => aside,
             _ => &self.gradients,
         }
     }
@@ -290,15 +290,15 @@ impl Model {
         &mut self,
         gpu: &Gpu,
         rendering: &Rendering,
-        witness: Witness,
+        supervision: Supervision,
         clock: Option<ClockRow<'_>>,
     ) -> Result<(), TrainError> {
-        let d_core = self.gradients_of(witness).core.clone();
+        let d_core = self.gradients_of(supervision).core.clone();
         let Drawn { gaussians, dynamic, motion, rows, .. } = &mut self.drawn;
         if let (Some(motion), Some(d_deltas)) = (motion, &self.d_deltas) {
             let (core, count, gradients) = (&gaussians.core, *dynamic, &self.rows.gradients);
             let rows = MotionRows { core, count, values: rows, gradients };
-            motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, witness)?;
+            motion.backward(gpu, rows, &rendering.tape, d_deltas, &d_core, supervision)?;
             if let Some(clock) = clock {
                 motion.clock(gpu, rows, &rendering.tape, d_deltas, clock);
             }

@@ -16,7 +16,7 @@ use erfgs_splat::{
     field::{Blend, Outputs, Tape},
     gpu::{Gpu, Shape, stored},
     model::Rendering,
-    motion::{Motion, Witness},
+    motion::{Motion, Supervision},
     raster::{RenderOptions, View, Wanted},
 };
 
@@ -265,7 +265,7 @@ impl Trainer<'_> {
             let rendering = &self.work.renderings[sample][slot];
             let d_image = &self.work.gradients[slot];
             let wanted = Wanted { statistics, pose: None };
-            let gradient = ImageGradient { d_image, witness: Witness::Events, wanted };
+            let gradient = ImageGradient { d_image, supervision: Supervision::Events, wanted };
             self.model.backward_raster(gpu, &view, &options, rendering, gradient)?;
             self.times.lap(gpu, "raster backward")?;
             if slot == 1 {
@@ -275,7 +275,7 @@ impl Trainer<'_> {
                 self.times.lap(gpu, "colour regulariser")?;
             }
             let clock = self.clocks.as_ref().filter(|_| tells).and_then(|clocks| clocks.row(camera));
-            self.model.backward_motion(gpu, &self.work.renderings[sample][slot], Witness::Events, clock)?;
+            self.model.backward_motion(gpu, &self.work.renderings[sample][slot], Supervision::Events, clock)?;
             self.times.lap(gpu, "motion backward")?;
         }
         Ok(())

@@ -5,7 +5,7 @@ use super::*;
 use crate::{
     field::Tape,
     gpu::{AdapterChoice, Gpu, Shape},
-    motion::{ClockRow, FreeTimeOptions, MotionRows, Witness, free_time::GONE},
+    motion::{ClockRow, FreeTimeOptions, MotionRows, Supervision, free_time::GONE},
     raster::Deltas,
     reference::bodies::{self as twin, Control, Gate, Node, Pose, Row},
 };
@@ -218,7 +218,14 @@ impl Case {
 }
 
 /// What the kernels make of a case: deltas, gradients of the core, of control points, of gates and nodes, and of a clock.
-fn run(gpu: &Gpu, case: &Case, options: &BodiesOptions, d: &[f32], t01: f32, witness: Witness) -> [Vec<f32>; 5] {
+fn run(
+    gpu: &Gpu,
+    case: &Case,
+    options: &BodiesOptions,
+    d: &[f32],
+    t01: f32,
+    supervision: Supervision,
+) -> [Vec<f32>; 5] {
     let free = FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() };
     let count = case.rows.len();
     let [core, motion] = case.device_rows(&free);
@@ -234,7 +241,7 @@ fn run(gpu: &Gpu, case: &Case, options: &BodiesOptions, d: &[f32], t01: f32, wit
     bodies.forward(gpu, rows, t01, &mut tape).expect("deltas");
     let d_deltas = Deltas::new(gpu, "gradients of the deltas", count as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, d);
-    bodies.backward(gpu, rows, &tape, &d_deltas, &d_core, witness).expect("gradients");
+    bodies.backward(gpu, rows, &tape, &d_deltas, &d_core, supervision).expect("gradients");
     let sums = gpu.storage("clocks", 16).expect("a buffer");
     bodies.clock(gpu, rows, &tape, &d_deltas, ClockRow { sums: &sums, row: 1 });
     let read = |buffer, floats: usize| gpu.download::<f32>(buffer, floats).expect("read back");
@@ -285,7 +292,7 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
     let carried = case.carried(&case.poses(t01));
     let first = (t01 * (case.knots() - 3) as f64).floor() as usize;
     for gpu in gpus {
-        let [deltas, d_core, control, other, clock] = run(gpu, case, &options, &d, t01 as f32, Witness::Frame(1.0));
+        let [deltas, d_core, control, other, clock] = run(gpu, case, &options, &d, t01 as f32, Supervision::Frame(1.0));
         for (index, ((_, _, row), carried)) in case.rows.iter().zip(&carried).enumerate() {
             let at = &deltas[index * CORE..(index + 1) * CORE];
             for (moved, way) in at.iter().zip((carried.place - row.place).to_array()) {
@@ -359,7 +366,7 @@ fn follows_the_twin(case: &Case, gpus: &[Gpu], t01: f64) {
             &BodiesOptions { rigid: 0.0, away: 0.0, alike: 0.0, ..options.clone() },
             &d,
             t01 as f32,
-            Witness::Events,
+            Supervision::Events,
         );
         assert_close("clock", clock_alone[2], by_time(&ungated), 10.0 * case.rows.len() as f64);
         assert_eq!([clock[0], clock[1], clock[3]], [0.0, 0.0, 1.0]);
@@ -388,8 +395,8 @@ fn events_and_shares_of_frames_say_as_much_as_they_should() {
     let gpu = open(Shape::Cpu);
     let case = Case::new(2, 5, 60, 7);
     let (d, options) = (gradients(60), BodiesOptions::default());
-    let [_, _, of_frame, gates, _] = run(&gpu, &case, &options, &d, 0.5, Witness::Frame(1.0));
-    let [_, _, of_events, unmoved, _] = run(&gpu, &case, &options, &d, 0.5, Witness::Events);
+    let [_, _, of_frame, gates, _] = run(&gpu, &case, &options, &d, 0.5, Supervision::Frame(1.0));
+    let [_, _, of_events, unmoved, _] = run(&gpu, &case, &options, &d, 0.5, Supervision::Events);
     assert_ne!(of_frame, of_events, "what holds nodes together is told with frames alone");
     assert!(gates[4].abs() + gates[5].abs() > 0.0 && unmoved[4] == 0.0 && unmoved[5] == 0.0, "motion explains events");
 }

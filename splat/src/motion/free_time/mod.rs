@@ -22,7 +22,7 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use wgpu::Buffer;
 
-use super::{ClockRow, MotionRows, Witness, track};
+use super::{ClockRow, MotionRows, Supervision, track};
 use crate::{
     field::{FieldError, Tape},
     gpu::{Gpu, GpuError, Kernel, Shape},
@@ -351,7 +351,7 @@ impl FreeTime {
     }
 
     /// Adds the gradients of the pass on `tape` to those of the rows and, for opacities, to `d_core`; and those of the
-    /// regularisers where the witness is a frame.
+    /// regularisers where the supervision is a frame.
     pub(super) fn backward(
         &self,
         gpu: &Gpu,
@@ -359,7 +359,7 @@ impl FreeTime {
         tape: &Tape,
         d_deltas: &Deltas,
         d_core: &Buffer,
-        witness: Witness,
+        supervision: Supervision,
     ) -> Result<(), FieldError> {
         let count = tape.deltas.rows;
         if d_deltas.rows != count {
@@ -368,9 +368,9 @@ impl FreeTime {
                 reason: format!("{} rows of gradients for {count} of deltas", d_deltas.rows),
             });
         }
-        let (path, weight) = match witness {
-            Witness::Frame(share) => (1.0, share),
-            Witness::Events => (self.options.event_opacity, 0.0),
+        let (path, weight) = match supervision {
+            Supervision::Frame(share) => (1.0, share),
+            Supervision::Events => (self.options.event_opacity, 0.0),
         };
         let uniform = gpu.uniform("motion", &self.uniform(count, tape.t01, path, weight));
         let mut commands = gpu.commands();

@@ -42,10 +42,10 @@ fn rows(count: u64, options: &FreeTimeOptions) -> (Vec<f32>, Vec<f32>) {
     ((0..count).flat_map(row).collect(), logits)
 }
 
-fn moment(options: &FreeTimeOptions, t01: f32, witness: Witness, rows: usize) -> twin::Moment {
-    let (path, weight) = match witness {
-        Witness::Frame(share) => (1.0, f64::from(share) / rows as f64),
-        Witness::Events => (f64::from(options.event_opacity), 0.0),
+fn moment(options: &FreeTimeOptions, t01: f32, supervision: Supervision, rows: usize) -> twin::Moment {
+    let (path, weight) = match supervision {
+        Supervision::Frame(share) => (1.0, f64::from(share) / rows as f64),
+        Supervision::Events => (f64::from(options.event_opacity), 0.0),
     };
     twin::Moment {
         time: f64::from(t01 * INTERVALS),
@@ -71,7 +71,7 @@ fn run(
     logits: &[f32],
     d: &[f32],
     t01: f32,
-    witness: Witness,
+    supervision: Supervision,
 ) -> [Vec<f32>; 4] {
     let rows = logits.len();
     let mut core = vec![0.0_f32; rows * CORE];
@@ -86,7 +86,7 @@ fn run(
     model.forward(gpu, rows_of, t01, &mut tape).expect("deltas");
     let d_deltas = Deltas::new(gpu, "gradients of the deltas", rows as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, d);
-    model.backward(gpu, rows_of, &tape, &d_deltas, &d_core, witness).expect("gradients");
+    model.backward(gpu, rows_of, &tape, &d_deltas, &d_core, supervision).expect("gradients");
     let sums = gpu.storage("clocks", 24).expect("a buffer");
     model.clock(gpu, rows_of, &tape, &d_deltas, ClockRow { sums: &sums, row: 1 });
     let read = |buffer, stride: usize| gpu.download::<f32>(buffer, rows * stride).expect("read back");
@@ -111,9 +111,11 @@ fn both_shapes_follow_the_double_precision_twin() {
         let options = FreeTimeOptions { event_opacity: 0.3, weight_presence: 0.5, weight_acceleration: 0.7, ..path };
         let floats = options.floats();
         let (values, logits) = rows(count as u64, &options);
-        for (t01, witness) in [(0.43, Witness::Frame(1.0)), (0.0, Witness::Events), (1.0, Witness::Frame(0.25))] {
-            let found = gpus.each_ref().map(|gpu| run(gpu, &options, &values, &logits, &d, t01, witness));
-            let moment = moment(&options, t01, witness, count);
+        for (t01, supervision) in
+            [(0.43, Supervision::Frame(1.0)), (0.0, Supervision::Events), (1.0, Supervision::Frame(0.25))]
+        {
+            let found = gpus.each_ref().map(|gpu| run(gpu, &options, &values, &logits, &d, t01, supervision));
+            let moment = moment(&options, t01, supervision, count);
             let (mut there, mut clock) = (0, 0.0);
             for i in 0..count {
                 let (row, logit) = (wide(&values[i * floats..(i + 1) * floats]), f64::from(logits[i]));
@@ -158,7 +160,7 @@ fn gradients_of_the_twin_match_finite_differences() {
 fn finite_differences(options: &FreeTimeOptions) {
     let (values, logits) = rows(60, options);
     for (i, row) in values.chunks_exact(options.floats()).enumerate() {
-        let moment = moment(options, 0.37, Witness::Frame(1.0), 1);
+        let moment = moment(options, 0.37, Supervision::Frame(1.0), 1);
         let (row, logit) = (wide(row), f64::from(logits[i]));
         if twin::forward(logit, &row, &moment).1 <= f64::from(GONE) {
             continue;
@@ -218,7 +220,7 @@ fn extremes_stay_finite_and_what_is_over_is_gone() {
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
         let [deltas, d_core, d_rows, clocks] =
-            run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Witness::Frame(1.0));
+            run(&gpu, &options, &values, &logits, &gradients(7), 0.5, Supervision::Frame(1.0));
         for all in [&deltas, &d_core, &clocks] {
             assert!(all.iter().all(|value| value.is_finite()), "{all:?}");
         }
@@ -243,7 +245,7 @@ fn knots_that_are_far_away_stay_finite() {
     for shape in [Shape::Cpu, Shape::Gpu] {
         let gpu = open(shape);
         let [deltas, d_core, d_rows, clocks] =
-            run(&gpu, &options, &values, &[0.0; 2], &gradients(2), 0.5, Witness::Frame(1.0));
+            run(&gpu, &options, &values, &[0.0; 2], &gradients(2), 0.5, Supervision::Frame(1.0));
         assert!([deltas.clone(), d_core, d_rows, clocks].concat().iter().all(|value| value.is_finite()), "{deltas:?}");
         assert_eq!((&deltas[CORE..CORE + 3], deltas[CORE + 10]), (&[0.0; 3][..], GONE), "what is over does not move");
     }
@@ -256,7 +258,7 @@ fn a_path_through_knots_passes_them_and_follows_a_parabola_exactly() {
     let row = options.bent(5.0, |dt| parabola(f64::from(dt)).map(|place| place as f32));
     assert_eq!((row.len(), row[3]), (24, 5.0));
     let row = wide(&row);
-    let moment = moment(&options, 0.5, Witness::Events, 1);
+    let moment = moment(&options, 0.5, Supervision::Events, 1);
     for step in -15..=15 {
         let dt = 0.1 * f64::from(step);
         for axis in 0..3 {

@@ -7,7 +7,7 @@ use super::Bodies;
 use crate::{
     field::{FieldError, Tape},
     gpu::Gpu,
-    motion::{ClockRow, MotionRows, Witness},
+    motion::{ClockRow, MotionRows, Supervision},
     raster::Deltas,
 };
 
@@ -83,7 +83,7 @@ impl Bodies {
     }
 
     /// Adds the gradients of the pass on `tape` to those of paths and rows, and to `d_core`; and those of what holds nodes together where
-    /// the witness is a frame.
+    /// the supervision is a frame.
     pub(in crate::motion) fn backward(
         &self,
         gpu: &Gpu,
@@ -91,14 +91,14 @@ impl Bodies {
         tape: &Tape,
         d_deltas: &Deltas,
         d_core: &Buffer,
-        witness: Witness,
+        supervision: Supervision,
     ) -> Result<(), FieldError> {
         if self.hung.some_are_free {
-            self.free.backward(gpu, rows, tape, d_deltas, d_core, witness)?;
+            self.free.backward(gpu, rows, tape, d_deltas, d_core, supervision)?;
         }
-        let (path, share) = match witness {
-            Witness::Frame(share) => (1.0, share),
-            Witness::Events => (0.0, 0.0),
+        let (path, share) = match supervision {
+            Supervision::Frame(share) => (1.0, share),
+            Supervision::Events => (0.0, 0.0),
         };
         let moment = gpu.uniform("motion", &self.moment(tape.deltas.rows, tape.t01, path, share));
         let counts = gpu.uniform("chunks", &[self.hung.chunk_count, 0, 0, 0]);
