@@ -39,8 +39,7 @@ Motion:
 
 Not everything that moves is rigid or was tracked correctly. Before a training with bodies, two short trainings with and \
 without them are compared on cameras that take no part. A body that explains these worse is replaced by free-time Gaussians; \
-what has no single shape bends: its parts are followed from the frame in which it was seen best. trial.json in the run has the \
-figures. --set bodies.trial=0 skips the trial, --set 'bodies.free=[\"body3\"]' names bodies to replace, and \
+what has no single shape bends: its parts are followed from frames a few intervals apart. trial.json in the run has the figures. --set bodies.trial=0 skips the trial, --set 'bodies.free=[\"body3\"]' names bodies to replace, and \
 --set 'bodies.bend=[\"body1\"]' those that bend.
 
 A dataset may be larger than memory. Frames that do not fit in --memory are read again by a thread for each processor while \

@@ -17,7 +17,7 @@ use erfgs_splat::{
     raster::Deltas,
     reference::bodies::{self as twin, Gate, Node, Row},
 };
-use erfgs_train::start::{Recording, from_bodies};
+use erfgs_train::start::{Piece, Recording, from_bodies};
 use glam::{DQuat, DVec3, DVec4};
 
 use crate::{Bound, Case, Expected, Measured, Refusal, Size};
@@ -104,7 +104,7 @@ impl Made {
     fn start(&self) -> Start {
         let recording = Recording { span_ns: [0, (1e9 * SECONDS) as i64], intervals: self.intervals };
         let free = FreeTimeOptions::default();
-        let mut start = from_bodies(&[self.body()], recording, 0, &BodiesOptions::default(), &free);
+        let mut start = from_bodies(&[Piece::whole(self.body())], recording, 0, &BodiesOptions::default(), &free);
         if !self.all_hang {
             // On the first node alone.
             for row in start.gaussians.motion.chunks_exact_mut(free.floats() + EXTRA_FLOATS) {
@@ -151,7 +151,7 @@ impl Made {
 
     /// How far the fitted path is from the rotation, radians: at points one metre from the middle.
     fn turns(&self, gpu: &Gpu) -> Result<Measured, Refusal> {
-        let start = Start { nodes: 0, ..self.start() };
+        let start = Start { nodes: 0, node_bodies: Vec::new(), ..self.start() };
         // The path of the body alone, with three points that turn with it.
         let count = self.start().nodes + 1;
         let control = start.control.chunks_exact(8 * count).flat_map(|knot| knot[..8].to_vec()).collect();

@@ -89,6 +89,7 @@ const RANGES: [Range; 41] = [
             "free_time.first_life",
             "evaluation.checkpoint_minutes",
             "bodies.nodes_from",
+            "bodies.piece",
             "eds.count",
         ],
         0.0,

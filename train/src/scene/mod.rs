@@ -35,7 +35,7 @@ pub(crate) use still::stands_still;
 
 use crate::{
     config::Config,
-    start::{Recording, from_bodies, seen_at_once, thin},
+    start::{Piece, Recording, from_bodies, pieces, thin},
 };
 use erfgs_splat::{
     motion::bodies::Start,
@@ -325,16 +325,14 @@ impl Scene {
     /// As [`Scene::carrying`].
     pub fn bodies(&self, config: &Config) -> Result<Start, SceneError> {
         let apart_px = f64::from(config.bodies.spacing_px);
-        let thinned = |body: Body| {
-            let apart_m = self.pixels_a_metre(&body).map_or(0.0, |pixels| apart_px / pixels);
-            thin(body, apart_m)
+        let thinned = |piece: Piece| {
+            let apart_m = self.pixels_a_metre(&piece.body).map_or(0.0, |pixels| apart_px / pixels);
+            Piece { body: thin(piece.body, apart_m), ..piece }
         };
-        let mut carrying = self.carrying(config)?;
-        if !config.bodies.bend.is_empty() {
-            carrying = seen_at_once(carrying, &config.bodies.bend, &self.moving_points(), self.recording());
-        }
-        let bodies: Vec<Body> = carrying.into_iter().map(thinned).collect();
-        Ok(from_bodies(&bodies, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
+        let moving = if config.bodies.bend.is_empty() { Vec::new() } else { self.moving_points() };
+        let pieces = pieces(self.carrying(config)?, &config.bodies, &moving, self.recording());
+        let pieces: Vec<Piece> = pieces.into_iter().map(thinned).collect();
+        Ok(from_bodies(&pieces, self.recording(), config.sh.max_degree, &config.bodies, &config.free_time))
     }
 
     /// How many pixels a metre is wide at the places of a body: the median over cameras with frames that have it in view, where the

@@ -3,6 +3,7 @@
 use erfgs_dataset::{Body, BodyPose};
 use glam::{DQuat, DVec3, DVec4};
 
+use super::Piece;
 use crate::scene::Point;
 use erfgs_splat::{
     gaussians::{Gaussians, Neighbours},
@@ -39,6 +40,12 @@ impl Recording {
         1e-9 * t_ns.saturating_sub(self.span_ns[0]) as f64
     }
 
+    /// An instant within it, in [0, 1].
+    #[must_use]
+    pub fn t01(&self, t_ns: i64) -> f64 {
+        (self.seconds(t_ns) / self.length()).clamp(0.0, 1.0)
+    }
+
     /// How long it is, seconds.
     #[must_use]
     pub fn length(&self) -> f64 {
@@ -46,21 +53,22 @@ impl Recording {
     }
 }
 
-/// Control points, nodes and Gaussians of `bodies`; rows are as long as those of `free` and what bodies need.
+/// Control points, nodes and Gaussians of `pieces`; rows are as long as those of `free` and what bodies need.
 #[must_use]
 pub fn from_bodies(
-    bodies: &[Body],
+    pieces: &[Piece],
     recording: Recording,
     sh_degree: u32,
     options: &BodiesOptions,
     free: &FreeTimeOptions,
 ) -> Start {
-    let bends = |body: &Body| options.bend.contains(&body.name);
+    let bodies: Vec<&Body> = pieces.iter().map(|piece| &piece.body).collect();
     let length = recording.length();
     let interval = length / recording.intervals.max(1e-6);
-    let fastest = bodies.iter().map(fastest_turn).fold(0.0, f64::max);
+    let fastest = bodies.iter().map(|body| fastest_turn(body)).fold(0.0, f64::max);
     let spacing = (interval / f64::from(options.knots)).min(MOST_TURN / fastest.max(1e-9));
-    let total = bodies.iter().map(|body| (body.points.len() as f64).sqrt()).sum::<f64>();
+    // Pieces of a body are there one after the other.
+    let total = pieces.iter().map(|piece| piece.share * (piece.body.points.len() as f64).sqrt()).sum::<f64>();
     let mut nodes: Vec<(usize, DVec3, f64)> = Vec::new();
     let mut gaussians = Gaussians { sh_degree, motion_floats: free.floats() + EXTRA_FLOATS, ..Gaussians::default() };
     for (index, body) in bodies.iter().enumerate() {
@@ -90,7 +98,7 @@ pub fn from_bodies(
             control[8 * (knot * count + bodies.len() + node) + 4] = 1.0;
         }
     }
-    let gate = |body: &Body| {
+    let gate = |body: &&Body| {
         let [begin, end] = body.span_ns.map(|t_ns| recording.seconds(t_ns) as f32);
         let comes_or_goes = body.span_ns[0] > recording.span_ns[0] || body.span_ns[1] < recording.span_ns[1];
         [begin, end, f32::from(u8::from(comes_or_goes)), 0.0]
@@ -99,14 +107,15 @@ pub fn from_bodies(
     Start {
         bodies: bodies.len(),
         names: bodies.iter().map(|body| body.name.clone()).collect(),
-        followed: bodies.iter().map(|body| guessed(body) || bends(body)).collect(),
-        seen_best: bodies.iter().find(|body| bends(body)).map(|body| seen_best(body, recording)),
+        followed: pieces.iter().map(|piece| guessed(&piece.body) || piece.bends.is_some()).collect(),
+        bends: pieces.iter().map(|piece| piece.bends).collect(),
         nodes: nodes.len(),
+        node_bodies: nodes.iter().map(|(body, ..)| *body).collect(),
         knots,
         per_second,
         control,
         other: bodies.iter().map(gate).chain(nodes.iter().map(node)).flatten().collect(),
-        neighbours: neighbours(&nodes, &bodies.iter().map(bends).collect::<Vec<_>>()),
+        neighbours: neighbours(&nodes, &pieces.iter().map(|piece| piece.bends.is_some()).collect::<Vec<_>>()),
         gaussians,
     }
 }
@@ -115,7 +124,7 @@ pub fn from_bodies(
 pub(super) fn seen_best(body: &Body, recording: Recording) -> f64 {
     let told = body.found_by.get("best_seen_ns").and_then(serde_json::Value::as_i64);
     let middle = i64::midpoint(body.span_ns[0], body.span_ns[1]);
-    (recording.seconds(told.unwrap_or(middle)) / recording.length()).clamp(0.0, 1.0)
+    recording.t01(told.unwrap_or(middle))
 }
 
 /// Whether whoever found a body says that it could not be followed by its looks. Poses that come from elsewhere are taken for right.
@@ -308,7 +317,8 @@ mod tests {
     }
 
     fn start(bodies: &[Body], options: &BodiesOptions) -> Start {
-        from_bodies(bodies, RECORDING, 1, options, &FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() })
+        let pieces = super::super::pieces(bodies.to_vec(), options, &[], RECORDING);
+        from_bodies(&pieces, RECORDING, 1, options, &FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() })
     }
 
     /// The control points of a body or node.
@@ -349,7 +359,7 @@ mod tests {
         let options = BodiesOptions { nodes: 40, bend: vec!["b".into()], ..BodiesOptions::default() };
         let start = start(&bodies, &options);
         assert_eq!(start.followed, [false, true, false]);
-        let seen_best = start.seen_best.unwrap();
+        let seen_best = start.bends[1].unwrap();
         assert!((seen_best - 3.5 / 6.0).abs() < 1e-9, "in the middle of its time: {seen_best}");
         assert_eq!((start.bodies, start.gaussians.len(), start.gaussians.dynamic), (3, 1201, 1201));
         assert!((30..=45).contains(&start.nodes), "{}", start.nodes);
@@ -367,6 +377,7 @@ mod tests {
             });
         }
         assert!(seen.iter().all(|&seen| seen > 0));
+        assert!(std::iter::zip(&start.node_bodies, &body_of).all(|(body, id)| (1 + body) as f32 == *id));
         let gates: Vec<&[f32]> = start.other.chunks_exact(4).take(3).collect();
         assert_eq!((gates[0][2], gates[1], gates[2][2]), (0.0, &[0.1, 0.6, 1.0, 0.0][..], 0.0));
         // An edge is held at both of its ends.

@@ -9,5 +9,5 @@ mod thin;
 
 pub use bodies::{Recording, from_bodies};
 pub use rest::unexplained;
-pub use seen::seen_at_once;
+pub use seen::{Piece, pieces};
 pub use thin::thin;

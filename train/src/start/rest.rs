@@ -74,7 +74,7 @@ pub(super) fn spacing(places: &[[f32; 3]]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::start::{Recording, from_bodies};
+    use crate::start::{Piece, Recording, from_bodies};
     use erfgs_dataset::{Body, BodyPose, SurfacePoint};
     use erfgs_splat::motion::{BodiesOptions, FreeTimeOptions};
 
@@ -93,7 +93,8 @@ mod tests {
             found_by: Default::default(),
         };
         let recording = Recording { span_ns: [0, 1_000_000_000], intervals: 10.0 };
-        let start = from_bodies(&[plate], recording, 0, &BodiesOptions::default(), &FreeTimeOptions::default());
+        let start =
+            from_bodies(&[Piece::whole(plate)], recording, 0, &BodiesOptions::default(), &FreeTimeOptions::default());
         let seen = |t01: f64, aside: f64| {
             (0..100).map(move |k| {
                 let [x, y, z] = grid(k);

@@ -40,19 +40,12 @@ pub(super) enum Sample {
     },
 }
 
-/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`, more often than not within a part of the recording where there is one.
-pub(super) fn draw(
-    scene: &Scene,
-    config: &Config,
-    part: Option<&Part>,
-    stage: Stage,
-    iteration: u32,
-    slot: u32,
-) -> Sample {
+/// The sample of slot `slot` of the batch of `iteration` (0-based) of `stage`, more often than not within one of the parts of the recording where there are some.
+pub(super) fn draw(scene: &Scene, config: &Config, parts: &[Part], stage: Stage, iteration: u32, slot: u32) -> Sample {
     let at = u64::from(iteration) * u64::from(config.batch) + u64::from(slot);
     let stage_word = stage as u64;
     let part_key = random::key(config.seed, &[PART_FRAME, stage_word, at]);
-    if let Some(part) = part.filter(|_| random::uniform(random::extend(part_key, 1)) < IN_PART) {
+    if let Some(part) = one_of(parts, part_key).filter(|_| random::uniform(random::extend(part_key, 1)) < IN_PART) {
         let frames = frames_within(scene, part.whole);
         let drawn = random::uniform(part_key);
         return Sample::Frame(frames[((drawn * frames.len() as f64) as usize).min(frames.len() - 1)]);
@@ -79,6 +72,12 @@ pub(super) fn draw(
     }
 }
 
+/// One of the parts of the recording that are looked at more often.
+fn one_of(parts: &[Part], key: u64) -> Option<&Part> {
+    let at = (random::uniform(random::extend(key, 10)) * parts.len() as f64) as usize;
+    parts.get(at.min(parts.len().saturating_sub(1)))
+}
+
 /// The frames whose exposures lie within a part of the recording; without any, those of the instant nearest to its middle.
 fn frames_within(scene: &Scene, [begin, end]: [f64; 2]) -> Vec<usize> {
     let all = 0..scene.frames.len();
@@ -99,7 +98,7 @@ fn frames_within(scene: &Scene, [begin, end]: [f64; 2]) -> Vec<usize> {
 pub(super) fn draw_besides(
     scene: &Scene,
     config: &Config,
-    part: Option<&Part>,
+    parts: &[Part],
     stage: Stage,
     iteration: u32,
 ) -> Option<Sample> {
@@ -108,12 +107,12 @@ pub(super) fn draw_besides(
     let pairs = if on { scene.events.len() * event_pairs(scene, config) } else { 0 };
     let drawn = random::uniform(random::key(config.seed, &[KIND, stage_word, at]));
     // What is new of a part is told by events first.
-    let share = if part.is_some() { config.earl.share.max(PART_EVENTS) } else { config.earl.share };
+    let share = if !parts.is_empty() { config.earl.share.max(PART_EVENTS) } else { config.earl.share };
     if pairs == 0 || drawn >= f64::from(share) {
         return None;
     }
     let part_key = random::key(config.seed, &[PART_EVENT, stage_word, at]);
-    if let Some(part) = part.filter(|_| random::uniform(random::extend(part_key, 9)) < IN_PART) {
+    if let Some(part) = one_of(parts, part_key).filter(|_| random::uniform(random::extend(part_key, 9)) < IN_PART) {
         return event_within(scene, config, part, part_key);
     }
     let pair = random::uniform(random::key(config.seed, &[PAIR, stage_word, at])) * pairs as f64;

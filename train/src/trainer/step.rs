@@ -107,16 +107,16 @@ impl Trainer<'_> {
         self.model.clear_gradients(self.gpu);
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
         self.follow()?;
-        let part = self.part();
+        let parts = self.parts();
         self.read_ahead();
         for slot in 0..self.config.batch {
-            match samples::draw(&self.scene, &self.config, part.as_ref(), stage, iteration, slot) {
+            match samples::draw(&self.scene, &self.config, &parts, stage, iteration, slot) {
                 Sample::Frame(index) => self.learn_frame(index, slot)?,
                 Sample::Event { view, from, to } => self.learn_events(view, [from, to], slot)?,
             }
         }
         if let Some(Sample::Event { view, from, to }) =
-            samples::draw_besides(&self.scene, &self.config, part.as_ref(), stage, iteration)
+            samples::draw_besides(&self.scene, &self.config, &parts, stage, iteration)
         {
             self.learn_events(view, [from, to], self.config.batch)?;
         }
@@ -143,7 +143,7 @@ impl Trainer<'_> {
             (0, _) | (_, false) => self.schedule.progress(&self.clock),
             (steps, true) => f64::from(iteration) / f64::from(steps),
         };
-        self.model.step(self.gpu, &self.config, self.scene.extent, decay, part.is_some())?;
+        self.model.step(self.gpu, &self.config, self.scene.extent, decay, !parts.is_empty())?;
         self.times.lap(self.gpu, "Adam")?;
         self.learn_poses()?;
         self.learn_clocks()?;
@@ -156,15 +156,14 @@ impl Trainer<'_> {
     /// Has frames read that a later iteration of this stage will ask for.
     fn read_ahead(&mut self) {
         let (pictures, now) = (&self.scene.pictures, self.schedule.done(&self.clock));
-        let part = self.part();
+        let parts = self.parts();
         if pictures.all_are_kept() {
             return;
         }
         pictures.forget_before(now);
         for slot in 0..self.config.batch {
             let then = self.clock.iteration + READ_AHEAD;
-            if let Sample::Frame(index) =
-                samples::draw(&self.scene, &self.config, part.as_ref(), self.clock.stage, then, slot)
+            if let Sample::Frame(index) = samples::draw(&self.scene, &self.config, &parts, self.clock.stage, then, slot)
                 && !self.feed.frames.keep(index)
             {
                 pictures.expect(index, now + u64::from(READ_AHEAD));

@@ -39,8 +39,9 @@ const DOUBT: f64 = 0.6;
 /// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
 /// (`bodies/carve.rs` of `erfgs-points`).
 const SURE: f64 = 0.86;
-/// Where no more than this share agrees, and the body explains what is seen of it better than what is free in time all the same, it bends.
-/// Only what is in view for the whole recording: what bends is followed from one instant to both ends.
+/// Where no more than this share agrees, or a body in doubt explains too little more to be rigid, but explains what is seen of it better than
+/// what is free in time all the same, it bends. Only what is in view for the whole recording: of what comes and goes, as pieces that fly
+/// apart, too little is seen to be followed.
 const BENDS: f64 = 0.785;
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
@@ -215,8 +216,8 @@ fn judged(body: &Body, span_ns: [i64; 2], carried: &Errors, free: &Errors) -> Tr
     let (frames, events) = (both(Errors::frames), both(Errors::events));
     let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true, bends: false };
     let stays = body.span_ns[0] <= span_ns[0] && body.span_ns[1] >= span_ns[1];
-    let loose = agree.is_some_and(|agree| agree < BENDS);
-    tried.bends = stays && loose && tried.ratio().is_some_and(|ratio| ratio < 1.0);
+    let loose = |ratio: f64| agree.is_some_and(|agree| agree < BENDS) || ratio >= below;
+    tried.bends = stays && tried.ratio().is_some_and(|ratio| ratio < 1.0 && loose(ratio));
     tried.carries = tried.bends || tried.ratio().is_none_or(|ratio| ratio < below);
     tried
 }
@@ -271,6 +272,8 @@ mod tests {
         assert_eq!(tried(Some(0.78), 0.099), (true, true));
         assert_eq!(tried(Some(0.78), 0.1005), (false, false));
         assert_eq!(tried(Some(0.82), 0.09), (true, false), "it is rigid");
+        assert_eq!(tried(Some(0.82), 0.099), (true, true), "it explains too little more to be rigid");
+        assert_eq!(within([-5, 1], Some(0.82), 0.099), (false, false));
         assert_eq!(tried(None, 0.05), (true, false), "nobody carved it");
         let nothing = Errors::of(None, None);
         assert!(!judged(&ball(Some(0.7)), SPAN, &nothing, &nothing).bends, "nothing was seen");

@@ -18,6 +18,8 @@ pub struct Paths<'a> {
     pub followed: &'a [bool],
     /// Of each node whether its body bends.
     pub loose: &'a [bool],
+    /// The body of each node.
+    pub of: &'a [usize],
     /// Control points of each.
     pub knots: usize,
 }
@@ -35,15 +37,20 @@ impl Paths<'_> {
         (DVec3::new(at(0), at(1), at(2)), turn)
     }
 
-    /// Lays the control points of bodies that are followed anew beyond `known` (stretches from the beginning). Such a body goes on turning
-    /// as it turned last. Where it is the start knows well: what it was found to be beside that is carried on less and less.
-    pub fn carry_on(&self, control: &mut [f32], known: [f64; 2]) {
+    /// Lays the control points of bodies that are followed anew, of each beyond what is `known` of it (stretches from the beginning). Such a
+    /// body goes on turning as it turned last. Where it is the start knows well: what it was found to be beside that is carried on less and
+    /// less.
+    pub fn carry_on(&self, control: &mut [f32], known: &[[f64; 2]]) {
         let last = self.knots - 1;
         // Of the four control points that decide at an instant the outermost hardly does.
-        let low = (known[0].max(0.0).floor() as usize + 1).min(last);
-        let high = (known[1].max(0.0).floor() as usize + 2).clamp(low, last);
-        let [begin, end] = [[low + TOLD.min(high - low), low], [high.max(low + TOLD) - TOLD, high]];
+        let ends = |[begin, end]: [f64; 2]| {
+            let low = (begin.max(0.0).floor() as usize + 1).min(last);
+            let high = (end.max(0.0).floor() as usize + 2).clamp(low, last);
+            [[low + TOLD.min(high - low), low], [high.max(low + TOLD) - TOLD, high]]
+        };
         for body in (0..self.followed.len()).filter(|&body| self.followed[body]) {
+            let [begin, end] = ends(known[body]);
+            let ([_, low], [_, high]) = (begin, end);
             let on = self.turn_between(control, body, end);
             for knot in high + 1..=last {
                 self.lay_beside(control, body, [knot - 1, knot], on);
@@ -53,9 +60,11 @@ impl Paths<'_> {
                 self.lay_beside(control, body, [knot + 1, knot], back);
             }
         }
-        for node in (0..self.loose.len()).filter(|&node| self.loose[node]).map(|node| self.followed.len() + node) {
-            self.let_go(control, node, end, high + 1..=last);
-            self.let_go(control, node, begin, (0..low).rev());
+        for node in (0..self.loose.len()).filter(|&node| self.loose[node]) {
+            let [begin, end] = ends(known[self.of[node]]);
+            let entity = self.followed.len() + node;
+            self.let_go(control, entity, end, end[1] + 1..=last);
+            self.let_go(control, entity, begin, (0..begin[1]).rev());
         }
     }
 
@@ -125,7 +134,7 @@ mod tests {
     }
 
     fn paths(started: &[f32]) -> Paths<'_> {
-        Paths { started, followed: &[true], loose: &[false], knots: KNOTS }
+        Paths { started, followed: &[true], loose: &[false], of: &[0], knots: KNOTS }
     }
 
     /// Whether poses are the same, by either sign of a turn.
@@ -143,7 +152,7 @@ mod tests {
     fn what_was_right_stays_as_it_is() {
         let started = control(|_| (DVec3::ZERO, DQuat::IDENTITY));
         let mut learned = started.clone();
-        paths(&started).carry_on(&mut learned, [3.2, 5.9]);
+        paths(&started).carry_on(&mut learned, &[[3.2, 5.9]]);
         assert_alike(&learned, &started);
     }
 
@@ -161,7 +170,7 @@ mod tests {
             if known(knot) { (shift, more) } else { (DVec3::ONE, DQuat::from_rotation_z(2.0)) }
         });
         let of = paths(&started);
-        of.carry_on(&mut learned, [3.5, 5.5]);
+        of.carry_on(&mut learned, &[[3.5, 5.5]]);
         let mut last = DQuat::IDENTITY;
         for knot in 0..KNOTS {
             let [(place, turn), (then, _)] = [&learned, &started].map(|control| of.pose(control, knot, 0));
@@ -176,7 +185,7 @@ mod tests {
         }
         // What is no guess is left as it is.
         let before = learned.clone();
-        Paths { followed: &[false], ..of }.carry_on(&mut learned, [3.5, 5.5]);
+        Paths { followed: &[false], ..of }.carry_on(&mut learned, &[[3.5, 5.5]]);
         assert_eq!(learned, before);
         assert!(learned.chunks_exact(8).skip(1).step_by(2).all(|node| node == [0.5; 8]));
     }
@@ -193,7 +202,7 @@ mod tests {
             control[8 * (2 * knot + 1)..][..8].copy_from_slice(&row);
         }
         let of = Paths { loose: &[true], ..paths(&started) };
-        of.carry_on(&mut control, [3.5, 5.5]);
+        of.carry_on(&mut control, &[[3.5, 5.5]]);
         let node = |knot: usize| of.pose(&control, knot, 1);
         for (knot, beyond) in [(8, 1), (9, 2), (11, 4), (3, -1), (0, -4)] {
             let gone: f64 = (1..=i32::abs(beyond)).map(|step| ON.powi(step)).sum();
@@ -204,7 +213,7 @@ mod tests {
         }
         // Nodes of others stay.
         let mut stays = started.clone();
-        Paths { loose: &[false], ..of }.carry_on(&mut stays, [3.5, 5.5]);
+        Paths { loose: &[false], ..of }.carry_on(&mut stays, &[[3.5, 5.5]]);
         assert!(stays.chunks_exact(8).skip(1).step_by(2).all(|node| node == [0.5; 8]));
     }
 
@@ -213,12 +222,12 @@ mod tests {
         let started = control(|_| (DVec3::ZERO, DQuat::IDENTITY));
         let learned = control(|_| (DVec3::X, DQuat::IDENTITY));
         let mut carried = learned.clone();
-        paths(&started).carry_on(&mut carried, [-9.0, 99.0]);
+        paths(&started).carry_on(&mut carried, &[[-9.0, 99.0]]);
         assert_alike(&carried[16..], &learned[16..]);
         // Not even of splines of four control points.
-        let few = Paths { started: &started[..64], followed: &[true], loose: &[false], knots: 4 };
+        let few = Paths { started: &started[..64], followed: &[true], loose: &[false], of: &[0], knots: 4 };
         let mut carried = learned[..64].to_vec();
-        few.carry_on(&mut carried, [0.0, 1.0]);
+        few.carry_on(&mut carried, &[[0.0, 1.0]]);
         assert_alike(&carried[16..], &learned[16..64]);
     }
 

@@ -52,6 +52,9 @@ pub struct BodiesOptions {
     pub free: Vec<String>,
     /// Bodies that bend: they are followed from the instant at which they were seen best, and their nodes may go where they are seen to go.
     pub bend: Vec<String>,
+    /// So many RGB intervals a piece of such a body is there for: each starts with what was seen of it at an instant of its own. 0: it is one
+    /// piece.
+    pub piece: f32,
     /// What `rigid` and `away` are multiplied by for the nodes of these.
     pub loose: f32,
     /// Learning rate of the places of their nodes, extents of the scene: first, last.
@@ -84,7 +87,8 @@ impl Default for BodiesOptions {
             trial: 120,
             free: Vec::new(),
             bend: Vec::new(),
-            loose: 0.02,
+            piece: 3.0,
+            loose: 0.005,
             bend_path: [2e-3, 5e-4],
             bend_turn: [5e-3, 2e-3],
         }

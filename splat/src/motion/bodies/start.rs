@@ -18,10 +18,12 @@ pub struct Start {
     pub names: Vec<String>,
     /// Whether each is followed: how it turns between instants is a guess, since frames did not tell, or it bends.
     pub followed: Vec<bool>,
-    /// When those that bend were seen best, in [0, 1].
-    pub seen_best: Option<f64>,
+    /// The instant that each of those that bend is followed from, in [0, 1].
+    pub bends: Vec<Option<f64>>,
     /// How many nodes they have in all.
     pub nodes: usize,
+    /// The body of each node.
+    pub node_bodies: Vec<usize>,
     /// Control points of each.
     pub knots: usize,
     /// Stretches between knots in a second.
@@ -47,7 +49,6 @@ impl Start {
     /// Of each node whether its body bends.
     #[must_use]
     pub fn loose(&self) -> Vec<bool> {
-        let bends = |codes: &[u32]| codes[0] != NO_NODE && codes[0] & LOOSE != 0;
-        self.neighbours.chunks_exact(NEIGHBOURS).map(bends).collect()
+        self.node_bodies.iter().map(|&body| self.bends[body].is_some()).collect()
     }
 }

@@ -57,10 +57,12 @@ pub struct Bodies {
     spans: Vec<[f64; 2]>,
     /// Whether each is followed.
     followed: Vec<bool>,
-    /// When those that bend were seen best, in [0, 1].
-    seen_best: Option<f64>,
+    /// The instant that each of those that bend is followed from, in [0, 1].
+    bends: Vec<Option<f64>>,
     /// Of each node whether its body bends.
     loose: Vec<bool>,
+    /// The body of each node.
+    node_bodies: Vec<usize>,
     /// Their gates at the start.
     gates: Vec<[f32; 4]>,
     /// The control points at the start.
@@ -141,7 +143,8 @@ impl Bodies {
             names: start.names.clone(),
             spans: start.other.chunks_exact(4).take(start.bodies).map(|gate| [gate[0], gate[1]].map(in_view)).collect(),
             followed: start.followed.clone(),
-            seen_best: start.seen_best,
+            bends: start.bends.clone(),
+            node_bodies: start.node_bodies.clone(),
             loose: start.loose(),
             gates: start.other.as_chunks().0.iter().take(start.bodies).copied().collect(),
             started: start.control.clone(),
@@ -210,42 +213,49 @@ impl Bodies {
         &self.spans
     }
 
-    /// Whether any of them is followed.
+    /// Whether each is followed.
     #[must_use]
-    pub fn some_are_followed(&self) -> bool {
-        self.followed.contains(&true)
+    pub fn followed(&self) -> &[bool] {
+        &self.followed
     }
 
-    /// When those that bend were seen best, in [0, 1]; none where none bends.
+    /// The instant that each of those that bend is followed from, in [0, 1].
     #[must_use]
-    pub fn seen_best(&self) -> Option<f64> {
-        self.seen_best
+    pub fn bends(&self) -> &[Option<f64>] {
+        &self.bends
     }
 
-    /// Shows the bodies that are followed in a part of the recording (in [0, 1]) alone, or again whenever they are in view.
+    /// Shows the bodies that are followed each in its part of the recording (in [0, 1]) alone, or again whenever they are in view.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn show_followed(&mut self, gpu: &Gpu, part: Option<[f64; 2]>) -> Result<(), GpuError> {
+    pub fn show_followed(&mut self, gpu: &Gpu, parts: Option<&[[f64; 2]]>) -> Result<(), GpuError> {
         let mut other: Vec<f32> = gpu.download(&self.other.values, self.other.floats)?;
-        let part = part.map(|part| part.map(|at| (at * self.seconds) as f32));
-        let gates = std::iter::zip(other.as_chunks_mut().0, std::iter::zip(&self.gates, &self.followed));
-        for (gate, (started, _)) in gates.filter(|(_, (_, followed))| **followed) {
+        let gates = std::iter::zip(other.as_chunks_mut().0, &self.gates);
+        for (body, (gate, started)) in gates.enumerate().filter(|(body, _)| self.followed[*body]) {
+            let part = parts.map(|parts| parts[body].map(|at| (at * self.seconds) as f32));
             *gate = part.map_or(*started, |part| gate_within(*started, part));
         }
         gpu.upload(&self.other.values, 0, &other);
         Ok(())
     }
 
-    /// Lays the paths of bodies that are followed anew beyond a part of the recording (in [0, 1]), from what was learned in it.
+    /// Lays the paths of bodies that are followed anew, each beyond its part of the recording (in [0, 1]), from what was learned in it.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn carry_on(&mut self, gpu: &Gpu, part: [f64; 2]) -> Result<(), GpuError> {
+    pub fn carry_on(&mut self, gpu: &Gpu, parts: &[[f64; 2]]) -> Result<(), GpuError> {
         let knots = self.counts[2] as usize;
-        let paths = Paths { started: &self.started, followed: &self.followed, loose: &self.loose, knots };
+        let paths = Paths {
+            started: &self.started,
+            followed: &self.followed,
+            loose: &self.loose,
+            of: &self.node_bodies,
+            knots,
+        };
         let mut control = gpu.download(&self.control.values, self.control.floats)?;
-        paths.carry_on(&mut control, part.map(|at| at * self.stretches));
+        let known: Vec<_> = parts.iter().map(|part| part.map(|at| at * self.stretches)).collect();
+        paths.carry_on(&mut control, &known);
         gpu.upload(&self.control.values, 0, &control);
         Ok(())
     }
