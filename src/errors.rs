@@ -2,7 +2,7 @@
 
 use std::{borrow::Cow, path::Path, process::ExitCode};
 
-use erfgs_base::names::printable;
+use erfgs_base::{atomic::numbered, names::printable};
 use erfgs_session::container::recording_file;
 
 /// The command line asks for something that cannot be asked for (exit code 2).
@@ -29,6 +29,16 @@ pub fn not_over(path: &Path, force: bool) -> Result<(), Usage> {
         return Ok(());
     }
     Err(Usage(format!("'{}' exists already; --force overwrites it, or give another --out", path.display())))
+}
+
+/// Refuses to write numbered pictures into a folder that has some, unless that is wanted.
+pub fn not_over_pictures(folder: &Path, digits: usize, extension: &str, force: bool) -> Result<(), Usage> {
+    let is_picture = numbered(digits, extension);
+    let there = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    match there.filter(|name| name.to_str().is_some_and(&is_picture)).min() {
+        Some(first) => not_over(&folder.join(first), force),
+        None => Ok(()),
+    }
 }
 
 /// The user stopped the command, and what was done so far is kept (exit code 130).

@@ -16,7 +16,7 @@ use erfgs_base::names::FileNames;
 use erfgs_dataset::{Dataset, export::Layout};
 use erfgs_session::{
     container::{self, Recording, Summary},
-    export::{EventsFormat, FramesFormat},
+    export::{EventsFormat, FramesFormat, PICTURE_DIGITS},
     source::Encoding,
 };
 
@@ -26,7 +26,7 @@ use self::{
 };
 use crate::{
     device::{Adapter, TrainedRun},
-    errors::{Usage, not_over},
+    errors::{Usage, not_over, not_over_pictures},
     event_file::EventFileOptions,
     takes,
     terminal::Terminal,
@@ -127,7 +127,7 @@ pub struct Arguments {
     video: event_video::VideoOptions,
     #[command(flatten)]
     bridge: bridge::BridgeOptions,
-    /// Overwrite existing files.
+    /// Overwrite existing files. Numbered pictures and point clouds of an earlier export go when the new ones are whole.
     #[arg(long, help_heading = "Of a run, a session or an event file")]
     force: bool,
     /// The folder to write to, or the file, with --stream or if the input is an event file. Default: beside the input.
@@ -246,7 +246,7 @@ impl Format {
     /// Files that an export to `out` may write, by which an earlier one is known.
     fn writes(self, out: &Path) -> Vec<PathBuf> {
         match self {
-            Self::Png | Self::Exr => vec![out.join("frames.csv"), out.join(format!("000000.{}", self.extension()))],
+            Self::Png | Self::Exr => vec![out.join("frames.csv")],
             // A camera's times, and those of an event sensor.
             Self::Mp4 => vec![out.to_owned(), out.with_extension("csv"), out.with_extension("frames.csv")],
             _ => vec![out.to_owned()],
@@ -374,6 +374,11 @@ fn recording(path: &Path, format: Format, arguments: &Arguments, terminal: &Term
     }
     for file in tasks.iter().flat_map(|task| format.writes(&task.out)) {
         not_over(&file, arguments.force)?;
+    }
+    if format.is_folder() {
+        for task in &tasks {
+            not_over_pictures(&task.out, PICTURE_DIGITS, format.extension(), arguments.force)?;
+        }
     }
     recording.restrict(range);
     let mut lost = Vec::new();

@@ -5,6 +5,7 @@ mod path;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use erfgs_base::atomic::{Together, numbered};
 use erfgs_dataset::Manifest;
 use erfgs_run::RunFolder;
 use erfgs_scene::{
@@ -18,7 +19,7 @@ use serde::Serialize;
 use self::path::Choice;
 use crate::{
     device::TrainedRun,
-    errors::{Usage, not_over},
+    errors::{Usage, not_over, not_over_pictures},
     takes::{self, OpenTake},
     terminal::{Terminal, table},
 };
@@ -72,7 +73,7 @@ pub struct Arguments {
     /// A folder for pictures, or an .mp4 file.
     #[arg(long, value_name = "FOLDER|FILE.mp4")]
     out: PathBuf,
-    /// Overwrite existing files.
+    /// Overwrite existing files. Pictures of an earlier film in the folder go when the new ones are whole.
     #[arg(long)]
     force: bool,
 }
@@ -83,6 +84,20 @@ enum Format {
     Png,
     Exr,
     Mp4,
+}
+
+/// Digits of the number that is the name of a picture.
+const DIGITS: usize = 5;
+
+impl Format {
+    /// The extension of pictures.
+    fn pictures(self) -> Option<&'static str> {
+        match self {
+            Self::Png => Some("png"),
+            Self::Exr => Some("exr"),
+            Self::Mp4 => None,
+        }
+    }
 }
 
 /// Seconds from the start of the recording.
@@ -132,12 +147,10 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     if is_video != (format == Format::Mp4) {
         return Err(Usage("MP4 goes to a file that ends in .mp4, PNG and EXR go to a folder".into()).into());
     }
-    let first = match format {
-        Format::Png => arguments.out.join("00000.png"),
-        Format::Exr => arguments.out.join("00000.exr"),
-        Format::Mp4 => arguments.out.clone(),
-    };
-    not_over(&first, arguments.force)?;
+    match format.pictures() {
+        Some(extension) => not_over_pictures(&arguments.out, DIGITS, extension, arguments.force)?,
+        None => not_over(&arguments.out, arguments.force)?,
+    }
     let gpu = arguments.run.device()?;
     let mut subject = Subject::open(arguments, &gpu, terminal)?;
     let span = subject.seconds();
@@ -248,34 +261,30 @@ impl<'a> Subject<'a> {
 
 /// Where the pictures go.
 enum Writer<'a> {
-    Png(&'a Path),
-    Exr(&'a Path),
+    Pictures { format: Format, out: &'a Path, folder: Together },
     Mp4(VideoWriter),
 }
 
 impl<'a> Writer<'a> {
     fn create(out: &'a Path, format: Format, width: u32, height: u32, fps: f64) -> anyhow::Result<Self> {
-        if format != Format::Mp4 {
-            std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        if format == Format::Mp4 {
+            return Ok(Self::Mp4(VideoWriter::create(out, width, height, fps)?));
         }
-        Ok(match format {
-            Format::Png => Self::Png(out),
-            Format::Exr => Self::Exr(out),
-            Format::Mp4 => Self::Mp4(VideoWriter::create(out, width, height, fps)?),
-        })
+        let folder = Together::begin(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        Ok(Self::Pictures { format, out, folder })
     }
 
     fn push(&mut self, index: usize, view: &View, rendered: &Rendered) -> anyhow::Result<()> {
         let (width, height) = (view.width, view.height);
         match self {
-            Self::Png(folder) => {
-                let image = ImageRgb8 { width, height, data: rendered.to_bytes() };
-                Ok(image.write_png(&folder.join(format!("{index:05}.png")))?)
-            }
-            Self::Exr(folder) => {
+            Self::Pictures { format: Format::Exr, folder, .. } => {
                 let Rendered { rgb, transmittance, depth } = rendered;
                 let layers = Layers { width, height, rgb, transmittance, depth };
-                Ok(write_layers(&folder.join(format!("{index:05}.exr")), &layers)?)
+                Ok(write_layers(&folder.path().join(format!("{index:0DIGITS$}.exr")), &layers)?)
+            }
+            Self::Pictures { folder, .. } => {
+                let image = ImageRgb8 { width, height, data: rendered.to_bytes() };
+                Ok(image.write_png(&folder.path().join(format!("{index:0DIGITS$}.png")))?)
             }
             Self::Mp4(video) => Ok(video.push(&rendered.to_bytes())?),
         }
@@ -283,7 +292,10 @@ impl<'a> Writer<'a> {
 
     fn finish(self) -> anyhow::Result<()> {
         match self {
-            Self::Png(_) | Self::Exr(_) => Ok(()),
+            Self::Pictures { format, out, folder } => {
+                let is_picture = numbered(DIGITS, format.pictures().unwrap_or_default());
+                folder.finish(is_picture).with_context(|| format!("cannot write {}", out.display()))
+            }
             Self::Mp4(video) => Ok(video.finish()?),
         }
     }

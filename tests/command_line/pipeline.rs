@@ -50,6 +50,12 @@ fn rendering_and_export(folder: &Folder) {
     assert_eq!((still["frames"].as_u64(), files("still")), (Some(1), 1), "{still}");
     folder.succeed("render erf-gs --path orbit --frames 3 --format exr --out orbit");
     assert_eq!(files("orbit"), 3);
+    // Another film is never mixed with this one.
+    let told = folder.fail(2, "render erf-gs --path orbit --frames 2 --format exr --out orbit");
+    assert!(told.contains("00000.exr") && told.contains("--force"), "{told}");
+    fs::write(folder.path("orbit/notes.txt"), "kept").expect("written");
+    folder.succeed("render erf-gs --path orbit --frames 2 --format exr --out orbit --force");
+    assert_eq!(files("orbit"), 3, "two pictures, and the notes");
     let video = folder.figures("render erf-gs --path orbit --times 0.05..0.2 --frames 4 --scale 0.5 --out turn.mp4");
     assert_eq!((video["width"].as_u64(), video["format"].as_str()), (Some(24), Some("mp4")), "{video}");
     assert!(fs::metadata(folder.path("turn.mp4")).expect("a video").len() > 500);
@@ -66,6 +72,9 @@ fn rendering_and_export(folder: &Folder) {
     assert_eq!(exported.as_array().map(Vec::len), Some(4), "{exported}");
     let ply = fs::read(folder.path("splats/point_cloud_t/00002.ply")).expect("a point cloud");
     assert!(ply.starts_with(b"ply\nformat binary_little_endian 1.0\nelement vertex "));
+    folder.fail(2, "export erf-gs --instants 2 --out splats");
+    folder.succeed("export erf-gs --instants 2 --out splats --force");
+    assert_eq!(files("splats/point_cloud_t"), 2, "none is of the export before");
 }
 
 #[test]

@@ -7,8 +7,11 @@ use std::{
 
 pub(crate) mod begun;
 mod left;
+mod together;
 
 use begun::{BegunFile, BegunFolder, PREFIX, Visibility};
+
+pub use together::{Together, numbered};
 
 /// Writes `bytes` to `path` through a temporary file in the same folder, which is renamed once it is on disk. Makes the
 /// folder where needed.
@@ -109,11 +112,12 @@ impl Place {
         &self.path
     }
 
-    /// Puts the file in its place.
+    /// Puts the file in its place once it is on disk.
     ///
     /// # Errors
     /// If the file is not there or its place cannot be written.
     pub fn finish(self) -> io::Result<()> {
+        std::fs::File::open(&self.path)?.sync_all()?;
         std::fs::rename(&self.path, &self.place)?;
         drop(self.folder);
         Ok(())

@@ -35,8 +35,8 @@ pub struct Hdf5Writer {
 /// # Errors
 /// If the file cannot be written.
 pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5Error> {
-    let failed = |error: hdf5::Error| library(path, error);
     let place = Place::begin(path).map_err(FileError::when("write", path))?;
+    let failed = |error: hdf5::Error| library(path, error);
     let file = hdf5::File::create(place.path()).map_err(failed)?;
     let events = file.create_group("events").map_err(failed)?;
     if let Some(size) = size {
@@ -60,8 +60,12 @@ pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5E
     })
 }
 
+/// What the library says begins with what went wrong, and goes on with where it was being written and how the library got there.
 fn library(path: &Path, error: hdf5::Error) -> Hdf5Error {
-    Hdf5Error::Library { doing: "write".to_owned(), path: path.to_owned(), what: error.to_string() }
+    let said = error.to_string();
+    let why = said.split_once("error message = '").and_then(|(_, rest)| rest.split_once('\''));
+    let what = why.map_or(said.as_str(), |(why, _)| why).to_owned();
+    Hdf5Error::Library { doing: "write".to_owned(), path: path.to_owned(), what }
 }
 
 /// A dataset with one axis that grows.
@@ -146,7 +150,6 @@ impl Hdf5Writer {
         drop((t, x, y, p, milliseconds));
         file.close().map_err(|error| library(&path, error))?;
         let io = FileError::when("write", &path);
-        std::fs::File::open(place.path()).and_then(|file| file.sync_all()).map_err(&io)?;
         place.finish().map_err(io)?;
         Ok(events)
     }

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::atomic;
+use erfgs_base::atomic::{self, Together, numbered};
 #[cfg(feature = "exr")]
 use erfgs_scene::exr;
 use erfgs_scene::{pixel, video::VideoWriter};
@@ -48,9 +48,22 @@ impl FramesFormat {
     /// Whether a stream becomes a folder.
     #[must_use]
     pub fn is_folder(self) -> bool {
-        self != Self::Mp4
+        self.pictures().is_some()
+    }
+
+    /// The extension of the pictures that a stream becomes.
+    fn pictures(self) -> Option<&'static str> {
+        match self {
+            Self::Png => Some("png"),
+            #[cfg(feature = "exr")]
+            Self::Exr => Some("exr"),
+            Self::Mp4 => None,
+        }
     }
 }
+
+/// Digits of the number that is the name of a picture.
+pub const PICTURE_DIGITS: usize = 6;
 
 /// When the frames of a stream were exposed, as far as clocks that were fitted tell.
 #[derive(Clone, Debug)]
@@ -73,7 +86,7 @@ pub struct WrittenFrames {
 }
 
 /// Writes the frames of the stream `id` to `path`, a folder or a file as the format has it, and beside them a table of their
-/// times. A stream without a frame leaves nothing behind. What was lost to damage of the recording is added to `damage`;
+/// times. All of it appears when it is whole, and pictures of an earlier export go then. A stream without a frame leaves nothing behind. What was lost to damage of the recording is added to `damage`;
 /// `progress` is called with the frames so far, of event sensors with the bytes of payload.
 ///
 /// # Errors
@@ -111,10 +124,13 @@ pub fn write_frames(
     writing.finish()
 }
 
+/// The name of the file with the times of the frames of a folder.
+const LIST: &str = "frames.csv";
+
 /// The file with the times of the frames.
 fn list_beside(out: &Path, is_folder: bool, is_of_sensor: bool) -> PathBuf {
     match (is_folder, is_of_sensor) {
-        (true, _) => out.join("frames.csv"),
+        (true, _) => out.join(LIST),
         // The name with `.csv` alone is that of the events.
         (false, true) => out.with_extension("frames.csv"),
         (false, false) => out.with_extension("csv"),
@@ -132,7 +148,10 @@ enum Out {
 /// A stream that is being written.
 pub(super) struct Writing<'a> {
     path: &'a Path,
-    is_folder: bool,
+    /// The extension of pictures, which lie in a folder.
+    pictures: Option<&'static str>,
+    /// The folder while it is being filled, from the first frame on.
+    folder: Option<Together>,
     is_of_sensor: bool,
     out: Out,
     description: Description,
@@ -156,7 +175,8 @@ impl<'a> Writing<'a> {
         let is_of_sensor = recorded.description.encoding.has_sensor_frames();
         Self {
             path,
-            is_folder: format.is_folder(),
+            pictures: format.pictures(),
+            folder: None,
             is_of_sensor,
             out: match format {
                 FramesFormat::Png => Out::Png,
@@ -212,14 +232,12 @@ impl<'a> Writing<'a> {
 
     fn push(&mut self, times: &str, payload: &[u8]) -> Result<(), ExportError> {
         let index = self.written.frames;
-        if index == 0 {
-            let folder = if self.is_folder { self.path } else { self.path.parent().unwrap_or(Path::new(".")) };
-            if !folder.as_os_str().is_empty() {
-                std::fs::create_dir_all(folder)
-                    .map_err(|source| ExportError::Folder { path: folder.to_owned(), source })?;
-            }
+        if self.pictures.is_some() && self.folder.is_none() {
+            let begun = Together::begin(self.path);
+            self.folder = Some(begun.map_err(|source| ExportError::Folder { path: self.path.to_owned(), source })?);
         }
-        if !self.out.push(self.path, index, &self.description, payload, self.written.rate_hz)? {
+        let path = self.folder.as_ref().map_or(self.path, Together::path);
+        if !self.out.push(path, index, &self.description, payload, self.written.rate_hz)? {
             self.written.damaged += 1;
             return Ok(());
         }
@@ -233,8 +251,15 @@ impl<'a> Writing<'a> {
             video.finish()?;
         }
         if self.written.frames > 0 {
-            let list = list_beside(self.path, self.is_folder, self.is_of_sensor);
+            let is_folder = self.folder.is_some();
+            let list =
+                list_beside(self.folder.as_ref().map_or(self.path, Together::path), is_folder, self.is_of_sensor);
             atomic::write(&list, self.times.as_bytes()).map_err(ExportError::writing(&list))?;
+            if let (Some(folder), Some(extension)) = (self.folder, self.pictures) {
+                let is_picture = numbered(PICTURE_DIGITS, extension);
+                let placed = folder.finish(|name| name == LIST || is_picture(name));
+                placed.map_err(ExportError::writing(self.path))?;
+            }
         }
         Ok(self.written)
     }
@@ -250,7 +275,7 @@ impl Out {
         payload: &[u8],
         rate_hz: f64,
     ) -> Result<bool, ExportError> {
-        let file = |extension: &str| path.join(format!("{index:06}.{extension}"));
+        let file = |extension: &str| path.join(format!("{index:0PICTURE_DIGITS$}.{extension}"));
         let Some(format) = description.frame_format() else { return Ok(false) };
         let is_deep = pixel::is_deep(format.pixels);
         match self {

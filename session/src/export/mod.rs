@@ -23,7 +23,7 @@ use erfgs_scene::{image::ImageError, video::VideoError};
 pub use depth::of as sample_bits;
 pub use event_video::{EventVideo, WrittenVideo, write_event_video};
 pub use events::{EventsFormat, WrittenEvents, write_events};
-pub use frames::{Exposures, FramesChoice, FramesFormat, write_frames};
+pub use frames::{Exposures, FramesChoice, FramesFormat, PICTURE_DIGITS, WrittenFrames, write_frames};
 pub use sensor_frames::samples as sensor_samples;
 
 use crate::container::ContainerError;

@@ -5,6 +5,8 @@ mod compressed;
 mod event_file;
 mod excerpt;
 mod faults;
+#[cfg(feature = "export")]
+mod frames;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod parts;

@@ -16,6 +16,9 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
+    /// Digits of the number that is the name of a point cloud at a time.
+    pub const POINT_CLOUD_DIGITS: usize = 5;
+
     /// The run folder at `root`, which need not exist yet.
     #[must_use]
     pub fn new(root: impl Into<PathBuf>) -> Self {
@@ -92,10 +95,16 @@ impl RunFolder {
         self.root.join("point_cloud.ply")
     }
 
-    /// `point_cloud_t/<index>.ply`: the Gaussians deformed to one time.
+    /// `point_cloud_t`: the folder of the Gaussians deformed to times.
     #[must_use]
-    pub fn point_cloud_at_file(&self, index: u32) -> PathBuf {
-        self.root.join("point_cloud_t").join(format!("{index:05}.ply"))
+    pub fn point_clouds_at_folder(&self) -> PathBuf {
+        self.root.join("point_cloud_t")
+    }
+
+    /// `<index>.ply` in that folder: the Gaussians deformed to one time.
+    #[must_use]
+    pub fn point_cloud_at_name(index: u32) -> String {
+        format!("{index:0digits$}.ply", digits = Self::POINT_CLOUD_DIGITS)
     }
 
     /// The rendered picture of a held-out frame.
