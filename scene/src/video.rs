@@ -6,6 +6,7 @@
 //! frames arrive as PPM images, which cost less to parse than to decode.
 
 mod times;
+mod whole;
 mod write;
 
 use std::{
@@ -79,6 +80,14 @@ pub enum VideoError {
         status: String,
         /// What ffmpeg said.
         message: String,
+    },
+    /// ffmpeg said that it wrote the video, and did not.
+    #[error("ffmpeg did not write all of {}: {lacking}; free some space, or choose another disk", path.display())]
+    Cut {
+        /// The video.
+        path: PathBuf,
+        /// What of it.
+        lacking: &'static str,
     },
     /// The system lost hold of ffmpeg.
     #[error("cannot {what}: {source}")]

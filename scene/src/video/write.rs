@@ -1,6 +1,7 @@
 //! MP4 files by way of ffmpeg: an existing, well-kept encoder, found on every system that handles video.
 
 use std::{
+    ffi::OsStr,
     fs::File,
     io::Write,
     path::{Path, PathBuf},
@@ -9,7 +10,7 @@ use std::{
 
 use erfgs_base::{FileError, atomic::Place, children::Piped};
 
-use super::{PATIENCE, VideoError, messages_of};
+use super::{PATIENCE, VideoError, messages_of, whole};
 
 /// A video that is being written. It appears under its name when it is finished, and not before.
 #[derive(Debug)]
@@ -30,11 +31,15 @@ impl VideoWriter {
     /// # Errors
     /// If ffmpeg cannot be started, or the folder cannot be written.
     pub fn create(path: &Path, width: u32, height: u32, fps: f64) -> Result<Self, VideoError> {
+        Self::create_with(OsStr::new("ffmpeg"), path, [width, height], fps)
+    }
+
+    fn create_with(ffmpeg: &OsStr, path: &Path, [width, height]: [u32; 2], fps: f64) -> Result<Self, VideoError> {
         let size = format!("{width}x{height}");
         let place = Place::begin(path).map_err(FileError::when("write", path))?;
         let failed = |source| VideoError::NoEncoder { source };
         let messages = tempfile::tempfile().map_err(failed)?;
-        let mut command = Command::new("ffmpeg");
+        let mut command = Command::new(ffmpeg);
         command
             .args(["-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
             .args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "pipe:0"])
@@ -76,8 +81,14 @@ impl VideoWriter {
     /// If ffmpeg cannot write.
     pub fn finish(mut self) -> Result<(), VideoError> {
         self.end()?;
+        let io = FileError::when("write", &self.path);
+        if let Some(place) = &self.place
+            && let Some(lacking) = whole::lacking(place.path()).map_err(&io)?
+        {
+            return Err(VideoError::Cut { path: self.path.clone(), lacking });
+        }
         let placed = self.place.take().map_or(Ok(()), Place::finish);
-        Ok(placed.map_err(FileError::when("write", &self.path))?)
+        Ok(placed.map_err(io)?)
     }
 
     fn end(&mut self) -> Result<(), VideoError> {
@@ -136,6 +147,24 @@ mod tests {
         let error = (0..1000).find_map(|_| video.push(&frame).err());
         assert!(error.or_else(|| video.finish().err()).is_some_and(|error| error.to_string().contains("x.mp4")));
         assert_eq!(std::fs::read(&path).expect("kept"), b"an earlier one");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 1);
+    }
+    /// As ffmpeg 5.1 does on a full disk.
+    #[cfg(unix)]
+    #[test]
+    fn a_cut_video_of_an_encoder_that_says_that_all_is_well_does_not_appear() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().expect("a folder");
+        let (program, path) = (folder.path().join("encoder"), folder.path().join("x.mp4"));
+        let script =
+            "#!/bin/sh\ncat > /dev/null\nfor last; do :; done\nprintf '\\0\\0\\1\\0ftyp, and no more' > \"$last\"\n";
+        std::fs::write(&program, script).expect("written");
+        std::fs::set_permissions(&program, PermissionsExt::from_mode(0o755)).expect("a program");
+        let mut video = VideoWriter::create_with(program.as_os_str(), &path, [16, 16], 30.0).expect("started");
+        video.push(&[0; 16 * 16 * 3]).expect("taken");
+        let error = video.finish().expect_err("cut").to_string();
+        assert!(error.contains("x.mp4") && error.contains("cut off") && error.contains("free some space"), "{error}");
+        assert!(!path.exists());
         assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), 1);
     }
 }
