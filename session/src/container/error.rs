@@ -40,6 +40,14 @@ pub enum ContainerError {
         /// Why.
         source: io::Error,
     },
+    /// Writing a file failed that appears whole or not at all.
+    #[error("cannot write {path}: {source}; free some space, or choose another disk", path = path.display())]
+    NotWritten {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// Reading failed.
     #[error("cannot read {path} at byte {offset}: {source}; check the disk and its cable", path = path.display())]
     Read {

@@ -15,6 +15,7 @@ mod read;
 mod record;
 mod repair;
 mod summary;
+mod whole;
 mod write;
 
 pub use decoded::{BegunDecoder, DecodedStream};

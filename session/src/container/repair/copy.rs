@@ -15,6 +15,7 @@ use super::{
 use crate::container::{
     ContainerError, Entry, Session,
     read::{Item, Walk},
+    whole::write_whole,
 };
 
 /// Writes what is whole of `path` to the new file `out`, with an index, and reads it back. Does nothing if `path` is whole.
@@ -32,10 +33,9 @@ pub fn recover(path: &Path, out: &Path) -> Result<Recovered, ContainerError> {
         return Ok(Recovered { was_whole: true, ..survey.recovered });
     }
     worth_saving(&survey, path)?;
-    let failed = |source| ContainerError::Write { path: out.to_owned(), offset: 0, source };
     let Survey { recovered, pieces, patches, tail, .. } = survey;
     let copy = |sink: &mut io::BufWriter<&File>| copy(&file, path, (&pieces, &patches), tail, sink, out);
-    erfgs_base::atomic::try_write_with(out, copy, failed)?;
+    write_whole(out, copy)?;
     let as_much = || if recovered.damaged.is_empty() { Ok(()) } else { holds_as_much(out, path) };
     read_back(out, &recovered).and_then(|()| as_much()).inspect_err(|_| drop(std::fs::remove_file(out)))?;
     Ok(recovered)

@@ -80,7 +80,7 @@ impl Before {
         }
         file.seek(SeekFrom::Start(from)).map_err(unread(from))?;
         let copied = erfgs_base::atomic::write_with(&kept, |sink| io::copy(&mut file, sink).map(drop));
-        copied.map_err(|source| ContainerError::Write { path: kept.clone(), offset: 0, source })?;
+        copied.map_err(|source| ContainerError::NotWritten { path: kept.clone(), source })?;
         Ok(Self { path: kept, from, bytes })
     }
 

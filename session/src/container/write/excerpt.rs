@@ -2,11 +2,9 @@
 
 use std::{io::Write, path::Path};
 
-use erfgs_base::atomic;
-
 use super::{SessionWriter, Settings, StreamId};
 use crate::{
-    container::{ContainerError, Entry, Recording, SessionStart, Totals},
+    container::{ContainerError, Entry, Recording, SessionStart, Totals, whole::write_whole},
     source::{Incident, Packet},
 };
 
@@ -30,12 +28,9 @@ pub fn write_excerpt(
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
     recording.restrict(Some(span_ns));
-    let failed = |source| ContainerError::Write { path: out.to_owned(), offset: 0, source };
-    let written = atomic::try_write_with(
-        out,
-        |sink| Excerpt::begin(recording, span_ns, chosen, sink, out)?.fill(recording, span_ns, damage, &mut progress),
-        failed,
-    );
+    let written = write_whole(out, |sink| {
+        Excerpt::begin(recording, span_ns, chosen, sink, out)?.fill(recording, span_ns, damage, &mut progress)
+    });
     recording.restrict(None);
     written
 }

@@ -2,10 +2,8 @@
 
 use std::{io::Write, path::Path};
 
-use erfgs_base::atomic;
-
 use super::{SessionWriter, Settings};
-use crate::container::{ContainerError, Entry, EventFileRecording, SessionStart, Totals};
+use crate::container::{ContainerError, Entry, EventFileRecording, SessionStart, Totals, whole::write_whole};
 
 /// Writes the session `out`, which must not exist, from an event file: `out` appears whole or not at all. `progress` is
 /// called with the nanoseconds of the recording so far.
@@ -20,8 +18,7 @@ pub fn import_events(
     if out.exists() {
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
-    let failed = |source| ContainerError::Write { path: out.to_owned(), offset: 0, source };
-    atomic::try_write_with(out, |sink| write(file, sink, out, &mut progress), failed)
+    write_whole(out, |sink| write(file, sink, out, &mut progress))
 }
 
 fn write(

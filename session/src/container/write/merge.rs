@@ -6,11 +6,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::atomic;
-
 use super::{SessionWriter, Settings, StreamId};
 use crate::{
-    container::{ContainerError, Entry, IncidentEntry, Session, SessionStart, Status, record::plain_id},
+    container::{
+        ContainerError, Entry, IncidentEntry, Session, SessionStart, Status, record::plain_id, whole::write_whole,
+    },
     source::{Incident, Packet, StampClock},
 };
 
@@ -62,8 +62,7 @@ pub fn merge<R: Read + Seek>(
     if out.exists() {
         return Err(ContainerError::Exists { path: out.to_owned() });
     }
-    let failed = |source| ContainerError::Write { path: out.to_owned(), offset: 0, source };
-    atomic::try_write_with(out, |sink| write(parts, sink, out, &mut progress), failed)
+    write_whole(out, |sink| write(parts, sink, out, &mut progress))
 }
 
 fn write<R: Read + Seek>(
