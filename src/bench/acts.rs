@@ -5,7 +5,6 @@ use std::{
     fmt,
     path::{Path, PathBuf},
     str::FromStr,
-    sync::atomic::AtomicBool,
 };
 
 use anyhow::Context;
@@ -21,7 +20,6 @@ use super::{
 use crate::{
     device::Adapter,
     errors::Usage,
-    interrupt::stop_flag,
     parse::Iterations,
     terminal::{Terminal, table},
 };
@@ -91,11 +89,10 @@ impl fmt::Display for Acts {
 /// Films, trains, and tells what it came to.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let adapter = arguments.adapter.open()?.info;
-    let stop = stop_flag("what runs is saved")?;
     let folder = std::path::absolute(&arguments.out).context("cannot find the current folder")?;
     let datasets = folder.join("datasets");
     std::fs::create_dir_all(&datasets).with_context(|| format!("cannot make {}", datasets.display()))?;
-    let work = Work { arguments, terminal, stop, folder: &folder, datasets: &datasets };
+    let work = Work { arguments, terminal, folder: &folder, datasets: &datasets };
     let (takes, methods) = (takes(arguments), work.methods()?);
     for take in &takes {
         for ideal in [false, true] {
@@ -151,7 +148,6 @@ fn takes(arguments: &Arguments) -> Vec<Take> {
 struct Work<'a> {
     arguments: &'a Arguments,
     terminal: &'a Terminal,
-    stop: &'static AtomicBool,
     folder: &'a Path,
     datasets: &'a Path,
 }
@@ -170,13 +166,12 @@ impl Work<'_> {
 
     /// The dataset of a take, with its points, and its bodies where a method needs them.
     fn film(&self, take: &Take, ideal: bool, bodies: bool) -> anyhow::Result<()> {
-        starts::go_on(self.stop)?;
         let bar = self.terminal.progress(&format!("filming {}", take.name(ideal)));
         let told = |step: Progress| bar.update(step.done, step.total, step.what);
         let mut dataset = take.film(self.datasets, self.size(), ideal, &told)?;
         drop(bar);
         // An act without bodies has no row of the methods that start from them.
-        starts::give(&mut dataset, self.arguments.small, bodies, self.stop, self.terminal)
+        starts::give(&mut dataset, self.arguments.small, bodies, self.terminal)
     }
 
     fn size(&self) -> Size {
@@ -203,7 +198,7 @@ impl Work<'_> {
         }
         let (terminal, at_once) = (self.terminal, self.arguments.at_once);
         let plan = plan(method.name, self.folder, datasets, &[1], options);
-        let manifest = train_here(&plan, terminal, at_once, self.stop)?;
+        let manifest = train_here(&plan, terminal, at_once)?;
         Ok(manifest.jobs.iter().map(|job| (dataset_of(job), manifest.run(job))).collect())
     }
 

@@ -3,7 +3,6 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
 };
 
 use anyhow::Context;
@@ -20,7 +19,6 @@ use super::{
 use crate::{
     device::Adapter,
     errors::Usage,
-    interrupt::stop_flag,
     parse::Iterations,
     terminal::{Terminal, table},
 };
@@ -75,12 +73,11 @@ pub struct Arguments {
 /// Makes the datasets, trains, and tells what it came to.
 pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let adapter = arguments.adapter.open()?.info;
-    let stop = stop_flag("what runs is saved")?;
     let folder = std::path::absolute(&arguments.out).context("cannot find the current folder")?;
     let datasets = folder.join("datasets");
     let base = base(arguments, &datasets, terminal)?;
     let causes = chosen(arguments, &base)?;
-    let work = Work { arguments, terminal, stop, folder: &folder, datasets: &datasets };
+    let work = Work { arguments, terminal, folder: &folder, datasets: &datasets };
     let (base, points) = work.with_points(base)?;
     let mut made: BTreeMap<String, Dataset> = BTreeMap::new();
     for step in causes.iter().flat_map(|cause| &cause.steps) {
@@ -168,7 +165,6 @@ fn chosen(arguments: &Arguments, base: &Base) -> anyhow::Result<Vec<Cause>> {
 struct Work<'a> {
     arguments: &'a Arguments,
     terminal: &'a Terminal,
-    stop: &'static AtomicBool,
     folder: &'a Path,
     datasets: &'a Path,
 }
@@ -195,7 +191,7 @@ impl Work<'_> {
     /// Gives a dataset what a training starts from: bodies where events tell of them.
     fn start(&self, dataset: &mut Dataset, has_events: bool) -> anyhow::Result<()> {
         let Arguments { small, no_bodies, .. } = *self.arguments;
-        starts::give(dataset, small, has_events && !no_bodies, self.stop, self.terminal)
+        starts::give(dataset, small, has_events && !no_bodies, self.terminal)
     }
 
     /// Trains datasets as a sweep, and gives the quality of each run by the name of its dataset.
@@ -212,7 +208,7 @@ impl Work<'_> {
         let mut options = vec![("method", method.to_owned()), ("iterations", self.arguments.iterations.to_string())];
         options.extend(self.arguments.adapter.adapter.clone().map(|adapter| ("adapter", adapter)));
         let plan = plan(name, self.folder, datasets, seeds, options);
-        let manifest = train_here(&plan, self.terminal, self.arguments.at_once, self.stop)?;
+        let manifest = train_here(&plan, self.terminal, self.arguments.at_once)?;
         let quality = |job: &Job| Ok((dataset_of(job), Quality::from(&manifest.run(job).read_metrics()?)));
         manifest.jobs.iter().map(quality).collect()
     }

@@ -3,12 +3,12 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::Ordering,
 };
 
 use erfgs_sweep::{Job, JobState, Manifest, Overview, Plan, run_here};
 
-use crate::{errors::Stopped, sweep, terminal::Terminal};
+use crate::{errors::Stopped, interrupt::stop_flag, sweep, terminal::Terminal};
 
 /// Trains each dataset with each seed by these options of `erfgs train`, in a subfolder of `folder`, and evaluates it.
 pub fn plan(name: &str, folder: &Path, datasets: Vec<PathBuf>, seeds: &[u64], options: Vec<(&str, String)>) -> Plan {
@@ -25,8 +25,10 @@ pub fn plan(name: &str, folder: &Path, datasets: Vec<PathBuf>, seeds: &[u64], op
     }
 }
 
-/// Does what is left of a plan, so many trainings at once.
-pub fn train_here(plan: &Plan, terminal: &Terminal, at_once: usize, stop: &AtomicBool) -> anyhow::Result<Manifest> {
+/// Does what is left of a plan, so many trainings at once. From then on the program ends when it is asked to after what runs is saved;
+/// before, while datasets are made, it ends at once, since the same command makes them again.
+pub fn train_here(plan: &Plan, terminal: &Terminal, at_once: usize) -> anyhow::Result<Manifest> {
+    let stop = stop_flag("what runs is saved")?;
     let manifest = Manifest::of_plan(plan, &plan.out, sweep::check)?;
     manifest.save()?;
     let bar = terminal.progress(&format!("training, {}", plan.name));

@@ -236,3 +236,16 @@ fn a_checkpoint_of_other_event_cameras_is_refused() {
     let said = folder.fail(1, "train ds --iterations 2+8 --resume --change --no-evaluation --out run");
     assert!(said.contains("levels of 3455 event pixels, but the dataset has 3456"), "{said}");
 }
+
+/// What makes datasets before it trains has nothing to save until then, and a film of the stage takes minutes.
+#[cfg(unix)]
+#[test]
+fn a_measurement_that_still_films_ends_at_once() {
+    let folder = Folder::new();
+    let words = "bench acts --acts throw --methods 4dgs --out acts";
+    let filming = Killed::when(&folder, words, || folder.path("acts/datasets/throw-1/images").exists());
+    filming.send("-TERM");
+    let (code, said) = filming.end();
+    assert_eq!(code, Some(130), "{said}");
+    assert!(!folder.path("acts/datasets/throw-1/dataset.json").exists(), "it was filmed to its end");
+}
