@@ -10,10 +10,14 @@
 
 #[cfg(feature = "compressions")]
 pub mod blosc;
+#[cfg(feature = "hdf5")]
+mod checks;
 pub mod ecf;
 mod error;
 #[cfg(feature = "hdf5")]
 mod read;
+#[cfg(all(test, feature = "hdf5"))]
+mod variants;
 #[cfg(any(test, not(feature = "hdf5")))]
 mod without;
 #[cfg(feature = "hdf5")]

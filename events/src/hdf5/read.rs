@@ -6,15 +6,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::FileError;
+use erfgs_base::{FileError, plausible::INSTANT};
 use hdf5::{
-    Dataset, H5Type,
+    Dataset, H5Type, Location,
     datatype::ByteOrder,
     filters::Filter,
     types::{IntSize, TypeDescriptor, VarLenAscii, VarLenUnicode},
 };
 
-use super::{Hdf5Error, Hdf5Layout, blosc, ecf};
+use super::{Hdf5Error, Hdf5Layout, blosc, checks, ecf};
 use crate::{Anomalies, CdEvent, Edge, EventBatch, SensorSize, Sink};
 
 /// Events read at once.
@@ -37,27 +37,34 @@ pub fn open(path: &Path) -> Result<Hdf5File, Hdf5Error> {
     // The library does not say why a file cannot be opened.
     File::open(path).map_err(FileError::when("read", path))?;
     let file = hdf5::File::open(path).map_err(|error| library(path, "read", error))?;
+    let refused = |what: String| Hdf5Error::Layout { path: path.to_owned(), what };
     let (layout, size) = if file.link_exists("CD") && file.link_exists("CD/events") {
-        let attribute = |name: &str| text(&file, name);
-        let geometry = attribute("geometry").and_then(|text| {
-            let (width, height) = text.split_once('x')?;
-            Some(SensorSize { width: width.trim().parse().ok()?, height: height.trim().parse().ok()? })
-        });
-        (Hdf5Layout::Metavision, geometry)
-    } else if file.link_exists("events") && file.link_exists("events/t") {
+        let size = text(&file, "geometry").map(|text| checks::geometry(&text)).transpose().map_err(refused)?;
+        (Hdf5Layout::Metavision, size)
+    } else if file.link_exists("events") && file.group("events").is_ok() {
         let events = file.group("events").map_err(|error| library(path, "read /events of", error))?;
-        let side = |name: &str| {
-            let value = events.attr(name).ok()?.read_scalar::<u32>().ok()?;
-            u16::try_from(value).ok().filter(|&side| side > 0)
+        let names = events.member_names().unwrap_or_default();
+        if !names.iter().any(|name| name == "t") {
+            return Err(refused(format!("in /events are: {}", names.join(", "))));
+        }
+        checks::times(&file, &events).map_err(refused)?;
+        let side = |name: &str| -> Result<Option<u16>, Hdf5Error> {
+            let Ok(attribute) = events.attr(name) else { return Ok(None) };
+            let value = attribute.read_scalar::<i64>().ok().and_then(|side| u16::try_from(side).ok());
+            let wrong = || refused(format!("the attribute {name} of /events is no number of pixels"));
+            value.filter(|&side| side > 0).map(Some).ok_or_else(wrong)
         };
-        let size = side("width").zip(side("height")).map(|(width, height)| SensorSize { width, height });
+        let size = match (side("width")?, side("height")?) {
+            (Some(width), Some(height)) => Some(SensorSize { width, height }),
+            (None, None) => None,
+            _ => return Err(refused("of the attributes width and height of /events one is missing".into())),
+        };
         (Hdf5Layout::Dsec, size)
     } else {
         let found = file.member_names().unwrap_or_default().join(", ");
-        return Err(Hdf5Error::Layout { path: path.to_owned(), what: format!("at its root are: {found}") });
+        return Err(refused(format!("at its root are: {found}")));
     };
-    let size = size.map(SensorSize::checked).transpose();
-    let size = size.map_err(|wrong| Hdf5Error::Layout { path: path.to_owned(), what: wrong.to_string() })?;
+    let size = size.map(SensorSize::checked).transpose().map_err(|wrong| refused(wrong.to_string()))?;
     Ok(Hdf5File { path: path.to_owned(), file, layout, size })
 }
 
@@ -66,8 +73,8 @@ fn library(path: &Path, doing: &str, error: hdf5::Error) -> Hdf5Error {
 }
 
 /// An attribute that is a text.
-fn text(file: &hdf5::File, name: &str) -> Option<String> {
-    let attribute = file.attr(name).ok()?;
+pub(super) fn text(of: &Location, name: &str) -> Option<String> {
+    let attribute = of.attr(name).ok()?;
     let unicode = attribute.read_scalar::<VarLenUnicode>().map(|text| text.as_str().to_owned());
     unicode.or_else(|_| attribute.read_scalar::<VarLenAscii>().map(|text| text.as_str().to_owned())).ok()
 }
@@ -111,23 +118,39 @@ impl Hdf5File {
     /// If the file cannot be read, its columns differ in length, or a filter is not supported.
     pub fn decode(&self, size: Option<SensorSize>, sink: &mut impl Sink) -> Result<Anomalies, Hdf5Error> {
         let size = size.or(self.size).unwrap_or(SensorSize { width: u16::MAX, height: u16::MAX });
-        let mut gather = Gather { size, anomalies: Anomalies::default(), last_us: 0, events: Vec::new() };
+        let mut gather =
+            Gather { size, anomalies: Anomalies::default(), last_us: 0, events: Vec::new(), at: 0, wrong: None };
         match self.layout {
             Hdf5Layout::Dsec => self.dsec(&mut gather, sink)?,
             Hdf5Layout::Metavision => self.metavision(&mut gather, sink)?,
         }
-        Ok(gather.anomalies)
+        match gather.wrong {
+            Some((event, what)) => Err(self.refused(format!("its event {event} {what}"))),
+            None => Ok(gather.anomalies),
+        }
     }
 
     fn dataset(&self, name: &str) -> Result<Dataset, Hdf5Error> {
         self.file.dataset(name).map_err(|error| library(&self.path, &format!("read {name} of"), error))
     }
 
+    fn refused(&self, what: String) -> Hdf5Error {
+        Hdf5Error::Layout { path: self.path.clone(), what }
+    }
+
     fn dsec(&self, gather: &mut Gather, sink: &mut impl Sink) -> Result<(), Hdf5Error> {
         let offset = if self.file.link_exists("t_offset") {
             let dataset = self.dataset("t_offset")?;
-            let values = dataset.read_raw::<i64>().map_err(|error| library(&self.path, "read t_offset of", error))?;
-            values.first().copied().unwrap_or(0)
+            let failed = |error| library(&self.path, "read t_offset of", error);
+            let kind = dataset.dtype().and_then(|kind| kind.to_descriptor()).map_err(failed)?;
+            let is_whole = matches!(kind, TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_));
+            if !is_whole || dataset.size() != 1 {
+                return Err(self.refused(format!(
+                    "t_offset holds {} of {kind}, and one integer in microseconds is needed",
+                    dataset.size()
+                )));
+            }
+            dataset.read_raw::<i64>().map_err(failed)?.first().copied().unwrap_or(0)
         } else {
             0
         };
@@ -148,15 +171,23 @@ impl Hdf5File {
             }
             let [t, x, y, p] = &fields[..] else { break };
             for ((&t, &x), (&y, &p)) in t.iter().zip(x).zip(y.iter().zip(p)) {
-                gather.event(t.saturating_add(offset), x, y, p > 0);
+                gather.event(t.saturating_add(offset), x, y, p);
             }
-            gather.flush(sink);
+            if !gather.flush(sink) {
+                break;
+            }
         }
         Ok(())
     }
 
     fn metavision(&self, gather: &mut Gather, sink: &mut impl Sink) -> Result<(), Hdf5Error> {
         let dataset = self.dataset("CD/events")?;
+        let refused = |what| self.refused(what);
+        if dataset.ndim() != 1 {
+            return Err(self.refused(format!("CD/events has the shape {:?}, but one axis is needed", dataset.shape())));
+        }
+        checks::fields("CD/events", &dataset, &["x", "y", "p", "t"]).map_err(refused)?;
+        checks::stored("CD/events", &dataset).map_err(refused)?;
         let filters = dataset.filters();
         if filters.len() == 1 && filters[0].id() == ecf::FILTER {
             let mut chunks = Chunks::new(self, "CD/events", &dataset)?;
@@ -172,9 +203,11 @@ impl Hdf5File {
                     return Err(chunks.error(self, index, format!("it holds {} events of {wanted}", events.len())));
                 }
                 for CdEvent { t_us, x, y, on } in events.into_iter().take(wanted) {
-                    gather.event(i64::try_from(t_us).unwrap_or(i64::MAX), x.into(), y.into(), on);
+                    gather.event(i64::try_from(t_us).unwrap_or(i64::MAX), x.into(), y.into(), on.into());
                 }
-                gather.flush(sink);
+                if !gather.flush(sink) {
+                    return Ok(());
+                }
             }
         } else {
             for from in (0..dataset.size()).step_by(PIECE) {
@@ -183,13 +216,17 @@ impl Hdf5File {
                     .read_slice_1d::<MetavisionEvent, _>(from..to)
                     .map_err(|error| library(&self.path, "read CD/events of", error))?;
                 for MetavisionEvent { x, y, p, t } in events {
-                    gather.event(t, x.into(), y.into(), p > 0);
+                    gather.event(t, x.into(), y.into(), p.into());
                 }
-                gather.flush(sink);
+                if !gather.flush(sink) {
+                    return Ok(());
+                }
             }
         }
         if self.file.link_exists("EXT_TRIGGER") && self.file.link_exists("EXT_TRIGGER/events") {
             let dataset = self.dataset("EXT_TRIGGER/events")?;
+            checks::fields("EXT_TRIGGER/events", &dataset, &["p", "t", "id"]).map_err(refused)?;
+            checks::stored("EXT_TRIGGER/events", &dataset).map_err(refused)?;
             let edges = dataset.read_raw::<MetavisionEdge>();
             for edge in edges.map_err(|error| library(&self.path, "read EXT_TRIGGER/events of", error))? {
                 match (u64::try_from(edge.t), u8::try_from(edge.id)) {
@@ -209,10 +246,27 @@ struct Gather {
     anomalies: Anomalies,
     last_us: u64,
     events: Vec<CdEvent>,
+    /// How many there were.
+    at: u64,
+    /// The first event that cannot be, and why; none after it is taken.
+    wrong: Option<(u64, String)>,
 }
 
 impl Gather {
-    fn event(&mut self, t_us: i64, x: i64, y: i64, on: bool) {
+    /// Polarities are 1 and 0, or 1 and -1.
+    fn event(&mut self, t_us: i64, x: i64, y: i64, p: i64) {
+        self.at += 1;
+        let time = INSTANT.check(t_us as f64 * 1e-6).map_err(String::from);
+        let wrong = match (time, p) {
+            (Err(what), _) => format!("has a time that no clock has, taken for microseconds: {what}"),
+            (Ok(_), -1..=1) => String::new(),
+            (Ok(_), p) => format!("has the polarity {p}: 1 is ON, and 0 or -1 is OFF"),
+        };
+        if !wrong.is_empty() {
+            self.wrong.get_or_insert((self.at - 1, wrong));
+            return;
+        }
+        let on = p > 0;
         let Ok(t_us) = u64::try_from(t_us) else {
             self.anomalies.undated += 1;
             return;
@@ -227,13 +281,18 @@ impl Gather {
         }
     }
 
-    fn flush(&mut self, sink: &mut impl Sink) {
+    /// Hands over what there is; `false` once an event cannot be.
+    fn flush(&mut self, sink: &mut impl Sink) -> bool {
+        if self.wrong.is_some() {
+            return false;
+        }
         let column = |field: fn(&CdEvent) -> u16| self.events.iter().map(field).collect::<Vec<_>>();
         let (x, y) = (column(|event| event.x), column(|event| event.y));
         let t_us: Vec<u64> = self.events.iter().map(|event| event.t_us).collect();
         let on: Vec<bool> = self.events.iter().map(|event| event.on).collect();
         sink.events(EventBatch { t_us: &t_us, x: &x, y: &y, on: &on });
         self.events.clear();
+        true
     }
 }
 
@@ -314,6 +373,7 @@ impl Column {
         if !matches!(kind.0, TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_) | TypeDescriptor::Boolean) {
             return Err(layout(format!("{name} holds {} and no integers", kind.0)));
         }
+        checks::stored(name, &dataset).map_err(layout)?;
         let filters = dataset.filters();
         let unpacked = match &filters[..] {
             [Filter::User(id, _)] if *id == blosc::FILTER => {
