@@ -144,7 +144,7 @@ proptest! {
         let said = match which {
             0 => { kinds[0] = Kind::F64; t.iter_mut().for_each(|t| *t *= 1e-6); "events/t" }
             1 => { kinds[3] = Kind::F64; "events/p" }
-            2 => { t.iter_mut().for_each(|t| *t = 1.7e18 + *t); "no clock has" }
+            2 => { t.iter_mut().for_each(|t| *t += 1.7e18); "no clock has" }
             3 => { p[at] = 2.0; "polarity 2" }
             4 => { p[at] = -3.0; "polarity -3" }
             5 => { names[0] = "ts"; "ts" }
@@ -240,7 +240,13 @@ fn records(group: &Group, events: &[CdEvent], order: [usize; 4], lacking: Option
         .iter()
         .map(|event| Record { x: event.x, y: event.y, p: event.on.into(), t: event.t_us as i64 })
         .collect();
-    let dataset = group.new_dataset_builder().empty_as(&kind).shape(events.len()).chunk(events.len().min(16)).create("events").unwrap();
+    let dataset = group
+        .new_dataset_builder()
+        .empty_as(&kind)
+        .shape(events.len())
+        .chunk(events.len().min(16))
+        .create("events")
+        .unwrap();
     dataset.write(&rows).unwrap();
 }
 
