@@ -10,7 +10,7 @@ use super::{
     bodies::{Recording, seen_best},
     rest::{NEAR, spacing},
 };
-use crate::scene::Point;
+use crate::{scene::Point, trial::silhouettes_agree};
 use erfgs_splat::{gaussians::Neighbours, motion::BodiesOptions};
 
 /// Points are of a body no farther from its middle than so many times its radius.
@@ -78,7 +78,10 @@ struct Seen<'a> {
 impl Seen<'_> {
     /// Pieces of so many RGB intervals (0: one); none where the shape that the body has is the better one.
     fn pieces(&self, intervals: f64) -> Option<Vec<Piece>> {
-        let best = self.shape_at(seen_best(self.body, self.recording), true)?;
+        // Where silhouettes agree on its shape, it is how it turns that is not known: that shape is nothing to go by.
+        let agree = self.body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64);
+        let doubted = !agree.is_some_and(silhouettes_agree);
+        let best = self.shape_at(seen_best(self.body, self.recording), doubted)?;
         let [begin, end] = self.body.span_ns.map(|t_ns| self.recording.t01(t_ns));
         let long = (end - begin) * self.recording.intervals;
         let count = if intervals > 0.0 { (long / intervals).round().min(self.instants() as f64) as u32 } else { 1 };
@@ -293,6 +296,10 @@ mod tests {
         );
         assert!(kept(&wide, &along(75)), "50 of 75 lie on it");
         assert_eq!(made(&wide, 2.0, &along(90))[0].body.points.len(), 90);
+        // Where silhouettes agree on it, it is not what makes it a body that bends.
+        let mut agreed = wide.clone();
+        agreed[0].found_by.insert("carving_agreement".to_owned(), 0.86.into());
+        assert_eq!(made(&agreed, 2.0, &along(75))[0].body.points.len(), 75);
         let rigid = pieces(bodies.clone(), &BodiesOptions::default(), &limb(0.4, 0.4).collect::<Vec<_>>(), RECORDING);
         assert_eq!(rigid, [Piece::whole(bodies[0].clone())]);
     }

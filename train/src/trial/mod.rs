@@ -39,10 +39,18 @@ const DOUBT: f64 = 0.6;
 /// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
 /// (`bodies/carve.rs` of `erfgs-points`).
 const SURE: f64 = 0.86;
+/// The share of silhouettes that agree is known no better than this.
+const ABOUT: f64 = 0.005;
 /// Where no more than this share agrees, or a body in doubt explains too little more to be rigid, but explains what is seen of it better than
-/// what is free in time all the same, it bends. Only what is in view for the whole recording: of what comes and goes, as pieces that fly
+/// what is free in time all the same, it bends. So does one on whose shape silhouettes agree, and which explains less all the same: how it
+/// turns was found wrongly. Only what is in view for the whole recording: of what comes and goes, as pieces that fly
 /// apart, too little is seen to be followed.
 const BENDS: f64 = 0.785;
+
+/// Whether this share of silhouettes is what agrees on the shape of what is rigid.
+pub(crate) fn silhouettes_agree(share: f64) -> bool {
+    share >= SURE - ABOUT
+}
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -216,8 +224,10 @@ fn judged(body: &Body, span_ns: [i64; 2], carried: &Errors, free: &Errors) -> Tr
     let (frames, events) = (both(Errors::frames), both(Errors::events));
     let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true, bends: false };
     let stays = body.span_ns[0] <= span_ns[0] && body.span_ns[1] >= span_ns[1];
+    let agrees = agree.is_some_and(silhouettes_agree);
     let loose = |ratio: f64| agree.is_some_and(|agree| agree < BENDS) || ratio >= below;
-    tried.bends = stays && tried.ratio().is_some_and(|ratio| ratio < 1.0 && loose(ratio));
+    let bends = |ratio: f64| if agrees { ratio >= below } else { ratio < 1.0 && loose(ratio) };
+    tried.bends = stays && tried.ratio().is_some_and(bends);
     tried.carries = tried.bends || tried.ratio().is_none_or(|ratio| ratio < below);
     tried
 }
@@ -275,6 +285,10 @@ mod tests {
         assert_eq!(tried(Some(0.82), 0.099), (true, true), "it explains too little more to be rigid");
         assert_eq!(within([-5, 1], Some(0.82), 0.099), (false, false));
         assert_eq!(tried(None, 0.05), (true, false), "nobody carved it");
+        assert_eq!(tried(None, 0.12), (false, false));
+        assert_eq!(tried(Some(0.86), 0.1005), (true, false), "it is rigid");
+        assert_eq!(tried(Some(0.86), 0.105), (true, true), "it has a shape, and turns in another way than was found");
+        assert_eq!(within([-5, 1], Some(0.86), 0.105), (false, false));
         let nothing = Errors::of(None, None);
         assert!(!judged(&ball(Some(0.7)), SPAN, &nothing, &nothing).bends, "nothing was seen");
     }
