@@ -13,6 +13,11 @@ use erfgs_splat::{
     },
 };
 
+/// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
+/// (`bodies/carve.rs` of `erfgs-points`).
+pub(crate) const SURE: f64 = 0.86;
+/// The share of silhouettes that agree is known no better than this.
+const ABOUT: f64 = 0.005;
 /// Neighbours that a node looks for.
 const NEAREST: usize = 6;
 /// The nodes that a Gaussian hangs on.
@@ -44,6 +49,11 @@ impl Recording {
     #[must_use]
     pub fn t01(&self, t_ns: i64) -> f64 {
         (self.seconds(t_ns) / self.length()).clamp(0.0, 1.0)
+    }
+
+    /// The instant at `t01` of it, nanoseconds.
+    pub(super) fn t_ns(&self, t01: f64) -> i64 {
+        self.span_ns[0] + (1e9 * t01 * self.length()) as i64
     }
 
     /// How long it is, seconds.
@@ -125,6 +135,16 @@ pub(super) fn seen_best(body: &Body, recording: Recording) -> f64 {
     let told = body.found_by.get("best_seen_ns").and_then(serde_json::Value::as_i64);
     let middle = i64::midpoint(body.span_ns[0], body.span_ns[1]);
     recording.t01(told.unwrap_or(middle))
+}
+
+/// The share of silhouettes that agree on the shape of a body, as whoever carved it says.
+pub(crate) fn agreement(body: &Body) -> Option<f64> {
+    body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64)
+}
+
+/// Whether as many silhouettes agree on the shape of a body as on that of what is rigid.
+pub(crate) fn silhouettes_agree(body: &Body) -> bool {
+    agreement(body).is_some_and(|share| share >= SURE - ABOUT)
 }
 
 /// Whether whoever found a body says that it could not be followed by its looks. Poses that come from elsewhere are taken for right.

@@ -8,6 +8,7 @@ mod shutter;
 mod thin;
 
 pub use bodies::{Recording, from_bodies};
+pub(crate) use bodies::{SURE, agreement, silhouettes_agree};
 pub use rest::unexplained;
 pub use seen::{Piece, pieces};
 pub use thin::thin;

@@ -7,10 +7,10 @@ use erfgs_dataset::{Body, BodyPose, SurfacePoint};
 use glam::DVec3;
 
 use super::{
-    bodies::{Recording, seen_best},
+    bodies::{Recording, seen_best, silhouettes_agree},
     rest::{NEAR, spacing},
 };
-use crate::{scene::Point, trial::silhouettes_agree};
+use crate::scene::Point;
 use erfgs_splat::{gaussians::Neighbours, motion::BodiesOptions};
 
 /// Points are of a body no farther from its middle than so many times its radius.
@@ -79,9 +79,7 @@ impl Seen<'_> {
     /// Pieces of so many RGB intervals (0: one); none where the shape that the body has is the better one.
     fn pieces(&self, intervals: f64) -> Option<Vec<Piece>> {
         // Where silhouettes agree on its shape, it is how it turns that is not known: that shape is nothing to go by.
-        let agree = self.body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64);
-        let doubted = !agree.is_some_and(silhouettes_agree);
-        let best = self.shape_at(seen_best(self.body, self.recording), doubted)?;
+        let best = self.shape_at(seen_best(self.body, self.recording), !silhouettes_agree(self.body))?;
         let [begin, end] = self.body.span_ns.map(|t_ns| self.recording.t01(t_ns));
         let long = (end - begin) * self.recording.intervals;
         let count = if intervals > 0.0 { (long / intervals).round().min(self.instants() as f64) as u32 } else { 1 };
@@ -94,7 +92,8 @@ impl Seen<'_> {
             return Some(vec![Piece { body, bends: Some(best.instant), share: 1.0 }]);
         }
         // Each is there until the middle between its instant and the next.
-        let between = |pair: &[Shape]| i64::midpoint(self.t_ns(pair[0].instant), self.t_ns(pair[1].instant));
+        let between =
+            |pair: &[Shape]| i64::midpoint(self.recording.t_ns(pair[0].instant), self.recording.t_ns(pair[1].instant));
         let mut ends: Vec<i64> = shapes.windows(2).map(between).collect();
         ends.push(self.body.span_ns[1]);
         let mut begin = self.body.span_ns[0];
@@ -115,10 +114,6 @@ impl Seen<'_> {
         instants.len()
     }
 
-    fn t_ns(&self, t01: f64) -> i64 {
-        self.recording.span_ns[0] + (1e9 * t01 * self.recording.length()) as i64
-    }
-
     /// What was seen at the instant nearest to `t01`; none if little was, or if it is to be more than what lies on the shape of all instants.
     fn shape_at(&self, t01: f64, is_more: bool) -> Option<Shape> {
         let away = |at: f64| (at - t01).abs();
@@ -127,7 +122,7 @@ impl Seen<'_> {
             return None;
         }
         let here = self.points.iter().filter(|(_, at)| *at == instant).map(|(point, _)| *point);
-        let t_ns = self.t_ns(instant);
+        let t_ns = self.recording.t_ns(instant);
         let most_on_it = if is_more { ENOUGH } else { f64::INFINITY };
         let seen = seen_beside(self.body, self.all, here, t_ns, most_on_it)?;
         Some(Shape { instant, points: surface(&seen, self.body.pose_at(t_ns)?) })

@@ -4,6 +4,7 @@ use wgpu::Buffer;
 
 use super::{
     TrainError, Trainer,
+    follow::Part,
     model::{ImageGradient, plane_weights},
     samples::{self, Sample},
     sums::Sums,
@@ -108,7 +109,7 @@ impl Trainer<'_> {
         let (stage, iteration) = (self.clock.stage, self.clock.iteration);
         self.follow()?;
         let parts = self.parts();
-        self.read_ahead();
+        self.read_ahead(&parts);
         for slot in 0..self.config.batch {
             match samples::draw(&self.scene, &self.config, &parts, stage, iteration, slot) {
                 Sample::Frame(index) => self.learn_frame(index, slot)?,
@@ -154,16 +155,15 @@ impl Trainer<'_> {
     }
 
     /// Has frames read that a later iteration of this stage will ask for.
-    fn read_ahead(&mut self) {
+    fn read_ahead(&mut self, parts: &[Part]) {
         let (pictures, now) = (&self.scene.pictures, self.schedule.done(&self.clock));
-        let parts = self.parts();
         if pictures.all_are_kept() {
             return;
         }
         pictures.forget_before(now);
         for slot in 0..self.config.batch {
             let then = self.clock.iteration + READ_AHEAD;
-            if let Sample::Frame(index) = samples::draw(&self.scene, &self.config, &parts, self.clock.stage, then, slot)
+            if let Sample::Frame(index) = samples::draw(&self.scene, &self.config, parts, self.clock.stage, then, slot)
                 && !self.feed.frames.keep(index)
             {
                 pictures.expect(index, now + u64::from(READ_AHEAD));

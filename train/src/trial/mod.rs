@@ -19,6 +19,7 @@ use crate::{
     config::{Config, MotionModel},
     scene::Scene,
     schedule::{Budget, Stage},
+    start::{SURE, agreement, silhouettes_agree},
     static_set::StaticSet,
     trainer::{TrainError, TrainOptions, Trainer},
 };
@@ -36,21 +37,11 @@ const WORSE: f64 = 1.01;
 /// That is so where silhouettes of all instants agree on its shape. Where fewer of them do, it may bend, or be more than one thing, and
 /// must explain more at once: by so much of what their share lacks of [`SURE`].
 const DOUBT: f64 = 0.6;
-/// The share of silhouettes that agree on the shape of what is rigid and was followed rightly: that with which carving begins
-/// (`bodies/carve.rs` of `erfgs-points`).
-const SURE: f64 = 0.86;
-/// The share of silhouettes that agree is known no better than this.
-const ABOUT: f64 = 0.005;
 /// Where no more than this share agrees, or a body in doubt explains too little more to be rigid, but explains what is seen of it better than
 /// what is free in time all the same, it bends. So does one on whose shape silhouettes agree, and which explains less all the same: how it
 /// turns was found wrongly. Only what is in view for the whole recording: of what comes and goes, as pieces that fly
 /// apart, too little is seen to be followed.
 const BENDS: f64 = 0.785;
-
-/// Whether this share of silhouettes is what agrees on the shape of what is rigid.
-pub(crate) fn silhouettes_agree(share: f64) -> bool {
-    share >= SURE - ABOUT
-}
 
 /// How a body and Gaussians that are free in time explain what a body is seen by.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -219,14 +210,13 @@ fn short(config: &Config) -> Config {
 
 fn judged(body: &Body, span_ns: [i64; 2], carried: &Errors, free: &Errors) -> Tried {
     let both = |of: fn(&Errors) -> Option<f64>| Some([of(carried)?, of(free)?]);
-    let agree = body.found_by.get("carving_agreement").and_then(serde_json::Value::as_f64);
+    let agree = agreement(body);
     let below = WORSE - DOUBT * (SURE - agree.unwrap_or(SURE).clamp(0.0, SURE));
     let (frames, events) = (both(Errors::frames), both(Errors::events));
     let mut tried = Tried { body: body.name.clone(), frames, events, below, carries: true, bends: false };
     let stays = body.span_ns[0] <= span_ns[0] && body.span_ns[1] >= span_ns[1];
-    let agrees = agree.is_some_and(silhouettes_agree);
     let loose = |ratio: f64| agree.is_some_and(|agree| agree < BENDS) || ratio >= below;
-    let bends = |ratio: f64| if agrees { ratio >= below } else { ratio < 1.0 && loose(ratio) };
+    let bends = |ratio: f64| if silhouettes_agree(body) { ratio >= below } else { ratio < 1.0 && loose(ratio) };
     tried.bends = stays && tried.ratio().is_some_and(bends);
     tried.carries = tried.bends || tried.ratio().is_none_or(|ratio| ratio < below);
     tried
