@@ -6,7 +6,7 @@ use crate::{
     field::{FieldError, Outputs, Tape},
     gaussians::{CORE, Gaussians, sh_stride},
     gpu::{Gpu, GpuError},
-    motion::{Motion, MotionRows},
+    motion::{Motion, MotionRows, Shown},
     raster::{Frame, GaussianBuffers, RasterError, Rasteriser, RenderOptions, View},
 };
 
@@ -210,15 +210,21 @@ impl Model {
         }
     }
 
-    /// Evaluates the motion at `t01`; says whether there is any.
+    /// Evaluates the motion at a time in [0, 1]; says whether there is any.
     ///
     /// # Errors
     /// [`ModelError`] where the device fails.
-    pub fn deform(&mut self, gpu: &Gpu, t01: f64, tape: &mut Tape, what: Outputs) -> Result<bool, ModelError> {
+    pub fn deform(
+        &mut self,
+        gpu: &Gpu,
+        time: impl Into<Shown>,
+        tape: &mut Tape,
+        what: Outputs,
+    ) -> Result<bool, ModelError> {
         let Some(motion) = self.motion.as_mut().filter(|_| self.dynamic > 0) else { return Ok(false) };
         let (core, values) = (&self.gaussians.core, &self.rows);
         let rows = MotionRows { core, count: self.dynamic, values, gradients: &self.nothing };
-        motion.forward(gpu, rows, t01 as f32, tape, what)?;
+        motion.forward(gpu, rows, time, tape, what)?;
         Ok(true)
     }
 

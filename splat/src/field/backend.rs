@@ -34,8 +34,10 @@ pub struct Pass {
 pub struct Tape {
     /// The outputs of the pass.
     pub deltas: Deltas,
-    /// The time of the pass, in [0, 1].
+    /// The time of the pass, in [0, 1]; beside bodies that of what is free in time.
     pub(crate) t01: f32,
+    /// That of bodies.
+    pub(crate) body_t01: f32,
     /// Absent where nothing was computed: no rows, or no head.
     pub(super) pass: Option<Pass>,
     pub(super) host: HostTape,
@@ -49,7 +51,7 @@ impl Tape {
     /// [`FieldError::Gpu`].
     pub fn new(gpu: &Gpu) -> Result<Self, FieldError> {
         let deltas = Deltas::new(gpu, "deltas", 0, None)?;
-        Ok(Self { deltas, t01: 0.0, pass: None, host: HostTape::default(), device: None })
+        Ok(Self { deltas, t01: 0.0, body_t01: 0.0, pass: None, host: HostTape::default(), device: None })
     }
 
     /// Begins a pass of a model that computes no SH and leaves nothing but its deltas.

@@ -31,6 +31,28 @@ pub enum Supervision {
     Events,
 }
 
+/// The time that a rendering shows, in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    /// When everything is shown, but for what `free_t01` is about.
+    pub t01: f64,
+    /// When Gaussians that are free in time are shown beside bodies. They learn what an exposure looks like as a whole, as they do
+    /// without bodies: several instants of it would show each only for a part of its short life.
+    pub free_t01: f64,
+}
+
+impl From<f64> for Shown {
+    fn from(t01: f64) -> Self {
+        Self { t01, free_t01: t01 }
+    }
+}
+
+impl From<f32> for Shown {
+    fn from(t01: f32) -> Self {
+        f64::from(t01).into()
+    }
+}
+
 /// The dynamic Gaussians on the device: their parameters, and what the motion model keeps for each, with its gradients; a row
 /// for each Gaussian. The latter two are empty where the model keeps nothing.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +93,7 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Fills `tape.deltas` for the dynamic rows at `t01`.
+    /// Fills `tape.deltas` for the dynamic rows at a time.
     ///
     /// # Errors
     /// [`FieldError::Gpu`].
@@ -79,14 +101,16 @@ impl Motion {
         &mut self,
         gpu: &Gpu,
         rows: MotionRows<'_>,
-        t01: f32,
+        time: impl Into<Shown>,
         tape: &mut Tape,
         what: Outputs,
     ) -> Result<(), FieldError> {
+        let time = time.into();
+        let t01 = time.t01 as f32;
         match self {
             Self::HexPlane(field) => field.forward(gpu, rows.core, rows.count, t01, tape, what),
             Self::FreeTime(model) => model.forward(gpu, rows, t01, tape),
-            Self::Bodies(model) => model.forward(gpu, rows, t01, tape),
+            Self::Bodies(model) => model.forward(gpu, rows, time, tape),
         }
     }
 

@@ -12,7 +12,7 @@ use crate::{
     schedule::Stage,
 };
 use erfgs_splat::{
-    motion::Supervision,
+    motion::{Shown, Supervision},
     raster::{Region, View, Wanted},
 };
 
@@ -68,7 +68,7 @@ impl Trainer<'_> {
             random::uniform(random::key(self.config.seed, &[JITTER, self.clock.iteration.into(), batch_slot.into()]));
         let times = match look {
             // What stands still looks alike throughout an exposure.
-            Look::Still => vec![frame.instant(self.config.blur.instant)],
+            Look::Still => vec![frame.instant(self.config.blur.instant).into()],
             _ => exposure_times(&self.config, self.clock.stage, self.model.drawn.dynamic, frame, drawn),
         };
         let view = self.scene.views[frame.view].view;
@@ -168,18 +168,45 @@ fn several(config: &Config) -> bool {
 
 /// The times that a frame is rendered at: over its exposure where the blur model is on, else one instant. `drawn`, in [0, 1), says where
 /// in its share each is that is drawn at random.
-fn exposure_times(config: &Config, stage: Stage, dynamic: u32, frame: &TrainFrame, drawn: f64) -> Vec<f64> {
+fn exposure_times(config: &Config, stage: Stage, dynamic: u32, frame: &TrainFrame, drawn: f64) -> Vec<Shown> {
     let [start, end] = frame.exposure;
     let moves = stage == Stage::Fine && end > start && dynamic > 0;
     if moves && several(config) {
         // What goes far in an exposure would be learned as so many sharp things, were they always at the same places.
         let samples = config.bodies.exposure;
         let share = |k: u32| (f64::from(k) + drawn) / f64::from(samples);
-        return (0..samples).map(|k| start + (end - start) * share(k)).collect();
+        let free_t01 = frame.instant(config.blur.instant);
+        let shown = |k: u32| Shown { t01: start + (end - start) * share(k), free_t01 };
+        return (0..samples).map(shown).collect();
     }
     let samples = config.blur.samples;
     if moves && config.blur.model != Switch::Off && samples > 1 {
-        return (0..samples).map(|k| start + (end - start) * f64::from(k) / f64::from(samples - 1)).collect();
+        let at = |k: u32| start + (end - start) * f64::from(k) / f64::from(samples - 1);
+        return (0..samples).map(|k| at(k).into()).collect();
     }
-    vec![frame.instant(config.blur.instant)]
+    vec![frame.instant(config.blur.instant).into()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Method, Preset};
+
+    #[test]
+    fn bodies_are_shown_throughout_an_exposure_and_what_is_free_at_one_instant_of_it() {
+        let frame = TrainFrame { view: 0, index: 0, t01: 0.2, exposure: [0.2, 0.3] };
+        let mut config = Config { motion: MotionModel::Bodies, ..Config::preset(Method::ErfGs, Preset::Default) };
+        let times = |config: &Config, stage: Stage, dynamic: u32| exposure_times(config, stage, dynamic, &frame, 0.5);
+        let fine = times(&config, Stage::Fine, 9);
+        assert_eq!(fine.len(), config.bodies.exposure as usize);
+        assert!(fine.windows(2).all(|pair| pair[0].t01 < pair[1].t01));
+        assert!(fine.iter().all(|shown| shown.t01 > 0.2 && shown.t01 < 0.3));
+        let instant = frame.instant(config.blur.instant);
+        assert!(fine.iter().all(|shown| shown.free_t01 == instant));
+        for once in [times(&config, Stage::Coarse, 9), times(&config, Stage::Fine, 0)] {
+            assert_eq!(once, [instant.into()]);
+        }
+        config.motion = MotionModel::FreeTime;
+        assert_eq!(times(&config, Stage::Fine, 9), [instant.into()]);
+    }
 }

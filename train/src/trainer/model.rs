@@ -13,7 +13,7 @@ use erfgs_splat::{
     gaussians::{CORE, Gaussians, sh_stride, sigmoid},
     gpu::{Gpu, GpuError},
     model::{Model as Drawn, Rendering},
-    motion::{Bodies, ClockRow, FreeTime, Motion, MotionPlan, MotionRows, Supervision, bodies::Start},
+    motion::{Bodies, ClockRow, FreeTime, Motion, MotionPlan, MotionRows, Shown, Supervision, bodies::Start},
     optimiser::{Adam, AdamBuffers, AdamConfig, decayed},
     raster::{Deltas, Gradients, RenderOptions, View, Wanted},
 };
@@ -233,17 +233,17 @@ impl Model {
         (&self.drawn.rows, self.drawn.dynamic * self.drawn.row_floats as u32)
     }
 
-    /// Renders `view` at `t01`.
+    /// Renders `view` at a time in [0, 1].
     pub(super) fn forward(
         &mut self,
         gpu: &Gpu,
         view: &View,
-        t01: f64,
+        time: impl Into<Shown>,
         options: &RenderOptions,
         rendering: &mut Rendering,
         times: &mut StageTimes,
     ) -> Result<(), TrainError> {
-        let deformed = self.drawn.deform(gpu, t01, &mut rendering.tape, Outputs::All)?;
+        let deformed = self.drawn.deform(gpu, time, &mut rendering.tape, Outputs::All)?;
         if deformed {
             times.lap(gpu, "motion forward")?;
         }

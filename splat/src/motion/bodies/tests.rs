@@ -5,7 +5,7 @@ use super::*;
 use crate::{
     field::Tape,
     gpu::{AdapterChoice, Gpu, Shape},
-    motion::{ClockRow, FreeTimeOptions, MotionRows, Supervision, free_time::GONE},
+    motion::{ClockRow, FreeTimeOptions, MotionRows, Shown, Supervision, free_time::GONE},
     raster::Deltas,
     reference::bodies::{self as twin, Control, Gate, Node, Pose, Row},
 };
@@ -239,7 +239,7 @@ fn run(
         [CORE, floats].map(|stride| gpu.storage("gradients", (count * stride * 4) as u64).expect("a buffer"));
     let rows = MotionRows { core: &core, count: count as u32, values: &values, gradients: &gradients };
     let mut tape = Tape::new(gpu).expect("a tape");
-    bodies.forward(gpu, rows, t01, &mut tape).expect("deltas");
+    bodies.forward(gpu, rows, f64::from(t01).into(), &mut tape).expect("deltas");
     let d_deltas = Deltas::new(gpu, "gradients of the deltas", count as u32, None).expect("buffers");
     gpu.upload(&d_deltas.core, 0, d);
     bodies.backward(gpu, rows, &tape, &d_deltas, &d_core, supervision).expect("gradients");
@@ -389,6 +389,51 @@ fn extremes_are_followed_too() {
     let mut idle = Case::new(2, 7, 30, 6).rounded();
     idle.rows.iter_mut().for_each(|(_, hangs, _)| hangs.retain(|node| node % 7 < 3));
     follows_the_twin(&idle, &gpus, 0.99);
+}
+
+#[test]
+fn what_is_free_beside_bodies_is_shown_at_a_time_of_its_own() {
+    const FREE: usize = 20;
+    let (case, free) = (Case::new(2, 5, 60, 7), FreeTimeOptions { knots: 2, ..FreeTimeOptions::default() });
+    let d = gradients(60);
+    for gpu in [Shape::Cpu, Shape::Gpu].map(open) {
+        let [core, mut motion] = case.device_rows(&free);
+        let floats = free.floats() + EXTRA_FLOATS;
+        for row in motion.chunks_exact_mut(floats).take(FREE) {
+            // In view about the middle, on its way.
+            let way = [1.0, 2.0, 3.0, 0.5 * INTERVALS as f32, 0.1, 0.2, 0.3, 2.0];
+            row[..way.len()].copy_from_slice(&way);
+            row[free.floats()..].fill(0.0);
+        }
+        let options = BodiesOptions::default();
+        let mut bodies = Bodies::new(&gpu, &case.start(), &options, &free, [SECONDS, INTERVALS], EXTENT).expect("room");
+        bodies.hang(&gpu, &motion).expect("room");
+        let [core, values] = [core, motion].map(|rows| gpu.storage_from("rows", &rows).expect("a buffer"));
+        let mut pass = |time: Shown| -> [Vec<f32>; 3] {
+            let [d_core, gradients] =
+                [CORE, floats].map(|stride| gpu.storage("gradients", (60 * stride * 4) as u64).expect("a buffer"));
+            let rows = MotionRows { core: &core, count: 60, values: &values, gradients: &gradients };
+            let mut tape = Tape::new(&gpu).expect("a tape");
+            bodies.clear_gradients(&gpu);
+            bodies.forward(&gpu, rows, time, &mut tape).expect("deltas");
+            let d_deltas = Deltas::new(&gpu, "gradients of the deltas", 60, None).expect("buffers");
+            gpu.upload(&d_deltas.core, 0, &d);
+            bodies.backward(&gpu, rows, &tape, &d_deltas, &d_core, Supervision::Events).expect("gradients");
+            let read = |buffer, floats: usize| gpu.download::<f32>(buffer, 60 * floats).expect("read back");
+            let [control, _] = bodies.gradients(&gpu).expect("read back");
+            [read(&tape.deltas.core, CORE), read(&d_core, CORE), control]
+        };
+        let (early, late) = (0.4, 0.55);
+        let [both, of_bodies, of_free] =
+            [Shown { t01: early, free_t01: late }, early.into(), late.into()].map(&mut pass);
+        assert_ne!(of_bodies, of_free);
+        for of in 0..2 {
+            assert_eq!(both[of][..FREE * CORE], of_free[of][..FREE * CORE]);
+            assert_eq!(both[of][FREE * CORE..], of_bodies[of][FREE * CORE..]);
+        }
+        assert_ne!(of_bodies[0][..FREE * CORE], of_free[0][..FREE * CORE]);
+        assert_eq!(both[2], of_bodies[2]);
+    }
 }
 
 #[test]

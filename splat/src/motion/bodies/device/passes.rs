@@ -7,7 +7,7 @@ use super::Bodies;
 use crate::{
     field::{FieldError, Tape},
     gpu::Gpu,
-    motion::{ClockRow, MotionRows, Supervision},
+    motion::{ClockRow, MotionRows, Shown, Supervision},
     raster::Deltas,
 };
 
@@ -53,20 +53,21 @@ impl Bodies {
         }
     }
 
-    /// Fills `tape.deltas` for the dynamic rows at `t01`.
+    /// Fills `tape.deltas` for the dynamic rows at a time.
     pub(in crate::motion) fn forward(
         &self,
         gpu: &Gpu,
         rows: MotionRows<'_>,
-        t01: f32,
+        time: Shown,
         tape: &mut Tape,
     ) -> Result<(), FieldError> {
         if self.hung.some_are_free {
-            self.free.forward(gpu, rows, t01, tape)?;
+            self.free.forward(gpu, rows, time.free_t01 as f32, tape)?;
         } else {
-            tape.begin_rows(gpu, rows.count, t01)?;
+            tape.begin_rows(gpu, rows.count, time.free_t01 as f32)?;
         }
-        let moment = gpu.uniform("motion", &self.moment(rows.count, t01, 0.0, 0.0));
+        tape.body_t01 = time.t01 as f32;
+        let moment = gpu.uniform("motion", &self.moment(rows.count, tape.body_t01, 0.0, 0.0));
         let mut commands = gpu.commands();
         commands.dispatch(
             &self.kernels.poses,
@@ -100,7 +101,7 @@ impl Bodies {
             Supervision::Frame(share) => (1.0, share),
             Supervision::Events => (0.0, 0.0),
         };
-        let moment = gpu.uniform("motion", &self.moment(tape.deltas.rows, tape.t01, path, share));
+        let moment = gpu.uniform("motion", &self.moment(tape.deltas.rows, tape.body_t01, path, share));
         let counts = gpu.uniform("chunks", &[self.hung.chunk_count, 0, 0, 0]);
         let (control, other, hung) = (&self.control, &self.other, &self.hung);
         let mut commands = gpu.commands();
@@ -152,7 +153,7 @@ impl Bodies {
         if self.hung.some_are_free {
             self.free.clock(gpu, rows, tape, d_deltas, to);
         }
-        let moment = gpu.uniform("motion", &self.moment(0, tape.t01, 0.0, 0.0));
+        let moment = gpu.uniform("motion", &self.moment(0, tape.body_t01, 0.0, 0.0));
         let interval = (self.stretches / f64::from(self.intervals)) as f32;
         // Where some rows are free, their clock has counted it.
         let renderings = if self.hung.some_are_free { 0.0_f32 } else { 1.0 };
