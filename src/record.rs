@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::Context;
+use erfgs_base::FileError;
 use erfgs_recorder as record;
 use erfgs_recorder::{
     Alarm, Input, MachineFacts, Options, RecordConfig, Recorder, RigConfig, SessionFiles, SessionInfo, folder_of,
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     }
     let listener = arguments.live.map(LivePage::listen).transpose()?;
     let hosts = hosts::connect(&arguments.with, terminal)?;
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder '{}'", folder.display()))?;
+    std::fs::create_dir_all(&folder).map_err(FileError::when("make the folder", &folder))?;
     terminal.note(format!("opening {} devices", rig.devices.len()));
     let inputs = record::open(&rig)?;
     let streams: Vec<Description> = inputs.iter().map(|input| input.source.description().clone()).collect();

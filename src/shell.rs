@@ -6,7 +6,7 @@ use anyhow::Context;
 use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 
 use crate::terminal::Terminal;
 
@@ -43,7 +43,7 @@ pub fn completions(arguments: &CompletionsArguments, mut program: Command, termi
 /// Writes a page for the program and one for each of its commands.
 pub fn man(arguments: &ManArguments, program: Command, terminal: &Terminal) -> anyhow::Result<()> {
     let folder = &arguments.folder;
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    std::fs::create_dir_all(folder).map_err(FileError::when("make the folder", folder))?;
     // Pages of commands are told apart by their whole names: erfgs-dataset-import.
     let mut program = program.disable_help_subcommand(true);
     program.build();
@@ -69,7 +69,7 @@ fn write(command: &Command, folder: &Path, pages: &mut Vec<String>) -> anyhow::R
         .manual("erfgs")
         .render(&mut page)
         .context("cannot write a manual page")?;
-    atomic::write(&path, &page).with_context(|| format!("cannot write {}", path.display()))?;
+    atomic::write(&path, &page).map_err(FileError::when("write", &path))?;
     pages.push(file);
     Ok(())
 }

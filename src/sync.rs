@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use erfgs_base::FileError;
 use erfgs_session::container::{Session, Summary};
 use erfgs_sync::{Row, StreamSync, SyncFileError, SyncNote, SyncOptions, Synchronisation, page, synchronise};
 
@@ -62,8 +63,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let out = arguments.out.clone().unwrap_or_else(|| Synchronisation::file_beside(session.path()));
     let plot = arguments.plot.clone().unwrap_or_else(|| out.with_extension("html"));
     sync.save(&out)?;
-    erfgs_base::atomic::write(&plot, page(&sync).as_bytes())
-        .map_err(|source| anyhow::anyhow!("cannot write {}: {source}", plot.display()))?;
+    erfgs_base::atomic::write(&plot, page(&sync).as_bytes()).map_err(FileError::when("write", &plot))?;
     terminal.result(&sync, || {
         let head = ["stream", "tier", "samples", "outliers", "rate error", "residual p50", "p95", "max"];
         let mut rows = vec![head.map(str::to_owned).to_vec()];

@@ -4,21 +4,24 @@
 //! They go by themselves when their owners are dropped. A program that ends by [`std::process::exit`], as one does that was asked
 //! to stop, calls [`clear`] before.
 
+#[cfg(feature = "children")]
+use std::collections::BTreeSet;
 use std::{
-    collections::BTreeSet,
+    collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
     time::Duration,
 };
 
 static LIST: Mutex<List> = Mutex::new(List {
-    paths: BTreeSet::new(),
+    paths: BTreeMap::new(),
     #[cfg(feature = "children")]
     children: BTreeSet::new(),
 });
 
 pub(crate) struct List {
-    pub paths: BTreeSet<PathBuf>,
+    /// What is not whole yet, and where it will be; nowhere, if it is to be removed in any case.
+    pub paths: BTreeMap<PathBuf, Option<PathBuf>>,
     /// Process groups.
     #[cfg(feature = "children")]
     pub children: BTreeSet<u32>,
@@ -35,8 +38,19 @@ pub fn clear() {
     let list = list();
     #[cfg(feature = "children")]
     list.children.iter().for_each(|&group| crate::children::end_group(group));
-    list.paths.iter().for_each(|path| remove(path));
+    list.paths.keys().for_each(|path| remove(path));
     std::mem::forget(list);
+}
+
+/// By which name the user knows a path: what lies in a folder that is not whole yet is named by the folder's place.
+#[must_use]
+pub fn place_of(path: &Path) -> PathBuf {
+    let list = list();
+    let within = |(begun, place): (&PathBuf, &Option<PathBuf>)| {
+        let (rest, place) = (path.strip_prefix(begun).ok()?, place.as_ref()?);
+        Some(if rest.as_os_str().is_empty() { place.clone() } else { place.join(rest) })
+    };
+    list.paths.iter().find_map(within).unwrap_or_else(|| path.to_owned())
 }
 
 /// Removes a file or a folder. Children that were just ended may still write into it for an instant.
@@ -64,8 +78,13 @@ impl Listed {
         let mut list = list();
         let made = make()?;
         let path = path(&made).to_owned();
-        list.paths.insert(path.clone());
+        list.paths.insert(path.clone(), None);
         Ok((made, Self(path)))
+    }
+
+    /// Says where this will be, for errors.
+    pub fn becomes(&self, place: &Path) {
+        list().paths.insert(self.0.clone(), Some(place.to_owned()));
     }
 
     /// Takes the path off the list while `finish` puts what is there into its place.

@@ -14,7 +14,7 @@
 //! - [`plausible`]: what numbers of files and settings are believed.
 //! - [`regular`]: files, and nothing that only looks like one.
 //! - [`text`]: text files, whatever editor wrote them.
-//! - [`FileError`]: a file that could not be read or written, with what helps.
+//! - [`FileError`]: a file that could not be read or written, with what helps; [`copy_file`].
 //! - [`calendar`](mod@calendar): dates as UTC.
 
 #[cfg(feature = "files")]
@@ -39,7 +39,7 @@ pub mod regular;
 pub mod scratch;
 pub mod text;
 
-pub use file_error::FileError;
+pub use file_error::{FileError, copy_file};
 #[cfg(feature = "parallel")]
 pub use progress::Progress;
 

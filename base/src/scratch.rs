@@ -24,7 +24,7 @@ impl Scratch {
         let named = |error: io::Error| {
             io::Error::new(error.kind(), format!("{}: {error}; set TMPDIR to a folder with room", parent.display()))
         };
-        BegunFolder::new(&parent, PREFIX, Visibility::Privately).map(Self).map_err(named)
+        BegunFolder::new(&parent, PREFIX, Visibility::Privately, None).map(Self).map_err(named)
     }
 
     /// Where it is.

@@ -6,8 +6,8 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun};
-use erfgs_base::{FileError, atomic::NewFolder, plausible::POINT};
+use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun, layout};
+use erfgs_base::{FileError, atomic::NewFolder, copy_file, plausible::POINT};
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
     image::{ImageGrey8, ImageRgb8},
@@ -58,10 +58,15 @@ impl Dataset {
     /// If the file cannot be written.
     pub fn save(&self) -> Result<(), DatasetError> {
         let path = self.root.join(Self::MANIFEST);
-        let mut text = serde_json::to_vec_pretty(&self.manifest)
-            .map_err(|source| DatasetError::Json { path: path.clone(), source })?;
+        Ok(erfgs_base::atomic::write(&path, &self.text()?).map_err(FileError::when("write", &path))?)
+    }
+
+    /// What the manifest's file holds.
+    pub(crate) fn text(&self) -> Result<Vec<u8>, DatasetError> {
+        let json = |source| DatasetError::Json { path: self.root.join(Self::MANIFEST), source };
+        let mut text = serde_json::to_vec_pretty(&self.manifest).map_err(json)?;
         text.push(b'\n');
-        Ok(erfgs_base::atomic::write(&path, &text).map_err(FileError::when("write", &path))?)
+        Ok(text)
     }
 
     /// Where a file that the manifest names lies on disk.
@@ -180,13 +185,7 @@ impl Dataset {
 
     /// Copies a file that the manifest names, making the folder of the copy where needed.
     pub(crate) fn copy_file(&self, file: &Path, to: &Path) -> Result<(), DatasetError> {
-        let from = self.path(file)?;
-        let io = FileError::when("copy", &from);
-        if let Some(folder) = to.parent() {
-            std::fs::create_dir_all(folder).map_err(&io)?;
-        }
-        std::fs::copy(&from, to).map_err(io)?;
-        Ok(())
+        Ok(copy_file(&self.path(file)?, to)?)
     }
 
     /// Writes the initial cloud into the folder and names it in the manifest, which is not saved yet.
@@ -199,7 +198,7 @@ impl Dataset {
         method: &str,
         parameters: BTreeMap<String, serde_json::Value>,
     ) -> Result<PointCloudFile, DatasetError> {
-        let file = PathBuf::from("points.ply");
+        let file = PathBuf::from(layout::POINTS);
         cloud.write(&self.root.join(&file)).map_err(|source| DatasetError::Points { source: Box::new(source) })?;
         let named = PointCloudFile { file, count: cloud.len() as u64, method: method.to_owned(), parameters };
         self.manifest.points = Some(named.clone());

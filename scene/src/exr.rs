@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic, ending::place_of};
 use exr::{
     error::Error,
     math::Vec2,
@@ -15,14 +15,20 @@ use exr::{
 
 use crate::{ImageRgb8, pixel::LightRgb, srgb::decode as to_linear};
 
-/// A file is not written.
+/// Why a file is not written.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write {}", path.display())]
-pub struct ExrError {
-    /// The file.
-    pub path: PathBuf,
-    /// Why.
-    pub source: Error,
+pub enum ExrError {
+    /// The file system refuses.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The picture makes no such file.
+    #[error("cannot write {}: {source}", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: Error,
+    },
 }
 
 /// A rendered view: rows of `width` pixels.
@@ -105,7 +111,10 @@ fn require(path: &Path, fits: bool) -> Result<(), ExrError> {
 }
 
 fn written(path: &Path, result: Result<(), Error>) -> Result<(), ExrError> {
-    result.map_err(|source| ExrError { path: path.to_owned(), source })
+    result.map_err(|source| match source {
+        Error::Io(source) => FileError::when("write", path)(source).into(),
+        source => ExrError::Picture { path: place_of(path), source },
+    })
 }
 
 #[cfg(test)]
@@ -148,7 +157,7 @@ mod tests {
             write_rgb8(path, &ImageRgb8 { width: 1, height: 2, data: vec![0; 5] }).unwrap_err(),
             write_light(path, &LightRgb { width: 1, height: 2, data: Vec::new() }).unwrap_err(),
         ] {
-            assert!(error.to_string().contains("view.exr") && error.source.to_string().contains("size"), "{error:?}");
+            assert!(error.to_string().contains("view.exr") && error.to_string().contains("size"), "{error:?}");
         }
     }
 }

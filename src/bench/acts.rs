@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::Context;
 use erfgs_acts::{Act, Board, METHODS, Method, Quality, Row, Size, Take, choose, report};
-use erfgs_base::Progress;
+use erfgs_base::{FileError, Progress};
 use erfgs_dataset::Dataset;
 use erfgs_run::RunFolder;
 
@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let adapter = arguments.adapter.open()?.info;
     let folder = std::path::absolute(&arguments.out).context("cannot find the current folder")?;
     let datasets = folder.join("datasets");
-    std::fs::create_dir_all(&datasets).with_context(|| format!("cannot make {}", datasets.display()))?;
+    std::fs::create_dir_all(&datasets).map_err(FileError::when("make the folder", &datasets))?;
     let work = Work { arguments, terminal, folder: &folder, datasets: &datasets };
     let (takes, methods) = (takes(arguments), work.methods()?);
     for take in &takes {
@@ -126,8 +126,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         ("acts.html", report::page(&board, &made)),
     ] {
         let path = folder.join(name);
-        erfgs_base::atomic::write(&path, text.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        erfgs_base::atomic::write(&path, text.as_bytes()).map_err(FileError::when("write", &path))?;
     }
     terminal.result(&board, || describe(&board, &folder))
 }

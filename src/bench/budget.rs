@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::Context;
-use erfgs_base::Progress;
+use erfgs_base::{FileError, Progress};
 use erfgs_budget::{Base, Budget, Cause, Costs, Quality, Size, Step, causes, moved_px, report};
 use erfgs_dataset::{Dataset, Split};
 use erfgs_scene::PointCloud;
@@ -121,8 +121,7 @@ fn write(folder: &Path, budget: &Budget, made: &report::Made) -> anyhow::Result<
         ("budget.html", report::page(budget, made)),
     ] {
         let path = folder.join(name);
-        erfgs_base::atomic::write(&path, text.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        erfgs_base::atomic::write(&path, text.as_bytes()).map_err(FileError::when("write", &path))?;
     }
     Ok(())
 }
@@ -139,7 +138,7 @@ fn base(arguments: &Arguments, datasets: &Path, terminal: &Terminal) -> anyhow::
         return Ok(Base::of_dataset(dataset));
     }
     let size = if arguments.small { Size::Small } else { Size::Full };
-    std::fs::create_dir_all(datasets).with_context(|| format!("cannot make {}", datasets.display()))?;
+    std::fs::create_dir_all(datasets).map_err(FileError::when("make the folder", datasets))?;
     let bar = terminal.progress("filming the stage");
     Ok(Base::of_stage(size, datasets, &|step: Progress| bar.update(step.done, step.total, step.what))?)
 }

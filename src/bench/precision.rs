@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use erfgs_base::FileError;
 use erfgs_precision::{Bench, Component, Kept, Outcome, Size, components, report};
 use serde::Serialize;
 
@@ -67,7 +67,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
     let bench = Bench::new(gpu)?;
     let enough = if arguments.small { 0.0 } else { ENOUGH };
     if let Some(folder) = &arguments.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        std::fs::create_dir_all(folder).map_err(FileError::when("make the folder", folder))?;
     }
     let mut kept = match &arguments.out {
         Some(folder) if !arguments.small => {
@@ -121,8 +121,7 @@ fn write(folder: &Path, arguments: &Arguments, figures: &Figures) -> anyhow::Res
         ("precision.html", report::page(all, &made)),
     ] {
         let path = folder.join(name);
-        erfgs_base::atomic::write(&path, text.as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        erfgs_base::atomic::write(&path, text.as_bytes()).map_err(FileError::when("write", &path))?;
     }
     Ok(())
 }

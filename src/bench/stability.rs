@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use erfgs_base::FileError;
 use erfgs_stability::{Bench, Case, Row, Size, cases, report};
 use serde::Serialize;
 
@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
             adapter: adapter.clone(),
         };
         erfgs_base::atomic::write(path, report::markdown(&rows, &made).as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+            .map_err(FileError::when("write", path))?;
     }
     let failed = rows.iter().filter(|row| row.failed()).count();
     let figures = Figures { adapter, failed, rows };

@@ -2,8 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use erfgs_calibrate::board::{Paper, Target, print};
 
 use crate::{errors::Usage, terminal::Terminal};
@@ -43,8 +42,7 @@ pub fn run(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<()> {
         return Err(Usage("--blink must be a rate between 0 and 1000 Hz".into()).into());
     }
     let out = &arguments.out;
-    atomic::write(out, &print(&arguments.target, paper, arguments.blink))
-        .with_context(|| format!("cannot write {}", out.display()))?;
+    atomic::write(out, &print(&arguments.target, paper, arguments.blink)).map_err(FileError::when("write", out))?;
     terminal.result(&serde_json::json!({ "out": out, "target": arguments.target.to_string() }), || {
         format!("{}\n", out.display())
     })

@@ -5,7 +5,10 @@ mod path;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use erfgs_base::atomic::{Together, numbered};
+use erfgs_base::{
+    FileError,
+    atomic::{Together, numbered},
+};
 use erfgs_dataset::Manifest;
 use erfgs_run::RunFolder;
 use erfgs_scene::{
@@ -270,7 +273,7 @@ impl<'a> Writer<'a> {
         if format == Format::Mp4 {
             return Ok(Self::Mp4(VideoWriter::create(out, width, height, fps)?));
         }
-        let folder = Together::begin(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        let folder = Together::begin(out).map_err(FileError::when("make the folder", out))?;
         Ok(Self::Pictures { format, out, folder })
     }
 
@@ -294,7 +297,7 @@ impl<'a> Writer<'a> {
         match self {
             Self::Pictures { format, out, folder } => {
                 let is_picture = numbered(DIGITS, format.pictures().unwrap_or_default());
-                folder.finish(is_picture).with_context(|| format!("cannot write {}", out.display()))
+                Ok(folder.finish(is_picture).map_err(FileError::when("write", out))?)
             }
             Self::Mp4(video) => Ok(video.finish()?),
         }

@@ -21,6 +21,8 @@ mod hosts;
 mod live;
 mod merge;
 mod names;
+#[cfg(target_os = "linux")]
+mod no_room;
 mod raw;
 mod rig;
 mod session;

@@ -71,8 +71,8 @@ pub(crate) struct BegunFolder {
 }
 
 impl BegunFolder {
-    /// Begins a folder in another, which is made where needed.
-    pub fn new(parent: &Path, prefix: &str, visibility: Visibility) -> io::Result<Self> {
+    /// Begins a folder in another, which is made where needed. `place`: where it or what is in it will be, for errors.
+    pub fn new(parent: &Path, prefix: &str, visibility: Visibility, place: Option<&Path>) -> io::Result<Self> {
         std::fs::create_dir_all(parent)?;
         let mut builder = tempfile::Builder::new();
         let prefix = format!("{prefix}{}", Owner::us().mark());
@@ -89,6 +89,9 @@ impl BegunFolder {
             |(folder, _)| Ok((folder.path().to_owned(), open_folder(folder.path())?)),
         )?;
         remove_left(parent, &folder.path().metadata()?);
+        if let Some(place) = place {
+            listed.becomes(place);
+        }
         Ok(Self { folder, listed, _handle: handle })
     }
 
@@ -231,7 +234,7 @@ mod tests {
     fn what_a_killed_process_left_goes_and_what_is_being_written_stays() {
         let folder = tempfile::tempdir().unwrap();
         let file = BegunFile::new(folder.path(), PREFIX).unwrap();
-        let begun = BegunFolder::new(folder.path(), PREFIX, Visibility::AsUsual).unwrap();
+        let begun = BegunFolder::new(folder.path(), PREFIX, Visibility::AsUsual, None).unwrap();
         for prefix in LEFT {
             std::fs::write(folder.path().join(format!("{prefix}file")), b"half").unwrap();
             std::fs::create_dir_all(folder.path().join(format!("{prefix}folder/deep"))).unwrap();

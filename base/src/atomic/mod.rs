@@ -78,6 +78,38 @@ fn fill_and_place<T, E>(
     Ok(filled)
 }
 
+/// A file that is written and not yet in its place: of several that belong together, all are written before one is seen. Dropped, it is
+/// removed.
+#[derive(Debug)]
+pub struct Prepared {
+    begun: BegunFile,
+    place: PathBuf,
+}
+
+impl Prepared {
+    /// Writes `bytes` beside `path`, whose folder is made where needed.
+    ///
+    /// # Errors
+    /// If the folder or the file cannot be written.
+    pub fn new(path: &Path, bytes: &[u8]) -> io::Result<Self> {
+        let folder = folder_of(path);
+        std::fs::create_dir_all(folder)?;
+        let begun = BegunFile::new(folder, PREFIX)?;
+        let mut file = begun.file.as_file();
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        Ok(Self { begun, place: path.to_owned() })
+    }
+
+    /// Puts the file in its place.
+    ///
+    /// # Errors
+    /// If its place cannot be written.
+    pub fn finish(self) -> io::Result<()> {
+        self.begun.persist(&self.place)
+    }
+}
+
 /// The folder that a file lies in.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {
@@ -102,7 +134,7 @@ impl Place {
     /// If the folder cannot be written, or `path` has no name of a file.
     pub fn begin(path: &Path) -> io::Result<Self> {
         let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no name of a file"))?;
-        let folder = BegunFolder::new(folder_of(path), PREFIX, Visibility::AsUsual)?;
+        let folder = BegunFolder::new(folder_of(path), PREFIX, Visibility::AsUsual, path.parent())?;
         Ok(Self { path: folder.path().join(name), folder, place: path.to_owned() })
     }
 
@@ -160,9 +192,10 @@ impl NewFolder {
         if place.exists() && std::fs::read_dir(place).map_or(true, |mut entries| entries.next().is_some()) {
             return Err(io::ErrorKind::AlreadyExists.into());
         }
-        let place = std::path::absolute(place)?;
-        let parent = place.parent().unwrap_or(Path::new("/"));
-        Ok(Self { building: BegunFolder::new(parent, PREFIX, Visibility::AsUsual)?, place })
+        let absolute = std::path::absolute(place)?;
+        let parent = absolute.parent().unwrap_or(Path::new("/"));
+        let building = BegunFolder::new(parent, PREFIX, Visibility::AsUsual, Some(place))?;
+        Ok(Self { building, place: absolute })
     }
 
     /// Where to write until then.
@@ -186,6 +219,32 @@ impl NewFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::FileError;
+
+    #[test]
+    fn errors_name_the_place_and_never_what_is_being_filled() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let (new, together, video) = (at("deep/ds"), at("deep/film"), at("deep/a.mp4"));
+        let begun =
+            (NewFolder::begin(&new).unwrap(), Together::begin(&together).unwrap(), Place::begin(&video).unwrap());
+        std::fs::create_dir(at("there")).unwrap();
+        let there = Together::begin(&at("there")).unwrap();
+        let refused = |path: &Path| FileError::when("write", path)(io::ErrorKind::StorageFull.into()).path;
+        for (filled, place) in [
+            (begun.0.path().join("images/0.png"), new.join("images/0.png")),
+            (begun.0.path().to_owned(), new.clone()),
+            (begun.1.path().join("0.png"), together.join("0.png")),
+            (begun.2.path().to_owned(), video.clone()),
+            (there.path().join("0.png"), at("there/0.png")),
+            (at("other"), at("other")),
+        ] {
+            assert_eq!(refused(&filled), place);
+        }
+        let filled = begun.0.path().join("x");
+        begun.0.finish().unwrap();
+        assert_eq!(refused(&filled), filled, "nothing is remembered of what is finished");
+    }
 
     #[test]
     fn a_file_whose_writer_fails_keeps_its_old_content() {

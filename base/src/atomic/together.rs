@@ -29,7 +29,7 @@ impl Together {
     pub fn begin(place: &Path) -> io::Result<Self> {
         let is_new = place.symlink_metadata().is_err();
         let within = if is_new { folder_of(place) } else { place };
-        let building = BegunFolder::new(within, PREFIX, Visibility::AsUsual)?;
+        let building = BegunFolder::new(within, PREFIX, Visibility::AsUsual, Some(place))?;
         Ok(Self { building, place: place.to_owned(), is_new })
     }
 

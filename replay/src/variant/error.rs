@@ -66,14 +66,4 @@ pub enum VariantError {
         /// The folder.
         path: PathBuf,
     },
-    /// A file cannot be copied.
-    #[error("cannot copy {} to {}: {source}", from.display(), to.display())]
-    Copy {
-        /// The file of the source.
-        from: PathBuf,
-        /// The file of the variant.
-        to: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
 }

@@ -16,7 +16,7 @@ use std::{
     sync::mpsc,
 };
 
-use erfgs_base::{FileError, Progress, atomic::NewFolder};
+use erfgs_base::{FileError, Progress, atomic::NewFolder, copy_file};
 use erfgs_dataset::{CameraEvents, Dataset, DatasetError, Frame};
 use rayon::prelude::*;
 
@@ -134,13 +134,12 @@ impl Work<'_> {
     }
 
     fn link(&self, from: &Path, to: &Path) -> Result<(), VariantError> {
-        let copy = |source| VariantError::Copy { from: from.to_owned(), to: to.to_owned(), source };
         if let Some(folder) = to.parent() {
-            std::fs::create_dir_all(folder).map_err(copy)?;
+            std::fs::create_dir_all(folder).map_err(FileError::when("write", to)).map_err(DatasetError::from)?;
         }
         // Another file system, or one without links, takes a copy.
         if std::fs::hard_link(from, to).is_err() {
-            std::fs::copy(from, to).map_err(copy)?;
+            copy_file(from, to).map_err(DatasetError::from)?;
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use toml::Table;
 
@@ -27,13 +28,8 @@ pub enum ConfigError {
         source: io::Error,
     },
     /// It cannot be written.
-    #[error("cannot write the rig's configuration '{}': {source}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    Write(FileError),
     /// It is not TOML, or has fields that nothing knows.
     #[error("'{}': {message}", path.display())]
     Syntax {

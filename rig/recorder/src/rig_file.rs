@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, fs, ops::Range, path::Path};
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use toml::{Spanned, Table};
@@ -25,7 +25,9 @@ struct Places {
 pub fn keep_settings(path: &Path, id: &str, changed: &Map<String, Value>) -> Result<(), ConfigError> {
     let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
     let new = edited(&text, path, id, changed)?;
-    atomic::write(path, new.as_bytes()).map_err(|source| ConfigError::Write { path: path.to_owned(), source })
+    atomic::write(path, new.as_bytes())
+        .map_err(FileError::when("write the rig's configuration", path))
+        .map_err(ConfigError::Write)
 }
 
 /// The text with these settings.

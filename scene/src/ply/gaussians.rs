@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 
 use super::header::{self, Header, HeaderError, Scalar};
 
@@ -61,13 +61,8 @@ pub enum GaussianCloudError {
         source: io::Error,
     },
     /// The file could not be written.
-    #[error("could not write point cloud '{}': {source}; check the free space and the permissions", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] FileError),
     /// The file is not a 3DGS point cloud.
     #[error("'{}' is not a 3DGS point cloud: {message}; export it as a binary little-endian 3DGS .ply", path.display())]
     Format {
@@ -155,7 +150,7 @@ impl GaussianCloud {
             }
             Ok(())
         });
-        written.map_err(|source| GaussianCloudError::Write { path: path.to_owned(), source })
+        Ok(written.map_err(FileError::when("write point cloud", path))?)
     }
 
     /// Whether the lists fit together.

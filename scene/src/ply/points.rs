@@ -156,9 +156,18 @@ impl PointCloud {
     /// If there are not as many colours as positions, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), PlyError> {
         let io = FileError::when("write point cloud", path);
+        let bytes = self.encode().map_err(&io)?;
+        Ok(erfgs_base::atomic::write(path, &bytes).map_err(io)?)
+    }
+
+    /// The bytes of such a file.
+    ///
+    /// # Errors
+    /// If there are not as many colours as positions.
+    pub fn encode(&self) -> std::io::Result<Vec<u8>> {
         if self.colours.len() != self.positions.len() {
             let what = format!("{} positions, but {} colours", self.positions.len(), self.colours.len());
-            return Err(io(std::io::Error::new(std::io::ErrorKind::InvalidInput, what)).into());
+            return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, what));
         }
         let positions = ["x", "y", "z"].map(|name| (Scalar::F32, name));
         let colours = ["red", "green", "blue"].map(|name| (Scalar::U8, name));
@@ -167,7 +176,7 @@ impl PointCloud {
             position.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
             bytes.extend_from_slice(colour);
         }
-        Ok(erfgs_base::atomic::write(path, &bytes).map_err(io)?)
+        Ok(bytes)
     }
 }
 

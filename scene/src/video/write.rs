@@ -3,7 +3,7 @@
 use std::{
     ffi::OsStr,
     fs::File,
-    io::Write,
+    io::{self, Write},
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
@@ -66,7 +66,7 @@ impl VideoWriter {
         if rgb.len() != self.frame_bytes {
             return Err(VideoError::FrameSize { bytes: rgb.len(), wanted: self.frame_bytes });
         }
-        let closed = || std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        let closed = || io::Error::from(io::ErrorKind::BrokenPipe);
         let written = self.ffmpeg.waits(|child| child.stdin.as_mut().ok_or_else(closed)?.write_all(rgb));
         written.or_else(|source| {
             // What ffmpeg says tells more than the broken pipe.
@@ -98,6 +98,11 @@ impl VideoWriter {
             return Ok(());
         }
         let said = messages_of(&mut self.messages, status);
+        let full =
+            [("No space left on device", io::ErrorKind::StorageFull), ("File too large", io::ErrorKind::FileTooLarge)];
+        if let Some((_, kind)) = full.into_iter().find(|(words, _)| said.contains(words)) {
+            return Err(FileError::when("write", &self.path)(kind.into()).into());
+        }
         // By the name that the user knows.
         let building = self.place.as_ref().map(|place| place.path().to_string_lossy().into_owned());
         let said = building.map_or(said.clone(), |building| said.replace(&building, &self.path.to_string_lossy()));

@@ -1,10 +1,15 @@
 //! Why a recording is not written.
 
-use std::{io, path::PathBuf};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
+use erfgs_base::FileError;
 use erfgs_events::EncodeError;
 use erfgs_session::container::ContainerError;
 use erfgs_sync::reading::ReadError;
+use mcap::McapError;
 
 /// Why a recording does not become a file of other programs.
 #[derive(Debug, thiserror::Error)]
@@ -13,20 +18,15 @@ pub enum BridgeError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The file system refuses.
-    #[error("cannot write {path}", path = path.display())]
-    Write {
-        /// The file or the folder.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A record cannot be written.
     #[error("cannot write {path}: {source}", path = path.display())]
     Mcap {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: mcap::McapError,
+        source: McapError,
     },
     /// The place of the folder is taken.
     #[error("{path} exists already and is not empty: give another --out, or remove it", path = path.display())]
@@ -85,5 +85,20 @@ pub enum BridgeError {
 impl From<ContainerError> for BridgeError {
     fn from(error: ContainerError) -> Self {
         Self::Read(error.into())
+    }
+}
+
+impl BridgeError {
+    /// A file or folder that the system does not let us write.
+    pub(crate) fn writing(path: &Path) -> impl Fn(io::Error) -> Self {
+        |source| FileError::when("write", path)(source).into()
+    }
+
+    /// A record that the file does not take.
+    pub(crate) fn record(path: &Path) -> impl Fn(McapError) -> Self {
+        |source| match source {
+            McapError::Io(source) => Self::writing(path)(source),
+            source => Self::Mcap { path: path.to_owned(), source },
+        }
     }
 }

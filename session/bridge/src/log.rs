@@ -58,7 +58,7 @@ pub struct FinishedLog {
 impl<W: Write> Log<W> {
     /// Begins a file; `path` names it in errors.
     pub fn begin(out: W, path: &Path, profile: &str) -> Result<Self, BridgeError> {
-        let failed = |source| BridgeError::Mcap { path: path.to_owned(), source };
+        let failed = BridgeError::record(path);
         // What is compressed already does not get smaller.
         let writer = mcap::WriteOptions::new()
             .compression(None)
@@ -79,14 +79,14 @@ impl<W: Write> Log<W> {
         message: &[u8],
         metadata: impl FnOnce() -> BTreeMap<String, String>,
     ) -> Result<(), BridgeError> {
-        let failed = |source| BridgeError::Mcap { path: self.path.clone(), source };
+        let failed = BridgeError::record(&self.path);
         let at = match self.channels.get(topic) {
             Some(&at) => at,
             None => {
-                let schema_id = self.writer.add_schema(schema.name, schema.encoding, &schema.data).map_err(failed)?;
+                let schema_id = self.writer.add_schema(schema.name, schema.encoding, &schema.data).map_err(&failed)?;
                 let channel = self.writer.add_channel(schema_id, topic, schema.messages, &metadata());
                 let written = WrittenTopic { topic: topic.to_owned(), schema: schema.name, messages: 0 };
-                self.topics.push((written, channel.map_err(failed)?));
+                self.topics.push((written, channel.map_err(&failed)?));
                 self.channels.insert(topic.to_owned(), self.topics.len() - 1);
                 self.topics.len() - 1
             }
@@ -102,7 +102,7 @@ impl<W: Write> Log<W> {
 
     /// Ends the file.
     pub fn finish(mut self) -> Result<FinishedLog, BridgeError> {
-        self.writer.finish().map_err(|source| BridgeError::Mcap { path: self.path, source })?;
+        self.writer.finish().map_err(BridgeError::record(&self.path))?;
         let topics = self.topics.into_iter().map(|(topic, _)| topic).collect();
         Ok(FinishedLog { topics, span_ns: self.span_ns })
     }

@@ -71,7 +71,7 @@ pub fn write_event_video(
     let no_events = || ExportError::NoEvents { id: id.to_owned() };
     let size = sensor_size(&recorded.description).ok_or_else(no_events)?;
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).map_err(|source| ExportError::Folder { path: folder.to_owned(), source })?;
+        std::fs::create_dir_all(folder).map_err(ExportError::writing(folder))?;
     }
     let step_us = video.step_us();
     let mut film = Film {

@@ -234,7 +234,7 @@ impl<'a> Writing<'a> {
         let index = self.written.frames;
         if self.pictures.is_some() && self.folder.is_none() {
             let begun = Together::begin(self.path);
-            self.folder = Some(begun.map_err(|source| ExportError::Folder { path: self.path.to_owned(), source })?);
+            self.folder = Some(begun.map_err(ExportError::writing(self.path))?);
         }
         let path = self.folder.as_ref().map_or(self.path, Together::path);
         if !self.out.push(path, index, &self.description, payload, self.written.rate_hz)? {

@@ -17,6 +17,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_events::{EncodeError, hdf5::Hdf5Error, npz::NpzError};
 use erfgs_scene::{image::ImageError, video::VideoError};
 
@@ -35,21 +36,8 @@ pub enum ExportError {
     #[error(transparent)]
     Recording(#[from] ContainerError),
     /// The file system refuses.
-    #[error("cannot write {}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// The file system refuses a folder.
-    #[error("cannot make {}", path.display())]
-    Folder {
-        /// The folder.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The format has no room for an event.
     #[error("{} cannot be written: {source}", path.display())]
     Unfit {
@@ -107,7 +95,7 @@ pub enum ExportError {
 
 impl ExportError {
     fn writing(path: &Path) -> impl Fn(io::Error) -> Self {
-        |source| Self::Write { path: path.to_owned(), source }
+        |source| FileError::when("write", path)(source).into()
     }
 }
 

@@ -73,7 +73,6 @@ pub fn write(
     let ids = descriptions.iter().map(|stream| stream.id.clone()).collect();
     let options = SliceOptions { length_ns: steps.slice_ns, streams: Some(ids), span_ns: steps.span_ns, look };
     let mut slices = recording.slices(&options)?;
-    let failed = |source| BridgeError::Write { path: path.to_owned(), source };
     let fill = |out: &mut BufWriter<&File>| {
         let log = Log::begin(out, path, "")?;
         let start = recording.recording().summary().start.clone();
@@ -91,7 +90,7 @@ pub fn write(
         }
         Ok(topics)
     };
-    let topics = atomic::try_write_with(path, fill, failed)?;
+    let topics = atomic::try_write_with(path, fill, BridgeError::writing(path))?;
     Ok(Written { topics, notes: rig.notes, damage: Slices::take_damage(&mut slices) })
 }
 

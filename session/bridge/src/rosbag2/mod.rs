@@ -73,22 +73,23 @@ pub fn write(
     let rig = Placed::find(choice.rig, &descriptions.iter().collect::<Vec<_>>())?;
     let folder = atomic::NewFolder::begin(out).map_err(|source| match source.kind() {
         std::io::ErrorKind::AlreadyExists => BridgeError::Exists { path: out.to_owned() },
-        _ => BridgeError::Write { path: out.to_owned(), source },
+        _ => BridgeError::writing(out)(source),
     })?;
     let file = format!("{}_0.mcap", out.file_name().unwrap_or("bag".as_ref()).to_string_lossy());
-    let failed = |source| BridgeError::Write { path: out.join(&file), source };
+    let named = out.join(&file);
     let (log, damage, notes) = atomic::try_write_with(
         &folder.path().join(&file),
-        |sink| messages(recording, choice, (&descriptions, &rig), (sink, &out.join(&file)), &mut progress),
-        failed,
+        |sink| messages(recording, choice, (&descriptions, &rig), (sink, &named), &mut progress),
+        BridgeError::writing(&named),
     )?;
     if log.topics.iter().all(|topic| topic.topic == TRANSFORMS) {
         return Err(BridgeError::Nothing { path: recording.recording().path().to_owned() });
     }
     let text = metadata::text(&file, &log);
-    let describing = |source| BridgeError::Write { path: out.join("metadata.yaml"), source };
-    atomic::write(&folder.path().join("metadata.yaml"), text.as_bytes()).map_err(describing)?;
-    folder.finish().map_err(|source| BridgeError::Write { path: out.to_owned(), source })?;
+    let description = out.join("metadata.yaml");
+    let written = atomic::write(&folder.path().join("metadata.yaml"), text.as_bytes());
+    written.map_err(BridgeError::writing(&description))?;
+    folder.finish().map_err(BridgeError::writing(out))?;
     Ok(Written { topics: log.topics, notes: rig.notes.into_iter().chain(notes).collect(), damage })
 }
 
