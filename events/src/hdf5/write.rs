@@ -1,6 +1,9 @@
 //! Writing DSEC's layout, with libhdf5.
 
-use std::path::{Path, PathBuf};
+use std::{
+    io,
+    path::{Path, PathBuf},
+};
 
 use erfgs_base::{FileError, atomic::Place};
 use hdf5::{Dataset, H5Type};
@@ -60,9 +63,14 @@ pub fn create(path: &Path, size: Option<SensorSize>) -> Result<Hdf5Writer, Hdf5E
     })
 }
 
-/// What the library says begins with what went wrong, and goes on with where it was being written and how the library got there.
+/// What the library says begins with what went wrong, and goes on with where it was being written and how the library got there. Where
+/// the system refused, its number is told.
 fn library(path: &Path, error: hdf5::Error) -> Hdf5Error {
     let said = error.to_string();
+    let number = said.split_once("errno = ").and_then(|(_, rest)| rest.split(',').next()?.parse().ok());
+    if let Some(number) = number {
+        return FileError::when("write", path)(io::Error::from_raw_os_error(number)).into();
+    }
     let why = said.split_once("error message = '").and_then(|(_, rest)| rest.split_once('\''));
     let what = why.map_or(said.as_str(), |(why, _)| why).to_owned();
     Hdf5Error::Library { doing: "write".to_owned(), path: path.to_owned(), what }
@@ -143,7 +151,9 @@ impl Hdf5Writer {
             let Self { t, x, y, p, milliseconds, .. } = writer;
             t.flush().and(x.flush()).and(y.flush()).and(p.flush()).and(milliseconds.flush())?;
             let offset = writer.span_us.map_or(0, |(first, _)| first.cast_signed());
-            writer.file.new_dataset::<i64>().create("t_offset")?.write_scalar(&offset)
+            writer.file.new_dataset::<i64>().create("t_offset")?.write_scalar(&offset)?;
+            // What the library fails to write when a dataset is closed, nobody would be told.
+            writer.file.flush()
         };
         end(&mut self).map_err(|error| library(&self.path, error))?;
         let Self { path, place, file, t, x, y, p, milliseconds, events, .. } = self;
