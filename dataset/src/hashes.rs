@@ -81,6 +81,11 @@ fn sha256(path: &Path) -> Result<String, DatasetError> {
     }
 }
 
+/// Of what a file holds.
+pub(crate) fn sha256_of(bytes: &[u8]) -> String {
+    hexadecimal(&Sha256::digest(bytes))
+}
+
 fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

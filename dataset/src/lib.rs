@@ -18,6 +18,7 @@ mod hashes;
 pub mod import;
 pub mod layout;
 mod manifest;
+mod replace;
 pub mod undistort;
 mod validate;
 

@@ -214,10 +214,5 @@ pub fn attach(dataset: &mut Dataset, cloud: &Cloud) -> Result<PointCloudFile, Cl
         positions: cloud.points.iter().map(|point| point.position.as_vec3().to_array()).collect(),
         colours: cloud.points.iter().map(|point| point.colour).collect(),
     };
-    let file = dataset.set_points(&ply, cloud.method.name(), cloud.parameters.clone())?;
-    if !dataset.manifest.sha256.is_empty() {
-        dataset.hash_files()?;
-    }
-    dataset.save()?;
-    Ok(file)
+    Ok(dataset.replace_points(&ply, cloud.method.name(), cloud.parameters.clone())?)
 }

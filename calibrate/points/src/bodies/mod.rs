@@ -241,11 +241,7 @@ impl<'a> Finder<'a> {
 /// # Errors
 /// When a file cannot be written.
 pub fn attach_bodies(dataset: &mut Dataset, found: &FoundBodies) -> Result<BodiesFile, CloudError> {
-    dataset.set_bodies(&Bodies::new(found.bodies.clone()), found.parameters.clone())?;
-    if !dataset.manifest.sha256.is_empty() {
-        dataset.hash_files()?;
-    }
-    dataset.save()?;
+    dataset.replace_bodies(&Bodies::new(found.bodies.clone()), found.parameters.clone())?;
     let count = found.bodies.len() as u64;
     Ok(BodiesFile { file: Bodies::FILE.into(), count, parameters: found.parameters.clone() })
 }
