@@ -13,6 +13,7 @@ mod parts;
 mod read;
 mod recover;
 mod ros;
+mod ros_variants;
 #[cfg(feature = "rosbag2")]
 mod rosbag2;
 mod write;

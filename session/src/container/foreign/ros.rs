@@ -5,12 +5,15 @@
 
 use bytes::{Buf, Bytes};
 
-use crate::source::Encoding;
+use crate::source::{Description, Encoding};
 use erfgs_events::EventEncoding;
-use erfgs_events::{CdEvent, Evt3Encoder};
+use erfgs_events::{CdEvent, EncodeError, Evt3Encoder};
 
 /// Name of the schema.
 pub(in crate::container) const SCHEMA_NAME: &str = "event_camera_msgs/msg/EventPacket";
+
+/// The setting of a stream that says in which encoding its first message was.
+pub(in crate::container) const RECORDED_ENCODING: &str = "recorded_encoding";
 
 /// One message.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -25,11 +28,31 @@ pub(in crate::container) struct EventPacket {
 }
 
 impl EventPacket {
-    /// From the bytes of a message; `None` if it is cut or not little-endian CDR.
-    pub fn parse(message: &Bytes) -> Option<Self> {
-        if message.get(..2)? != [0, 1] {
-            return None;
+    /// From the bytes of a message.
+    ///
+    /// # Errors
+    /// What it is that is not read: it is cut, not in plain CDR, or has its numbers the other way round.
+    pub fn parse(message: &Bytes) -> Result<Self, String> {
+        match message.get(..2) {
+            None | Some([0, 1]) => {}
+            Some(kind) => {
+                return Err(format!(
+                    "an EventPacket is not in little-endian CDR (its kind is {}, {})",
+                    kind[0], kind[1]
+                ));
+            }
         }
+        let (packet, is_big_endian) = Self::fields(message).ok_or("an EventPacket is shorter than its fields say")?;
+        match is_big_endian {
+            0 => Ok(packet),
+            _ => Err(format!(
+                "an EventPacket has big-endian events (is_bigendian = {is_big_endian}), which erfgs does not read"
+            )),
+        }
+    }
+
+    /// The fields, and whether the events are big-endian; `None` if it is cut.
+    fn fields(message: &Bytes) -> Option<(Self, u8)> {
         let mut cdr = Cdr { left: message.slice(4.min(message.len())..), taken: 0 };
         cdr.u32()?;
         cdr.u32()?;
@@ -39,10 +62,10 @@ impl EventPacket {
         let sequence = cdr.u64()?;
         let time_base = cdr.u64()?;
         let encoding = cdr.string()?;
-        cdr.take(1)?;
+        let is_big_endian = cdr.take(1)?[0];
         let count = cdr.u32()? as usize;
         let events = cdr.take(count)?;
-        Some(Self { frame_id, height, width, sequence, time_base, encoding, events })
+        Some((Self { frame_id, height, width, sequence, time_base, encoding, events }, is_big_endian))
     }
 
     /// The encoding, if it is one that erfgs decodes. What is no stream of words of its own is handed on as EVT 3.
@@ -55,22 +78,45 @@ impl EventPacket {
         }
     }
 
+    /// What sets it apart from the first message of its stream, whose words would be taken for others.
+    pub fn differs_from(&self, stream: &Description) -> Option<String> {
+        let first = stream.settings.get(RECORDED_ENCODING).and_then(serde_json::Value::as_str).unwrap_or_default();
+        let (size, first_size) = ([self.width, self.height], [stream.width, stream.height]);
+        if self.encoding != first {
+            return Some(format!("an EventPacket is of '{}' in a topic of '{first}'", self.encoding));
+        }
+        (size != first_size).then(|| {
+            let [[width, height], [first_width, first_height]] = [size, first_size];
+            format!("an EventPacket is of {width} x {height} pixels in a topic of {first_width} x {first_height}")
+        })
+    }
+
     /// The words, in [`EventPacket::known_encoding`].
-    pub fn words(self) -> Bytes {
+    ///
+    /// # Errors
+    /// What of them cannot be handed on.
+    pub fn words(self) -> Result<Bytes, String> {
         match Transcoded::named(&self.encoding) {
             Some(encoding) => self.transcoded(encoding),
-            None => self.events,
+            None => Ok(self.events),
         }
     }
 
     /// The events as EVT 3.
-    fn transcoded(&self, encoding: Transcoded) -> Bytes {
+    fn transcoded(&self, encoding: Transcoded) -> Result<Bytes, String> {
+        let (bytes, word) = (self.events.len(), encoding.word());
+        if !bytes.is_multiple_of(word) {
+            return Err(format!(
+                "an EventPacket of {} has {bytes} bytes of events, no whole words of {word}",
+                self.encoding
+            ));
+        }
         let mut writer = Writer {
-            size: [self.width, self.height],
             base_ns: self.time_base,
             encoder: Evt3Encoder::default(),
             last_us: 0,
             out: Vec::with_capacity(2 * self.events.len()),
+            refused: None,
         };
         match encoding {
             Transcoded::LibcaerCmp => writer.libcaer_cmp(&self.events),
@@ -78,7 +124,10 @@ impl EventPacket {
             Transcoded::Mono => writer.mono(&self.events),
         }
         writer.encoder.finish(&mut writer.out);
-        writer.out.into()
+        match writer.refused {
+            Some(refused) => Err(format!("an EventPacket of {}: {refused}", self.encoding)),
+            None => Ok(writer.out.into()),
+        }
     }
 }
 
@@ -103,27 +152,40 @@ impl Transcoded {
             _ => None,
         }
     }
+
+    /// Bytes of a word.
+    fn word(self) -> usize {
+        match self {
+            Self::LibcaerCmp => 2,
+            Self::Libcaer | Self::Mono => 8,
+        }
+    }
 }
 
 /// Writes the events of one message as EVT 3.
 struct Writer {
-    size: [u32; 2],
     /// The message's time base, nanoseconds.
     base_ns: u64,
     encoder: Evt3Encoder,
     last_us: u64,
     out: Vec<u8>,
+    /// The first event that EVT 3 cannot hold.
+    refused: Option<String>,
 }
 
 impl Writer {
-    /// An event, at a time of which only what the 24 bits of EVT 3's clock hold matters.
+    /// An event, at a time of which only what the 24 bits of EVT 3's clock hold matters. Those outside of the sensor are counted where
+    /// they are decoded; what is refused are addresses of more than 11 bits: time does not go back, and a packet is shorter than any gap.
     fn event(&mut self, t_us: u64, x: u16, y: u16, on: bool) {
-        let [width, height] = self.size;
         self.last_us = self.last_us.max(t_us);
-        if u32::from(x) < width && u32::from(y) < height {
-            // Nothing is refused but addresses of more than 11 bits: time does not go back, and a packet is shorter than any
-            // gap.
-            let _ = self.encoder.event(CdEvent { t_us: self.last_us, x, y, on }, &mut self.out);
+        let event = CdEvent { t_us: self.last_us, x, y, on };
+        if let Err(error) = self.encoder.event(event, &mut self.out) {
+            self.refused.get_or_insert_with(|| match error {
+                EncodeError::Address { .. } => {
+                    format!("its event at ({x}, {y}) is outside of any sensor that erfgs reads")
+                }
+                error => error.to_string(),
+            });
         }
     }
 

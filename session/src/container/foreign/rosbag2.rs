@@ -27,6 +27,10 @@ enum Wrong {
     Mcap(#[from] mcap::McapError),
     #[error("it has no topic of {wanted}; its topics are of: {found}", wanted = ros::SCHEMA_NAME)]
     Topics { found: String },
+    #[error(
+        "its events are serialized as '{format}', and erfgs reads cdr alone: record them anew, or ros2 bag convert"
+    )]
+    Format { format: String },
     #[error("a message at {timestamp} has no time since 1970")]
     Time { timestamp: i64 },
 }
@@ -55,6 +59,9 @@ fn convert(path: &Path) -> Result<File, Wrong> {
         let (id, name): (i64, String) = (row.get(0)?, row.get(1)?);
         let (kind, format): (String, String) = (row.get(2)?, row.get(3)?);
         if kind == ros::SCHEMA_NAME {
+            if format != "cdr" {
+                return Err(Wrong::Format { format });
+            }
             let schema = writer.add_schema(&kind, "ros2msg", b"")?;
             channels.insert(id, writer.add_channel(schema, &name, &format, &BTreeMap::new())?);
         } else if !types.contains(&kind) {

@@ -198,8 +198,9 @@ impl Layout {
             Ok(unpacked) => unpacked,
             Err(what) => return Meaning::Broken(what),
         };
-        let Some(events) = EventPacket::parse(&unpacked) else {
-            return Meaning::Broken("an EventPacket is shorter than its fields say".into());
+        let events = match EventPacket::parse(&unpacked) {
+            Ok(events) => events,
+            Err(what) => return Meaning::Broken(what),
         };
         let Some(Role::Ros { topic, stream }) = self.roles.get(&message.channel) else { return Meaning::Foreign };
         let stream = match *stream {
@@ -214,7 +215,7 @@ impl Layout {
                 let topic = topic.clone();
                 let mut settings = serde_json::Map::new();
                 settings.insert("frame_id".into(), events.frame_id.clone().into());
-                settings.insert("recorded_encoding".into(), events.encoding.clone().into());
+                settings.insert(ros::RECORDED_ENCODING.into(), events.encoding.clone().into());
                 let description = Description {
                     id: topic.trim_matches('/').to_owned(),
                     model: "ROS 2 EventPacket".into(),
@@ -234,15 +235,17 @@ impl Layout {
                 stream
             }
         };
-        let packet = Packet {
-            sequence: events.sequence,
-            host_ns: i64::try_from(message.log_time).unwrap_or(i64::MAX),
-            discontinuity: false,
-            damaged: false,
-            stamp: None,
-            payload: events.words(),
-        };
-        Meaning::Entry(Entry::Packet { stream, packet })
+        if let Some(what) = self.streams.get(stream).and_then(|stream| events.differs_from(&stream.description)) {
+            return Meaning::Broken(what);
+        }
+        let (sequence, host_ns) = (events.sequence, i64::try_from(message.log_time).unwrap_or(i64::MAX));
+        match events.words() {
+            Ok(payload) => {
+                let packet = Packet { sequence, host_ns, discontinuity: false, damaged: false, stamp: None, payload };
+                Meaning::Entry(Entry::Packet { stream, packet })
+            }
+            Err(what) => Meaning::Broken(what),
+        }
     }
 }
 
