@@ -10,6 +10,19 @@ use super::MAX_PART;
 /// An error of reading, writing or repairing a session.
 #[derive(Debug, thiserror::Error)]
 pub enum ContainerError {
+    /// A repair in place was ended before it had removed what it keeps meanwhile.
+    #[error(
+        "{kept} exists already: it holds what an earlier repair of {path} cut off, which was ended too soon. Move it away and repair \
+         again; remove it once the session is whole (`erfgs info --check`)",
+        path = path.display(),
+        kept = kept.display()
+    )]
+    RepairCutOff {
+        /// The session.
+        path: PathBuf,
+        /// What is kept.
+        kept: PathBuf,
+    },
     /// The file to write is there already.
     #[error("{path} exists already; give another name or move it away", path = path.display())]
     Exists {

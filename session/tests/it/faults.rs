@@ -278,7 +278,7 @@ fn what_a_repair_in_place_cuts_off_is_kept_meanwhile_and_never_written_over() {
     fs::write(&path, &bytes[..bytes.len() - 30]).unwrap();
     fs::write(&kept, "of an earlier repair that was killed").unwrap();
     let error = recover_in_place(&path).unwrap_err().to_string();
-    assert!(error.contains("s.mcap.before exists already"), "{error}");
+    assert!(error.contains("s.mcap.before exists already") && error.contains("repair again"), "{error}");
     assert_eq!(fs::read(&path).unwrap(), &bytes[..bytes.len() - 30]);
     fs::remove_file(&kept).unwrap();
     recover_in_place(&path).unwrap();

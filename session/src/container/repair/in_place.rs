@@ -69,7 +69,7 @@ impl Before {
         name.push(".before");
         let kept = path.with_file_name(name);
         if kept.exists() {
-            return Err(ContainerError::Exists { path: kept });
+            return Err(ContainerError::RepairCutOff { path: path.to_owned(), kept });
         }
         let unread = |offset| move |source| ContainerError::Read { path: path.to_owned(), offset, source };
         let mut bytes = Vec::new();
