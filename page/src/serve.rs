@@ -8,6 +8,10 @@ use std::{
     io,
     net::{SocketAddr, TcpListener},
     pin::Pin,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     task::{Context, Poll},
     time::Duration,
 };
@@ -127,10 +131,12 @@ impl Server {
 struct Held {
     task: AbortHandle,
     admitted: Admitted,
+    /// Whether a request is there that did not bring all of it yet.
+    bringing: Arc<AtomicBool>,
 }
 
 /// Takes connections for ever. Where there is no place left, the oldest over which nobody was admitted yet makes one; where there is
-/// none of these, the new one is closed.
+/// none of these, the oldest whose request did not bring all of it yet; and where there is none of these, the new one is closed.
 async fn accept(listener: tokio::net::TcpListener, router: Router, patience: Duration) {
     let mut tasks = JoinSet::new();
     let mut held: VecDeque<Held> = VecDeque::new();
@@ -147,22 +153,32 @@ async fn accept(listener: tokio::net::TcpListener, router: Router, patience: Dur
         while tasks.try_join_next().is_some() {}
         held.retain(|held| !held.task.is_finished());
         if held.len() >= CONNECTIONS {
-            let Some(silent) = held.iter().position(|held| !held.admitted.is_so()) else { continue };
-            if let Some(silent) = held.remove(silent) {
-                silent.task.abort();
-            }
+            let silent = held.iter().position(|held| !held.admitted.is_so());
+            let least = silent.or_else(|| held.iter().position(|held| held.bringing.load(Relaxed)));
+            let Some(least) = least.and_then(|at| held.remove(at)) else { continue };
+            least.task.abort();
         }
         let admitted = Admitted::default();
-        let task = tasks.spawn(answer(stream, router.clone(), patience, admitted.clone()));
-        held.push_back(Held { task, admitted });
+        let bringing = Arc::new(AtomicBool::new(false));
+        let task = tasks.spawn(answer(stream, router.clone(), patience, (admitted.clone(), Arc::clone(&bringing))));
+        held.push_back(Held { task, admitted, bringing });
     }
 }
 
-async fn answer(stream: TcpStream, router: Router, patience: Duration, admitted: Admitted) {
+async fn answer(
+    stream: TcpStream,
+    router: Router,
+    patience: Duration,
+    (admitted, bringing): (Admitted, Arc<AtomicBool>),
+) {
     let in_time = BODY * patience;
     let service = service_fn(move |mut request: hyper::Request<Incoming>| {
         request.extensions_mut().insert(admitted.clone());
-        router.clone().call(request.map(|body| Body::new(InTime { body, until: Box::pin(sleep(in_time)) })))
+        let bringing = Arc::clone(&bringing);
+        router.clone().call(request.map(|body| {
+            bringing.store(!hyper::body::Body::is_end_stream(&body), Relaxed);
+            Body::new(InTime { body, until: Box::pin(sleep(in_time)), bringing })
+        }))
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -178,6 +194,14 @@ async fn answer(stream: TcpStream, router: Router, patience: Duration, admitted:
 struct InTime {
     body: Incoming,
     until: Pin<Box<Sleep>>,
+    /// Not for longer than this lives: who was answered has brought what was wanted.
+    bringing: Arc<AtomicBool>,
+}
+
+impl Drop for InTime {
+    fn drop(&mut self) {
+        self.bringing.store(false, Relaxed);
+    }
 }
 
 impl hyper::body::Body for InTime {
@@ -209,7 +233,6 @@ mod tests {
     use std::{
         io::{Read, Write},
         net::TcpStream,
-        sync::Arc,
         time::Instant,
     };
 
@@ -306,6 +329,25 @@ mod tests {
         // Who was admitted before them was not sent away, either.
         assert!(says(&mut first, &format!("{admitted}\r\nconnection: close")).contains("here"));
         drop(greedy);
+    }
+
+    #[test]
+    fn requests_that_do_not_bring_what_they_announce_keep_nobody_out() {
+        let (server, token) = serve_guarded(Duration::from_secs(3600));
+        let bearer = format!("authorization: Bearer {token}");
+        let slow: Vec<TcpStream> = (0..3 * CONNECTIONS)
+            .map(|_| {
+                let mut stream = TcpStream::connect(server.address()).unwrap();
+                let head =
+                    format!("POST /body HTTP/1.1\r\n{bearer}\r\nhost: localhost\r\ncontent-length: 5\r\n\r\nhalf");
+                let _ = stream.write_all(head.as_bytes());
+                stream
+            })
+            .collect();
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        let answer = says(&mut stream, &format!("GET / HTTP/1.1\r\n{bearer}\r\nconnection: close"));
+        assert!(answer.contains("here"), "{answer}");
+        drop(slow);
     }
 
     #[test]
