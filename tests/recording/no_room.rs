@@ -44,14 +44,14 @@ fn what_does_not_fit_is_named_by_its_place_with_what_helps_and_leaves_nothing() 
     fs::write(folder.join("cut.mcap"), &whole[..whole.len() - 20_000]).expect("written");
     let before = below(folder);
     let mut commands = vec![
-        ("export s.mcap --to raw --out out", 16, "out"),
-        ("export s.mcap --to csv --out out", 16, "out"),
-        ("export s.mcap --to npz --out out", 16, "out"),
-        ("export s.mcap --to dat --out out", 16, "out"),
-        ("export s.mcap --to aedat4 --out out", 16, "out"),
-        ("export s.mcap --to png --stream cam0 --out out", 1, "out/cam0/000000.png"),
-        ("export s.mcap --to exr --stream cam0 --out out", 4, "out/cam0/000000.exr"),
-        ("export s.mcap --to mp4 --stream cam0 --out out", 4, "out/cam0.mp4"),
+        ("export s.mcap --to raw --stream ev0 --out out.raw", 16, "out.raw"),
+        ("export s.mcap --to csv --stream ev0 --out out.csv", 16, "out.csv"),
+        ("export s.mcap --to npz --stream ev0 --out out.npz", 16, "out.npz"),
+        ("export s.mcap --to dat --stream ev0 --out out.dat", 16, "out.dat"),
+        ("export s.mcap --to aedat4 --stream ev0 --out out.aedat4", 16, "out.aedat4"),
+        ("export s.mcap --to png --stream cam0 --out out", 1, "out/000000.png"),
+        ("export s.mcap --to exr --stream cam0 --out out", 4, "out/000000.exr"),
+        ("export s.mcap --to mp4 --stream cam0 --out out.mp4", 4, "out.mp4"),
         ("export s.mcap --to session --from 0.1 --out out.mcap", 16, "out.mcap"),
         ("export s.mcap --to foxglove --out out.mcap", 16, "out.mcap"),
         ("export s.mcap --to rosbag2 --out out", 16, "out/out_0.mcap"),
@@ -64,12 +64,12 @@ fn what_does_not_fit_is_named_by_its_place_with_what_helps_and_leaves_nothing() 
         ("dataset variant film --subsample 2 --blur 2 --out out", 1, "out/images"),
         ("dataset import session take.mcap --rig rig.json --out out", 1, "out/"),
         // The points have room, and the manifest that would name them has none.
-        ("dataset points film --method random --random-points 10", 1, "film/dataset.json"),
+        ("dataset points film --method random --random-points 10 --trust-poses", 1, "film/dataset.json"),
         ("calibrate convert rig.json --to kalibr --out out", 1, "out"),
         ("calibrate convert rig.json --to nerfstudio --out out", 1, "out"),
     ];
     #[cfg(feature = "hdf5")]
-    commands.push(("export s.mcap --to h5 --out out", 16, "out"));
+    commands.push(("export s.mcap --to h5 --stream ev0 --out out.h5", 16, "out.h5"));
     for (words, blocks, place) in commands {
         let (code, said) = within(folder, blocks, words);
         assert_eq!(code, Some(1), "erfgs {words}\n{said}");

@@ -8,6 +8,7 @@ use std::{
 use super::{ImportError, ImportOptions};
 use crate::Split;
 use erfgs_base::{
+    FileError,
     order::{natural, order},
     plausible::RATE,
 };
@@ -96,7 +97,7 @@ pub(super) fn poses_bounds(path: &Path) -> Result<Vec<llff::Row>, ImportError> {
 
 /// The entries of a folder with their names, in order of the names.
 pub(super) fn entries(folder: &Path) -> Result<BTreeMap<String, PathBuf>, ImportError> {
-    let io = |source| ImportError::Io { doing: "read", path: folder.to_owned(), source };
+    let io = |source| ImportError::from(FileError::when("read", folder)(source));
     let mut found = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let entry = entry.map_err(io)?;

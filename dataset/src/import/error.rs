@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::DatasetError;
+use erfgs_base::FileError;
 use erfgs_events::npz::NpzError;
 use erfgs_scene::{colmap::ColmapError, exchange::ExchangeError, image::ImageError, video::VideoError};
 use erfgs_session::container::ContainerError;
@@ -14,15 +15,8 @@ pub enum ImportError {
     #[error("{0}")]
     Options(String),
     /// A file cannot be read or written.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The source lacks what its layout is recognised by.
     #[error("{} is missing: {remedy}", path.display())]
     Missing {

@@ -1,8 +1,8 @@
 //! What can go wrong with a file of another program.
 
-use std::{io, path::PathBuf};
+use std::path::PathBuf;
 
-use erfgs_base::npy::NpyError;
+use erfgs_base::{FileError, npy::NpyError};
 
 use super::Format;
 use crate::{colmap::ColmapError, rig_file::RigFileError};
@@ -44,15 +44,8 @@ pub enum ExchangeError {
         format: Format,
     },
     /// A file cannot be read or written.
-    #[error("cannot {doing} {}: {source}", path.display())]
-    Io {
-        /// `read` or `write`.
-        doing: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The system's answer.
-        source: io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A file cannot be understood.
     #[error("{}: {what}", path.display())]
     Malformed {

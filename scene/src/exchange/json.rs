@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use erfgs_base::FileError;
 use serde::{Deserialize, Deserializer, de::DeserializeOwned};
 
 use super::ExchangeError;
@@ -35,11 +36,7 @@ const NOT_A_NUMBER: &str = "NaN";
 /// # Errors
 /// If it cannot be read, or is no JSON of this type.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, ExchangeError> {
-    let text = erfgs_base::text::read(path).map_err(|source| ExchangeError::Io {
-        doing: "read",
-        path: path.to_owned(),
-        source,
-    })?;
+    let text = erfgs_base::text::read(path).map_err(FileError::when("read", path))?;
     serde_json::from_str(&without_nan(&text)).map_err(|error| ExchangeError::Malformed {
         path: path.to_owned(),
         what: format!("{error}; the file is cut short or of another layout"),

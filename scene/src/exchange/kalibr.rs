@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
 use crate::{Distortion, Intrinsics, Modality, Pose, camera::image_side};
 use erfgs_base::{
-    atomic,
+    FileError, atomic,
     names::{self, FileNames},
 };
 use glam::{DMat3, DVec3};
@@ -57,7 +57,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeEr
         }
         before = Some(pose);
     }
-    let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("write", out)(source));
     atomic::write(out, text.as_bytes()).map_err(io)?;
     let mut lost = losses::common(rig, Format::Kalibr);
     for (camera, topic) in rig.cameras.iter().zip(&topics).filter(|(camera, topic)| **topic != camera.name) {

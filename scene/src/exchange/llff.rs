@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::{Distortion, Intrinsics, Modality, Pose, camera::image_side};
 use erfgs_base::{
-    atomic,
+    FileError, atomic,
     npy::{self, NpyArray},
 };
 use glam::{DMat3, DVec3};
@@ -25,7 +25,7 @@ pub type Row = Result<(Intrinsics, Pose), String>;
 /// # Errors
 /// If the file cannot be read or is no array of 17 columns.
 pub fn rows(path: &Path) -> Result<Vec<Row>, ExchangeError> {
-    let bytes = std::fs::read(path).map_err(|source| ExchangeError::Io { doing: "read", path: path.into(), source })?;
+    let bytes = std::fs::read(path).map_err(FileError::when("read", path))?;
     let npy = |source| ExchangeError::Npy { path: path.into(), source };
     let array = NpyArray::decode(&bytes).map_err(npy)?;
     let [_, 17] = array.shape[..] else {
@@ -99,7 +99,7 @@ pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeEr
     }
     lost.push("LLFF holds no names of cameras: they are in the rig's order".into());
     lost.push("the bounds of the depth are guessed from the rig's extent".into());
-    let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("write", out)(source));
     atomic::write(out, &npy::encode(&[poses.len(), 17], values.into_iter())).map_err(io)?;
     Ok(lost)
 }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::{Modality, Pose};
-use erfgs_base::{atomic, order::natural};
+use erfgs_base::{FileError, atomic, order::natural};
 use glam::{DMat3, DVec3};
 use yaml_rust2::Yaml;
 
@@ -19,7 +19,7 @@ use crate::rig_file::{RigCamera, RigFile};
 
 pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
     for (camera, path) in rig.cameras.iter().zip(files(rig, out)) {
-        let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
+        let io = |source| ExchangeError::from(FileError::when("write", &path)(source));
         atomic::write(&path, file(camera, rig.metric).as_bytes()).map_err(io)?;
     }
     Ok(losses::common(rig, Format::OpenCv))
@@ -50,7 +50,7 @@ fn file(camera: &RigCamera, metric: bool) -> String {
 }
 
 pub(super) fn read(folder: &Path) -> Result<Found, ExchangeError> {
-    let io = |source| ExchangeError::Io { doing: "read", path: folder.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("read", folder)(source));
     let entries: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(io)?
         .map(|entry| entry.map(|e| e.path()))

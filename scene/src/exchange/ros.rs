@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 
 use super::{
     ExchangeError, Format,
@@ -22,7 +22,7 @@ pub(super) const OWN_KEY: &str = "projection_matrix";
 
 pub(super) fn write(rig: &RigFile, out: &Path) -> Result<Vec<String>, ExchangeError> {
     for (camera, path) in rig.cameras.iter().zip(files(rig, out)) {
-        let io = |source| ExchangeError::Io { doing: "write", path: path.clone(), source };
+        let io = |source| ExchangeError::from(FileError::when("write", &path)(source));
         atomic::write(&path, file(camera).as_bytes()).map_err(io)?;
     }
     let mut lost = losses::common(rig, Format::Ros);

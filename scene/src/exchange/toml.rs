@@ -4,7 +4,7 @@
 
 use std::{collections::BTreeSet, fmt::Write as _, path::Path};
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use glam::{DMat3, DQuat, DVec3};
 use toml::{Table, Value};
 
@@ -59,7 +59,7 @@ pub(super) fn write(rig: &RigFile, format: Format, out: &Path) -> Result<Vec<Str
             rig.cameras.iter().zip(&numbers).filter(|(camera, number)| camera.name != format!("cam_{number}"));
         lost.extend(renamed.map(|(camera, number)| format!("{}: caliscope calls it {number}", camera.name)));
     }
-    let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("write", out)(source));
     atomic::write(out, text.as_bytes()).map_err(io)?;
     Ok(lost)
 }
@@ -78,11 +78,7 @@ fn quoted(name: &str) -> String {
 }
 
 pub(super) fn read(path: &Path) -> Result<Found, ExchangeError> {
-    let text = erfgs_base::text::read(path).map_err(|source| ExchangeError::Io {
-        doing: "read",
-        path: path.into(),
-        source,
-    })?;
+    let text = erfgs_base::text::read(path).map_err(FileError::when("read", path))?;
     let document: Table = text.parse().map_err(|error: toml::de::Error| malformed(path, error.message().into()))?;
     let numbered = document.get("cameras").and_then(Value::as_table);
     let mut rig = RigFile::new(if numbered.is_some() { "caliscope" } else { "pose2sim" }, true, Vec::new());

@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use erfgs_base::FileError;
 use yaml_rust2::{
     Yaml, YamlLoader,
     parser::{Event, Parser},
@@ -15,7 +16,7 @@ use super::{
 
 /// The first document of a file. OpenCV begins its files with a directive that is none (`%YAML:1.0`).
 pub(super) fn load(path: &Path) -> Result<Yaml, ExchangeError> {
-    let io = |source| ExchangeError::Io { doing: "read", path: path.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("read", path)(source));
     let text = erfgs_base::text::read(path).map_err(io)?;
     let text = if text.starts_with("%YAML:") { text.split_once('\n').map_or("", |(_, rest)| rest) } else { &text };
     let small = is_small(text).map_err(|error| malformed(path, format!("no YAML: {error}")))?;

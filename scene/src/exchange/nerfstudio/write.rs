@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use erfgs_base::atomic;
+use erfgs_base::{FileError, atomic};
 use glam::{DMat3, DVec3};
 use serde_json::{Value, json};
 
@@ -60,7 +60,7 @@ pub fn write_shots(shots: &[Shot], points: Option<&str>, out: &Path) -> Result<(
 }
 
 fn save(mut file: Value, out: &Path) -> Result<(), ExchangeError> {
-    let io = |source| ExchangeError::Io { doing: "write", path: out.into(), source };
+    let io = |source| ExchangeError::from(FileError::when("write", out)(source));
     // Programs that know one model for all images look for it here; nerfstudio itself does.
     let model = file["frames"][0]["camera_model"].clone();
     let frames = file["frames"].as_array().into_iter().flatten();
