@@ -5,6 +5,7 @@
 //! depending on how it was built) stays apart, and nobody needs its headers to build erfgs. The price is one pipe:
 //! frames arrive as PPM images, which cost less to parse than to decode.
 
+mod depth;
 mod times;
 mod whole;
 mod write;
@@ -97,6 +98,16 @@ pub enum VideoError {
         /// Why.
         source: io::Error,
     },
+    /// A sample has more bits than are said to count.
+    #[error("a sample of the video {} is {sample}, which is more than {bits} bits hold; give --bits as many as count", path.display())]
+    MoreBits {
+        /// The video.
+        path: PathBuf,
+        /// The sample.
+        sample: u16,
+        /// The bits that are said to count.
+        bits: u8,
+    },
     /// What ffmpeg sent is no PPM image.
     #[error("cannot read the frames that ffmpeg decodes from {}: {source}", path.display())]
     Pipe {
@@ -127,6 +138,8 @@ pub struct Video {
     program: Piped,
     frames: BufReader<ChildStdout>,
     messages: File,
+    /// Of samples of 16 bits: how many count, and the largest so far.
+    words: Option<(u8, u16)>,
 }
 
 /// What a video's container says.
@@ -167,10 +180,19 @@ impl Video {
     /// # Errors
     /// If there is no such file or ffmpeg cannot be started.
     pub fn open(path: &Path) -> Result<Self, VideoError> {
-        Self::open_within(OsStr::new("ffmpeg"), path, PATIENCE)
+        Self::open_within(OsStr::new("ffmpeg"), path, PATIENCE, None)
     }
 
-    fn open_within(ffmpeg: &OsStr, path: &Path, patience: Duration) -> Result<Self, VideoError> {
+    /// As [`Video::open`]; of samples of 16 bits, which [`Video::largest`] tells of, so many low ones count.
+    ///
+    /// # Errors
+    /// As [`Video::open`].
+    pub fn open_as(path: &Path, bits: Option<u8>) -> Result<Self, VideoError> {
+        let words = (path.is_file() && depth::has_samples_of_16_bits(path)).then(|| bits.unwrap_or(16).clamp(8, 16));
+        Self::open_within(OsStr::new("ffmpeg"), path, PATIENCE, words)
+    }
+
+    fn open_within(ffmpeg: &OsStr, path: &Path, patience: Duration, words: Option<u8>) -> Result<Self, VideoError> {
         if !path.is_file() {
             return Err(VideoError::Missing { path: path.to_owned() });
         }
@@ -191,7 +213,7 @@ impl Video {
                 "-f",
                 "image2pipe",
                 "-pix_fmt",
-                "rgb24",
+                if words.is_some() { "rgb48be" } else { "rgb24" },
                 "-c:v",
                 "ppm",
                 "-",
@@ -204,17 +226,28 @@ impl Video {
             return Err(failed(io::Error::other("its output is not connected")));
         };
         let frames = BufReader::with_capacity(1 << 18, frames);
-        Ok(Self { path: path.to_owned(), program, frames, messages })
+        Ok(Self { path: path.to_owned(), program, frames, messages, words: words.map(|bits| (bits, 0)) })
+    }
+
+    /// The largest sample so far, where samples have 16 bits and the video was opened for that.
+    #[must_use]
+    pub fn largest(&self) -> Option<u16> {
+        self.words.map(|(_, largest)| largest)
     }
 
     /// The next frame, or `None` after the last one.
     ///
     /// # Errors
-    /// If the video is damaged or cut short.
+    /// If the video is damaged or cut short, or has a sample of more bits than count.
     pub fn next_frame(&mut self) -> Result<Option<ImageRgb8>, VideoError> {
-        let Self { program, frames, .. } = self;
-        match program.waits(|_| read_ppm(frames)) {
-            Ok(Some(frame)) => Ok(Some(frame)),
+        let Self { program, frames, words, .. } = self;
+        match program.waits(|_| read_ppm(frames, words.as_mut())) {
+            Ok(Some(frame)) => match *words {
+                Some((bits, sample)) if u32::from(sample) >> bits != 0 => {
+                    Err(VideoError::MoreBits { path: self.path.clone(), sample, bits })
+                }
+                _ => Ok(Some(frame)),
+            },
             Ok(None) => self.finish().map(|()| None),
             Err(source) => {
                 // Where the decoder failed, its own words say more than the broken pipe.
@@ -244,8 +277,9 @@ fn messages_of(messages: &mut File, status: ExitStatus) -> String {
     }
 }
 
-/// One binary PPM image with 8 bits per channel, or `None` at the end of the stream.
-fn read_ppm(stream: &mut impl BufRead) -> io::Result<Option<ImageRgb8>> {
+/// One binary PPM image, or `None` at the end of the stream: of 8 bits per channel, or of 16, of which so many count, with the largest
+/// sample so far.
+fn read_ppm(stream: &mut impl BufRead, words: Option<&mut (u8, u16)>) -> io::Result<Option<ImageRgb8>> {
     if stream.fill_buf()?.is_empty() {
         return Ok(None);
     }
@@ -264,14 +298,27 @@ fn read_ppm(stream: &mut impl BufRead) -> io::Result<Option<ImageRgb8>> {
         }
     };
     let header = [word()?, word()?, word()?, word()?];
-    let ["P6", width, height, "255"] = header.each_ref().map(String::as_str) else {
-        return Err(invalid("no 8-bit PPM image"));
+    let white = if words.is_some() { "65535" } else { "255" };
+    let ["P6", width, height, _] = header.each_ref().map(String::as_str) else {
+        return Err(invalid("no PPM image"));
     };
+    if header[3] != white {
+        return Err(invalid("a PPM image of another depth"));
+    }
     let (Ok(width @ 1..), Ok(height @ 1..)) = (width.parse::<u16>(), height.parse::<u16>()) else {
         return Err(invalid("a PPM image of an impossible size"));
     };
     let mut image = ImageRgb8::new(width.into(), height.into());
-    stream.read_exact(&mut image.data)?;
+    match words {
+        None => stream.read_exact(&mut image.data)?,
+        Some((bits, largest)) => {
+            let mut samples = vec![0; 2 * image.data.len()];
+            stream.read_exact(&mut samples)?;
+            let (levels, most) = depth::levels(&samples, (1 << *bits) - 1);
+            image.data = levels;
+            *largest = most.max(*largest);
+        }
+    }
     Ok(Some(image))
 }
 
@@ -283,22 +330,22 @@ mod tests {
     fn ppm_images_follow_each_other_and_cuts_are_errors() {
         let stream = b"P6\n2 1\n255\nabcdefP6 1 1 255\n\n\n\n";
         let mut rest = &stream[..];
-        let first = read_ppm(&mut rest).unwrap().unwrap();
+        let first = read_ppm(&mut rest, None).unwrap().unwrap();
         assert_eq!((first.width, first.height, first.data.as_slice()), (2, 1, &b"abcdef"[..]));
-        assert_eq!(read_ppm(&mut rest).unwrap().unwrap().data, b"\n\n\n");
-        assert_eq!(read_ppm(&mut rest).unwrap(), None);
+        assert_eq!(read_ppm(&mut rest, None).unwrap().unwrap().data, b"\n\n\n");
+        assert_eq!(read_ppm(&mut rest, None).unwrap(), None);
         for length in 1..17 {
-            assert!(read_ppm(&mut &stream[..length]).is_err(), "{length}");
+            assert!(read_ppm(&mut &stream[..length], None).is_err(), "{length}");
         }
         for bad in ["P5\n2 1\n255\n", "P6\n0 1\n255\n", "P6\n2 1\n65535\n", "P6\n99999 99999\n255\n"] {
-            assert!(read_ppm(&mut [bad.as_bytes(), &[0; 64]].concat().as_slice()).is_err(), "{bad:?}");
+            assert!(read_ppm(&mut [bad.as_bytes(), &[0; 64]].concat().as_slice(), None).is_err(), "{bad:?}");
         }
     }
 
     #[test]
     fn without_ffmpeg_the_error_says_what_to_install() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let error = Video::open_within(OsStr::new("no-such-ffmpeg"), file.path(), PATIENCE).unwrap_err();
+        let error = Video::open_within(OsStr::new("no-such-ffmpeg"), file.path(), PATIENCE, None).unwrap_err();
         assert!(
             matches!(error, VideoError::NoFfmpeg { .. }) && error.to_string().contains("install ffmpeg"),
             "{error}"
@@ -333,6 +380,35 @@ mod tests {
     }
 
     #[test]
+    fn of_samples_of_16_bits_those_count_that_are_said_to() {
+        let folder = tempfile::tempdir().unwrap();
+        for (pixels, bits) in [("gray16le", 10), ("gray16le", 12), ("rgb48le", 10), ("gray16le", 16)] {
+            let path = folder.path().join(format!("{pixels}-{bits}.mkv"));
+            // A ramp to the largest sample of so many bits.
+            let white = (1_u32 << bits) - 1;
+            let ramp = format!("color=black:s=256x16:r=10,format=gray16le,geq=lum=floor(X*{white}/255)");
+            let made = Command::new("ffmpeg")
+                .args(["-v", "error", "-f", "lavfi", "-i", &ramp, "-frames:v", "1", "-pix_fmt", pixels])
+                .args(["-c:v", "ffv1", "-y"])
+                .arg(&path)
+                .status()
+                .expect("ffmpeg is installed by scripts/setup.sh");
+            assert!(made.success(), "{pixels}");
+            let mut video = Video::open_as(&path, Some(bits)).unwrap();
+            let frame = video.next_frame().unwrap().unwrap();
+            assert!(u32::from(video.largest().unwrap()).abs_diff(white) <= 2, "{pixels}: {:?}", video.largest());
+            for x in 0..256 {
+                assert!(i32::from(frame.pixel(x, 8)[0]).abs_diff(x as i32) <= 2, "{pixels}, {bits} bits, column {x}");
+            }
+            assert_eq!(video.next_frame().unwrap(), None);
+            if bits > 10 {
+                let said = Video::open_as(&path, Some(10)).unwrap().next_frame().unwrap_err().to_string();
+                assert!(said.contains("--bits") && said.contains(pixels), "{said}");
+            }
+        }
+    }
+
+    #[test]
     fn a_decoder_that_hangs_is_ended_and_one_that_talks_does_not_stand_still() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
@@ -341,7 +417,7 @@ mod tests {
         let decoder = |script: &str| {
             std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
             std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-            Video::open_within(program.as_os_str(), &file, Duration::from_millis(500)).unwrap().next_frame()
+            Video::open_within(program.as_os_str(), &file, Duration::from_millis(500), None).unwrap().next_frame()
         };
         let hung = decoder("sleep 600").unwrap_err().to_string();
         assert!(hung.contains("stood still") && hung.contains("a.mp4"), "{hung}");

@@ -63,17 +63,22 @@ pub(super) fn write(
         Frames::Video { .. } => vec![Task::Video { view }],
     });
     let largest = AtomicU32::new(0);
-    let write = |task: &Task, tick: &dyn Fn()| match *task {
-        Task::File { view, frame } => {
-            let source = &recording.views[view];
-            let Frames::Files(files) = &source.frames else { return Ok(0) };
-            let most = write_file(source, &targets[view], &files[frame], frame, building.path(), options)?;
-            largest.fetch_max(most.unwrap_or(0).into(), Relaxed);
-            tick();
-            Ok(1)
-        }
-        Task::Video { view } => {
-            write_video(&recording.views[view], &targets[view], building.path(), options.resample, tick)
+    let write = |task: &Task, tick: &dyn Fn()| -> Result<usize, ImportError> {
+        match *task {
+            Task::File { view, frame } => {
+                let source = &recording.views[view];
+                let Frames::Files(files) = &source.frames else { return Ok(0) };
+                let most = write_file(source, &targets[view], &files[frame], frame, building.path(), options)?;
+                largest.fetch_max(most.unwrap_or(0).into(), Relaxed);
+                tick();
+                Ok(1)
+            }
+            Task::Video { view } => {
+                let (frames, most) =
+                    write_video(&recording.views[view], &targets[view], building.path(), options, tick)?;
+                largest.fetch_max(most.unwrap_or(0).into(), Relaxed);
+                Ok(frames)
+            }
         }
     };
     let total = total(&recording.views);
@@ -230,17 +235,17 @@ fn white(mut mask: ImageGrey8) -> ImageGrey8 {
     mask
 }
 
-/// Writes the frames of a video and returns how many there were.
+/// Writes the frames of a video and returns how many there were, and the largest sample where these have 16 bits.
 fn write_video(
     view: &SourceView,
     target: &Target,
     root: &Path,
-    how: Resample,
+    options: &ImportOptions,
     tick: &dyn Fn(),
-) -> Result<usize, ImportError> {
-    let Frames::Video { path, first, last, .. } = &view.frames else { return Ok(0) };
+) -> Result<(usize, Option<u16>), ImportError> {
+    let Frames::Video { path, first, last, .. } = &view.frames else { return Ok((0, None)) };
     let broken = |source| ImportError::Video { camera: view.name.clone(), source };
-    let mut video = Video::open(path).map_err(broken)?;
+    let mut video = Video::open_as(path, options.reading.bits).map_err(broken)?;
     let (mut number, mut written) = (0, 0);
     while last.is_none_or(|last| number <= last) {
         let Some(image) = video.next_frame().map_err(broken)? else { break };
@@ -250,7 +255,7 @@ fn write_video(
         }
         let path = root.join(layout::image(&view.name, written));
         let write = |source| ImportError::Image { camera: view.name.clone(), source };
-        target.resize(image, how).write_png(&path).map_err(write)?;
+        target.resize(image, options.resample).write_png(&path).map_err(write)?;
         written += 1;
         tick();
     }
@@ -263,7 +268,7 @@ fn write_video(
                 number.max(1) - 1
             ),
         }),
-        _ => Ok(written),
+        _ => Ok((written, video.largest())),
     }
 }
 

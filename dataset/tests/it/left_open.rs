@@ -245,3 +245,37 @@ fn transparency_and_depth_are_asked_for() {
         assert_eq!(import(Reading::default()).unwrap(), [0, ((u32::from(white) * 255 + 32_767) / 65_535) as u8]);
     }
 }
+
+#[test]
+fn of_videos_of_16_bits_it_is_asked_how_many_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path();
+    std::fs::write(source.join("poses_bounds.npy"), poses_bounds(&[0, 1])).unwrap();
+    let film = |camera: u8, level: u16| {
+        let light = format!("color=black:s=16x8:r=10,format=gray16le,geq=lum={level}");
+        let status = Command::new("ffmpeg")
+            .args(["-v", "error", "-y", "-f", "lavfi", "-i", &light, "-frames:v", "3"])
+            .args(["-pix_fmt", "gray16le", "-c:v", "ffv1", "-f", "matroska"])
+            .arg(source.join(format!("cam0{camera}.mp4")))
+            .status()
+            .expect("ffmpeg is installed by scripts/setup.sh");
+        assert!(status.success());
+    };
+    let import = |bits: Option<u8>| {
+        let out = tempfile::tempdir().unwrap();
+        let options = ImportOptions { reading: Reading { bits, ..Default::default() }, ..Default::default() };
+        let dataset = run(Layout::Neu3d, source, &options, &out.path().join("ds"))?;
+        Ok::<_, ImportError>([0, 1].map(|camera| grey(&dataset, &dataset.manifest.cameras[camera], 0)[0]))
+    };
+    for (bits, white) in [(10, 1023), (12, 4095)] {
+        film(0, white / 2);
+        film(1, white);
+        let said = import(None).unwrap_err().to_string();
+        assert!(said.contains("--bits") && said.contains("the largest is"), "{said}");
+        let [half, full] = import(Some(bits)).unwrap();
+        assert!(half.abs_diff(127) <= 1 && full >= 254, "{bits}: {half} {full}");
+    }
+    // One bright video shows that all bits count, of the dark one, too.
+    film(0, 50_000);
+    assert!(import(None).unwrap()[0].abs_diff(195) <= 1);
+}

@@ -50,6 +50,7 @@ mod tests {
     use std::path::Path;
 
     use erfgs_events::{Aedat4Compression, Aedat4Encoder, SensorSize};
+    use erfgs_scene::video::Video;
 
     use super::super::{FramesChoice, FramesFormat, write_frames};
     use super::*;
@@ -66,6 +67,21 @@ mod tests {
             encoder.frame(ApsFrame { exposure_start_us, exposure_end_us, width, height, channels, pixels, bits });
         }
         std::fs::write(path, encoder.finish()).unwrap();
+    }
+
+    /// The red of the first row of an EXR file.
+    #[cfg(feature = "exr")]
+    fn first_row(path: &Path) -> Vec<f32> {
+        let read = exr::prelude::read_first_rgba_layer_from_file(
+            path,
+            |size, _| vec![0.0; size.x()],
+            |row: &mut Vec<f32>, at, (red, _, _, _): (f32, f32, f32, f32)| {
+                if at.y() == 0 {
+                    row[at.x()] = red;
+                }
+            },
+        );
+        read.unwrap().layer_data.channel_data.pixels
     }
 
     #[test]
@@ -99,6 +115,27 @@ mod tests {
                     "{depth} bits, {x}: {:?}",
                     image.pixel(x, 0)
                 );
+            }
+            // A video has no other samples, and its levels are those of the pictures.
+            let film = folder.path().join(format!("{depth}.mp4"));
+            let choice = FramesChoice { format: FramesFormat::Mp4, exposures: None, bits: Some(depth) };
+            write_frames(&mut recording, "f", choice, &film, &mut Vec::new(), |_| {}).unwrap();
+            let mut video = Video::open(&film).unwrap();
+            let picture = (0..2).map(|_| video.next_frame().unwrap().unwrap()).last().unwrap();
+            for x in 0..64 {
+                let level = u32::from(picture.pixel(x, 0)[1]);
+                assert!(level.abs_diff(255 * x / 63) <= 4, "{depth} bits, {x}: {level}");
+            }
+            #[cfg(feature = "exr")]
+            {
+                let choice = FramesChoice { format: FramesFormat::Exr, exposures: None, bits: Some(depth) };
+                let out = folder.path().join(format!("{depth}-exr"));
+                write_frames(&mut recording, "f", choice, &out, &mut Vec::new(), |_| {}).unwrap();
+                let file = out.join("000001.exr");
+                for (x, light) in first_row(&file).into_iter().enumerate() {
+                    let level = erfgs_scene::srgb::encode(light);
+                    assert!((level - x as f32 / 63.0).abs() < 0.01, "{depth} bits, {x}: {level}");
+                }
             }
         }
     }
