@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::detections::Detection;
 
 /// Nothing that is tracked goes faster, metres per second.
-const FASTEST: f64 = 15.0;
+pub const FASTEST: f64 = 15.0;
 /// So many tracks at most.
 const MOST_TRACKS: usize = 16;
 /// A track has at least so many detections.

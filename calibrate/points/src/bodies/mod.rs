@@ -42,6 +42,7 @@ mod smooth;
 mod spin;
 mod stretches;
 mod things;
+mod thrown;
 mod tops;
 mod turn;
 mod varying;
@@ -182,7 +183,9 @@ impl<'a> Finder<'a> {
             let shades = if usual >= FEWEST_POINTS_THAT_TURN { Shades::new(film, &thing.slim) } else { None };
             let globes = Globes::longer_and_longer(&thing.globes);
             let compared = Globes::with(&globes, shades.as_ref());
-            let all: Vec<_> = windows.values().flatten().collect();
+            // Two instants do not tell how often it turned between them, and events of what is plain are as sharp by any rate.
+            let told = thing.shapes.len() > 2;
+            let all: Vec<_> = windows.values().filter(|_| told).flatten().collect();
             let mut spin = spin::spin(&compared, &all, self.step_s());
             if let Some(curve) = self.options.page.then(|| Curve::new(&spin, compared.last().copied(), &all)).flatten()
             {

