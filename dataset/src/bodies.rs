@@ -231,23 +231,24 @@ impl Dataset {
         bodies: &Bodies,
         parameters: BTreeMap<String, serde_json::Value>,
     ) -> Result<(), DatasetError> {
-        let (text, path) = (self.name_bodies(bodies, parameters)?, self.root.join(Bodies::FILE));
+        let (named, text) = self.bodies_file(bodies, parameters)?;
+        self.manifest.bodies = Some(named);
+        let path = self.root.join(Bodies::FILE);
         Ok(erfgs_base::atomic::write(&path, &text).map_err(FileError::when("write", &path))?)
     }
 
-    /// Names bodies in the manifest, and gives what their file is to hold.
-    pub(crate) fn name_bodies(
-        &mut self,
+    /// How a manifest names bodies, and what their file is to hold.
+    pub(crate) fn bodies_file(
+        &self,
         bodies: &Bodies,
         parameters: BTreeMap<String, serde_json::Value>,
-    ) -> Result<Vec<u8>, DatasetError> {
+    ) -> Result<(BodiesFile, Vec<u8>), DatasetError> {
         let wrong = |reason: String| DatasetError::Bodies { path: self.root.join(Bodies::FILE), reason };
         bodies.check().map_err(wrong)?;
         let mut text = serde_json::to_vec(bodies).map_err(|error| wrong(error.to_string()))?;
         text.push(b'\n');
         let count = bodies.bodies.len() as u64;
-        self.manifest.bodies = Some(BodiesFile { file: Bodies::FILE.into(), count, parameters });
-        Ok(text)
+        Ok((BodiesFile { file: Bodies::FILE.into(), count, parameters }, text))
     }
 }
 

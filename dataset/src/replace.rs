@@ -1,4 +1,8 @@
 //! Files of a dataset that is there already, replaced together with the manifest that tells of them.
+//!
+//! Two files cannot be replaced at once. Where the manifest names a file already, its successor is first put beside it under another
+//! name, with a manifest that names that; then under its own name, with a manifest that names it again. Whenever this ends too soon, the
+//! manifest tells of the file that it names.
 
 use std::{
     collections::BTreeMap,
@@ -8,7 +12,10 @@ use std::{
 use erfgs_base::{FileError, atomic::Prepared};
 use erfgs_scene::ply::PointCloud;
 
-use super::{Bodies, Dataset, DatasetError, PointCloudFile, hashes::sha256_of, layout};
+use super::{Bodies, BodiesFile, Dataset, DatasetError, Manifest, PointCloudFile, hashes::sha256_of, layout};
+
+/// What the name of a successor begins with while its predecessor is still named.
+const NEXT: &str = "next-";
 
 impl Dataset {
     /// Writes the initial cloud and the manifest that names it: both, or neither. Hashes of other files stay.
@@ -25,8 +32,10 @@ impl Dataset {
         let bytes = cloud.encode().map_err(FileError::when("write point cloud", &self.root.join(&file)))?;
         let named =
             PointCloudFile { file: file.clone(), count: cloud.len() as u64, method: method.to_owned(), parameters };
-        self.manifest.points = Some(named.clone());
-        self.replace(&file, &bytes)?;
+        let name = |manifest: &mut Manifest, file: PathBuf| {
+            manifest.points = Some(PointCloudFile { file, ..named.clone() });
+        };
+        self.replace(&file, &bytes, name)?;
         Ok(named)
     }
 
@@ -39,23 +48,50 @@ impl Dataset {
         bodies: &Bodies,
         parameters: BTreeMap<String, serde_json::Value>,
     ) -> Result<(), DatasetError> {
-        let text = self.name_bodies(bodies, parameters)?;
-        self.replace(Path::new(Bodies::FILE), &text)
+        let (named, text) = self.bodies_file(bodies, parameters)?;
+        let name = |manifest: &mut Manifest, file: PathBuf| {
+            manifest.bodies = Some(BodiesFile { file, ..named.clone() });
+        };
+        self.replace(Path::new(Bodies::FILE), &text, name)
     }
 
-    /// Writes a file that the manifest names, and the manifest; neither is seen before both are written.
-    fn replace(&mut self, file: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
-        if !self.manifest.sha256.is_empty() {
-            let files = self.files();
-            self.manifest.sha256.retain(|file, _| files.contains(file));
-            self.manifest.sha256.insert(file.to_owned(), sha256_of(bytes));
+    /// Writes a file, and the manifest, in which `name` names it; nothing is seen before all is written.
+    fn replace(
+        &mut self,
+        file: &Path,
+        bytes: &[u8],
+        name: impl Fn(&mut Manifest, PathBuf),
+    ) -> Result<(), DatasetError> {
+        let next = PathBuf::from(format!("{NEXT}{}", file.display()));
+        let names: &[&Path] = if self.files().contains(file) { &[&next, file] } else { &[file] };
+        let (place, manifest) = (self.root.join(file), self.root.join(Self::MANIFEST));
+        // Errors name what the user knows.
+        let (not_written, not_named) = (FileError::when("write", &place), FileError::when("write", &manifest));
+        let mut steps = Vec::new();
+        for &file in names {
+            let mut after = Self::new(&self.root, self.manifest.clone());
+            name(&mut after.manifest, file.to_owned());
+            if !self.manifest.sha256.is_empty() {
+                let files = after.files();
+                after.manifest.sha256.retain(|file, _| files.contains(file));
+                after.manifest.sha256.insert(file.to_owned(), sha256_of(bytes));
+            }
+            let bytes = Prepared::new(&self.root.join(file), bytes).map_err(&not_written)?;
+            let text = Prepared::new(&manifest, &after.text()?).map_err(&not_named)?;
+            steps.push((bytes, text, after.manifest));
         }
-        let prepare = |path: &Path, bytes: &[u8]| Prepared::new(path, bytes).map_err(FileError::when("write", path));
-        let (path, manifest) = (self.root.join(file), self.root.join(Self::MANIFEST));
-        let prepared = [(&path, prepare(&path, bytes)?), (&manifest, prepare(&manifest, &self.text()?)?)];
-        for (path, prepared) in prepared {
-            prepared.finish().map_err(FileError::when("write", path))?;
+        let mut take = || -> Result<(), FileError> {
+            for (bytes, text, after) in steps {
+                bytes.finish().map_err(&not_written)?;
+                text.finish().map_err(&not_named)?;
+                self.manifest = after;
+            }
+            Ok(())
+        };
+        let taken = take();
+        if !self.files().contains(&next) {
+            let _ = std::fs::remove_file(self.root.join(&next));
         }
-        Ok(())
+        Ok(taken?)
     }
 }

@@ -145,6 +145,56 @@ fn a_changed_file_and_a_missing_hash_are_found() {
     assert!(matches!(&error, DatasetError::NoHash { path } if path.ends_with("images/a/00000.png")), "{error}");
 }
 
+/// What lies in a folder, and the points that the manifest there names.
+fn found(root: &Path) -> (Vec<String>, Vec<[f32; 3]>) {
+    let mut names: Vec<_> =
+        std::fs::read_dir(root).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    let dataset = Dataset::load(root).unwrap();
+    dataset.verify().unwrap();
+    (names, dataset.read_points().unwrap().unwrap().positions)
+}
+
+#[test]
+fn points_and_the_manifest_that_names_them_are_replaced_as_one_whenever_it_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let mut dataset = some_dataset(root);
+    dataset.hash_files().unwrap();
+    dataset.save().unwrap();
+    let (names, old) = found(root);
+    let cloud = |x: f32| PointCloud { positions: vec![[x, 0.0, 0.0]; 2], colours: vec![[1, 2, 3]; 2] };
+
+    // Nothing can be put over a folder that is not empty: the manifest does not come into its place.
+    let (manifest, kept) = (root.join(Dataset::MANIFEST), root.join("kept.json"));
+    let taken = |place: &Path| {
+        std::fs::rename(place, &kept).unwrap();
+        std::fs::create_dir_all(place.join("taken")).unwrap();
+    };
+    let given_back = |place: &Path| {
+        std::fs::remove_dir_all(place).unwrap();
+        std::fs::rename(&kept, place).unwrap();
+    };
+    let mut again = Dataset::load(root).unwrap();
+    taken(&manifest);
+    again.replace_points(&cloud(5.0), "random", [].into()).unwrap_err();
+    given_back(&manifest);
+    assert_eq!(again, dataset);
+    assert_eq!(found(root), (names.clone(), old));
+
+    // It is the points that do not, when the manifest names them under another name already.
+    let points = root.join(layout::POINTS);
+    taken(&points);
+    again.replace_points(&cloud(6.0), "random", [].into()).unwrap_err();
+    given_back(&points);
+    let (there, between) = found(root);
+    assert_eq!(between, cloud(6.0).positions);
+    assert_eq!(there.len(), names.len() + 1);
+    assert_eq!(Dataset::load(root).unwrap(), again);
+    again.replace_points(&cloud(7.0), "random", [].into()).unwrap();
+    assert_eq!(found(root), (names, cloud(7.0).positions));
+}
+
 /// The problem that `spoil` makes, after checking that the message names the camera and the manifest.
 fn problem(spoil: impl FnOnce(&mut Manifest)) -> Problem {
     let folder = tempfile::tempdir().unwrap();
