@@ -1,7 +1,7 @@
 //! The files of a session that is recorded in several: when it goes on in the next one, and what if that cannot be made.
 
 use std::{
-    fs::{self, File},
+    fs::File,
     io::{self, Write},
     path::{Path, PathBuf},
 };
@@ -11,7 +11,11 @@ use erfgs_session::{
     source::{Incident, Packet},
 };
 
-use super::{session_file::sort, sink::SinkError, status::Level};
+use super::{
+    session_file::{not_begun, not_made, sort},
+    sink::SinkError,
+    status::Level,
+};
 
 /// After this long a file that could not be made is tried again, nanoseconds.
 const AGAIN_NS: i64 = 10_000_000_000;
@@ -44,14 +48,9 @@ impl<W: Write> Files<W> {
         }
         let present = part_path(&self.first, writer.part_number());
         let path = part_path(&self.first, writer.part_number() + 1);
-        let made = (self.create)(&path).map_err(|error| SinkError::io(&path, error));
-        let begun = made.and_then(|file| {
-            writer.next_part(file, &path).map_err(|error| {
-                // It holds nothing, and its name is wanted for the next try.
-                let _ = fs::remove_file(&path);
-                sort(&path, error)
-            })
-        });
+        let made = (self.create)(&path).map_err(|error| not_made(&path, error));
+        let begun =
+            made.and_then(|file| writer.next_part(file, &path).map_err(|error| not_begun(&path, sort(&path, error))));
         match begun {
             Ok(next) => {
                 let mut ended = writer.change_to(next).map_err(|error| sort(&present, error))?;

@@ -2,12 +2,13 @@
 
 use std::{
     collections::BTreeMap,
-    fs::File,
-    io::Write,
+    fs::{self, File},
+    io::{self, Write},
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
 };
 
+use erfgs_base::FileError;
 use erfgs_session::{
     clock::ClockFit,
     container::{self, ContainerError, SessionId, SessionStart, SessionWriter, Settings, Split, StreamId},
@@ -56,8 +57,8 @@ impl OpenSession for SessionFiles {
         streams: &[Description],
     ) -> Result<Box<dyn SessionSink>, SinkError> {
         let Some(split) = self.split else {
-            let file = File::create_new(path).map_err(|error| SinkError::io(path, error))?;
-            return self.write_to(file, path, info, streams);
+            let file = File::create_new(path).map_err(|error| not_made(path, error))?;
+            return self.write_to(file, path, info, streams).map_err(|error| not_begun(path, error));
         };
         // Files of this name are parts of another session, and are never overwritten.
         let taken = container::parts_beside(path).map_err(|error| SinkError::io(path, error))?;
@@ -66,10 +67,30 @@ impl OpenSession for SessionFiles {
         }
         let mut id = [0; 16];
         getrandom::fill(&mut id).map_err(SinkError::Random)?;
-        let file = File::create_new(path).map_err(|error| SinkError::io(path, error))?;
+        let file = File::create_new(path).map_err(|error| not_made(path, error))?;
         let begin =
             |start| SessionWriter::in_parts(file, path, start, &info.configuration, self.settings, SessionId(id));
-        Ok(Box::new(SessionFileSink::begin(path, info, streams, Some(Files::new(path, split)), begin)?))
+        let begun = SessionFileSink::begin(path, info, streams, Some(Files::new(path, split)), begin);
+        Ok(Box::new(begun.map_err(|error| not_begun(path, error))?))
+    }
+}
+
+/// Why a file could not be made for a session.
+pub(super) fn not_made(path: &Path, source: io::Error) -> SinkError {
+    match source.kind() {
+        io::ErrorKind::AlreadyExists => SinkError::Exists(path.to_owned()),
+        _ => SinkError::NotBegun(FileError::when("begin", path)(source)),
+    }
+}
+
+/// Why nothing could be written into a file that was made for a session. It goes: it holds no packet, and would be in the way of the
+/// next try.
+pub(super) fn not_begun(path: &Path, error: SinkError) -> SinkError {
+    let _ = fs::remove_file(path);
+    match error {
+        SinkError::Full(_) => not_made(path, io::ErrorKind::StorageFull.into()),
+        SinkError::Io { source, .. } => not_made(path, source),
+        other => other,
     }
 }
 
@@ -233,7 +254,7 @@ mod tests {
     use erfgs_events::EventEncoding;
     use erfgs_scene::pixel::PixelFormat;
     use std::{
-        io::{self, Cursor},
+        io::Cursor,
         sync::{Arc, Mutex, PoisonError},
     };
 
@@ -258,6 +279,33 @@ mod tests {
         fn flush(&mut self) -> io::Result<()> {
             Ok(())
         }
+    }
+
+    #[test]
+    fn of_a_session_that_cannot_be_begun_nothing_is_left() {
+        let description = Description {
+            id: "no name of a stream/".into(),
+            model: String::new(),
+            serial: String::new(),
+            encoding: Encoding::Frames(PixelFormat::Mjpeg),
+            width: 640,
+            height: 480,
+            start_order: 0,
+            settings: serde_json::Map::new(),
+        };
+        for split in [None, Some(Split::Bytes(1 << 20))] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("take.mcap");
+            let files = SessionFiles { split, ..SessionFiles::default() };
+            assert!(files.open(&path, &SessionInfo::default(), std::slice::from_ref(&description)).is_err());
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "{split:?}");
+            let absent = folder.path().join("absent/take.mcap");
+            let said = files.open(&absent, &SessionInfo::default(), &[]).err().unwrap().to_string();
+            assert!(said.contains("absent/take.mcap") && !said.contains("recover"), "nothing is there: {said}");
+        }
+        let said = not_begun(Path::new("take.mcap"), SinkError::Full("take.mcap".into())).to_string();
+        assert!(said.contains("begin take.mcap") && said.contains("free some space"), "{said}");
+        assert!(!said.contains("recover"), "{said}");
     }
 
     #[test]

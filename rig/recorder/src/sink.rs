@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use erfgs_base::FileError;
 use erfgs_session::source::{Description, Incident, Packet};
 use serde::{Deserialize, Serialize};
 
@@ -98,6 +99,9 @@ pub enum SinkError {
     /// The file exists; recordings are never overwritten.
     #[error("'{}' exists already, and recordings are never overwritten: choose another name or move it away", .0.display())]
     Exists(PathBuf),
+    /// Nothing of it could be written, and nothing is left of it.
+    #[error(transparent)]
+    NotBegun(FileError),
     /// No space left.
     #[error(
         "the disk of '{}' is full. What was recorded until then can be read (`erfgs recover` completes the file); \

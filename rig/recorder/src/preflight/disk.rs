@@ -69,7 +69,13 @@ fn speed(measured: io::Result<f64>, rates: &Rates, folder: &Path) -> Finding {
         Ok(bytes_per_s) => bytes_per_s,
         Err(error) => {
             let says = format!("cannot write to '{}': {error}", folder.display());
-            return Finding::refusal(CHECK, says, "choose a folder that you may write to");
+            let remedy = match error.kind() {
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
+                    "free some space, or record to another disk"
+                }
+                _ => "choose a folder that you may write to",
+            };
+            return Finding::refusal(CHECK, says, remedy);
         }
     };
     let says = format!(
@@ -137,7 +143,9 @@ mod tests {
             [Verdict::Refusal, Verdict::Warning, Verdict::Warning, Verdict::Good]
         );
         let denied = speed(Err(io::ErrorKind::PermissionDenied.into()), &RATES, Path::new("out"));
-        assert_eq!(denied.verdict, Verdict::Refusal);
+        assert!(denied.verdict == Verdict::Refusal && denied.remedy.contains("may write to"));
+        let full = speed(Err(io::ErrorKind::StorageFull.into()), &RATES, Path::new("out"));
+        assert!(full.verdict == Verdict::Refusal && full.remedy.contains("free some space"));
     }
 
     #[test]

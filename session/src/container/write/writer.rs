@@ -101,7 +101,8 @@ impl SessionWriter<File> {
             io::ErrorKind::AlreadyExists => ContainerError::Exists { path: path.to_owned() },
             _ => ContainerError::Open { what: "create", path: path.to_owned(), source },
         })?;
-        Self::new(file, path, start, rig, settings)
+        // A file that could not be begun would be in the way of the next try.
+        Self::new(file, path, start, rig, settings).inspect_err(|_| drop(std::fs::remove_file(path)))
     }
 }
 
