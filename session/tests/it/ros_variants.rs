@@ -2,7 +2,7 @@
 
 use std::{io::Cursor, path::Path};
 
-use erfgs_events::{CdEvent, Columns, Evt2Encoder, Evt3Encoder};
+use erfgs_events::{CdEvent, Columns, Evt2Encoder, Evt3Encoder, Evt21Encoder};
 use erfgs_session::container::Session;
 use mcap::{Compression, records::MessageHeader};
 use proptest::prelude::*;
@@ -11,7 +11,7 @@ const SIZE: [u32; 2] = [640, 480];
 /// Since 1970, nanoseconds.
 const BEGUN_NS: u64 = 1_744_000_000_000_000_000;
 const SCHEMA: &str = "event_camera_msgs/msg/EventPacket";
-const ENCODINGS: [&str; 5] = ["evt3", "evt2", "libcaer", "libcaer_cmp", "mono"];
+const ENCODINGS: [&str; 6] = ["evt3", "evt2", "evt21", "libcaer", "libcaer_cmp", "mono"];
 
 /// A message, field by field.
 #[derive(Clone, Debug)]
@@ -66,6 +66,11 @@ fn words(encoding: &str, events: &[CdEvent]) -> Vec<u8> {
             let mut encoder = Evt2Encoder::default();
             events.iter().for_each(|&event| encoder.event(event, &mut out).unwrap());
         }
+        "evt21" => {
+            let mut encoder = Evt21Encoder::default();
+            events.iter().for_each(|&event| encoder.event(event, &mut out).unwrap());
+            encoder.finish(&mut out);
+        }
         "mono" => out.extend(events.iter().flat_map(|&CdEvent { t_us, x, y, on }| {
             (u64::from(on) << 63 | u64::from(y) << 48 | u64::from(x) << 32 | (1000 * t_us)).to_le_bytes()
         })),
@@ -93,8 +98,8 @@ fn messages(encoding: &str, events: &[CdEvent], at_a_time: usize, frame_id: &str
         events,
     };
     let pieces: Vec<Vec<u8>> = match encoding {
-        // Whole words of both: they do not end with the message.
-        "evt3" | "evt2" => words(encoding, events).chunks(8 * at_a_time).map(<[u8]>::to_vec).collect(),
+        // Whole words of all: they do not end with the message.
+        "evt3" | "evt2" | "evt21" => words(encoding, events).chunks(8 * at_a_time).map(<[u8]>::to_vec).collect(),
         _ => events.chunks(at_a_time).map(|events| words(encoding, events)).collect(),
     };
     (first..).zip(pieces).map(message).collect()
