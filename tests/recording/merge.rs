@@ -35,14 +35,19 @@ fn write(path: &Path, ahead_ns: i64, streams: &[(&str, Encoding, Vec<Packet>)]) 
     writer.finish().expect("a whole session");
 }
 
+/// Writes `left.mcap`, of the host with the board, and `right.mcap` into `folder`.
+pub fn write_hosts(folder: &Path) {
+    let evt3 = Encoding::Events(EventEncoding::Evt3);
+    let eye = |zero_ns, ppm| ("eye", evt3, camera(evt3, &[part(0, 4, zero_ns, ppm)], false).0);
+    write(&folder.join("right.mcap"), -12_345_678 * MS, &[eye(-700 * MS, -60.0)]);
+    write(&folder.join("left.mcap"), 0, &[eye(-3_000 * MS, 90.0), ("board", Encoding::TriggerLines, board(4))]);
+}
+
 #[test]
 fn sessions_of_two_hosts_become_one() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
-    let evt3 = Encoding::Events(EventEncoding::Evt3);
-    let eye = |zero_ns, ppm| ("eye", evt3, camera(evt3, &[part(0, 4, zero_ns, ppm)], false).0);
-    write(&path("right.mcap"), -12_345_678 * MS, &[eye(-700 * MS, -60.0)]);
-    write(&path("left.mcap"), 0, &[eye(-3_000 * MS, 90.0), ("board", Encoding::TriggerLines, board(4))]);
+    write_hosts(folder.path());
 
     let told = json(folder.path(), &["merge", "right.mcap", "left.mcap", "--out", "take.mcap", "--json"]);
     assert_eq!(told["reference"], "left.mcap", "the host with the board gives the clock: {told}");

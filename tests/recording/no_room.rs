@@ -7,7 +7,7 @@ use std::{
     process::Command,
 };
 
-use crate::recording::{dataset::FILM, files::write_session};
+use crate::recording::{dataset::FILM, files::write_session, merge::write_hosts};
 
 /// Every file and folder below `folder`, with the lengths of files.
 fn below(folder: &Path) -> BTreeMap<PathBuf, u64> {
@@ -37,6 +37,7 @@ fn what_does_not_fit_is_named_by_its_place_with_what_helps_and_leaves_nothing() 
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
     write_session(folder);
+    write_hosts(folder);
     for name in ["take.mcap", "rig.json", "film"] {
         std::os::unix::fs::symlink(FILM.path().join(name), folder.join(name)).expect("linked");
     }
@@ -59,12 +60,13 @@ fn what_does_not_fit_is_named_by_its_place_with_what_helps_and_leaves_nothing() 
         ("export film --to nerfstudio --out out", 1, "out/images"),
         ("recover cut.mcap --out out.mcap", 16, "out.mcap"),
         ("recover cut.mcap --in-place", 1, "cut.mcap"),
+        ("merge left.mcap right.mcap --out out.mcap", 16, "out.mcap"),
         ("sync s.mcap --out out.json", 1, "out.json"),
         ("dataset undistort film --out out", 1, "out/images"),
         ("dataset variant film --subsample 2 --blur 2 --out out", 1, "out/images"),
         ("dataset import session take.mcap --rig rig.json --out out", 1, "out/"),
         // The points have room, and the manifest that would name them has none.
-        ("dataset points film --method random --random-points 10 --trust-poses", 1, "film/dataset.json"),
+        ("dataset points film --method random --random-points 10 --moving 0 --trust-poses", 1, "film/dataset.json"),
         ("calibrate convert rig.json --to kalibr --out out", 1, "out"),
         ("calibrate convert rig.json --to nerfstudio --out out", 1, "out"),
     ];
