@@ -61,7 +61,7 @@ impl OpenSession for SessionFiles {
             return self.write_to(file, path, info, streams).map_err(|error| not_begun(path, error));
         };
         // Files of this name are parts of another session, and are never overwritten.
-        let taken = container::parts_beside(path).map_err(|error| SinkError::io(path, error))?;
+        let taken = container::parts_beside(path).map_err(|error| not_made(path, error))?;
         if let Some((_, taken)) = taken.into_iter().next() {
             return Err(SinkError::Exists(taken));
         }
