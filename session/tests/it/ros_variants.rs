@@ -116,13 +116,12 @@ enum File {
 }
 
 fn files() -> impl Strategy<Value = File> {
-    prop_oneof![
-        Just(File::Mcap(None)),
-        Just(File::Mcap(Some(Compression::Lz4))),
-        Just(File::Mcap(Some(Compression::Zstd))),
-        #[cfg(feature = "rosbag2")]
-        any::<bool>().prop_map(|packed| File::Sqlite { packed }),
-    ]
+    let compressions = [None, Some(Compression::Lz4), Some(Compression::Zstd)];
+    #[cfg_attr(not(feature = "rosbag2"), expect(unused_mut, reason = "nothing is added without SQLite"))]
+    let mut files = compressions.map(File::Mcap).to_vec();
+    #[cfg(feature = "rosbag2")]
+    files.extend([true, false].map(|packed| File::Sqlite { packed }));
+    prop::sample::select(files)
 }
 
 impl File {
