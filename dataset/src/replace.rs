@@ -80,7 +80,7 @@ impl Dataset {
             let text = Prepared::new(&manifest, &after.text()?).map_err(&not_named)?;
             steps.push((bytes, text, after.manifest));
         }
-        let mut take = || -> Result<(), FileError> {
+        let take = || -> Result<(), FileError> {
             for (bytes, text, after) in steps {
                 bytes.finish().map_err(&not_written)?;
                 text.finish().map_err(&not_named)?;
