@@ -10,11 +10,11 @@ use rayon::prelude::*;
 
 use super::{
     carve::AGREE,
+    centres::Track,
     film::{Eye, Film, View},
     globe::Globe,
     path::Path,
     shades::Shape,
-    things::Thing,
     turn::directions_apart,
 };
 
@@ -76,8 +76,7 @@ struct Disc {
 
 impl Ball {
     /// A thing as a ball; none of what is not round.
-    pub fn new(film: &Film, thing: &Thing) -> Option<Self> {
-        let Thing { track, path, shapes, .. } = thing;
+    pub fn new(film: &Film, track: &Track, path: &Path, shapes: &[Shape]) -> Option<Self> {
         let sure: Vec<&Shape> = shapes.iter().filter(|shape| track.sure[shape.moment]).collect();
         let step = sure.len().div_ceil(TELLING).max(1);
         let telling: Vec<&Shape> = sure.into_iter().step_by(step).collect();
@@ -242,7 +241,6 @@ mod tests {
     use super::*;
     use crate::bodies::{
         carve::{Place, tests::film},
-        centres::Track,
         detections::Histogram,
         turn::directions,
     };
@@ -254,7 +252,7 @@ mod tests {
     }
 
     /// A ball at five instants, and a thing that was followed as if it were 7 cm beside where it is.
-    fn followed(points: impl Fn(DVec3) -> DVec3) -> (Film, Thing) {
+    fn followed(points: impl Fn(DVec3) -> DVec3) -> (Film, Track, Path, Vec<Shape>) {
         let times: Vec<f64> = (0..5).map(|at| 0.1 * f64::from(at)).collect();
         let place = |(moment, t_s): (usize, &f64)| {
             let (centre, rotation) = (centre(*t_s), DQuat::IDENTITY);
@@ -280,31 +278,17 @@ mod tests {
             usual_points: 300.0,
         };
         let path = Path::new(times.clone(), times.iter().map(|&t_s| seen(t_s)).collect());
-        let slim = Vec::new();
-        (
-            film,
-            Thing {
-                name: "it".into(),
-                track,
-                ball: None,
-                shapes,
-                slim,
-                globes: vec![],
-                path,
-                falls: false,
-                rate: None,
-            },
-        )
+        (film, track, path, shapes)
     }
 
     #[test]
     fn a_ball_is_where_its_discs_are_and_not_where_its_hull_is() {
-        let (film, thing) = followed(|along| along * DVec3::new(1.0, 1.0, 1.2));
-        let ball = Ball::new(&film, &thing).unwrap();
+        let (film, track, path, shapes) = followed(|along| along * DVec3::new(1.0, 1.0, 1.2));
+        let ball = Ball::new(&film, &track, &path, &shapes).unwrap();
         assert!((ball.radius_m / RADIUS - 1.0).abs() < 0.05, "{ball:?}");
         assert!(ball.off < 0.05 && ball.places.len() == 5, "{ball:?}");
         for (instant, place) in &ball.places {
-            let apart = place.distance(centre(thing.shapes[*instant].moment as f64 * 0.1));
+            let apart = place.distance(centre(shapes[*instant].moment as f64 * 0.1));
             assert!(apart < 0.01, "{apart} m at {instant}");
         }
         assert_eq!(ball.agree(), AGREE);
@@ -313,7 +297,7 @@ mod tests {
     #[test]
     fn what_is_long_or_hangs_on_something_is_no_ball() {
         // A rod: of each disc a third is left.
-        let (mut film, thing) = followed(|along| along * DVec3::new(1.0, 1.0, 1.2));
+        let (mut film, track, path, shapes) = followed(|along| along * DVec3::new(1.0, 1.0, 1.2));
         for moment in &mut film.moments {
             let centre = centre(moment.t_s);
             for view in &mut moment.views {
@@ -323,13 +307,23 @@ mod tests {
                 }
             }
         }
-        assert!(Ball::new(&film, &thing).is_none());
+        assert!(Ball::new(&film, &track, &path, &shapes).is_none());
         // A bob on a rod that is three times as long.
-        let (film, thing) = followed(|along| if along.y > 0.7 { along * DVec3::new(0.2, 6.0, 0.2) } else { along });
-        assert!(Ball::new(&film, &thing).is_none());
+        let bob = |along: DVec3| if along.y > 0.7 { along * DVec3::new(0.2, 6.0, 0.2) } else { along };
+        let (film, track, path, shapes) = followed(bob);
+        assert!(Ball::new(&film, &track, &path, &shapes).is_none());
         // What is seen too seldom.
-        let (film, mut thing) = followed(|along| along);
-        thing.shapes.truncate(1);
-        assert!(Ball::new(&film, &thing).is_none());
+        let (film, track, path, shapes) = followed(|along| along);
+        assert!(Ball::new(&film, &track, &path, &shapes[..1]).is_none());
+    }
+
+    #[test]
+    fn what_a_ball_covers_while_the_shutter_is_open_is_not_beside_it() {
+        let (mut film, _, path, shapes) = followed(|along| along * DVec3::new(1.7, 1.0, 1.0));
+        let shape = &shapes[2];
+        let beside = |film: &Film| aside(film, &path, shape, centre(0.2), RADIUS);
+        assert!(beside(&film) > ASIDE, "it is long, and no shutter was open");
+        film.moments[2].exposure_s = 0.2;
+        assert!(beside(&film) < 0.3 * ASIDE, "{}", beside(&film));
     }
 }

@@ -86,7 +86,7 @@ impl Things {
             let flown = track.instants().all(|instant| flights.at(times[instant]).is_some());
             let falls = flown && path.bounces_s().next().is_none();
             let thing = Thing { name, ball: None, shapes, slim, globes: Vec::new(), path, track, falls, rate };
-            match may_be_round.then(|| Ball::new(film, &thing)).flatten() {
+            match may_be_round.then(|| Ball::new(film, &thing.track, &thing.path, &thing.shapes)).flatten() {
                 Some(ball) => round(film, thing, ball),
                 None => thing,
             }

@@ -11,7 +11,6 @@ use super::{
     path::Path,
     round::Ball,
     shades::Shape,
-    things::Thing,
 };
 
 /// A piece of which so large a share is of tracks is of them.
@@ -96,19 +95,9 @@ fn ball<'a>(film: &Film, clouds: &[Cloud<'_>], pieces: [(usize, &'a Detection); 
         let Cloud { points, colours } = clouds[instant];
         Shape::new(instant, piece.centre, piece.members.iter().map(|&at| (points[at], colours[at])))
     };
-    let thing = Thing {
-        name: String::new(),
-        ball: None,
-        shapes: pieces.map(shape).into(),
-        slim: Vec::new(),
-        globes: Vec::new(),
-        path: Path::bouncing(&times_s, &[a.centre, b.centre], &[], 0.0),
-        track,
-        falls: false,
-        rate: None,
-    };
-    let off = Ball::new(film, &thing)?.off;
-    Some(Pair { pieces, track: thing.track, off })
+    let path = Path::bouncing(&times_s, &[a.centre, b.centre], &[], 0.0);
+    let off = Ball::new(film, &track, &path, &pieces.map(shape))?.off;
+    Some(Pair { pieces, track, off })
 }
 
 #[cfg(test)]
