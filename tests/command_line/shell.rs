@@ -75,5 +75,5 @@ fn each_command_has_a_manual_page_that_man_reads_without_a_warning() {
     let train = fs::read_to_string(folder.path("pages/man1/erfgs-train.1")).unwrap();
     assert!(train.contains("iterations") && train.contains("Examples"));
     fs::write(folder.path("file"), "").unwrap();
-    assert!(folder.fail(1, "man file").contains("cannot make file"));
+    assert!(folder.fail(1, "man file").contains("cannot make the folder file"));
 }
