@@ -66,6 +66,18 @@ fn fill_and_place<T, E>(
     failed: impl Fn(io::Error) -> E,
     settle: impl FnOnce(&std::fs::File) -> io::Result<()>,
 ) -> Result<T, E> {
+    let (prepared, filled) = prepare(path, fill, &failed, settle)?;
+    prepared.finish().map_err(failed)?;
+    Ok(filled)
+}
+
+/// Fills a file in the folder of `path`, which is made where needed, and lets `settle` see it.
+fn prepare<T, E>(
+    path: &Path,
+    fill: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> Result<T, E>,
+    failed: impl Fn(io::Error) -> E,
+    settle: impl FnOnce(&std::fs::File) -> io::Result<()>,
+) -> Result<(Prepared, T), E> {
     let folder = folder_of(path);
     std::fs::create_dir_all(folder).map_err(&failed)?;
     let begun = BegunFile::new(folder, PREFIX).map_err(&failed)?;
@@ -73,9 +85,8 @@ fn fill_and_place<T, E>(
     let filled = fill(&mut writer)?;
     writer.flush().map_err(&failed)?;
     drop(writer);
-    settle(begun.file.as_file()).map_err(&failed)?;
-    begun.persist(path).map_err(failed)?;
-    Ok(filled)
+    settle(begun.file.as_file()).map_err(failed)?;
+    Ok((Prepared { begun, place: path.to_owned() }, filled))
 }
 
 /// A file that is written and not yet in its place: of several that belong together, all are written before one is seen. Dropped, it is
@@ -92,13 +103,8 @@ impl Prepared {
     /// # Errors
     /// If the folder or the file cannot be written.
     pub fn new(path: &Path, bytes: &[u8]) -> io::Result<Self> {
-        let folder = folder_of(path);
-        std::fs::create_dir_all(folder)?;
-        let begun = BegunFile::new(folder, PREFIX)?;
-        let mut file = begun.file.as_file();
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        Ok(Self { begun, place: path.to_owned() })
+        let (prepared, ()) = prepare(path, |file| file.write_all(bytes), |error| error, |file| file.sync_all())?;
+        Ok(prepared)
     }
 
     /// Puts the file in its place.
