@@ -6,7 +6,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun, layout};
+use super::{Camera, Dataset, DatasetError, Frame, Manifest, PointCloudFile, PointRun};
 use erfgs_base::{FileError, atomic::NewFolder, copy_file, plausible::POINT};
 use erfgs_events::{Events, npz};
 use erfgs_scene::{
@@ -198,9 +198,10 @@ impl Dataset {
         method: &str,
         parameters: BTreeMap<String, serde_json::Value>,
     ) -> Result<PointCloudFile, DatasetError> {
-        let file = PathBuf::from(layout::POINTS);
-        cloud.write(&self.root.join(&file)).map_err(|source| DatasetError::Points { source: Box::new(source) })?;
-        let named = PointCloudFile { file, count: cloud.len() as u64, method: method.to_owned(), parameters };
+        let named = PointCloudFile::of(cloud, method, parameters);
+        cloud
+            .write(&self.root.join(&named.file))
+            .map_err(|source| DatasetError::Points { source: Box::new(source) })?;
         self.manifest.points = Some(named.clone());
         Ok(named)
     }

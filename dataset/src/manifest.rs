@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::BodiesFile;
-use erfgs_scene::{Intrinsics, Modality, Pose, rig_file::Sigma};
+use super::{BodiesFile, layout};
+use erfgs_scene::{Intrinsics, Modality, Pose, ply::PointCloud, rig_file::Sigma};
 
 /// What a viewpoint is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -179,6 +179,11 @@ pub struct PointRun {
 }
 
 impl PointCloudFile {
+    /// How a manifest names a cloud in its usual file.
+    pub(crate) fn of(cloud: &PointCloud, method: &str, parameters: BTreeMap<String, serde_json::Value>) -> Self {
+        Self { file: layout::POINTS.into(), count: cloud.len() as u64, method: method.to_owned(), parameters }
+    }
+
     /// The parameter that holds the [`PointRun`]s of the file.
     pub const RUNS: &str = "runs";
 

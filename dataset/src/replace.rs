@@ -12,7 +12,7 @@ use std::{
 use erfgs_base::{FileError, atomic::Prepared};
 use erfgs_scene::ply::PointCloud;
 
-use super::{Bodies, BodiesFile, Dataset, DatasetError, Manifest, PointCloudFile, hashes::sha256_of, layout};
+use super::{Bodies, BodiesFile, Dataset, DatasetError, Manifest, PointCloudFile, hashes::sha256_of};
 
 /// What the name of a successor begins with while its predecessor is still named.
 const NEXT: &str = "next-";
@@ -28,14 +28,12 @@ impl Dataset {
         method: &str,
         parameters: BTreeMap<String, serde_json::Value>,
     ) -> Result<PointCloudFile, DatasetError> {
-        let file = PathBuf::from(layout::POINTS);
-        let bytes = cloud.encode().map_err(FileError::when("write point cloud", &self.root.join(&file)))?;
-        let named =
-            PointCloudFile { file: file.clone(), count: cloud.len() as u64, method: method.to_owned(), parameters };
+        let named = PointCloudFile::of(cloud, method, parameters);
+        let bytes = cloud.encode().map_err(FileError::when("write point cloud", &self.root.join(&named.file)))?;
         let name = |manifest: &mut Manifest, file: PathBuf| {
             manifest.points = Some(PointCloudFile { file, ..named.clone() });
         };
-        self.replace(&file, &bytes, name)?;
+        self.replace(&named.file, &bytes, name)?;
         Ok(named)
     }
 
