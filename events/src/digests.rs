@@ -95,9 +95,8 @@ impl Sink for Digests {
 
     fn imu(&mut self, sample: ImuSample) {
         self.imu_samples += 1;
-        let ImuSample { t_us, temperature, accelerometer, gyroscope, magnetometer } = sample;
-        let values = [temperature].into_iter().chain(accelerometer).chain(gyroscope).chain(magnetometer);
-        self.digest(5, t_us.to_le_bytes().into_iter().chain(values.flat_map(f32::to_le_bytes)));
+        let values = sample.values().into_iter().flat_map(f32::to_le_bytes);
+        self.digest(5, sample.t_us.to_le_bytes().into_iter().chain(values));
     }
 
     fn frame(&mut self, frame: ApsFrame) {

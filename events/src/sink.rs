@@ -24,8 +24,9 @@ pub struct Edge {
     pub rising: bool,
 }
 
-/// A sample of the inertial unit, in the units of AEDAT4.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A sample of the inertial unit, in the units of AEDAT4. What was switched off is NaN. Samples are equal if their bits are, so that the
+/// same samples are, too, where something was off.
+#[derive(Clone, Copy, Debug)]
 pub struct ImuSample {
     /// Device time, microseconds.
     pub t_us: u64,
@@ -37,6 +38,26 @@ pub struct ImuSample {
     pub gyroscope: [f32; 3],
     /// Magnetic field along x, y, z, microtesla; zero where the unit has no magnetometer.
     pub magnetometer: [f32; 3],
+}
+
+impl ImuSample {
+    /// Temperature, acceleration, rotation, magnetic field.
+    pub(crate) fn values(&self) -> [f32; 10] {
+        let Self {
+            t_us: _,
+            temperature,
+            accelerometer: [ax, ay, az],
+            gyroscope: [gx, gy, gz],
+            magnetometer: [mx, my, mz],
+        } = *self;
+        [temperature, ax, ay, az, gx, gy, gz, mx, my, mz]
+    }
+}
+
+impl PartialEq for ImuSample {
+    fn eq(&self, other: &Self) -> bool {
+        self.t_us == other.t_us && self.values().map(f32::to_bits) == other.values().map(f32::to_bits)
+    }
 }
 
 /// A frame of the sensor's own pixels, exposed on the same clock as its events.

@@ -17,8 +17,8 @@ pub struct DavisEncoder {
 impl DavisEncoder {
     /// The longest gap between two items, microseconds: about a year.
     pub const MAX_GAP_US: u64 = 1 << 45;
-    /// Ranges of the inertial samples: 8 g and 1000 degrees a second, and temperature.
-    const SCALES: u8 = 0b1110_1010;
+    /// Ranges of the inertial samples: 8 g and 1000 degrees a second.
+    const RANGES: u16 = 0b1010;
 
     /// An encoder at the start of a stream, at time 0.
     #[must_use]
@@ -68,19 +68,22 @@ impl DavisEncoder {
         Ok(())
     }
 
-    /// Appends an inertial sample, rounded to the steps of ranges of 8 g and 1000 degrees a second.
+    /// Appends an inertial sample, rounded to the steps of ranges of 8 g and 1000 degrees a second. What is NaN is said to be off.
     ///
     /// # Errors
     /// If the sample goes back in time or too far forward.
     pub fn imu(&mut self, sample: ImuSample, out: &mut Vec<u8>) -> Result<(), EncodeError> {
         self.time(sample.t_us, out)?;
+        let scale = |value: f32, full_scale: f32| (value / full_scale * 32768.0).round();
+        let groups = [
+            (7, sample.accelerometer.map(|value| scale(value, 8.0)).to_vec()),
+            (5, vec![((sample.temperature - 35.0) * 340.0).round()]),
+            (6, sample.gyroscope.map(|value| scale(value, 1000.0)).to_vec()),
+        ];
+        let measured = || groups.iter().filter(|(_, values)| !values.iter().any(|value| value.is_nan()));
         word(0, 5, out);
-        word(5, 3 << 8 | u16::from(Self::SCALES), out);
-        let scale = |value: f32, full_scale: f32| (value / full_scale * 32768.0).round() as i16;
-        let [ax, ay, az] = sample.accelerometer.map(|value| scale(value, 8.0));
-        let temperature = ((sample.temperature - 35.0) * 340.0).round() as i16;
-        let [gx, gy, gz] = sample.gyroscope.map(|value| scale(value, 1000.0));
-        for byte in [ax, ay, az, temperature, gx, gy, gz].into_iter().flat_map(i16::to_be_bytes) {
+        word(5, 3 << 8 | measured().fold(Self::RANGES, |scales, (bit, _)| scales | 1 << bit), out);
+        for byte in measured().flat_map(|(_, values)| values).flat_map(|&value| (value as i16).to_be_bytes()) {
             word(5, byte.into(), out);
         }
         word(0, 7, out);

@@ -174,14 +174,18 @@ fn davis_streams_come_back() {
     }
     let t = 20_000_000;
     encoder.frame(&frame(t, t + 40_000, 10), &mut bytes).unwrap();
+    // A unit that is switched on in steps gives samples of which some parts are off.
+    let partial = ImuSample { temperature: f32::NAN, gyroscope: [f32::NAN; 3], ..sample(t + 40_001) };
     encoder.imu(sample(t + 40_001), &mut bytes).unwrap();
+    encoder.imu(partial, &mut bytes).unwrap();
     encoder.mark(t + 40_002, Mark::ExternalRising, &mut bytes).unwrap();
     encoder.mark(t + 40_003, Mark::GeneratorFalling, &mut bytes).unwrap();
     let (columns, anomalies) = decode(DavisDecoder::new(layout), &bytes, &[]);
     assert!(anomalies.is_empty(), "{anomalies:?}");
     assert_eq!(columns.iter().collect::<Vec<_>>(), events);
     assert_eq!(columns.frames, [frame(t, t + 40_000, 10)]);
-    assert_eq!(columns.imu, [sample(t + 40_001)]);
+    assert_eq!(columns.imu, [sample(t + 40_001), partial]);
+    assert_ne!(columns.imu[0], partial);
     let marks: Vec<Mark> = columns.marks.iter().map(|mark| mark.1).collect();
     let of_frame = [Mark::FrameBegin, Mark::ExposureBegin, Mark::ExposureEnd, Mark::FrameEnd];
     assert_eq!(marks, [&of_frame[..], &[Mark::ExternalRising, Mark::GeneratorFalling]].concat());
