@@ -20,7 +20,7 @@ Every time is in microseconds: those of a recording begin with it and are the sa
 are refused raise `erfgs.Error` with what to do about it.
 """
 ORDER = ["open", "Recording", "Stream", "Frame", "Slice", "SliceDataset", "Clock", "ClockPart", "Rig", "Camera", "Dataset"]
-ORDER += ["DatasetCamera", "FrameTime", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
+ORDER += ["DatasetCamera", "FrameTime", "Scene", "Rendering", "Gaussians", "FrameIterator", "SliceIterator", "EVENT_DTYPE", "Error", "DamageWarning"]
 
 
 def text(docs):

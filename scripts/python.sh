@@ -15,10 +15,10 @@ if ! "$tools/bin/maturin" --version 2>/dev/null | grep -qx "maturin $maturin"; t
   "$tools/bin/pip" install --quiet --no-compile --disable-pip-version-check "maturin==$maturin"
 fi
 
-# Real recordings, if scripts/setup.sh --oracles has not fetched them, and the programs that record emulated ones.
+# Real recordings, if scripts/setup.sh --oracles has not fetched them, and the programs that record emulated ones, film and train.
 recordings=${ERFGS_RECORDINGS:-$PWD/target/recordings}
 [ -n "${ERFGS_RECORDINGS:-}" ] || python3 tests/oracles/recordings.py "$recordings"
-cargo build --locked --workspace --features "$ERFGS_FEATURES" --bin erfgs-emulated-rig --bin erfgs-stage
+cargo build --locked --workspace --features "$ERFGS_FEATURES" --bin erfgs --bin erfgs-emulated-rig --bin erfgs-stage
 
 # As the tests are built, and with this machine's libraries: a wheel for others is that of scripts/release.sh.
 wheels=$CARGO_TARGET_DIR/wheels

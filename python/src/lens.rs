@@ -47,7 +47,8 @@ fn rows<const N: usize>(points: &Points<'_>, what: &str) -> PyResult<Vec<[f64; N
 }
 
 impl Camera {
-    fn stands(&self) -> PyResult<&Pose> {
+    /// Its pose; an error where nobody knows it.
+    pub fn stands(&self) -> PyResult<&Pose> {
         self.pose.as_ref().ok_or_else(|| {
             errors::Error::new_err(format!("nobody knows where camera {} stands; calibrate the rig", self.name))
         })

@@ -1,4 +1,4 @@
-//! The Python module `erfgs`: thin over the rooms that read sessions, rigs and datasets.
+//! The Python module `erfgs`: thin over the rooms that read sessions, rigs and datasets, and draw reconstructions.
 //!
 //! What is here turns arguments into those of a library, lets go of the interpreter's lock while the library works, and hands arrays
 //! over. Every time is in microseconds, as event cameras' are; those of libraries are in nanoseconds (`times.rs`).
@@ -11,11 +11,12 @@ mod lens;
 mod reading;
 mod recording;
 mod rig;
+mod scene;
 mod times;
 
 use pyo3::prelude::*;
 
-/// Sessions of several cameras on one clock, rigs and datasets; see the package `erfgs`.
+/// Sessions of several cameras on one clock, rigs, datasets and reconstructions; see the package `erfgs`.
 #[pymodule]
 mod _erfgs {
     #[pymodule_export]
@@ -32,6 +33,8 @@ mod _erfgs {
     use super::recording::{Recording, Stream, open};
     #[pymodule_export]
     use super::rig::Rig;
+    #[pymodule_export]
+    use super::scene::Scene;
     use super::*;
 
     #[pymodule_init]

@@ -46,6 +46,21 @@ def dataset(programs, tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="session")
+def trained(programs, tmp_path_factory):
+    """A film of the stage by four RGB cameras, an event camera and a held-out one, and what a short training makes of it."""
+    folder = tmp_path_factory.mktemp("trained")
+    film, run = folder / "film", folder / "run"
+    size = ["--size", "64x48", "--rgb", "4", "--event", "1", "--test", "1", "--duration-ms", "200", "--rgb-fps", "20"]
+    for command in (
+        ["erfgs-stage", "film", "--out", film, *size],
+        ["erfgs", "dataset", "points", film, "--method", "random", "--random-points", "1000", "-q"],
+        ["erfgs", "train", film, "--out", run, "--iterations", "60+120", "--motion", "free-time", "-q"],
+    ):
+        subprocess.run([programs / command[0], *command[1:]], check=True, capture_output=True)
+    return film, run
+
+
 @pytest.fixture
 def text_file(tmp_path):
     """A file of events at known places and times: its path and the events."""

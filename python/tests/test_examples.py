@@ -38,8 +38,17 @@ def test_dataset(dataset):
     assert sum("rises" in line for line in said) == 1 and sum("levels change" in line for line in said) >= 2
 
 
+def test_scene(trained, tmp_path):
+    film, folder = trained
+    out = tmp_path / "gaussians.npz"
+    said = run("scene.py", folder, film, out)
+    found = np.load(out)
+    assert said[0].startswith(f"{len(found['means'])} Gaussians") and len(found["means"]) == len(found["opacities"]) > 1000
+    assert sum(line.startswith("test00 at ") and float(line.split()[-2]) > 10 for line in said) == len(said) - 1 > 3
+
+
 def test_all_examples_are_here():
-    assert {path.name for path in EXAMPLES.iterdir()} == {"slices.py", "voxels.py", "dataset.py"}
+    assert {path.name for path in EXAMPLES.iterdir()} == {"slices.py", "voxels.py", "dataset.py", "scene.py"}
 
 
 def test_the_reference_is_that_of_this_module(monkeypatch):

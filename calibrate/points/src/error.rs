@@ -11,7 +11,7 @@ pub enum CloudError {
     /// Three views are needed to tell a right point from a wrong one.
     #[error(
         "the initial point cloud needs at least 3 training cameras with frames, and the dataset has {found}; \
-         give more cameras frames, or use --init random"
+         give more cameras frames, or train from random points: erfgs train DATASET --init random"
     )]
     TooFewCameras {
         /// How many there are.

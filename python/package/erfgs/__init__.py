@@ -1,4 +1,4 @@
-"""Sessions of several frame and event cameras on one clock, calibrated rigs, and datasets, as NumPy arrays.
+"""Sessions of several frame and event cameras on one clock, calibrated rigs, datasets and reconstructions, as NumPy arrays.
 
     import erfgs
 
@@ -21,12 +21,13 @@ from ._erfgs import (
     FrameIterator,
     Recording,
     Rig,
+    Scene,
     SliceIterator,
     Stream,
     __version__,
     open,
 )
-from ._types import EVENT_DTYPE, Frame, FrameTime, Slice
+from ._types import EVENT_DTYPE, Frame, FrameTime, Gaussians, Rendering, Slice
 from .data import SliceDataset
 
 __all__ = [
@@ -41,8 +42,11 @@ __all__ = [
     "Frame",
     "FrameIterator",
     "FrameTime",
+    "Gaussians",
     "Recording",
+    "Rendering",
     "Rig",
+    "Scene",
     "Slice",
     "SliceDataset",
     "SliceIterator",

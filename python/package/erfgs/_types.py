@@ -51,3 +51,30 @@ class Slice(NamedTuple):
     """The events of each stream that has them: structured arrays of EVENT_DTYPE, in the order of t."""
     frames: Dict[str, List[Frame]]
     """The frames of each stream that has them, in the order of t."""
+
+
+class Rendering(NamedTuple):
+    """What a camera sees of a reconstruction."""
+
+    image: NDArray[np.uint8]
+    """(height, width, 3): red, green, blue over the run's background, encoded for display (sRGB)."""
+    opacity: NDArray[np.float32]
+    """(height, width): how much of the background is covered, 0 to 1."""
+    depth: NDArray[np.float32]
+    """(height, width): mean depth along the optical axis by opacity, metres; 0 where nothing is."""
+
+
+class Gaussians(NamedTuple):
+    """The Gaussians of a reconstruction at an instant, as gsplat takes them."""
+
+    means: NDArray[np.float32]
+    """(n, 3): centres in the world, metres."""
+    quaternions: NDArray[np.float32]
+    """(n, 4): rotations of their axes, w, x, y, z, of length 1."""
+    scales: NDArray[np.float32]
+    """(n, 3): standard deviations along their axes, metres."""
+    opacities: NDArray[np.float32]
+    """(n,): 0 to 1."""
+    harmonics: NDArray[np.float32]
+    """(n, k, 3): coefficients of the spherical harmonics of red, green, blue: 1, 4, 9 or 16, those of degree 0 first. Their sum and 0.5 are the
+    colour in the direction from the camera, encoded for display."""
