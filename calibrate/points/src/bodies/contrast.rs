@@ -139,51 +139,54 @@ pub fn contrasts(windows: &[impl Borrow<Window> + Sync], rates: &[DVec3]) -> Vec
     rates.par_iter().map(|&rate| mean_contrast(windows, Change { rate, velocity: DVec3::ZERO })).collect()
 }
 
+/// What three cameras see of a ball with spots that turns and flies, in 16 ms.
+#[cfg(test)]
+pub fn test_windows(rate: DVec3, velocity: DVec3, rate_error: f64) -> Vec<Window> {
+    use super::{film::test_eye, turn::directions};
+    use erfgs_base::random;
+    use glam::DQuat;
+
+    let centre = DVec3::new(0.1, 0.0, 0.2);
+    let eyes = [DVec3::new(0.0, -0.5, -2.0), DVec3::new(1.8, -0.8, -0.8), DVec3::new(-1.5, -1.0, 1.3)]
+        .map(|from| test_eye(from, DVec3::ZERO));
+    let spots: Vec<DVec3> = directions(60).into_iter().map(|along| 0.2 * along).collect();
+    let of = |(index, eye): (usize, &Eye)| {
+        let mut events = Vec::new();
+        for (spot, &place) in spots.iter().enumerate() {
+            // Only those that face the camera.
+            if (eye.centre - centre - place).dot(place) < 0.0 {
+                continue;
+            }
+            for tick in 0..16 {
+                let seconds = 1e-3 * (f64::from(tick) - 7.5);
+                let turned = DQuat::from_scaled_axis(rate * seconds) * place;
+                let key = random::key(5, &[index as u64, spot as u64, tick as u64]);
+                let noise = DVec3::new(random::normal(key), random::normal(random::extend(key, 1)), 0.0);
+                let Some((pixel, _)) = eye.see(centre + velocity * seconds + turned) else { continue };
+                let value = if spot % 2 == 0 { 1.0 } else { -1.0 };
+                // Where the hull is wrong the place is, too.
+                let place = place + rate_error * noise;
+                let then = centre + velocity * seconds + place;
+                events.push(NetEvent { pixel: pixel.floor() + 0.5, seconds, value, then, place });
+            }
+        }
+        Window::new(eye, &events, centre, 1.5)
+    };
+    eyes.iter().enumerate().filter_map(of).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::bodies::{
         film::test_eye,
-        turn::{climb, directions, rates},
+        turn::{climb, rates},
     };
-    use erfgs_base::random;
-    use glam::DQuat;
-
-    /// What three cameras see of a ball with spots that turns and flies, in 16 ms.
-    fn windows(rate: DVec3, velocity: DVec3, rate_error: f64) -> Vec<Window> {
-        let centre = DVec3::new(0.1, 0.0, 0.2);
-        let eyes = [DVec3::new(0.0, -0.5, -2.0), DVec3::new(1.8, -0.8, -0.8), DVec3::new(-1.5, -1.0, 1.3)]
-            .map(|from| test_eye(from, DVec3::ZERO));
-        let spots: Vec<DVec3> = directions(60).into_iter().map(|along| 0.2 * along).collect();
-        let of = |(index, eye): (usize, &Eye)| {
-            let mut events = Vec::new();
-            for (spot, &place) in spots.iter().enumerate() {
-                // Only those that face the camera.
-                if (eye.centre - centre - place).dot(place) < 0.0 {
-                    continue;
-                }
-                for tick in 0..16 {
-                    let seconds = 1e-3 * (f64::from(tick) - 7.5);
-                    let turned = DQuat::from_scaled_axis(rate * seconds) * place;
-                    let key = random::key(5, &[index as u64, spot as u64, tick as u64]);
-                    let noise = DVec3::new(random::normal(key), random::normal(random::extend(key, 1)), 0.0);
-                    let Some((pixel, _)) = eye.see(centre + velocity * seconds + turned) else { continue };
-                    let value = if spot % 2 == 0 { 1.0 } else { -1.0 };
-                    // Where the hull is wrong the place is, too.
-                    let place = place + rate_error * noise;
-                    let then = centre + velocity * seconds + place;
-                    events.push(NetEvent { pixel: pixel.floor() + 0.5, seconds, value, then, place });
-                }
-            }
-            Window::new(eye, &events, centre, 1.5)
-        };
-        eyes.iter().enumerate().filter_map(of).collect()
-    }
 
     #[test]
     fn contrast_is_greatest_at_the_rate_that_a_ball_turns_at() {
         let truth = DVec3::new(-4.0, 14.0, 6.0);
-        let windows = windows(truth, DVec3::new(2.0, -1.0, 0.5), 0.01);
+        let windows = test_windows(truth, DVec3::new(2.0, -1.0, 0.5), 0.01);
         let all = rates(60, &[5.0, 10.0, 15.0, 21.0, 28.0, 37.0, 48.0]);
         let found = contrasts(&windows, &all);
         let top = std::iter::zip(found.iter().copied(), all).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();

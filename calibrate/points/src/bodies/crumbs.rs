@@ -17,8 +17,12 @@ const MOSTLY: f64 = 0.75;
 
 /// How what flies freely accelerates, metres per second squared: as most things that fly do; none where none falls.
 pub fn fall(tracks: &[Track], times_s: &[f64], [cell_m, exposure_s]: [f64; 2]) -> Option<DVec3> {
-    let falls: Vec<DVec3> =
-        tracks.iter().filter_map(|track| track.flights(times_s, exposure_s, cell_m).fall()).collect();
+    usual(tracks.iter().filter_map(|track| track.flights(times_s, exposure_s, cell_m).fall()))
+}
+
+/// The mean of the accelerations that most have, metres per second squared; none where they are not those of a fall.
+pub fn usual(falls: impl Iterator<Item = DVec3>) -> Option<DVec3> {
+    let falls: Vec<DVec3> = falls.collect();
     let usual = DVec3::from_array(
         [0, 1, 2].map(|axis| erfgs_calibrate::statistics::median(falls.iter().map(|fall| fall[axis])).unwrap_or(0.0)),
     );
@@ -98,6 +102,14 @@ mod tests {
         let mut chains: Vec<Chain> = (0..4).map(chain).collect();
         forget(&mut chains, &tracks, &times, SIZES);
         assert_eq!(chains, [chain(0), chain(1), chain(3)]);
+    }
+
+    #[test]
+    fn what_most_things_accelerate_by_is_how_things_fall() {
+        let flung = DVec3::new(9.0, 2.0, 0.0);
+        assert_eq!(usual([GRAVITY, GRAVITY, flung].into_iter()), Some(GRAVITY));
+        assert_eq!(usual([GRAVITY, flung].into_iter()), None);
+        assert_eq!(usual([0.1 * GRAVITY].into_iter()), None);
     }
 
     #[test]

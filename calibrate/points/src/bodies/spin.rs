@@ -31,6 +31,8 @@ const BY_FRAMES: f64 = 0.95;
 /// How much more the contrast of events weighs than the colours of frames, and by how much both must be better than without a turn.
 const EVENTS_WEIGH: f64 = 10.0;
 const BETTER: f64 = 0.1;
+/// Where frames show a turn, so much of what it brings colours nearer must be brought by one that events show.
+const SHARED: f64 = 0.7;
 /// A contrast without a turn that is so near to the best tells nothing.
 const FLAT: f64 = 0.985;
 
@@ -88,9 +90,14 @@ pub fn spin(compared: &[&dyn Compared], windows: &[&Window], step_s: f64) -> Spi
         let still = shades.apart(&[DVec3::ZERO])[0].max(f64::MIN_POSITIVE);
         shades.apart(rates).into_iter().map(|apart| apart / still).collect()
     };
+    // Events of what passes before a thing or behind it are sharp at other rates. Where frames show how it turns, a rate is its own only
+    // if it brings colours nearer to one another, too.
+    let nearest = frames_tell.map_or(f64::INFINITY, |best| 1.0 - SHARED * (1.0 - best.0));
     let score = |rates: &[DVec3]| -> Vec<f64> {
-        let sharp = contrasts(windows, rates);
-        std::iter::zip(colours(rates), sharp).map(|(apart, sharp)| EVENTS_WEIGH * sharp / top - apart).collect()
+        let one = |(apart, sharp): (f64, f64)| {
+            if apart > nearest { f64::NEG_INFINITY } else { EVENTS_WEIGH * sharp / top - apart }
+        };
+        std::iter::zip(colours(rates), contrasts(windows, rates)).map(one).collect()
     };
     let kept: Vec<DVec3> = order.iter().take(KEPT_BY_EVENTS).map(|&index| tried[index]).collect();
     let candidates: Vec<DVec3> =
@@ -193,6 +200,27 @@ pub(super) fn vector(of: DVec3) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bodies::contrast::test_windows;
+
+    /// Colours that are nearest at a rate, where they are so much nearer than without a turn.
+    struct Nearest(DVec3, f64);
+
+    impl Compared for Nearest {
+        fn apart(&self, rates: &[DVec3]) -> Vec<f64> {
+            rates.iter().map(|rate| 100.0 * (1.0 - self.1 * (-rate.distance_squared(self.0) / 18.0).exp())).collect()
+        }
+    }
+
+    #[test]
+    fn events_of_something_else_do_not_tell_how_a_thing_turns_whose_colours_do() {
+        let (own, others) = (DVec3::new(6.0, -3.0, 5.0), DVec3::new(-4.0, 14.0, 6.0));
+        let windows = test_windows(others, DVec3::X, 0.01);
+        let windows: Vec<&Window> = windows.iter().collect();
+        let found = |nearer: f64| spin(&[&Nearest(own, nearer)], &windows, 0.07).rate;
+        assert!(found(0.3).distance(own) < 3.0, "{}", found(0.3));
+        // What is plain turns as events tell.
+        assert!(found(0.01).distance(others) < 1.0, "{}", found(0.01));
+    }
 
     #[test]
     fn a_rotation_that_nothing_tells_is_none_and_says_so() {

@@ -18,7 +18,7 @@ use super::{
 };
 use crate::CloudError;
 
-/// Places of a ball are right to about so many radii.
+/// Places of a ball are right to about so many radii, and middles of hulls at best.
 const RIGHT_TO: f64 = 0.15;
 
 /// A thing that is followed.
@@ -57,6 +57,12 @@ impl Thing {
         !self.globes.is_empty()
     }
 
+    /// How a ball accelerates where it flies, metres per second squared.
+    fn ball_falls(&self, times_s: &[f64], exposure_s: f64) -> Option<DVec3> {
+        let ball = self.ball.as_ref()?;
+        self.track.flights(times_s, exposure_s, RIGHT_TO * ball.radius_m).fall()
+    }
+
     /// What is held against events to find out how it turns; `number` is its own among things.
     pub fn subjects(&self, film: &Film, number: usize) -> Vec<Subject<'_>> {
         match self.ball {
@@ -78,8 +84,8 @@ impl Things {
         if named.is_empty() {
             return Err(CloudError::NoBodies { instants: film.moments.len() });
         }
-        let thing = |(index, Named { name, track, rate, may_be_round }): (usize, Named)| {
-            let flights = track.flights(&times, exposure_s, cell_m);
+        let thing = |index: usize, Named { name, track, rate, may_be_round }: Named, right_m: f64| {
+            let flights = track.flights(&times, exposure_s, right_m);
             let path = path(&track, &times, &flights, exposure_s);
             let shapes = shapes(&clouds, &track, &owners, index);
             let slim = shapes.iter().map(|shape| slim::slim(film, shape)).collect();
@@ -91,7 +97,20 @@ impl Things {
                 None => thing,
             }
         };
-        Ok(Self { all: named.into_iter().enumerate().map(thing).collect(), owners })
+        let mut all: Vec<Thing> =
+            named.iter().cloned().enumerate().map(|(index, named)| thing(index, named, cell_m)).collect();
+        // Places of balls tell best how things fall, and middles of hulls are as far from right as hulls are large.
+        if let Some(fall) = crumbs::usual(all.iter().filter_map(|thing| thing.ball_falls(&times, exposure_s))) {
+            for (index, (found, mut named)) in std::iter::zip(&mut all, named).enumerate() {
+                let bounces = found.path.bounces_s().next().is_some();
+                if found.ball.is_none() && !found.falls && !bounces && found.track.fall.is_none() {
+                    let right_m = cell_m.max(RIGHT_TO * named.track.radius_m);
+                    named.track.fall = Some(fall);
+                    *found = thing(index, named, right_m);
+                }
+            }
+        }
+        Ok(Self { all, owners })
     }
 
     /// Moving points, and those of them that are of no thing.
