@@ -103,7 +103,7 @@ impl Things {
         if let Some(fall) = crumbs::usual(all.iter().filter_map(|thing| thing.ball_falls(&times, exposure_s))) {
             for (index, (found, mut named)) in std::iter::zip(&mut all, named).enumerate() {
                 let bounces = found.path.bounces_s().next().is_some();
-                if found.ball.is_none() && !found.falls && !bounces && found.track.fall.is_none() {
+                if found.ball.is_none() && !found.falls && !bounces {
                     let right_m = cell_m.max(RIGHT_TO * named.track.radius_m);
                     named.track.fall = Some(fall);
                     *found = thing(index, named, right_m);
